@@ -1,7 +1,7 @@
 """What pyproject.toml cannot say: a wheel carries `configs/` and the commit that it was built from.
 
-They land inside the package, where `haptic_driver.config.config_dirs` and `haptic --version` look; a checkout and an
-editable install use the repository's own folder and git.
+They land inside the package, where `haptic_driver.config.config_dirs` and `haptic --version` look;
+a checkout and an editable install use the repository's own folder and git.
 """
 
 import shutil
@@ -35,7 +35,11 @@ def _commit() -> str:
         return ""
     try:
         done = subprocess.run(
-            ["git", "rev-parse", "--short=12", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
+            ["git", "rev-parse", "--short=12", "HEAD"],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
         )
     except OSError:
         return ""

@@ -1,7 +1,8 @@
-"""Run every benchmark, print what was promised and what else was found, and exit with 1 when a claim does not hold.
+"""Run every benchmark, print what was promised and what else was found, and exit with 1 when a
+claim does not hold.
 
-python -m benchmarks [NAME ...] runs those of these names alone, e.g. `tick_lateness`; `live` and `why` run only when
-named.
+python -m benchmarks [NAME ...] runs those of these names alone, e.g. `tick_lateness`; `live` and
+`why` run only when named.
 """
 
 from __future__ import annotations
@@ -24,9 +25,16 @@ from benchmarks import (
 from benchmarks.claim import Claim, show
 
 PARTS = (
-    start_up, surface_build, surface_lookup, published_algorithm, transport, tick_compute, envelope,
-    tick_lateness, daemon_fidelity,
-)  # fmt: skip
+    start_up,
+    surface_build,
+    surface_lookup,
+    published_algorithm,
+    transport,
+    tick_compute,
+    envelope,
+    tick_lateness,
+    daemon_fidelity,
+)
 
 
 def main(names: list[str]) -> int:

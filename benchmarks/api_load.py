@@ -1,4 +1,5 @@
-"""What a daemon's clients ask of it, from a process of its own: requests at a steady rate, and its page open.
+"""What a daemon's clients ask of it, from a process of its own: requests at a steady rate, and its
+page open.
 
     python -m benchmarks.api_load SOCKET PAGE LEASE SECONDS
 
@@ -24,10 +25,16 @@ from haptic_driver.daemon.messages import LEASE_HEADER
 
 RATE_HZ, CONNECTIONS = 200.0, 4
 MIX = [  # of a client that watches, one that records by itself, and the holder of the lease
-    ("GET", "/status"), ("GET", "/samples?most=50"), ("POST", "/renew"), ("GET", "/status"), ("GET", "/events"),
-]  # fmt: skip
+    ("GET", "/status"),
+    ("GET", "/samples?most=50"),
+    ("POST", "/renew"),
+    ("GET", "/status"),
+    ("GET", "/events"),
+]
 TIMEOUT_S = 20.0
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 
 
 class UnixConnection(http.client.HTTPConnection):
@@ -97,8 +104,9 @@ def main() -> None:
     with page_open(path, page) as (viewer, received):
         began_s = time.monotonic()
         workers = [
-            Requests(path, lease, began_s + i / RATE_HZ, began_s + seconds) for i in range(CONNECTIONS)
-        ]  # fmt: skip
+            Requests(path, lease, began_s + i / RATE_HZ, began_s + seconds)
+            for i in range(CONNECTIONS)
+        ]
         for worker in workers:
             worker.start()
         print("on", flush=True)
@@ -106,7 +114,12 @@ def main() -> None:
             worker.join()
         elapsed_s = time.monotonic() - began_s
     answered, refused = (sum(getattr(w, what) for w in workers) for what in ("answered", "refused"))
-    report = {"viewer": viewer, "requests_hz": answered / elapsed_s, "refused": refused, "messages": received[0]}
+    report = {
+        "viewer": viewer,
+        "requests_hz": answered / elapsed_s,
+        "refused": refused,
+        "messages": received[0],
+    }
     print(json.dumps(report), flush=True)
 
 

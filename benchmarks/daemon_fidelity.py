@@ -1,7 +1,8 @@
-"""What the daemon renders by its own recordings, in real time and with default settings, beside the demo's.
+"""What the daemon renders by its own recordings, in real time and with default settings, beside the
+demo's.
 
-Each shipped texture at 20 and 80 mm/s with a lift every 2 s, on both simulated rigs; gaps of the envelope in ten
-minutes idle and beside four busy loops.
+Each shipped texture at 20 and 80 mm/s with a lift every 2 s, on both simulated rigs; gaps of the
+envelope in ten minutes idle and beside four busy loops.
 """
 
 from __future__ import annotations
@@ -44,7 +45,17 @@ from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
 
 RIGS = ("simulated", "simulated-envelope")
-TEXTURES = ("linen", "grating", "ridges", "braille", "fine_grating", "sandpaper", "brushed_metal", "ratchet", "ramp")
+TEXTURES = (
+    "linen",
+    "grating",
+    "ridges",
+    "braille",
+    "fine_grating",
+    "sandpaper",
+    "brushed_metal",
+    "ratchet",
+    "ramp",
+)
 PROMISED = ("linen", "grating", "ridges", "braille")
 SPEEDS_M_S = (0.020, 0.080)
 TEXTURE_S = {"simulated": 15.0, "simulated-envelope": 33.5}  # of the latter: ten minutes in all
@@ -82,9 +93,13 @@ def run() -> Iterator[Claim]:
             with _daemon(rig, speed_m_s) as client:
                 for texture in TEXTURES:
                     try:
-                        status, rendered, dry = _rendered(client, surface_of[rig], texture, TEXTURE_S[rig])
+                        status, rendered, dry = _rendered(
+                            client, surface_of[rig], texture, TEXTURE_S[rig]
+                        )
                     except HapticError as error:
-                        yield _faulty(client, f"{rig}, {texture} at {1e3 * speed_m_s:g} mm/s", error)
+                        yield _faulty(
+                            client, f"{rig}, {texture} at {1e3 * speed_m_s:g} mm/s", error
+                        )
                         continue
                     found[rig, texture, speed_m_s] = rendered
                     gaps += dry
@@ -93,7 +108,9 @@ def run() -> Iterator[Claim]:
                     yield _line(rig, texture, speed_m_s, rendered, demo)
                     yield _latency(f"{rig}, {texture}", speed_m_s, status)
         if rig == "simulated-envelope":
-            yield Claim("gaps of an envelope in ten minutes, idle", str(gaps), "at most 1", gaps <= 1)
+            yield Claim(
+                "gaps of an envelope in ten minutes, idle", str(gaps), "at most 1", gaps <= 1
+            )
     yield from _promised(found, demos)
     yield _loaded()
 
@@ -123,8 +140,12 @@ def _daemon(rig: str, speed_m_s: float) -> Iterator[HapticClient]:
         yield ending.enter_context(HapticClient(socket))
 
 
-def _rendered(client: HapticClient, config: RigConfig, texture: str, seconds: float) -> tuple[Status, Rendered, int]:
-    """Play a texture for so long, record it, and judge the recording; gaps of the envelope besides."""
+def _rendered(
+    client: HapticClient, config: RigConfig, texture: str, seconds: float
+) -> tuple[Status, Rendered, int]:
+    """Play a texture for so long, record it, and judge the recording; gaps of the envelope
+    besides.
+    """
     with tempfile.TemporaryDirectory() as folder, client.armed(2.0) as session:
         path = Path(folder, "run.h5")
         session.play(texture, nearest=True)
@@ -152,7 +173,9 @@ def _demo(config: RigConfig, texture: str, speed_m_s: float) -> Rendered:
 
 def _judged(samples: NDArray[np.void], config: RigConfig, switched: int) -> Rendered:
     there, since_s = sliding(samples), since_touch_s(samples)
-    fidelity = fidelity_of_samples(samples, load_perception(), reach_hz(config), config.simulation.force_noise_n)
+    fidelity = fidelity_of_samples(
+        samples, load_perception(), reach_hz(config), config.simulation.force_noise_n
+    )
     begun = there & (since_s < AFTER_TOUCH_S) & np.isfinite(samples["target_cof"])
     begun &= samples["reachable"] == 1
     error = samples["measured_cof"][begun] / samples["target_cof"][begun] - 1.0
@@ -168,9 +191,14 @@ def _judged(samples: NDArray[np.void], config: RigConfig, switched: int) -> Rend
 def _line(rig: str, texture: str, speed_m_s: float, daemon: Rendered, demo: Rendered) -> Claim:
     """Daemon and demo side by side."""
     one, other = daemon.fidelity, demo.fidelity
-    words = f"within 5 % {_share(one.share_within_5_percent)} (demo {_share(other.share_within_5_percent)}, "
+    words = (
+        f"within 5 % {_share(one.share_within_5_percent)} (demo"
+        f" {_share(other.share_within_5_percent)}, "
+    )
     words += f"a constant {_share(one.constant_share_within_5_percent)}); "
-    words += f"rms {_share(one.relative_error_rms, 1)} (demo {_share(other.relative_error_rms, 1)}); "
+    words += (
+        f"rms {_share(one.relative_error_rms, 1)} (demo {_share(other.relative_error_rms, 1)}); "
+    )
     words += f"on {_share(daemon.on, 1)}; first 0.1 s within 10 % {_share(daemon.first)}; "
     words += f"switched {daemon.switched} in {daemon.lifts} lifts; gain {_gains(one)}"
     return Claim(f"{rig}, {texture} at {1e3 * speed_m_s:g} mm/s", words)
@@ -210,18 +238,28 @@ def _promised(found: Table, demos: Table) -> Iterator[Claim]:
     told = f"{min(gains):.2f} to {max(gains):.2f} in {len(gains)} bands"
     holds = min(gains) >= 0.8 and max(gains) <= 1.2
     yield Claim("envelope: gain of felt against asked up to 100 Hz", told, "0.8 to 1.2", holds)
-    first = {f"{rig}, {texture} {1e3 * speed:g}": each.first for (rig, texture, speed), each in found.items()}
+    first = {
+        f"{rig}, {texture} {1e3 * speed:g}": each.first
+        for (rig, texture, speed), each in found.items()
+    }
     for rig in RIGS:
         own = {name: share for name, share in first.items() if name.startswith(f"{rig},")}
         least = min(own, key=own.__getitem__)
-        told = f"{_share(own[least])} of it ({least} mm/s), mean {_share(float(np.mean(list(own.values()))))}"
+        told = (
+            f"{_share(own[least])} of it ({least} mm/s), mean"
+            f" {_share(float(np.mean(list(own.values()))))}"
+        )
         yield Claim(f"{rig}: first 0.1 s of touches within 10 %, least of all", told)
     most = max(each.switched / max(each.lifts, 1) for each in found.values())
-    yield Claim("switchings of the generator's output per lift, most of all", f"{most:.2f}", "at most 1", most <= 1.0)
+    yield Claim(
+        "switchings of the generator's output per lift, most of all",
+        f"{most:.2f}",
+        "at most 1",
+        most <= 1.0,
+    )
 
 
 def _latency(rig: str, speed_m_s: float, status: Status) -> Claim:
-    """Measured against expected."""
     budget_s = status.latency_budget_s["total"]
     what = f"{rig} at {1e3 * speed_m_s:g} mm/s: latency measured against expected"
     if status.latency_measured_s is None:
@@ -243,7 +281,10 @@ def _loaded() -> Claim:
             status, rendered, gaps = _rendered(client, config, "linen", LOADED_S)
         except HapticError as error:
             return _faulty(client, f"the same beside {BUSY_LOOPS} busy loops", error)
-    words = f"{gaps}; linen within 5 % {_share(rendered.fidelity.share_within_5_percent)}, on {_share(rendered.on, 1)}"
+    words = (
+        f"{gaps}; linen within 5 % {_share(rendered.fidelity.share_within_5_percent)}, on"
+        f" {_share(rendered.on, 1)}"
+    )
     words += f", lead {1e3 * status.latency_budget_s['envelope']:.1f} ms"
     return Claim(f"the same beside {BUSY_LOOPS} busy loops", words, "at most 10", gaps <= 10)
 

@@ -17,7 +17,6 @@ from haptic_driver.processes import real_time
 
 
 def main() -> None:
-    """Run it."""
     ticks, period_s, path = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
     found_s = np.zeros((ticks, 2))
     granted = real_time.enter()

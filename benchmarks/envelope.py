@@ -1,4 +1,6 @@
-"""What an envelope costs on one core, from a texture along the finger's way to samples, against the same in numpy."""
+"""What an envelope costs on one core, from a texture along the finger's way to samples, against the
+same in numpy.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +38,14 @@ def run() -> Iterator[Claim]:
     file = build_surface(load_model("reference"), limits)
     surface, worst_case = ready_for_lookup(file, limits), table_of(file.worst_case)
     controller = Controller(ControllerSettings(surface, limits, "fixed_frequency", 250.0))
-    stages = TickSettings(FingerSettings(), Grating(0.7, 0.1, 1e-4), controller, limits, DriveSettings(), worst_case)
+    stages = TickSettings(
+        FingerSettings(), Grating(0.7, 0.1, 1e-4), controller, limits, DriveSettings(), worst_case
+    )
     state = TickState()
     for k in range(100):
-        state, done = tick(stages, state, FingerSample(1.0 + TICK_S * k, 0.1 * TICK_S * k, 0.0, 0.5))
+        state, done = tick(
+            stages, state, FingerSample(1.0 + TICK_S * k, 0.1 * TICK_S * k, 0.0, 0.5)
+        )
     known = state.controller.estimate
     samples_v = np.empty(round(TICK_S * RATE_HZ))
     powers_v2 = np.zeros(COURSE_POINTS + 1)
@@ -58,7 +64,10 @@ def run() -> Iterator[Claim]:
     surface = stages.controller.settings.surface
     gains = known.gains
     place = place_of(surface, 250.0, done.finger.normal_force_n)
-    moments, samples_at = np.arange(COURSE_POINTS + 1.0), np.linspace(0.0, COURSE_POINTS, samples_v.size)
+    moments, samples_at = (
+        np.arange(COURSE_POINTS + 1.0),
+        np.linspace(0.0, COURSE_POINTS, samples_v.size),
+    )
 
     def in_numpy() -> None:
         i, a, j, b = place
@@ -70,10 +79,14 @@ def run() -> Iterator[Claim]:
         np.sqrt(np.interp(samples_at, moments, powers_v2), out=samples_v)
 
     ours_s, numpy_s = (
-        seconds(lambda work=work: [work() for _ in range(TICKS)]) / TICKS for work in (from_friction, in_numpy)
+        seconds(lambda work=work: [work() for _ in range(TICKS)]) / TICKS
+        for work in (from_friction, in_numpy)
     )
     yield _against(
-        f"envelope at {RATE_HZ:g} samples/s, friction to samples, a call per tick", ours_s, numpy_s, WITH_CALLS
+        f"envelope at {RATE_HZ:g} samples/s, friction to samples, a call per tick",
+        ours_s,
+        numpy_s,
+        WITH_CALLS,
     )
     yield Claim("envelope, friction to samples", f"{TICK_S / ours_s:.0f} x real time")
     each_s = seconds(lambda: [from_texture() for _ in range(TICKS)]) / TICKS

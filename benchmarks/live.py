@@ -1,9 +1,11 @@
-"""Ten minutes of rendering on a finger that becomes moist and dries, with a film that builds up: what mending is worth.
+"""Ten minutes of rendering on a finger that becomes moist and dries, with a film that builds up:
+what mending is worth.
 
-The finger is that of the blind generator, which shares no code with the model; its moisture has another form than the
-catalogue's. Time is simulated, one tick per millisecond, and the drive an envelope on a carrier of 200 Hz. Limits of
-contact current are lifted, so that 10 kHz reaches some friction. Judged is the friction behind wobble and sensor noise.
-Without a force sensor the load is taken for the usual one, or estimated with friction from readings of the electrode.
+The finger is that of the blind generator, which shares no code with the model; its moisture has
+another form than the catalogue's. Time is simulated, one tick per millisecond, and the drive an
+envelope on a carrier of 200 Hz. Limits of contact current are lifted, so that 10 kHz reaches some
+friction. Judged is the friction behind wobble and sensor noise. Without a force sensor the load is
+taken for the usual one, or estimated with friction from readings of the electrode.
 """
 
 from __future__ import annotations
@@ -54,18 +56,28 @@ LATENCY_S = 0.003  # from a tick to its effect
 BUDGET_S = {"sensor": 0.0, "tick": 0.0005, "envelope": 0.002, "instrument": 0.001, "total": 0.0035}
 CARRIER_HZ, OTHER_HZ = 200.0, 10e3
 LIMITS = OperatingLimits(150.0, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0), (1e6, 1.0)))
-AXES = SurfaceAxes(frequency_low_hz=100.0, frequency_high_hz=20e3, frequency_count=40, voltage_count=76)
+AXES = SurfaceAxes(
+    frequency_low_hz=100.0, frequency_high_hz=20e3, frequency_count=40, voltage_count=76
+)
 LAW = FeedbackSettings(LATENCY_TICKS * TICK_S)
 FIXED, GAINS, MENDED = ARMS = ("fixed model", "two gains", "mended")
 CURRENT = "current only"
 TEXTURES = ("grating", "linen")
 FINGERS = (1, 2)  # seeds
 WORKERS = 2
-DURATION_S, VISIT_S, PERIOD_S = 600.0, 10.0, 60.0  # of sliding, once in a period, off the screen in between
+DURATION_S, VISIT_S, PERIOD_S = (
+    600.0,
+    10.0,
+    60.0,
+)  # of sliding, once in a period, off the screen in between
 MEND_EVERY_S, HELD_OUT_S, CHANGE_EVERY_S = 5.0, 2.0, 2.5
 WOBBLE, WOBBLE_S, NOISE_N = 0.02, 0.010, 0.003
 RISES = 0.2  # of friction without voltage, from dry to moist
-USUAL_N, READ_EVERY_S, CURRENT_NOISE = 0.5, 0.02, 0.01  # without a force sensor; the noise is relative, of each part
+USUAL_N, READ_EVERY_S, CURRENT_NOISE = (
+    0.5,
+    0.02,
+    0.01,
+)  # without a force sensor; the noise is relative, of each part
 STRAY_F, STRAY_OFF = 300e-12, 0.01  # so well does the open circuit tell it
 NODES_S = 10.0
 V2_NODES = np.linspace(0.0, 150.0**2, 31)
@@ -73,21 +85,33 @@ LOAD_NODES = np.geomspace(0.15, 1.2, 8)
 
 
 class Skin:
-    """Friction and current per volt of one independent finger over time: tables over load and voltage squared, every
-    NODES_S. `cof_off`: friction without voltage when dry, if not the finger's own; wet it is a share `rises` higher.
+    """Friction and current per volt of one independent finger over time: tables over load and
+    voltage squared, every NODES_S. `cof_off`: friction without voltage when dry, if not the
+    finger's own; wet it is a share `rises` higher.
     """
 
     def __init__(
-        self, seed: int, duration_s: float, frequency_hz: float, cof_off: float | None = None, rises: float = RISES
+        self,
+        seed: int,
+        duration_s: float,
+        frequency_hz: float,
+        cof_off: float | None = None,
+        rises: float = RISES,
     ) -> None:
         rng = np.random.default_rng(seed)
-        finger, wettest, film_m = draw_finger(rng), rng.uniform(0.8, 1.6), rng.uniform(0.02e-6, 0.10e-6)
+        finger, wettest, film_m = (
+            draw_finger(rng),
+            rng.uniform(0.8, 1.6),
+            rng.uniform(0.02e-6, 0.10e-6),
+        )
         own = rng.uniform(0.42, 0.55)
         finger = replace(finger, mu_off=own if cof_off is None else cof_off)
         self._tables = []
         for time_s in np.arange(0.0, duration_s + 2.0 * NODES_S, NODES_S):
             wet, grown = np.sin(np.pi * time_s / 600.0) ** 2, time_s / 600.0
-            now = replace(finger, mu_off=finger.mu_off * (1.0 + rises * wet), gap_offset=film_m * grown)
+            now = replace(
+                finger, mu_off=finger.mu_off * (1.0 + rises * wet), gap_offset=film_m * grown
+            )
             self._tables.append(table(now, wettest * wet, frequency_hz))
 
     def at(self, time_s: float, load_n: float) -> Array:
@@ -103,7 +127,9 @@ class Skin:
         position = np.log(load_n / LOAD_NODES[0]) / np.log(LOAD_NODES[1] / LOAD_NODES[0])
         j, b = divmod(min(max(position, 0.0), LOAD_NODES.size - 1.001), 1.0)
         first, then = (self._tables[int(k) + n][int(j) : int(j) + 2] for n in (0, 1))
-        between = (1.0 - share) * ((1.0 - b) * first[0] + b * first[1]) + share * ((1.0 - b) * then[0] + b * then[1])
+        between = (1.0 - share) * ((1.0 - b) * first[0] + b * first[1]) + share * (
+            (1.0 - b) * then[0] + b * then[1]
+        )
         return np.asarray(between)
 
     def cof(self, time_s: float, voltage_v: float, load_n: float) -> float:
@@ -113,17 +139,26 @@ class Skin:
 def table(finger: Finger, wetness: float, frequency_hz: float) -> NDArray[np.complex128]:
     """Friction and current per volt over LOAD_NODES and V2_NODES [n, 2, m]."""
     load_n, v2 = (grid.ravel() for grid in np.meshgrid(LOAD_NODES, V2_NODES, indexing="ij"))
-    rows = Rows(np.full(v2.size, frequency_hz), np.sqrt(v2), load_n, np.full(v2.size, 0.02), np.zeros(v2.size))
+    rows = Rows(
+        np.full(v2.size, frequency_hz),
+        np.sqrt(v2),
+        load_n,
+        np.full(v2.size, 0.02),
+        np.zeros(v2.size),
+    )
     state = prepare(rows, finger, ROUGHNESS)
     skin_hydration(state, wetness, {"fall": 1.0}, True)
-    both = np.stack([friction(state), touch_admittance(state)]).reshape(2, LOAD_NODES.size, V2_NODES.size)
+    both = np.stack([friction(state), touch_admittance(state)]).reshape(
+        2, LOAD_NODES.size, V2_NODES.size
+    )
     return both.transpose(1, 0, 2)
 
 
 class Result(NamedTuple):
-    """One finger, texture and arm: share of reachable sliding time within 5 %, how far friction is off then, relative,
-    in the root mean square; friction right after a change of carrier relative to what was wanted [n], the same had the
-    rise's gain been held over, jumps of voltage at swaps [m], V, and how many models were mended and dropped.
+    """One finger, texture and arm: share of reachable sliding time within 5 %, how far friction is
+    off then, relative, in the root mean square; friction right after a change of carrier relative
+    to what was wanted [n], the same had the rise's gain been held over, jumps of voltage at swaps
+    [m], V, and how many models were mended and dropped.
     """
 
     within: float
@@ -157,13 +192,18 @@ class Arm:
     def controller(self, model: ModelDescription, frequency_hz: float = CARRIER_HZ) -> Controller:
         surface = ready_for_lookup(build_surface(model, LIMITS, AXES), LIMITS)
         law = None if self.kind == FIXED else LAW
-        return Controller(ControllerSettings(surface, LIMITS, "fixed_frequency", frequency_hz, feedback=law))
+        return Controller(
+            ControllerSettings(surface, LIMITS, "fixed_frequency", frequency_hz, feedback=law)
+        )
 
     def learn(self, samples: np.ndarray, state: TickState, speed_m_s: float) -> TickState:
         """Rows of the last seconds; with mending, another surface where that is better."""
         start_s, end_s = samples["time_s"][0], samples["time_s"][-1]
         new = cut(Run("now", {"latency_budget_s": BUDGET_S}, {}, samples, []))
-        self.rows += [r._replace(measured=r.measured._replace(time_s=start_s + r.measured.time_s)) for r in new]
+        self.rows += [
+            r._replace(measured=r.measured._replace(time_s=start_s + r.measured.time_s))
+            for r in new
+        ]
         seen = [r for r in self.rows if r.measured.time_s < end_s - HELD_OUT_S]
         unseen = [r for r in self.rows if r.measured.time_s >= end_s - HELD_OUT_S]
         found = mend(seen, self.file_model, unseen, self.model)
@@ -174,14 +214,18 @@ class Arm:
         self.stages = replace(self.stages, controller=self.controller(self.model))
         self.other = self.controller(self.model, OTHER_HZ)
         voltage_v, contact_s = state.command.voltage_v, end_s
-        carried = self.stages.controller.carried(before, state.controller, speed_m_s, contact_s, voltage_v)
+        carried = self.stages.controller.carried(
+            before, state.controller, speed_m_s, contact_s, voltage_v
+        )
         return state._replace(controller=carried)
 
 
 def slid(time_s: float) -> tuple[float, float, float]:
     """Position, speed and load of the finger: strokes of 60 mm at up to 47 mm/s."""
     phase = 2.0 * np.pi * time_s / 4.0
-    load_n = 0.5 * np.exp(0.35 * np.sin(2.0 * np.pi * time_s / 37.0) + 0.15 * np.sin(2.0 * np.pi * time_s / 3.1))
+    load_n = 0.5 * np.exp(
+        0.35 * np.sin(2.0 * np.pi * time_s / 37.0) + 0.15 * np.sin(2.0 * np.pi * time_s / 3.1)
+    )
     return 0.03 * np.sin(phase), 0.03 * 2.0 * np.pi / 4.0 * np.cos(phase), load_n
 
 
@@ -189,7 +233,9 @@ class Bench:
     """One finger rendered on by one arm."""
 
     def __init__(self, kind: str, texture: str, seed: int, *finger: float) -> None:
-        self.skin, self.other = (Skin(seed, DURATION_S, hz, *finger) for hz in (CARRIER_HZ, OTHER_HZ))
+        self.skin, self.other = (
+            Skin(seed, DURATION_S, hz, *finger) for hz in (CARRIER_HZ, OTHER_HZ)
+        )
         self.arm, self.state = Arm(kind, texture), TickState()
         self._rng = np.random.default_rng([seed, 1])
         self.off: list[float] = []
@@ -209,7 +255,10 @@ class Bench:
             plant.step(TICK_S, CARRIER_HZ, on_way.popleft() ** 0.5, load_n, abs(speed_m_s))
             wobble = kept * wobble + (1.0 - kept**2) ** 0.5 * noise[i, 0]
             lateral_n = plant.lateral_force_n * (1.0 + WOBBLE * wobble) + NOISE_N * noise[i, 1]
-            force = self.sensed(now_s, load_n, on_way[0]) or (load_n + NOISE_N * noise[i, 2], lateral_n)
+            force = self.sensed(now_s, load_n, on_way[0]) or (
+                load_n + NOISE_N * noise[i, 2],
+                lateral_n,
+            )
             sample = FingerSample(now_s, position_m, 0.0, *force)
             done, power_v2 = self.tick(sample)
             on_way.append(power_v2)
@@ -223,7 +272,9 @@ class Bench:
                     self.held += carrier_changed(self.arm, known.gains, self.other, now_s, done)
             if self.arm.kind == MENDED and (i + 1) % (every := round(MEND_EVERY_S / TICK_S)) == 0:
                 self.mend(made[i + 1 - every : i + 1], sample, abs(speed_m_s))
-        self.state, _ = tick(self.arm.stages, self.state, FingerSample(now_s + TICK_S, position_m, 0.0, 0.0))
+        self.state, _ = tick(
+            self.arm.stages, self.state, FingerSample(now_s + TICK_S, position_m, 0.0, 0.0)
+        )
 
     def sensed(self, now_s: float, load_n: float, power_v2: float) -> tuple[float, float] | None:
         """Load and lateral force as known without a force sensor; None with one."""
@@ -247,29 +298,42 @@ class Bench:
             power_v2 = float(course_v2.mean())
         return done, power_v2
 
-    def judge(self, now_s: float, position_m: float, load_n: float, lateral_n: float, done: Tick) -> None:
+    def judge(
+        self, now_s: float, position_m: float, load_n: float, lateral_n: float, done: Tick
+    ) -> None:
         """Whether friction is the texture's, where that is in reach."""
-        target = self.arm.stages.texture.cof_under(done.finger._replace(position_x_m=position_m, position_y_m=0.0))
+        target = self.arm.stages.texture.cof_under(
+            done.finger._replace(position_x_m=position_m, position_y_m=0.0)
+        )
         in_reach = self.skin.at(now_s, load_n)[[0, -1]]
         if in_reach[0] <= target <= in_reach[1]:
             self.off.append(lateral_n / load_n / target - 1.0)
 
 
 class WithoutSensor(Bench):
-    """The same where nobody measures force; with current, by what a monitor reads of the electrode now and then."""
+    """The same where nobody measures force; with current, by what a monitor reads of the electrode
+    now and then.
+    """
 
     def __init__(self, kind: str, texture: str, seed: int, *finger: float) -> None:
         super().__init__(kind, texture, seed, *finger)
-        self._touch, self._known, self._read_s = TouchByCurrent(self.arm.model, USUAL_N), (USUAL_N, np.nan), -np.inf
+        self._touch, self._known, self._read_s = (
+            TouchByCurrent(self.arm.model, USUAL_N),
+            (USUAL_N, np.nan),
+            -np.inf,
+        )
         self._stray_s = 2j * np.pi * CARRIER_HZ * STRAY_F * STRAY_OFF * self._rng.standard_normal()
 
     def sensed(self, now_s: float, load_n: float, power_v2: float) -> tuple[float, float]:
-        """See `Bench`."""
         if self.arm.kind == CURRENT and now_s - self._read_s >= READ_EVERY_S:
             real, imaginary = CURRENT_NOISE * self._rng.standard_normal(2)
-            current_a = power_v2**0.5 * (self.skin.admittance_s(now_s, power_v2, load_n) + self._stray_s)
+            current_a = power_v2**0.5 * (
+                self.skin.admittance_s(now_s, power_v2, load_n) + self._stray_s
+            )
             current_a *= 1.0 + real + 1j * imaginary
-            reading = ElectrodeReading(power_v2**0.5, 0.0, current_a, CURRENT_NOISE * abs(current_a))
+            reading = ElectrodeReading(
+                power_v2**0.5, 0.0, current_a, CURRENT_NOISE * abs(current_a)
+            )
             felt = self._touch.felt(CARRIER_HZ, reading, min(now_s - self._read_s, PERIOD_S))
             self._known, self._read_s = (felt.load_n, felt.load_n * felt.cof), now_s
         return self._known
@@ -291,7 +355,11 @@ def judged(bench: Bench) -> Result:
         bench.visit(float(begin_s))
     mended = sum(found is not None for found in bench.arm.said)
     off = np.array(bench.off)
-    found = *map(np.array, (bench.changed, bench.held, bench.jumps_v)), mended, len(bench.arm.said) - mended
+    found = (
+        *map(np.array, (bench.changed, bench.held, bench.jumps_v)),
+        mended,
+        len(bench.arm.said) - mended,
+    )
     return Result(float(np.mean(np.abs(off) <= WITHIN)), rms(off), *found)
 
 
@@ -308,7 +376,9 @@ def told(i: int, speed_m_s: float, sample: FingerSample, done: Tick) -> np.void:
 
 
 def carrier_changed(arm: Arm, gains: Gains, other: Skin, now_s: float, done: Tick) -> list[float]:
-    """By how much friction is off, relative, at the first tick on another carrier, for two frictions in reach there."""
+    """By how much friction is off, relative, at the first tick on another carrier, for two
+    frictions in reach there.
+    """
     load_n = done.finger.normal_force_n
     wanted = np.array([other.cof(now_s, voltage_v, load_n) for voltage_v in (70.0, 110.0)])
     voltages_v, _ = arm.other.along(Estimate(gains), wanted, done.finger, OTHER_HZ)
@@ -323,21 +393,42 @@ def run() -> Iterator[Claim]:
     for texture, arm in product(TEXTURES, ARMS):
         within = [found[arm, texture, finger].within for finger in FINGERS]
         wanted = ("at least 95 %", min(within) >= 0.95) if arm == MENDED else ()
-        yield Claim(f"{texture}, {arm}: sliding time within 5 % of a target in reach", spread(within), *wanted)
+        yield Claim(
+            f"{texture}, {arm}: sliding time within 5 % of a target in reach",
+            spread(within),
+            *wanted,
+        )
     for texture in TEXTURES:
-        errors = {arm: [rms(found[arm, texture, finger].changed) for finger in FINGERS] for arm in ARMS}
+        errors = {
+            arm: [rms(found[arm, texture, finger].changed) for finger in FINGERS] for arm in ARMS
+        }
         for arm in ARMS:
-            yield Claim(f"{texture}, {arm}: error of friction right after 200 Hz -> 10 kHz", spread(errors[arm]))
+            yield Claim(
+                f"{texture}, {arm}: error of friction right after 200 Hz -> 10 kHz",
+                spread(errors[arm]),
+            )
         held = [rms(found[GAINS, texture, finger].held) for finger in FINGERS]
-        yield Claim(f"{texture}, {GAINS}: the same, had the rise's gain been held over", spread(held))
-        for name, others, *wanted in ((f"{GAINS} held over", held, "at most a third"), (GAINS, errors[GAINS])):
+        yield Claim(
+            f"{texture}, {GAINS}: the same, had the rise's gain been held over", spread(held)
+        )
+        for name, others, *wanted in (
+            (f"{GAINS} held over", held, "at most a third"),
+            (GAINS, errors[GAINS]),
+        ):
             ratios = [mended / gains for mended, gains in zip(errors[MENDED], others, strict=True)]
             judged = (*wanted, float(np.mean(ratios)) <= 1.0 / 3.0) if wanted else ()
-            yield Claim(f"{texture}: that error mended, as a share of {name}", spread(ratios), *judged)
+            yield Claim(
+                f"{texture}: that error mended, as a share of {name}", spread(ratios), *judged
+            )
     mended = [result for (arm, _, _), result in found.items() if arm == MENDED]
     jump_v = max(float(np.abs(result.jumps_v).max()) for result in mended)
     rate_v = DriveSettings().voltage_rise_v_per_s * TICK_S
-    yield Claim("jump of the voltage at a swap", f"{jump_v:.2g} V at most", f"at most {rate_v:g} V", jump_v <= rate_v)
+    yield Claim(
+        "jump of the voltage at a swap",
+        f"{jump_v:.2g} V at most",
+        f"at most {rate_v:g} V",
+        jump_v <= rate_v,
+    )
     counts = sum(result.mended for result in mended), sum(result.dropped for result in mended)
     yield Claim("models mended, and dropped as no better", f"{counts[0]}, {counts[1]}")
     yield from currents()
@@ -345,9 +436,14 @@ def run() -> Iterator[Claim]:
 
 
 def currents() -> Iterator[Claim]:
-    """Without a force sensor: by the model alone, and by the current; friction of the dry finger is the model's."""
+    """Without a force sensor: by the model alone, and by the current; friction of the dry finger is
+    the model's.
+    """
     dry = load_model("reference").values.cof_off
-    changes = {"no change of friction without voltage": 0.0, f"{RISES:.0%} more friction without voltage": RISES}
+    changes = {
+        "no change of friction without voltage": 0.0,
+        f"{RISES:.0%} more friction without voltage": RISES,
+    }
     cases = list(product((FIXED, CURRENT), ("linen",), FINGERS, (dry,), changes.values()))
     with ProcessPoolExecutor(WORKERS) as pool:
         found = dict(zip(cases, pool.map(without_sensor, cases), strict=True))
@@ -357,10 +453,17 @@ def currents() -> Iterator[Claim]:
             results = [found[kind, "linen", finger, dry, rises] for finger in FINGERS]
             errors[kind] = [result.error for result in results]
             within = spread([result.within for result in results])
-            yield Claim(f"no force sensor, {name}, {kind}: off, and within 5 %", f"{spread(errors[kind])}, {within}")
+            yield Claim(
+                f"no force sensor, {name}, {kind}: off, and within 5 %",
+                f"{spread(errors[kind])}, {within}",
+            )
         ratios = [mine / fixed for mine, fixed in zip(errors[CURRENT], errors[FIXED], strict=True)]
         wanted = () if rises else ("at most 60 %", float(np.mean(ratios)) <= 0.6)
-        yield Claim(f"no force sensor, {name}: {CURRENT}, as a share of the {FIXED}", spread(ratios), *wanted)
+        yield Claim(
+            f"no force sensor, {name}: {CURRENT}, as a share of the {FIXED}",
+            spread(ratios),
+            *wanted,
+        )
 
 
 def rms(values: Array | list[float]) -> float:
@@ -373,22 +476,31 @@ def spread(shares: list[float]) -> str:
 
 
 def agreement() -> Iterator[Claim]:
-    """The test that runs along, on windows of a described finger, and on 5 % less friction in one place."""
+    """The test that runs along, on windows of a described finger, and on 5 % less friction in one
+    place.
+    """
     rng, hours = np.random.default_rng(5), 8.0
     fingers, changes = 5, 40
     false = sum(len(alarms(rng, 3600.0 * hours, lambda _: False)) for _ in range(fingers))
-    low, high = (0.5 * chi2.ppf(q, 2 * (false + k)) if false + k else 0.0 for q, k in ((0.025, 0), (0.975, 1)))
+    low, high = (
+        0.5 * chi2.ppf(q, 2 * (false + k)) if false + k else 0.0
+        for q, k in ((0.025, 0), (0.975, 1))
+    )
     yield Claim(
         f"agreement: false alarms in {hours:g} h of sliding, finger described",
-        f"{false / fingers:.1f} (95 %: {low / fingers:.2f}..{high / fingers:.2f})", "at most 1", false <= fingers,
-    )  # fmt: skip
+        f"{false / fingers:.1f} (95 %: {low / fingers:.2f}..{high / fingers:.2f})",
+        "at most 1",
+        false <= fingers,
+    )
     places: dict[str, Callable[[dict[str, float]], bool]] = {
         "above 75 V": lambda at: at["voltage_v"] > 75.0,
         "above 0.6 N": lambda at: at["normal_force_n"] > 0.6,
     }
     for name, where in places.items():
         told = [alarms(rng, 900.0, where, 600.0) for _ in range(changes)]
-        delays = np.array([min((t for t in times if t >= 600.0), default=np.inf) - 600.0 for times in told])
+        delays = np.array(
+            [min((t for t in times if t >= 600.0), default=np.inf) - 600.0 for times in told]
+        )
         low_s, high_s = np.quantile(delays, (0.05, 0.95), method="nearest")
         missed = int(np.sum(delays > 60.0))
         ends = (
@@ -399,21 +511,29 @@ def agreement() -> Iterator[Claim]:
             f"agreement: 5 % less friction {name}: delay, and missed within 60 s",
             f"{np.median(delays):.0f} s in the median ({low_s:.0f}..{high_s:.0f} in 90 of 100); "
             f"{missed} of {changes} (95 %: {ends[0]:.0%}..{ends[1]:.0%})",
-            "median within 60 s", bool(np.median(delays) <= 60.0),
-        )  # fmt: skip
+            "median within 60 s",
+            bool(np.median(delays) <= 60.0),
+        )
 
 
 def alarms(
-    rng: np.random.Generator, duration_s: float, where: Callable[[dict[str, float]], bool], since_s: float = 0.0
+    rng: np.random.Generator,
+    duration_s: float,
+    where: Callable[[dict[str, float]], bool],
+    since_s: float = 0.0,
 ) -> list[float]:
-    """When the test speaks, over windows of one carrier as a texture makes them: five in a second, 3 % of scatter."""
+    """When the test speaks, over windows of one carrier as a texture makes them: five in a second,
+    3 % of scatter.
+    """
     test, times = Agreement(), []
     for i in range(round(duration_s / 0.2)):
         time_s = 0.2 * i
         at = {
-            "frequency_hz": CARRIER_HZ, "voltage_v": float(rng.uniform(0.0, 130.0)),
-            "normal_force_n": float(rng.uniform(0.3, 0.9)), "speed_m_s": float(rng.uniform(0.01, 0.08)),
-        }  # fmt: skip
+            "frequency_hz": CARRIER_HZ,
+            "voltage_v": float(rng.uniform(0.0, 130.0)),
+            "normal_force_n": float(rng.uniform(0.3, 0.9)),
+            "speed_m_s": float(rng.uniform(0.01, 0.08)),
+        }
         change = -0.05 if time_s >= since_s and where(at) else 0.0
         noise, stated = 0.03 * rng.standard_normal(), 0.03 * np.sqrt(rng.chisquare(8) / 8)
         if test.add(Window(time_s, at, change + noise, float(stated))):

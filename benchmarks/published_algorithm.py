@@ -1,7 +1,9 @@
-"""The model against the authors' way of computing: nested quadrature at every point. Same points, one run, by turns.
+"""The model against the authors' way of computing: nested quadrature at every point. Same points,
+one run, by turns.
 
-The slow side shares nothing with the model but its parameters: equations (24)-(31) as corrected in docs/physics.md and
-(41)-(49) of AliAbbasi et al. 2022 in SI units, every integral by `scipy.integrate.quad`, the loop closed by iteration.
+The slow side shares nothing with the model but its parameters: equations (24)-(31) as corrected in
+docs/physics.md and (41)-(49) of AliAbbasi et al. 2022 in SI units, every integral by
+`scipy.integrate.quad`, the loop closed by iteration.
 """
 
 from __future__ import annotations
@@ -48,27 +50,45 @@ class Published:
         return p_e * self.p.contact_area_m2
 
     def pressure_pa(self, frequency_hz: float, voltage_v: float, pressure: float) -> float:
-        """(28)-(30): (eps0/4) V^2 int P(u) / |a u + b|^2 du, with P(u) of (48) under the total `pressure`."""
+        """(28)-(30): (eps0/4) V^2 int P(u) / |a u + b|^2 du, with P(u) of (48) under the total
+        `pressure`.
+        """
         p, jw_eps0 = self.p, 2j * pi * frequency_hz * EPS0
         skin = dry_skin(frequency_hz)
-        h = p.insulator_thickness_m / (p.insulator_permittivity + p.insulator_conductivity_s_per_m / jw_eps0)
+        h = p.insulator_thickness_m / (
+            p.insulator_permittivity + p.insulator_conductivity_s_per_m / jw_eps0
+        )
         h += p.skin_thickness_m / skin
         conductivity = -skin.imag * 2.0 * pi * frequency_hz * EPS0
-        alpha = p.leak_scale * 2.0 * conductivity * pressure / (p.effective_modulus_pa * self.contact_length_m())
+        alpha = (
+            p.leak_scale
+            * 2.0
+            * conductivity
+            * pressure
+            / (p.effective_modulus_pa * self.contact_length_m())
+        )
         a, b = 1.0 + alpha * h / jw_eps0, (1.0 + p.air_conductivity_s_per_m / jw_eps0) * h
         return EPS0 / 4.0 * voltage_v**2 * self.mean_over_gaps(pressure, a, b)
 
     def mean_over_gaps(self, pressure: float, a: complex, b: complex) -> float:
         """int P(u) / |a u + b|^2 du: at every magnification an integral over gaps."""
-        start = log((pressure / (COMPLETE * self.p.effective_modulus_pa)) ** 2 / self.slope_variance(1.0))
+        start = log(
+            (pressure / (COMPLETE * self.p.effective_modulus_pa)) ** 2 / self.slope_variance(1.0)
+        )
         tau = np.linspace(start, log(self.zeta1 - 1.0) - 1e-6, NODES)
         zeta, ratio = 1.0 + np.exp(tau), np.array([self.stress_ratio(pressure, t) for t in tau])
         area = np.array([erf(r) for r in ratio])
         # dA/dtau = 2/sqrt(pi) exp(-r^2) dr/dtau, by (42)
-        lost = 2.0 / sqrt(pi) * np.exp(-(ratio**2)) * -CubicSpline(tau, np.log(ratio))(tau, 1) * ratio
-        mean = np.array([self.mean_separation(z, pressure / share) for z, share in zip(zeta, area, strict=True)])
+        lost = (
+            2.0 / sqrt(pi) * np.exp(-(ratio**2)) * -CubicSpline(tau, np.log(ratio))(tau, 1) * ratio
+        )
+        mean = np.array(
+            [self.mean_separation(z, pressure / share) for z, share in zip(zeta, area, strict=True)]
+        )
         separation = mean - CubicSpline(tau, mean)(tau, 1) * area / lost  # (44)
-        over_gaps = [self._at_magnification(z, u1, a, b) for z, u1 in zip(zeta, separation, strict=True)]
+        over_gaps = [
+            self._at_magnification(z, u1, a, b) for z, u1 in zip(zeta, separation, strict=True)
+        ]
         return float(CubicSpline(tau, lost * over_gaps).integrate(tau[0], tau[-1]))
 
     def _at_magnification(self, zeta: float, u1: float, a: complex, b: complex) -> float:
@@ -85,20 +105,29 @@ class Published:
         return float(quad(integrand, log(low), log(high), epsabs=0.0, epsrel=1e-6, limit=200)[0])
 
     def mean_separation(self, zeta: float, pressure: float) -> float:
-        """(45), the outer integral in log log(q/(zeta q0)), the inner one from `_inner`; (46), (47)."""
+        """(45), the outer integral in log log(q/(zeta q0)), the inner one from `_inner`; (46),
+        (47).
+        """
         p, low = self.p, zeta * self.p.roll_off_wavenumber_per_m
         width = log(self.zeta1 / zeta)
-        least = (pressure / (NOTHING * p.effective_modulus_pa)) ** 2 / (pi * low**4 * self.spectrum(low))
+        least = (pressure / (NOTHING * p.effective_modulus_pa)) ** 2 / (
+            pi * low**4 * self.spectrum(low)
+        )
 
         def integrand(log_y: float) -> float:
             y = exp(log_y)
             q = low * exp(y)
             w = (pi * self.moment3(low, y)) ** -0.5
-            return float(y * q**3 * self.spectrum(q) * w * self._inner(w * pressure / p.effective_modulus_pa))
+            return float(
+                y * q**3 * self.spectrum(q) * w * self._inner(w * pressure / p.effective_modulus_pa)
+            )
 
         if least >= width:
             return 0.0
-        return float(sqrt(pi) * quad(integrand, log(least), log(width), epsabs=0.0, epsrel=1e-6, limit=200)[0])
+        return float(
+            sqrt(pi)
+            * quad(integrand, log(least), log(width), epsabs=0.0, epsrel=1e-6, limit=200)[0]
+        )
 
     def _inner(self, x0: float) -> float:
         """int [gamma + 3(1 - gamma) erf^2(x)] exp(-x^2)/x dx from `x0`, in log x."""
@@ -117,10 +146,14 @@ class Published:
         return self.p.cut_off_wavenumber_per_m / self.p.roll_off_wavenumber_per_m
 
     def spectrum(self, q: float) -> float:
-        """(41)."""
         p = self.p
         relative = (q / p.roll_off_wavenumber_per_m) ** (-2.0 * (1.0 + p.hurst_exponent))
-        return p.hurst_exponent / pi * (p.roughness_rms_m / p.roll_off_wavenumber_per_m) ** 2 * relative
+        return (
+            p.hurst_exponent
+            / pi
+            * (p.roughness_rms_m / p.roll_off_wavenumber_per_m) ** 2
+            * relative
+        )
 
     def moment3(self, low: float, log_width: float) -> float:
         """int q^3 C dq from `low` to low e^log_width."""
@@ -143,7 +176,6 @@ class Published:
         return self.p.roughness_rms_m**2 * zeta**-two_h * -expm1(-two_h * log(self.zeta1 / zeta))
 
     def contact_length_m(self) -> float:
-        """(39)-(40)."""
         hurst = self.p.hurst_exponent
         s = hurst / (2.0 * (1.0 - hurst))
         r = s * gamma_function(0.5) * gamma_function(s) / gamma_function(s + 0.5)
@@ -179,7 +211,8 @@ def run() -> Iterator[Claim]:
         model.predict(conditions)
     in_batches = (time.perf_counter() - start) / 10 / conditions.voltage_v.size * len(POINTS)
     yield Claim(
-        f"model against the published algorithm (nested quadrature), {len(POINTS)} points one by one",
+        f"model against the published algorithm (nested quadrature), {len(POINTS)} points one"
+        " by one",
         f"{seconds_slow / seconds_fast:,.0f} x ({seconds_slow / len(POINTS):.1f} s against "
         f"{1e6 * seconds_fast / len(POINTS):.0f} us per point)",
         "at least 1000 x",
@@ -187,4 +220,9 @@ def run() -> Iterator[Claim]:
     )
     yield Claim("the same points in batches of 1000", f"{seconds_slow / in_batches:,.0f} x")
     apart = float(np.max(np.abs(np.array(ratios) - 1.0)))  # NaN if any is
-    yield Claim("the two apart, electrostatic force", f"{100 * apart:.4f} % at most", "at most 0.2 %", apart <= 2e-3)
+    yield Claim(
+        "the two apart, electrostatic force",
+        f"{100 * apart:.4f} % at most",
+        "at most 0.2 %",
+        apart <= 2e-3,
+    )

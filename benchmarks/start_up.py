@@ -1,4 +1,6 @@
-"""What it costs to start: CPU time of whole commands against that of a bare `import numpy`, warm caches."""
+"""What it costs to start: CPU time of whole commands against that of a bare `import numpy`, warm
+caches.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,9 @@ def daemon() -> Iterator[None]:
     with tempfile.TemporaryDirectory() as folder:
         os.environ["HAPTIC_SOCKET"] = str(Path(folder) / "d.sock")
         command = [HAPTIC, "daemon", "run", "--json"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ) as process:
             assert process.stdout is not None
             process.stdout.readline()  # it says so when it is ready
             try:

@@ -1,7 +1,9 @@
-"""What a surface costs: with nothing cached, with each effect, with every two of them, and compiled for the first time.
+"""What a surface costs: with nothing cached, with each effect, with every two of them, and compiled
+for the first time.
 
-CPU seconds of a process of its own that is held to one core; the least of several, since other work on the machine only
-ever adds to them. They are claimed against as many cubic look-ups by scipy, on the same core, as there are touches.
+CPU seconds of a process of its own that is held to one core; the least of several, since other work
+on the machine only ever adds to them. They are claimed against as many cubic look-ups by scipy, on
+the same core, as there are touches.
 """
 
 from __future__ import annotations
@@ -16,12 +18,13 @@ from typing import Any
 
 from benchmarks.claim import Claim
 
-# Times one look-up per touch: five steps of the closed loop look the gap table up, the current twice
-# (it is complex), and the circuit around each of these costs as much as the look-up: 14.
+# Times one look-up per touch: five steps of the closed loop look the gap table up, the current
+# twice (it is complex), and the circuit around each of these costs as much as the look-up: 14.
 PLAIN = 15.0
 # An effect may add a second branch of the drive, or turns of V(p_e) to be found: twice as much.
 WITH_EFFECTS = 30.0
-# Times a small function, per kernel: kernels take their callees in, so the usual one is twice as long.
+# Times a small function, per kernel: kernels take their callees in, so the usual one is twice as
+# long.
 COMPILING = 2.0
 
 FIRST = """
@@ -40,7 +43,8 @@ took_s = time.process_time() - start
 import sys
 import numba, numpy as np
 modules = [module for name, module in sys.modules.items() if name.split(".")[0] == "model"]
-kernels = {id(x) for m in modules for x in vars(m).values() if isinstance(x, numba.core.dispatcher.Dispatcher)}
+kind = numba.core.dispatcher.Dispatcher
+kernels = {id(x) for m in modules for x in vars(m).values() if isinstance(x, kind)}
 
 @numba.njit(nogil=True, error_model="numpy")
 def small(nodes, values, wanted):  # where values that grow reach what is wanted
@@ -89,7 +93,10 @@ def least(function, repeats):
     return min(times)
 
 def on(*deviations):
-    effects = {e.name: {p.name: Parameter(p.from_normal(x), p.unit, "") for p in e.parameters()} for e, x in deviations}
+    effects = {
+        effect.name: {p.name: Parameter(p.from_normal(x), p.unit, "") for p in effect.parameters()}
+        for effect, x in deviations
+    }
     return replace(base, effect_parameters=effects)
 
 def built(model, repeats):
@@ -99,10 +106,16 @@ def weak(effect):  # where it leaves a force
     return 2.0 if np.isinf(effect.parameters()[0].off) else -2.0
 
 rng = np.random.default_rng(7)
-f, v, n = np.exp(rng.uniform(0.0, np.log(1e6), 1000)), rng.uniform(0.0, 150.0, 1000), rng.uniform(0.1, 2.0, 1000)
-conditions = Conditions(f, v, n, speed_m_s=rng.uniform(1e-3, 0.2, 1000), time_s=rng.uniform(0.0, 600.0, 1000))
+conditions = Conditions(
+    np.exp(rng.uniform(0.0, np.log(1e6), 1000)),
+    rng.uniform(0.0, 150.0, 1000),
+    rng.uniform(0.1, 2.0, 1000),
+    speed_m_s=rng.uniform(1e-3, 0.2, 1000),
+    time_s=rng.uniform(0.0, 600.0, 1000),
+)
 all_weak = on(*((e, weak(e)) for e in CATALOGUE))
-touches = {e.name: TouchModel(on((e, 0.5))) for e in CATALOGUE} | {"all of them": TouchModel(all_weak)}
+touches = {e.name: TouchModel(on((e, 0.5))) for e in CATALOGUE}
+touches["all of them"] = TouchModel(all_weak)
 two = itertools.combinations(CATALOGUE, 2)
 plain = TouchModel(base)
 plain.predict(conditions)
@@ -122,7 +135,9 @@ print(json.dumps({
     "all": built(all_weak, 3),
     "attraction": float(np.nanmax(force_n / surface.normal_force_n)),
     "predict": least(lambda: plain.predict(conditions), 15),
-    "predict with": {name: least(lambda: touch.predict(conditions), 15) for name, touch in touches.items()},
+    "predict with": {
+        name: least(lambda: touch.predict(conditions), 15) for name, touch in touches.items()
+    },
 }))
 """
 
@@ -139,7 +154,10 @@ def run() -> Iterator[Claim]:
         name, slowest = max(times.items(), key=lambda item: item[1])
         described = f"{said} with {what}, the slowest of {len(times)} ({name})"
         yield _against(described, slowest, one_s, WITH_EFFECTS)
-        yield Claim(f"half of the surfaces with {what} take at most", _ms(sorted(times.values())[len(times) // 2]))
+        yield Claim(
+            f"half of the surfaces with {what} take at most",
+            _ms(sorted(times.values())[len(times) // 2]),
+        )
     described = f"{said} with all of them (attraction up to {told['attraction']:.1f} of the load)"
     yield _against(described, told["all"], one_s, WITH_EFFECTS)
     yield _against("CPU of 1000 arbitrary conditions", told["predict"], few_s, PLAIN)
@@ -169,7 +187,9 @@ def _against(what: str, found_s: float, look_ups_s: float, most: float) -> Claim
 
 
 def _told(program: str, environment: dict[str, str]) -> dict[str, Any]:
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
     return json.loads(done.stdout)
 
 

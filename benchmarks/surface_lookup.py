@@ -1,4 +1,6 @@
-"""Look-up and inversion against scipy's RegularGridInterpolator and the direct model, in one run."""
+"""Look-up and inversion against scipy's RegularGridInterpolator and the direct model, in one
+run.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ INVERSIONS = 20_000
 
 def looked_up(surface: Surface, *points: np.ndarray) -> np.ndarray:
     """Friction at n points, one by one."""
-    return np.array([cof_at(surface, *point) for point in zip(*(x.tolist() for x in points), strict=True)])
+    return np.array(
+        [cof_at(surface, *point) for point in zip(*(x.tolist() for x in points), strict=True)]
+    )
 
 
 def run() -> Iterator[Claim]:
@@ -50,7 +54,8 @@ def run() -> Iterator[Claim]:
     scipy_scalar = seconds(lambda: [scipy_lookup(one) for _ in range(CALLS // 10)]) / (CALLS // 10)
     yield Claim(
         "look-up of one point against RegularGridInterpolator",
-        f"{scipy_scalar / scalar:.0f} x ({1e6 * scalar:.2f} us against {1e6 * scipy_scalar:.0f} us)",
+        f"{scipy_scalar / scalar:.0f} x ({1e6 * scalar:.2f} us against"
+        f" {1e6 * scipy_scalar:.0f} us)",
         "at least 20 x",
         scipy_scalar >= 20 * scalar,
     )
@@ -75,8 +80,10 @@ def run() -> Iterator[Claim]:
     back = np.abs(looked_up(surface, f, voltage, n) / target - 1.0).max()
     yield Claim(
         f"inversion, back through the surface, {INVERSIONS} random targets",
-        f"{100 * back:.1e} % at most", "at most 0.1 %", bool(back <= 1e-3),
-    )  # fmt: skip
+        f"{100 * back:.1e} % at most",
+        "at most 0.1 %",
+        bool(back <= 1e-3),
+    )
     direct = np.abs(touch.predict(Conditions(f, voltage, n)).cof / target - 1.0).max()
     yield Claim(
         "inversion, back through the direct model",
@@ -87,11 +94,15 @@ def run() -> Iterator[Claim]:
 
     finger = FingerState(0.0, 0.0, 0.0, 0.0, 0.0, 0.5, True)
     for policy in POLICIES:
-        settings = ControllerSettings(surface, limits, policy, 250.0 if policy == "fixed_frequency" else None)
+        settings = ControllerSettings(
+            surface, limits, policy, 250.0 if policy == "fixed_frequency" else None
+        )
         controller = Controller(settings)
         state, _ = controller.step(INITIAL, TargetFriction(0.6, True), finger, NO_COMMAND)
         start = time.perf_counter()
         for i in range(CALLS):
-            state, _ = controller.step(state, TargetFriction(0.55 + 1e-4 * (i % 900), True), finger, NO_COMMAND)
+            state, _ = controller.step(
+                state, TargetFriction(0.55 + 1e-4 * (i % 900), True), finger, NO_COMMAND
+            )
         each = (time.perf_counter() - start) / CALLS
         yield Claim(f"controller step, {policy}", f"{1e6 * each:.1f} us")

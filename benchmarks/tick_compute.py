@@ -1,4 +1,5 @@
-"""The stages of a tick alone: as compiled, as pure Python, and scipy's interpolator against them, in one run.
+"""The stages of a tick alone: as compiled, as pure Python, and scipy's interpolator against them,
+in one run.
 
 What a whole tick in the daemon takes is promised and measured in `tick_lateness`.
 """
@@ -38,7 +39,9 @@ def settings() -> tuple[TickSettings, SurfaceFile]:
     limits = config.operating_limits()
     file = build_surface(load_model("reference"), limits)
     law = FeedbackSettings(config.output.latency_s)
-    controller = Controller(ControllerSettings(ready_for_lookup(file, limits), limits, feedback=law))
+    controller = Controller(
+        ControllerSettings(ready_for_lookup(file, limits), limits, feedback=law)
+    )
     stages = TickSettings(
         FingerSettings(),
         Grating(0.7, 0.1, 0.01),
@@ -67,9 +70,12 @@ def ticks_s(stages: TickSettings, count: int) -> np.ndarray:
 
 
 def with_scipy_s(file: SurfaceFile) -> float:
-    """The one step of finding a voltage, as one would write it: the surface along voltage, then interpolated back."""
+    """The one step of finding a voltage, as one would write it: the surface along voltage, then
+    interpolated back.
+    """
     lookup = RegularGridInterpolator(
-        (np.log(file.frequency_hz), file.voltage_v, np.log(file.normal_force_n)), np.nan_to_num(file.cof)
+        (np.log(file.frequency_hz), file.voltage_v, np.log(file.normal_force_n)),
+        np.nan_to_num(file.cof),
     )
     points = np.empty((file.voltage_v.size, 3))
     points[:, 1] = file.voltage_v
@@ -85,16 +91,29 @@ def with_scipy_s(file: SurfaceFile) -> float:
 def run() -> Iterator[Claim]:
     stages, file = settings()
     p50, p99 = np.percentile(ticks_s(stages, TICKS), [50, 99])
-    yield Claim("the stages of a tick, with feedback", f"{1e6 * p50:.1f} us median, {1e6 * p99:.1f} us at 99 %")
-    plain = replace(stages, controller=Controller(replace(stages.controller.settings, feedback=None)))
+    yield Claim(
+        "the stages of a tick, with feedback",
+        f"{1e6 * p50:.1f} us median, {1e6 * p99:.1f} us at 99 %",
+    )
+    plain = replace(
+        stages, controller=Controller(replace(stages.controller.settings, feedback=None))
+    )
     p50_plain, p99_plain = np.percentile(ticks_s(plain, TICKS), [50, 99])
-    yield Claim("the same without feedback", f"{1e6 * p50_plain:.1f} us median, {1e6 * p99_plain:.1f} us at 99 %")
+    yield Claim(
+        "the same without feedback",
+        f"{1e6 * p50_plain:.1f} us median, {1e6 * p99_plain:.1f} us at 99 %",
+    )
     pure = subprocess.run(
         [sys.executable, "-m", "benchmarks.tick_compute"],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     pure_s = float(pure.stdout)
-    yield Claim("the same stages in pure Python, median", f"{1e6 * pure_s:.0f} us, {pure_s / p50:.1f} x")
+    yield Claim(
+        "the same stages in pure Python, median", f"{1e6 * pure_s:.0f} us, {pure_s / p50:.1f} x"
+    )
     scipy_s = with_scipy_s(file)
     yield Claim(
         "finding one voltage with RegularGridInterpolator, against all stages",

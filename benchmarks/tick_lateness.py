@@ -1,4 +1,5 @@
-"""How long a tick takes in the daemon and how late it comes, also while clients load it; how soon a new target acts.
+"""How long a tick takes in the daemon and how late it comes, also while clients load it; how soon a
+new target acts.
 
 An empty loop of the same scheduling runs beside it, meets the same load and does reference work.
 What ticks take and how late they are is claimed against that loop; what a new target takes, against
@@ -44,8 +45,8 @@ LATE = 1 / 5  # of a period: what counts as late while a model is mended
 # Python costs about as much again, compiled code and shared memory as much once more; and a tick of
 # many functions needs more of the caches than a loop.
 TAKES = 4.0
-# One in a hundred finds its code and data gone from the caches, which the loop's few lines never are:
-# a tick with all to fetch from memory takes twice as long (FIRST_REHEARSAL_S, REHEARSAL_S).
+# One in a hundred finds its code and data gone from the caches, which the loop's few lines never
+# are: a tick with all to fetch from memory takes twice as long (FIRST_REHEARSAL_S, REHEARSAL_S).
 TAKES_COLD = 2.0 * TAKES
 # Times the empty loop, which the same kernel wakes under the same load: 1, but for chance. In the
 # tail 45 samples count, and stalls that differ by much.
@@ -59,7 +60,10 @@ LATENCY_RATIO = 1.25
 
 def run() -> Iterator[Claim]:
     switch_interval_s = sys.getswitchinterval()
-    with tempfile.TemporaryDirectory() as folder, closing(Place(Path(folder, "daemon.sock"))) as place:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        closing(Place(Path(folder, "daemon.sock"))) as place,
+    ):
         record = Path(folder, "amplifier.txt")
         settings = daemon_settings("simulated", "reference", amplifier_record=record)
         sys.setswitchinterval(SWITCH_INTERVAL_S)
@@ -112,7 +116,8 @@ def _watched(daemon: Daemon, token: str, seconds: float) -> np.ndarray:
 
 
 def _compute(what: str, samples: np.ndarray, empty: Beside) -> Iterator[Claim]:
-    """From the instant when a tick began until its sample was written, of the ticks that put voltage out.
+    """From the instant when a tick began until its sample was written, of the ticks that put
+    voltage out.
 
     What takes so many times as long is interrupted so many times as often: its 99 % belongs to a
     rarer turn of the loop.
@@ -155,14 +160,21 @@ def _lateness(daemon: Daemon, token: str, socket: Path, page: str) -> Iterator[C
     for q in (50.0, 99.9):
         claim = _lateness_against("under load", samples["lateness_s"], empty.late_s, q)
         yield claim._replace(measured=claim.measured + lesser, holds=there and claim.holds)
-    asked = f"{float(said['requests_hz']):.0f} of {api_load.RATE_HZ:.0f} requests/s, {said['refused']} refused"
-    yield Claim(f"that load, page open in {said['viewer']}", f"{asked}, {said['messages']} messages to the page")
+    asked = (
+        f"{float(said['requests_hz']):.0f} of {api_load.RATE_HZ:.0f} requests/s, {said['refused']}"
+        " refused"
+    )
+    yield Claim(
+        f"that load, page open in {said['viewer']}",
+        f"{asked}, {said['messages']} messages to the page",
+    )
     granted = "granted" if daemon.status().real_time else "NOT granted"
     yield Claim("real-time scheduling", f"{granted}, {os.cpu_count()} cores")
 
 
 class Acted(NamedTuple):
-    """A new target: the call, from its return to the tick that decides by it, and from there to the electrode, s.
+    """A new target: the call, from its return to the tick that decides by it, and from there to the
+    electrode, s.
 
     `expected_s`: the last, by the daemon's own budget.
     """
@@ -174,7 +186,9 @@ class Acted(NamedTuple):
 
 
 def _set_to_output(how: str, daemon: Daemon, token: str, record: Path) -> Iterator[Claim]:
-    """From the call to the first tick that renders the new target, and to the change at the simulated electrode."""
+    """From the call to the first tick that renders the new target, and to the change at the
+    simulated electrode.
+    """
     rounds = [_acted(daemon, token, record, k) for k in range(ROUNDS)]
     seen = [each for each in rounds if each is not None]
     median = Acted(*map(statistics.median, zip(*seen, strict=True)))
@@ -209,7 +223,9 @@ def _acted(daemon: Daemon, token: str, record: Path, k: int) -> Acted | None:
     budget_s = daemon.status().latency_budget_s
     expected_s = budget_s["total"] - budget_s["sensor"] - budget_s["tick"]
     if cof == max(TARGETS):  # the voltage rises at a bounded rate
-        expected_s += SEEN * before.voltage_v / daemon.basis.settings.config.output.voltage_rise_v_per_s
+        expected_s += (
+            SEEN * before.voltage_v / daemon.basis.settings.config.output.voltage_rise_v_per_s
+        )
     time.sleep(expected_s + 0.04)
     samples = daemon.samples(before.tick, 1000)
     new = samples[samples["asked_cof"] == cof]
@@ -230,7 +246,9 @@ def _set_to_envelope() -> Iterator[Claim]:
     """The same on the rig with an analog output, whose lead follows how late the machine is."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder, "amplifier.txt")
-        with Daemon(daemon_settings("simulated-envelope", "reference", amplifier_record=record)) as daemon:
+        with Daemon(
+            daemon_settings("simulated-envelope", "reference", amplifier_record=record)
+        ) as daemon:
             lease = daemon.arm(60.0)
             daemon.set_target(lease.token, 0.65)
             yield from _set_to_output("by an envelope", daemon, lease.token, record)
@@ -243,7 +261,9 @@ def _set_to_envelope() -> Iterator[Claim]:
 
 
 def _mending() -> Iterator[Claim]:
-    """Ticks while the model of a finger that is not the model's is mended, and without, in turns."""
+    """Ticks while the model of a finger that is not the model's is mended, and without, in
+    turns.
+    """
     late: dict[bool, list[float]] = {on: [] for on in TURNS}
     ours_s, theirs_s = [], []
     with Daemon(daemon_settings("hidden_humidity", "reference")) as daemon:
@@ -258,7 +278,9 @@ def _mending() -> Iterator[Claim]:
                 theirs_s.append(empty.late_s)
         mended = sum(event.message.startswith("mended") for event in daemon.events(0))
         daemon.off()
-    yield _lateness_against("while a model is mended", np.concatenate(ours_s), np.concatenate(theirs_s), 99.9)
+    yield _lateness_against(
+        "while a model is mended", np.concatenate(ours_s), np.concatenate(theirs_s), 99.9
+    )
     shares = {on: " and ".join(f"{100.0 * share:.2g} %" for share in late[on]) for on in late}
     yield Claim(
         "ticks late by 1/5 of a period while a model is mended, and without, in turns",

@@ -1,4 +1,6 @@
-"""What a query through our TCP transport costs over the same bytes on a bare socket, interleaved in one run."""
+"""What a query through our TCP transport costs over the same bytes on a bare socket, interleaved in
+one run.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,11 @@ from hw.transport.tcp import TcpTransport
 LINE = b"FREQ +2.5000000000000E+02\n"
 QUERIES = 20_000
 
-# In a process of its own, as an instrument is; it sends back what it gets. One thread serves both connections: with a
-# thread each, the system may run them on different cores, and which of the two then sits on the client's own core or
-# on one that is awake is luck, and weighs more than the query. So the server's share, wherever its thread is at the
-# time, is the same for both. Pinning both ends to one core gives the same ratio, where a system can do that at all.
+# In a process of its own, as an instrument is; it sends back what it gets. One thread serves both
+# connections: with a thread each, the system may run them on different cores, and which of the two
+# then sits on the client's own core or on one that is awake is luck, and weighs more than the
+# query. So the server's share, wherever its thread is at the time, is the same for both. Pinning
+# both ends to one core gives the same ratio, where a system can do that at all.
 ECHO_SERVER = """
 import selectors, socket
 ready = selectors.DefaultSelector()
@@ -42,7 +45,9 @@ while True:
 
 @contextmanager
 def echo_server() -> Iterator[int]:
-    with subprocess.Popen([sys.executable, "-c", ECHO_SERVER], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", ECHO_SERVER], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         try:
             yield int(process.stdout.readline())
@@ -69,8 +74,12 @@ def run() -> Iterator[Claim]:
                 answer += bare.recv(65536)
             return answer
 
-        # In turns, one query each; the lower quartile is the cost when nothing else had the processor.
-        times_s = [(once_s(on_bare_socket), once_s(lambda: transport.query(LINE, 1.0))) for _ in range(QUERIES)]
+        # In turns, one query each; the lower quartile is the cost when nothing else had the
+        # processor.
+        times_s = [
+            (once_s(on_bare_socket), once_s(lambda: transport.query(LINE, 1.0)))
+            for _ in range(QUERIES)
+        ]
         transport.close()
     bare_s, ours_s = (statistics.quantiles(times, n=4)[0] for times in zip(*times_s, strict=True))
     yield Claim(

@@ -1,4 +1,6 @@
-"""What `haptic why` says of fingers that are the model: 40 of them, rendered in simulated time; some 15 minutes."""
+"""What `haptic why` says of fingers that are the model: 40 of them, rendered in simulated time;
+some 15 minutes.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,10 @@ MOST = 0.5  # of the probability of any effect
 
 def run() -> Iterator[Claim]:
     found = [_asked(seed) for seed in range(1, FINGERS + 1)]
-    most = [max(share for name, share in said["suspects"].items() if name not in ("none", "unknown")) for said in found]
+    most = [
+        max(share for name, share in said["suspects"].items() if name not in ("none", "unknown"))
+        for said in found
+    ]
     nothing = sum(said["verdict"] == "no_discrepancy" for said in found)
     yield Claim(
         f"why, on {FINGERS} fingers that are the model: most probable effect of all",
@@ -47,7 +52,9 @@ def run() -> Iterator[Claim]:
 
 
 def _asked(seed: int) -> dict[str, Any]:
-    """What why says after three textures: on set points and by an envelope in turn, at ten speeds."""
+    """What why says after three textures: on set points and by an envelope in turn, at ten
+    speeds.
+    """
     config = load_rig("simulated" if seed % 2 else "simulated-envelope")
     simulation = config.simulation.model_copy(update={"seed": seed})
     config = config.model_copy(update={"simulation": simulation})

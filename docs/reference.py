@@ -107,7 +107,9 @@ def _words() -> dict[str, Any]:
 
 
 def _template_comments(path: Path) -> dict[str, str]:
-    """`section.key` -> the comment on its line, of a TOML file; comments that go on are cut at their first line."""
+    """`section.key` -> the comment on its line, of a TOML file; comments that go on are cut at
+    their first line.
+    """
     words, section = {}, ""
     for line in path.read_text(encoding="utf-8").splitlines():
         if header := re.match(r"\[+([\w.]+)\]", line):
@@ -148,7 +150,12 @@ def _tables_in(entry: Schema, definitions: Schema) -> list[Schema]:
         found = definitions[entry["$ref"].rpartition("/")[2]]
         return [found] if "properties" in found else []
     inside = [*entry.get("anyOf", []), *entry.get("oneOf", [])]
-    if entry.get("type") == "array" and entry["items"].keys() & {"$ref", "oneOf", "anyOf", "properties"}:
+    if entry.get("type") == "array" and entry["items"].keys() & {
+        "$ref",
+        "oneOf",
+        "anyOf",
+        "properties",
+    }:
         inside.append(entry["items"])
     return [found for branch in inside for found in _tables_in(branch, definitions)]
 
@@ -164,28 +171,37 @@ def _table(schema: Schema, definitions: Schema, words: dict[str, str], path: str
         default = "required" if name in needed else _value(entry.get("default"))
         about = words.get(key) or words.get(name) or ""
         if not about:
-            raise KeyError(f"{key}: give its meaning in docs/keys.toml or configs/rigs/template.toml")
+            raise KeyError(
+                f"{key}: give its meaning in docs/keys.toml or configs/rigs/template.toml"
+            )
         rows.append(f"| `{name}` | {_type(entry)} | {_unit(name)} | {default} | {_cell(about)} |")
     return "\n".join(rows) if len(rows) > 2 else "No keys of its own." if path else ""
 
 
 def _type(entry: Schema) -> str:
     """A type with its range, in words."""
-    branches = [b for b in [*entry.get("anyOf", []), *entry.get("oneOf", [])] if b.get("type") != "null"]
+    branches = [
+        b for b in [*entry.get("anyOf", []), *entry.get("oneOf", [])] if b.get("type") != "null"
+    ]
     if branches:
         return " or ".join(_type(branch) for branch in branches)
     if "$ref" in entry:
         return f"[{_name(entry)}](#{_name(entry).lower()})"
     if "enum" in entry or "const" in entry:
-        return " or ".join(f"`{json.dumps(value)}`" for value in entry.get("enum", [entry.get("const")]))
+        return " or ".join(
+            f"`{json.dumps(value)}`" for value in entry.get("enum", [entry.get("const")])
+        )
     if entry.get("type") == "array":
         return f"list of {_length(entry)}{_type(entry['items'])}"
     if entry.get("type") == "object":
         inner = entry.get("additionalProperties")
         return f"table of {_type(inner)}" if isinstance(inner, dict) and inner else "table"
-    return {"number": "number", "integer": "whole number", "boolean": "`true` or `false`", "string": "text"}.get(
-        entry.get("type", ""), "any"
-    ) + _range(entry)
+    return {
+        "number": "number",
+        "integer": "whole number",
+        "boolean": "`true` or `false`",
+        "string": "text",
+    }.get(entry.get("type", ""), "any") + _range(entry)
 
 
 def _name(entry: Schema) -> str:
@@ -230,7 +246,10 @@ def _model_tables() -> Iterator[str]:
     """The parameters of a touch and of every effect."""
     rows = ["| key of `[parameters]` | range | unit | meaning |", "|---|---|---|---|"]
     for name, said in SPECIFICATION.items():
-        rows.append(f"| `{name}` | {said['low']:g} to {said['high']:g} | {said['unit']} | {_cell(said['about'])} |")
+        rows.append(
+            f"| `{name}` | {said['low']:g} to {said['high']:g} | {said['unit']} |"
+            f" {_cell(said['about'])} |"
+        )
     yield "\n".join(rows)
     head = ["`[effects.…]`", "key", "range", "prior", "unit", "off at", "effect"]
     rows = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
@@ -273,7 +292,11 @@ def api_page() -> str:
     parts += ["## Streams", words["streams"].strip(), "## Records"]
     schemas = described["components"]["schemas"]
     for name in sorted(schemas):
-        parts += [f"### {name}", _said(schemas[name].get("description", "")), _fields(schemas[name])]
+        parts += [
+            f"### {name}",
+            _said(schemas[name].get("description", "")),
+            _fields(schemas[name]),
+        ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -281,8 +304,8 @@ def _operation(title: str, operation: Schema) -> Iterator[str]:
     yield f"### `{title}`"
     yield _said(operation.get("description", ""))
     lines = [
-        f"- {'header' if p['in'] == 'header' else 'query'} `{p['name']}`: {_type(p['schema'])}, default "
-        f"{_value(p['schema'].get('default'))}. {p.get('description', '')}".rstrip()
+        f"- {'header' if p['in'] == 'header' else 'query'} `{p['name']}`: {_type(p['schema'])},"
+        f" default {_value(p['schema'].get('default'))}. {p.get('description', '')}".rstrip()
         for p in operation.get("parameters", [])
     ]
     if "requestBody" in operation:
@@ -301,7 +324,9 @@ def _fields(schema: Schema) -> str:
     needed = schema.get("required", [])
     rows = ["| field | type and range | unit | default |", "|---|---|---|---|"]
     for name, entry in schema["properties"].items():
-        nullable = " or `null`" if any(b.get("type") == "null" for b in entry.get("anyOf", [])) else ""
+        nullable = (
+            " or `null`" if any(b.get("type") == "null" for b in entry.get("anyOf", [])) else ""
+        )
         default = "always there" if name in needed else _value(entry.get("default"))
         rows.append(f"| `{name}` | {_type(entry)}{nullable} | {_unit(name)} | {default} |")
     return "\n".join(rows)
@@ -316,7 +341,12 @@ def python_page() -> str:
         said = ast.get_docstring(ast.parse(source)) or ""
         title, _, text = said.partition("\n\n")
         code = source.split('"""', 2)[2].strip()
-        parts += [f"## {title.rstrip('.')}", f"`examples/{path.name}`", text, f"```python\n{code}\n```"]
+        parts += [
+            f"## {title.rstrip('.')}",
+            f"`examples/{path.name}`",
+            text,
+            f"```python\n{code}\n```",
+        ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -329,8 +359,11 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def main(write: Callable[[str, str], object] = lambda name, text: (DOCS / name).write_text(text, "utf-8")) -> None:
-    """Write every page."""
+def main(
+    write: Callable[[str, str], object] = lambda name, text: (DOCS / name).write_text(
+        text, "utf-8"
+    ),
+) -> None:
     for name, text in pages().items():
         write(name, text)
 

@@ -1,7 +1,7 @@
 """Hook of MkDocs: files outside `docs/` that a page links to are published beside it.
 
-On the pages a link such as `../configs/rigs/paper.toml` works as it stands in the repository; in the site the same file
-lies in `configs/`.
+On the pages a link such as `../configs/rigs/paper.toml` works as it stands in the repository; in
+the site the same file lies in `configs/`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ def on_files(files: Files, config: Any) -> Files:
     root = Path(config["docs_dir"]).parent
     for path in sorted(path for name in OUTSIDE for path in (root / name).rglob("*.*")):
         if path.is_file() and path.suffix != ".pyc":
-            files.append(File.generated(config, path.relative_to(root).as_posix(), abs_src_path=str(path)))
+            files.append(
+                File.generated(config, path.relative_to(root).as_posix(), abs_src_path=str(path))
+            )
     return files
 
 

@@ -56,7 +56,6 @@ def evidences() -> Evidences:
 
 
 def prior(names: Names) -> float:
-    """Of one hypothesis."""
     known: dict[Names, float] = {(NONE,): PRIOR_NONE, (UNKNOWN,): PRIOR_UNKNOWN}
     return known.get(names, (PRIOR_EFFECTS / len(CATALOGUE)) ** len(names))
 
@@ -90,7 +89,6 @@ def _beside(ax: Axes, text: str, y: float) -> None:
 
 
 def _draw_probabilities(ax: Axes, weighed: Posterior, shown: list[Names]) -> None:
-    """Prior times evidence."""
     values = [weighed.hypotheses[names] for names in shown]
     _bars(ax, [_named(names) for names in shown], values, BLUE)
     ax.set_yticklabels([])

@@ -1,7 +1,7 @@
 """Build a lookup surface and find the operating point for a friction.
 
-The surface holds the model on a grid of frequency, voltage and normal force; the controller looks up in it what the
-real-time loop looks up, within the rig's limits.
+The surface holds the model on a grid of frequency, voltage and normal force; the controller looks
+up in it what the real-time loop looks up, within the rig's limits.
 """
 
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
@@ -13,7 +13,9 @@ from haptic_driver.surface.models import load_model
 
 limits = load_rig("simulated").operating_limits()
 surface = build_surface(load_model("reference"), limits)
-controller = Controller(ControllerSettings(ready_for_lookup(surface, limits), limits, policy="min_voltage"))
+controller = Controller(
+    ControllerSettings(ready_for_lookup(surface, limits), limits, policy="min_voltage")
+)
 
 low, high = controller.reachable(0.5)
 print(f"reachable under 0.5 N: {low:.3f} to {high:.3f}")

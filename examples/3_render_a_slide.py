@@ -1,8 +1,9 @@
 """Render a texture under a sliding finger on the simulated rig.
 
-The finger makes a stroke of its own over a grating. Every command goes as bytes over TCP to a simulated generator, and
-friction comes back through a simulated force sensor. The daemon's own parts render, in simulated time; `record.samples`
-are what its recordings hold, one entry per tick of 1 ms.
+The finger makes a stroke of its own over a grating. Every command goes as bytes over TCP to a
+simulated generator, and friction comes back through a simulated force sensor. The daemon's own
+parts render, in simulated time; `record.samples` are what its recordings hold, one entry per tick
+of 1 ms.
 """
 
 import numpy as np
@@ -21,7 +22,12 @@ from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
 
 time_s = np.arange(0.0, 1.5, TICK_S)
-slide = Slide("a stroke at 20 mm/s", time_s, position_m=0.020 * time_s, normal_force_n=np.full(time_s.size, 0.5))
+slide = Slide(
+    "a stroke at 20 mm/s",
+    time_s,
+    position_m=0.020 * time_s,
+    normal_force_n=np.full(time_s.size, 0.5),
+)
 
 config, model = load_rig("simulated"), load_model("reference")
 texture = load_texture("grating", texture_dirs())

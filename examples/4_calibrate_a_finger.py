@@ -1,7 +1,8 @@
 """Measure a finger and fit its own numbers.
 
-The finger is simulated, so that it can be compared with what it really is: its skin is a fifth thinner than the model's
-and its friction without voltage higher. With a finger of your own, begin at `read_measurements`.
+The finger is simulated, so that it can be compared with what it really is: its skin is a fifth
+thinner than the model's and its friction without voltage higher. With a finger of your own, begin
+at `read_measurements`.
 """
 
 import csv
@@ -37,5 +38,8 @@ with TemporaryDirectory() as folder:
 
 for parameter in found.parameters:
     low, high = parameter.interval_95
-    print(f"{parameter.name:20} {parameter.value:.4g} {parameter.unit}, 95 % within {low:.4g} to {high:.4g}")
+    print(
+        f"{parameter.name:20} {parameter.value:.4g} {parameter.unit}, 95 % within {low:.4g} to"
+        f" {high:.4g}"
+    )
 print(f"chi-square per point {found.chi2_per_point:.2f}")

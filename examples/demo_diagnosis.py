@@ -1,6 +1,8 @@
-"""The diagnosis closed: investigate a rig with a hidden effect, rebuild the surface with its name, render again.
+"""The diagnosis closed: investigate a rig with a hidden effect, rebuild the surface with its name,
+render again.
 
-`python examples/demo_diagnosis.py --out DIR` investigates as a lab would and draws friction before and after.
+`python examples/demo_diagnosis.py --out DIR` investigates as a lab would and draws friction before
+and after.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ RIG, MODEL, PLAN, TEXTURE = "hidden_humidity", "reference", "witnesses", "gratin
 
 @dataclass(frozen=True)
 class Demonstration:
-    """What the investigation found, what was rendered by the old model and by the new one, and the picture of both."""
+    """What the investigation found, what was rendered by the old model and by the new one, and the
+    picture of both.
+    """
 
     found: Investigation
     before: SlideRecord
@@ -38,7 +42,6 @@ class Demonstration:
 
 
 def demonstrate(out: Path) -> Demonstration:
-    """All of it."""
     subject = Subject(load_rig(RIG), load_model(MODEL), load_plan(PLAN))
     found = investigate(subject, out / "investigation", Budget(), print)
     before, after = rendered(MODEL), rendered(found.diagnosis["model"])
@@ -49,16 +52,23 @@ def demonstrate(out: Path) -> Demonstration:
 
 
 def rendered(model: str) -> SlideRecord:
-    """The rig's finger sliding over the texture, driven by the surface of a model; feedback would hide what is off."""
-    config, description, texture = load_rig(RIG), load_model(model), load_texture(TEXTURE, texture_dirs())
-    settings = render_settings(config, build_surface(description, config.operating_limits()), feedback=False)
+    """The rig's finger sliding over the texture, driven by the surface of a model; feedback would
+    hide what is off.
+    """
+    config, description, texture = (
+        load_rig(RIG),
+        load_model(model),
+        load_texture(TEXTURE, texture_dirs()),
+    )
+    settings = render_settings(
+        config, build_surface(description, config.operating_limits()), feedback=False
+    )
     finger = load_model(config.simulation.model or model)
     with SimulatedRig(config, TouchModel(finger)) as rig:
         return render_slide(synthetic_slide(), texture, settings, rig)
 
 
 def main() -> None:
-    """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/demo-diagnosis"))
     shown = demonstrate(parser.parse_args().out)
@@ -68,7 +78,10 @@ def main() -> None:
         then = f"measured again after: {', '.join(sorted(after))}" if after else "measured more"
         print(f"round {number}: {told['verdict']}, {' or '.join(told['suspects'])}; then {then}")
     names = ", ".join(effect["name"] for effect in found.diagnosis["effects"])
-    print(f"{found.outcome}: {names}, {found.rows} rows, {found.measured_s / 60.0:.0f} min of measuring")
+    print(
+        f"{found.outcome}: {names}, {found.rows} rows, {found.measured_s / 60.0:.0f} min of"
+        " measuring"
+    )
     for when, record in (("before", shown.before), ("after", shown.after)):
         it = score(record)
         error, share = it.fidelity.cof_error_rms or 0.0, it.fidelity.share_within_5_percent or 0.0
@@ -76,7 +89,10 @@ def main() -> None:
             f"{when:>6}: friction error {error:.4f} rms, {share:.0%} of sliding time within 5 %, "
             f"up to {it.max_voltage_v:.0f} V"
         )
-    print(f"picture: {shown.picture}; report: {Path(found.diagnosis['model']).with_name('report.html')}")
+    print(
+        f"picture: {shown.picture}; report:"
+        f" {Path(found.diagnosis['model']).with_name('report.html')}"
+    )
 
 
 if __name__ == "__main__":

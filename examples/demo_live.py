@@ -1,9 +1,10 @@
-"""Live: linen under a finger that becomes moist, on a daemon in real time; the model is mended while it renders.
+"""Live: linen under a finger that becomes moist, on a daemon in real time; the model is mended
+while it renders.
 
-`python examples/demo_live.py --out DIR` draws friction before, meanwhile and after, and the page as a user sees it.
-Feedback is off, so that friction shows what the model is worth. To name what has changed takes several carriers: the
-same linen is slid over at two more, where the simulated rig's limit of contact current would leave no force; here it is
-lifted.
+`python examples/demo_live.py --out DIR` draws friction before, meanwhile and after, and the page as
+a user sees it. Feedback is off, so that friction shows what the model is worth. To name what has
+changed takes several carriers: the same linen is slid over at two more, where the simulated rig's
+limit of contact current would leave no force; here it is lifted.
 """
 
 from __future__ import annotations
@@ -45,7 +46,11 @@ from model.touch_model import TouchModel
 RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"
 CARRIERS_HZ = (200.0, 2e3, 10e3)
 LIFTED = "contact_current_a_rms = [[1.0, 1.0], [1e6, 1.0]]  # A rms"
-DRY_S, MOISTENING_S, WETNESS = 17.0, 4.0, 1.2  # of the finger's life, and of the effect skin_hydration
+DRY_S, MOISTENING_S, WETNESS = (
+    17.0,
+    4.0,
+    1.2,
+)  # of the finger's life, and of the effect skin_hydration
 STEPS = 5  # of wetness, between which friction is taken as even
 LEASE_S = 20.0
 PIECE = 100  # ticks, some threads long: a point of the picture
@@ -56,18 +61,27 @@ ROWS = 50  # of another carrier, to ask why by: some 6 s of sliding
 @cache
 def stages() -> list[FrictionLaw]:
     """The finger from dry to moist."""
-    limits = replace(load_rig(RIG).operating_limits(), contact_current_a_rms=((1.0, 1.0), (1e6, 1.0)))
+    limits = replace(
+        load_rig(RIG).operating_limits(), contact_current_a_rms=((1.0, 1.0), (1e6, 1.0))
+    )
     model = TouchModel(load_model(MODEL))
-    wet = [with_hidden(model, {"skin_hydration": {"wetness": w}}) for w in np.linspace(0.0, WETNESS, STEPS)]
+    wet = [
+        with_hidden(model, {"skin_hydration": {"wetness": w}})
+        for w in np.linspace(0.0, WETNESS, STEPS)
+    ]
     return [surface_friction(build_surface(each.description, limits), limits) for each in wet]
 
 
-def finger(frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array, time_s: Array) -> Array:
+def finger(
+    frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array, time_s: Array
+) -> Array:
     """Lateral force of the finger, N [n], as `haptic measure --finger` takes it too."""
     laws = stages()
     moist = np.clip((time_s - DRY_S) / MOISTENING_S, 0.0, 1.0) * (STEPS - 1)
     forces = []
-    for at, share in zip(zip(frequency_hz, voltage_v, normal_force_n, speed_m_s, strict=True), moist, strict=True):
+    for at, share in zip(
+        zip(frequency_hz, voltage_v, normal_force_n, speed_m_s, strict=True), moist, strict=True
+    ):
         low = min(int(share), STEPS - 2)
         before, after = (laws[k](*map(float, at), 0.0) for k in (low, low + 1))
         forces.append(before + (share - low) * (after - before))
@@ -75,7 +89,9 @@ def finger(frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m
 
 
 class Watching:
-    """A daemon that renders the texture, and its ticks as they come; armed anew after a fault of a busy machine."""
+    """A daemon that renders the texture, and its ticks as they come; armed anew after a fault of a
+    busy machine.
+    """
 
     def __init__(self, daemon: Daemon) -> None:
         self._daemon, self._token, self._position = daemon, "", daemon.shared.ring.position
@@ -113,11 +129,16 @@ class Watching:
 
 
 def errors(samples: NDArray[np.void]) -> tuple[Array, Array]:
-    """By how much friction was off what was asked, relative, over each PIECE of ticks on the way; and when."""
+    """By how much friction was off what was asked, relative, over each PIECE of ticks on the way;
+    and when.
+    """
     pieces = samples[: samples.size // PIECE * PIECE].reshape(-1, PIECE)
     known = sliding(pieces.ravel()) & np.isfinite(pieces.ravel()["target_cof"])
     felt = pieces[np.all(known.reshape(pieces.shape), axis=1)]
-    return felt["time_s"].mean(axis=1), felt["measured_cof"].mean(axis=1) / felt["target_cof"].mean(axis=1) - 1.0
+    return (
+        felt["time_s"].mean(axis=1),
+        felt["measured_cof"].mean(axis=1) / felt["target_cof"].mean(axis=1) - 1.0,
+    )
 
 
 def demonstrate(out: Path) -> None:
@@ -144,11 +165,19 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     watching = Watching(daemon)
 
     def told(kind: str, beginning: str = "") -> bool:
-        return any(event.kind == kind and event.message.startswith(beginning) for event in daemon.events(0))
+        return any(
+            event.kind == kind and event.message.startswith(beginning) for event in daemon.events(0)
+        )
 
     def seen(carrier_hz: float) -> bool:
-        """Whether there is enough of a carrier to ask why; a busy machine has gaps, of which there are no rows."""
-        there = [row for row in list(daemon.basis.observer.rows) if row.row.setting.frequency_hz == carrier_hz]
+        """Whether there is enough of a carrier to ask why; a busy machine has gaps, of which there
+        are no rows.
+        """
+        there = [
+            row
+            for row in list(daemon.basis.observer.rows)
+            if row.row.setting.frequency_hz == carrier_hz
+        ]
         return len(there) >= ROWS
 
     watching.until(lambda: daemon.status().output_on, "the output comes on")
@@ -160,7 +189,8 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     _page(page, out / "page.png")
     daemon.adapt(True)
     watching.until(lambda: told("adapt", "mended"), "mending")
-    print(f"  {next(event.message for event in daemon.events(0) if event.message.startswith('mended'))}")
+    messages = (event.message for event in daemon.events(0))
+    print(f"  {next(message for message in messages if message.startswith('mended'))}")
     mended = watching.for_s(SHOWN_S, "as it is mended")
     for carrier_hz in CARRIERS_HZ[1:]:
         daemon.disarm()
@@ -188,7 +218,9 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     print(made)
 
 
-def _draw(time_s: Array, off: Array, shares: dict[str, tuple[float, float, float]], why: Why, path: Path) -> None:
+def _draw(
+    time_s: Array, off: Array, shares: dict[str, tuple[float, float, float]], why: Why, path: Path
+) -> None:
     figure, axes = pyplot().subplots(figsize=(9.0, 4.0), layout="constrained")
     title = f"haptic why: {why.verdict}; most probable {', '.join(list(why.suspects)[:3])}"
     with saved(figure, path):
@@ -196,14 +228,23 @@ def _draw(time_s: Array, off: Array, shares: dict[str, tuple[float, float, float
         axes.plot(time_s - time_s[0], 100.0 * off, ".", markersize=3.0, color="#1b6ca8")
         for name, (start_s, end_s, share) in shares.items():
             axes.axvspan(start_s - time_s[0], end_s - time_s[0], color="#8593a3", alpha=0.12)
-            axes.text(0.5 * (start_s + end_s) - time_s[0], 21.0, f"{name}: {share:.0%}", ha="center")
-        axes.set(xlabel="time, s", ylabel="friction off the texture, %", ylim=(-25.0, 25.0), title=title)
+            axes.text(
+                0.5 * (start_s + end_s) - time_s[0], 21.0, f"{name}: {share:.0%}", ha="center"
+            )
+        axes.set(
+            xlabel="time, s", ylabel="friction off the texture, %", ylim=(-25.0, 25.0), title=title
+        )
 
 
 def _page(url: str, path: Path) -> None:
     """The page in a browser, where there is one."""
     chromium = next(
-        (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+        (
+            found
+            for name in ("chromium", "chromium-browser", "google-chrome")
+            if (found := shutil.which(name))
+        ),
+        None,
     )
     try:
         from playwright.sync_api import expect, sync_playwright  # noqa: PLC0415
@@ -216,15 +257,18 @@ def _page(url: str, path: Path) -> None:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         view = browser.new_page(viewport={"width": 1700, "height": 1150})
         view.goto(url)
-        expect(view.locator("#state")).not_to_have_text("UNKNOWN", timeout=30_000)  # no script: the page allows none
+        expect(view.locator("#state")).not_to_have_text(
+            "UNKNOWN", timeout=30_000
+        )  # no script: the page allows none
         view.wait_for_timeout(5000)  # tiles and thumbnails come one by one
         view.screenshot(path=path)
         browser.close()
 
 
 def main() -> None:
-    """Run."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--out", type=Path, default=Path("out/demo-live"))
     demonstrate(parser.parse_args().out)
 

@@ -6,8 +6,8 @@
         session.set(0.6)
         session.play("linen")
 
-Whatever ends the inner block, an error and Ctrl-C too, leaves the output off. A client that dies no longer renews its
-lease, and the daemon ramps the output to zero by itself.
+Whatever ends the inner block, an error and Ctrl-C too, leaves the output off. A client that dies no
+longer renews its lease, and the daemon ramps the output to zero by itself.
 """
 
 from __future__ import annotations
@@ -63,11 +63,12 @@ class LeaseLostError(RefusedError):
 
 
 class HapticClient:
-    """One daemon, by its socket or the address of its page (else `HAPTIC_SOCKET`, else the usual socket).
+    """One daemon, by its socket or the address of its page (else `HAPTIC_SOCKET`, else the usual
+    socket).
 
-    Methods may be called from several threads. Every method raises what the daemon refuses: BadInputError for what
-    cannot be used, RefusedError for what cannot be done in its present state, NoDaemonError when it does not answer,
-    HapticError for a fault.
+    Methods may be called from several threads. Every method raises what the daemon refuses:
+    BadInputError for what cannot be used, RefusedError for what cannot be done in its present
+    state, NoDaemonError when it does not answer, HapticError for a fault.
     """
 
     def __init__(self, socket: Path | str | None = None) -> None:
@@ -78,25 +79,25 @@ class HapticClient:
         """Nothing is left open between requests; what the daemon does is not changed by it."""
 
     def __enter__(self) -> Self:
-        """Itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close."""
         self.close()
 
     @contextmanager
     def armed(self, lease_s: float = 0.5, holder: str = "") -> Iterator[Session]:
         """Arm, and keep the lease alive in the block; disarmed afterwards, and shown to be off.
 
-        Raises LeaseLostError at the end of the block when the lease was lost in it, and HapticError when the output
-        cannot be shown to be off; an error of the block itself goes before these.
+        Raises LeaseLostError at the end of the block when the lease was lost in it, and HapticError
+        when the output cannot be shown to be off; an error of the block itself goes before these.
         """
         with Session(self, self.arm(lease_s, holder)) as session:
             yield session
 
     def arm(self, lease_s: float = 0.5, holder: str = "") -> Lease:
-        """Idle to armed; others are told `holder`, else this program. Better use `armed`, which renews the lease."""
+        """Idle to armed; others are told `holder`, else this program. Better use `armed`, which
+        renews the lease.
+        """
         return self._ask(verbs.ARM, lease_s=lease_s, holder=holder or _this_program())
 
     def renew(self, token: str) -> Lease:
@@ -104,11 +105,15 @@ class HapticClient:
         return self._ask(verbs.RENEW, token)
 
     def set(self, token: str, cof: float, *, nearest: bool = False) -> Status:
-        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will do."""
+        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will
+        do.
+        """
         return self._ask(verbs.SET, token, cof=cof, nearest=nearest)
 
     def play(self, token: str, texture: str, *, nearest: bool = False) -> Status:
-        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far out of reach."""
+        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far
+        out of reach.
+        """
         return self._ask(verbs.PLAY, token, name=_named_from_anywhere(texture), nearest=nearest)
 
     def off(self) -> Status:
@@ -123,8 +128,12 @@ class HapticClient:
         """Acknowledge a fault whose cause is gone."""
         return self._ask(verbs.RESET)
 
-    def use_model(self, model: str, carrier_hz: float | None = None, *, feedback: bool = True) -> Status:
-        """Render by another model, by its name or the path of its file, at one carrier; while the daemon is idle."""
+    def use_model(
+        self, model: str, carrier_hz: float | None = None, *, feedback: bool = True
+    ) -> Status:
+        """Render by another model, by its name or the path of its file, at one carrier; while the
+        daemon is idle.
+        """
         name = _named_from_anywhere(model)
         return self._ask(verbs.USE_MODEL, name=name, carrier_hz=carrier_hz, feedback=feedback)
 
@@ -133,11 +142,17 @@ class HapticClient:
         return self._ask(verbs.ADAPT, on=on)
 
     def record(self, path: Path | None, lease: str | None = None) -> Status:
-        """Record into a file, or stop with None; with the token of a lease until that is over, and no other's."""
-        return self._ask(verbs.RECORD, path=str(path.absolute()) if path is not None else None, lease=lease)
+        """Record into a file, or stop with None; with the token of a lease until that is over, and
+        no other's.
+        """
+        return self._ask(
+            verbs.RECORD, path=str(path.absolute()) if path is not None else None, lease=lease
+        )
 
     def mark(self, label: str, data: Mapping[str, object] | None = None) -> Marked:
-        """Write a marker, with anything that JSON can say, among the events and into the recording."""
+        """Write a marker, with anything that JSON can say, among the events and into the
+        recording.
+        """
         return self._ask(verbs.MARK, label=label, data=dict(data or {}))
 
     def ask_why(self, minutes: float = 1440.0) -> Why:
@@ -149,7 +164,6 @@ class HapticClient:
         return self._ask(verbs.WHY)
 
     def status(self) -> Status:
-        """The present state."""
         return self._ask(verbs.STATUS)
 
     def textures(self) -> list[str]:
@@ -165,7 +179,9 @@ class HapticClient:
         return self._ask(verbs.EVENTS, since=since).events
 
     def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
-        """Ticks after `since_tick`, the newest `most` of them, of dtype `haptic_driver.processes.samples.SAMPLE`."""
+        """Ticks after `since_tick`, the newest `most` of them, of dtype
+        `haptic_driver.processes.samples.SAMPLE`.
+        """
         from haptic_driver.daemon.web.frames import samples_of  # noqa: PLC0415
 
         return samples_of(self._ask(verbs.SAMPLES, since=since_tick, most=most).root)
@@ -179,7 +195,9 @@ class HapticClient:
         return self._stream(f"/events?since={since}", Event)
 
     def _ask(self, verb: Verb[Asked, Answer], token: str | None = None, **said: object) -> Answer:
-        """A connection of its own, so that switching off never waits for what another thread has asked."""
+        """A connection of its own, so that switching off never waits for what another thread has
+        asked.
+        """
         path, content = verb.path, None
         if verb.method == "GET":
             path += "?" * bool(said) + urlencode(said)
@@ -195,7 +213,9 @@ class HapticClient:
                 answer = response.read()
             except (OSError, HTTPException) as error:
                 raise NoDaemonError(
-                    "no_answer", f"the daemon at {self.address} does not answer ({error})", "look at its log"
+                    "no_answer",
+                    f"the daemon at {self.address} does not answer ({error})",
+                    "look at its log",
                 ) from error
         if response.status >= 400:
             raise _error_of(response.status, answer)
@@ -207,7 +227,9 @@ class HapticClient:
 
         try:
             where = f"ws://{self.address.authority}{path}"
-            with connect(where, sock=self._line(None), additional_headers=self._credentials) as messages:
+            with connect(
+                where, sock=self._line(None), additional_headers=self._credentials
+            ) as messages:
                 while True:
                     yield _understood(schema, messages.recv())
         except ConnectionClosed:
@@ -228,12 +250,17 @@ class HapticClient:
         return line
 
     def _no_daemon(self) -> NoDaemonError:
-        hint = "start one: haptic daemon run --rig simulated; or give HAPTIC_SOCKET the address of its page"
+        hint = (
+            "start one: haptic daemon run --rig simulated; or give HAPTIC_SOCKET the address of its"
+            " page"
+        )
         return NoDaemonError("no_daemon", f"no daemon answers at {self.address}", hint)
 
 
 class Session:
-    """A lease that a thread renews, and what only its holder may ask; disarms at the end of its block."""
+    """A lease that a thread renews, and what only its holder may ask; disarms at the end of its
+    block.
+    """
 
     def __init__(self, client: HapticClient, lease: Lease) -> None:
         self.token = lease.token
@@ -245,11 +272,15 @@ class Session:
         self._renewing = threading.Thread(target=self._renew, name="lease", daemon=True)
 
     def set(self, cof: float, *, nearest: bool = False) -> Status:
-        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will do."""
+        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will
+        do.
+        """
         return self._client.set(self.token, cof, nearest=nearest)
 
     def play(self, texture: str, *, nearest: bool = False) -> Status:
-        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far out of reach."""
+        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far
+        out of reach.
+        """
         return self._client.play(self.token, texture, nearest=nearest)
 
     def record(self, path: Path | None) -> Status:
@@ -261,15 +292,21 @@ class Session:
         return self._client.off()
 
     def wait_held(self) -> None:
-        """Until the lease has been renewed once, and so is held by a thread that runs, however slowly it came up.
+        """Until the lease has been renewed once, and so is held by a thread that runs, however
+        slowly it came up.
 
-        Raises LeaseLostError when it was lost before that, HapticError when the daemon does not answer.
+        Raises LeaseLostError when it was lost before that, HapticError when the daemon does not
+        answer.
         """
         answered = self._answered.wait(TIMEOUT_S)
         if self.lost is not None:
             raise self.lost
         if not answered:
-            raise NoDaemonError("no_answer", f"the daemon at {self._client.address} does not answer", "look at its log")
+            raise NoDaemonError(
+                "no_answer",
+                f"the daemon at {self._client.address} does not answer",
+                "look at its log",
+            )
 
     def wait_lost(self, timeout_s: float) -> bool:
         """Wait until the lease is lost, at most so long; whether it is."""
@@ -277,12 +314,14 @@ class Session:
         return self.lost is not None
 
     def __enter__(self) -> Self:
-        """Begin to renew."""
         self._renewing.start()
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """Disarm, unless the lease has become somebody else's."""
         self._ending.set()
@@ -298,7 +337,9 @@ class Session:
             self._renewing.join()
 
     def _renew(self) -> None:
-        """The daemon may be slow, and then the lease runs out by itself; only its refusal ends this."""
+        """The daemon may be slow, and then the lease runs out by itself; only its refusal ends
+        this.
+        """
         while not self._ending.is_set():
             try:
                 self._client.renew(self.token)
@@ -325,11 +366,15 @@ def _checked(schema: type[Schema], values: dict[str, object]) -> Schema:
     except ValidationError as error:
         first = error.errors()[0]
         name = ".".join(map(str, first["loc"]))
-        raise BadInputError("out_of_range", f"{name} {first['input']!r}: {first['msg']}", f"Change {name}") from error
+        raise BadInputError(
+            "out_of_range", f"{name} {first['input']!r}: {first['msg']}", f"Change {name}"
+        ) from error
 
 
 def _named_from_anywhere(name: str) -> str:
-    """The absolute path where a path is given, for the daemon runs in another folder; a name stays a name."""
+    """The absolute path where a path is given, for the daemon runs in another folder; a name stays
+    a name.
+    """
     path = Path(name)
     is_path = bool(path.suffix) or len(path.parts) > 1
     return str(path.absolute()) if is_path and os.path.isfile(path) else name
@@ -340,7 +385,9 @@ def _understood(schema: type[Schema], content: bytes | str) -> Schema:
         return schema.model_validate_json(content)
     except ValidationError as error:
         said = f"the answer is no {schema.__name__}"
-        raise HapticError("bad_answer", said, "is this the daemon, and of the same version?") from error
+        raise HapticError(
+            "bad_answer", said, "is this the daemon, and of the same version?"
+        ) from error
 
 
 def _shown_off(status: Status) -> Status:
@@ -355,5 +402,11 @@ def _error_of(status: int, content: bytes) -> HapticError:
         said = ErrorReport.model_validate_json(content).error
     except ValidationError:
         return HapticError("bad_answer", f"status {status} without a reason", "is this the daemon?")
-    kinds = {403: RefusedError, 409: RefusedError, 400: BadInputError, 413: BadInputError, 422: BadInputError}
+    kinds = {
+        403: RefusedError,
+        409: RefusedError,
+        400: BadInputError,
+        413: BadInputError,
+        422: BadInputError,
+    }
     return kinds.get(status, HapticError)(said.code, said.message, said.hint)

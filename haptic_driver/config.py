@@ -46,14 +46,17 @@ class Section(Checked):
 class Within:
     """As metadata of a float: its range, both ends included, and why nothing real lies outside.
 
-    A figure that is not real may switch off the check that it is for: a limit of 1e308 allows everything.
+    A figure that is not real may switch off the check that it is for: a limit of 1e308 allows
+    everything.
     """
 
     low: float
     high: float
     why: str
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
         """A number in the range; otherwise an error with the reason."""
         number = core_schema.float_schema(ge=self.low, le=self.high, allow_inf_nan=False)
         return core_schema.no_info_wrap_validator_function(self._judged, number)
@@ -69,7 +72,8 @@ class Within:
 
 
 class Kinds(Mapping[str, type[BaseModel]]):
-    """Sections by their `kind`, as metadata of a field that takes any of them; each is looked up when it is named.
+    """Sections by their `kind`, as metadata of a field that takes any of them; each is looked up
+    when it is named.
 
     They are compared by identity, since comparing contents would look up all of them.
     """
@@ -79,12 +83,12 @@ class Kinds(Mapping[str, type[BaseModel]]):
         return self is other
 
     def __hash__(self) -> int:
-        """By identity."""
         return id(self)
 
 
 def config_dirs() -> list[Path]:
-    """Folders searched for `rigs/`, `models/`, `textures/`: `HAPTIC_CONFIGS`, `./configs`, the program's own.
+    """Folders searched for `rigs/`, `models/`, `textures/`: `HAPTIC_CONFIGS`, `./configs`, the
+    program's own.
 
     The program's own lie inside the package where it was installed from a wheel, else beside it.
     """
@@ -101,7 +105,9 @@ def texture_dirs() -> list[Path]:
 
 
 def find_config(name_or_path: str, kind: str) -> Path:
-    """The file of that name in a folder `kind` (rigs, models, ...) of the config folders, or the path itself."""
+    """The file of that name in a folder `kind` (rigs, models, ...) of the config folders, or the
+    path itself.
+    """
     given, what = Path(name_or_path), kind[:-1]
     names = config_names(kind)
     if given.suffix == ".toml" or os.sep in name_or_path:
@@ -114,24 +120,34 @@ def find_config(name_or_path: str, kind: str) -> Path:
         path = folder / kind / f"{name_or_path}.toml"
         if os.path.isfile(path):  # False too for a name that no file system takes
             return path
-    own = f"The name of a {what} file of your own must end in .toml. " if os.path.isfile(given) else ""
+    own = (
+        f"The name of a {what} file of your own must end in .toml. "
+        if os.path.isfile(given)
+        else ""
+    )
     hint = own + nearest(name_or_path, names)
     raise BadInputError(f"unknown_{what}", f"there is no {what} named '{name_or_path}'", hint)
 
 
 def config_names(kind: str) -> list[str]:
-    """The names that `find_config` knows in folders `kind`, sorted; those that would not show as they are stay out."""
+    """The names that `find_config` knows in folders `kind`, sorted; those that would not show as
+    they are stay out.
+    """
     found = {path.stem for folder in config_dirs() for path in (folder / kind).glob("*.toml")}
     return sorted(filter(str.isprintable, found))
 
 
 def parse(schema: type[Parsed], content: dict[str, Any], where: str, code: str = "") -> Parsed:
-    """`content` as `schema`; BadInputError, with `code` if that is given, names the file and every key at fault."""
+    """`content` as `schema`; BadInputError, with `code` if that is given, names the file and every
+    key at fault.
+    """
     try:
         return schema.model_validate(content)
     except ValidationError as error:
         faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
-        file: Any = _annotated(schema.model_fields["root"]) if issubclass(schema, RootModel) else schema
+        file: Any = (
+            _annotated(schema.model_fields["root"]) if issubclass(schema, RootModel) else schema
+        )
         problems = list(dict.fromkeys(_problem(file, fault) for fault in faults))
         code = code or ("unknown_key" if faults[0]["type"] == "extra_forbidden" else "bad_config")
         raise BadInputError(code, f"{where}: {'; '.join(problems)}", _hint(file, faults)) from error
@@ -160,8 +176,14 @@ def _hint(file: Any, faults: list[Any]) -> str:
     kind, loc = faults[0]["type"], faults[0]["loc"]
     if kind == "extra_forbidden":
         known = _fields_at(file, loc[:-1])
-        words = [fault["loc"][-1] for fault in faults if fault["type"] == kind and fault["loc"][:-1] == loc[:-1]]
-        return "".join(did_you_mean(str(word), known) for word in words[:-1]) + nearest(str(words[-1]), known)
+        words = [
+            fault["loc"][-1]
+            for fault in faults
+            if fault["type"] == kind and fault["loc"][:-1] == loc[:-1]
+        ]
+        return "".join(did_you_mean(str(word), known) for word in words[:-1]) + nearest(
+            str(words[-1]), known
+        )
     if kind == "union_tag_invalid":
         return nearest(str(faults[0]["ctx"]["tag"]), list(_variants(_annotation(file, loc))))
     if kind in ("missing", "union_tag_not_found"):
@@ -169,19 +191,33 @@ def _hint(file: Any, faults: list[Any]) -> str:
     key = ".".join(_written(file, loc))
     if key:
         return f"Correct key '{key}'"
-    known = _fields_at(file, loc)  # what is wrong is no single key, but how several of them go together
-    return f"Change a key that it names; the keys are: {', '.join(known)}" if known else "Change what it names"
+    known = _fields_at(
+        file, loc
+    )  # what is wrong is no single key, but how several of them go together
+    return (
+        f"Change a key that it names; the keys are: {', '.join(known)}"
+        if known
+        else "Change what it names"
+    )
 
 
 def _written(file: Any, loc: Sequence[str | int]) -> list[str]:
-    """A place in the file as its writer sees it: without the names of variants that pydantic puts in between."""
-    return [str(key) for i, key in enumerate(loc) if key not in _variants(_annotation(file, loc[:i]))]
+    """A place in the file as its writer sees it: without the names of variants that pydantic puts
+    in between.
+    """
+    return [
+        str(key) for i, key in enumerate(loc) if key not in _variants(_annotation(file, loc[:i]))
+    ]
 
 
 def _fields_at(file: Any, loc: Sequence[str | int]) -> list[str]:
     """The keys that the section at `loc` knows."""
     section = _annotation(file, loc)
-    return list(section.model_fields) if isinstance(section, type) and issubclass(section, BaseModel) else []
+    return (
+        list(section.model_fields)
+        if isinstance(section, type) and issubclass(section, BaseModel)
+        else []
+    )
 
 
 def _annotation(schema: Any, loc: Sequence[str | int]) -> Any:
@@ -218,7 +254,11 @@ def _variants(annotation: Any) -> Mapping[str, Any]:
 def _members(annotation: Any) -> list[Any]:
     """A type, or those of a union, through `Annotated`."""
     inner = get_args(annotation)
-    is_union = bool(inner) and not isinstance(annotation, type) and get_origin(annotation) not in (list, dict, Literal)
+    is_union = (
+        bool(inner)
+        and not isinstance(annotation, type)
+        and get_origin(annotation) not in (list, dict, Literal)
+    )
     return [member for part in inner for member in _members(part)] if is_union else [annotation]
 
 

@@ -15,7 +15,10 @@ class HapticError(Exception):
     exit_status = 1
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
-        message, hint = shown(message), shown(hint, lines=True)  # they name what a user or a stranger has named
+        message, hint = (
+            shown(message),
+            shown(hint, lines=True),
+        )  # they name what a user or a stranger has named
         super().__init__(message)
         self.code = code
         self.message = message
@@ -43,25 +46,35 @@ def require_range(what: str, value: float, low: float, high: float, *, unit: str
 
 
 def optional(module: str, extra: str, what: str) -> Any:
-    """A module of a package that only `haptic-driver[extra]` brings; HapticError where it is not there for `what`."""
+    """A module of a package that only `haptic-driver[extra]` brings; HapticError where it is not
+    there for `what`.
+    """
     try:
         return importlib.import_module(module)
-    except (ImportError, RuntimeError) as error:  # pylsl raises RuntimeError where its library is missing
+    except (
+        ImportError,
+        RuntimeError,
+    ) as error:  # pylsl raises RuntimeError where its library is missing
         said = f"{what} needs a package that is not there ({error})"
-        raise HapticError("missing_package", said, f"Install it: pip install 'haptic-driver[{extra}]'") from error
+        raise HapticError(
+            "missing_package", said, f"Install it: pip install 'haptic-driver[{extra}]'"
+        ) from error
 
 
 def message_of(error: BaseException) -> str:
-    """What an error says, of whatever kind it is; one that is none of ours with the name of its kind."""
+    """What an error says, of whatever kind it is; one that is none of ours with the name of its
+    kind.
+    """
     said = getattr(error, "message", None)
     return shown(said if isinstance(said, str) else f"{type(error).__name__}: {error}")
 
 
 def shown(text: str, *, lines: bool = False) -> str:
-    """Text with every character that does not print as Python would write it, such as \\x1b; `lines` keeps its lines.
+    """Text with every character that does not print as Python would write it, such as \\x1b;
+    `lines` keeps its lines.
 
-    Escape sequences, newlines and marks that turn the direction of writing would otherwise say something else than
-    what stands there.
+    Escape sequences, newlines and marks that turn the direction of writing would otherwise say
+    something else than what stands there.
     """
     if text.isprintable():
         return text

@@ -1,4 +1,6 @@
-"""Files that a user gives or asks for: read as a whole, written as a whole, or an error that says why not."""
+"""Files that a user gives or asks for: read as a whole, written as a whole, or an error that says
+why not.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def read_text(path: Path, most_bytes: int = files.LARGEST_TEXT_BYTES) -> str:
 
 @contextmanager
 def bad_input(code: str = "") -> Iterator[None]:
-    """What a reader of `model` refuses becomes the driver's error, with the same words and its own code or `code`."""
+    """What a reader of `model` refuses becomes the driver's error, with the same words and its own
+    code or `code`.
+    """
     try:
         yield
     except ModelError as error:
@@ -46,10 +50,11 @@ def writing(path: Path) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Where to write what shall be at `path`: it takes its place at the end of the block, or nothing does.
+    """Where to write what shall be at `path`: it takes its place at the end of the block, or
+    nothing does.
 
-    The folder is made where there is none. A reader sees the old file or the new one, never half of one. HapticError
-    where it cannot be written.
+    The folder is made where there is none. A reader sees the old file or the new one, never half of
+    one. HapticError where it cannot be written.
     """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
@@ -85,9 +90,15 @@ def exists_already(path: Path) -> BadInputError:
 def not_written(path: Path, error: OSError) -> HapticError:
     """What to raise where `path` could not be written."""
     if isinstance(error, IsADirectoryError):
-        return HapticError("not_written", f"{path}: cannot be written: it is a folder", "Name a file in it as --out")
+        return HapticError(
+            "not_written",
+            f"{path}: cannot be written: it is a folder",
+            "Name a file in it as --out",
+        )
     if isinstance(error, FileExistsError | NotADirectoryError):
         said = f"{path}: cannot be written: a file stands where a folder is needed"
         return HapticError("not_written", said, "Choose another --out")
     reason = error.strerror or str(error)  # without the path again
-    return HapticError("not_written", f"{path}: cannot be written: {reason}", "Choose another --out")
+    return HapticError(
+        "not_written", f"{path}: cannot be written: {reason}", "Choose another --out"
+    )

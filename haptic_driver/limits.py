@@ -1,9 +1,11 @@
-"""What a rig allows at the electrode, over arrays: what surfaces are marked with and controllers keep inside.
+"""What a rig allows at the electrode, over arrays: what surfaces are marked with and controllers
+keep inside.
 
-The last gate (`render/safety.py`) judges every single point again, by code of its own. The touch current is the
-primary quantity: a point must stay under the limit curve both for the sliding finger and for the worst case (stuck or
-wet), which a series resistance or the amplifier's own current limit may bound. Limits of voltage hold for what is set
-and for what the model says that the electrode gets.
+The last gate (`render/safety.py`) judges every single point again, by code of its own. The touch
+current is the primary quantity: a point must stay under the limit curve both for the sliding finger
+and for the worst case (stuck or wet), which a series resistance or the amplifier's own current
+limit may bound. Limits of voltage hold for what is set and for what the model says that the
+electrode gets.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from numpy.typing import NDArray
 
 from haptic_driver.signals import Array
 
-# ICNIRP 2010, Health Phys. 99:818, contact current, general public: 0.5 mA to 2.5 kHz, 0.2 mA per kHz to 100 kHz.
+# ICNIRP 2010, Health Phys. 99:818, contact current, general public: 0.5 mA to 2.5 kHz, 0.2 mA per
+# kHz to 100 kHz.
 ICNIRP_PUBLIC_A_RMS = ((1.0, 0.5e-3), (2.5e3, 0.5e-3), (100e3, 20e-3), (10e6, 20e-3))
 
 ON_NODE = 1e-9  # of a cell: so near to a node is the node
@@ -28,10 +31,10 @@ TINY = 1e-300  # stands for 0 in logarithms
 class OperatingLimits:
     """Limits of one rig, at the electrode.
 
-    `contact_current_a_rms`: (frequency_hz, current) points, straight between them on logarithmic axes and held at the
-    ends. `slew_v_per_s` and `amplifier_current_a` (peak) are the amplifier's; the latter charges `panel_capacitance_f`.
-    `series_resistance_ohm` and `amplifier_current_a` bound the worst-case finger current; leave them at 0 and inf where
-    they have not been measured.
+    `contact_current_a_rms`: (frequency_hz, current) points, straight between them on logarithmic
+    axes and held at the ends. `slew_v_per_s` and `amplifier_current_a` (peak) are the amplifier's;
+    the latter charges `panel_capacitance_f`. `series_resistance_ohm` and `amplifier_current_a`
+    bound the worst-case finger current; leave them at 0 and inf where they have not been measured.
     """
 
     voltage_v: float
@@ -56,8 +59,9 @@ class OperatingLimits:
     ) -> dict[str, Array]:
         """Largest voltage to set at each frequency, by each limit; infinite where it has none.
 
-        Per volt that is set the finger gets `stuck_current_a_per_v` (A rms) at worst, and the electrode
-        `electrode_gain`. The worst case counts only as far as the hardware can deliver it.
+        Per volt that is set the finger gets `stuck_current_a_per_v` (A rms) at worst, and the
+        electrode `electrode_gain`. The worst case counts only as far as the hardware can deliver
+        it.
         """
         f, gain = np.asarray(frequency_hz, dtype=np.float64), np.maximum(electrode_gain, 1.0)
         limit = self.contact_current_limit_a_rms(f)
@@ -70,9 +74,13 @@ class OperatingLimits:
             return {
                 "voltage": np.full(f.shape, self.voltage_v) / gain,
                 "slew rate": np.divide(self.slew_v_per_s, 2.0 * pi * f) / gain,
-                "amplifier current": np.divide(self.amplifier_current_a, 2.0 * pi * f * self.panel_capacitance_f)
-                / gain,
-                "worst-case current": np.maximum(np.divide(limit, stuck_current_a_per_v), by_hardware),
+                "amplifier current": (
+                    np.divide(self.amplifier_current_a, 2.0 * pi * f * self.panel_capacitance_f)
+                    / gain
+                ),
+                "worst-case current": np.maximum(
+                    np.divide(limit, stuck_current_a_per_v), by_hardware
+                ),
             }
 
     def highest_voltage_v(
@@ -88,18 +96,27 @@ class OperatingLimits:
         return np.where(in_band, reduce(np.minimum, by_limit.values()), 0.0)
 
     def highest_within_v(self, worst: WorstCase) -> Array:
-        """Largest voltage [f] up to which every one is allowed; no more than the worst case tells of."""
+        """Largest voltage [f] up to which every one is allowed; no more than the worst case tells
+        of.
+        """
         by_limit = self.highest_within_by_limit_v(worst).values()
         f = worst.frequency_hz
         in_band = (f >= self.frequency_low_hz) & (f <= self.frequency_high_hz)
         allowed_v = np.minimum(reduce(np.minimum, by_limit), worst.voltage_v[-1])
-        return np.where(in_band & np.isfinite(allowed_v), allowed_v, 0.0)  # what nobody knows is not allowed
+        return np.where(
+            in_band & np.isfinite(allowed_v), allowed_v, 0.0
+        )  # what nobody knows is not allowed
 
     def highest_within_by_limit_v(self, worst: WorstCase) -> dict[str, Array]:
-        """Largest voltage [f] up to which each limit allows every one; infinite where it has none."""
+        """Largest voltage [f] up to which each limit allows every one; infinite where it has
+        none.
+        """
         rows = worst.frequency_hz[:, None], worst.stuck_current_a_per_v, worst.electrode_gain
         by_limit = self.highest_voltages_v(*rows)
-        return {name: _first_forbidden(allowed_v, worst.voltage_v) for name, allowed_v in by_limit.items()}
+        return {
+            name: _first_forbidden(allowed_v, worst.voltage_v)
+            for name, allowed_v in by_limit.items()
+        }
 
     def permits(
         self,
@@ -119,10 +136,12 @@ class OperatingLimits:
 
 @dataclass(frozen=True)
 class WorstCase:
-    """What finger and electrode get at most of each volt that is set, whatever the load and the time.
+    """What finger and electrode get at most of each volt that is set, whatever the load and the
+    time.
 
-    Nodes `frequency_hz` [f] and `voltage_v` [v], the first of which is 0. `stuck_current_a_per_v` (A rms) and
-    `electrode_gain` [f, v - 1] hold between a voltage and the next: the larger of both ends.
+    Nodes `frequency_hz` [f] and `voltage_v` [v], the first of which is 0. `stuck_current_a_per_v`
+    (A rms) and `electrode_gain` [f, v - 1] hold between a voltage and the next: the larger of both
+    ends.
     """
 
     frequency_hz: Array
@@ -132,7 +151,11 @@ class WorstCase:
 
     @classmethod
     def of(
-        cls, frequency_hz: Array, voltage_v: Array, stuck_current_a_per_v: Array, electrode_gain: Array
+        cls,
+        frequency_hz: Array,
+        voltage_v: Array,
+        stuck_current_a_per_v: Array,
+        electrode_gain: Array,
     ) -> WorstCase:
         """That of values [f, v] at the nodes."""
         ends = stuck_current_a_per_v, electrode_gain
@@ -141,18 +164,24 @@ class WorstCase:
     def at(self, frequency_hz: float) -> WorstCase:
         """At one frequency of its range, [1, v - 1].
 
-        Between two nodes values go straight on logarithmic axes, and over that by as much as they bend there: a kink
-        or a hump between the nodes lies below.
+        Between two nodes values go straight on logarithmic axes, and over that by as much as they
+        bend there: a kink or a hump between the nodes lies below.
         """
         nodes = np.log(self.frequency_hz)
         cells = nodes.size - 1
-        place = float(np.clip((np.log(frequency_hz) - nodes[0]) / (nodes[-1] - nodes[0]) * cells, 0.0, cells))
-        rows = [_between(values, place) for values in (self.stuck_current_a_per_v, self.electrode_gain)]
+        place = float(
+            np.clip((np.log(frequency_hz) - nodes[0]) / (nodes[-1] - nodes[0]) * cells, 0.0, cells)
+        )
+        rows = [
+            _between(values, place) for values in (self.stuck_current_a_per_v, self.electrode_gain)
+        ]
         return WorstCase(np.array([frequency_hz]), self.voltage_v, *rows)
 
 
 def _first_forbidden(allowed_v: Array, voltage_v: Array) -> Array:
-    """The voltage [f] up to which all is allowed; each cell of voltage by itself allows `allowed_v` [f, v - 1]."""
+    """The voltage [f] up to which all is allowed; each cell of voltage by itself allows `allowed_v`
+    [f, v - 1].
+    """
     below_v, above_v = voltage_v[:-1], voltage_v[1:]
     is_whole = np.broadcast_to(allowed_v, (allowed_v.shape[0], above_v.size)) >= above_v
     last = np.where(is_whole.all(axis=1), above_v.size - 1, np.argmin(is_whole, axis=1))

@@ -1,4 +1,5 @@
-"""What the stages hand to one another: finger -> target -> operating point -> safe point -> drive command.
+"""What the stages hand to one another: finger -> target -> operating point -> safe point -> drive
+command.
 
 All SI floats with the unit in the name; `voltage_v` is always the peak amplitude at the electrode.
 """
@@ -22,8 +23,9 @@ SETTLED_M = 0.0003  # of a stroke: before, the skin still stretches, and frictio
 class FingerSample(NamedTuple):
     """One raw reading of the finger: position on the screen and forces, at a time.
 
-    `lateral_force_n` is what friction is measured by, of either sign; NaN where it is unknown: no sensor, a reading
-    that is stale or saturated. `now_s` is when the tick is due; NaN: at the time of the reading.
+    `lateral_force_n` is what friction is measured by, of either sign; NaN where it is unknown: no
+    sensor, a reading that is stale or saturated. `now_s` is when the tick is due; NaN: at the time
+    of the reading.
     """
 
     time_s: float
@@ -35,7 +37,8 @@ class FingerSample(NamedTuple):
 
 
 class FingerState(NamedTuple):
-    """The finger as the stages see it: contact decided, velocity estimated, position at output time.
+    """The finger as the stages see it: contact decided, velocity estimated, position at output
+    time.
 
     `time_s` is when the tick is due, `contact_s` how long the touch has lasted by then.
     """
@@ -52,14 +55,17 @@ class FingerState(NamedTuple):
 
 
 class TargetFriction(NamedTuple):
-    """The coefficient of friction that the texture asks for here; `active` is False where it asks for nothing."""
+    """The coefficient of friction that the texture asks for here; `active` is False where it asks
+    for nothing.
+    """
 
     cof: float
     active: bool
 
 
 class OperatingPoint(NamedTuple):
-    """What the controller wants: a sine of `frequency_hz` and peak `voltage_v`, and what it expects of it.
+    """What the controller wants: a sine of `frequency_hz` and peak `voltage_v`, and what it expects
+    of it.
 
     `cof` is the friction expected; `reachable` is False when the target lay outside
     `cof_low`..`cof_high` and the nearest reachable friction was taken instead.
@@ -76,7 +82,9 @@ class OperatingPoint(NamedTuple):
 
 
 class SafeOperatingPoint(NamedTuple):
-    """An operating point that passed the last gate, or zero volts with the reason why it did not."""
+    """An operating point that passed the last gate, or zero volts with the reason why it did
+    not.
+    """
 
     frequency_hz: float
     voltage_v: float
@@ -86,8 +94,8 @@ class SafeOperatingPoint(NamedTuple):
 class DriveCommand(NamedTuple):
     """What the actuator shall put out; `output_on` False means zero volts, carrier off.
 
-    `full_scale_v` is the most that the limits allow at this frequency under any load: a carrier has that amplitude
-    where an envelope takes it down, and a finger gets it where the envelope fails.
+    `full_scale_v` is the most that the limits allow at this frequency under any load: a carrier has
+    that amplitude where an envelope takes it down, and a finger gets it where the envelope fails.
     """
 
     frequency_hz: float
@@ -96,11 +104,14 @@ class DriveCommand(NamedTuple):
     full_scale_v: float = 0.0
 
 
-COURSE_POINTS = 20  # per tick: with so many per millisecond a texture of 800 Hz keeps 99.5 % of its force (sinc^2)
+# per tick: with so many per millisecond a texture of 800 Hz keeps 99.5 % of its force (sinc^2)
+COURSE_POINTS = 20
 
 
 class Course(NamedTuple):
-    """Peak voltage squared at the electrode, V^2 [n], over the next `span_s`: evenly spaced, the last at its end."""
+    """Peak voltage squared at the electrode, V^2 [n], over the next `span_s`: evenly spaced, the
+    last at its end.
+    """
 
     powers_v2: NDArray[np.float64]
     span_s: float

@@ -1,7 +1,8 @@
-"""A log that keeps nobody waiting: a thread of its own writes it, and what it cannot take is dropped and counted.
+"""A log that keeps nobody waiting: a thread of its own writes it, and what it cannot take is
+dropped and counted.
 
-A terminal that somebody has stopped with Ctrl-S, or a pipe that nobody reads, stops whoever writes to it. Code on the
-way to zero volts must not be stopped.
+A terminal that somebody has stopped with Ctrl-S, or a pipe that nobody reads, stops whoever writes
+to it. Code on the way to zero volts must not be stopped.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ STDERR = 2
 class DroppingHandler(logging.Handler):
     """Writes records to a file descriptor in a thread that begins now and ends with the process.
 
-    `dropped` counts what was not written for want of room. Nothing else writes there: what a stream or another handler
-    holds back, it would wait for at the end of the process.
+    `dropped` counts what was not written for want of room. Nothing else writes there: what a stream
+    or another handler holds back, it would wait for at the end of the process.
     """
 
     def __init__(self, descriptor: int = STDERR, most: int = MOST_WAITING) -> None:
@@ -32,7 +33,9 @@ class DroppingHandler(logging.Handler):
         threading.Thread(target=self._write, name="log", daemon=True).start()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Leave it for the thread; whatever is in the way, nobody waits for it and nothing is raised."""
+        """Leave it for the thread; whatever is in the way, nobody waits for it and nothing is
+        raised.
+        """
         try:
             self._waiting.put_nowait(record)
         except Exception:  # full, or no memory
@@ -44,7 +47,9 @@ class DroppingHandler(logging.Handler):
     def flush(self) -> None:
         """Give the thread a moment to write what is waiting."""
         with self._waiting.all_tasks_done:
-            self._waiting.all_tasks_done.wait_for(lambda: not self._waiting.unfinished_tasks, FLUSH_S)
+            self._waiting.all_tasks_done.wait_for(
+                lambda: not self._waiting.unfinished_tasks, FLUSH_S
+            )
 
     def _write(self) -> None:
         while True:

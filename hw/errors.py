@@ -26,7 +26,9 @@ class DeviceTimeout(DeviceError):
 
 
 class DeviceDisconnected(DeviceError):
-    """The connection is closed, refused or lost; whether the last command was carried out is unknown."""
+    """The connection is closed, refused or lost; whether the last command was carried out is
+    unknown.
+    """
 
     code = "device_disconnected"
 

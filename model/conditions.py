@@ -28,11 +28,12 @@ UNDRIVEN_HZ = 250.0  # stands for the ignored frequency of rows without voltage
 class Conditions:
     """Conditions of n touches, all arrays [n].
 
-    `voltage_v` is the amplitude at the electrode; where it is 0 the frequency is ignored. `waveform` holds names of
-    `WAVEFORMS`; a square wave is treated at its fundamental, with the mean square of the whole wave. `voltage_offset_v`
-    is a steady bias added to it. `speed_m_s` and `time_s` matter to some effects only. `finger` holds names of
-    `FINGERS`: a resting one has no speed, and softer skin (`TouchParameters.rest_softening`); without a finger nothing
-    is left but the stray capacitance. Only sliding fingers have kinetic friction.
+    `voltage_v` is the amplitude at the electrode; where it is 0 the frequency is ignored.
+    `waveform` holds names of `WAVEFORMS`; a square wave is treated at its fundamental, with the
+    mean square of the whole wave. `voltage_offset_v` is a steady bias added to it. `speed_m_s` and
+    `time_s` matter to some effects only. `finger` holds names of `FINGERS`: a resting one has no
+    speed, and softer skin (`TouchParameters.rest_softening`); without a finger nothing is left but
+    the stray capacitance. Only sliding fingers have kinetic friction.
     """
 
     frequency_hz: Array
@@ -47,11 +48,17 @@ class Conditions:
     def __post_init__(self) -> None:
         """Refuse what has no physical meaning, naming the row."""
         wave = self._wave()
-        for name, words, known in (("waveform", wave, WAVEFORMS), ("finger", self._finger(), FINGERS)):
+        for name, words, known in (
+            ("waveform", wave, WAVEFORMS),
+            ("finger", self._finger(), FINGERS),
+        ):
             unknown = ~np.isin(words, known)
             if unknown.any():
                 i = int(np.argmax(unknown))
-                raise ModelError(f"row {i + 1}: {name} '{words[i]}' is unknown", nearest(str(words[i]), list(known)))
+                raise ModelError(
+                    f"row {i + 1}: {name} '{words[i]}' is unknown",
+                    nearest(str(words[i]), list(known)),
+                )
         driven = np.asarray(self.voltage_v) != 0.0
         for name, (low, high, unit) in RANGES.items():
             if (given := getattr(self, name)) is not None:
@@ -70,10 +77,16 @@ class Conditions:
         finger = self._finger()
         speed = SPEED_REFERENCE_M_S if self.speed_m_s is None else np.asarray(self.speed_m_s)
         direct = wave == "dc"
-        offset = np.zeros_like(voltage) if self.voltage_offset_v is None else np.asarray(self.voltage_offset_v)
+        offset = (
+            np.zeros_like(voltage)
+            if self.voltage_offset_v is None
+            else np.asarray(self.voltage_offset_v)
+        )
         voltage = np.where(direct, voltage + offset, voltage)  # two direct voltages are one
         return Drive(
-            frequency_hz=np.where(voltage == 0.0, UNDRIVEN_HZ, np.where(direct, 0.0, self.frequency_hz)),
+            frequency_hz=np.where(
+                voltage == 0.0, UNDRIVEN_HZ, np.where(direct, 0.0, self.frequency_hz)
+            ),
             voltage_v=voltage,
             voltage_offset_v=np.where(direct, 0.0, offset),
             mean_square_factor=np.where(wave == "sine", SINE_MEAN_SQUARE, 1.0),
@@ -86,13 +99,23 @@ class Conditions:
         )
 
     def _finger(self) -> NDArray[np.str_]:
-        return np.full(np.shape(self.voltage_v), "sliding") if self.finger is None else np.asarray(self.finger)
+        return (
+            np.full(np.shape(self.voltage_v), "sliding")
+            if self.finger is None
+            else np.asarray(self.finger)
+        )
 
     def _wave(self) -> NDArray[np.str_]:
-        return np.full(np.shape(self.voltage_v), "sine") if self.waveform is None else np.asarray(self.waveform)
+        return (
+            np.full(np.shape(self.voltage_v), "sine")
+            if self.waveform is None
+            else np.asarray(self.waveform)
+        )
 
 
-def sines(frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Values, time_s: float) -> Drive:
+def sines(
+    frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Values, time_s: float
+) -> Drive:
     """The drive of every combination; everything broadcasts."""
     return Drive(
         frequency_hz=np.where(voltage_v == 0.0, UNDRIVEN_HZ, frequency_hz),

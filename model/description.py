@@ -1,4 +1,6 @@
-"""A model as its file describes it: parameters with their sources, skin data, friction law, effects."""
+"""A model as its file describes it: parameters with their sources, skin data, friction law,
+effects.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,14 @@ from typing import Any
 
 from model.effects import BY_NAME, Effect
 from model.effects.learned import LEARNED, LearnedForm, learned_kind
-from model.electric.dielectrics import Dielectric, PowerLaw, described, named, of_description, read_csv
+from model.electric.dielectrics import (
+    Dielectric,
+    PowerLaw,
+    described,
+    named,
+    of_description,
+    read_csv,
+)
 from model.learned_file import KEYS, read_form
 from model.parameters import FRICTION_LAWS, SPECIFICATION, FrictionLaw, Parameter, TouchParameters
 from model.support.errors import ModelError, nearest
@@ -31,7 +40,9 @@ POWER_LAW = {
 
 @dataclass(frozen=True)
 class ModelDescription:
-    """A model as its file describes it; `variant` is one of `VARIANTS`, `learned_form` that of the effect `learned`."""
+    """A model as its file describes it; `variant` is one of `VARIANTS`, `learned_form` that of the
+    effect `learned`.
+    """
 
     name: str
     about: str
@@ -57,16 +68,24 @@ class ModelDescription:
         """The effects that are switched on, in the catalogue's order, a learned one last."""
         on = self.effect_parameters
         return tuple(
-            kind(**{name: p.value for name, p in on[key].items()}) for key, kind in self.kinds.items() if key in on
+            kind(**{name: p.value for name, p in on[key].items()})
+            for key, kind in self.kinds.items()
+            if key in on
         )
 
     @property
     def kinds(self) -> dict[str, type[Effect]]:
         """Every effect that may be on, by name."""
-        return BY_NAME if self.learned_form is None else BY_NAME | {LEARNED: learned_kind(self.learned_form)}
+        return (
+            BY_NAME
+            if self.learned_form is None
+            else BY_NAME | {LEARNED: learned_kind(self.learned_form)}
+        )
 
     def outside(self, drive: Drive) -> str:
-        """Which input lies outside the range of what was learned, in words; empty where none does."""
+        """Which input lies outside the range of what was learned, in words; empty where none
+        does.
+        """
         if self.learned_form is None:
             return ""
         for effect in self.effects:
@@ -83,7 +102,8 @@ class ModelDescription:
             "dielectric": described(self.dielectric),
             "parameters": {name: asdict(p) for name, p in self.parameters.items()},
             "effects": {
-                key: {name: asdict(p) for name, p in values.items()} for key, values in self.effect_parameters.items()
+                key: {name: asdict(p) for name, p in values.items()}
+                for key, values in self.effect_parameters.items()
             },
             **self._learned(),
         }
@@ -126,18 +146,36 @@ class ModelDescription:
 
 
 def read_model(path: Path) -> ModelDescription:
-    """Read a model file; ModelError says which key of which file is wrong, and the nearest valid choice."""
+    """Read a model file; ModelError says which key of which file is wrong, and the nearest valid
+    choice.
+    """
     content = read_toml(path)
-    keys = ["name", "about", "variant", "friction_law", "dielectric", "parameters", "effects", "origin"]
+    keys = [
+        "name",
+        "about",
+        "variant",
+        "friction_law",
+        "dielectric",
+        "parameters",
+        "effects",
+        "origin",
+    ]
     _check_keys(content, keys, str(path))
     variant = content.get("variant", "corrected")
     if variant not in VARIANTS:
-        raise ModelError(f"{path}: variant '{variant}' is unknown", nearest(str(variant), list(VARIANTS)))
+        raise ModelError(
+            f"{path}: variant '{variant}' is unknown", nearest(str(variant), list(VARIANTS))
+        )
     if variant != "corrected" and content.get("effects"):
-        raise ModelError(f"{path}: variant '{variant}' has no effects", "Remove [effects], or use variant 'corrected'")
+        raise ModelError(
+            f"{path}: variant '{variant}' has no effects",
+            "Remove [effects], or use variant 'corrected'",
+        )
     law = content.get("friction_law", "applied_load" if variant == "corrected" else "total_load")
     if law not in FRICTION_LAWS:
-        raise ModelError(f"{path}: friction_law '{law}' is unknown", nearest(str(law), list(FRICTION_LAWS)))
+        raise ModelError(
+            f"{path}: friction_law '{law}' is unknown", nearest(str(law), list(FRICTION_LAWS))
+        )
     effects = content.get("effects", {})
     learned = effects.get(LEARNED) if isinstance(effects, dict) else None
     form = read_form(learned, f"{path}, [effects.{LEARNED}]") if isinstance(learned, dict) else None
@@ -158,31 +196,49 @@ def _read_parameters(table: Any, path: Path) -> dict[str, Parameter]:
     if not isinstance(table, dict):
         raise ModelError(f"{where}: is not a table", "Compare with configs/models/reference.toml")
     _check_keys(table, list(SPECIFICATION), where)
-    missing = [name for name, spec in SPECIFICATION.items() if name not in table and spec.get("default") is None]
+    missing = [
+        name
+        for name, spec in SPECIFICATION.items()
+        if name not in table and spec.get("default") is None
+    ]
     if missing:
-        raise ModelError(f"{where}: {missing[0]} is missing", f"Give {SPECIFICATION[missing[0]]['about']}")
+        raise ModelError(
+            f"{where}: {missing[0]} is missing", f"Give {SPECIFICATION[missing[0]]['about']}"
+        )
     read = {
-        name: _read_number(name, table.get(name, spec["default"]), (spec["unit"], spec["low"], spec["high"]), where)
+        name: _read_number(
+            name, table.get(name, spec["default"]), (spec["unit"], spec["low"], spec["high"]), where
+        )
         for name, spec in SPECIFICATION.items()
     }
     low, high = read["roll_off_wavenumber_per_m"].value, read["cut_off_wavenumber_per_m"].value
     if high < 2.0 * low:
         raise ModelError(
-            f"{where}: cut_off_wavenumber_per_m {high:g} is not above roll_off_wavenumber_per_m {low:g}",
+            f"{where}: cut_off_wavenumber_per_m {high:g} is not above roll_off_wavenumber_per_m"
+            f" {low:g}",
             "The cut-off must be at least twice the roll-off",
         )
     return read
 
 
-def _read_effects(table: Any, form: LearnedForm | None, path: Path) -> dict[str, dict[str, Parameter]]:
+def _read_effects(
+    table: Any, form: LearnedForm | None, path: Path
+) -> dict[str, dict[str, Parameter]]:
     where = f"{path}, [effects]"
     if not isinstance(table, dict):
-        raise ModelError(f"{where}: is not a table", "For example: [effects.series_resistance] resistance_ohm = 1e4")
+        raise ModelError(
+            f"{where}: is not a table",
+            "For example: [effects.series_resistance] resistance_ohm = 1e4",
+        )
     _check_keys(table, [*BY_NAME, LEARNED], where)
     kinds = BY_NAME if form is None else BY_NAME | {LEARNED: learned_kind(form)}
     read: dict[str, dict[str, Parameter]] = {}
     for key, values in table.items():
-        known = {p.name: (p.unit, p.low, p.high) for p in kinds[key].parameters()} if key in kinds else {}
+        known = (
+            {p.name: (p.unit, p.low, p.high) for p in kinds[key].parameters()}
+            if key in kinds
+            else {}
+        )
         if not isinstance(values, dict):
             raise ModelError(f"{where}: {key} is not a table", f"Give {', '.join(known or KEYS)}")
         given = {k: v for k, v in values.items() if key != LEARNED or k not in KEYS}
@@ -192,7 +248,9 @@ def _read_effects(table: Any, form: LearnedForm | None, path: Path) -> dict[str,
     return read
 
 
-def _read_numbers(table: dict[str, Any], known: Mapping[str, Known], where: str) -> dict[str, Parameter]:
+def _read_numbers(
+    table: dict[str, Any], known: Mapping[str, Known], where: str
+) -> dict[str, Parameter]:
     """All of the `known`, none of which may be missing."""
     missing = [name for name in known if name not in table]
     if missing:
@@ -206,12 +264,17 @@ def _read_number(name: str, entry: Any, spec: Known, where: str) -> Parameter:
     _check_keys(entry, ["value", "std", "source"], f"{where} {name}")
     value = _number(entry.get("value"), f"{where} {name}")
     if not low <= value <= high:
-        raise ModelError(f"{where}: {name} = {value:g} is out of range", f"It must lie in {low:g}..{high:g} {unit}")
+        raise ModelError(
+            f"{where}: {name} = {value:g} is out of range",
+            f"It must lie in {low:g}..{high:g} {unit}",
+        )
     std = entry.get("std")
     if std is not None:
         std = _number(std, f"{where} {name}.std")
         if std < 0.0:
-            raise ModelError(f"{where}: {name}.std = {std:g} is negative", "A standard deviation is 0 or more")
+            raise ModelError(
+                f"{where}: {name}.std = {std:g} is negative", "A standard deviation is 0 or more"
+            )
     return Parameter(value, unit, str(entry.get("source", "")), std)
 
 
@@ -222,12 +285,16 @@ def _read_dielectric(table: Any, path: Path) -> Dielectric:
     kind = str(table["set"])
     if kind == "power_law":
         _check_keys(table, ["set", *POWER_LAW], where)
-        values: dict[str, Any] = {name: p.value for name, p in _read_numbers(table, POWER_LAW, where).items()}
+        values: dict[str, Any] = {
+            name: p.value for name, p in _read_numbers(table, POWER_LAW, where).items()
+        }
         return PowerLaw(**values)
     if kind == "csv":
         _check_keys(table, ["set", "file"], where)
         if not isinstance(table.get("file"), str):
-            raise ModelError(f"{where}: set = 'csv' has no key 'file'", 'For example: file = "skin.csv"')
+            raise ModelError(
+                f"{where}: set = 'csv' has no key 'file'", 'For example: file = "skin.csv"'
+            )
         return read_csv(path.parent / table["file"])
     _check_keys(table, ["set"], where)
     return named(kind)
@@ -241,7 +308,10 @@ def _check_keys(table: dict[str, Any], known: list[str], where: str) -> None:
 
 def _numbers_of(dielectric: Dielectric) -> str:
     """What the data set says, whatever it is called and wherever it comes from."""
-    return f"{type(dielectric).__name__} {[v for k, v in vars(dielectric).items() if k not in ('name', 'source')]}"
+    return (
+        f"{type(dielectric).__name__}"
+        f" {[v for k, v in vars(dielectric).items() if k not in ('name', 'source')]}"
+    )
 
 
 def _number(value: Any, where: str) -> float:

@@ -1,7 +1,8 @@
 """From electrostatic force to the coefficient of friction that a sensor reads, and back.
 
-`applied_load`: the sensor under the screen reads the applied normal force, mu = mu_off (1 + F_e/F_n).
-`total_load`: (31) of AliAbbasi et al. 2022 as printed, mu = mu_off/(1 - F_e/F_n), diverging as F_e nears F_n.
+`applied_load`: the sensor under the screen reads the applied normal force, mu = mu_off (1 +
+F_e/F_n). `total_load`: (31) of AliAbbasi et al. 2022 as printed, mu = mu_off/(1 - F_e/F_n),
+diverging as F_e nears F_n.
 """
 
 from __future__ import annotations
@@ -16,7 +17,11 @@ LOAD_REFERENCE_N = 0.5  # the load at which a load exponent leaves friction as i
 
 
 def cof(
-    law: FrictionLaw, cof_off: Values, attraction_n: Values, normal_force_n: Values, laws: Friction | None = None
+    law: FrictionLaw,
+    cof_off: Values,
+    attraction_n: Values,
+    normal_force_n: Values,
+    laws: Friction | None = None,
 ) -> Array:
     """Coefficient of friction under attraction; NaN where `total_load` has diverged (F_e >= F_n).
 
@@ -33,7 +38,9 @@ def cof(
     return np.asarray(cof_off * laws.cof_off_factor * rise * bend)
 
 
-def electrostatic_force_n(law: FrictionLaw, cof_off: float, cof_on: Array, normal_force_n: Array) -> Array:
+def electrostatic_force_n(
+    law: FrictionLaw, cof_off: float, cof_on: Array, normal_force_n: Array
+) -> Array:
     """The force that gives the friction `cof_on` by Coulomb's law: the inverse of `cof`."""
     ratio = cof_on / cof_off - 1.0 if law == "applied_load" else 1.0 - cof_off / cof_on
     return np.asarray(ratio * normal_force_n)

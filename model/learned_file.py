@@ -1,4 +1,6 @@
-"""A learned term's form in a model file: `[effects.learned]` has it beside the term's parameters."""
+"""A learned term's form in a model file: `[effects.learned]` has it beside the term's
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +24,15 @@ def form_lines(form: LearnedForm) -> list[str]:
     for term in form.terms:
         nodes = {name: list(values) for name, values in zip(term.inputs, term.nodes, strict=True)}
         terms.append(
-            "  { " + ", ".join(f"{k} = {v!r}" for k, v in {AMPLITUDE: term.amplitude, **nodes}.items()) + " },"
+            "  { "
+            + ", ".join(f"{k} = {v!r}" for k, v in {AMPLITUDE: term.amplitude, **nodes}.items())
+            + " },"
         )
     return [
-        f'acts_on = "{form.acts_on}"  # {QUANTITIES[form.acts_on].words}; at this place of the chain: {form.place}',
+        (
+            f'acts_on = "{form.acts_on}"  # {QUANTITIES[form.acts_on].words}; at this place of the'
+            f" chain: {form.place}"
+        ),
         f'shape = "{form.shape}"',
         f"lowest_voltage_v = {form.lowest_voltage_v!r}",
         f"with_phase = {str(form.with_phase).lower()}",
@@ -39,14 +46,22 @@ def read_form(table: Mapping[str, Any], where: str) -> LearnedForm:
     """The form in a table of a model file; ModelError says what is wrong with it, and where."""
     missing = [key for key in KEYS if key not in table]
     if missing:
-        raise ModelError(f"{where}: {missing[0]} is missing", "Take the table from the model.toml of a diagnosis")
+        raise ModelError(
+            f"{where}: {missing[0]} is missing", "Take the table from the model.toml of a diagnosis"
+        )
     acts_on, shape, with_phase = str(table["acts_on"]), table["shape"], table["with_phase"]
     if acts_on not in QUANTITIES:
-        raise ModelError(f"{where}: acts_on '{acts_on}' is unknown", nearest(acts_on, list(QUANTITIES)))
+        raise ModelError(
+            f"{where}: acts_on '{acts_on}' is unknown", nearest(acts_on, list(QUANTITIES))
+        )
     if shape not in get_args(Shape):
-        raise ModelError(f"{where}: shape '{shape}' is unknown", nearest(str(shape), list(get_args(Shape))))
+        raise ModelError(
+            f"{where}: shape '{shape}' is unknown", nearest(str(shape), list(get_args(Shape)))
+        )
     if not isinstance(with_phase, bool) or (with_phase and not QUANTITIES[acts_on].has_phase):
-        raise ModelError(f"{where}: with_phase must be false: {acts_on} has no phase", "Set with_phase = false")
+        raise ModelError(
+            f"{where}: with_phase must be false: {acts_on} has no phase", "Set with_phase = false"
+        )
     if not isinstance(table["terms"], list) or not table["terms"]:
         raise ModelError(f"{where}: terms is no list of tables", EXAMPLE)
     terms = tuple(_read_term(entry, acts_on, shape, where) for entry in table["terms"])
@@ -56,16 +71,24 @@ def read_form(table: Mapping[str, Any], where: str) -> LearnedForm:
 
 def _read_term(entry: Any, acts_on: str, shape: Shape, where: str) -> Term:
     known = QUANTITIES[acts_on].inputs
-    if not isinstance(entry, dict) or not 1 <= len(entry.keys() - {AMPLITUDE}) <= (2 if shape == "spline" else 1):
+    if not isinstance(entry, dict) or not 1 <= len(entry.keys() - {AMPLITUDE}) <= (
+        2 if shape == "spline" else 1
+    ):
         raise ModelError(f"{where}: a term has one input, or two in a spline", EXAMPLE)
     nodes: dict[str, tuple[float, ...]] = {}
     for name, values in entry.items():
         if name == AMPLITUDE:
             continue
         if name not in known:
-            raise ModelError(f"{where}: {acts_on} has no input '{name}'", nearest(name, list(known)))
+            raise ModelError(
+                f"{where}: {acts_on} has no input '{name}'", nearest(name, list(known))
+            )
         numbers = values if isinstance(values, list) else []
-        rising = len(numbers) > 1 and all(_is_number(x) for x in numbers) and sorted(set(numbers)) == numbers
+        rising = (
+            len(numbers) > 1
+            and all(_is_number(x) for x in numbers)
+            and sorted(set(numbers)) == numbers
+        )
         if not rising or (name in LOG_INPUTS and numbers[0] <= 0.0):
             raise ModelError(f"{where}: {name} is no list of rising numbers, two or more", EXAMPLE)
         nodes[name] = tuple(float(x) for x in numbers)
@@ -79,5 +102,7 @@ def _is_number(value: Any) -> bool:
 
 def _positive(name: str, value: Any, most: float, where: str) -> float:
     if not _is_number(value) or not 0.0 < value <= most:
-        raise ModelError(f"{where}: {name} = {value!r} is not a positive number up to {most:g}", EXAMPLE)
+        raise ModelError(
+            f"{where}: {name} = {value!r} is not a positive number up to {most:g}", EXAMPLE
+        )
     return float(value)

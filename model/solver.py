@@ -1,7 +1,8 @@
 """Electrostatic pressure and the closed loop that it forms with the contact: the one solver.
 
-p_e = (eps0/2) sum over drive branches of <V^2> K(p, z)/|a|^2, with p = p0 + p_e + p_added: pressure closes the gaps,
-which raises the pressure. `equilibrium` finds the lowest pressure at which one touch rests.
+p_e = (eps0/2) sum over drive branches of <V^2> K(p, z)/|a|^2, with p = p0 + p_e + p_added: pressure
+closes the gaps, which raises the pressure. `equilibrium` finds the lowest pressure at which one
+touch rests.
 """
 
 from __future__ import annotations
@@ -19,13 +20,18 @@ from model.support.arrays import Array, Mask
 from model.support.compiled import in_slices, kernel
 
 TOLERANCE = 1e-10  # of the total pressure
-CLOSE = 1e-6  # of the attraction: what such a step of the secant method leaves is of the order of 1e-10
-# Of the pressure per step, less than from row to row of the table: a turn that lies within one is below 1e-3 of V^2.
+CLOSE = (
+    1e-6  # of the attraction: what such a step of the secant method leaves is of the order of 1e-10
+)
+# Of the pressure per step, less than from row to row of the table: a turn that lies within one is
+# below 1e-3 of V^2.
 MOST_GROWTH = 1.15
-# A step much longer than what attraction exceeds the pressure by may pass a shallow turn of V(p_e); none is shorter
-# than this share of the pressure, or a turn would never be passed.
+# A step much longer than what attraction exceeds the pressure by may pass a shallow turn of V(p_e);
+# none is shorter than this share of the pressure, or a turn would never be passed.
 STEEPEST, FINEST = 20.0, 1e-5
-MOST_STEPS = round((LOG_P_AXIS[1] - LOG_P_AXIS[0]) / FINEST)  # pass the whole table; about five are taken
+MOST_STEPS = round(
+    (LOG_P_AXIS[1] - LOG_P_AXIS[0]) / FINEST
+)  # pass the whole table; about five are taken
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 SUMMIT_STEPS = 30  # leave 1e-7 of the pressure, where the summit is flat to 1e-13
 
@@ -33,9 +39,13 @@ SUMMIT_STEPS = 30  # leave 1e-7 of the pressure, where the summit is flat to 1e-
 def solve(table: GapTable, circuit: GapCircuit) -> tuple[Array, Mask]:
     """Electrostatic pressure in Pa of each touch [n], and where the contact has pulled in.
 
-    The pressure is NaN there, and where an equilibrium would lie outside the pressures of the table.
+    The pressure is NaN there, and where an equilibrium would lie outside the pressures of the
+    table.
     """
-    pressure, pulled_in = np.empty_like(circuit.load_pa), np.empty(circuit.load_pa.shape, dtype=np.bool_)
+    pressure, pulled_in = (
+        np.empty_like(circuit.load_pa),
+        np.empty(circuit.load_pa.shape, dtype=np.bool_),
+    )
 
     def work(which: slice) -> None:
         _solve(table.arrays, circuit.rows(which), pressure[which], pulled_in[which])
@@ -52,11 +62,13 @@ def _solve(table: TableArrays, circuit: GapCircuit, pressure: Array, pulled_in: 
 
 @kernel
 def equilibrium(table: TableArrays, circuit: GapCircuit, i: int) -> tuple[float, bool]:
-    """The electrostatic pressure of touch `i`, NaN without one, and whether the contact has pulled in.
+    """The electrostatic pressure of touch `i`, NaN without one, and whether the contact has pulled
+    in.
 
-    The pressure p needs the share (p - base)/attraction of the drive, and rests where that is 1. The share rises from 0
-    at the unattracted contact, less and less, so that the secant method comes up to the lowest equilibrium from below.
-    Where it turns back before it has reached 1 the contact pulls in: that is the fold of V(p_e).
+    The pressure p needs the share (p - base)/attraction of the drive, and rests where that is 1.
+    The share rises from 0 at the unattracted contact, less and less, so that the secant method
+    comes up to the lowest equilibrium from below. Where it turns back before it has reached 1 the
+    contact pulls in: that is the fold of V(p_e).
     """
     base, scale = circuit.load_pa[i] + circuit.added_pa[i], circuit.pressure_scale_pa[i]
     p_min, p_max = scale * math.exp(LOG_P_AXIS[0]), scale * math.exp(LOG_P_AXIS[1])
@@ -97,7 +109,8 @@ def share_of_drive(table: TableArrays, circuit: GapCircuit, i: int, p: float) ->
 
 @kernel
 def _between(table: TableArrays, circuit: GapCircuit, i: int, low: float, high: float) -> float:
-    """The electrostatic pressure between a total pressure that attraction exceeds and one that it does not.
+    """The electrostatic pressure between a total pressure that attraction exceeds and one that it
+    does not.
 
     By the Illinois method: secants, with the excess of an end that stays halved.
     """
@@ -123,9 +136,14 @@ def _between(table: TableArrays, circuit: GapCircuit, i: int, low: float, high: 
 
 @kernel
 def _summit(table: TableArrays, circuit: GapCircuit, i: int, low: float, high: float) -> float:
-    """The total pressure between two at which the largest share of the drive is needed, by golden section."""
+    """The total pressure between two at which the largest share of the drive is needed, by golden
+    section.
+    """
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    of_left, of_right = share_of_drive(table, circuit, i, left), share_of_drive(table, circuit, i, right)
+    of_left, of_right = (
+        share_of_drive(table, circuit, i, left),
+        share_of_drive(table, circuit, i, right),
+    )
     for _ in range(SUMMIT_STEPS):
         if of_left >= 1.0 or of_right >= 1.0:
             break
@@ -149,9 +167,13 @@ def attraction(table: TableArrays, circuit: GapCircuit, i: int, p: float) -> flo
         if square != 0.0:
             _, per_a, z = divider(circuit, i, c, p)
             z_hat = z / h_rms
-            field_square = square * squared(per_a) / h_rms**2  # over |u + z|^2 in h_rms: the mean square field at u
+            field_square = (
+                square * squared(per_a) / h_rms**2
+            )  # over |u + z|^2 in h_rms: the mean square field at u
             pressure = 0.5 * EPS0 * field_square * k_hat(table, p_hat, z_hat)
-            closest_square = circuit.crest_square[i, c] * field_square / circuit.field_limit_v_per_m[i] ** 2
+            closest_square = (
+                circuit.crest_square[i, c] * field_square / circuit.field_limit_v_per_m[i] ** 2
+            )
             if closest_square > squared(z_hat):
                 pressure *= kept_share(table, p_hat, z_hat, closest_square)
             total += pressure

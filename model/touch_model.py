@@ -1,4 +1,5 @@
-"""The whole touch, in the order of the paper: drive, layers, contact, closed loop; force, friction, current.
+"""The whole touch, in the order of the paper: drive, layers, contact, closed loop; force, friction,
+current.
 
 No physics of its own: it puts the stages in order, and every effect in its place.
 """
@@ -25,18 +26,22 @@ from model.parameters import FrictionLaw, TouchParameters
 from model.support.arrays import Array, ComplexArray, Mask, Values
 from model.touch import SPEED_REFERENCE_M_S, Attraction, Branch, Contact, Drive, Friction
 
-THEORY_PRESSURE_RATIO = 10.0  # the contact theory asks for pressures not too high: p_e up to this many times p0
+THEORY_PRESSURE_RATIO = (
+    10.0  # the contact theory asks for pressures not too high: p_e up to this many times p0
+)
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Answers for touches of any shape; NaN where the contact pulls in or the published equations fail.
+    """Answers for touches of any shape; NaN where the contact pulls in or the published equations
+    fail.
 
-    `pulled_in` marks what lies past the fold of V(p_e); `within_theory` is False where p_e exceeds 10 p0 or the
-    tabulated pressures, and where there is no equilibrium. `electrode_current_a` and `electrode_voltage_v` are complex
-    peak phasors of the fundamental, their phase that against the set voltage, the stray current included; the two rms
-    currents are the touch's alone, which safety limits are about. `cof` is NaN where no finger slides. `notes` say in
-    words what the equations of a published variant could not answer.
+    `pulled_in` marks what lies past the fold of V(p_e); `within_theory` is False where p_e exceeds
+    10 p0 or the tabulated pressures, and where there is no equilibrium. `electrode_current_a` and
+    `electrode_voltage_v` are complex peak phasors of the fundamental, their phase that against the
+    set voltage, the stray current included; the two rms currents are the touch's alone, which
+    safety limits are about. `cof` is NaN where no finger slides. `notes` say in words what the
+    equations of a published variant could not answer.
     """
 
     electrostatic_force_n: Array
@@ -54,8 +59,9 @@ class Prediction:
 class PreparedTouch:
     """Touches [n] ready for the closed loop, and what the stages after it need.
 
-    `omega` and the amplifier's `rms_v` of each branch [n, c]; `electrode_v` the phasor of the voltage's fundamental,
-    `touch_area_m2` 0 without a finger, `stray_f` beside it, all [n]; `shape` is that of the conditions.
+    `omega` and the amplifier's `rms_v` of each branch [n, c]; `electrode_v` the phasor of the
+    voltage's fundamental, `touch_area_m2` 0 without a finger, `stray_f` beside it, all [n]; `shape`
+    is that of the conditions.
     """
 
     circuit: GapCircuit
@@ -73,15 +79,18 @@ def prepare(
 ) -> PreparedTouch:
     """The stages before the closed loop: drive, layers and contact, every effect in its place.
 
-    Parameters and effect values may be arrays that broadcast against the conditions, so that a fit runs many parameter
-    sets in one call.
+    Parameters and effect values may be arrays that broadcast against the conditions, so that a fit
+    runs many parameter sets in one call.
     """
     set_frequency_hz = drive.frequency_hz
     for effect in effects:
         drive = effect.drive(drive)
     branches = _branches(parameters, dielectric, set_frequency_hz, drive)
     softening = 1.0 + drive.resting * (parameters.rest_softening - 1.0)
-    contact, laws = Contact(gap_shift_m=parameters.gap_offset_m, modulus_factor=softening), Friction()
+    contact, laws = (
+        Contact(gap_shift_m=parameters.gap_offset_m, modulus_factor=softening),
+        Friction(),
+    )
     for effect in effects:
         branches = [effect.stack(b, parameters, drive) for b in branches]
         contact = effect.contact(contact, parameters, drive)
@@ -89,7 +98,9 @@ def prepare(
     return _broadcast(parameters, branches, contact, laws, drive)
 
 
-def _branches(parameters: TouchParameters, dielectric: Dielectric, frequency_hz: Array, drive: Drive) -> list[Branch]:
+def _branches(
+    parameters: TouchParameters, dielectric: Dielectric, frequency_hz: Array, drive: Drive
+) -> list[Branch]:
     """The alternating part of the drive and, where there is any, its bias."""
     alternating = replace(
         branch(parameters, dielectric, frequency_hz),
@@ -108,7 +119,11 @@ def _branches(parameters: TouchParameters, dielectric: Dielectric, frequency_hz:
 
 
 def _broadcast(
-    parameters: TouchParameters, branches: Sequence[Branch], contact: Contact, laws: Friction, drive: Drive
+    parameters: TouchParameters,
+    branches: Sequence[Branch],
+    contact: Contact,
+    laws: Friction,
+    drive: Drive,
 ) -> PreparedTouch:
     """Everything that the closed loop and the current need, one row per touch."""
     by_branch = [
@@ -135,10 +150,16 @@ def _broadcast(
     electrode = {
         "electrode_v": drive.fundamental_v,
         "touch_area_m2": drive.touching * parameters.contact_area_m2,
-        "stray_f": parameters.stray_capacitance_f
-        * (parameters.open_circuit + drive.touching * (1.0 - parameters.open_circuit)),
+        "stray_f": (
+            parameters.stray_capacitance_f
+            * (parameters.open_circuit + drive.touching * (1.0 - parameters.open_circuit))
+        ),
     }
-    every = [value for fields in (vars(drive), shared, electrode, *by_branch) for value in fields.values()]
+    every = [
+        value
+        for fields in (vars(drive), shared, electrode, *by_branch)
+        for value in fields.values()
+    ]
     shape = np.broadcast_shapes(*(np.shape(value) for value in every))
 
     def rows(*values: Values) -> Any:
@@ -160,16 +181,28 @@ def _broadcast(
     )
 
 
-def cof(law: FrictionLaw, parameters: TouchParameters, touch: PreparedTouch, p_e_pa: Array, load_n: Values) -> Array:
-    """Friction under the electrostatic pressure [n] and what else attracts, in the shape of the conditions."""
-    attraction_n = (p_e_pa + touch.circuit.added_pa).reshape(touch.shape) * parameters.contact_area_m2
+def cof(
+    law: FrictionLaw,
+    parameters: TouchParameters,
+    touch: PreparedTouch,
+    p_e_pa: Array,
+    load_n: Values,
+) -> Array:
+    """Friction under the electrostatic pressure [n] and what else attracts, in the shape of the
+    conditions.
+    """
+    attraction_n = (p_e_pa + touch.circuit.added_pa).reshape(
+        touch.shape
+    ) * parameters.contact_area_m2
     return friction.cof(law, parameters.cof_off, attraction_n, load_n, touch.friction)
 
 
 def electrode_current_a(
     table: GapTable, touch: PreparedTouch, gaps_per_m: ComplexArray, total_pa: Array
 ) -> ComplexArray:
-    """Peak phasor in A in the shape of the conditions, of the gaps' admittance [n, c] under the pressure [n] in all."""
+    """Peak phasor in A in the shape of the conditions, of the gaps' admittance [n, c] under the
+    pressure [n] in all.
+    """
     admittance = gaps_per_m[:, 0] + current.contact_admittance_per_m(table, touch.circuit, total_pa)
     admittance = np.where(touch.touch_area_m2 > 0.0, admittance, 0.0)  # NaN of a touch that is none
     electrode = touch.omega[:, 0], touch.electrode_v, touch.touch_area_m2, touch.stray_f
@@ -192,7 +225,9 @@ class TouchModel:
         return self.answer(conditions.drive())
 
     def cof(self, conditions: Conditions) -> Array:
-        """Friction alone of arbitrary conditions [n], as `predict` has it; in three quarters of the time for one."""
+        """Friction alone of arbitrary conditions [n], as `predict` has it; in three quarters of the
+        time for one.
+        """
         drive = conditions.drive()
         touch = self._prepare(drive)
         return self._cof(drive, touch, self._attraction(drive, touch))
@@ -205,32 +240,48 @@ class TouchModel:
         speed_m_s: float = SPEED_REFERENCE_M_S,
         time_s: float = 0.0,
     ) -> Prediction:
-        """Every combination of frequency [f], voltage amplitude [v] and normal force [n] for a sine, [f, v, n]."""
+        """Every combination of frequency [f], voltage amplitude [v] and normal force [n] for a
+        sine, [f, v, n].
+        """
         f, v = frequency_hz[:, None, None], voltage_v[:, None]
         return self.answer(sines(f, v, normal_force_n, speed_m_s, time_s))
 
-    def cof_at_speeds(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array) -> Array:
+    def cof_at_speeds(
+        self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array
+    ) -> Array:
         """Friction [f, s, v, n] of a `surface` at each speed [s] and time 0."""
-        f, v, speed = frequency_hz[:, None, None, None], voltage_v[:, None], speed_m_s[:, None, None]
+        f, v, speed = (
+            frequency_hz[:, None, None, None],
+            voltage_v[:, None],
+            speed_m_s[:, None, None],
+        )
         drive = sines(f, v, normal_force_n, speed, 0.0)
         touch = self._prepare(drive)
         return self._cof(drive, touch, self._attraction(drive, touch))
 
-    def pulled_in_at(self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: float) -> Mask:
+    def pulled_in_at(
+        self, frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: float
+    ) -> Mask:
         """Whether the contact pulls in, at each point of a `surface` of this speed [f, v, n]."""
-        drive = sines(frequency_hz[:, None, None], voltage_v[:, None], normal_force_n, speed_m_s, 0.0)
+        drive = sines(
+            frequency_hz[:, None, None], voltage_v[:, None], normal_force_n, speed_m_s, 0.0
+        )
         touch = self._prepare(drive)
         return self._attraction(drive, touch).pulled_in.reshape(touch.shape)
 
     def answer(self, drive: Drive) -> Prediction:
-        """Force, friction and current, in the shape to which the drive and the effects broadcast."""
+        """Force, friction and current, in the shape to which the drive and the effects
+        broadcast.
+        """
         p, touch = self.description.values, self._prepare(drive)
         circuit = touch.circuit
         attraction = self._attraction(drive, touch)
         total_pa = circuit.load_pa + attraction.pressure_pa + circuit.added_pa
 
         def amperes(admittance_per_m: ComplexArray) -> Array:
-            return current.current_rms_a(admittance_per_m, touch.omega, touch.rms_v, p.contact_area_m2)
+            return current.current_rms_a(
+                admittance_per_m, touch.omega, touch.rms_v, p.contact_area_m2
+            )
 
         gaps_per_m = current.sliding_admittance_per_m(self.table, circuit, total_pa)
         within_theory = attraction.pressure_pa <= THEORY_PRESSURE_RATIO * circuit.load_pa
@@ -238,7 +289,9 @@ class TouchModel:
             electrostatic_force_n=drive.touching * attraction.force_n.reshape(touch.shape),
             cof=self._cof(drive, touch, attraction),
             current_rms_a=drive.touching * amperes(gaps_per_m).reshape(touch.shape),
-            stuck_current_rms_a=amperes(current.stuck_admittance_per_m(circuit)).reshape(touch.shape),
+            stuck_current_rms_a=amperes(current.stuck_admittance_per_m(circuit)).reshape(
+                touch.shape
+            ),
             electrode_current_a=electrode_current_a(self.table, touch, gaps_per_m, total_pa),
             electrode_voltage_v=touch.electrode_v.reshape(touch.shape),
             pulled_in=attraction.pulled_in.reshape(touch.shape),
@@ -247,9 +300,14 @@ class TouchModel:
         )
 
     def worst_case(self, drive: Drive) -> tuple[Array, Array]:
-        """Stuck current in A rms and the electrode's peak voltage, as `answer` has them; without any contact theory."""
+        """Stuck current in A rms and the electrode's peak voltage, as `answer` has them; without
+        any contact theory.
+        """
         touch = self._prepare(drive)
-        admittance, area_m2 = current.stuck_admittance_per_m(touch.circuit), self.description.values.contact_area_m2
+        admittance, area_m2 = (
+            current.stuck_admittance_per_m(touch.circuit),
+            self.description.values.contact_area_m2,
+        )
         stuck_a = current.current_rms_a(admittance, touch.omega, touch.rms_v, area_m2)
         return stuck_a.reshape(touch.shape), np.abs(touch.electrode_v).reshape(touch.shape)
 
@@ -263,9 +321,13 @@ class TouchModel:
         return np.where((drive.touching == 1.0) & (drive.resting == 0.0), friction, np.nan)
 
     def _attraction(self, drive: Drive, touch: PreparedTouch) -> Attraction:
-        """The one place where the variants part; the current, of which the paper prints nothing, is always ours."""
+        """The one place where the variants part; the current, of which the paper prints nothing, is
+        always ours.
+        """
         if self.description.is_published:
-            from model import published  # noqa: PLC0415 - scipy is slow to import, and the rest does without
+            from model import (  # noqa: PLC0415 - scipy is slow to import, and the rest does without
+                published,
+            )
 
             return published.solve(self.description, self.table, drive)
         p_e, pulled_in = solver.solve(self.table, touch.circuit)

@@ -1,7 +1,8 @@
-"""What all tests share: how long something takes says what the machine had to do meanwhile, not whether it is right.
+"""What all tests share: how long something takes says what the machine had to do meanwhile, not
+whether it is right.
 
-Tests of the daemon and of rigs in real time have its precedence, where that is allowed: whatever else runs on the
-machine, simulated instruments must answer within the time-outs of real ones.
+Tests of the daemon and of rigs in real time have its precedence, where that is allowed: whatever
+else runs on the machine, simulated instruments must answer within the time-outs of real ones.
 """
 
 from __future__ import annotations
@@ -25,14 +26,18 @@ settings.register_profile(
 settings.load_profile("project")
 
 
-AUTOGROUP = Path("/proc/self/autogroup")  # Linux shares a busy processor among sessions before it looks at niceness
+AUTOGROUP = Path(
+    "/proc/self/autogroup"
+)  # Linux shares a busy processor among sessions before it looks at niceness
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    # A shell without job control starts background jobs with SIGINT ignored, and tests interrupt what they start.
+    # A shell without job control starts background jobs with SIGINT ignored, and tests interrupt
+    # what they start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if hasattr(config, "workerinput"):
-        os.setsid()  # precedence is for the tests, not for what else the shell that called them has started
+        # precedence is for the tests, not for what else the shell that called them has started
+        os.setsid()
     if not _has_workers(config):
         with suppress(OSError):
             AUTOGROUP.write_text("-10" if take_precedence() else "0")

@@ -21,9 +21,19 @@ BUILD_FILES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENS
 
 
 def run(*command: object, folder: Path) -> str:
-    environment = {name: value for name, value in os.environ.items() if name not in ("HAPTIC_CONFIGS", "PYTHONPATH")}
+    environment = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("HAPTIC_CONFIGS", "PYTHONPATH")
+    }
     done = subprocess.run(
-        list(map(str, command)), cwd=folder, env=environment, capture_output=True, text=True, timeout=250, check=False
+        list(map(str, command)),
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -31,7 +41,9 @@ def run(*command: object, folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built from a copy, so that nothing is left behind in the checkout, and nothing old gets in."""
+    """Built from a copy, so that nothing is left behind in the checkout, and nothing old gets
+    in.
+    """
     copy = tmp_path_factory.mktemp("source")
     for name in SOURCES:
         shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -51,18 +63,29 @@ def test_the_wheel_holds_every_module_config_and_page(wheel: Path) -> None:
         for path in (ROOT / package).rglob("*.py")
     }
     wanted |= {
-        path.relative_to(ROOT).as_posix() for path in (ROOT / "haptic_driver/daemon/web/dashboard").iterdir()
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "haptic_driver/daemon/web/dashboard").iterdir()
     } | {f"{package}/py.typed" for package in ("haptic_driver", "model", "hw")}
     wanted.add("model/reporting/page.html")
     configs = [path for path in (ROOT / "configs").rglob("*") if path.is_file()]
-    assert {path.parent.name for path in configs} >= {"rigs", "models", "textures", "plans", "populations"}
+    assert {path.parent.name for path in configs} >= {
+        "rigs",
+        "models",
+        "textures",
+        "plans",
+        "populations",
+    }
     wanted |= {f"haptic_driver/{path.relative_to(ROOT).as_posix()}" for path in configs}
     assert wanted <= held, sorted(wanted - held)
 
 
 def test_the_wheel_installs_only_its_packages(wheel: Path) -> None:
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
-    assert {top for top in tops if not top.endswith(".dist-info")} == {"haptic_driver", "model", "hw"}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {
+        "haptic_driver",
+        "model",
+        "hw",
+    }
 
 
 def test_a_checkout_says_its_commit(tmp_path: Path) -> None:
@@ -77,22 +100,40 @@ def test_a_checkout_says_its_commit(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 @pytest.mark.timeout(600)
-def test_installed_in_an_empty_environment_the_demo_runs_from_any_folder(wheel: Path, tmp_path: Path) -> None:
+def test_installed_in_an_empty_environment_the_demo_runs_from_any_folder(
+    wheel: Path, tmp_path: Path
+) -> None:
     """The libraries are those of this environment: only this project is installed."""
     home, elsewhere = tmp_path / "venv", tmp_path / "elsewhere"
     venv.create(home, with_pip=True)
     elsewhere.mkdir()
     python = home / "bin" / "python"
-    run(python, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", wheel, folder=elsewhere)
+    run(
+        python,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        wheel,
+        folder=elsewhere,
+    )
     packages = Path(
-        run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", folder=elsewhere).strip()
+        run(
+            python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", folder=elsewhere
+        ).strip()
     )
     (packages / "libraries.pth").write_text(sysconfig.get_path("purelib") + "\n")
 
-    where = run(python, "-c", "import haptic_driver; print(haptic_driver.__file__)", folder=elsewhere)
+    where = run(
+        python, "-c", "import haptic_driver; print(haptic_driver.__file__)", folder=elsewhere
+    )
     assert Path(where.strip()).is_relative_to(packages)
     haptic = home / "bin" / "haptic"
-    demo = json.loads(run(haptic, "demo", "--texture", "linen", "--out", "out", "--json", folder=elsewhere))
+    demo = json.loads(
+        run(haptic, "demo", "--texture", "linen", "--out", "out", "--json", folder=elsewhere)
+    )
     assert demo["simulated"] is True
     assert demo["share_within_5_percent"] > 0.8
     assert (elsewhere / demo["pictures"][0]).is_file()

@@ -21,7 +21,9 @@ def until(condition: Callable[[], Any], said: Callable[[], object] = lambda: "")
 
 
 def exists(pid: int) -> bool:
-    """Whether a process runs; one that has ended and that nobody has asked for its status does not."""
+    """Whether a process runs; one that has ended and that nobody has asked for its status does
+    not.
+    """
     try:
         os.kill(pid, 0)
         return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"

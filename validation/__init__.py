@@ -1,1 +1,3 @@
-"""Comparisons with independent solvers: `make validate`. Needs the extra `validate`; nothing shipped imports it."""
+"""Comparisons with independent solvers: `make validate`. Needs the extra `validate`; nothing
+shipped imports it.
+"""

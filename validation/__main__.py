@@ -1,4 +1,6 @@
-"""`make validate`: solve the contacts, then write docs/validation.md, its table and its pictures."""
+"""`make validate`: solve the contacts, then write docs/validation.md, its table and its
+pictures.
+"""
 
 from __future__ import annotations
 

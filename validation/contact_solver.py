@@ -1,7 +1,8 @@
-"""One rough contact solved point by point: a random self-affine surface pressed flat by a boundary-element solver.
+"""One rough contact solved point by point: a random self-affine surface pressed flat by a
+boundary-element solver.
 
-The solver is tamaas (Polonsky and Keer 1999, FFT-accelerated, periodic, without adhesion); the surface is made here, so
-that one surface can be sampled at several resolutions.
+The solver is tamaas (Polonsky and Keer 1999, FFT-accelerated, periodic, without adhesion); the
+surface is made here, so that one surface can be sampled at several resolutions.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from numpy.typing import NDArray
 
 from model.contact.roughness import Array, SelfAffineShape
 
-LONGEST_WAVES = 4  # wavelengths 2 pi/q0 along one side: enough for the mean of a few surfaces, few enough for the grid
+# wavelengths 2 pi/q0 along one side: enough for the mean of a few surfaces, few enough for the grid
+LONGEST_WAVES = 4
 TOLERANCE = 1e-8  # of the solver; 1e-10 moves no ratio by 1e-5
 
 
@@ -53,18 +55,24 @@ class SolvedContact:
         return float(self.gap_m.mean())
 
     def inverse_square_per_m2(self, length_m: float) -> float:
-        """Integral of P(u)/(u + h)^2 over the gaps: the mean over the nominal area, with nothing from the contact."""
+        """Integral of P(u)/(u + h)^2 over the gaps: the mean over the nominal area, with nothing
+        from the contact.
+        """
         return float(np.where(self.touching, 0.0, 1.0 / (self.gap_m + length_m) ** 2).mean())
 
 
 def random_surface(contact: RoughContact, seed: int, points: int) -> Array:
-    """Heights [points, points] in m with spectrum (41) from q0 to q1, random phases, rms exactly h_rms.
+    """Heights [points, points] in m with spectrum (41) from q0 to q1, random phases, rms exactly
+    h_rms.
 
-    The waves are drawn before the grid is chosen: the same seed gives the same surface at every resolution.
+    The waves are drawn before the grid is chosen: the same seed gives the same surface at every
+    resolution.
     """
     longest, shortest = LONGEST_WAVES, round(LONGEST_WAVES * contact.shape.zeta1)
     if points < 2 * shortest + 1:
-        raise ValueError(f"{points} points cannot hold {shortest} waves; give at least {2 * shortest + 1}")
+        raise ValueError(
+            f"{points} points cannot hold {shortest} waves; give at least {2 * shortest + 1}"
+        )
     k = np.arange(-shortest, shortest + 1)
     wave = np.hypot(k[:, None], k[None, :])
     rough = (wave >= longest) & (wave <= shortest)
@@ -78,16 +86,23 @@ def random_surface(contact: RoughContact, seed: int, points: int) -> Array:
 
 
 def solve(contact: RoughContact, heights_m: Array, pressure_pa: float) -> SolvedContact:
-    """Press `heights_m` against a flat with the nominal pressure; raises RuntimeError where the solver gives up.
+    """Press `heights_m` against a flat with the nominal pressure; raises RuntimeError where the
+    solver gives up.
 
     Solved in units of h_rms and 1/q0: pressures are then in units of Y* q0 h_rms.
     """
     side = LONGEST_WAVES * 2.0 * pi
-    model = tamaas.ModelFactory.createModel(tamaas.model_type.basic_2d, [side, side], list(heights_m.shape))
+    model = tamaas.ModelFactory.createModel(
+        tamaas.model_type.basic_2d, [side, side], list(heights_m.shape)
+    )
     model.E, model.nu = 1.0, 0.0
     solver = tamaas.PolonskyKeerRey(model, heights_m / contact.h_rms_m, TOLERANCE)
     solver.max_iter = 5000
     error = solver.solve(pressure_pa / contact.pressure_scale_pa)
     if not error < TOLERANCE * 1.01:
-        raise RuntimeError(f"the contact at {pressure_pa:g} Pa did not converge (error {error:.1e})")
-    return SolvedContact(pressure_pa, np.maximum(model["gap"], 0.0) * contact.h_rms_m, model.traction > 0.0)
+        raise RuntimeError(
+            f"the contact at {pressure_pa:g} Pa did not converge (error {error:.1e})"
+        )
+    return SolvedContact(
+        pressure_pa, np.maximum(model["gap"], 0.0) * contact.h_rms_m, model.traction > 0.0
+    )

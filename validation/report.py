@@ -17,7 +17,8 @@ import matplotlib.pyplot as plt
 
 AGREED = 0.02  # what `theory_error.LOG_STD`, which is rounded, may be less than a run
 SCATTER = 0.05  # of log K at 5 um between the surfaces of one grid
-EARLIER = (  # [pressure, length] solver/theory, four surfaces on one grid of 1024 x 1024, tamaas 2.9.0
+# [pressure, length] solver/theory, four surfaces on one grid of 1024 x 1024, tamaas 2.9.0
+EARLIER = (
     (0.74, 0.75, 0.89),
     (0.86, 0.85, 0.92),
     (1.05, 0.99, 0.98),
@@ -89,7 +90,8 @@ def write(rows: Sequence[Row], shares: Mapping[float, Array], docs: Path) -> Non
         coarse=coarse,
         seeds=", ".join(str(s) for s in sorted({r.seed for r in wide})),
         coarse_seeds=", ".join(
-            str(s) for s in sorted({r.seed for r in rows if (r.zeta1, r.points) == (WIDEST, coarse)})
+            str(s)
+            for s in sorted({r.seed for r in rows if (r.zeta1, r.points) == (WIDEST, coarse)})
         ),
         fine=_table(wide),
         extrapolated=_table(limit),
@@ -105,7 +107,9 @@ def write(rows: Sequence[Row], shares: Mapping[float, Array], docs: Path) -> Non
 
 
 def log_std(rows: Sequence[Row]) -> Array:
-    """[pressure, length]: log(solver/theory) of K at the finest grid, extrapolated or earlier, the largest."""
+    """[pressure, length]: log(solver/theory) of K at the finest grid, extrapolated or earlier, the
+    largest.
+    """
     _, finest = _grids(rows)
     wide = [r for r in rows if (r.zeta1, r.points) == (WIDEST, finest)]
     found = np.maximum.reduce([_rms(wide), _rms(_extrapolated(rows)), np.abs(np.log(EARLIER))])
@@ -153,7 +157,10 @@ def _rms(rows: Sequence[Row]) -> Array:
 
 
 def _table(rows: Sequence[Row]) -> str:
-    lines = ["| pressure | mean gap | real area | K(0.3 um) | K(1 um) | K(5 um) |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| pressure | mean gap | real area | K(0.3 um) | K(1 um) | K(5 um) |",
+        "|---|---|---|---|---|---|",
+    ]
     for p in PRESSURE_PA:
         numbers = np.array([_numbers(r) for r in rows if r.pressure_pa == p])
         spans = zip(numbers.mean(0), numbers.min(0), numbers.max(0), strict=True)
@@ -164,17 +171,24 @@ def _table(rows: Sequence[Row]) -> str:
 
 def _convergence(rows: Sequence[Row]) -> str:
     lines = [
-        "| q1/q0 | points | per shortest wave | surfaces | pressure | mean gap | real area "
-        "| K(0.3 um) | K(1 um) | K(5 um) |",
+        (
+            "| q1/q0 | points | per shortest wave | surfaces | pressure | mean gap | real area "
+            "| K(0.3 um) | K(1 um) | K(5 um) |"
+        ),
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for zeta1, points in sorted({(r.zeta1, r.points) for r in rows}):
         for p in PRESSURE_PA:
-            numbers = [_numbers(r) for r in rows if (r.zeta1, r.points, r.pressure_pa) == (zeta1, points, p)]
+            numbers = [
+                _numbers(r)
+                for r in rows
+                if (r.zeta1, r.points, r.pressure_pa) == (zeta1, points, p)
+            ]
             if numbers:
                 cells = " | ".join(f"{m:.3f}" for m in np.mean(numbers, axis=0))
                 lines.append(
-                    f"| {zeta1} | {points} | {points // (4 * zeta1)} | {len(numbers)} | {p / 1e3:g} kPa | {cells} |"
+                    f"| {zeta1} | {points} | {points // (4 * zeta1)} | {len(numbers)} | {p / 1e3:g}"
+                    f" kPa | {cells} |"
                 )
     return "\n".join(lines)
 
@@ -198,7 +212,15 @@ def _draw_ratios(finest: Sequence[Row], limit: Sequence[Row], path: Path) -> Non
             mean = [y[[r.pressure_pa == p for r in rows]].mean() for p in PRESSURE_PA]
             ax.semilogx(np.array(PRESSURE_PA) * 1.06 ** (j - 1) / 1e3, mean, color=colour, lw=1.8)
         gaps = [np.mean([r.mean_gap for r in rows if r.pressure_pa == p]) for p in PRESSURE_PA]
-        ax.semilogx(np.array(PRESSURE_PA) / 1e3, gaps, "s--", color="#3a3a3a", lw=1.2, ms=4, label="mean gap")
+        ax.semilogx(
+            np.array(PRESSURE_PA) / 1e3,
+            gaps,
+            "s--",
+            color="#3a3a3a",
+            lw=1.2,
+            ms=4,
+            label="mean gap",
+        )
         ax.axhline(1.0, color="#8a8f98", lw=1.0)
         ax.set(xlabel="nominal pressure, kPa", title=title)
         ax.set_xticks([5, 20, 100], ["5", "20", "100"])
@@ -211,12 +233,18 @@ def _draw_ratios(finest: Sequence[Row], limit: Sequence[Row], path: Path) -> Non
 
 
 def _draw_gaps(shares: Mapping[float, Array], path: Path) -> None:
-    figure, axes = plt.subplots(1, len(shares), figsize=(15.0, 4.6), sharey=True, squeeze=False, layout="constrained")
+    figure, axes = plt.subplots(
+        1, len(shares), figsize=(15.0, 4.6), sharey=True, squeeze=False, layout="constrained"
+    )
     middle = np.sqrt(GAP_EDGES_M[1:] * GAP_EDGES_M[:-1])
     fine = np.geomspace(GAP_EDGES_M[0], GAP_EDGES_M[-1], 300)
     for ax, (pressure, share) in zip(axes[0], sorted(shares.items()), strict=True):
-        ax.loglog(fine * 1e6, theory_shares(pressure, fine), color=COLOURS[0], lw=2.0, label="theory (48)")
-        ax.loglog(middle * 1e6, share, "o", color=COLOURS[1], ms=4, label="solver, mean of the surfaces")
+        ax.loglog(
+            fine * 1e6, theory_shares(pressure, fine), color=COLOURS[0], lw=2.0, label="theory (48)"
+        )
+        ax.loglog(
+            middle * 1e6, share, "o", color=COLOURS[1], ms=4, label="solver, mean of the surfaces"
+        )
         ax.set(xlabel="gap u, µm", title=f"{pressure / 1e3:g} kPa", ylim=(1e-4, 3.0))
         ax.grid(alpha=0.25)
     axes[0][0].set_ylabel("share of the area per unit of ln u")

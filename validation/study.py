@@ -1,4 +1,6 @@
-"""Which contacts are compared, and what is compared in each: solver over theory, one row per contact and pressure."""
+"""Which contacts are compared, and what is compared in each: solver over theory, one row per
+contact and pressure.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +35,19 @@ class Study:
 
 ALL = (1, 2, 3, 4)
 STUDIES = (
-    Study(WIDEST, 512, ALL), Study(WIDEST, 1024, ALL), Study(8, 256, ALL), Study(8, 512, ALL), Study(16, 512, ALL),
-)  # fmt: skip
+    Study(WIDEST, 512, ALL),
+    Study(WIDEST, 1024, ALL),
+    Study(8, 256, ALL),
+    Study(8, 512, ALL),
+    Study(16, 512, ALL),
+)
 
 
 @dataclass(frozen=True)
 class Row:
-    """Ratios solver/theory of one surface under one pressure; `k_*` are of K at the lengths h of `theory_error`."""
+    """Ratios solver/theory of one surface under one pressure; `k_*` are of K at the lengths h of
+    `theory_error`.
+    """
 
     zeta1: int
     points: int
@@ -82,13 +90,21 @@ def theory(contact: RoughContact, pressure_pa: float) -> Theory:
 
 
 def compare(study: Study, seed: int, solved: SolvedContact) -> Row:
-    """One row."""
     expected = theory(contact_of(study.zeta1), solved.pressure_pa)
-    k = [float(solved.inverse_square_per_m2(h) / e) for h, e in zip(GAP_LENGTH_M, expected.k_per_m2, strict=True)]
+    k = [
+        float(solved.inverse_square_per_m2(h) / e)
+        for h, e in zip(GAP_LENGTH_M, expected.k_per_m2, strict=True)
+    ]
     gap = solved.mean_gap_m / expected.mean_gap_m
     return Row(
-        study.zeta1, study.points, seed, solved.pressure_pa, gap, solved.area_ratio / expected.area_ratio, *k
-    )  # fmt: skip
+        study.zeta1,
+        study.points,
+        seed,
+        solved.pressure_pa,
+        gap,
+        solved.area_ratio / expected.area_ratio,
+        *k,
+    )
 
 
 def gap_shares(solved: SolvedContact) -> Array:
@@ -101,13 +117,22 @@ def theory_shares(pressure_pa: float, gap_m: Array) -> Array:
     """u P(u) of (48) for the widest spectrum: the same per unit of ln u."""
     contact = contact_of(WIDEST)
     u = gap_m / contact.h_rms_m
-    return gap_distribution(contact.shape, pressure_pa / contact.pressure_scale_pa, DRAWN_STEP).density(u) * u
+    return (
+        gap_distribution(
+            contact.shape, pressure_pa / contact.pressure_scale_pa, DRAWN_STEP
+        ).density(u)
+        * u
+    )
 
 
 def run(
-    tell: Callable[[str], None], studies: Sequence[Study] = STUDIES, pressures_pa: Iterable[float] = PRESSURE_PA
+    tell: Callable[[str], None],
+    studies: Sequence[Study] = STUDIES,
+    pressures_pa: Iterable[float] = PRESSURE_PA,
 ) -> tuple[list[Row], dict[float, Array]]:
-    """Solve everything: rows, and the distribution of gaps [bins] by pressure, the mean over the finest surfaces."""
+    """Solve everything: rows, and the distribution of gaps [bins] by pressure, the mean over the
+    finest surfaces.
+    """
     rows: list[Row] = []
     finest = max((s for s in studies), key=lambda s: (s.zeta1, s.points))
     shares: dict[float, list[Array]] = {}
@@ -117,7 +142,10 @@ def run(
             for pressure in pressures_pa:
                 solved = solve(contact_of(study.zeta1), heights, pressure)
                 rows.append(compare(study, seed, solved))
-                tell(f"q1/q0 {study.zeta1}, {study.points} points, seed {seed}, {pressure / 1e3:g} kPa")
+                tell(
+                    f"q1/q0 {study.zeta1}, {study.points} points, seed {seed},"
+                    f" {pressure / 1e3:g} kPa"
+                )
                 if study == finest:
                     shares.setdefault(pressure, []).append(gap_shares(solved))
     return rows, {pressure: np.mean(each, axis=0) for pressure, each in shares.items()}
@@ -132,7 +160,6 @@ def write_rows(rows: Sequence[Row], path: Path) -> None:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """What `write_rows` wrote."""
     with path.open(newline="", encoding="utf-8") as file:
         return [
             Row(**{f.name: (int if f.type == "int" else float)(line[f.name]) for f in fields(Row)})

@@ -2,5 +2,6 @@
 
 import os
 
-# Small matrices: several BLAS threads cost more than they bring, and fight over the cores. Set before numpy loads.
+# Small matrices: several BLAS threads cost more than they bring, and fight over the cores. Set
+# before numpy loads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -21,10 +21,16 @@ from model.support.errors import nearest
 
 
 def calibrate(
-    data: Annotated[Path, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; or a recording (.h5).")],
+    data: Annotated[
+        Path, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; or a recording (.h5).")
+    ],
     model: ModelOption = "reference",
-    out: Annotated[Path, Option(help="Model file to write; its picture stands beside it.")] = Path("finger.toml"),
-    also: Annotated[list[str] | None, Option(help="A further parameter to fit; repeatable.")] = None,
+    out: Annotated[Path, Option(help="Model file to write; its picture stands beside it.")] = Path(
+        "finger.toml"
+    ),
+    also: Annotated[
+        list[str] | None, Option(help="A further parameter to fit; repeatable.")
+    ] = None,
     rows: RowsOption = None,
     as_json: Json = False,
 ) -> None:
@@ -57,7 +63,9 @@ def _check(also: list[str], out: Path) -> None:
             hint = f"{nearest(name, names)}; fitted in any case: {', '.join(always)}"
             raise BadInputError("bad_parameter", f"--also {name}: there is no such parameter", hint)
     if out.suffix != ".toml":  # or no command would find the model
-        raise BadInputError("bad_ending", f"{out}: is no name of a model file", "Give a name that ends in .toml")
+        raise BadInputError(
+            "bad_ending", f"{out}: is no name of a model file", "Give a name that ends in .toml"
+        )
 
 
 def _payload(found: Calibration, out: Path, picture: Path) -> dict[str, Any]:
@@ -68,7 +76,9 @@ def _payload(found: Calibration, out: Path, picture: Path) -> dict[str, Any]:
         "chi2": found.fit.chi2,
         "chi2_per_point": found.chi2_per_point,
         "noise_source": found.noise.source,
-        "parameters": {p.name: {k: v for k, v in p._asdict().items() if k != "name"} for p in found.parameters},
+        "parameters": {
+            p.name: {k: v for k, v in p._asdict().items() if k != "name"} for p in found.parameters
+        },
         "correlated": [{"names": [a, b], "correlation": r} for a, b, r in found.correlated],
         "warnings": list(found.warnings),
     }
@@ -78,7 +88,9 @@ def _show(found: Calibration, out: Path, picture: Path) -> None:
     table = Table("parameter", "value", "95 % interval", "unit", "std/prior", box=None)
     for p in found.parameters:
         low, high = p.interval_95
-        table.add_row(p.name, f"{p.value:.4g}", f"{low:.4g} to {high:.4g}", p.unit, f"{p.learnt:.2f}")
+        table.add_row(
+            p.name, f"{p.value:.4g}", f"{low:.4g} to {high:.4g}", p.unit, f"{p.learnt:.2f}"
+        )
     stdout.print(table)
     stdout.print(f"chi-square per point {found.chi2_per_point:.2f} over {found.data.count} rows")
     for warning in found.warnings:

@@ -1,4 +1,6 @@
-"""`haptic calibrate-touch`: from the counts of a rig's touch screen to metres, by touching known places."""
+"""`haptic calibrate-touch`: from the counts of a rig's touch screen to metres, by touching known
+places.
+"""
 
 from __future__ import annotations
 
@@ -39,20 +41,25 @@ from model.support.errors import nearest
 
 
 def calibrate_touch(
-    places: Annotated[Path, Argument(help="CSV: x_m, y_m; what --out wrote is fitted without touching.")],
+    places: Annotated[
+        Path, Argument(help="CSV: x_m, y_m; what --out wrote is fitted without touching.")
+    ],
     rig: RigOption,
-    out: Annotated[Path | None, Option(help="CSV to write: places, counts and day, to fit them again.")] = None,
+    out: Annotated[
+        Path | None, Option(help="CSV to write: places, counts and day, to fit them again.")
+    ] = None,
     spread_raw: Annotated[
-        float | None, Option(min=0.0, help="Counts within which a finger holds still; else 0.5 % of an axis.")
+        float | None,
+        Option(min=0.0, help="Counts within which a finger holds still; else 0.5 % of an axis."),
     ] = None,
     force: Annotated[bool, Option("--force", help="Overwrite an existing --out.")] = False,
     as_json: Json = False,
 ) -> None:
     """Calibrate a rig's touch screen: touch known places as asked, and paste what it says.
 
-    Give at least 3 places that are not on a line; from 4 on they check one another, from 6 on (corners, middle, an
-    edge) they tell which touch was wrong. Nothing is energised: neither generator nor amplifier is opened. The rig's
-    file stays as it is.
+    Give at least 3 places that are not on a line; from 4 on they check one another, from 6 on
+    (corners, middle, an edge) they tell which touch was wrong. Nothing is energised: neither
+    generator nor amplifier is opened. The rig's file stays as it is.
 
     Example: `haptic calibrate-touch places.csv --rig mine`
     """
@@ -67,7 +74,9 @@ def calibrate_touch(
     if out is not None:
         write_rows(out, rows_of(found))
     if not found.agrees:
-        raise _disagreement(found, places, out, BadInputError if given.raw is not None else HapticError)
+        raise _disagreement(
+            found, places, out, BadInputError if given.raw is not None else HapticError
+        )
     payload = _payload(config, found, out)
     report(as_json, payload, lambda: _show(found, find_config(rig, "rigs"), out))
 
@@ -76,10 +85,15 @@ def _with_screen(rig: str) -> tuple[RigConfig, EvdevFingerConfig]:
     config = load_rig(rig)
     if isinstance(config.finger_tracker, EvdevFingerConfig):
         return config, config.finger_tracker
-    said = f'rig {config.name} has no touch screen: its finger_tracker.kind is "{config.finger_tracker.kind}"'
+    said = (
+        f"rig {config.name} has no touch screen: its finger_tracker.kind is"
+        f' "{config.finger_tracker.kind}"'
+    )
     hint = 'Give a rig whose [finger_tracker] has kind = "evdev"'
     having = [name for name in config_names("rigs") if _has_screen(name)]
-    raise BadInputError("no_touch_screen", said, f"{hint}. {nearest(Path(rig).stem, having)}" if having else hint)
+    raise BadInputError(
+        "no_touch_screen", said, f"{hint}. {nearest(Path(rig).stem, having)}" if having else hint
+    )
 
 
 def _has_screen(rig: str) -> bool:
@@ -102,20 +116,36 @@ def _check_writable(out: Path, force: bool) -> None:
         raise exists_already(out)
 
 
-def _touched(given: Places, screen: EvdevFingerConfig, spread_raw: float | None, out: Path | None) -> TouchFit:
+def _touched(
+    given: Places, screen: EvdevFingerConfig, spread_raw: float | None, out: Path | None
+) -> TouchFit:
     count = len(given.place_m)
 
     def tell(step: Step) -> None:
         x_m, y_m = given.place_m[step.number]
-        stderr.print(_said(step, f"place {step.number + 1} of {count}: x = {1e3 * x_m:.1f} mm, y = {1e3 * y_m:.1f} mm"))
+        stderr.print(
+            _said(
+                step,
+                f"place {step.number + 1} of {count}: x = {1e3 * x_m:.1f} mm, y ="
+                f" {1e3 * y_m:.1f} mm",
+            )
+        )
 
     with closing(open_touch_reports(screen.device)) as reports:
         spread = _spread(reports, spread_raw)
         still = f"{HOLD_S:g} s within {spread[0]:.0f} x {spread[1]:.0f} counts"
-        stderr.print(f"Nothing is energised. Hold the finger still at each place: {still}. Ctrl-C ends it.")
+        stderr.print(
+            f"Nothing is energised. Hold the finger still at each place: {still}. Ctrl-C ends it."
+        )
         try:
             return touch_places(
-                given.place_m, reports.read, spread, tell, datetime.date.today(), clock=time.monotonic, sleep=time.sleep
+                given.place_m,
+                reports.read,
+                spread,
+                tell,
+                datetime.date.today(),
+                clock=time.monotonic,
+                sleep=time.sleep,
             )
         except KeyboardInterrupt as stop:
             said = "interrupted; nothing was written" if out is not None else "interrupted"
@@ -127,7 +157,9 @@ def _spread(reports: TouchReports, spread_raw: float | None) -> tuple[float, flo
         return spread_raw, spread_raw
     if reports.span_raw is None or min(reports.span_raw) <= 0:
         said = "the touch screen does not say how many counts its axes have"
-        raise BadInputError("unknown_span", said, "Give --spread-raw, the counts within which a finger holds still")
+        raise BadInputError(
+            "unknown_span", said, "Give --spread-raw, the counts within which a finger holds still"
+        )
     x_raw, y_raw = reports.span_raw
     return max(STILL_SHARE * x_raw, 2.0), max(STILL_SHARE * y_raw, 2.0)
 
@@ -142,22 +174,35 @@ def _said(step: Step, place: str) -> str:
         case Moment.LIFTED_EARLY:
             return f"  lifted too early: hold it for {HOLD_S:g} s"
         case Moment.RESTLESS:
-            return f"  it moves by {x_raw:.0f} x {y_raw:.0f} counts: hold still, or give more with --spread-raw"
+            return (
+                f"  it moves by {x_raw:.0f} x {y_raw:.0f} counts: hold still, or give more with"
+                " --spread-raw"
+            )
         case Moment.HELD:
             return f"  held at {x_raw:.1f}, {y_raw:.1f} counts; lift"
 
 
-def _disagreement(found: TouchFit, places: Path, out: Path | None, kind: type[HapticError]) -> HapticError:
+def _disagreement(
+    found: TouchFit, places: Path, out: Path | None, kind: type[HapticError]
+) -> HapticError:
     off_m = found.touch_error_m or 0.0
     kept = f"; the touches are in {out}" if out is not None else ""
-    said = f"the touches disagree: one is off by {1e3 * off_m:.1f} mm (rms), above {1e3 * PLAUSIBLE_M:g} mm"
-    hint = f"Check its metres in {places}, or leave its row out; touch with one fingertip, in the order asked for"
+    said = (
+        f"the touches disagree: one is off by {1e3 * off_m:.1f} mm (rms), above"
+        f" {1e3 * PLAUSIBLE_M:g} mm"
+    )
+    hint = (
+        f"Check its metres in {places}, or leave its row out; touch with one fingertip, in the"
+        " order asked for"
+    )
     return kind("touches_disagree", f"{said}; worst is place {_worst(found)}{kept}", hint)
 
 
 def _worst(found: TouchFit) -> str:
     *others, last = [str(number + 1) for number in found.suspects]
-    return f"{', '.join(others)} or {last}, which so few places cannot tell apart" if others else last
+    return (
+        f"{', '.join(others)} or {last}, which so few places cannot tell apart" if others else last
+    )
 
 
 def _payload(config: RigConfig, found: TouchFit, out: Path | None) -> dict[str, Any]:
@@ -179,15 +224,24 @@ def _payload(config: RigConfig, found: TouchFit, out: Path | None) -> dict[str, 
 def _show(found: TouchFit, rig_file: Path, out: Path | None) -> None:
     table = Table("place", "x mm", "y mm", "x_raw", "y_raw", "off by mm", box=None)
     for number, (place, off_m) in enumerate(zip(found.touched, found.off_m, strict=True), start=1):
-        where = f"{1e3 * place.x_m:.1f}", f"{1e3 * place.y_m:.1f}", f"{place.x_raw:.1f}", f"{place.y_raw:.1f}"
+        where = (
+            f"{1e3 * place.x_m:.1f}",
+            f"{1e3 * place.y_m:.1f}",
+            f"{place.x_raw:.1f}",
+            f"{place.y_raw:.1f}",
+        )
         table.add_row(str(number), *where, "-" if math.isnan(off_m) else f"{1e3 * off_m:.2f}")
     stdout.print(table)
     residual_m, touch_error_m = found.calibration.residual_m, found.touch_error_m
     if residual_m is None or touch_error_m is None:
-        stdout.print("three places fit exactly, whatever was touched: nothing checks them. Give a fourth, better six")
+        stdout.print(
+            "three places fit exactly, whatever was touched: nothing checks them. Give a fourth,"
+            " better six"
+        )
     else:
         stdout.print(
-            f"residual {1e3 * residual_m:.2f} mm (rms): one touch is off by {1e3 * touch_error_m:.2f} mm (rms)"
+            f"residual {1e3 * residual_m:.2f} mm (rms): one touch is off by"
+            f" {1e3 * touch_error_m:.2f} mm (rms)"
         )
         stdout.print(f"worst: place {_worst(found)}")
     (a, b, _), (d, e, _) = found.calibration.matrix_m
@@ -195,4 +249,6 @@ def _show(found: TouchFit, rig_file: Path, out: Path | None) -> None:
     stdout.print(f"a count of x_raw moves the finger by {x}, of y_raw by {y}")
     if out is not None:
         stdout.print(f"places and counts: {out}")
-    stdout.print(f"\nPut this into [finger_tracker] of {rig_file}:\n\n{rig_lines(found.calibration)}")
+    stdout.print(
+        f"\nPut this into [finger_tracker] of {rig_file}:\n\n{rig_lines(found.calibration)}"
+    )

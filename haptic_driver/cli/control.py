@@ -1,4 +1,6 @@
-"""`haptic arm`, `set`, `off`, `disarm`, `status`, `use`, `reset`: what a client asks of the daemon."""
+"""`haptic arm`, `set`, `off`, `disarm`, `status`, `use`, `reset`: what a client asks of the
+daemon.
+"""
 
 from __future__ import annotations
 
@@ -30,22 +32,33 @@ if TYPE_CHECKING:
 SIGNS = ((0.05, "▲", "▼"), (0.02, "+", "-"), (0.0, "·", "·"))  # of friction: from so much off on
 POLL_S = 0.1
 ALREADY = "armed already"
-Nearest = Annotated[bool, Option("--nearest", help="Render the nearest that is reachable, however far off it is.")]
+Nearest = Annotated[
+    bool, Option("--nearest", help="Render the nearest that is reachable, however far off it is.")
+]
 
 
 def arm(
-    lease_s: Annotated[float, Option("--lease", help="Lease in seconds; Ctrl-C or death ends it sooner.")] = 0.5,
-    for_s: Annotated[float | None, Option("--for", min=0.0, help="Disarm after so many seconds.")] = None,
+    lease_s: Annotated[
+        float, Option("--lease", help="Lease in seconds; Ctrl-C or death ends it sooner.")
+    ] = 0.5,
+    for_s: Annotated[
+        float | None, Option("--for", min=0.0, help="Disarm after so many seconds.")
+    ] = None,
     detach: Annotated[
-        bool, Option("--detach", help="Return once armed; disarm when the shell or script that called ends.")
+        bool,
+        Option(
+            "--detach", help="Return once armed; disarm when the shell or script that called ends."
+        ),
     ] = False,
     while_pid: Annotated[int | None, Option(hidden=True)] = None,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Arm, and hold the lease until Ctrl-C or `haptic disarm`; whatever ends this leaves the output off.
+    """Arm, and hold the lease until Ctrl-C or `haptic disarm`; whatever ends this leaves the output
+    off.
 
-    Meanwhile `haptic set` and `haptic texture play` may be used in another terminal, or in this one after --detach.
+    Meanwhile `haptic set` and `haptic texture play` may be used in another terminal, or in this one
+    after --detach.
 
     Example: `haptic arm --for 60`
     """
@@ -56,15 +69,28 @@ def arm(
     from haptic_driver.client import LeaseLostError  # noqa: PLC0415  (HTTP is slow to import)
     from haptic_driver.daemon.messages import RefusedError  # noqa: PLC0415
 
-    # SIGTERM and a closed terminal end it as Ctrl-C does, which also ends it where a script ignores it.
+    # SIGTERM and a closed terminal end it as Ctrl-C does, which also ends it where a script ignores
+    # it.
     as_ctrl_c = signals_to(signal.default_int_handler)
     holder = f"haptic arm, process {os.getpid()}"
     with client_of(socket) as client:
         try:
-            with client.armed(lease_s, holder) as session, _lease_file(client.address, session.token), as_ctrl_c:
+            with (
+                client.armed(lease_s, holder) as session,
+                _lease_file(client.address, session.token),
+                as_ctrl_c,
+            ):
                 session.wait_held()
-                held = {"state": "armed", "lease_s": lease_s, "token_file": str(client.address.lease_file)}
-                report(as_json, held, lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"))
+                held = {
+                    "state": "armed",
+                    "lease_s": lease_s,
+                    "token_file": str(client.address.lease_file),
+                }
+                report(
+                    as_json,
+                    held,
+                    lambda: stdout.print(f"armed, lease {lease_s:g} s; Ctrl-C disarms"),
+                )
                 with suppress(KeyboardInterrupt):  # the usual end
                     _hold(client, session, for_s, while_pid, tell=not as_json)
         except LeaseLostError as lost:
@@ -72,7 +98,11 @@ def arm(
         except RefusedError as refused:
             if refused.code != "already_armed" or (lease := _held_already(client)) is None:
                 raise
-            held = {"state": ALREADY, "lease_s": lease.lease_s, "token_file": str(client.address.lease_file)}
+            held = {
+                "state": ALREADY,
+                "lease_s": lease.lease_s,
+                "token_file": str(client.address.lease_file),
+            }
             said = f"{ALREADY}, by an earlier haptic arm of yours; lease {lease.lease_s:g} s"
             report(as_json, held, lambda: stdout.print(said))
 
@@ -89,7 +119,9 @@ def set_target(
 
     Example: `haptic set 0.6`
     """
-    from haptic_driver.daemon.messages import HIGHEST_ASKED_COF  # noqa: PLC0415  pydantic is slow to import
+    from haptic_driver.daemon.messages import (  # noqa: PLC0415  pydantic is slow to import
+        HIGHEST_ASKED_COF,
+    )
 
     if not 0.0 < cof <= HIGHEST_ASKED_COF:
         hint = f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6"
@@ -98,7 +130,8 @@ def set_target(
 
 
 def off(socket: SocketOption = None, as_json: Json = False) -> None:
-    """Output to zero at once; whoever armed stays armed. Fails when the output cannot be shown to be off.
+    """Output to zero at once; whoever armed stays armed. Fails when the output cannot be shown to
+    be off.
 
     Example: `haptic off --json`
     """
@@ -123,14 +156,21 @@ def status(socket: SocketOption = None, as_json: Json = False) -> None:
 
 def use(
     model: Annotated[str, named("models", "Model", Argument)],
-    carrier: Annotated[float | None, Option(help="Hz, in place of what the rig's file has chosen.")] = None,
+    carrier: Annotated[
+        float | None, Option(help="Hz, in place of what the rig's file has chosen.")
+    ] = None,
     feedback: Annotated[
-        bool, Option("--feedback/--no-feedback", help="Hold friction by what is felt, or go by the model alone.")
+        bool,
+        Option(
+            "--feedback/--no-feedback",
+            help="Hold friction by what is felt, or go by the model alone.",
+        ),
     ] = True,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Render by another model, such as one that `haptic calibrate` made for a finger; while the daemon is idle.
+    """Render by another model, such as one that `haptic calibrate` made for a finger; while the
+    daemon is idle.
 
     Example: `haptic use reference --carrier 2000`
     """
@@ -138,11 +178,15 @@ def use(
 
 
 def adapt(
-    mode: Annotated[Literal["on", "off"], Argument(help="on: mend from now on. off: go back to the model as it was.")],
+    mode: Annotated[
+        Literal["on", "off"],
+        Argument(help="on: mend from now on. off: go back to the model as it was."),
+    ],
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Mend the finger's model while it renders, by what is felt, as its skin dries or moistens; or go back.
+    """Mend the finger's model while it renders, by what is felt, as its skin dries or moistens; or
+    go back.
 
     Example: `haptic adapt on`
     """
@@ -158,7 +202,6 @@ def reset(socket: SocketOption = None, as_json: Json = False) -> None:
 
 
 def play(name: str, nearest: bool, socket: str | None, as_json: bool) -> None:
-    """`haptic texture play`."""
     ask(socket, as_json, lambda client: client.play(_token(client.address), name, nearest=nearest))
 
 
@@ -172,7 +215,9 @@ def show_status(status: Status) -> None:
 
 
 def agreement_lines(status: Status) -> list[str]:
-    """A map of felt against expected friction, a line per condition and a sign per cell, and the last sentence."""
+    """A map of felt against expected friction, a line per condition and a sign per cell, and the
+    last sentence.
+    """
     by_axis: dict[str, list[AgreementCell]] = {}
     for cell in status.agreement:
         by_axis.setdefault(cell.axis, []).append(cell)
@@ -181,12 +226,16 @@ def agreement_lines(status: Status) -> list[str]:
         unit = UNITS[axis]
         name = axis.removesuffix(f"_{unit.lower().replace('/', '_')}").replace("_", " ")
         signs = " ".join(_sign(cell.share) for cell in cells)
-        lines.append(f"agreement, {name}: {signs} ({cells[0].low:.3g} to {cells[-1].high:.3g} {unit})")
+        lines.append(
+            f"agreement, {name}: {signs} ({cells[0].low:.3g} to {cells[-1].high:.3g} {unit})"
+        )
     return lines + ([] if status.disagreement is None else [status.disagreement])
 
 
 def _sign(share: float) -> str:
-    return next((more if share > 0.0 else less) for least, more, less in SIGNS if abs(share) >= least)
+    return next(
+        (more if share > 0.0 else less) for least, more, less in SIGNS if abs(share) >= least
+    )
 
 
 def ask(socket: str | None, as_json: bool, of: Callable[[HapticClient], Status]) -> None:
@@ -209,7 +258,9 @@ def _token(address: Address) -> str:
         return address.lease_file.read_text().strip()
     except OSError:
         said = "nobody has armed with `haptic arm`"
-        raise HapticError("not_armed", said, "haptic arm in another terminal, or haptic arm --detach") from None
+        raise HapticError(
+            "not_armed", said, "haptic arm in another terminal, or haptic arm --detach"
+        ) from None
 
 
 def _held_already(client: HapticClient) -> Lease | None:
@@ -231,7 +282,14 @@ def _lease_file(address: Address, token: str) -> Iterator[None]:
         path.unlink(missing_ok=True)
 
 
-def _hold(client: HapticClient, session: Session, for_s: float | None, while_pid: int | None, *, tell: bool) -> None:
+def _hold(
+    client: HapticClient,
+    session: Session,
+    for_s: float | None,
+    while_pid: int | None,
+    *,
+    tell: bool,
+) -> None:
     """Until the time is over, the process is gone, or the lease is; says changes of state."""
     until_s = math.inf if for_s is None else time.monotonic() + for_s
     told = "armed"
@@ -245,11 +303,23 @@ def _hold(client: HapticClient, session: Session, for_s: float | None, while_pid
 
 
 def _raise_unless_disarmed(status: Status, lost_by: str) -> None:
-    """The lease has ended under us: somebody's `haptic disarm` is no failure, a fault or a late renewal is."""
+    """The lease has ended under us: somebody's `haptic disarm` is no failure, a fault or a late
+    renewal is.
+    """
     if status.fault is not None:
-        raise HapticError("fault", f"the daemon went into fault: {status.fault}", "remove the cause, then haptic reset")
-    if lost_by == "lease_expired" or "lease_lost" in status.flags:  # the flag comes once the output has ramped down
-        raise HapticError("lease_lost", "the lease ran out before it was renewed", "arm again, with a longer --lease")
+        raise HapticError(
+            "fault",
+            f"the daemon went into fault: {status.fault}",
+            "remove the cause, then haptic reset",
+        )
+    if (
+        lost_by == "lease_expired" or "lease_lost" in status.flags
+    ):  # the flag comes once the output has ramped down
+        raise HapticError(
+            "lease_lost",
+            "the lease ran out before it was renewed",
+            "arm again, with a longer --lease",
+        )
 
 
 def _lives(pid: int) -> bool:
@@ -263,20 +333,36 @@ def _lives(pid: int) -> bool:
 
 
 def _detached(socket: str | None, lease_s: float, for_s: float | None) -> dict[str, Any]:
-    """Have a process of its own hold the lease for as long as our caller lives; what it said once armed."""
-    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "arm", "--json"]
+    """Have a process of its own hold the lease for as long as our caller lives; what it said once
+    armed.
+    """
+    command = [
+        sys.executable,
+        "-c",
+        "from haptic_driver.cli.main import run; run()",
+        "arm",
+        "--json",
+    ]
     command += ["--lease", str(lease_s), "--while-pid", str(os.getppid())]
     command += [] if socket is None else ["--socket", socket]
     command += [] if for_s is None else ["--for", str(for_s)]
     holder = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
     assert holder.stdout is not None
     with holder.stdout as said:
         held: dict[str, Any] = json.loads(said.readline() or b"{}")
     if "state" not in held:
-        error = held.get("error", {"code": "not_armed", "message": "cannot arm", "hint": "haptic arm says more"})
-        raise (BadInputError if holder.wait() == BadInputError.exit_status else HapticError)(**error)
+        error = held.get(
+            "error", {"code": "not_armed", "message": "cannot arm", "hint": "haptic arm says more"}
+        )
+        raise (BadInputError if holder.wait() == BadInputError.exit_status else HapticError)(
+            **error
+        )
     if held["state"] == ALREADY:
         holder.wait()
     return held

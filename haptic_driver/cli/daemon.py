@@ -25,7 +25,10 @@ SocketOption = Annotated[
     Option(
         "--socket",
         envvar="HAPTIC_SOCKET",
-        help="Where the daemon listens, by default in a private folder of yours; or the address of its page.",
+        help=(
+            "Where the daemon listens, by default in a private folder of yours; or the address of"
+            " its page."
+        ),
     ),
 ]
 
@@ -40,40 +43,62 @@ def run(
     rig: RigOption = "simulated",
     socket: SocketOption = None,
     model: ModelOption = "reference",
-    port: Annotated[int | None, Option(min=0, max=65535, help="Serve the page at this loopback port; 0: any.")] = None,
-    allow_no_rt: Annotated[bool, Option("--allow-no-rt", help="Arm a real rig without real-time scheduling.")] = False,
+    port: Annotated[
+        int | None, Option(min=0, max=65535, help="Serve the page at this loopback port; 0: any.")
+    ] = None,
+    allow_no_rt: Annotated[
+        bool, Option("--allow-no-rt", help="Arm a real rig without real-time scheduling.")
+    ] = False,
     lsl: Annotated[
-        bool, Option("--lsl", help="Offer samples and events to the Lab Streaming Layer, on the local network.")
+        bool,
+        Option(
+            "--lsl",
+            help="Offer samples and events to the Lab Streaming Layer, on the local network.",
+        ),
     ] = False,
     osc: Annotated[
-        str | None, Option(metavar="HOST:PORT", help="Send samples and events there, as OSC over UDP.")
+        str | None,
+        Option(metavar="HOST:PORT", help="Send samples and events there, as OSC over UDP."),
     ] = None,
     lsl_markers: Annotated[
         str | None, Option(metavar="STREAM", help="Take markers from the LSL stream of that name.")
     ] = None,
     slide: Annotated[
-        Path | None, Option(help="What the finger of a simulated rig does, again and again; as --trace of the demo.")
+        Path | None,
+        Option(
+            help="What the finger of a simulated rig does, again and again; as --trace of the demo."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> int:
-    """Run the daemon in the foreground until Ctrl-C or SIGTERM; it starts idle, with the output off.
+    """Run the daemon in the foreground until Ctrl-C or SIGTERM; it starts idle, with the output
+    off.
 
-    Once it can be used it says its socket and, with --port, the address of its page, which holds a token. Exit status 0
-    when the output is known to be off at the end.
+    Once it can be used it says its socket and, with --port, the address of its page, which holds a
+    token. Exit status 0 when the output is known to be off at the end.
 
     Example: `haptic daemon run --rig simulated --port 8470`
     """
     from haptic_driver.daemon.quiet_log import OncePerSecond, Printable  # noqa: PLC0415
-    from haptic_driver.daemon.run import Links, run_daemon  # noqa: PLC0415  (the web server is slow to import)
+    from haptic_driver.daemon.run import (  # noqa: PLC0415  (the web server is slow to import)
+        Links,
+        run_daemon,
+    )
     from hw.dropping_log import DroppingHandler  # noqa: PLC0415
 
     address = Address.of(socket)
     place = address.path
     if place is None:
-        raise BadInputError("no_place", f"a daemon does not listen at {address}", "Give a path as --socket, and --port")
+        raise BadInputError(
+            "no_place",
+            f"a daemon does not listen at {address}",
+            "Give a path as --socket, and --port",
+        )
 
     def announce(socket: Path, page: str | None) -> None:
-        said = partial(report, as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page))
+        said = partial(
+            report, as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page)
+        )
         threading.Thread(target=said, name="announce", daemon=True).start()
 
     handler = DroppingHandler()
@@ -86,7 +111,9 @@ def run(
     flushing = threading.Thread(target=sys.stdout.flush, name="flush", daemon=True)
     flushing.start()
     flushing.join(FLUSH_S)
-    os._exit(status)  # all is closed; what else Python does at its end may wait for a terminal that is stopped
+    os._exit(
+        status
+    )  # all is closed; what else Python does at its end may wait for a terminal that is stopped
 
 
 def _show(rig: str, socket: Path, page: str | None) -> None:

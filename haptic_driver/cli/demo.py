@@ -13,7 +13,16 @@ from rich.table import Table
 from rich.text import Text
 from typer import Option
 
-from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, named, progress, report, stdout
+from haptic_driver.cli.output import (
+    SIMULATED,
+    Json,
+    ModelOption,
+    RigOption,
+    named,
+    progress,
+    report,
+    stdout,
+)
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
@@ -46,22 +55,30 @@ def demo(
     surface: Annotated[Path | None, Option(help="Surface file of that model.")] = None,
     rig: RigOption = "simulated",
     feedback: Annotated[
-        bool, Option("--feedback/--no-feedback", help="Learn the finger's gain, as the daemon does.")
+        bool,
+        Option("--feedback/--no-feedback", help="Learn the finger's gain, as the daemon does."),
     ] = True,
-    perception: Annotated[str, named("perception", "Thresholds of what a finger feels")] = "published",
+    perception: Annotated[
+        str, named("perception", "Thresholds of what a finger feels")
+    ] = "published",
     as_json: Json = False,
 ) -> None:
     """Slide a finger over a texture on a simulated rig and compare friction with its target.
 
-    It renders as the daemon does, by the same parts, in simulated time. Commands go as bytes over TCP to a simulated
-    generator; friction is read back through a simulated force sensor. Without `--trace` the finger makes two strokes of
-    its own. The finger follows `--model`, from which the surface is built, unless the rig's file names another.
+    It renders as the daemon does, by the same parts, in simulated time. Commands go as bytes over
+    TCP to a simulated generator; friction is read back through a simulated force sensor. Without
+    `--trace` the finger makes two strokes of its own. The finger follows `--model`, from which the
+    surface is built, unless the rig's file names another.
 
     Example: `haptic demo --texture grating --out out/demo`
     """
     config = load_rig(rig)
     if not config.simulated:
-        raise BadInputError("not_simulated", f"rig {config.name} is not simulated", "haptic demo energises no hardware")
+        raise BadInputError(
+            "not_simulated",
+            f"rig {config.name} is not simulated",
+            "haptic demo energises no hardware",
+        )
     description = load_model(model)
     slide = read_slide(trace) if trace is not None else synthetic_slide()
     wanted = load_texture(texture, texture_dirs())
@@ -93,15 +110,19 @@ def _given(context: typer.Context, name: str) -> bool:
 
 
 def _require_same_model(path: Path, file: SurfaceFile, description: ModelDescription) -> None:
-    """A finger of another model than the surface's would be off target for a reason that nothing shows."""
+    """A finger of another model than the surface's would be off target for a reason that nothing
+    shows.
+    """
     if file.provenance.get("model_hash") != description.content_hash:
         built_from, name = file.provenance["model"]["name"], description.name
         said = f"'{built_from}'" + (" as it was then" if built_from == name else "")
         raise BadInputError(
-            "other_model", f"{path} was built from model {said}, which is not model '{name}'",
-            "Give the surface's model as --model, or build the surface anew: haptic surface build. For a finger that "
-            "differs on purpose, name its model in the rig's file: [simulation] model",
-        )  # fmt: skip
+            "other_model",
+            f"{path} was built from model {said}, which is not model '{name}'",
+            "Give the surface's model as --model, or build the surface anew: haptic surface build."
+            " For a finger that differs on purpose, name its model in the rig's file: [simulation]"
+            " model",
+        )
 
 
 def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, picture: Path) -> None:
@@ -110,12 +131,13 @@ def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, pictur
     for sentence in said(result.fidelity):
         stdout.print(sentence)
     stdout.print(
-        f"contact {result.contact_time_s:.2f} s, judged from {1e3 * AFTER_TOUCH_S:.0f} ms after each touch: "
-        f"{result.fidelity.sliding_time_s:.2f} s of sliding"
+        f"contact {result.contact_time_s:.2f} s, judged from {1e3 * AFTER_TOUCH_S:.0f} ms after"
+        f" each touch: {result.fidelity.sliding_time_s:.2f} s of sliding"
     )
     stdout.print(
-        f"highest voltage {result.max_voltage_v:.1f} V peak; output on without contact "
-        f"{result.output_on_without_contact_s:.3f} s; refused by the safety gate {record.rejections}"
+        f"highest voltage {result.max_voltage_v:.1f} V peak; output on without contact"
+        f" {result.output_on_without_contact_s:.3f} s; refused by the safety gate"
+        f" {record.rejections}"
     )
     stdout.print(f"output at the end: {record.off}")
     stdout.print(f"picture: {picture}")
@@ -124,7 +146,13 @@ def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, pictur
 def _table(record: SlideRecord) -> Table:
     """Target against achieved friction, by level of target."""
     table = Table(
-        "target", "achieved", "error", "within 5 %", "time", title="friction while sliding", title_justify="left"
+        "target",
+        "achieved",
+        "error",
+        "within 5 %",
+        "time",
+        title="friction while sliding",
+        title_justify="left",
     )
     judged = record.sliding & (record.samples["reachable"] == 1)
     target, measured = record.target_cof[judged], record.measured_cof[judged]

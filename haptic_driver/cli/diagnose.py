@@ -12,7 +12,16 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, RowsOption, named, report, status, stdout
+from haptic_driver.cli.output import (
+    Json,
+    ModelOption,
+    RigOption,
+    RowsOption,
+    named,
+    report,
+    status,
+    stdout,
+)
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.check import told
 from haptic_driver.experiments.data_file import meta_path
@@ -35,39 +44,57 @@ from model.touch_model import TouchModel
 
 
 def diagnose(
-    data: Annotated[Path | None, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; or a recording (.h5).")] = None,
+    data: Annotated[
+        Path | None, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; or a recording (.h5).")
+    ] = None,
     model: ModelOption = "reference",
-    out: Annotated[Path, Option(help="Folder for report.html, report.json, model.toml.")] = Path("diagnosis"),
+    out: Annotated[Path, Option(help="Folder for report.html, report.json, model.toml.")] = Path(
+        "diagnosis"
+    ),
     also: Annotated[
-        list[Path] | None, Option(help="More data of the same finger and rig; may be given repeatedly.")
+        list[Path] | None,
+        Option(help="More data of the same finger and rig; may be given repeatedly."),
     ] = None,
     rows: RowsOption = None,
     seed: Annotated[int, Option(help="Of the random draws in tests and folds.", min=0)] = 0,
-    plan: Annotated[str | None, named("plans", "A plan to judge beforehand, beside data or without")] = None,
+    plan: Annotated[
+        str | None, named("plans", "A plan to judge beforehand, beside data or without")
+    ] = None,
     rig: RigOption = "simulated",
     strength: Annotated[
-        float, Option(help="With --plan: of the effects, in standard deviations beyond the usual.", min=-3.0, max=3.0)
+        float,
+        Option(
+            help="With --plan: of the effects, in standard deviations beyond the usual.",
+            min=-3.0,
+            max=3.0,
+        ),
     ] = 0.0,
-    noise: Annotated[float, Option(help="With --plan: of one friction, relative.", min=1e-4, max=0.5)] = 0.02,
+    noise: Annotated[
+        float, Option(help="With --plan: of one friction, relative.", min=1e-4, max=0.5)
+    ] = 0.02,
     as_json: Json = False,
 ) -> None:
-    """Find where measured friction and the model disagree, name the missing effect, add it, and prove it.
+    """Find where measured friction and the model disagree, name the missing effect, add it, and
+    prove it.
 
-    Gives one verdict: no_discrepancy, effect_found, ambiguous, unexplained or not_testable. A name is given only when
-    the data earn it. Where more data would tell more, `DIR/next_plan.toml` is a plan for `haptic measure`; what it
-    measures goes in with `--also`.
+    Gives one verdict: no_discrepancy, effect_found, ambiguous, unexplained or not_testable. A name
+    is given only when the data earn it. Where more data would tell more, `DIR/next_plan.toml` is a
+    plan for `haptic measure`; what it measures goes in with `--also`.
 
     A recording of `haptic record` is cut into rows of steady sliding, which `--rows out.csv` keeps.
 
-    Without data, `--plan P --rig R` says beforehand which effects that plan could tell apart on that rig: as it is,
-    with the electrode's current as far as a card reads it, and with a full sweep. With data, also which those could,
-    with the noise that they state; they are not diagnosed then.
+    Without data, `--plan P --rig R` says beforehand which effects that plan could tell apart on
+    that rig: as it is, with the electrode's current as far as a card reads it, and with a full
+    sweep. With data, also which those could, with the noise that they state; they are not diagnosed
+    then.
 
     Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """
     given = [*([] if data is None else [data]), *(also or ())]
     if not given and plan is None:
-        raise BadInputError("bad_data", "give data or --plan", "haptic diagnose data.csv, or --plan full --rig R")
+        raise BadInputError(
+            "bad_data", "give data or --plan", "haptic diagnose data.csv, or --plan full --rig R"
+        )
     description, measurements = load_model(model), read_data(given, rows) if given or rows else None
     if plan is not None:
         _show_levels((plan, rig), description, measurements, out, (strength, noise), as_json)
@@ -79,7 +106,11 @@ def diagnose(
         found = write_report(diagnosis, description, out, ", ".join(path.name for path in given))
     following = _write_next_plan(found["next_experiments"], out / "next_plan.toml")
     again = once_more(following, given, model, out) if following else None
-    report(as_json, found | {"next_plan": str(following) if following else None}, lambda: _show(found, out, again))
+    report(
+        as_json,
+        found | {"next_plan": str(following) if following else None},
+        lambda: _show(found, out, again),
+    )
 
 
 def _show_levels(
@@ -118,11 +149,16 @@ def _show_levels(
     }
 
     def show() -> None:
-        table = Table(Column("effect", no_wrap=True), *(f"{name} ({data.count})" for name, data in sets.items()))
+        table = Table(
+            Column("effect", no_wrap=True),
+            *(f"{name} ({data.count})" for name, data in sets.items()),
+        )
         for effect in dict.fromkeys(name for level in found.values() for name in level.names):
             table.add_row(effect, *(_told_apart(level, effect) for level in found.values()))
         stdout.print(table)
-        stdout.print(f"Told apart: chi-square of {APART:.3g} or more. In brackets: rows times witnesses.")
+        stdout.print(
+            f"Told apart: chi-square of {APART:.3g} or more. In brackets: rows times witnesses."
+        )
         for line in told(refusals):
             stdout.print(f"left out, {line}")
         stdout.print(f"picture: {picture}")
@@ -141,12 +177,21 @@ def _told_apart(known: Resolution, name: str) -> str:
 
 
 def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | None:
-    """What to measure next, as a plan; None, and no file left from before, where there are no settings to measure."""
+    """What to measure next, as a plan; None, and no file left from before, where there are no
+    settings to measure.
+    """
     settings = []
     for step in steps:
-        speed_m_s = step.get("speed_m_s", SPEED_REFERENCE_M_S)  # of data that do not say how fast they were
+        speed_m_s = step.get(
+            "speed_m_s", SPEED_REFERENCE_M_S
+        )  # of data that do not say how fast they were
         if step["kind"] == "setting" and speed_m_s > 0.0:  # a held finger is no slide
-            told = (step["frequency_hz"] or 0.0, step["voltage_v"], step["normal_force_n"], speed_m_s)
+            told = (
+                step["frequency_hz"] or 0.0,
+                step["voltage_v"],
+                step["normal_force_n"],
+                speed_m_s,
+            )
             time_s = step.get("time_s")
             due_s = time_s if time_s is not None and 0.0 <= time_s <= LONGEST_S else None
             settings.append(Setting(*told, step.get("voltage_offset_v") or 0.0, time_s=due_s))
@@ -154,24 +199,34 @@ def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | N
         path.unlink(missing_ok=True)
         return None
     repeats = steps[0]["repeats"]
-    write_plan(path, Plan(name="next", about=steps[0]["purpose"], settings=tuple(settings), repeats=repeats))
+    write_plan(
+        path,
+        Plan(name="next", about=steps[0]["purpose"], settings=tuple(settings), repeats=repeats),
+    )
     return path
 
 
 def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
     still = "" if found["adequate"] else " (the model is not adequate yet)"
-    stdout.print(Text.assemble("verdict: ", (found["verdict"], "bold"), still, f": {'; '.join(found['reasons'])}"))
+    stdout.print(
+        Text.assemble(
+            "verdict: ", (found["verdict"], "bold"), still, f": {'; '.join(found['reasons'])}"
+        )
+    )
     for said in found["learned"]["words"] if found["learned"] else ():
         stdout.print(f"  {said}")
     for effect in found["effects"]:
         if effect["name"] == LEARNED:  # no cause and no name: its values are in the model's file
             continue
         values = ", ".join(
-            f"{name} = {p['value']:.3g} ± {p['std']:.2g} {p['unit']}" for name, p in effect["parameters"].items()
+            f"{name} = {p['value']:.3g} ± {p['std']:.2g} {p['unit']}"
+            for name, p in effect["parameters"].items()
         )
         stdout.print(f"  {effect['name']}: probability {effect['probability']:.3f}; {values}")
         if effect["indistinguishable_from"]:
-            stdout.print(f"    these data cannot tell it from {', '.join(effect['indistinguishable_from'])}")
+            stdout.print(
+                f"    these data cannot tell it from {', '.join(effect['indistinguishable_from'])}"
+            )
     table = Table("candidate", "probability", title="most probable", title_justify="left")
     for row in found["alternatives"][:5]:
         table.add_row(row["name"], f"{row['probability']:.3g}")
@@ -198,9 +253,12 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
 def place(region: Mapping[str, Any]) -> str:
     """Where a region lies, on one axis or on two."""
     axes, lows, highs = (
-        value if isinstance(value, list) else [value] for value in (region["axis"], region["low"], region["high"])
+        value if isinstance(value, list) else [value]
+        for value in (region["axis"], region["low"], region["high"])
     )
-    return " and ".join(f"{axis} {low:g} to {high:g}" for axis, low, high in zip(axes, lows, highs, strict=True))
+    return " and ".join(
+        f"{axis} {low:g} to {high:g}" for axis, low, high in zip(axes, lows, highs, strict=True)
+    )
 
 
 def once_more(plan: Path, given: Sequence[Path], model: str, out: Path) -> str:

@@ -14,14 +14,21 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.doctor import Check, Status, examine
 from haptic_driver.surface.models import load_model
 
-COLOURS = {Status.OK: "green", Status.WARNING: "yellow", Status.FAILED: "red", Status.NOT_VERIFIED: "cyan"}
+COLOURS = {
+    Status.OK: "green",
+    Status.WARNING: "yellow",
+    Status.FAILED: "red",
+    Status.NOT_VERIFIED: "cyan",
+}
 
 
 def doctor(rig: RigOption = "simulated", as_json: Json = False) -> int:
-    """Check a rig without energising it: identity, settings, limits, monitors, calibration dates, scheduling.
+    """Check a rig without energising it: identity, settings, limits, monitors, calibration dates,
+    scheduling.
 
-    Only questions are asked. What could not be verified is said too. Exit status 1 when a check failed. The devices of
-    a simulated rig are served for the occasion and asked over the same wires.
+    Only questions are asked. What could not be verified is said too. Exit status 1 when a check
+    failed. The devices of a simulated rig are served for the occasion and asked over the same
+    wires.
 
     Example: `haptic doctor --rig simulated`
     """
@@ -43,7 +50,10 @@ def doctor(rig: RigOption = "simulated", as_json: Json = False) -> int:
 
 
 def _served(config: RigConfig, serving: ExitStack) -> RigConfig:
-    from haptic_driver.simulation.served import ServedRig, as_real  # noqa: PLC0415 - a real rig needs no model
+    from haptic_driver.simulation.served import (  # noqa: PLC0415 - a real rig needs no model
+        ServedRig,
+        as_real,
+    )
     from model.touch_model import TouchModel  # noqa: PLC0415
 
     touch = TouchModel(load_model(config.simulation.model or "reference"))
@@ -59,4 +69,6 @@ def _show(config: RigConfig, checks: list[Check]) -> None:
     stdout.print(Text.assemble(f"rig {config.name}", kind, "; nothing was energised"))
     stdout.print(table)
     counts = Counter(check.status for check in checks)
-    stdout.print(", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status]))
+    stdout.print(
+        ", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status])
+    )

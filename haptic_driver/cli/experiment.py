@@ -19,7 +19,17 @@ from typer import Argument, Option
 
 from haptic_driver.cli.control import client_of
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, ModelOption, RigOption, named, progress, report, signals_to, stderr, stdout
+from haptic_driver.cli.output import (
+    Json,
+    ModelOption,
+    RigOption,
+    named,
+    progress,
+    report,
+    signals_to,
+    stderr,
+    stdout,
+)
 from haptic_driver.errors import BadInputError
 
 if TYPE_CHECKING:
@@ -32,7 +42,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Run psychophysical experiments, try their design without a rig, and fit what was answered.",
+    help=(
+        "Run psychophysical experiments, try their design without a rig, and fit what was answered."
+    ),
 )
 File = Annotated[str, named("experiments", "Experiment", Argument)]
 LEASE_S = 2.0  # writing a trial to a slow disk must not cost the lease
@@ -41,23 +53,31 @@ LEASE_S = 2.0  # writing a trial to a slow disk must not cost the lease
 @app.command()
 def run(
     file: File,
-    participant: Annotated[str, Option(help="Name of the participant, letters and digits, such as P01.")],
+    participant: Annotated[
+        str, Option(help="Name of the participant, letters and digits, such as P01.")
+    ],
     out: Annotated[Path, Option(help="Folder of results.")] = Path("out/experiment"),
     session: Annotated[str, Option(help="Name of the session, letters and digits.")] = "01",
     simulated: Annotated[
         bool, Option("--simulated", help="A simulated participant, see [simulated], answers.")
     ] = False,
-    record: Annotated[bool, Option("--record", help="Record every tick beside the results.")] = False,
+    record: Annotated[
+        bool, Option("--record", help="Record every tick beside the results.")
+    ] = False,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Run a session of an experiment on a running daemon; one that was stopped goes on at its next trial.
+    """Run a session of an experiment on a running daemon; one that was stopped goes on at its next
+    trial.
 
     Ctrl-C stops it with the output off. Every trial is on the disk when it is answered.
 
     Example: `haptic experiment run friction_difference --participant P01 --out results`
     """
-    from haptic_driver.experiments.psychophysics.apparatus import DaemonApparatus, check_textures  # noqa: PLC0415
+    from haptic_driver.experiments.psychophysics.apparatus import (  # noqa: PLC0415
+        DaemonApparatus,
+        check_textures,
+    )
     from haptic_driver.experiments.psychophysics.data import SessionFiles  # noqa: PLC0415
     from haptic_driver.experiments.psychophysics.description import load_experiment  # noqa: PLC0415
     from haptic_driver.experiments.psychophysics.run import run_session  # noqa: PLC0415
@@ -88,9 +108,11 @@ def simulate(
     seed: Annotated[int, Option(min=0, help="Of their answers.")] = 1,
     as_json: Json = False,
 ) -> None:
-    """Try an experiment's design without a rig: how well are the thresholds of simulated participants found?
+    """Try an experiment's design without a rig: how well are the thresholds of simulated
+    participants found?
 
-    Friction is felt as asked. Each answers by the file's [simulated]; trials per participant, bias and spread are said.
+    Friction is felt as asked. Each answers by the file's [simulated]; trials per participant, bias
+    and spread are said.
 
     Example: `haptic experiment simulate friction_difference --participants 10`
     """
@@ -103,14 +125,30 @@ def simulate(
     rows = [one._asdict() for one in found]
 
     def show() -> None:
-        table = Table("condition", "trials", "threshold", "found, median", "spread", "95 % intervals that hold it")
+        table = Table(
+            "condition",
+            "trials",
+            "threshold",
+            "found, median",
+            "spread",
+            "95 % intervals that hold it",
+        )
         for one in found:
             held = f"{one.held_by_interval:.0%}"
-            numbers = f"{one.trials:.0f}", f"{one.truth:.4g}", f"{one.median:.4g}", f"{one.relative_std:.0%}"
+            numbers = (
+                f"{one.trials:.0f}",
+                f"{one.truth:.4g}",
+                f"{one.median:.4g}",
+                f"{one.relative_std:.0%}",
+            )
             table.add_row(one.condition, *numbers, held)
         stdout.print(table)
 
-    report(as_json, {"experiment": experiment.file.name, "participants": participants, "conditions": rows}, show)
+    report(
+        as_json,
+        {"experiment": experiment.file.name, "participants": participants, "conditions": rows},
+        show,
+    )
 
 
 @app.command()
@@ -121,7 +159,8 @@ def check(
     model: ModelOption = "reference",
     as_json: Json = False,
 ) -> None:
-    """Say which levels of an experiment a rig can reach under a load; what is out of reach is no failure.
+    """Say which levels of an experiment a rig can reach under a load; what is out of reach is no
+    failure.
 
     Example: `haptic experiment check friction_difference --rig simulated`
     """
@@ -140,23 +179,33 @@ def check(
             stdout.print(f"  {one.said()}")
 
     rows = [one._asdict() for one in found]
-    report(as_json, {"reachable_cof": [low, high], "normal_force_n": normal_force, "conditions": rows}, show)
+    report(
+        as_json,
+        {"reachable_cof": [low, high], "normal_force_n": normal_force, "conditions": rows},
+        show,
+    )
 
 
 @app.command()
 def analyse(
-    folder: Annotated[Path, Argument(help="Folder of results, the --out of haptic experiment run.")],
-    felt: Annotated[bool, Option("--felt", help="Over levels as felt, instead of as asked.")] = False,
+    folder: Annotated[
+        Path, Argument(help="Folder of results, the --out of haptic experiment run.")
+    ],
+    felt: Annotated[
+        bool, Option("--felt", help="Over levels as felt, instead of as asked.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Fit a psychometric function to every participant's answers to every condition, and draw them.
 
-    Practice and trials that the rig could not deliver are left out. Thresholds, with 95 % intervals, and pictures go
-    into the folder's `derivatives`.
+    Practice and trials that the rig could not deliver are left out. Thresholds, with 95 %
+    intervals, and pictures go into the folder's `derivatives`.
 
     Example: `haptic experiment analyse out/experiment`
     """
-    from haptic_driver.experiments.psychophysics.analysis import analyse as analysed  # noqa: PLC0415
+    from haptic_driver.experiments.psychophysics.analysis import (  # noqa: PLC0415
+        analyse as analysed,
+    )
     from haptic_driver.files import write_rows  # noqa: PLC0415
     from haptic_driver.pictures.psychometric import draw_functions  # noqa: PLC0415
 
@@ -176,15 +225,23 @@ def analyse(
 
 
 def _panel(result: Result) -> Answers:
-    from haptic_driver.pictures.psychometric import Answers  # noqa: PLC0415  (matplotlib is slow to import)
+    from haptic_driver.pictures.psychometric import (  # noqa: PLC0415  (matplotlib is slow to import)
+        Answers,
+    )
 
     title, fit = f"{result.condition}: {result.trials} trials", result.fit
     if fit is None:
         nothing = np.empty(0)
         return Answers(title, nothing, nothing, nothing, said=result.why_none)
     return Answers(
-        title, fit.levels, fit.positive, fit.count, fit.function.at, fit.function.threshold, fit.interval_95
-    )  # fmt: skip
+        title,
+        fit.levels,
+        fit.positive,
+        fit.count,
+        fit.function.at,
+        fit.function.threshold,
+        fit.interval_95,
+    )
 
 
 def _show(results: Sequence[Result], written: Sequence[str]) -> None:
@@ -194,7 +251,11 @@ def _show(results: Sequence[Result], written: Sequence[str]) -> None:
             found = r.why_none, "", ""
         else:
             low, high = r.fit.interval_95
-            found = f"{r.fit.function.threshold:.4g}", f"{low:.4g} to {high:.4g}", f"{r.fit.function.slope:.3g}"
+            found = (
+                f"{r.fit.function.threshold:.4g}",
+                f"{low:.4g} to {high:.4g}",
+                f"{r.fit.function.slope:.3g}",
+            )
         table.add_row(r.participant, r.condition, str(r.trials), str(len(r.left_out)), *found)
     stdout.print(table)
     for r in results:
@@ -207,7 +268,11 @@ def _show(results: Sequence[Result], written: Sequence[str]) -> None:
 def _check_names(**names: str) -> None:
     for what, name in names.items():
         if not (name.isascii() and name.isalnum()):
-            raise BadInputError("bad_name", f"--{what} {name!r}: letters and digits alone", "Give a name such as P01")
+            raise BadInputError(
+                "bad_name",
+                f"--{what} {name!r}: letters and digits alone",
+                "Give a name such as P01",
+            )
 
 
 def _about(experiment: Experiment, client: HapticClient) -> dict[str, Any]:
@@ -221,7 +286,9 @@ def _about(experiment: Experiment, client: HapticClient) -> dict[str, Any]:
     named = "rig", "simulated", "model", "surface_hash", "actuator", "latency_budget_s", "real_time"
     return {
         "Instructions": experiment.file.instructions,
-        "Rig": {name: value for name, value in status.model_dump(mode="json").items() if name in named},
+        "Rig": {
+            name: value for name, value in status.model_dump(mode="json").items() if name in named
+        },
         "TextureHashes": texture_hashes(experiment),
         "ClockOffsets": marked.model_dump(mode="json", include={"wall_offset_s", "lsl_offset_s"}),
         "SoftwareVersion": version("haptic-driver"),
@@ -229,22 +296,36 @@ def _about(experiment: Experiment, client: HapticClient) -> dict[str, Any]:
     }
 
 
-def _participant(experiment: Experiment, client: HapticClient, files: SessionFiles, simulated: bool) -> Participant:
+def _participant(
+    experiment: Experiment, client: HapticClient, files: SessionFiles, simulated: bool
+) -> Participant:
     from haptic_driver.experiments.psychophysics.answers import MarkerParticipant  # noqa: PLC0415
     from haptic_driver.experiments.psychophysics.design import pretended  # noqa: PLC0415
 
     if simulated:
         return pretended(experiment, files.participant, files.session)
-    return MarkerParticipant(client) if experiment.file.response.by == "markers" else _Keys(experiment.keys)
+    return (
+        MarkerParticipant(client)
+        if experiment.file.response.by == "markers"
+        else _Keys(experiment.keys)
+    )
 
 
 @contextmanager
-def _recorded(client: HapticClient, held: Session, files: SessionFiles, wanted: bool) -> Iterator[None]:
-    """Meanwhile every tick is recorded, for as long as the lease lasts: who is killed leaves none running."""
+def _recorded(
+    client: HapticClient, held: Session, files: SessionFiles, wanted: bool
+) -> Iterator[None]:
+    """Meanwhile every tick is recorded, for as long as the lease lasts: who is killed leaves none
+    running.
+    """
     if wanted:
         files.beh.mkdir(parents=True, exist_ok=True)
-        path = files.table.with_name(files.table.stem.removesuffix("_beh") + "_recording.h5").absolute()
-        if client.status().recording == str(path):  # what a killed run has left; this one is the file's next
+        path = files.table.with_name(
+            files.table.stem.removesuffix("_beh") + "_recording.h5"
+        ).absolute()
+        if client.status().recording == str(
+            path
+        ):  # what a killed run has left; this one is the file's next
             client.record(None)
         held.record(path)
     try:
@@ -261,17 +342,17 @@ class _Keys:
         self._keys = keys
 
     def wait(self, text: str) -> None:
-        """Any key."""
         stderr.print(Text.assemble((text, "bold"), "  Any key goes on."))
         self._pressed()
 
     def tell(self, text: str) -> None:
-        """A line."""
         stderr.print(text)
 
     def ask(self, question: Question) -> int:
         """The first key that means something, of those pressed from now on."""
-        offered = ", ".join(f"{key}: {answer}" for key, answer in zip(self._keys, question.answers, strict=True))
+        offered = ", ".join(
+            f"{key}: {answer}" for key, answer in zip(self._keys, question.answers, strict=True)
+        )
         stderr.print(f"{question.number}. {question.text}  {offered}")
         while (key := self._pressed()) not in self._keys:
             stderr.print(offered)
@@ -282,7 +363,9 @@ class _Keys:
             line = sys.stdin.readline()
             if not line:
                 raise BadInputError(
-                    "no_answers", "the answers have ended", "Run it on a terminal; it goes on from here"
+                    "no_answers",
+                    "the answers have ended",
+                    "Run it on a terminal; it goes on from here",
                 )
             return line.strip()[:1]
         import termios  # noqa: PLC0415  (no such thing on Windows)

@@ -28,7 +28,9 @@ IMPEDANCE_HZ = np.geomspace(1.0, 1e6, 241)
 STEEP_HZ, STEEP_V = np.geomspace(1.0, 1e6, 121), np.linspace(0.0, 250.0, 126)
 LOADS_N, SPEEDS_M_S = np.geomspace(0.05, 5.0, 81), np.geomspace(1e-3, 0.3, 81)
 VOLTAGES = (0.5, 1.0, 1.5)  # of the asked one, over load
-SHOWN_DEVIATIONS = 1.0  # above the prior's median: how strongly an effect of speed is switched on to be shown
+SHOWN_DEVIATIONS = (
+    1.0  # above the prior's median: how strongly an effect of speed is switched on to be shown
+)
 
 Rows = list[dict[str, str | float]]
 
@@ -48,10 +50,11 @@ def explore(
     normal_force: Annotated[float, Option(help="N.", min=0.01, max=50.0)] = 0.5,
     as_json: Json = False,
 ) -> None:
-    """Draw the force's spectrum under several drives, the impedance, where force turns steep, and friction.
+    """Draw the force's spectrum under several drives, the impedance, where force turns steep, and
+    friction.
 
-    Friction is drawn over normal force, and over speed with each effect of speed switched on in turn. Beside each
-    picture lies its table.
+    Friction is drawn over normal force, and over speed with each effect of speed switched on in
+    turn. Beside each picture lies its table.
 
     Example: `haptic explore --out exploration --frequency 250 --voltage 75`
     """
@@ -79,14 +82,22 @@ def _force_spectra(asked: _Asked, picture: Path) -> Rows:
         f"sine, {f:g} Hz, {v:g} V": spectra.sine(f, v),
         f"the same on {v:g} V of bias": spectra.sine(f, v, v),
         f"square wave, {f:g} Hz, {v:g} V": spectra.square(f, v),
-        f"carrier {carrier:g} Hz, {v:g} V, modulated at {MODULATION_HZ:g} Hz by half": spectra.amplitude_modulated(
-            carrier, v, MODULATION_HZ, MODULATION_DEPTH
+        f"carrier {carrier:g} Hz, {v:g} V, modulated at {MODULATION_HZ:g} Hz by half": (
+            spectra.amplitude_modulated(carrier, v, MODULATION_HZ, MODULATION_DEPTH)
         ),
     }
-    found = {name: spectra.force_spectrum(asked.touch, tones, asked.normal_force_n) for name, tones in drives.items()}
+    found = {
+        name: spectra.force_spectrum(asked.touch, tones, asked.normal_force_n)
+        for name, tones in drives.items()
+    }
     pictures.draw_force_spectra(found, picture)
     return [
-        {"drive": name, "frequency_hz": f, "force_n": abs(force), "phase_deg": float(np.degrees(np.angle(force)))}
+        {
+            "drive": name,
+            "frequency_hz": f,
+            "force_n": abs(force),
+            "phase_deg": float(np.degrees(np.angle(force))),
+        }
         for name, spectrum in found.items()
         for f, force in zip(spectrum.frequency_hz.tolist(), spectrum.force_n.tolist(), strict=True)
     ]
@@ -96,7 +107,9 @@ def _impedance(asked: _Asked, picture: Path) -> Rows:
     """Of the sliding finger under the asked and four times the asked load, and stuck or wet."""
     light, heavy = asked.normal_force_n, 4.0 * asked.normal_force_n
     touch = partial(spectra.impedance, asked.touch, IMPEDANCE_HZ)
-    found = {f"sliding, {n:g} N": touch(n) for n in (light, heavy)} | {"stuck or wet": touch(light, stuck=True)}
+    found = {f"sliding, {n:g} N": touch(n) for n in (light, heavy)} | {
+        "stuck or wet": touch(light, stuck=True)
+    }
     pictures.draw_impedance(IMPEDANCE_HZ, found, picture)
     return [
         {"touch": name, "frequency_hz": f, "resistance_ohm": z.real, "reactance_ohm": z.imag}
@@ -110,7 +123,11 @@ def _steepness(asked: _Asked, picture: Path) -> Rows:
     found = spectra.steepness(asked.touch, STEEP_HZ, STEEP_V, np.array([asked.normal_force_n]))
     pictures.draw_steepness(found, 0, picture)
     return [
-        {"frequency_hz": float(f), "voltage_v": float(v), "exponent": float(found.exponent[i, j, 0])}
+        {
+            "frequency_hz": float(f),
+            "voltage_v": float(v),
+            "exponent": float(found.exponent[i, j, 0]),
+        }
         for i, f in enumerate(STEEP_HZ)
         for j, v in enumerate(STEEP_V)
         if np.isfinite(found.exponent[i, j, 0])
@@ -121,7 +138,9 @@ def _friction_over_load(asked: _Asked, picture: Path) -> Rows:
     """Without voltage, and at half, once and one and a half times the asked one."""
     voltages = [0.0, *(share * asked.voltage_v for share in VOLTAGES)]
     curves = {f"{v:g} V": _cof(asked, voltage_v=v, normal_force_n=LOADS_N) for v in voltages}
-    return _drawn(curves, LOADS_N, "normal_force_n", "normal force, N", f"{asked.frequency_hz:g} Hz", picture)
+    return _drawn(
+        curves, LOADS_N, "normal_force_n", "normal force, N", f"{asked.frequency_hz:g} Hz", picture
+    )
 
 
 def _friction_over_speed(asked: _Asked, picture: Path) -> Rows:
@@ -130,9 +149,14 @@ def _friction_over_speed(asked: _Asked, picture: Path) -> Rows:
     curves = {"by the model": _cof(asked, speed_m_s=SPEEDS_M_S)}
     for kind in CATALOGUE:
         if "speed_m_s" in kind.needs and kind.name not in base.effect_parameters:
-            shown = {p.name: Parameter(p.from_normal(SHOWN_DEVIATIONS), p.unit, "shown") for p in kind.parameters()}
+            shown = {
+                p.name: Parameter(p.from_normal(SHOWN_DEVIATIONS), p.unit, "shown")
+                for p in kind.parameters()
+            }
             more = replace(base, effect_parameters={**base.effect_parameters, kind.name: shown})
-            curves[kind.name.replace("_", " ")] = _cof(asked._replace(touch=TouchModel(more)), speed_m_s=SPEEDS_M_S)
+            curves[kind.name.replace("_", " ")] = _cof(
+                asked._replace(touch=TouchModel(more)), speed_m_s=SPEEDS_M_S
+            )
     at = f"{asked.frequency_hz:g} Hz, {asked.voltage_v:g} V"
     return _drawn(curves, SPEEDS_M_S, "speed_m_s", "sliding speed, m/s", at, picture)
 
@@ -145,9 +169,14 @@ def _cof(asked: _Asked, **varied: Any) -> Array:
     return asked.touch.predict(Conditions(**dict(zip(conditions, columns, strict=True)))).cof
 
 
-def _drawn(curves: dict[str, Array], x: Array, column: str, label: str, at: str, picture: Path) -> Rows:
+def _drawn(
+    curves: dict[str, Array], x: Array, column: str, label: str, at: str, picture: Path
+) -> Rows:
     pictures.draw_lines(
-        {name: (x, cof) for name, cof in curves.items()}, label, f"coefficient of friction, {at}", picture
+        {name: (x, cof) for name, cof in curves.items()},
+        label,
+        f"coefficient of friction, {at}",
+        picture,
     )
     return [
         {"curve": name, column: float(a), "cof": float(b)}

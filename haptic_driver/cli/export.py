@@ -26,5 +26,11 @@ def export(
     runs = recording.run_names(file)
     with progress("exporting", recording.row_count(file, run, events=events)) as advance:
         rows = recording.export(file, out, run=run, events=events, force=force, progress=advance)
-    payload = {"recording": str(file), "out": str(out), "run": run or runs[-1], "runs": runs, "rows": rows}
+    payload = {
+        "recording": str(file),
+        "out": str(out),
+        "run": run or runs[-1],
+        "runs": runs,
+        "rows": rows,
+    }
     report(as_json, payload, lambda: stdout.print(f"{out}: {rows} rows of {payload['run']}"))

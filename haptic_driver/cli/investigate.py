@@ -42,30 +42,40 @@ SAID = {
 def investigate(
     rig: RigOption = "simulated",
     model: ModelOption = "reference",
-    out: Annotated[Path, Option(help="Folder: one per round in it, and investigation.json.")] = Path("investigation"),
+    out: Annotated[
+        Path, Option(help="Folder: one per round in it, and investigation.json.")
+    ] = Path("investigation"),
     plan: Annotated[str, named("plans", "Plan of the first round")] = "witnesses",
     rounds: Annotated[int, Option(min=1, max=20, help="At most so many.")] = 4,
     minutes: Annotated[float, Option(min=1.0, help="Of measuring, at most.")] = 60.0,
-    finger: Annotated[str | None, Option(help="module:function, all that the simulated finger does.")] = None,
+    finger: Annotated[
+        str | None, Option(help="module:function, all that the simulated finger does.")
+    ] = None,
     seed: Annotated[int, Option(min=0, help="Order and noise.")] = 0,
-    yes: Annotated[bool, Option("--yes", help="A real rig begins without asking; somebody is there.")] = False,
+    yes: Annotated[
+        bool, Option("--yes", help="A real rig begins without asking; somebody is there.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Measure, diagnose, propose and measure again, until the missing effect has a name.
 
-    It ends when a name is earned, when nothing that this rig may do could tell the rest apart, or when the budget is
-    spent. Every round measures what tells the leading explanations apart soonest: friction, spectra of the electrode's
-    current, and the same once somebody has done something, such as wiping the finger. A person at a real rig is asked;
-    a simulated rig does it. What lies in the folder already is not measured again.
+    It ends when a name is earned, when nothing that this rig may do could tell the rest apart, or
+    when the budget is spent. Every round measures what tells the leading explanations apart
+    soonest: friction, spectra of the electrode's current, and the same once somebody has done
+    something, such as wiping the finger. A person at a real rig is asked; a simulated rig does it.
+    What lies in the folder already is not measured again.
 
     Example: `haptic investigate --rig hidden_humidity --model reference --out investigation`
     """
     config, description = load_rig(rig), load_model(model)
     if finger is not None and not config.simulated:
-        raise BadInputError("usage", f"rig {config.name} is real: it has its own finger", "Leave --finger out")
+        raise BadInputError(
+            "usage", f"rig {config.name} is real: it has its own finger", "Leave --finger out"
+        )
     if not (config.simulated or yes):
         stderr.print(
-            f"rig {config.name} is real: the stage moves, the screen is energised, for at most {minutes:g} min"
+            f"rig {config.name} is real: the stage moves, the screen is energised, for at most"
+            f" {minutes:g} min"
         )
         confirm_attended(config.name)
     function = None if finger is None else load_finger(finger)
@@ -92,15 +102,24 @@ def _show(found: Investigation, out: Path) -> None:
     for told in found.history:
         proposals = told["proposals"]
         done = sorted({p["setting"]["intervention"] for p in proposals} - {"none"})
-        what = f"{sum(p['settings'] for p in proposals)} settings" + (f", after {', '.join(done)}" if done else "")
+        what = f"{sum(p['settings'] for p in proposals)} settings" + (
+            f", after {', '.join(done)}" if done else ""
+        )
         table.add_row(
-            str(told["round"]), told["verdict"], ", ".join(told["suspects"]), what if proposals else "nothing"
+            str(told["round"]),
+            told["verdict"],
+            ", ".join(told["suspects"]),
+            what if proposals else "nothing",
         )
     if found.history:
         stdout.print(table)
-    stdout.print(f"{found.rows} rows in {found.rounds} rounds, {found.measured_s / 60.0:.0f} min of measuring")
     stdout.print(
-        f"report: {out / f'round-{found.rounds}' / 'report.html'}; model: {diagnosis['model']}", soft_wrap=True
+        f"{found.rows} rows in {found.rounds} rounds, {found.measured_s / 60.0:.0f} min of"
+        " measuring"
+    )
+    stdout.print(
+        f"report: {out / f'round-{found.rounds}' / 'report.html'}; model: {diagnosis['model']}",
+        soft_wrap=True,
     )
     if found.outcome == "budget_spent":
         stderr.print("give more --rounds or --minutes and the same --out to go on")

@@ -34,7 +34,11 @@ def _object(text: str) -> dict[str, Any]:
     try:
         found = json.loads(text)
     except ValueError as error:
-        raise BadInputError("bad_json", f"--data is not JSON: {error}", "Give an object: '{\"level\": 0.1}'") from error
+        raise BadInputError(
+            "bad_json", f"--data is not JSON: {error}", "Give an object: '{\"level\": 0.1}'"
+        ) from error
     if not isinstance(found, dict):
-        raise BadInputError("bad_json", f"--data {text} is no JSON object", "Give an object: '{\"level\": 0.1}'")
+        raise BadInputError(
+            "bad_json", f"--data {text} is no JSON object", "Give an object: '{\"level\": 0.1}'"
+        )
     return found

@@ -45,33 +45,55 @@ def measure(
     out: Annotated[Path, Option(help="CSV to write, one row at a time.")],
     rig: RigOption = "simulated",
     model: ModelOption = "reference",
-    resume: Annotated[bool, Option("--resume", help="Continue a file that was interrupted.")] = False,
+    resume: Annotated[
+        bool, Option("--resume", help="Continue a file that was interrupted.")
+    ] = False,
     force: Annotated[bool, Option("--force", help="Overwrite an existing file.")] = False,
-    strict: Annotated[bool, Option("--strict", help="Refused points are an error, not skipped.")] = False,
-    seed: Annotated[int | None, Option(min=0, help="Order and noise; the plan's own if left out.")] = None,
-    hide: Annotated[Path | None, Option(help="TOML: effects that the simulated finger has.")] = None,
-    finger: Annotated[str | None, Option(help="module:function, all that the simulated finger does.")] = None,
-    yes: Annotated[bool, Option("--yes", help="A real rig begins without asking; somebody is there.")] = False,
+    strict: Annotated[
+        bool, Option("--strict", help="Refused points are an error, not skipped.")
+    ] = False,
+    seed: Annotated[
+        int | None, Option(min=0, help="Order and noise; the plan's own if left out.")
+    ] = None,
+    hide: Annotated[
+        Path | None, Option(help="TOML: effects that the simulated finger has.")
+    ] = None,
+    finger: Annotated[
+        str | None, Option(help="module:function, all that the simulated finger does.")
+    ] = None,
+    yes: Annotated[
+        bool, Option("--yes", help="A real rig begins without asking; somebody is there.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Measure friction, and the electrode's voltage and current, over a plan's settings.
 
-    Points outside the rig's limits, with the finger currents that the model predicts, are listed first and never
-    energised. Every row is on the disk before the next begins. On a real rig the stage slides once per row, and waits
-    for the finger to press as the plan says. A simulated finger may be given effects that the model does not know, as
-    `[series_resistance] resistance_ohm = 2e4` in a file, or be any function of arrays `(frequency_hz, voltage_v,
-    normal_force_n, speed_m_s, time_s)` that returns the lateral force in N, or `(lateral_force_n, current_a,
-    electrode_voltage_v)` with complex peak phasors against the set voltage; the data do not say which.
+    Points outside the rig's limits, with the finger currents that the model predicts, are listed
+    first and never energised. Every row is on the disk before the next begins. On a real rig the
+    stage slides once per row, and waits for the finger to press as the plan says. A simulated
+    finger may be given effects that the model does not know, as `[series_resistance] resistance_ohm
+    = 2e4` in a file, or be any function of arrays `(frequency_hz, voltage_v, normal_force_n,
+    speed_m_s, time_s)` that returns the lateral force in N, or `(lateral_force_n, current_a,
+    electrode_voltage_v)` with complex peak phasors against the set voltage; the data do not say
+    which.
 
     Example: `haptic measure --rig simulated --plan paper --out data.csv`
     """
     config = load_rig(rig)
     if not config.simulated and (hide is not None or finger is not None):
-        raise BadInputError("usage", f"rig {config.name} is real: nothing can be hidden in its finger", "Leave it out")
+        raise BadInputError(
+            "usage",
+            f"rig {config.name} is real: nothing can be hidden in its finger",
+            "Leave it out",
+        )
     if resume and force:
-        raise BadInputError("usage", "--resume and --force contradict each other", "Give one of them")
+        raise BadInputError(
+            "usage", "--resume and --force contradict each other", "Give one of them"
+        )
     if hide is not None and finger is not None:
-        raise BadInputError("usage", "--hide and --finger both say what the finger does", "Give one of them")
+        raise BadInputError(
+            "usage", "--hide and --finger both say what the finger does", "Give one of them"
+        )
     if hide is not None:
         config = _hiding(config, hide)
     function = None if finger is None else load_finger(finger)
@@ -81,7 +103,11 @@ def measure(
     _tell_refused(experiment, strict)
     _ask(experiment, yes)
     identity = experiment.identity(function.source if function else "")
-    opened = DataFile.resume(out, identity, experiment.rows) if resume else DataFile.create(out, identity, force=force)
+    opened = (
+        DataFile.resume(out, identity, experiment.rows)
+        if resume
+        else DataFile.create(out, identity, force=force)
+    )
     total = len(experiment.rows)
     with opened as data, progress("measuring", total) as advance:
         bench = bench_for(experiment, data.done, function, advance.tell)
@@ -90,11 +116,19 @@ def measure(
                 off = run(experiment, bench, data, advance, advance.tell)
         except KeyboardInterrupt as stop:
             is_off = bench.rig.state is RigState.OFF
-            output = "the output is off" if is_off else "the output MAY STILL BE ON: switch the amplifier off by hand"
+            output = (
+                "the output is off"
+                if is_off
+                else "the output MAY STILL BE ON: switch the amplifier off by hand"
+            )
             said = f"interrupted; {data.done} of {total} rows are in {out}, {output}"
             raise HapticError("interrupted", said, "Continue with --resume") from stop
     stray = _check_spectra(experiment, out)
-    report(as_json, _payload(experiment, data.done, out, stray), lambda: _show(experiment, out, off, stray))
+    report(
+        as_json,
+        _payload(experiment, data.done, out, stray),
+        lambda: _show(experiment, out, off, stray),
+    )
 
 
 def _payload(experiment: Experiment, rows: int, out: Path, stray: Stray | None) -> dict[str, Any]:
@@ -106,7 +140,10 @@ def _payload(experiment: Experiment, rows: int, out: Path, stray: Stray | None) 
         "simulated": experiment.config.simulated,
         "duration_s": experiment.duration_s,
         "stray_capacitance": None if stray is None else stray._asdict(),
-        "refused": [{**refusal.setting._asdict(), "reason": refusal.reason} for refusal in experiment.refusals],
+        "refused": [
+            {**refusal.setting._asdict(), "reason": refusal.reason}
+            for refusal in experiment.refusals
+        ],
     }
 
 
@@ -117,14 +154,15 @@ def _ask(experiment: Experiment, yes: bool) -> None:
     done = experiment.plan.intervention
     highest_v = max((row.setting.voltage_v for row in experiment.rows), default=0.0)
     stderr.print(
-        f"rig {experiment.config.name} is real: {len(experiment.rows)} rows, up to {highest_v:g} V peak, at least "
-        f"{ceil(experiment.duration_s / 60)} min; the stage will move, and home if it has not.\n"
-        "Take the finger off the screen: the force sensor's bias comes first."
+        f"rig {experiment.config.name} is real: {len(experiment.rows)} rows, up to {highest_v:g} V"
+        f" peak, at least {ceil(experiment.duration_s / 60)} min; the stage will move, and home if"
+        " it has not.\nTake the finger off the screen: the force sensor's bias comes first."
         + (f"\nThe plan wants this done: {BY_INTERVENTION[done].todo}." if done != NOTHING else "")
     )
     if any(row.setting.by_meter for row in experiment.rows):
         stderr.print(
-            "The LCR meter drives the electrode: take the amplifier's lead off it, and wire the meter's to it."
+            "The LCR meter drives the electrode: take the amplifier's lead off it, and wire the"
+            " meter's to it."
         )
     confirm_attended(experiment.config.name)
 
@@ -147,7 +185,10 @@ def _check_spectra(experiment: Experiment, out: Path) -> Stray | None:
         return None
     failed, stray = mark_spectra(out, datetime.date.today())
     if failed:
-        said = f"{failed} rows of sweeps contradict Kramers and Kronig: something changed while they were measured"
+        said = (
+            f"{failed} rows of sweeps contradict Kramers and Kronig: something changed while they"
+            " were measured"
+        )
         stderr.print(f"warning: {said}; they are marked in the column kramers_kronig")
     return stray
 
@@ -158,9 +199,16 @@ def _tell_refused(experiment: Experiment, strict: bool) -> None:
         return
     for line in told(refusals):
         stderr.print(f"refused: {line}")
-    said = f"rig {experiment.config.name} refuses {len(refusals)} of {len(experiment.plan.settings)} points"
+    said = (
+        f"rig {experiment.config.name} refuses {len(refusals)} of {len(experiment.plan.settings)}"
+        " points"
+    )
     if strict:
-        raise BadInputError("refused", f"plan {experiment.plan.name}: {said}", "Change the plan, or leave out --strict")
+        raise BadInputError(
+            "refused",
+            f"plan {experiment.plan.name}: {said}",
+            "Change the plan, or leave out --strict",
+        )
     stderr.print(f"warning: {said}; {experiment.skipped} rows are skipped")
 
 

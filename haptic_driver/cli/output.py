@@ -1,7 +1,8 @@
-"""What every command shares: one JSON object or text on stdout, errors on stderr, progress only on a terminal.
+"""What every command shares: one JSON object or text on stdout, errors on stderr, progress only on
+a terminal.
 
-What is printed stands as it is: a path or a hint such as `[force_sensor]` is never taken for markup. Emphasis is a
-`Text`.
+What is printed stands as it is: a path or a hint such as `[force_sensor]` is never taken for
+markup. Emphasis is a `Text`.
 """
 
 from __future__ import annotations
@@ -36,14 +37,21 @@ from haptic_driver.errors import BadInputError, HapticError, shown
 
 
 def named(kind: str, what: str, declare: Callable[..., Any] = Option) -> Any:
-    """An option or argument for a file by its name in the config folders of a kind (rigs, models, ...) or its path."""
-    return declare(help=f"{what}: a name in configs/{kind} or a path.", autocompletion=lambda: config_names(kind))
+    """An option or argument for a file by its name in the config folders of a kind (rigs, models,
+    ...) or its path.
+    """
+    return declare(
+        help=f"{what}: a name in configs/{kind} or a path.",
+        autocompletion=lambda: config_names(kind),
+    )
 
 
 Json = Annotated[bool, Option("--json", help="Print one JSON object and nothing else.")]
 ModelOption = Annotated[str, named("models", "Model")]
 RigOption = Annotated[str, named("rigs", "Rig")]
-RowsOption = Annotated[Path | None, Option(help="CSV to write: the rows that recordings were cut into.")]
+RowsOption = Annotated[
+    Path | None, Option(help="CSV to write: the rows that recordings were cut into.")
+]
 
 SIMULATED = ("simulated", "bold")  # a part of a `Text`
 
@@ -51,7 +59,9 @@ SIMULATED = ("simulated", "bold")  # a part of a `Text`
 class PlainConsole(Console):
     """A console on which text moves no cursor and turns no direction, whoever wrote it."""
 
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
         """As a `Console` renders it, each piece of text as it is shown."""
         for piece in super().render(renderable, options):
             yield piece if piece.control else Segment(shown(piece.text, lines=True), piece.style)
@@ -62,7 +72,9 @@ stderr = PlainConsole(stderr=True, highlight=False, soft_wrap=True, markup=False
 
 
 def report(as_json: bool, payload: dict[str, Any], show: Callable[[], None]) -> None:
-    """Print `payload` as strict JSON (NaN becomes null), or call `show` for a person; out at once, in a pipe too."""
+    """Print `payload` as strict JSON (NaN becomes null), or call `show` for a person; out at once,
+    in a pipe too.
+    """
     if as_json:
         sys.stdout.write(json.dumps(_finite(payload), allow_nan=False) + "\n")
     else:
@@ -80,7 +92,9 @@ def report_error(error: HapticError, as_json: bool) -> None:
 
 
 class Advance:
-    """Called with the number of steps done, in steps of any size; `tell` says what is being done or waited for."""
+    """Called with the number of steps done, in steps of any size; `tell` says what is being done or
+    waited for.
+    """
 
     def __init__(self, bar: Progress, what: str, total: int) -> None:
         self._bar = bar
@@ -103,18 +117,31 @@ class Advance:
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Advance]:
     """A bar on stderr, and only on a terminal."""
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as bar:
         yield Advance(bar, what, total)
 
 
 def confirm_attended(rig: str) -> None:
-    """A real rig is energised and moved only while somebody is there who says so; BadInputError otherwise."""
+    """A real rig is energised and moved only while somebody is there who says so; BadInputError
+    otherwise.
+    """
     if not sys.stdin.isatty():
         said = f"rig {rig} is real, and nobody was asked whether to begin: no terminal"
-        raise BadInputError("not_attended", said, "Run it on a terminal, or give --yes while somebody watches the rig")
+        raise BadInputError(
+            "not_attended",
+            said,
+            "Run it on a terminal, or give --yes while somebody watches the rig",
+        )
     if not typer.confirm("Begin?", err=True):
-        raise BadInputError("not_attended", "not begun: nothing was moved or energised", "Answer y to begin")
+        raise BadInputError(
+            "not_attended", "not begun: nothing was moved or energised", "Answer y to begin"
+        )
 
 
 @contextmanager
@@ -132,7 +159,9 @@ def status(what: str) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
     """Meanwhile what ends a program goes to `handler`; afterwards to whom it went before."""
-    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    numbers = [
+        getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+    ]
     before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
@@ -143,11 +172,15 @@ def signals_to(handler: Callable[[int, FrameType | None], object]) -> Iterator[N
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Meanwhile say which kernels are compiled: on stderr, and only on a terminal. For where numba is imported."""
+    """Meanwhile say which kernels are compiled: on stderr, and only on a terminal. For where numba
+    is imported.
+    """
     if "numba" not in sys.modules:
         yield
         return
-    from haptic_driver.processes.compilation import compilation  # noqa: PLC0415  (numba is slow to import)
+    from haptic_driver.processes.compilation import (  # noqa: PLC0415  (numba is slow to import)
+        compilation,
+    )
 
     columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     bar = Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal)
@@ -158,7 +191,9 @@ def compiling() -> Iterator[None]:
             bar.stop()
         else:
             bar.start()
-            bar.update(task, description=f"compiling, this once: kernel {done + 1}, {kernel}", refresh=True)
+            bar.update(
+                task, description=f"compiling, this once: kernel {done + 1}, {kernel}", refresh=True
+            )
 
     with compilation(tell):
         yield

@@ -23,11 +23,18 @@ from model.touch_model import Prediction, TouchModel
 
 REQUIRED = ("frequency_hz", "voltage_v", "normal_force_n")
 ADDED = ("electrostatic_force_n", "cof", "current_rms_a", "current_a", "current_phase_rad")
-ELECTRODE = ("electrode_voltage_v", "electrode_voltage_phase_rad")  # where an effect of the drive changes it
-WHERE_EMPTY = {"voltage_offset_v": 0.0, "speed_m_s": SPEED_REFERENCE_M_S, "time_s": 0.0}  # optional columns
+ELECTRODE = (
+    "electrode_voltage_v",
+    "electrode_voltage_phase_rad",
+)  # where an effect of the drive changes it
+WHERE_EMPTY = {
+    "voltage_offset_v": 0.0,
+    "speed_m_s": SPEED_REFERENCE_M_S,
+    "time_s": 0.0,
+}  # optional columns
 WANTED = (
-    f"Give a CSV with columns {', '.join(REQUIRED)} (optional {', '.join(WHERE_EMPTY)}, waveform: sine, square, dc; "
-    "finger: sliding, resting, none)"
+    f"Give a CSV with columns {', '.join(REQUIRED)} (optional {', '.join(WHERE_EMPTY)}, waveform:"
+    " sine, square, dc; finger: sliding, resting, none)"
 )
 MEASURED = "_measured"  # after the name of a column that an answer would replace
 
@@ -40,11 +47,11 @@ def predict(
 ) -> None:
     """Predict force, friction and current for a table of conditions.
 
-    Voltages are peak amplitudes at the electrode; where `voltage_v` is 0 the frequency is ignored. `current_rms_a` is
-    the touch's; `current_a` and `current_phase_rad` are the electrode's, peak and against the set voltage, with what
-    the model's stray capacitance takes. Where an effect of the drive changes the electrode's voltage, that is added
-    too. Every other column is carried through; a measured `cof` as `cof_measured`. The answers of an earlier run are
-    replaced.
+    Voltages are peak amplitudes at the electrode; where `voltage_v` is 0 the frequency is ignored.
+    `current_rms_a` is the touch's; `current_a` and `current_phase_rad` are the electrode's, peak
+    and against the set voltage, with what the model's stray capacitance takes. Where an effect of
+    the drive changes the electrode's voltage, that is added too. Every other column is carried
+    through; a measured `cof` as `cof_measured`. The answers of an earlier run are replaced.
 
     Example: `haptic predict --table conditions.csv --out out.csv --model reference`
     """
@@ -57,7 +64,10 @@ def predict(
     try:
         conditions = Conditions(**columns)
         if beyond := description.outside(conditions.drive()):
-            raise ModelError(f"effect learned knows nothing at {beyond}", "Ask within its range, or measure there")
+            raise ModelError(
+                f"effect learned knows nothing at {beyond}",
+                "Ask within its range, or measure there",
+            )
         answer = TouchModel(description).predict(conditions)
     except ModelError as error:
         raise BadInputError("bad_condition", f"{table}, {error.message}", error.hint) from error
@@ -66,20 +76,36 @@ def predict(
     _write(out, kept, given, answers)
     for column, name in kept.items():
         if name != column:
-            stderr.print(f"note: column {column} of {table} is kept as {name}; {column} is now the model's answer")
+            stderr.print(
+                f"note: column {column} of {table} is kept as {name}; {column} is now the model's"
+                " answer"
+            )
     for note in answer.notes:
         stderr.print(f"note: {note}")
     count, outside = len(given.rows), int(np.sum(~answer.within_theory))
     if outside:
-        stderr.print(f"warning: {outside} of {count} rows lie outside the theory's pressures (p_e above 10 p0)")
+        stderr.print(
+            f"warning: {outside} of {count} rows lie outside the theory's pressures (p_e above"
+            " 10 p0)"
+        )
     payload = {"rows": count, "out": str(out), "model": description.name, "outside_theory": outside}
-    report(as_json, payload, lambda: stdout.print(f"{count} rows by model '{description.name}' -> {out}"))
+    report(
+        as_json,
+        payload,
+        lambda: stdout.print(f"{count} rows by model '{description.name}' -> {out}"),
+    )
 
 
 def _columns(table: Table) -> dict[str, Any]:
     """What `Conditions` takes, by name."""
-    columns: dict[str, Any] = {name: table.numbers(name) for name in ("voltage_v", "normal_force_n")}
-    columns |= {name: table.numbers(name, empty) for name, empty in WHERE_EMPTY.items() if name in table.columns}
+    columns: dict[str, Any] = {
+        name: table.numbers(name) for name in ("voltage_v", "normal_force_n")
+    }
+    columns |= {
+        name: table.numbers(name, empty)
+        for name, empty in WHERE_EMPTY.items()
+        if name in table.columns
+    }
     without_frequency = columns["voltage_v"] == 0.0
     if "finger" in table.columns:
         columns["finger"] = np.array([text.lower() or "sliding" for text in table.text("finger")])
@@ -92,7 +118,13 @@ def _columns(table: Table) -> dict[str, Any]:
 def _answers(answer: Prediction, drive_changes: bool) -> dict[str, Array]:
     """What is added, by column; the electrode's voltage where the drive changes what was set."""
     current_a, electrode_v = answer.electrode_current_a, answer.electrode_voltage_v
-    values = (answer.electrostatic_force_n, answer.cof, answer.current_rms_a, np.abs(current_a), np.angle(current_a))
+    values = (
+        answer.electrostatic_force_n,
+        answer.cof,
+        answer.current_rms_a,
+        np.abs(current_a),
+        np.angle(current_a),
+    )
     answers = dict(zip(ADDED, values, strict=True))
     if drive_changes:
         answers |= dict(zip(ELECTRODE, (np.abs(electrode_v), np.angle(electrode_v)), strict=True))
@@ -100,7 +132,9 @@ def _answers(answer: Prediction, drive_changes: bool) -> dict[str, Array]:
 
 
 def _kept(table: Table, added: tuple[str, ...]) -> dict[str, str]:
-    """Columns to carry through, and the names they get: answers of an earlier run go, what was measured stays."""
+    """Columns to carry through, and the names they get: answers of an earlier run go, what was
+    measured stays.
+    """
     header = table.columns
     if all(name in header for name in ADDED):
         return {name: name for name in header if name not in (*ADDED, *ELECTRODE)}

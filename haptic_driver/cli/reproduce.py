@@ -16,15 +16,18 @@ from haptic_driver.surface.models import load_model
 
 
 def reproduce(
-    figure: Annotated[int | None, Option(min=4, max=8, help="One figure; all when left out.")] = None,
+    figure: Annotated[
+        int | None, Option(min=4, max=8, help="One figure; all when left out.")
+    ] = None,
     out: Annotated[Path, Option(help="Folder for the pictures and tables.")] = Path("reproduction"),
     model: ModelOption = "reference",
     as_json: Json = False,
 ) -> None:
-    """Compute figures 4 to 8 of the paper: pictures, CSV tables, and its statements beside what comes out.
+    """Compute figures 4 to 8 of the paper: pictures, CSV tables, and its statements beside what
+    comes out.
 
-    Every figure shows the corrected equations and those printed. Measured curves are not drawn: their numbers are not
-    printed.
+    Every figure shows the corrected equations and those printed. Measured curves are not drawn:
+    their numbers are not printed.
 
     Example: `haptic reproduce --figure 7 --out out`
     """
@@ -35,16 +38,23 @@ def reproduce(
     wanted = [*FIGURES] if figure is None else [figure]
     with writing(out), status("reproducing") as tell:
         files, facts = run(description, wanted, out, tell)
-    payload = {"model": description.name, "files": [str(f) for f in files], "facts": [asdict(f) for f in facts]}
+    payload = {
+        "model": description.name,
+        "files": [str(f) for f in files],
+        "facts": [asdict(f) for f in facts],
+    }
 
     def show() -> None:
         if facts:
             table = Table("figure", "the text states", "number", "corrected", "as printed")
             for f in facts:
                 table.add_row(
-                    f.figure, f.statement, f.quantity,
-                    _answer(f.corrected, f.corrected_holds), _answer(f.published, f.published_holds),
-                )  # fmt: skip
+                    f.figure,
+                    f.statement,
+                    f.quantity,
+                    _answer(f.corrected, f.corrected_holds),
+                    _answer(f.published, f.published_holds),
+                )
             stdout.print(table)
         for file in files:
             stdout.print(str(file))

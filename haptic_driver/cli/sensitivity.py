@@ -1,4 +1,6 @@
-"""`haptic sensitivity`: which uncertain number matters where, and what drives beyond the sine do."""
+"""`haptic sensitivity`: which uncertain number matters where, and what drives beyond the sine
+do.
+"""
 
 from __future__ import annotations
 
@@ -21,21 +23,28 @@ FREQUENCIES_HZ = (10.0, 250.0, 1e4)
 
 
 def sensitivity(
-    out: Annotated[Path, Option(help="Folder for the picture and the table.")] = Path("sensitivity"),
+    out: Annotated[Path, Option(help="Folder for the picture and the table.")] = Path(
+        "sensitivity"
+    ),
     model: ModelOption = "reference",
-    frequency: Annotated[list[float] | None, Option(help="Hz; repeatable. Default: 10, 250 and 10000.")] = None,
+    frequency: Annotated[
+        list[float] | None, Option(help="Hz; repeatable. Default: 10, 250 and 10000.")
+    ] = None,
     voltage: Annotated[float, Option(help="V peak at the electrode.", min=1.0)] = 75.0,
     normal_force: Annotated[float, Option(help="N.", min=0.01)] = 0.5,
     draws: Annotated[int, Option(help="Per matrix; a power of two.", min=64, max=65536)] = 1024,
     seed: Annotated[int, Option(min=0)] = 0,
     as_json: Json = False,
 ) -> None:
-    """Say how much each uncertain number adds to the spread of the electrostatic force (Sobol indices).
+    """Say how much each uncertain number adds to the spread of the electrostatic force (Sobol
+    indices).
 
     Example: `haptic sensitivity --out sensitivity`
     """
     if draws & (draws - 1):
-        raise BadInputError("bad_draws", f"--draws {draws} is not a power of two", "For example 1024")
+        raise BadInputError(
+            "bad_draws", f"--draws {draws} is not a power of two", "For example 1024"
+        )
     at = np.array(frequency or FREQUENCIES_HZ)
     conditions = Conditions(at, np.full(at.size, voltage), np.full(at.size, normal_force))
     with status("drawing"):

@@ -10,7 +10,15 @@ from typing import Annotated
 from rich.text import Text
 from typer import Option
 
-from haptic_driver.cli.output import SIMULATED, Json, ModelOption, RigOption, report, signals_to, stdout
+from haptic_driver.cli.output import (
+    SIMULATED,
+    Json,
+    ModelOption,
+    RigOption,
+    report,
+    signals_to,
+    stdout,
+)
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.simulation.served import ServedRig
@@ -23,19 +31,27 @@ STEP_S = 0.002
 def simulate(
     rig: RigOption = "simulated",
     model: ModelOption = "reference",
-    port: Annotated[int, Option(min=0, max=65535, help="TCP port of the waveform generator; 0: any free one.")] = 0,
+    port: Annotated[
+        int, Option(min=0, max=65535, help="TCP port of the waveform generator; 0: any free one.")
+    ] = 0,
     as_json: Json = False,
 ) -> None:
-    """Serve the simulated instruments of a rig on loopback until interrupted, for any software to talk to.
+    """Serve the simulated instruments of a rig on loopback until interrupted, for any software to
+    talk to.
 
-    The waveform generator over TCP and on a pseudo-terminal, the interlock box likewise, the stage on a
-    pseudo-terminal, the Net F/T box over UDP; where they are is printed once all answer. Time is real. Ctrl-C ends it.
+    The waveform generator over TCP and on a pseudo-terminal, the interlock box likewise, the stage
+    on a pseudo-terminal, the Net F/T box over UDP; where they are is printed once all answer. Time
+    is real. Ctrl-C ends it.
 
     Example: `haptic simulate --rig simulated --port 5025`
     """
     config = load_rig(rig)
     if not config.simulated:
-        raise BadInputError("not_simulated", f"rig {config.name} is not simulated", "Name one that is, e.g. simulated")
+        raise BadInputError(
+            "not_simulated",
+            f"rig {config.name} is not simulated",
+            "Name one that is, e.g. simulated",
+        )
     touch = TouchModel(load_model(config.simulation.model or model))
     ended = threading.Event()
     ending = signals_to(lambda number, frame: ended.set())

@@ -34,7 +34,9 @@ def solve(
     friction: Annotated[float, Option(help="Target coefficient of friction.")],
     normal_force: Annotated[float, Option(help="Normal force of the finger, N.")] = 0.5,
     frequency: Annotated[str, Option(help="'auto' or a frequency in Hz.")] = "auto",
-    policy: Annotated[str | None, Option(help=POLICIES_SAID, autocompletion=lambda: list(POLICIES))] = None,
+    policy: Annotated[
+        str | None, Option(help=POLICIES_SAID, autocompletion=lambda: list(POLICIES))
+    ] = None,
     model: ModelOption = "reference",
     surface: Annotated[Path | None, Option(help="Surface file instead of a model.")] = None,
     rig: RigOption = "simulated",
@@ -49,8 +51,14 @@ def solve(
     require_range("friction", friction, 1e-3, 10.0)
     fixed_hz = _frequency(frequency)
     chosen = _policy(policy, fixed_hz, config.controller.policy)
-    if chosen == "fixed_frequency" and fixed_hz is None and config.controller.fixed_frequency_hz is None:
-        raise BadInputError("bad_frequency", "policy fixed_frequency needs a frequency", "Give --frequency in Hz")
+    if (
+        chosen == "fixed_frequency"
+        and fixed_hz is None
+        and config.controller.fixed_frequency_hz is None
+    ):
+        raise BadInputError(
+            "bad_frequency", "policy fixed_frequency needs a frequency", "Give --frequency in Hz"
+        )
     if surface is not None:
         file = read_surface(surface)
         interval_at = partial(cof_interval_at, file)
@@ -97,25 +105,39 @@ def _interval_at(
 
 
 def _point(
-    controller: Controller, limits: OperatingLimits, file: SurfaceFile, friction: float, normal_force_n: float
+    controller: Controller,
+    limits: OperatingLimits,
+    file: SurfaceFile,
+    friction: float,
+    normal_force_n: float,
 ) -> OperatingPoint:
-    """What the controller wants for a resting finger, if it is reachable and the last gate lets it pass."""
+    """What the controller wants for a resting finger, if it is reachable and the last gate lets it
+    pass.
+    """
     finger = FingerState(0.0, 0.0, 0.0, 0.0, 0.0, normal_force_n, True)
     _, point = controller.step(INITIAL, TargetFriction(friction, True), finger, NO_COMMAND)
     if not point.reachable:
         low, high = controller.reachable(normal_force_n)
-        said = f"friction {friction:g} cannot be reached at {normal_force_n:g} N by policy {controller.settings.policy}"
+        said = (
+            f"friction {friction:g} cannot be reached at {normal_force_n:g} N by policy"
+            f" {controller.settings.policy}"
+        )
         raise BadInputError("unreachable", said, f"Reachable: {low:.4g} to {high:.4g}")
     worst = Worst(*worst_at(table_of(file.worst_case), point.frequency_hz, point.voltage_v))
     refused = violation(limits, point, worst)
     if refused is not None:
-        raise HapticError("refused", f"the safety gate refuses the point found: {refused}", "Check the rig's limits")
+        raise HapticError(
+            "refused",
+            f"the safety gate refuses the point found: {refused}",
+            "Check the rig's limits",
+        )
     return point
 
 
 def _show(found: dict[str, Any], normal_force_n: float) -> None:
     stdout.print(
-        f"{found['frequency_hz']:.4g} Hz, {found['voltage_v']:.4g} V peak at the electrode ({found['policy']})"
+        f"{found['frequency_hz']:.4g} Hz, {found['voltage_v']:.4g} V peak at the electrode"
+        f" ({found['policy']})"
     )
     stdout.print(
         f"  friction {found['cof']:.4g} under {normal_force_n:g} N, electrostatic force "
@@ -123,7 +145,9 @@ def _show(found: dict[str, Any], normal_force_n: float) -> None:
     )
     if found["cof_interval"] is not None:
         low, high = found["cof_interval"]
-        stdout.print(f"  with the model's uncertainty this friction is {low:.4g} to {high:.4g} (68 %)")
+        stdout.print(
+            f"  with the model's uncertainty this friction is {low:.4g} to {high:.4g} (68 %)"
+        )
     low, high = found["reachable_cof"]
     stdout.print(f"  reachable here: {low:.4g} to {high:.4g}")
 
@@ -146,7 +170,9 @@ def _frequency(text: str) -> float | None:
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or value <= 0.0:
-        raise BadInputError("bad_frequency", f"--frequency {text} is no frequency", "Give 'auto' or a number in Hz")
+        raise BadInputError(
+            "bad_frequency", f"--frequency {text} is no frequency", "Give 'auto' or a number in Hz"
+        )
     return value
 
 
@@ -165,5 +191,7 @@ def _policy(name: str | None, fixed_hz: float | None, default: str) -> str:
 def _electrostatic_force_n(file: SurfaceFile, cof: float, normal_force_n: float) -> float:
     model = file.provenance["model"]
     cof_off = float(model["parameters"]["cof_off"]["value"])
-    force = friction_law.electrostatic_force_n(model["friction_law"], cof_off, np.array(cof), np.array(normal_force_n))
+    force = friction_law.electrostatic_force_n(
+        model["friction_law"], cof_off, np.array(cof), np.array(normal_force_n)
+    )
     return float(force)

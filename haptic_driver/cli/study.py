@@ -16,17 +16,20 @@ from haptic_driver.pictures.model import draw_study
 
 def study(
     plan: Annotated[str, named("populations", "Study", Argument)],
-    out: Annotated[Path, Option(help="Folder of results; a study stopped there goes on.")] = Path("study"),
+    out: Annotated[Path, Option(help="Folder of results; a study stopped there goes on.")] = Path(
+        "study"
+    ),
     cluster: Annotated[
         str | None, Option(help="Scheduler of a Dask cluster, for example tcp://127.0.0.1:8786.")
     ] = None,
     workers: Annotated[int | None, Option(help="Processes on this machine.", min=1)] = None,
     as_json: Json = False,
 ) -> None:
-    """Solve a surface for every finger of a study and say how friction, force and reach spread over them.
+    """Solve a surface for every finger of a study and say how friction, force and reach spread over
+    them.
 
-    Stop it at any time: the same command goes on where it stopped. On a cluster the results are the same; surfaces
-    are kept only on one machine.
+    Stop it at any time: the same command goes on where it stopped. On a cluster the results are the
+    same; surfaces are kept only on one machine.
 
     Example: `haptic study fingers --out study`
     """
@@ -40,10 +43,17 @@ def study(
     pictures = []
     for i, combination in enumerate(found.plan.combinations):
         own = results[i :: len(found.plan.combinations)]
-        picture = out / (f"spread-{i + 1}.png" if len(found.plan.combinations) > 1 else "spread.png")
+        picture = out / (
+            f"spread-{i + 1}.png" if len(found.plan.combinations) > 1 else "spread.png"
+        )
         reach = np.array([[r["reachable_low"], r["reachable_high"]] for r in own])
-        about = f"{found.plan.fingers} fingers under {found.plan.at.normal_force_n:g} N{_said(combination)}"
-        draw_study(found.frequency_hz, np.array([r["highest_cof"] for r in own]), reach, about, picture)
+        about = (
+            f"{found.plan.fingers} fingers under {found.plan.at.normal_force_n:g}"
+            f" N{_said(combination)}"
+        )
+        draw_study(
+            found.frequency_hz, np.array([r["highest_cof"] for r in own]), reach, about, picture
+        )
         pictures.append(str(picture))
     payload = {
         "study": found.plan.name,
@@ -62,10 +72,21 @@ def _said(combination: dict[str, float]) -> str:
 
 def _show(spread: list[dict[str, Any]], written: list[str]) -> None:
     for entry in spread:
-        table = Table("", "5 %", "25 %", "median", "75 %", "95 %", box=None, title=_said(entry["levels"])[2:] or None)
+        table = Table(
+            "",
+            "5 %",
+            "25 %",
+            "median",
+            "75 %",
+            "95 %",
+            box=None,
+            title=_said(entry["levels"])[2:] or None,
+        )
         for name, values in entry.items():
             if name != "levels":
-                shown = ("-" if v is None else f"{v:.4g}" for k, v in values.items() if k != "count")
+                shown = (
+                    "-" if v is None else f"{v:.4g}" for k, v in values.items() if k != "count"
+                )
                 table.add_row(name, *shown)
         stdout.print(table)
     stdout.print(f"results: {', '.join(written)}")

@@ -27,24 +27,33 @@ def build(
     rig: RigOption = "simulated",
     frequency_count: Annotated[int, Option(help="Points along frequency.")] = AXES.frequency_count,
     voltage_count: Annotated[int, Option(help="Points along voltage.")] = AXES.voltage_count,
-    force_count: Annotated[int, Option(help="Points along normal force.")] = AXES.normal_force_count,
+    force_count: Annotated[
+        int, Option(help="Points along normal force.")
+    ] = AXES.normal_force_count,
     voltage_high_v: Annotated[
         float | None, Option(help=f"Highest voltage, V peak (by default {AXES.voltage_high_v:g}).")
     ] = None,
-    interval: Annotated[bool, Option(help="Store how far friction may be off (about a second).")] = True,
+    interval: Annotated[
+        bool, Option(help="Store how far friction may be off (about a second).")
+    ] = True,
     as_json: Json = False,
 ) -> None:
     """Solve the model over frequency, voltage and normal force and write the surface.
 
-    A model with a learned effect has a range: frequency and normal force, and voltage unless it is given, end there.
+    A model with a learned effect has a range: frequency and normal force, and voltage unless it is
+    given, end there.
 
     Example: `haptic surface build --model reference --out surface.h5`
     """
     description = load_model(model)
-    counts = SurfaceAxes(frequency_count=frequency_count, voltage_count=voltage_count, normal_force_count=force_count)
+    counts = SurfaceAxes(
+        frequency_count=frequency_count, voltage_count=voltage_count, normal_force_count=force_count
+    )
     axes = axes_within(description, counts)
     if axes != counts:
-        stderr.print(f"note: the surface ends where effect learned of model '{description.name}' does")
+        stderr.print(
+            f"note: the surface ends where effect learned of model '{description.name}' does"
+        )
     if voltage_high_v is not None:
         axes = replace(axes, voltage_high_v=voltage_high_v)
     surface = build_surface(description, load_rig(rig).operating_limits(), axes, interval)
@@ -54,7 +63,10 @@ def build(
 
 
 @app.command()
-def info(file: Annotated[Path, Argument(help="Surface file.")] = Path("surface.h5"), as_json: Json = False) -> None:
+def info(
+    file: Annotated[Path, Argument(help="Surface file.")] = Path("surface.h5"),
+    as_json: Json = False,
+) -> None:
     """Say what a surface file holds and where it comes from; checks its content hash.
 
     Example: `haptic surface info surface.h5`
@@ -72,7 +84,9 @@ def info(file: Annotated[Path, Argument(help="Surface file.")] = Path("surface.h
 @app.command()
 def plot(
     file: Annotated[Path, Argument(help="Surface file.")] = Path("surface.h5"),
-    out: Annotated[Path, Option(help="Picture to write (.png, .pdf or .svg).")] = Path("surface.png"),
+    out: Annotated[Path, Option(help="Picture to write (.png, .pdf or .svg).")] = Path(
+        "surface.png"
+    ),
     normal_force: Annotated[float, Option(help="Normal force of the drawn section, N.")] = 0.5,
     as_json: Json = False,
 ) -> None:
@@ -80,10 +94,16 @@ def plot(
 
     Example: `haptic surface plot surface.h5 --out surface.png`
     """
-    from haptic_driver.pictures.friction import draw_surface  # noqa: PLC0415  (matplotlib is slow to import)
+    from haptic_driver.pictures.friction import (  # noqa: PLC0415  (matplotlib is slow to import)
+        draw_surface,
+    )
 
     draw_surface(read_surface(file), normal_force, out)
-    report(as_json, {"picture": str(out), "normal_force_n": normal_force}, lambda: stdout.print(f"picture: {out}"))
+    report(
+        as_json,
+        {"picture": str(out), "normal_force_n": normal_force},
+        lambda: stdout.print(f"picture: {out}"),
+    )
 
 
 def describe(surface: SurfaceFile) -> dict[str, Any]:
@@ -112,7 +132,9 @@ def describe(surface: SurfaceFile) -> dict[str, Any]:
 
 
 def _interval(surface: SurfaceFile) -> dict[str, float] | None:
-    """Half the 68 % interval of friction, relative, over all points where it ends; None where there is none."""
+    """Half the 68 % interval of friction, relative, over all points where it ends; None where there
+    is none.
+    """
     if surface.cof_interval is None:
         return None
     low, high = surface.cof_interval
@@ -146,4 +168,7 @@ def _summary(surface: SurfaceFile) -> str:
     shape = " x ".join(map(str, surface.cof.shape))
     model = surface.provenance["model"]["name"]
     low, high = np.nanmin(surface.cof), np.nanmax(surface.cof)
-    return f"{shape} points of model '{model}', friction {low:.3f} to {high:.3f}, hash {surface.content_hash[:16]}"
+    return (
+        f"{shape} points of model '{model}', friction {low:.3f} to {high:.3f}, hash"
+        f" {surface.content_hash[:16]}"
+    )

@@ -48,8 +48,12 @@ def list_textures(as_json: Json = False) -> None:
         table = Table("name", "kind", "friction", "description")
         for entry in entries:
             low, high = entry["cof"] or (None, None)
-            friction = "" if low is None else f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-            table.add_row(entry["name"], entry["kind"] or "", friction, entry["error"] or entry["description"])
+            friction = (
+                "" if low is None else f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+            )
+            table.add_row(
+                entry["name"], entry["kind"] or "", friction, entry["error"] or entry["description"]
+            )
         stdout.print(table)
 
     report(as_json, {"textures": entries}, show)
@@ -58,7 +62,9 @@ def list_textures(as_json: Json = False) -> None:
 @app.command()
 def preview(
     name: Name,
-    out: Annotated[Path, Option(help="Picture to write (.png, .pdf or .svg).")] = Path("texture.png"),
+    out: Annotated[Path, Option(help="Picture to write (.png, .pdf or .svg).")] = Path(
+        "texture.png"
+    ),
     as_json: Json = False,
 ) -> None:
     """Draw a texture in the plane and along a line, or a script over time.
@@ -66,7 +72,9 @@ def preview(
     Example: `haptic texture preview linen --out linen.png`
     """
     loaded = load(name, texture_dirs())
-    pictures.preview(loaded.target, out, f"{name}: {loaded.description}" if loaded.description else name)
+    pictures.preview(
+        loaded.target, out, f"{name}: {loaded.description}" if loaded.description else name
+    )
     report(as_json, {"picture": str(out)}, lambda: stdout.print(f"picture: {out}"))
 
 
@@ -80,7 +88,8 @@ def check(
     speed: Annotated[float, Option(help="Speed of the finger, m/s.")] = 0.05,
     as_json: Json = False,
 ) -> None:
-    """Say what a texture asks for and what of it is out of reach: under a load, and at a speed; flags are no failure.
+    """Say what a texture asks for and what of it is out of reach: under a load, and at a speed;
+    flags are no failure.
 
     Nine bands of frequency say what the rig's output and a usual finger let through at that speed,
     and where the ripple of the carrier lies at the highest friction.
@@ -120,7 +129,9 @@ def check(
 
 
 @app.command()
-def play(name: Name, nearest: control.Nearest = False, socket: SocketOption = None, as_json: Json = False) -> None:
+def play(
+    name: Name, nearest: control.Nearest = False, socket: SocketOption = None, as_json: Json = False
+) -> None:
     """Ask the daemon for a texture; somebody must have armed.
 
     One that is mostly far out of reach is refused, with the range.
@@ -134,7 +145,14 @@ def _entry(name: str) -> dict[str, Any]:
     try:
         loaded = load(name, texture_dirs())
     except BadInputError as error:
-        return {"name": name, "kind": None, "cof": None, "description": "", "file": None, "error": error.message}
+        return {
+            "name": name,
+            "kind": None,
+            "cof": None,
+            "description": "",
+            "file": None,
+            "error": error.message,
+        }
     return {
         "name": name,
         "kind": loaded.kind,
@@ -205,7 +223,6 @@ class _Carrier(NamedTuple):
     finger_gain: float
 
     def payload(self) -> dict[str, Any]:
-        """For JSON."""
         numbers = self._asdict()
         del numbers["ripple"]
         return self.ripple._asdict() | numbers
@@ -231,10 +248,14 @@ def _carrier(
     return _Carrier(point.frequency_hz, left, cof_rms, gain)
 
 
-def _show(name: str, kind: str, found: Demand, reachable: tuple[float, float], normal_force_n: float) -> None:
+def _show(
+    name: str, kind: str, found: Demand, reachable: tuple[float, float], normal_force_n: float
+) -> None:
     stdout.print(f"{name} ({kind}): friction {found.cof_low:.4g} to {found.cof_high:.4g}")
     stdout.print(f"  {found.steps_felt:.1f} just noticeable steps of {WEBER:.0%}")
-    stdout.print(f"  reachable under {normal_force_n:g} N: {reachable[0]:.4g} to {reachable[1]:.4g}")
+    stdout.print(
+        f"  reachable under {normal_force_n:g} N: {reachable[0]:.4g} to {reachable[1]:.4g}"
+    )
     stdout.print(f"  out of reach: {found.share_below:.1%} below, {found.share_above:.1%} above")
     stdout.print(f"  nothing asked for on {found.share_nothing:.1%} of the screen")
     for flag in found.flags:
@@ -242,11 +263,21 @@ def _show(name: str, kind: str, found: Demand, reachable: tuple[float, float], n
 
 
 def _show_bands(bands: Sequence[Band], speed_m_s: float, carrier: _Carrier) -> None:
-    table = Table("Hz", "asked, rms", "output", "finger", "", title=f"at {speed_m_s:g} m/s", title_justify="left")
+    table = Table(
+        "Hz",
+        "asked, rms",
+        "output",
+        "finger",
+        "",
+        title=f"at {speed_m_s:g} m/s",
+        title_justify="left",
+    )
     for band in bands:
         verdict = band.verdict.replace("_", " ")
         gains = (f"{band.output_gain:.0%}", f"{band.finger_gain:.0%}")
-        table.add_row(f"{band.low_hz:.3g} to {band.high_hz:.3g}", f"{band.asked_cof_rms:.4f}", *gains, verdict)
+        table.add_row(
+            f"{band.low_hz:.3g} to {band.high_hz:.3g}", f"{band.asked_cof_rms:.4f}", *gains, verdict
+        )
     table.add_section()
     felt = "felt" if carrier.ripple.felt else "not felt"
     gain = f"{carrier.finger_gain:.0%}"

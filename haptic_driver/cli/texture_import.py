@@ -1,4 +1,6 @@
-"""`haptic texture import`: what was measured or recorded elsewhere, as a texture of the library's format."""
+"""`haptic texture import`: what was measured or recorded elsewhere, as a texture of the library's
+format.
+"""
 
 from __future__ import annotations
 
@@ -37,26 +39,44 @@ class Imported(NamedTuple):
 
 
 def import_texture(
-    source: Annotated[Path, Argument(help="Recording (.h5), strokes (.csv), vibration (.wav) or HaTT models (.xml).")],
+    source: Annotated[
+        Path,
+        Argument(help="Recording (.h5), strokes (.csv), vibration (.wav) or HaTT models (.xml)."),
+    ],
     out: Annotated[Path, Option(help="Texture to write, .toml; points go into a .csv beside it.")],
-    run: Annotated[str | None, Option(help=".h5: the run, e.g. run_0001; the last one by default.")] = None,
-    column: Annotated[list[str] | None, Option(help=".csv: position_mm=NAME, and so on; may be repeated.")] = None,
-    pitch_mm: Annotated[float, Option(help=".h5, .csv: width of the places that friction is averaged over.")] = 0.1,
-    speed: Annotated[float | None, Option(help=".wav: m/s at which the surface vibrates so.")] = None,
+    run: Annotated[
+        str | None, Option(help=".h5: the run, e.g. run_0001; the last one by default.")
+    ] = None,
+    column: Annotated[
+        list[str] | None, Option(help=".csv: position_mm=NAME, and so on; may be repeated.")
+    ] = None,
+    pitch_mm: Annotated[
+        float, Option(help=".h5, .csv: width of the places that friction is averaged over.")
+    ] = 0.1,
+    speed: Annotated[
+        float | None, Option(help=".wav: m/s at which the surface vibrates so.")
+    ] = None,
     mean_cof: Annotated[
         float | None, Option(help=".wav, .xml: mean friction; .xml: the file's own mu if not said.")
     ] = None,
-    amplitude_cof: Annotated[float | None, Option(help=".wav: largest deviation from the mean.")] = None,
+    amplitude_cof: Annotated[
+        float | None, Option(help=".wav: largest deviation from the mean.")
+    ] = None,
     cof_rms: Annotated[
-        float | None, Option(help=".xml: friction (rms) of the model that vibrates most; the others in proportion.")
+        float | None,
+        Option(
+            help=".xml: friction (rms) of the model that vibrates most; the others in proportion."
+        ),
     ] = None,
     force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Make a texture of a recording, of strokes measured elsewhere, of a surface's vibration or of HaTT models.
+    """Make a texture of a recording, of strokes measured elsewhere, of a surface's vibration or of
+    HaTT models.
 
-    A recording and strokes (columns position_mm, normal_force_n, lateral_force_n) give friction over position. A
-    vibration has no friction: say which it shall have. HaTT models give a texture that changes with speed and load.
+    A recording and strokes (columns position_mm, normal_force_n, lateral_force_n) give friction
+    over position. A vibration has no friction: say which it shall have. HaTT models give a texture
+    that changes with speed and load.
 
     Example: `haptic texture import strokes.csv --out mine.toml`
     """
@@ -69,7 +89,9 @@ def import_texture(
         if kind in RECORDINGS:
             made = _felt(*_recorded(source, run), pitch_mm, str(source))
         elif kind in TABLES:
-            from haptic_driver.textures.strokes import read_strokes  # noqa: PLC0415  (as all below: slow to import)
+            from haptic_driver.textures.strokes import (  # noqa: PLC0415  (as all below: slow to import)
+                read_strokes,
+            )
 
             made = _felt(read_strokes(source, _names(column or [])), 0.0, pitch_mm, str(source))
         else:
@@ -77,14 +99,20 @@ def import_texture(
         payload = _write(made, source, out, points)
     else:
         known = ", ".join((*RECORDINGS, *TABLES, *SOUNDS, *MODELS))
-        raise BadInputError("bad_ending", f"{source}: '{kind}' is not a file that can be imported", f"Known: {known}")
+        raise BadInputError(
+            "bad_ending",
+            f"{source}: '{kind}' is not a file that can be imported",
+            f"Known: {known}",
+        )
     report(as_json, payload, lambda: _show(payload))
 
 
 def _require_free(source: Path, written: list[Path], force: bool) -> None:
     out = written[0]
     if out.suffix.lower() != ".toml":
-        raise BadInputError("bad_ending", f"{out}: does not end in .toml", f"Give --out {out.with_suffix('.toml')}")
+        raise BadInputError(
+            "bad_ending", f"{out}: does not end in .toml", f"Give --out {out.with_suffix('.toml')}"
+        )
     for path in written:
         if path.exists() and source.exists() and path.samefile(source):
             said = f"{path}: is what is imported, and would be overwritten"
@@ -98,13 +126,17 @@ def _names(given: Sequence[str]) -> dict[str, str]:
     for said in given:
         if "=" not in said:
             raise BadInputError(
-                "bad_column", f"--column {said}: has no sign =", "Give for example: --column position_mm=x"
+                "bad_column",
+                f"--column {said}: has no sign =",
+                "Give for example: --column position_mm=x",
             )
     return dict(said.split("=", 1) for said in given)
 
 
 def _recorded(source: Path, run: str | None) -> tuple[Strokes, float]:
-    """The strokes of a recording along the axis that it slides farther, and that axis' direction in degrees."""
+    """The strokes of a recording along the axis that it slides farther, and that axis' direction in
+    degrees.
+    """
     import numpy as np  # noqa: PLC0415
 
     from haptic_driver.recording.read import read_run  # noqa: PLC0415
@@ -115,7 +147,9 @@ def _recorded(source: Path, run: str | None) -> tuple[Strokes, float]:
     if not touching.size:
         hint = "Give another --run, or record while a finger slides"
         raise BadInputError("bad_strokes", f"{source}: nobody touches in this run", hint)
-    axis, direction_deg = max((("x", 0.0), ("y", 90.0)), key=lambda a: float(np.ptp(touching[f"position_{a[0]}_m"])))
+    axis, direction_deg = max(
+        (("x", 0.0), ("y", 90.0)), key=lambda a: float(np.ptp(touching[f"position_{a[0]}_m"]))
+    )
     columns = (f"position_{axis}_m", "normal_force_n", "lateral_force_n", "speed_m_s")
     return Strokes(*(np.asarray(touching[name], float) for name in columns)), direction_deg
 
@@ -132,43 +166,66 @@ def _felt(strokes: Strokes, direction_deg: float, pitch_mm: float, where: str) -
         "length_mm": 1e3 * float(felt.position_m[-1] - felt.position_m[0]),
     }
     words = (
-        f"{felt.share_used:.1%} of the rows slide in contact; longest way without any {1e3 * felt.widest_gap_m:.3g} mm"
+        f"{felt.share_used:.1%} of the rows slide in contact; longest way without any"
+        f" {1e3 * felt.widest_gap_m:.3g} mm"
     )
     return Imported(felt.position_m, felt.cof, words, "nothing", direction_deg, found)
 
 
-def _vibrating(source: Path, speed_m_s: float | None, mean_cof: float | None, amplitude_cof: float | None) -> Imported:
+def _vibrating(
+    source: Path, speed_m_s: float | None, mean_cof: float | None, amplitude_cof: float | None
+) -> Imported:
     import numpy as np  # noqa: PLC0415
 
     from haptic_driver.textures import vibration  # noqa: PLC0415
     from haptic_driver.textures.description import require_swing  # noqa: PLC0415
 
     if speed_m_s is None or amplitude_cof is None or mean_cof is None:
-        said = f"{source} holds a vibration: it does not say which friction that is, nor how long the surface"
+        said = (
+            f"{source} holds a vibration: it does not say which friction that is, nor how long the"
+            " surface"
+        )
         raise _needs_scale(said, "--speed 0.05 --mean-cof 0.65 --amplitude-cof 0.1")
     require_range("--speed", speed_m_s, *SPEED_M_S, unit=" m/s")
     try:
         require_swing(mean_cof, amplitude_cof)
     except ValueError as error:
-        raise BadInputError("out_of_range", str(error), "Give another --mean-cof or --amplitude-cof") from None
+        raise BadInputError(
+            "out_of_range", str(error), "Give another --mean-cof or --amplitude-cof"
+        ) from None
     vibrating = vibration.read_wav(source)
-    position_m, cof = vibration.along_the_way(vibrating, speed_m_s, mean_cof, amplitude_cof, str(source))
-    found = {"length_mm": 1e3 * float(np.ptp(position_m)), "speed_m_s": speed_m_s, "rate_hz": vibrating.rate_hz}
-    words = "the vibration's shape at that speed; its size in friction is what you said, not measured"
+    position_m, cof = vibration.along_the_way(
+        vibrating, speed_m_s, mean_cof, amplitude_cof, str(source)
+    )
+    found = {
+        "length_mm": 1e3 * float(np.ptp(position_m)),
+        "speed_m_s": speed_m_s,
+        "rate_hz": vibrating.rate_hz,
+    }
+    words = (
+        "the vibration's shape at that speed; its size in friction is what you said, not measured"
+    )
     return Imported(position_m, cof, words, "tile", 0.0, found)
 
 
-def _modelled(source: Path, mean_cof: float | None, cof_rms: float | None, out: Path) -> dict[str, Any]:
+def _modelled(
+    source: Path, mean_cof: float | None, cof_rms: float | None, out: Path
+) -> dict[str, Any]:
     """Write all models of a file as processes; what is told of them."""
     from haptic_driver.textures import description, hatt  # noqa: PLC0415
     from haptic_driver.textures.spectrum import spectrum  # noqa: PLC0415
 
     if cof_rms is None:
-        raise _needs_scale(f"{source} holds vibrations: it does not say how much friction they are", "--cof-rms 0.02")
+        raise _needs_scale(
+            f"{source} holds vibrations: it does not say how much friction they are",
+            "--cof-rms 0.02",
+        )
     models = hatt.read(source)
     head = {
         "kind": "spectrum",
-        "description": _printable(f"from {source.name}: its size in friction is what you said, not measured"),
+        "description": _printable(
+            f"from {source.name}: its size in friction is what you said, not measured"
+        ),
         "mean_cof": models.mu if mean_cof is None else mean_cof,
         "rate_hz": models.rate_hz,
     }
@@ -181,7 +238,9 @@ def _modelled(source: Path, mean_cof: float | None, cof_rms: float | None, out: 
         "texture": str(out),
         "processes": len(tables),
         "speed_m_s": [1e-3 * end(one.speed_mm_s for one in models.processes) for end in (min, max)],
-        "normal_force_n": [end(one.normal_force_n for one in models.processes) for end in (min, max)],
+        "normal_force_n": [
+            end(one.normal_force_n for one in models.processes) for end in (min, max)
+        ],
         "cof": list(made.bounds()),
     }
 
@@ -189,7 +248,10 @@ def _modelled(source: Path, mean_cof: float | None, cof_rms: float | None, out: 
 def _write(made: Imported, source: Path, out: Path, points: Path) -> dict[str, Any]:
     """Points first: a texture's file never names one that is not there. What is told of it."""
     places = zip((1e3 * made.position_m).tolist(), made.cof.tolist(), strict=True)
-    write_rows(points, [{"position_mm": f"{place_mm:.9g}", "cof": f"{cof:.5f}"} for place_mm, cof in places])
+    write_rows(
+        points,
+        [{"position_mm": f"{place_mm:.9g}", "cof": f"{cof:.5f}"} for place_mm, cof in places],
+    )
     texture = {
         "kind": "profile",
         "description": _printable(f"from {source.name}: {made.words}"),
@@ -217,13 +279,17 @@ def _printable(text: str) -> str:
 
 def _toml(content: dict[str, Any]) -> str:
     """Lines of TOML, whose texts, numbers and lists are those of JSON."""
-    return "".join(f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in content.items())
+    return "".join(
+        f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in content.items()
+    )
 
 
 def _show(payload: dict[str, Any]) -> None:
     low, high = payload["cof"]
     if "processes" in payload:
-        speeds, loads = ("{:.3g} to {:.3g}".format(*payload[name]) for name in ("speed_m_s", "normal_force_n"))
+        speeds, loads = (
+            "{:.3g} to {:.3g}".format(*payload[name]) for name in ("speed_m_s", "normal_force_n")
+        )
         stdout.print(f"texture: {payload['texture']}")
         stdout.print(f"  {payload['processes']} processes for {speeds} m/s and {loads} N")
         stdout.print(f"  friction {low:.4g} to {high:.4g}")

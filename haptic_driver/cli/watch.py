@@ -29,11 +29,14 @@ SCALE_STEPS = 10  # per unit of friction: the scale of a line moves in tenths
 
 
 def watch(
-    for_s: Annotated[float | None, Option("--for", min=0.0, help="End after so many seconds.")] = None,
+    for_s: Annotated[
+        float | None, Option("--for", min=0.0, help="End after so many seconds.")
+    ] = None,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON object per line.
+    """Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON object
+    per line.
 
     Example: `haptic watch --for 10`
     """
@@ -72,7 +75,9 @@ def picture(history: Sequence[StateFrame]) -> Table:
     frame = history[-1]
     status, ticks = frame.status, frame.ticks
     newest = [shown.newest or {} for shown in history]
-    target, measured = ([sample.get(name) for sample in newest] for name in ("target_cof", "measured_cof"))
+    target, measured = (
+        [sample.get(name) for sample in newest] for name in ("target_cof", "measured_cof")
+    )
     known = [value for value in (*target, *measured) if value is not None]
     low = math.floor(min(known, default=0.0) * SCALE_STEPS) / SCALE_STEPS
     high = math.ceil(max(known, default=1.0) * SCALE_STEPS) / SCALE_STEPS
@@ -82,7 +87,10 @@ def picture(history: Sequence[StateFrame]) -> Table:
     table.add_row("target", f"{sparkline(target, low, high)} {number(target[-1], '.3f')}")
     table.add_row("measured", f"{sparkline(measured, low, high)} {number(measured[-1], '.3f')}")
     table.add_row("", f"friction from {low:g} to {high:g}")
-    table.add_row("command", f"{number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak")
+    table.add_row(
+        "command",
+        f"{number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak",
+    )
     late = "-" if ticks.lateness_max_s is None else f"{1e6 * ticks.lateness_max_s:.0f} us"
     table.add_row("ticks", f"{status.ticks}, {status.overruns} overruns, latest {late} late")
     table.add_row("flags", ", ".join(status.flags) or "none")
@@ -98,14 +106,22 @@ def sparkline(values: Sequence[float | None], low: float, high: float) -> str:
     """One character per value between `low` and `high`; a blank where there is none."""
     span = max(high - low, 1e-9)
     return "".join(
-        " " if value is None else BLOCKS[min(max(int((value - low) / span * len(BLOCKS)), 0), len(BLOCKS) - 1)]
+        (
+            " "
+            if value is None
+            else BLOCKS[min(max(int((value - low) / span * len(BLOCKS)), 0), len(BLOCKS) - 1)]
+        )
         for value in values
     )
 
 
 def _state(frame: StateFrame) -> Text:
     status = frame.status
-    words = {True: ("output ON", "bold red"), False: ("output off", "green"), None: ("output UNKNOWN", "bold red")}
+    words = {
+        True: ("output ON", "bold red"),
+        False: ("output off", "green"),
+        None: ("output UNKNOWN", "bold red"),
+    }
     text = Text.assemble((status.state, "bold"), ", ", words[status.output_on])
     text.append(f"; rig {status.rig}{' (simulated)' if status.simulated else ''}")
     if status.fault is not None:

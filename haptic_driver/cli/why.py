@@ -19,11 +19,14 @@ POLL_S = 0.5
 
 
 def why(
-    minutes: Annotated[float, Option(min=0.1, max=1440.0, help="Of rendering, the last so many.")] = 1440.0,
+    minutes: Annotated[
+        float, Option(min=0.1, max=1440.0, help="Of rendering, the last so many.")
+    ] = 1440.0,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Diagnose what was rendered so far, while rendering goes on: which effect is missing from the model.
+    """Diagnose what was rendered so far, while rendering goes on: which effect is missing from the
+    model.
 
     Example: `haptic why --minutes 5`
     """
@@ -33,7 +36,9 @@ def why(
             time.sleep(POLL_S)
             answer = client.why()
     if answer.state == "failed":
-        raise HapticError("no_diagnosis", answer.said, "Slide on, at other frictions too, and ask again")
+        raise HapticError(
+            "no_diagnosis", answer.said, "Slide on, at other frictions too, and ask again"
+        )
     report(as_json, answer.model_dump(mode="json"), lambda: _show(answer))
 
 
@@ -41,8 +46,12 @@ def _show(answer: Why) -> None:
     stdout.print(answer.said)
     for name, probability in answer.suspects.items():
         stdout.print(f"  {name.replace('_', ' ')}: {probability:.0%}")
-    stdout.print(f"by {answer.rows} rows of what was rendered; report: {answer.report}", soft_wrap=True)
+    stdout.print(
+        f"by {answer.rows} rows of what was rendered; report: {answer.report}", soft_wrap=True
+    )
     for purpose in answer.more:
         stdout.print(f"haptic investigate could add what {purpose}")
     if answer.effects:
-        stdout.print(f"to render by it: haptic disarm, then haptic use {answer.model}", soft_wrap=True)
+        stdout.print(
+            f"to render by it: haptic disarm, then haptic use {answer.model}", soft_wrap=True
+        )

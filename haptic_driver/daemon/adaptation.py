@@ -20,7 +20,10 @@ class Adaptation:
     """The model as its file has it, and what has been made of it since somebody armed."""
 
     def __init__(
-        self, description: ModelDescription, limits: OperatingLimits, mend: Callable[..., Mended | Dropped] = mend
+        self,
+        description: ModelDescription,
+        limits: OperatingLimits,
+        mend: Callable[..., Mended | Dropped] = mend,
     ) -> None:
         self._description, self._limits, self._mend = description, limits, mend
         self.begin()
@@ -49,11 +52,15 @@ class Adaptation:
             return Proposal(found.said)
         self._offered = found.model
         surface = build_surface(found.model, self._limits)
-        return Proposal(found.said, surface, numbers(found.model), [told(row) for row in (*known, *held_out)])
+        return Proposal(
+            found.said, surface, numbers(found.model), [told(row) for row in (*known, *held_out)]
+        )
 
 
 def split(rows: Sequence[Recorded]) -> tuple[list[Recorded], list[Recorded]]:
-    """Rows in the order of time, without the newest strokes, and those: as few as give enough rows."""
+    """Rows in the order of time, without the newest strokes, and those: as few as give enough
+    rows.
+    """
     held_out = list(rows)
     for stroke in sorted({row.row.trial for row in rows}, reverse=True):
         newest = [row for row in rows if row.row.trial >= stroke]
@@ -67,7 +74,9 @@ def numbers(model: ModelDescription) -> dict[str, float]:
     """Every number of a model and of its effects."""
     own = {name: p.value for name, p in model.parameters.items()}
     effects = model.effect_parameters.items()
-    return own | {f"{effect}.{name}": p.value for effect, values in effects for name, p in values.items()}
+    return own | {
+        f"{effect}.{name}": p.value for effect, values in effects for name, p in values.items()
+    }
 
 
 def told(each: Recorded) -> list[float]:

@@ -1,4 +1,6 @@
-"""Where a daemon is found: at its socket, or, from another system or machine, at the address of its page."""
+"""Where a daemon is found: at its socket, or, from another system or machine, at the address of its
+page.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def default_folder() -> Path:
 
 
 class Address(NamedTuple):
-    """One daemon: `path` is that of its socket, None where it is reached over TCP, with its page's token."""
+    """One daemon: `path` is that of its socket, None where it is reached over TCP, with its page's
+    token.
+    """
 
     path: Path | None
     host: str = "haptic"  # HTTP wants a name also where the socket says where
@@ -34,7 +38,8 @@ class Address(NamedTuple):
 
     @classmethod
     def of(cls, said: Path | str | None) -> Self:
-        """A socket's path, or the page's address as the daemon printed it; None: as `HAPTIC_SOCKET` says, or as usual.
+        """A socket's path, or the page's address as the daemon printed it; None: as `HAPTIC_SOCKET`
+        says, or as usual.
 
         BadInputError for an address without port or token.
         """
@@ -46,11 +51,15 @@ class Address(NamedTuple):
             (token,) = parse_qs(parts.query)["token"]
             return cls(None, parts.hostname or "", int(parts.port or 0), token)
         except (ValueError, KeyError) as error:
-            hint = "Give it as haptic daemon run --port printed it: http://127.0.0.1:8470/page/?token=..."
-            raise BadInputError("bad_address", f"{text}: no address of a daemon's page", hint) from error
+            hint = (
+                "Give it as haptic daemon run --port printed it:"
+                " http://127.0.0.1:8470/page/?token=..."
+            )
+            raise BadInputError(
+                "bad_address", f"{text}: no address of a daemon's page", hint
+            ) from error
 
     def __str__(self) -> str:
-        """Without the token."""
         return str(self.path) if self.path is not None else f"http://{self.authority}"
 
     @property
@@ -85,8 +94,8 @@ class Address(NamedTuple):
 def _require_own(line: socket.socket, path: Path) -> None:
     """Refuse a program of another user at a socket: it could say "off" of an output that is on.
 
-    Root's own programs are believed. Root believes whoever owns the socket's folder. Elsewhere than on Linux the
-    folder's rights have to do.
+    Root's own programs are believed. Root believes whoever owns the socket's folder. Elsewhere than
+    on Linux the folder's rights have to do.
     """
     if not hasattr(socket, "SO_PEERCRED"):
         return
@@ -95,4 +104,6 @@ def _require_own(line: socket.socket, path: Path) -> None:
     trusted = {0, path.parent.stat().st_uid} if own == 0 else {0, own}
     if user not in trusted:
         said = f"{path}: a program of user {user} listens there, not one of yours"
-        raise HapticError("not_yours", said, "give the socket of your own daemon, or the address of its page")
+        raise HapticError(
+            "not_yours", said, "give the socket of your own daemon, or the address of its page"
+        )

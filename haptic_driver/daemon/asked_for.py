@@ -1,4 +1,6 @@
-"""What was asked for when: a target is chosen before the moment for which it is, and friction is felt after it."""
+"""What was asked for when: a target is chosen before the moment for which it is, and friction is
+felt after it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""By which model render goes: the one it was given, another while idle, or what the observer has mended."""
+"""By which model render goes: the one it was given, another while idle, or what the observer has
+mended.
+"""
 
 from __future__ import annotations
 
@@ -23,19 +25,27 @@ from haptic_driver.surface.file import SurfaceFile
 class Basis:
     """What render goes by, and the supervisor starts it with: `settings` of the moment."""
 
-    def __init__(self, settings: DaemonSettings, shared: SharedState, events: EventLog, loader: Loader) -> None:
+    def __init__(
+        self, settings: DaemonSettings, shared: SharedState, events: EventLog, loader: Loader
+    ) -> None:
         self.settings = settings
         self.observer = Observer(shared, events, self._install)
         self.inquiry = Inquiry(events)
         self._shared, self._events, self._loader = shared, events, loader
         self._own = settings.surface  # of the model as its file has it
 
-    def among(self, orders: Orders, targets: Targets, recordings: Recordings, supervisor: Supervisor) -> None:
+    def among(
+        self, orders: Orders, targets: Targets, recordings: Recordings, supervisor: Supervisor
+    ) -> None:
         """Who else has to do with it; before anything is asked."""
-        self._orders, self._targets, self._recordings, self._supervisor = orders, targets, recordings, supervisor
+        self._orders, self._targets, self._recordings, self._supervisor = (
+            orders,
+            targets,
+            recordings,
+            supervisor,
+        )
 
     def start(self) -> None:
-        """Begin to observe."""
         self.observer.start(self.settings.observed)
         self.observer.adapt(self.settings.config.adapt)
 
@@ -50,17 +60,23 @@ class Basis:
         return self.observer.pids | self.inquiry.pids
 
     def use(self, name: str, carrier_hz: float | None, *, feedback: bool) -> None:
-        """Solve a model's surface and let render begin anew with it. RefusedError unless idle and not recording.
+        """Solve a model's surface and let render begin anew with it. RefusedError unless idle and
+        not recording.
 
-        Where it is the model that was used before, nothing is solved, and what was observed and mended is kept.
+        Where it is the model that was used before, nothing is solved, and what was observed and
+        mended is kept.
         """
         with self._recordings.lock, self._targets.choosing:
             with self._orders.lock:
                 state = self._orders.machine.state
                 if state is not DaemonState.IDLE:
-                    raise RefusedError("not_idle", f"the daemon is {state}", "disarm, or reset, first")
+                    raise RefusedError(
+                        "not_idle", f"the daemon is {state}", "disarm, or reset, first"
+                    )
                 if self._recordings.path is not None:
-                    raise RefusedError("recording", "a run keeps its surface", "stop the recording first")
+                    raise RefusedError(
+                        "recording", "a run keeps its surface", "stop the recording first"
+                    )
                 self._supervisor.claim_render()
             try:
                 before = replace(self.settings, carrier_hz=carrier_hz, feedback=feedback)
@@ -78,14 +94,18 @@ class Basis:
             if not same:
                 self._own = settings.surface
                 self.observer.start(settings.observed)
-        self._events.tell("model", name, surface_hash=settings.surface.content_hash, carrier_hz=carrier_hz)
+        self._events.tell(
+            "model", name, surface_hash=settings.surface.content_hash, carrier_hz=carrier_hz
+        )
 
     def why(self, minutes: float) -> Why:
         """Diagnose what was rendered in that time, by the model as its file has it."""
         rows = list(self.observer.rows)
         since_s = rows[-1].measured.time_s - 60.0 * minutes if rows else 0.0
         recent = [row for row in rows if row.measured.time_s >= since_s]
-        return self.inquiry.ask(recent, self.settings.model, simulated=self.settings.config.simulated)
+        return self.inquiry.ask(
+            recent, self.settings.model, simulated=self.settings.config.simulated
+        )
 
     def _install(self, surface: SurfaceFile, too_late: Callable[[], bool]) -> bool:
         """Let render go on with another surface between two ticks; whether that was ordered."""

@@ -1,4 +1,6 @@
-"""Load and friction on a screen without a force sensor, from the electrode's current, as a force sensor's readings."""
+"""Load and friction on a screen without a force sensor, from the electrode's current, as a force
+sensor's readings.
+"""
 
 from __future__ import annotations
 
@@ -19,20 +21,26 @@ PERIOD_S = 0.02  # between readings, and a monitor's own time
 AGE_S = 0.1
 
 ReadElectrode = Callable[[float], ElectrodeReading | None]
-"""What is at the electrode at a carrier in Hz; None where no monitor tells it. Raises DeviceError."""
+"""What is at the electrode at a carrier in Hz; None where no monitor tells it. Raises DeviceError.
+"""
 
 
 class CurrentSensor:
-    """Asks the monitor in a thread of its own, from `start` on; a load is the usual one while nothing tells.
+    """Asks the monitor in a thread of its own, from `start` on; a load is the usual one while
+    nothing tells.
 
-    `stray_f` is what lies beside the finger; `carrier_hz` the carrier of the moment, None unless the finger slides,
-    since a resting one is another touch; `model` the name of the model.
+    `stray_f` is what lies beside the finger; `carrier_hz` the carrier of the moment, None unless
+    the finger slides, since a resting one is another touch; `model` the name of the model.
     """
 
     def __init__(
-        self, electrode: ReadElectrode, usual_n: float, stray_f: float, carrier_hz: Callable[[], float | None],
+        self,
+        electrode: ReadElectrode,
+        usual_n: float,
+        stray_f: float,
+        carrier_hz: Callable[[], float | None],
         model: Callable[[], str],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._electrode, self._usual_n, self._stray_f = electrode, usual_n, stray_f
         self._carrier_hz, self._model = carrier_hz, model
         self._felt_s = time.monotonic()
@@ -42,19 +50,21 @@ class CurrentSensor:
         self._thread = threading.Thread(target=self._run, name="current", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
         self._thread.start()
 
     def read(self) -> ForceReading:
-        """The newest estimate, or that nothing is known for AGE_S. Raises DeviceError when the monitor fails."""
+        """The newest estimate, or that nothing is known for AGE_S. Raises DeviceError when the
+        monitor fails.
+        """
         if self._failed is not None:
             raise self._failed
         now_s, last = time.monotonic(), self._last
         known = now_s - last.time_s <= AGE_S
-        return last._replace(time_s=now_s) if known else ForceReading(now_s, self._usual_n, nan, False)
+        return (
+            last._replace(time_s=now_s) if known else ForceReading(now_s, self._usual_n, nan, False)
+        )
 
     def close(self) -> None:
-        """End."""
         self._ending.set()
         if self._thread.is_alive():
             join_within(AGE_S, [self._thread])
@@ -72,7 +82,9 @@ class CurrentSensor:
             except HapticError as error:  # a model's file that has gone meanwhile
                 self._failed = DeviceError(error.message, error.hint)
             except BaseException as error:  # of a plug-in
-                self._failed = DeviceError(message_of(error), "a fault of the electrode monitor's driver")
+                self._failed = DeviceError(
+                    message_of(error), "a fault of the electrode monitor's driver"
+                )
             else:
                 self._failed = None
 

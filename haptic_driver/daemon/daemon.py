@@ -1,7 +1,8 @@
 """The daemon: its parts, how they begin and end, and what the API asks of them.
 
-Whatever goes wrong with a device or a process takes the output to zero first and is then a fault; what died is started
-again (`supervision.py`), and the daemon stays in fault until somebody resets it.
+Whatever goes wrong with a device or a process takes the output to zero first and is then a fault;
+what died is started again (`supervision.py`), and the daemon stays in fault until somebody resets
+it.
 """
 
 from __future__ import annotations
@@ -58,9 +59,11 @@ TIMED_SAMPLES = 1000
 
 
 class Daemon:
-    """What a client may ask of a rig, thread-safe; starts in `__enter__`, ends with the output off in `close`.
+    """What a client may ask of a rig, thread-safe; starts in `__enter__`, ends with the output off
+    in `close`.
 
-    Once `ended` is set nothing is waited for any more, not even while it starts; `close` is still to be called.
+    Once `ended` is set nothing is waited for any more, not even while it starts; `close` is still
+    to be called.
     """
 
     def __init__(
@@ -77,7 +80,9 @@ class Daemon:
         self._loader = Loader()
         self._painter = Loader("painter")  # begun when somebody looks
         self.basis = basis = Basis(settings, shared, events, self._loader)
-        self._targets = targets = Targets(shared, orders, events, clock, partial(_reachable, basis), self._loader)
+        self._targets = targets = Targets(
+            shared, orders, events, clock, partial(_reachable, basis), self._loader
+        )
         self._recordings = Recordings(
             shared, events, lambda: basis.settings, identified, orders.machine.is_held_by, clock
         )
@@ -95,13 +100,18 @@ class Daemon:
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
 
-    # --- life --------------------------------------------------------------------------------------------------
+    # --- life
+    # --------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing left running."""
+        """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing
+        left running.
+        """
         try:
             self._orders.beat()
-            _current_a(self.basis.settings, self.shared.output.read(), 0.0)  # compiled before anybody can arm
+            _current_a(
+                self.basis.settings, self.shared.output.read(), 0.0
+            )  # compiled before anybody can arm
             self.supervisor.start()
             self._start_threads()
             self._loader.start()  # what nobody waits for comes last
@@ -131,12 +141,10 @@ class Daemon:
         return output_on
 
     def __enter__(self) -> Daemon:
-        """Start."""
         self.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close."""
         self.close()
 
     @property
@@ -165,10 +173,10 @@ class Daemon:
                 self._orders.fail(message_of(error))
             ending.wait(WATCH_PERIOD_S)
 
-    # --- what the API asks -------------------------------------------------------------------------------------
+    # --- what the API asks
+    # -------------------------------------------------------------------------------------
 
     def status(self) -> Status:
-        """The present state."""
         output, now_s, recording = self.shared.output.read(), self._clock(), self._recordings.path
         orders, targets, settings = self._orders, self._targets, self.basis.settings
         load_n, reachable_cof = targets.reach()
@@ -188,7 +196,9 @@ class Daemon:
                 reachable_cof=list(reachable_cof),
                 frequency_hz=output.frequency_hz if rendering and output_on else None,
                 voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
-                current_rms_a=_current_a(settings, output, load_n) if rendering and output_on else None,
+                current_rms_a=(
+                    _current_a(settings, output, load_n) if rendering and output_on else None
+                ),
                 output_on=output_on,
                 ticks=output.tick,
                 overruns=output.overruns,
@@ -226,7 +236,9 @@ class Daemon:
         return measured_latency(judged.latency, budget_s["total"])
 
     def arm(self, lease_s: float, holder: str = SOMEBODY) -> Lease:
-        """Idle -> armed. Sensors that a busy machine keeps from speaking are given a moment, with the lock free."""
+        """Idle -> armed. Sensors that a busy machine keeps from speaking are given a moment, with
+        the lock free.
+        """
         self.supervisor.silent(ARM_PATIENCE_S)
         with self._orders.lock:
             self.supervisor.refuse_unless_ready(self.basis.settings, self._orders.machine.state)
@@ -265,21 +277,33 @@ class Daemon:
         """Acknowledge a fault or trip whose cause is gone."""
         orders, supervisor = self._orders, self.supervisor
         if orders.machine.state is not DaemonState.FAULT:
-            raise RefusedError("no_fault", f"the daemon is {orders.machine.state}, not in fault", "nothing to reset")
+            raise RefusedError(
+                "no_fault",
+                f"the daemon is {orders.machine.state}, not in fault",
+                "nothing to reset",
+            )
         instruments = supervisor.instruments
         if supervisor.missing or instruments is None:
             raise RefusedError("cause_remains", supervisor.missing, "try again when it is back")
         rig = instruments.rig
         rig.reset_trip()
         if rig.state is not RigState.OFF and rig.off().output_on is not False:
-            raise RefusedError("not_off", "the output cannot be shown to be off", "switch the amplifier off by hand")
+            raise RefusedError(
+                "not_off",
+                "the output cannot be shown to be off",
+                "switch the amplifier off by hand",
+            )
         with orders.lock:
             orders.reset()
             self.event_log.tell("state", "fault acknowledged; idle")
         return self.status()
 
-    def use_model(self, name: str, carrier_hz: float | None = None, *, feedback: bool = True) -> Status:
-        """Solve its surface and let render begin anew with it, at one carrier, or without feedback."""
+    def use_model(
+        self, name: str, carrier_hz: float | None = None, *, feedback: bool = True
+    ) -> Status:
+        """Solve its surface and let render begin anew with it, at one carrier, or without
+        feedback.
+        """
         self.basis.use(name, carrier_hz, feedback=feedback)
         return self.status()
 
@@ -326,12 +350,13 @@ class Daemon:
         return taken[taken["tick"] > since_tick]
 
     def events(self, since: int) -> Sequence[Event]:
-        """Events above `since`."""
         return self.event_log.since(since)
 
     def surface_map(self) -> dict[str, Any]:
         """Friction over frequency and voltage at the usual load."""
-        return drawings.surface_map(self.basis.settings.surface, self.basis.settings.config.operating_limits())
+        return drawings.surface_map(
+            self.basis.settings.surface, self.basis.settings.config.operating_limits()
+        )
 
     def texture_map(self) -> dict[str, Any]:
         """Friction asked for on the screen."""

@@ -1,9 +1,11 @@
-"""The process that writes envelopes to an analog output: no other Python thread can keep it waiting.
+"""The process that writes envelopes to an analog output: no other Python thread can keep it
+waiting.
 
     python -m haptic_driver.daemon.envelope_process DESCRIPTOR PARENT < settings
 
-takes pickled `EnvelopeSettings` from standard input and says when its output is open, at zero. From then on it runs
-until its parent is gone, which leaves zero. What its output cannot do it says in `played`, and ends.
+takes pickled `EnvelopeSettings` from standard input and says when its output is open, at zero. From
+then on it runs until its parent is gone, which leaves zero. What its output cannot do it says in
+`played`, and ends.
 """
 
 from __future__ import annotations
@@ -67,7 +69,9 @@ def _unwatched(output: AnalogOutput) -> AnalogOutput:
 class EnvelopeLoop:
     """What the process does every millisecond, without the waiting."""
 
-    def __init__(self, shared: SharedState, writer: EnvelopeWriter, lead: Lead, earlier_underruns: int = 0) -> None:
+    def __init__(
+        self, shared: SharedState, writer: EnvelopeWriter, lead: Lead, earlier_underruns: int = 0
+    ) -> None:
         self._shared = shared
         self._writer = writer
         self._lead = lead
@@ -79,7 +83,9 @@ class EnvelopeLoop:
         self.writing = False
 
     def turn(self, now_s: float, late_s: float = 0.0) -> None:
-        """Go on with what render wants, if it may go out. Raises DeviceError and HapticError, said in `played`."""
+        """Go on with what render wants, if it may go out. Raises DeviceError and HapticError, said
+        in `played`.
+        """
         try:
             self._lead.notice(now_s, max(late_s, self._writer.drained_s - PERIOD_S))
             driven, output = self._shared.driven.read(), self._shared.output.read()
@@ -122,7 +128,9 @@ def main() -> None:
     shared = SharedState(descriptor)
     output, open_output = settings.output()
     section = settings.section
-    writer = EnvelopeWriter(output, settings.modulation, section.envelope_rate_hz, settings.rise_v_per_s)
+    writer = EnvelopeWriter(
+        output, settings.modulation, section.envelope_rate_hz, settings.rise_v_per_s
+    )
     with compilation_said("envelope process", parent.still):
         writer.warm_up()
     refuse_to_compile()

@@ -27,22 +27,24 @@ class EventLog:
         self._lock = threading.Lock()
 
     def tell(self, kind: str, message: str, **data: Any) -> None:
-        """Add one, now."""
         self.add(kind, message, data)
 
-    def add(self, kind: str, message: str, data: Mapping[str, Any], time_s: float | None = None) -> Event:
+    def add(
+        self, kind: str, message: str, data: Mapping[str, Any], time_s: float | None = None
+    ) -> Event:
         """Add one that happened at `time_s` of CLOCK_MONOTONIC, by default now."""
         with self._lock:
             self._count += 1
             happened_s = time.monotonic() if time_s is None else time_s
             said = shown(message)  # somebody's words, or a texture's name
-            event = Event(number=self._count, time_s=happened_s, kind=kind, message=said, data=dict(data))
+            event = Event(
+                number=self._count, time_s=happened_s, kind=kind, message=said, data=dict(data)
+            )
             self._events.append(event)
         self.listener(event)
         _log.log(logging.ERROR if kind in ("fault", "trip") else logging.INFO, "%s: %s", kind, said)
         return event
 
     def since(self, number: int) -> list[Event]:
-        """Those above `number`."""
         with self._lock:
             return [event for event in self._events if event.number > number]

@@ -1,4 +1,6 @@
-"""Markers of other programs, from a stream of the Lab Streaming Layer (extra `lsl`), among the daemon's events."""
+"""Markers of other programs, from a stream of the Lab Streaming Layer (extra `lsl`), among the
+daemon's events.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,16 @@ MOST_CHARACTERS = 200
 class Heard(Protocol):
     """Takes a marker: `EventLog.add`."""
 
-    def __call__(self, kind: str, message: str, data: dict[str, Any], time_s: float | None = None) -> object:
+    def __call__(
+        self, kind: str, message: str, data: dict[str, Any], time_s: float | None = None
+    ) -> object:
         """Of kind `marker`, with the time on CLOCK_MONOTONIC at which its program has sent it."""
 
 
 class LslMarkers:
-    """The first stream of that name on the local network, of one channel, found again when it was gone."""
+    """The first stream of that name on the local network, of one channel, found again when it was
+    gone.
+    """
 
     def __init__(self, stream: str) -> None:
         self._lsl = optional("pylsl", "lsl", "LSL")
@@ -31,7 +37,9 @@ class LslMarkers:
         self._inlet: Any = None
 
     def hear(self, tell: Heard) -> None:
-        """Pass on what has come, waiting at most about `LOOK_S` for it, and for the stream at first."""
+        """Pass on what has come, waiting at most about `LOOK_S` for it, and for the stream at
+        first.
+        """
         if self._inlet is None:
             found = self._lsl.resolve_byprop("name", self._stream, timeout=LOOK_S)
             if not found:
@@ -46,7 +54,9 @@ class LslMarkers:
 
 @contextmanager
 def hearing(inlet: LslMarkers, tell: Heard, failed: Callable[[str], object]) -> Iterator[None]:
-    """Listen in a thread of its own inside the `with` block; the first error is told to `failed` and ends it."""
+    """Listen in a thread of its own inside the `with` block; the first error is told to `failed`
+    and ends it.
+    """
     ending = threading.Event()
 
     def listen() -> None:

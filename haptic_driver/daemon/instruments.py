@@ -1,4 +1,6 @@
-"""What control holds of a rig: its output, its sensors, and the watchdog that switches off when control dies."""
+"""What control holds of a rig: its output, its sensors, and the watchdog that switches off when
+control dies.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +30,19 @@ from hw.safety.watchdog import Watchdog, WatchdogSettings
 from hw.transport.tcp import TcpTransport
 
 SENSOR_PERIOD_S = 0.001
-WATCHDOG_GIVE_UP_S = 1.0  # a simulated generator that is gone will not come back at the same address
+WATCHDOG_GIVE_UP_S = (
+    1.0  # a simulated generator that is gone will not come back at the same address
+)
 
 
 class Instruments:
-    """The open devices of a rig as control uses them, real or simulated; `sensor_period_s`: how often to `read`."""
+    """The open devices of a rig as control uses them, real or simulated; `sensor_period_s`: how
+    often to `read`.
+    """
 
-    def __init__(self, config: RigConfig, devices: Devices, tracker: FingerTracker, electrode: ReadElectrode) -> None:
+    def __init__(
+        self, config: RigConfig, devices: Devices, tracker: FingerTracker, electrode: ReadElectrode
+    ) -> None:
         self.devices = devices
         self._config, self._electrode = config, electrode
         self._current: CurrentSensor | None = None
@@ -47,8 +55,12 @@ class Instruments:
         """What the sensors say now. Raises DeviceError; NotBelieved for what cannot be true."""
         return self._readings.read()
 
-    def estimate_force(self, carrier_hz: Callable[[], float | None], model: Callable[[], str]) -> None:
-        """Read the electrode's current in place of a force sensor that the rig's file says there is not."""
+    def estimate_force(
+        self, carrier_hz: Callable[[], float | None], model: Callable[[], str]
+    ) -> None:
+        """Read the electrode's current in place of a force sensor that the rig's file says there is
+        not.
+        """
         given = self._config.force_sensor
         if self._config.friction_from_current and isinstance(given, NoForceSensorConfig):
             stray_f = given.stray_capacitance_f
@@ -57,7 +69,9 @@ class Instruments:
             self._current.start()
 
     def check_watchdog(self) -> None:
-        """Raise DeviceError when there should be a watchdog and is none; not to be asked while the output is on."""
+        """Raise DeviceError when there should be a watchdog and is none; not to be asked while the
+        output is on.
+        """
         if self.devices.watchdog is not None:
             self.devices.watchdog.beat()
             self.devices.watchdog.rest()
@@ -86,18 +100,24 @@ def connect_real(
 ) -> Instruments:
     """The devices that a real rig's file names, open. Raises HapticError and DeviceError.
 
-    The force sensor takes its bias: leave it unloaded. It keeps that of the one `before`, where there was one.
+    The force sensor takes its bias: leave it unloaded. It keeps that of the one `before`, where
+    there was one.
     """
     devices = connect_devices(config, on_event=on_event, before=before, envelope=False)
     if devices.tracker is None:
         raise BadInputError(
-            "no_finger_tracker", f"rig {config.name} names no finger tracker: nobody tells where the finger is",
+            "no_finger_tracker",
+            f"rig {config.name} names no finger tracker: nobody tells where the finger is",
             'add a section [finger_tracker], with kind "stage", "evdev" or "recorded"',
-        )  # fmt: skip
+        )
 
     def electrode(frequency_hz: float) -> ElectrodeReading | None:
         i = config.electrode_monitor(frequency_hz)
-        return None if i is None else devices.electrode_monitors[i].read(frequency_hz, config.limits.voltage_v)
+        return (
+            None
+            if i is None
+            else devices.electrode_monitors[i].read(frequency_hz, config.limits.voltage_v)
+        )
 
     return _opened(config, devices, devices.tracker, electrode)
 
@@ -105,21 +125,32 @@ def connect_real(
 def connect_simulated(
     config: RigConfig, endpoints: Mapping[str, str], on_event: Callable[[RigEvent], None]
 ) -> Instruments:
-    """The real drivers on the simulated instruments at `endpoints`. Raises HapticError and DeviceError."""
+    """The real drivers on the simulated instruments at `endpoints`. Raises HapticError and
+    DeviceError.
+    """
     model = config.waveform_generator.model
-    watchdog = Watchdog(WatchdogSettings(endpoints["waveform_generator"], model=model, give_up_s=WATCHDOG_GIVE_UP_S))
+    watchdog = Watchdog(
+        WatchdogSettings(endpoints["waveform_generator"], model=model, give_up_s=WATCHDOG_GIVE_UP_S)
+    )
     lines = Lines(TcpTransport.from_resource(endpoints["amplifier_lines"]))
     host, port = endpoints["force_sensor"].split(":")
     box = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port)))
     given = config.force_sensor
-    force_sensor: ForceSensor = NoForceSensor(given.load_n) if isinstance(given, NoForceSensorConfig) else box
+    force_sensor: ForceSensor = (
+        NoForceSensor(given.load_n) if isinstance(given, NoForceSensorConfig) else box
+    )
     host, port = endpoints["touch_screen"].split(":")
     try:
         connection = socket.create_connection((host, int(port)))
     except OSError as error:
-        raise DeviceDisconnected(f"the simulated touch screen is gone ({error})", "restart the daemon") from error
+        raise DeviceDisconnected(
+            f"the simulated touch screen is gone ({error})", "restart the daemon"
+        ) from error
     reports = TouchReports(
-        connection.fileno(), TouchEvents(None), name="simulated touch screen", close=connection.close
+        connection.fileno(),
+        TouchEvents(None),
+        name="simulated touch screen",
+        close=connection.close,
     )
     screen = TouchScreen(reports, SCREEN)
     transport = TcpTransport.from_resource(endpoints["waveform_generator"])
@@ -136,13 +167,19 @@ def connect_simulated(
     closing = [watchdog.close, box.close, screen.close, lines.close]
 
     def electrode(frequency_hz: float) -> ElectrodeReading | None:
-        return None if config.electrode_monitor(frequency_hz) is None else lines.read_electrode(frequency_hz)
+        return (
+            None
+            if config.electrode_monitor(frequency_hz) is None
+            else lines.read_electrode(frequency_hz)
+        )
 
     devices = Devices(rig, force_sensor, screen, None, None, watchdog, opening, closing)
     return _opened(config, devices, screen, electrode)
 
 
-def _opened(config: RigConfig, devices: Devices, tracker: FingerTracker, electrode: ReadElectrode) -> Instruments:
+def _opened(
+    config: RigConfig, devices: Devices, tracker: FingerTracker, electrode: ReadElectrode
+) -> Instruments:
     instruments = Instruments(config, devices, tracker, electrode)
     devices.open()
     return instruments

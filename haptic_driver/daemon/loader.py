@@ -2,8 +2,9 @@
 
     python -m haptic_driver.daemon.loader LINK
 
-A texture or a model may come from anybody and be anything. So it is read in a process of its own, with bounds on memory
-and time, one at a time and with no precedence; control gets what came of it, or why it was refused.
+A texture or a model may come from anybody and be anything. So it is read in a process of its own,
+with bounds on memory and time, one at a time and with no precedence; control gets what came of it,
+or why it was refused.
 """
 
 from __future__ import annotations
@@ -63,12 +64,16 @@ class Loader:
             self._start()
 
     def texture(self, name: str, reachable_cof: tuple[float, float]) -> tuple[Target, Demand]:
-        """A texture or script, and what it asks of a surface that reaches so far. Raises HapticError."""
+        """A texture or script, and what it asks of a surface that reaches so far. Raises
+        HapticError.
+        """
         found: tuple[Target, Demand] = self._ask(_texture, name, reachable_cof)
         return found
 
     def tile(self, name: str, grid: Grid) -> tuple[float, float, bytes]:
-        """A texture of the library: its lowest and highest friction, and `levels` of a grid. Raises HapticError."""
+        """A texture of the library: its lowest and highest friction, and `levels` of a grid. Raises
+        HapticError.
+        """
         found: tuple[float, float, bytes] = self._ask(_tile, name, grid)
         return found
 
@@ -84,13 +89,14 @@ class Loader:
         return {self._name: child.pid} if child is not None else {}
 
     def close(self) -> None:
-        """End it."""
         with self._lock:
             self._end()
 
     def _ask(self, work: Callable[..., Any], name: str, *arguments: Any) -> Any:
         if not self._lock.acquire(timeout=PATIENCE_S):
-            raise RefusedError("loading", "something else is being loaded", "ask again when it is there")
+            raise RefusedError(
+                "loading", "something else is being loaded", "ask again when it is there"
+            )
         try:
             child, link = self._ready()
             timer = threading.Timer(TIME_S, child.kill)
@@ -130,11 +136,19 @@ class Loader:
             ours, theirs = socket.socketpair()
             with theirs:
                 self._link = Connection(ours.detach())
-                self._child = Child(self._name, __name__, [theirs.fileno()], descriptors=[theirs.fileno()])
+                self._child = Child(
+                    self._name, __name__, [theirs.fileno()], descriptors=[theirs.fileno()]
+                )
         return self._child, self._link
 
     def _end(self) -> None:
-        child, link, self._child, self._link, self._is_ready = self._child, self._link, None, None, False
+        child, link, self._child, self._link, self._is_ready = (
+            self._child,
+            self._link,
+            None,
+            None,
+            False,
+        )
         if link is not None:
             link.close()
         if child is not None:
@@ -150,7 +164,9 @@ def _tile(name: str, grid: Grid) -> tuple[float, float, bytes]:
     names = texture_names(texture_dirs())
     if name not in names:
         raise BadInputError(
-            "unknown_texture", f"there is no texture '{name[:200]}' in the library", nearest(name, names)
+            "unknown_texture",
+            f"there is no texture '{name[:200]}' in the library",
+            nearest(name, names),
         )
     texture = load_texture(name, texture_dirs())
     low, high = texture.bounds()
@@ -175,7 +191,6 @@ def _refusal(error: HapticError) -> bytes:
 
 
 def _bounded() -> None:
-    """From here on."""
     give_way()
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     most_bytes = pages * resource.getpagesize() + MEMORY_BYTES

@@ -18,7 +18,9 @@ from haptic_driver.recording.event import Event
 LEASE_HEADER = "X-Haptic-Lease"
 SOMEBODY = "somebody"  # who holds a lease and did not say
 HIGHEST_ASKED_COF = 10.0  # twice what a texture file may say
-MOST_SAMPLES = 2000  # what turns into JSON in a few milliseconds, of which the set-point pump loses as many
+MOST_SAMPLES = (
+    2000  # what turns into JSON in a few milliseconds, of which the set-point pump loses as many
+)
 MOST_COUNT = 2**62
 MOST_TILE_CELLS = 256  # per side: a fraction of a second of a process that waits for all others
 
@@ -48,8 +50,9 @@ class DaemonState(StrEnum):
 class Timing(Checked):
     """How the newest ticks, a second of them, kept their time.
 
-    `in_time`: share of the newest 100 instants that had their tick within 2 ms; None before the first. `missed`:
-    instants without a tick. `lateness_counts` by bin, whose lower edges are beside it. `last_cause`: what was late.
+    `in_time`: share of the newest 100 instants that had their tick within 2 ms; None before the
+    first. `missed`: instants without a tick. `lateness_counts` by bin, whose lower edges are beside
+    it. `last_cause`: what was late.
     """
 
     in_time: float | None
@@ -60,7 +63,9 @@ class Timing(Checked):
 
 
 class AgreementCell(Checked):
-    """Felt friction over expected friction in one range of one condition: `share` off, and its weight, 1 / variance."""
+    """Felt friction over expected friction in one range of one condition: `share` off, and its
+    weight, 1 / variance.
+    """
 
     axis: str
     low: float
@@ -96,8 +101,8 @@ class RenderedFidelity(Checked):
 class Status(Checked):
     """`haptic status`; `output_on` is None where nobody knows.
 
-    `frequency_hz` and `voltage_v` are commanded: 0 V where the output is off, None where there is no command and nobody
-    knows that it is.
+    `frequency_hz` and `voltage_v` are commanded: 0 V where the output is off, None where there is
+    no command and nobody knows that it is.
     """
 
     state: DaemonState
@@ -133,23 +138,37 @@ class Status(Checked):
     fidelity: RenderedFidelity | None = None  # of the present target, over 10 s at most
     surface_hash: str
     feedback: bool = True  # friction is held by what is felt; else by the model alone
-    agreement: list[AgreementCell] = Field(default=[])  # since arming, with what the surface expects of the finger
+    agreement: list[AgreementCell] = Field(
+        default=[]
+    )  # since arming, with what the surface expects of the finger
     disagreement: str | None = None  # the last sentence about it
-    adaptation: str | None = None  # what came of mending the model last; null while nothing is mended
+    adaptation: str | None = (
+        None  # what came of mending the model last; null while nothing is mended
+    )
     recording: str | None  # the file; None also while a recording waits for space
     recording_fault: str | None  # what is missing of the present recording, and why
 
     def __str__(self) -> str:
-        """For a person."""
         on = {True: "ON", False: "off", None: "UNKNOWN"}[self.output_on]
         simulated = " (simulated)" if self.simulated else ""
-        asked = self.texture or ("nothing" if self.target_cof is None else f"friction {self.target_cof:.3g}")
+        asked = self.texture or (
+            "nothing" if self.target_cof is None else f"friction {self.target_cof:.3g}"
+        )
         low, high = self.reachable_cof
         missed = f"{self.overruns} overruns, {self.underruns} underruns"
         lines = [
-            f"{self.state}, output {on}; rig {self.rig}{simulated}, by {self.actuator}; model {self.model}",
-            f"asked {asked}; measured {number(self.measured_cof, '.3f')}; within reach {low:.2f} to {high:.2f}",
-            f"commanded {number(self.frequency_hz, '.4g')} Hz, {number(self.voltage_v, '.4g')} V peak",
+            (
+                f"{self.state}, output {on}; rig {self.rig}{simulated}, by {self.actuator}; model"
+                f" {self.model}"
+            ),
+            (
+                f"asked {asked}; measured {number(self.measured_cof, '.3f')}; within reach"
+                f" {low:.2f} to {high:.2f}"
+            ),
+            (
+                f"commanded {number(self.frequency_hz, '.4g')} Hz, {number(self.voltage_v, '.4g')}"
+                " V peak"
+            ),
             f"{self.ticks} ticks, {missed}; flags: {', '.join(self.flags) or 'none'}",
         ]
         if self.fidelity is not None:
@@ -157,10 +176,19 @@ class Status(Checked):
         if self.latency_measured_s is not None:
             lines.append(f"latency {self.latency_said()}")
         if self.timing.last_cause is not None:
-            lines.append(f"{number(self.timing.in_time, '.0%')} of the last ticks in time; {self.timing.last_cause}")
-        said = {"lease held by": self.lease_holder, "fault:": self.fault, "recording into": self.recording}
+            lines.append(
+                f"{number(self.timing.in_time, '.0%')} of the last ticks in time;"
+                f" {self.timing.last_cause}"
+            )
+        said = {
+            "lease held by": self.lease_holder,
+            "fault:": self.fault,
+            "recording into": self.recording,
+        }
         said |= {"recording fault:": self.recording_fault, "adapting:": self.adaptation}
-        return "\n  ".join([*lines, *(f"{what} {it}" for what, it in said.items() if it is not None)])
+        return "\n  ".join(
+            [*lines, *(f"{what} {it}" for what, it in said.items() if it is not None)]
+        )
 
     __repr__ = __str__  # what a notebook shows
 
@@ -186,14 +214,18 @@ class Request(Checked):
 
 
 class FrictionChoice(Request):
-    """`haptic set MU`; more than 10 % out of reach at the present load it is refused, unless `nearest` will do."""
+    """`haptic set MU`; more than 10 % out of reach at the present load it is refused, unless
+    `nearest` will do.
+    """
 
     cof: Annotated[FiniteFloat, Field(gt=0.0, le=HIGHEST_ASKED_COF)]
     nearest: bool = False
 
 
 class TextureChoice(Request):
-    """`haptic texture play T`; refused when more than half of it is as far out of reach, unless `nearest` will do."""
+    """`haptic texture play T`; refused when more than half of it is as far out of reach, unless
+    `nearest` will do.
+    """
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
     nearest: bool = False
@@ -217,11 +249,15 @@ class ArmRequest(Request):
     """`haptic arm`."""
 
     lease_s: Annotated[FiniteFloat, Field(ge=0.1, le=60.0)] = 0.5
-    holder: Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f]+$")] = SOMEBODY
+    holder: Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f]+$")] = (
+        SOMEBODY
+    )
 
 
 class RecordingRequest(Request):
-    """`haptic record FILE`; null stops. With the token of a lease it ends 2 s after that, and null stops no other."""
+    """`haptic record FILE`; null stops. With the token of a lease it ends 2 s after that, and null
+    stops no other.
+    """
 
     path: Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")] | None
     lease: Annotated[str, Field(min_length=1, max_length=100)] | None = None
@@ -235,7 +271,9 @@ class Mark(Request):
 
 
 class Marked(ClockOffsets):
-    """A marker as it was told: its event's number, its time on CLOCK_MONOTONIC, and what to add for other clocks."""
+    """A marker as it was told: its event's number, its time on CLOCK_MONOTONIC, and what to add for
+    other clocks.
+    """
 
     number: int
     time_s: float
@@ -255,7 +293,9 @@ class SinceTick(Checked, extra="ignore"):
 
 
 class TileRequest(Checked, extra="ignore"):
-    """The query of `GET /tile`: a texture of `GET /textures`, the corner with the least x and y, and square cells."""
+    """The query of `GET /tile`: a texture of `GET /textures`, the corner with the least x and y,
+    and square cells.
+    """
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
     x_m: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)] = 0.0
@@ -268,7 +308,8 @@ class TileRequest(Checked, extra="ignore"):
 class Tile(Checked):
     """Friction averaged over each cell, row by row along +y: bytes in base64.
 
-    0 where nothing is asked for, 1 at `cof_low` to 255 at `cof_high`, between which the whole texture lies.
+    0 where nothing is asked for, 1 at `cof_low` to 255 at `cof_high`, between which the whole
+    texture lies.
     """
 
     columns: int
@@ -300,8 +341,8 @@ class WhyRequest(Request):
 class Why(Checked):
     """What a diagnosis of what was rendered says, in words and as `haptic diagnose` does.
 
-    `suspects`: the most probable. `more`: what `haptic investigate` could add. `model` and `report` are files
-    on the daemon's machine, until the next diagnosis or its end.
+    `suspects`: the most probable. `more`: what `haptic investigate` could add. `model` and `report`
+    are files on the daemon's machine, until the next diagnosis or its end.
     """
 
     state: Literal["not_asked", "running", "done", "failed"]
@@ -328,9 +369,11 @@ class Events(Checked):
 
 
 class SurfaceMap(Checked):
-    """Friction over frequency and voltage, `cof[frequency][voltage]`, at the usual load, as far as the rig may go.
+    """Friction over frequency and voltage, `cof[frequency][voltage]`, at the usual load, as far as
+    the rig may go.
 
-    `limits_v`: by each limit, the highest voltage at each frequency; null where that limit has none.
+    `limits_v`: by each limit, the highest voltage at each frequency; null where that limit has
+    none.
     """
 
     frequency_hz: list[float]
@@ -366,8 +409,8 @@ class TickSummary(Checked):
 class StateFrame(Checked):
     """One message of the WebSocket `/state`: the status, the newest sample, and how the ticks went.
 
-    `time_s` and `unix_time_s` are now, by the clock of samples and events and by that on the wall. `samples`: the
-    columns that were asked for, of all ticks since the frame before.
+    `time_s` and `unix_time_s` are now, by the clock of samples and events and by that on the wall.
+    `samples`: the columns that were asked for, of all ticks since the frame before.
     """
 
     time_s: float

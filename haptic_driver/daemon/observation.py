@@ -1,4 +1,5 @@
-"""Felt friction held against what the model expects, as samples come: rows as recordings are cut into, and agreement.
+"""Felt friction held against what the model expects, as samples come: rows as recordings are cut
+into, and agreement.
 
 What friction the rows should have is the surface's, without the gains that feedback has learnt.
 """
@@ -25,7 +26,9 @@ from haptic_driver.surface.file import SurfaceFile
 
 
 class Word(Enum):
-    """What control tells the process: whether to mend, and by which surface render goes from here on."""
+    """What control tells the process: whether to mend, and by which surface render goes from here
+    on.
+    """
 
     ADAPT = auto()
     REST = auto()
@@ -49,8 +52,8 @@ class ObserverSettings:
 
 
 class Proposal(NamedTuple):
-    """What came of an attempt to mend the model, in words; with a better one its surface, its numbers and the rows it
-    came from.
+    """What came of an attempt to mend the model, in words; with a better one its surface, its
+    numbers and the rows it came from.
     """
 
     said: str

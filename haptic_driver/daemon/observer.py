@@ -1,4 +1,5 @@
-"""The observer: the process that holds what is felt against what is expected, and how control hears of it.
+"""The observer: the process that holds what is felt against what is expected, and how control hears
+of it.
 
     python -m haptic_driver.daemon.observer DESCRIPTOR LINK < settings
 
@@ -50,20 +51,26 @@ Install = Callable[[SurfaceFile, Callable[[], bool]], bool]
 
 
 class Observer:
-    """The process as control hears it, in a thread; started again when it dies. Rows are the newest, oldest first.
+    """The process as control hears it, in a thread; started again when it dies. Rows are the
+    newest, oldest first.
 
-    `install` lets render go on with another surface, unless what it is told to ask says that it is too late.
+    `install` lets render go on with another surface, unless what it is told to ask says that it is
+    too late.
     """
 
     def __init__(self, shared: SharedState, events: EventLog, install: Install) -> None:
         self.cells: list[AgreementCell] = []
         self.said: str | None = None
-        self.adaptation: str | None = None  # what came of mending last; None while nothing is mended
+        self.adaptation: str | None = (
+            None  # what came of mending last; None while nothing is mended
+        )
         self.judged = Judged()
         self.rows: deque[Recorded] = deque(maxlen=ROWS_KEPT)
         self._shared, self._events, self._install = shared, events, install
         self._link: Connection | None = None
-        self._base: SurfaceFile | None = None  # the model's own surface, while render goes by a mended one
+        self._base: SurfaceFile | None = (
+            None  # the model's own surface, while render goes by a mended one
+        )
         self._child: Child | None = None
         self._told_s = -inf
         self._swapping = threading.RLock()
@@ -80,12 +87,17 @@ class Observer:
         # in this thread: what others look up on a surface meanwhile is kept in it
         given = pickle.dumps(settings)
         self._listening = threading.Thread(
-            target=self._listen, args=(given, settings.surface, self._ending), name="observe", daemon=True
+            target=self._listen,
+            args=(given, settings.surface, self._ending),
+            name="observe",
+            daemon=True,
         )
         self._listening.start()
 
     def adapt(self, on: bool) -> None:
-        """Mend the model from now on, or go back to it as it was, which is an event once render does."""
+        """Mend the model from now on, or go back to it as it was, which is an event once render
+        does.
+        """
         with self._swapping:
             self.adaptation = (self.adaptation or NOTHING_YET) if on else None
             self._send(Word.ADAPT if on else Word.REST)
@@ -98,7 +110,6 @@ class Observer:
                 self._link.send(word)
 
     def close(self) -> None:
-        """End it."""
         self._end()
         if self._listening is not None:
             self._listening.join()
@@ -120,7 +131,9 @@ class Observer:
             self.judged = Judged()
             if not ending.is_set():
                 self._events.tell(NAME, f"{how}; it is started again, rendering goes on")
-                while not (ending.wait(RETRY_S) or self._go_back(ending)):  # what it had mended is gone with it
+                while not (
+                    ending.wait(RETRY_S) or self._go_back(ending)
+                ):  # what it had mended is gone with it
                     pass
 
     def _attend(self, given: bytes, base: SurfaceFile, ending: threading.Event) -> str:
@@ -154,7 +167,9 @@ class Observer:
                 return True
             if not self._install(self._base, ending.is_set):
                 return False
-            self._events.tell("adapt", "back to the model as it was", surface_hash=self._base.content_hash)
+            self._events.tell(
+                "adapt", "back to the model as it was", surface_hash=self._base.content_hash
+            )
             self._base = None
             self._send(Word.BASE)
             return True
@@ -171,12 +186,17 @@ class Observer:
             self._base = base
             self._send(Word.TAKEN)
             self._events.tell(
-                "adapt", f"mended: {proposal.said}", surface_hash=proposal.surface.content_hash,
-                model=proposal.numbers, rows=proposal.rows,
-            )  # fmt: skip
+                "adapt",
+                f"mended: {proposal.said}",
+                surface_hash=proposal.surface.content_hash,
+                model=proposal.numbers,
+                rows=proposal.rows,
+            )
 
     def hear(self, observed: Observed, base: SurfaceFile, ending: threading.Event) -> None:
-        """Take in what the process says, unless it is to end; `base` is the surface of the model as it was."""
+        """Take in what the process says, unless it is to end; `base` is the surface of the model as
+        it was.
+        """
         self.rows.extend(observed.rows)
         if observed.proposal is not None:
             with self._swapping:
@@ -189,7 +209,9 @@ class Observer:
 
 
 class Following:
-    """What the process does with samples and words; the surface that it goes by is the one that render goes by."""
+    """What the process does with samples and words; the surface that it goes by is the one that
+    render goes by.
+    """
 
     def __init__(self, settings: ObserverSettings, adaptation: Adaptation) -> None:
         self._settings, self._adaptation = settings, adaptation
@@ -197,11 +219,9 @@ class Following:
         self._adapts, self._offered = False, settings.surface
 
     def begin(self) -> None:
-        """Somebody armed."""
         self._observation.begin()
 
     def hear(self, word: Word) -> None:
-        """What control says."""
         if word is Word.TAKEN:
             self._adaptation.taken()
             self._observation.expect(self._offered)
@@ -223,7 +243,9 @@ class Following:
 def main() -> None:
     """Observe until control hangs up."""
     give_way()
-    from haptic_driver.daemon.adaptation import Adaptation  # noqa: PLC0415 - slow to import, and control does without
+    from haptic_driver.daemon.adaptation import (  # noqa: PLC0415 - slow to import, and control does without
+        Adaptation,
+    )
 
     shared = SharedState(int(sys.argv[1]))
     settings: ObserverSettings = parent.given()

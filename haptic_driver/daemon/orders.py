@@ -1,4 +1,6 @@
-"""Whether there may be output: the state machine, and what each of its moves means to render and to the pump."""
+"""Whether there may be output: the state machine, and what each of its moves means to render and to
+the pump.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +20,18 @@ from haptic_driver.rig.states import RigEvent, RigState
 
 
 class Orders:
-    """The daemon's state, the order by which render knows it, the pump's gate, and the flags since arming.
+    """The daemon's state, the order by which render knows it, the pump's gate, and the flags since
+    arming.
 
     `lock` is of the machine, the order and the flags; it is never held over I/O.
     """
 
     def __init__(
-        self, settings: DaemonSettings, shared: SharedState, events: EventLog, clock: Callable[[], float]
+        self,
+        settings: DaemonSettings,
+        shared: SharedState,
+        events: EventLog,
+        clock: Callable[[], float],
     ) -> None:
         self.lock = threading.RLock()
         self.machine = StateMachine()
@@ -84,7 +91,9 @@ class Orders:
             self._order_now(surface=number)
 
     def withdraw(self, move: Callable[[], object]) -> None:
-        """Off now; then the state says so, and a command that was on its way meanwhile is undone."""
+        """Off now; then the state says so, and a command that was on its way meanwhile is
+        undone.
+        """
         self.pump.off()
         with self.lock:
             move()
@@ -93,7 +102,9 @@ class Orders:
         self.pump.undo_late_command()
 
     def fail(self, reason: str) -> None:
-        """Fault, and off: where instruments are silent it takes seconds to learn that nobody knows whether it is."""
+        """Fault, and off: where instruments are silent it takes seconds to learn that nobody knows
+        whether it is.
+        """
         if self.machine.state is DaemonState.FAULT:
             return
         reason += self._excuse()
@@ -108,13 +119,18 @@ class Orders:
         self.pump.undo_late_command()
 
     def _excuse(self) -> str:
-        """Of simulated instruments: that this machine was late, which on a rig would be no fault of the instruments."""
+        """Of simulated instruments: that this machine was late, which on a rig would be no fault of
+        the instruments.
+        """
         if not self._simulated:
             return ""
         found = timing_of(self._shared.ring.newest(RECENT_TICKS), self._period_s)
         if found.in_time is None or found.in_time >= ENOUGH:
             return ""
-        return f" (this machine was late meanwhile: {found.in_time:.0%} of the last {RECENT_TICKS} ticks in time)"
+        return (
+            f" (this machine was late meanwhile: {found.in_time:.0%} of the last {RECENT_TICKS}"
+            " ticks in time)"
+        )
 
     def reset(self) -> None:
         """Fault -> idle, without flags."""
@@ -123,7 +139,9 @@ class Orders:
             self._flags = Flag(0)
 
     def rig_says(self, event: RigEvent) -> None:
-        """A trip is a flag and an event; an output that went off by itself, or may not have, is an event."""
+        """A trip is a flag and an event; an output that went off by itself, or may not have, is an
+        event.
+        """
         if event.state is RigState.TRIPPED:
             self._flags |= Flag.TRIPPED  # without the lock: who switches off waits for nobody
             self._events.tell("trip", event.reason)

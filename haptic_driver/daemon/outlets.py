@@ -1,7 +1,9 @@
-"""Samples and events to other programs: Lab Streaming Layer (extra `lsl`) and Open Sound Control (extra `osc`).
+"""Samples and events to other programs: Lab Streaming Layer (extra `lsl`) and Open Sound Control
+(extra `osc`).
 
-Both are for looking on, not for control, and leave this machine only where somebody asked for them: LSL announces its
-streams on the local network and serves who asks; OSC sends to the one address that it is given.
+Both are for looking on, not for control, and leave this machine only where somebody asked for them:
+LSL announces its streams on the local network and serves who asks; OSC sends to the one address
+that it is given.
 """
 
 from __future__ import annotations
@@ -24,8 +26,14 @@ from haptic_driver.recording.event import Event
 
 PERIOD_S = 0.02  # between looks at the ring; OSC sends the newest sample so often
 OSC_FIELDS = (
-    "position_x_m", "position_y_m", "target_cof", "measured_cof", "frequency_hz", "voltage_v", "normal_force_n",
-)  # fmt: skip
+    "position_x_m",
+    "position_y_m",
+    "target_cof",
+    "measured_cof",
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+)
 
 
 class Outlet(Protocol):
@@ -36,21 +44,26 @@ class Outlet(Protocol):
 
 
 class LslOutlet:
-    """Stream `haptic-samples`: every field of every SAMPLE as a double; stream `haptic-events`: JSON as markers.
+    """Stream `haptic-samples`: every field of every SAMPLE as a double; stream `haptic-events`:
+    JSON as markers.
 
-    Time stamps are of LSL's own clock, whose offset from CLOCK_MONOTONIC is measured at each call. LSL
-    cannot know the delays of the devices.
+    Time stamps are of LSL's own clock, whose offset from CLOCK_MONOTONIC is measured at each call.
+    LSL cannot know the delays of the devices.
     """
 
     def __init__(self, rate_hz: float, source: str) -> None:
         self._lsl = optional("pylsl", "lsl", "LSL")
         names = SAMPLE.names or ()
-        info = self._lsl.StreamInfo("haptic-samples", "Haptics", len(names), rate_hz, "double64", f"{source}-samples")
+        info = self._lsl.StreamInfo(
+            "haptic-samples", "Haptics", len(names), rate_hz, "double64", f"{source}-samples"
+        )
         channels = info.desc().append_child("channels")
         for name in names:
             channels.append_child("channel").append_child_value("label", name)
         self._samples = self._lsl.StreamOutlet(info)
-        marker = self._lsl.StreamInfo("haptic-events", "Markers", 1, 0.0, "string", f"{source}-events")
+        marker = self._lsl.StreamInfo(
+            "haptic-events", "Markers", 1, 0.0, "string", f"{source}-events"
+        )
         self._events = self._lsl.StreamOutlet(marker)
 
     def send(self, samples: NDArray[np.void], events: Sequence[Event]) -> None:
@@ -64,20 +77,26 @@ class LslOutlet:
 
 
 class OscOutlet:
-    """`/haptic/sample` with `OSC_FIELDS` as floats (NaN where there is none), the newest only, and `/haptic/event` with
-    number, kind, message and data as JSON; UDP to `address`, HOST:PORT.
-    """  # fmt: skip
+    """`/haptic/sample` with `OSC_FIELDS` as floats (NaN where there is none), the newest only, and
+    `/haptic/event` with number, kind, message and data as JSON; UDP to `address`, HOST:PORT.
+    """
 
     def __init__(self, address: str) -> None:
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
-            raise BadInputError("bad_address", f"{address!r} is no HOST:PORT", "Give for example 127.0.0.1:9000")
-        self._client = optional("pythonosc.udp_client", "osc", "OSC").SimpleUDPClient(host, int(port))
+            raise BadInputError(
+                "bad_address", f"{address!r} is no HOST:PORT", "Give for example 127.0.0.1:9000"
+            )
+        self._client = optional("pythonosc.udp_client", "osc", "OSC").SimpleUDPClient(
+            host, int(port)
+        )
 
     def send(self, samples: NDArray[np.void], events: Sequence[Event]) -> None:
         """Send them; what nobody takes is lost."""
         if samples.size:
-            self._client.send_message("/haptic/sample", [float(samples[-1][name]) for name in OSC_FIELDS])
+            self._client.send_message(
+                "/haptic/sample", [float(samples[-1][name]) for name in OSC_FIELDS]
+            )
         for event in events:
             said = [event.number, event.kind, event.message, json.dumps(event.data)]
             self._client.send_message("/haptic/event", said)
@@ -85,9 +104,11 @@ class OscOutlet:
 
 @contextmanager
 def feeding(
-    outlets: Sequence[Outlet], ring: Ring, events_since: Callable[[int], Sequence[Event]],
+    outlets: Sequence[Outlet],
+    ring: Ring,
+    events_since: Callable[[int], Sequence[Event]],
     failed: Callable[[str], object],
-) -> Iterator[None]:  # fmt: skip
+) -> Iterator[None]:
     """Feed them from a thread of its own inside the `with` block, with what is new from now on.
 
     The first error of an outlet is told to `failed` and ends that outlet alone.

@@ -1,4 +1,6 @@
-"""From render's newest output to the generator, and the gate that only the daemon's state machine opens."""
+"""From render's newest output to the generator, and the gate that only the daemon's state machine
+opens.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +18,18 @@ from haptic_driver.signals import DriveCommand
 PUMP_PERIOD_S = 0.001
 PUMP_TIMEOUT_S = 5.0  # more than all timeouts of the devices together
 OUTPUT_STALE_S = 0.2  # what render said so long ago is not brought out any more
-START_S = 0.15  # how long an output takes to come up: a 33220A sets up a modulation in 0.11 s (unverified)
+# how long an output takes to come up: a 33220A sets up a modulation in 0.11 s (unverified)
+START_S = 0.15
 OFF = DriveCommand(0.0, 0.0, False)
 
 
 class OutputPump:
-    """Brings out what render decides for orders from `open` on, and nothing while the gate is closed.
+    """Brings out what render decides for orders from `open` on, and nothing while the gate is
+    closed.
 
     Tells render and the writer of an envelope in `driven` what may go out, and since when it does.
-    `run` is for one thread. `actuator` is None while there is none. `failed` is told what a device could
-    not do, after the output has been switched off for it. `linger_s`: see the rig's file.
+    `run` is for one thread. `actuator` is None while there is none. `failed` is told what a device
+    could not do, after the output has been switched off for it. `linger_s`: see the rig's file.
     """
 
     def __init__(
@@ -54,7 +58,9 @@ class OutputPump:
 
     @property
     def output_on(self) -> bool | None:
-        """Whether there is output; None where nobody knows: from when the gate closes until it is shown off."""
+        """Whether there is output; None where nobody knows: from when the gate closes until it is
+        shown off.
+        """
         state = self.actuator.rig.state if self.actuator is not None else RigState.UNKNOWN
         on = None if self._gate is None else True
         return {RigState.ON: on, RigState.OFF: False, RigState.TRIPPED: self._shown_on}.get(state)
@@ -69,13 +75,17 @@ class OutputPump:
         self._switched, self.actuator = self.switched, actuator
 
     def open(self, order: int) -> None:
-        """Let out what render decides for this order and later ones; what is let out already goes on without a gap."""
+        """Let out what render decides for this order and later ones; what is let out already goes
+        on without a gap.
+        """
         self._wanted_s = self._clock()
         if self._gate is None:
             self._gate = order
 
     def close(self) -> None:
-        """Let nothing out any more; what is out is switched off with the next turn at the latest."""
+        """Let nothing out any more; what is out is switched off with the next turn at the
+        latest.
+        """
         self._gate = None
         self._tell()
 
@@ -89,7 +99,11 @@ class OutputPump:
         """Off again if a command that was going out while the gate closed has come through."""
         free = self._pumping.acquire(timeout=PUMP_TIMEOUT_S)
         try:
-            if self.actuator is not None and self._gate is None and self.actuator.rig.state is RigState.ON:
+            if (
+                self.actuator is not None
+                and self._gate is None
+                and self.actuator.rig.state is RigState.ON
+            ):
                 self._shown_on = self.actuator.off().output_on
         finally:
             if free:
@@ -110,7 +124,8 @@ class OutputPump:
                 self._wanted_s = now_s
             if now_s - self._wanted_s > self._linger_s:
                 command = OFF
-            # Without a change once per interval: it refreshes the rig's lease and goes on with its rise.
+            # Without a change once per interval: it refreshes the rig's lease and goes on with its
+            # rise.
             if command != self._written or now_s - self._written_s >= self._interval_s:
                 self._written_s, self._written = now_s, command
                 self._bring_out(now_s, command)
@@ -121,7 +136,9 @@ class OutputPump:
                 self._failed(HapticError("envelope_failed", failure, "look at the analog output"))
 
     def _tell(self) -> None:
-        """What may go out now; also while a command is going out, which must not keep an envelope from its end."""
+        """What may go out now; also while a command is going out, which must not keep an envelope
+        from its end.
+        """
         with self._telling:
             gate, actuator = self._gate, self.actuator
             carrier_hz = math.nan if actuator is None else actuator.carrier_hz
@@ -132,9 +149,14 @@ class OutputPump:
                 self._shared.driven.write(driven)
 
     def _command(self, now_s: float, output: Output) -> DriveCommand:
-        """What render wants, if it may go out: on while it renders, at 0 V too; not with an envelope left alone."""
+        """What render wants, if it may go out: on while it renders, at 0 V too; not with an
+        envelope left alone.
+        """
         written_s = self._shared.played.read().time_s
-        if not may_go_out(self._gate, output, now_s) or -math.inf < written_s < now_s - OUTPUT_STALE_S:
+        if (
+            not may_go_out(self._gate, output, now_s)
+            or -math.inf < written_s < now_s - OUTPUT_STALE_S
+        ):
             return OFF
         return DriveCommand(output.frequency_hz, output.voltage_v, True, output.full_scale_v)
 
@@ -150,9 +172,16 @@ class OutputPump:
         except BaseException as error:  # the pump goes on, whatever a plug-in raises
             self._failed(error)
         if self.output_on and not was_on:
-            self._up_s = self._clock() + START_S  # after the dialogue, which takes as long as it likes
+            self._up_s = (
+                self._clock() + START_S
+            )  # after the dialogue, which takes as long as it likes
 
 
 def may_go_out(gate: int | None, output: Output, now_s: float) -> bool:
     """Whether what render said last is for an order that is let out, and not of long ago."""
-    return gate is not None and gate != CLOSED and output.order >= gate and now_s - output.time_s <= OUTPUT_STALE_S
+    return (
+        gate is not None
+        and gate != CLOSED
+        and output.order >= gate
+        and now_s - output.time_s <= OUTPUT_STALE_S
+    )

@@ -1,4 +1,6 @@
-"""The place where a daemon lives: a socket that its user alone can reach, and one daemon at each."""
+"""The place where a daemon lives: a socket that its user alone can reach, and one daemon at
+each.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,8 @@ from haptic_driver.errors import HapticError
 class Place:
     """A socket that only this user can reach, and the right to be the only daemon there.
 
-    The right is a file lock, which ends with its process however that ended; so a socket that a killed daemon left
-    behind is known to be nobody's and is replaced.
+    The right is a file lock, which ends with its process however that ended; so a socket that a
+    killed daemon left behind is known to be nobody's and is replaced.
     """
 
     def __init__(self, path: Path) -> None:
@@ -25,19 +27,25 @@ class Place:
         self._bound = path.with_name(f".{path.name}")  # a second name: the first may be deleted
         private_folder(path.parent)
         try:
-            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW  # no link of somebody else's
+            flags = (
+                os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+            )  # no link of somebody else's
             self._lock = os.open(path.with_name(path.name + ".lock"), flags, 0o600)
         except OSError as error:
             raise _no_socket(path, error) from error
         if os.fstat(self._lock).st_uid != os.getuid():
             os.close(self._lock)
-            raise HapticError("not_yours", f"{path}.lock belongs to another user", "choose another --socket")
+            raise HapticError(
+                "not_yours", f"{path}.lock belongs to another user", "choose another --socket"
+            )
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(self._lock)
             said = f"a daemon is running at {path}"
-            raise HapticError("already_running", said, "use it, end it, or choose another --socket") from None
+            raise HapticError(
+                "already_running", said, "use it, end it, or choose another --socket"
+            ) from None
         self.listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self._listen()
@@ -51,7 +59,6 @@ class Place:
             os.link(self._bound, self.path)
 
     def close(self) -> None:
-        """Free the place."""
         for name in (self.path, self._bound):
             with suppress(OSError):
                 name.unlink()
@@ -64,7 +71,11 @@ class Place:
     def _listen(self) -> None:
         try:
             if self.path.exists() and not stat.S_ISSOCK(self.path.lstat().st_mode):
-                raise HapticError("not_a_socket", f"{self.path} exists and is no socket", "choose another --socket")
+                raise HapticError(
+                    "not_a_socket",
+                    f"{self.path} exists and is no socket",
+                    "choose another --socket",
+                )
             for left in (self.path, self._bound):
                 left.unlink(missing_ok=True)
             before = os.umask(0o177)
@@ -79,4 +90,8 @@ class Place:
 
 
 def _no_socket(path: Path, error: OSError) -> HapticError:
-    return HapticError("no_socket", f"{path}: cannot listen there ({error})", "choose another --socket, a short path")
+    return HapticError(
+        "no_socket",
+        f"{path}: cannot listen there ({error})",
+        "choose another --socket, a short path",
+    )

@@ -11,27 +11,41 @@ from haptic_driver.errors import HapticError
 
 
 def write_private(path: Path, text: str) -> None:
-    """Put `text` into a file of mode 0600, all at once; it is never readable for others, not even for a moment."""
+    """Put `text` into a file of mode 0600, all at once; it is never readable for others, not even
+    for a moment.
+    """
     draft = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
-        with open(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w") as file:
+        with open(
+            os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w"
+        ) as file:
             file.write(text)
         draft.replace(path)
     except OSError as error:
         draft.unlink(missing_ok=True)
-        raise HapticError("not_written", f"{path}: cannot be written ({error})", "choose another --socket") from error
+        raise HapticError(
+            "not_written", f"{path}: cannot be written ({error})", "choose another --socket"
+        ) from error
 
 
 def private_folder(folder: Path) -> None:
-    """Make it with mode 0700; refuse the folder of somebody else, who could replace what is in it."""
+    """Make it with mode 0700; refuse the folder of somebody else, who could replace what is in
+    it.
+    """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         owner = folder.stat()
     except OSError as error:
-        raise HapticError("no_folder", f"{folder}: cannot be made ({error})", "choose another --socket") from error
+        raise HapticError(
+            "no_folder", f"{folder}: cannot be made ({error})", "choose another --socket"
+        ) from error
     if not hasattr(os, "getuid"):
         return  # Windows: who may read is not in the mode, and temporary folders are the user's own
-    shared_by_others = owner.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not owner.st_mode & stat.S_ISVTX
+    shared_by_others = (
+        owner.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not owner.st_mode & stat.S_ISVTX
+    )
     if owner.st_uid not in (os.getuid(), 0) or shared_by_others:
         said = f"{folder}: others may write there"
-        raise HapticError("folder_not_private", said, f"chmod 700 {folder}, or choose another --socket")
+        raise HapticError(
+            "folder_not_private", said, f"chmod 700 {folder}, or choose another --socket"
+        )

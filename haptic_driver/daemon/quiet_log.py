@@ -19,20 +19,22 @@ class Printable(logging.Formatter):
     """A line as it is shown: what it names moves no cursor. A traceback keeps its lines."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line."""
         return shown(super().format(record), lines=record.exc_info is not None)
 
 
 class OncePerSecond(logging.Filter):
-    """Lets a message pass once a second; the next one says how many were left out. Numbers in it make no difference."""
+    """Lets a message pass once a second; the next one says how many were left out. Numbers in it
+    make no difference.
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._clock = clock
-        self._told: dict[tuple[str, str], tuple[float, int]] = {}  # since when, and how many were left out
+        self._told: dict[
+            tuple[str, str], tuple[float, int]
+        ] = {}  # since when, and how many were left out
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether it passes."""
         kind, now_s = (record.name, _DIGITS.sub("#", record.getMessage())), self._clock()
         told_s, left_out = self._told.pop(kind, (-PERIOD_S, 0))
         passes = now_s - told_s >= PERIOD_S
@@ -40,5 +42,8 @@ class OncePerSecond(logging.Filter):
         if len(self._told) > KINDS_KEPT:
             self._told.pop(next(iter(self._told)))
         if passes and left_out:
-            record.msg, record.args = f"{record.getMessage()} ({left_out} more like this were left out)", None
+            record.msg, record.args = (
+                f"{record.getMessage()} ({left_out} more like this were left out)",
+                None,
+            )
         return passes

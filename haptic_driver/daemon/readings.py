@@ -1,8 +1,10 @@
-"""Which readings are believed: the one way from a finger tracker and a force sensor into the shared memory.
+"""Which readings are believed: the one way from a finger tracker and a force sensor into the shared
+memory.
 
-A reading is believed if its time lies between the last one and now, and its values within what the rig's file says that
-the sensor can measure and the screen is large. Anything else is a fault. A frozen sensor is stale by its own times, so
-these must not be ahead; and a place or a force that cannot be would choose a voltage for a finger that is not there.
+A reading is believed if its time lies between the last one and now, and its values within what the
+rig's file says that the sensor can measure and the screen is large. Anything else is a fault. A
+frozen sensor is stale by its own times, so these must not be ahead; and a place or a force that
+cannot be would choose a voltage for a finger that is not there.
 """
 
 from __future__ import annotations
@@ -18,15 +20,17 @@ from hw.errors import NotBelieved
 from hw.finger.tracker import FingerReading
 from hw.force.sensor import ForceReading
 
-# A driver that takes its sensor's clock to ours is off by its own delays, some ms at most. Output ends 100 ms after
-# the last reading: 5 ms more of it are none that a finger feels.
+# A driver that takes its sensor's clock to ours is off by its own delays, some ms at most. Output
+# ends 100 ms after the last reading: 5 ms more of it are none that a finger feels.
 SLACK_S = 0.005
 
 STAMPS = "its driver has to stamp readings with the time of CLOCK_MONOTONIC (time.monotonic)"
 
 
 class Readings:
-    """Asks both, and believes what can be true on this rig. `clock` is the one by which readings are stamped."""
+    """Asks both, and believes what can be true on this rig. `clock` is the one by which readings
+    are stamped.
+    """
 
     def __init__(
         self,
@@ -40,14 +44,21 @@ class Readings:
         self._read_finger = read_finger
         self._clock = clock
         self._screen = config.screen
-        self._force = section if isinstance(section, ForceSensorSection) else ForceSensorSection(kind="")
+        self._force = (
+            section if isinstance(section, ForceSensorSection) else ForceSensorSection(kind="")
+        )
         kind = "simulated" if section is None else section.kind
         self._sensor = f"the force sensor ({kind})"
-        self._tracker = f"the finger tracker ({'simulated' if config.simulated else config.finger_tracker.kind})"
+        self._tracker = (
+            "the finger tracker"
+            f" ({'simulated' if config.simulated else config.finger_tracker.kind})"
+        )
         self._finger_s = self._force_s = -math.inf
 
     def read(self) -> Sensed:
-        """What both say now, its times in order and not ahead. Raises DeviceError; NotBelieved for what cannot be."""
+        """What both say now, its times in order and not ahead. Raises DeviceError; NotBelieved for
+        what cannot be.
+        """
         finger, force = self._read_finger(), self.read_force()
         now_s = self._clock()
         self._finger_s = _believed_time_s(self._tracker, finger.time_s, self._finger_s, now_s)
@@ -68,16 +79,22 @@ class Readings:
     def _not_on_screen(self, finger: FingerReading) -> Iterator[tuple[str, str]]:
         """What is wrong with the place of a finger that touches; of another it says nothing."""
         screen, x_m, y_m = self._screen, finger.position_x_m, finger.position_y_m
-        within = _is_within(x_m, screen.width_m, screen.margin_m) and _is_within(y_m, screen.height_m, screen.margin_m)
+        within = _is_within(x_m, screen.width_m, screen.margin_m) and _is_within(
+            y_m, screen.height_m, screen.margin_m
+        )
         if finger.touching and not within:
             yield (
-                f"{self._tracker} puts the finger at x {x_m:.4g} m, y {y_m:.4g} m, "
-                f"on a screen of {screen.width_m:g} m by {screen.height_m:g} m",
+                (
+                    f"{self._tracker} puts the finger at x {x_m:.4g} m, y {y_m:.4g} m, "
+                    f"on a screen of {screen.width_m:g} m by {screen.height_m:g} m"
+                ),
                 "correct its calibration, or screen.width_m and screen.height_m in the rig's file",
             )
 
     def _not_measured(self, force: ForceReading) -> Iterator[tuple[str, str]]:
-        """What is wrong with forces that the sensor itself does not disown; NaN is one that it does not measure."""
+        """What is wrong with forces that the sensor itself does not disown; NaN is one that it does
+        not measure.
+        """
         section, lateral_n = self._force, force.lateral_force_n
         forces = [("normal", force.normal_force_n, section.normal_range_n)]
         if section.measures_lateral or not math.isnan(lateral_n):
@@ -85,13 +102,20 @@ class Readings:
         for name, force_n, range_n in forces:
             if not force.saturated and not abs(force_n) <= range_n:
                 yield (
-                    f"{self._sensor} reads a {name} force of {force_n:.4g} N, and measures up to {range_n:g} N",
-                    f"look at the sensor and its scale, or correct force_sensor.{name}_range_n in the rig's file",
+                    (
+                        f"{self._sensor} reads a {name} force of {force_n:.4g} N, and measures up"
+                        f" to {range_n:g} N"
+                    ),
+                    (
+                        f"look at the sensor and its scale, or correct force_sensor.{name}_range_n"
+                        " in the rig's file"
+                    ),
                 )
 
 
 def _believed_time_s(who: str, time_s: float, last_s: float, now_s: float) -> float:
-    """The time of a reading, which may be that of the last one; NotBelieved where it is neither that nor later.
+    """The time of a reading, which may be that of the last one; NotBelieved where it is neither
+    that nor later.
 
     What lies outside by no more than SLACK_S is moved inside.
     """

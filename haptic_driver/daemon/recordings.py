@@ -27,18 +27,25 @@ AFTER_LEASE_S = 2.0  # what a fault does afterwards is recorded too
 
 
 class Recordings:
-    """At most one recording at a time, into which events go too. `lock` is of whoever starts or stops one.
+    """At most one recording at a time, into which events go too. `lock` is of whoever starts or
+    stops one.
 
-    A recording that ends by itself goes on in another file as soon as there is space. `fault` then says why it had to,
-    or which ticks are missing, until it is stopped, which fails with the same. One that was begun with a lease ends
-    `AFTER_LEASE_S` after it: nobody else would end it when its owner is killed. `holds` is whether a token is that of
-    the present lease; `settings` are those of the moment; `calibration_ids` by device.
+    A recording that ends by itself goes on in another file as soon as there is space. `fault` then
+    says why it had to, or which ticks are missing, until it is stopped, which fails with the same.
+    One that was begun with a lease ends `AFTER_LEASE_S` after it: nobody else would end it when its
+    owner is killed. `holds` is whether a token is that of the present lease; `settings` are those
+    of the moment; `calibration_ids` by device.
     """
 
     def __init__(
-        self, shared: SharedState, events: EventLog, settings: Callable[[], DaemonSettings],
-        calibration_ids: dict[str, str], holds: Callable[[str], bool], clock: Callable[[], float] = time.monotonic,
-    ) -> None:  # fmt: skip
+        self,
+        shared: SharedState,
+        events: EventLog,
+        settings: Callable[[], DaemonSettings],
+        calibration_ids: dict[str, str],
+        holds: Callable[[str], bool],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.lock = threading.Lock()
         self._fault: str | None = None  # of recorders that have ended
         self._shared = shared
@@ -73,15 +80,22 @@ class Recordings:
         return _joined(self._fault, None if recorder is None else recorder.missing)
 
     def start(self, path: Path, lease: str | None = None) -> None:
-        """Begin one, which may end with a lease. RefusedError while there is one, and where that is not the lease.
+        """Begin one, which may end with a lease. RefusedError while there is one, and where that is
+        not the lease.
 
         BadInputError for a path that cannot be used.
         """
         with self.lock:
             if lease is not None and not self._holds(lease):
-                raise RefusedError("not_yours", "the recording is to end with a lease that is over", "arm again")
+                raise RefusedError(
+                    "not_yours", "the recording is to end with a lease that is over", "arm again"
+                )
             if self._asked is not None:
-                raise RefusedError("recording", f"already recording into {self.path or self._asked}", "stop that first")
+                raise RefusedError(
+                    "recording",
+                    f"already recording into {self.path or self._asked}",
+                    "stop that first",
+                )
             self._begin(path)
             self._asked, self._stopped = path, threading.Event()
             self._lease, self._held_s = lease, self._clock()
@@ -100,14 +114,23 @@ class Recordings:
             restarted = fault is not None
             if recorder is not None:
                 why = recorder.stop()
-                self._events.tell("recording", f"ended: {recorder.path}" if why is None else f"ended, not whole: {why}")
+                self._events.tell(
+                    "recording",
+                    f"ended: {recorder.path}" if why is None else f"ended, not whole: {why}",
+                )
                 fault = _joined(fault, why)
         if fault is not None:
             went_on = f"; then into {recorder.path}" if recorder is not None and restarted else ""
-            raise HapticError("recording_failed", f"the recording is not whole: {fault}{went_on}", "look at the events")
+            raise HapticError(
+                "recording_failed",
+                f"the recording is not whole: {fault}{went_on}",
+                "look at the events",
+            )
 
     def watch(self) -> None:
-        """One that ends by itself is told of, and goes on when it can; rendering goes on without it."""
+        """One that ends by itself is told of, and goes on when it can; rendering goes on without
+        it.
+        """
         if self._asked is not None and self.lock.acquire(blocking=False):
             try:
                 if self._recorder is not None:
@@ -126,7 +149,9 @@ class Recordings:
             self._recorder = None
             self._fault = _joined(self._fault, recorder.missing, why)
             self._events.tell("recording", why)
-            threading.Thread(target=self._go_on, args=(self._stopped,), name="record", daemon=True).start()
+            threading.Thread(
+                target=self._go_on, args=(self._stopped,), name="record", daemon=True
+            ).start()
 
     def _watch_lease(self) -> None:
         if self._lease is None or self._holds(self._lease):
@@ -134,7 +159,9 @@ class Recordings:
         elif self._clock() - self._held_s > AFTER_LEASE_S and not self._stopped.is_set():
             self._stopped.set()
             self._events.tell("recording", "ends, since the lease with which it was begun is over")
-            threading.Thread(target=self._end_left, args=(self._lease,), name="record", daemon=True).start()
+            threading.Thread(
+                target=self._end_left, args=(self._lease,), name="record", daemon=True
+            ).start()
 
     def _end_left(self, lease: str) -> None:
         with suppress(HapticError):  # an event says it
@@ -180,4 +207,8 @@ def _joined(*said: str | None) -> str | None:
 
 def _next(path: Path) -> Path:
     """The first of run-2.h5, run-3.h5, ... that is not there."""
-    return next(there for number in count(2) if not (there := path.with_stem(f"{path.stem}-{number}")).exists())
+    return next(
+        there
+        for number in count(2)
+        if not (there := path.with_stem(f"{path.stem}-{number}")).exists()
+    )

@@ -1,11 +1,13 @@
-"""The render process: alone in its interpreter, the only clock. Finger in, tick, output out, one sample per tick.
+"""The render process: alone in its interpreter, the only clock. Finger in, tick, output out, one
+sample per tick.
 
     python -m haptic_driver.daemon.render_process DESCRIPTOR PARENT < settings
 
-takes pickled `RenderSettings` from standard input, compiles, and says on standard output what real-time scheduling it
-was granted, as one JSON line; from then on it runs until its parent is gone. It takes the output to zero by itself
-when the lease runs out, or the sensors or control fall silent. Instants that were missed are counted and told. An error
-in a tick ends it, which leaves zero and a fault behind; so does anything that would have to be compiled now.
+takes pickled `RenderSettings` from standard input, compiles, and says on standard output what
+real-time scheduling it was granted, as one JSON line; from then on it runs until its parent is
+gone. It takes the output to zero by itself when the lease runs out, or the sensors or control fall
+silent. Instants that were missed are counted and told. An error in a tick ends it, which leaves
+zero and a fault behind; so does anything that would have to be compiled now.
 """
 
 from __future__ import annotations
@@ -23,7 +25,14 @@ from haptic_driver.processes import parent, real_time
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Due
 from haptic_driver.processes.samples import Flag
-from haptic_driver.processes.shared_memory import NO_ORDER, Order, Output, Sensed, SharedState, practice_slot
+from haptic_driver.processes.shared_memory import (
+    NO_ORDER,
+    Order,
+    Output,
+    Sensed,
+    SharedState,
+    practice_slot,
+)
 from haptic_driver.render import envelope
 from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.render.controller import Controller, ControllerSettings
@@ -50,10 +59,10 @@ _CONTROL_SILENT = int(Flag.CONTROL_SILENT)
 class RenderSettings:
     """How to tick and when to stop trusting.
 
-    `stale_s`: sensors, `silence_s`: control, not heard for so long. `usual_s`: so old a position may be, and further by
-    the texture's finest detail at the finger's speed. `ramp_s`: how long a ramp to zero takes.
-    `envelope`: an analog output makes the amplitude, and is told its course from tick to tick; the latencies of `tick`
-    reckon with a lead of `lead_s`. `surface`: the number
+    `stale_s`: sensors, `silence_s`: control, not heard for so long. `usual_s`: so old a position
+    may be, and further by the texture's finest detail at the finger's speed. `ramp_s`: how long a
+    ramp to zero takes. `envelope`: an analog output makes the amplitude, and is told its course
+    from tick to tick; the latencies of `tick` reckon with a lead of `lead_s`. `surface`: the number
     that the controller's has among orders. `standing_flags` are up whenever something is rendered.
     """
 
@@ -73,20 +82,16 @@ class Nothing(Target):
     """Asks for nothing anywhere."""
 
     def cof_under(self, finger: FingerState) -> float:
-        """NaN."""
         return math.nan
 
     def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
-        """NaN."""
         return ahead_s * math.nan
 
     def bounds(self) -> tuple[float, float]:
-        """NaN, twice."""
         return math.nan, math.nan
 
     @property
     def detail_m(self) -> float:
-        """None."""
         return math.inf
 
 
@@ -96,8 +101,12 @@ class Ramp(NamedTuple):
     from_v: float = 0.0
     since_s: float | None = None
 
-    def limit(self, ramp_s: float, time_s: float, voltage_v: float, trusted: bool) -> tuple[Ramp, float]:
-        """The voltage for this instant: what is wanted while it may, to zero in `ramp_s` from wherever it was else."""
+    def limit(
+        self, ramp_s: float, time_s: float, voltage_v: float, trusted: bool
+    ) -> tuple[Ramp, float]:
+        """The voltage for this instant: what is wanted while it may, to zero in `ramp_s` from
+        wherever it was else.
+        """
         if trusted:
             return Ramp(voltage_v), voltage_v
         since_s = time_s if self.since_s is None else self.since_s
@@ -106,7 +115,9 @@ class Ramp(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What others say at a tick: control's order, the sensors, and since when what goes out reaches the electrode."""
+    """What others say at a tick: control's order, the sensors, and since when what goes out reaches
+    the electrode.
+    """
 
     order: Order
     sensed: Sensed
@@ -114,7 +125,9 @@ class Heard(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """All that one tick hands on to the next. Flags are those of the present arming, as plain numbers: faster."""
+    """All that one tick hands on to the next. Flags are those of the present arming, as plain
+    numbers: faster.
+    """
 
     state: TickState = TickState()
     course_v2: FloatArray = envelope.ZERO
@@ -127,7 +140,10 @@ class Renderer:
     """All of one tick but the waiting."""
 
     def __init__(
-        self, settings: RenderSettings, shared: SharedState, clock: Callable[[], float] = time.monotonic
+        self,
+        settings: RenderSettings,
+        shared: SharedState,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._settings = settings
         self._shared = shared
@@ -179,7 +195,8 @@ class Renderer:
         return output
 
     def rehearse(self, due: Due) -> None:
-        """The tick that is about to be due, without any effect: what it needs is then in the processor's caches.
+        """The tick that is about to be due, without any effect: what it needs is then in the
+        processor's caches.
 
         After a millisecond in which others had them, a tick takes several times as long.
         """
@@ -194,9 +211,10 @@ class Renderer:
         return self._kept.state.safety.rejections
 
     def stop(self) -> None:
-        """Leave zero behind."""
         last = self._shared.output.read()
-        self._shared.output.write(last._replace(voltage_v=0.0, output_on=False, flags=last.flags | Flag.FAULT))
+        self._shared.output.write(
+            last._replace(voltage_v=0.0, output_on=False, flags=last.flags | Flag.FAULT)
+        )
 
     def _read(self) -> Heard:
         """What others say; a new arming, target, surface or lead is taken up."""
@@ -222,7 +240,9 @@ class Renderer:
         controller = Controller(later_by(self._lead_s, settings))
         self._surface = number
         self._nothing = replace(self._nothing, controller=controller, worst_case=worst_case)
-        self._tick_settings = replace(self._tick_settings, controller=controller, worst_case=worst_case)
+        self._tick_settings = replace(
+            self._tick_settings, controller=controller, worst_case=worst_case
+        )
         self._kept = self._kept._replace(state=_carried(controller, before, self._kept.state))
 
     def _be_ahead(self, lead_s: float) -> None:
@@ -257,16 +277,30 @@ class Renderer:
                 course_v2 = envelope.straight(course_v2.item(-1), voltage_v * voltage_v)
             if state.safety.rejections > kept.state.safety.rejections:
                 flags |= _REJECTED
-        if voltage_v < wanted_v:  # what was put out is where the next rise begins and what the finger has felt
+        if (
+            voltage_v < wanted_v
+        ):  # what was put out is where the next rise begins and what the finger has felt
             command = done.command._replace(voltage_v=voltage_v, output_on=voltage_v > 0.0)
             state = state._replace(drive=state.drive._replace(voltage_v=voltage_v), command=command)
-        if voltage_v > 0.0 and due.due_s < driven_since_s:  # on its way: what the finger feels of it teaches nothing
+        if (
+            voltage_v > 0.0 and due.due_s < driven_since_s
+        ):  # on its way: what the finger feels of it teaches nothing
             state = state._replace(command=state.command._replace(voltage_v=math.nan))
         output = Output(
-            order.number, self._target, self._surface, due.number, self._clock(), done.command.frequency_hz, voltage_v,
-            voltage_v > 0.0, overruns, flags, done.target.cof, order.rendering and done.finger.in_contact,
+            order.number,
+            self._target,
+            self._surface,
+            due.number,
+            self._clock(),
+            done.command.frequency_hz,
+            voltage_v,
+            voltage_v > 0.0,
+            overruns,
+            flags,
+            done.target.cof,
+            order.rendering and done.finger.in_contact,
             self._full_scale_v(settings, done.command.frequency_hz),
-        )  # fmt: skip
+        )
         return Kept(state, course_v2, ramp, flags, overruns), done, output
 
     def _full_scale_v(self, settings: TickSettings, carrier_hz: float) -> float:
@@ -281,7 +315,9 @@ class Renderer:
     def _doubts(self, order: Order, sensed: Sensed, now_s: float, finger: FingerState) -> int:
         """Flags for why output may not go on; 0 while it may."""
         doubts = _SATURATED_SENSOR if sensed.saturated else 0
-        if self._is_stale(sensed, now_s) or self._is_elsewhere(finger, now_s - sensed.finger_time_s):
+        if self._is_stale(sensed, now_s) or self._is_elsewhere(
+            finger, now_s - sensed.finger_time_s
+        ):
             doubts |= _STALE_SENSOR
         if now_s > order.lease_until_s:
             doubts |= _LEASE_LOST
@@ -291,14 +327,20 @@ class Renderer:
 
     def _is_stale(self, sensed: Sensed, now_s: float) -> bool:
         """Whether a reading is not of now: too old, as far ahead, or of no time at all."""
-        finger_s, force_s, stale_s = sensed.finger_time_s, sensed.force_time_s, self._settings.stale_s
+        finger_s, force_s, stale_s = (
+            sensed.finger_time_s,
+            sensed.force_time_s,
+            self._settings.stale_s,
+        )
         return not (abs(now_s - finger_s) <= stale_s and abs(now_s - force_s) <= stale_s)
 
     def _is_elsewhere(self, finger: FingerState, age_s: float) -> bool:
         """Whether the finger may be where the texture asks for quite another friction."""
         return _speed_m_s(finger) * (age_s - self._settings.usual_s) > self._detail_m
 
-    def _sample(self, due: Due, heard: Heard, done: Tick, output: Output, kept: Kept) -> tuple[float, ...]:
+    def _sample(
+        self, due: Due, heard: Heard, done: Tick, output: Output, kept: Kept
+    ) -> tuple[float, ...]:
         """The fields of SAMPLE."""
         finger, sensed = done.finger, heard.sensed
         speed_m_s = _speed_m_s(finger)
@@ -344,7 +386,9 @@ def _carried(controller: Controller, before: Controller, state: TickState) -> Ti
     """The state of the same finger on another controller's surface."""
     finger = state.finger
     contact_s = finger.time_s - finger.touched_s if finger.in_contact else 0.0
-    now = controller.carried(before, state.controller, _speed_m_s(finger), contact_s, state.drive.voltage_v)
+    now = controller.carried(
+        before, state.controller, _speed_m_s(finger), contact_s, state.drive.voltage_v
+    )
     return state._replace(controller=now)
 
 

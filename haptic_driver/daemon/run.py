@@ -28,8 +28,8 @@ _log = logging.getLogger(__name__)
 
 
 class Links(NamedTuple):
-    """To other programs: samples and events as streams of the Lab Streaming Layer, the same by OSC to HOST:PORT, and
-    markers from the LSL stream of that name.
+    """To other programs: samples and events as streams of the Lab Streaming Layer, the same by OSC
+    to HOST:PORT, and markers from the LSL stream of that name.
     """
 
     lsl: bool = False
@@ -47,10 +47,12 @@ def run_daemon(
     announce: Callable[[Path, str | None], None],
     slide: Path | None = None,
 ) -> int:
-    """Run a daemon until SIGTERM, SIGINT or SIGHUP; exit status 0 when the output is known to be off at the end.
+    """Run a daemon until SIGTERM, SIGINT or SIGHUP; exit status 0 when the output is known to be
+    off at the end.
 
-    `announce` is called once it can be used, with its socket and the address of its page, which holds the token.
-    `slide`: a file of what a simulated finger does. Raises HapticError when it does not get that far.
+    `announce` is called once it can be used, with its socket and the address of its page, which
+    holds the token. `slide`: a file of what a simulated finger does. Raises HapticError when it
+    does not get that far.
     """
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
@@ -63,7 +65,11 @@ def run_daemon(
         with compilation_said("daemon"):
             settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, slide=slide)
             partners = _partners(settings, links)
-            return 0 if _serve_until(ended, settings, place, tcp_port, partners, announce) is False else 1
+            return (
+                0
+                if _serve_until(ended, settings, place, tcp_port, partners, announce) is False
+                else 1
+            )
     finally:
         place.close()
 
@@ -86,7 +92,9 @@ def _serve_until(
             running.enter_context(as_service(lambda: daemon.status().ticks))
             failed = partial(daemon.event_log.tell, "outlet")
             if partners.outlets:
-                running.enter_context(feeding(partners.outlets, daemon.shared.ring, daemon.events, failed))
+                running.enter_context(
+                    feeding(partners.outlets, daemon.shared.ring, daemon.events, failed)
+                )
             if partners.inlet is not None:
                 running.enter_context(hearing(partners.inlet, daemon.event_log.add, failed))
             _log.info("ready at %s; processes %s", place.path, daemon.pids)
@@ -98,7 +106,11 @@ def _serve_until(
     finally:
         output_on = daemon.close()
         said = {False: "off", True: "ON", None: "UNKNOWN"}[output_on]
-        _log.log(logging.ERROR if output_on is not False else logging.INFO, "ended; the output is %s", said)
+        _log.log(
+            logging.ERROR if output_on is not False else logging.INFO,
+            "ended; the output is %s",
+            said,
+        )
     return output_on
 
 
@@ -110,7 +122,11 @@ class _Partners(NamedTuple):
 
 
 def _partners(settings: DaemonSettings, links: Links) -> _Partners:
-    """Those that are asked for, before anything is started. Raises HapticError without their packages."""
+    """Those that are asked for, before anything is started. Raises HapticError without their
+    packages.
+    """
     lsl = [LslOutlet(1.0 / settings.render.period_s, settings.config.name)] if links.lsl else []
     osc = [OscOutlet(links.osc)] if links.osc is not None else []
-    return _Partners([*lsl, *osc], None if links.lsl_markers is None else LslMarkers(links.lsl_markers))
+    return _Partners(
+        [*lsl, *osc], None if links.lsl_markers is None else LslMarkers(links.lsl_markers)
+    )

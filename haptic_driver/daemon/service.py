@@ -1,4 +1,6 @@
-"""What systemd is told: ready, alive while ticks advance, stopping; nothing where it did not start us."""
+"""What systemd is told: ready, alive while ticks advance, stopping; nothing where it did not start
+us.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from contextlib import contextmanager, suppress
 
 
 def notify(message: str) -> None:
-    """Send one message such as `READY=1` to who started us (sd_notify(3)); does nothing when nobody listens."""
+    """Send one message such as `READY=1` to who started us (sd_notify(3)); does nothing when nobody
+    listens.
+    """
     address = os.environ.get("NOTIFY_SOCKET", "")
     if address[:1] not in ("/", "@"):
         return
@@ -21,10 +25,14 @@ def notify(message: str) -> None:
 
 @contextmanager
 def as_service(ticks: Callable[[], int]) -> Iterator[None]:
-    """Ready inside, stopping afterwards; pats systemd's watchdog, if it asked for that, while `ticks()` advances."""
+    """Ready inside, stopping afterwards; pats systemd's watchdog, if it asked for that, while
+    `ticks()` advances.
+    """
     ending = threading.Event()
     period_s = watchdog_period_s()
-    patting = threading.Thread(target=lambda: _pat(ticks, period_s, ending), name="pat", daemon=True)
+    patting = threading.Thread(
+        target=lambda: _pat(ticks, period_s, ending), name="pat", daemon=True
+    )
     notify("READY=1")
     if period_s is not None:
         patting.start()
@@ -38,8 +46,13 @@ def as_service(ticks: Callable[[], int]) -> Iterator[None]:
 
 
 def watchdog_period_s() -> float | None:
-    """Time between pats, half of what systemd waits for (sd_watchdog_enabled(3)); None when it does not wait for us."""
-    microseconds, pid = os.environ.get("WATCHDOG_USEC", ""), os.environ.get("WATCHDOG_PID", str(os.getpid()))
+    """Time between pats, half of what systemd waits for (sd_watchdog_enabled(3)); None when it does
+    not wait for us.
+    """
+    microseconds, pid = (
+        os.environ.get("WATCHDOG_USEC", ""),
+        os.environ.get("WATCHDOG_PID", str(os.getpid())),
+    )
     if not microseconds.isdecimal() or int(microseconds) == 0 or pid != str(os.getpid()):
         return None
     return int(microseconds) / 2e6

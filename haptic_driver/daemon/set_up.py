@@ -1,4 +1,6 @@
-"""From the names of a rig and a model to what the daemon's processes are told; the latency budget."""
+"""From the names of a rig and a model to what the daemon's processes are told; the latency
+budget.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,11 @@ from haptic_driver.processes.samples import Flag
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
-from haptic_driver.rig.parts.finger_trackers import STAGE_INTERVAL_S, EvdevFingerConfig, StageFingerConfig
+from haptic_driver.rig.parts.finger_trackers import (
+    STAGE_INTERVAL_S,
+    EvdevFingerConfig,
+    StageFingerConfig,
+)
 from haptic_driver.rig.slide import read_slide
 from haptic_driver.rig.tick_settings import tick_settings
 from haptic_driver.simulation.lines import PANEL
@@ -32,10 +38,11 @@ SCHEDULING_S = 0.01  # by so much a position may be late on a machine that does 
 class DaemonSettings:
     """A rig, a surface to drive it by, and how to render.
 
-    `rig` and `model` are the names that were given. `allow_no_rt`: real hardware without real-time scheduling.
-    `amplifier_record`: a file in which simulated instruments write down what was at the electrode; `finger`: the
-    simulated one's function, as module:function; `slide`: a file of what it does. `carrier_hz`: the
-    only carrier, in place of the rig's policy; `feedback`: from measured friction.
+    `rig` and `model` are the names that were given. `allow_no_rt`: real hardware without real-time
+    scheduling. `amplifier_record`: a file in which simulated instruments write down what was at the
+    electrode; `finger`: the simulated one's function, as module:function; `slide`: a file of what
+    it does. `carrier_hz`: the only carrier, in place of the rig's policy; `feedback`: from measured
+    friction.
     """
 
     rig: str
@@ -60,7 +67,9 @@ class DaemonSettings:
         config = self.config
         if self.carrier_hz is not None:
             chosen = {"policy": "fixed_frequency", "fixed_frequency_hz": self.carrier_hz}
-            config = config.model_copy(update={"controller": config.controller.model_copy(update=chosen)})
+            config = config.model_copy(
+                update={"controller": config.controller.model_copy(update=chosen)}
+            )
         render = replace(render_settings(config, surface, feedback=self.feedback), surface=number)
         return replace(self, surface=surface, render=render)
 
@@ -95,11 +104,17 @@ def daemon_settings(
         read_slide(slide)  # what is wrong with it is told now
     surface = build_surface(load_model(model), config.operating_limits())
     render = render_settings(config, surface)
-    return DaemonSettings(rig, model, config, surface, render, allow_no_rt, amplifier_record, slide=slide)
+    return DaemonSettings(
+        rig, model, config, surface, render, allow_no_rt, amplifier_record, slide=slide
+    )
 
 
-def render_settings(config: RigConfig, surface: SurfaceFile, *, feedback: bool = True) -> RenderSettings:
-    """How to render on one rig, with nothing to render yet; positions are extrapolated by the whole latency."""
+def render_settings(
+    config: RigConfig, surface: SurfaceFile, *, feedback: bool = True
+) -> RenderSettings:
+    """How to render on one rig, with nothing to render yet; positions are extrapolated by the whole
+    latency.
+    """
     output = config.analog_output
     envelope = not isinstance(output, NoAnalogOutput)
     lead_s = 0.0 if isinstance(output, NoAnalogOutput) else output.lead_s or LEAST_LEAD_S
@@ -126,11 +141,13 @@ def render_settings(config: RigConfig, surface: SurfaceFile, *, feedback: bool =
 
 
 def latency_budget_s(config: RigConfig, period_s: float, lead_s: float) -> dict[str, float]:
-    """Mean time from where the finger is to the voltage that belongs there, by where it is spent, and in all.
+    """Mean time from where the finger is to the voltage that belongs there, by where it is spent,
+    and in all.
 
-    Waiting for the next sensor reading, tick and set point takes half a period each. `output.latency_s` of the rig is
-    measured from a command's wait to its effect. An envelope is written ahead by `lead_s`, of which the tick that
-    writes it is yet to come; there `output.latency_s` is what the instruments take besides.
+    Waiting for the next sensor reading, tick and set point takes half a period each.
+    `output.latency_s` of the rig is measured from a command's wait to its effect. An envelope is
+    written ahead by `lead_s`, of which the tick that writes it is yet to come; there
+    `output.latency_s` is what the instruments take besides.
     """
     parts = {"sensor": 0.5 * _sensor_period_s(config), "tick": 0.5 * period_s}
     if isinstance(config.analog_output, NoAnalogOutput):
@@ -144,7 +161,9 @@ def latency_budget_s(config: RigConfig, period_s: float, lead_s: float) -> dict[
 
 
 def reach_hz(config: RigConfig) -> float:
-    """The highest frequency of friction that the rig's output can make: half the rate at which it changes."""
+    """The highest frequency of friction that the rig's output can make: half the rate at which it
+    changes.
+    """
     if isinstance(config.analog_output, NoAnalogOutput):
         return 0.5 / config.output.setpoint_interval_s
     return 0.5 / PERIOD_S

@@ -1,4 +1,6 @@
-"""Where the daemon is, and what may happen there: states, the lease, faults. No clock, no devices, no threads."""
+"""Where the daemon is, and what may happen there: states, the lease, faults. No clock, no devices,
+no threads.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,8 @@ DISCONNECTED, IDLE, ARMED, RENDERING, FAULT = DaemonState
 class StateMachine:
     """The moves of `DaemonState`; RefusedError for one that is not allowed, which changes nothing.
 
-    Arming gives a lease to whoever asked; only its holder may renew it or ask for output. A fault ends the lease and
-    is left by `reset` alone. `arming` counts armings.
+    Arming gives a lease to whoever asked; only its holder may renew it or ask for output. A fault
+    ends the lease and is left by `reset` alone. `arming` counts armings.
     """
 
     def __init__(self) -> None:
@@ -38,11 +40,21 @@ class StateMachine:
     def arm(self, now_s: float, lease_s: float, holder: str = SOMEBODY) -> Lease:
         """Idle -> armed; `holder` is what others are told of who armed."""
         if self.armed:
-            raise RefusedError("already_armed", f"{self.holder} holds the lease", "wait for it to end, or disarm first")
+            raise RefusedError(
+                "already_armed",
+                f"{self.holder} holds the lease",
+                "wait for it to end, or disarm first",
+            )
         if self.state is FAULT:
-            raise RefusedError("fault", f"the daemon is in fault: {self.fault_reason}", "remove the cause, then reset")
+            raise RefusedError(
+                "fault",
+                f"the daemon is in fault: {self.fault_reason}",
+                "remove the cause, then reset",
+            )
         if self.state is not IDLE:
-            raise RefusedError("not_connected", "the rig is not connected yet", "wait until the state is idle")
+            raise RefusedError(
+                "not_connected", "the rig is not connected yet", "wait until the state is idle"
+            )
         self._lease = Lease(token=secrets.token_urlsafe(16), lease_s=lease_s)
         self.state, self.holder = ARMED, holder
         self.arming += 1
@@ -85,15 +97,22 @@ class StateMachine:
         return news
 
     def reset(self) -> None:
-        """Fault -> idle."""
         if self.state is FAULT:
             self.state, self.fault_reason = IDLE, None
 
     def _held(self, token: str, now_s: float) -> Lease:
         if self._lease is None:
-            raise RefusedError("not_armed", f"nobody holds a lease; the daemon is {self.state}", "arm first")
+            raise RefusedError(
+                "not_armed", f"nobody holds a lease; the daemon is {self.state}", "arm first"
+            )
         if not secrets.compare_digest(token.encode(), self._lease.token.encode()):
-            raise RefusedError("not_yours", f"{self.holder} holds the lease", "wait for it to end, or disarm and arm")
+            raise RefusedError(
+                "not_yours",
+                f"{self.holder} holds the lease",
+                "wait for it to end, or disarm and arm",
+            )
         if now_s > self.lease_until_s:
-            raise RefusedError("lease_expired", "the lease has run out", "arm again, and renew it in time")
+            raise RefusedError(
+                "lease_expired", "the lease has run out", "arm again, and renew it in time"
+            )
         return self._lease

@@ -1,4 +1,6 @@
-"""A slide rendered by the daemon's own parts in simulated time: what `haptic demo` does, however slow the machine."""
+"""A slide rendered by the daemon's own parts in simulated time: what `haptic demo` does, however
+slow the machine.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ BEGUN = Order(0, 1, True, math.inf, math.inf, 0, 0)
 
 
 class SteppedDaemon:
-    """Sensors, render, pump and envelope of a simulated rig that was made with `envelope`, by one simulated clock.
+    """Sensors, render, pump and envelope of a simulated rig that was made with `envelope`, by one
+    simulated clock.
 
     Between `connect` and `close`, inside the rig's own `with` block.
     """
@@ -45,7 +48,11 @@ class SteppedDaemon:
         self.failures: list[BaseException] = []
         output = bench.config.output
         self._pump = OutputPump(
-            self.shared, output.setpoint_interval_s, output.linger_s, self.failures.append, self._now_s
+            self.shared,
+            output.setpoint_interval_s,
+            output.linger_s,
+            self.failures.append,
+            self._now_s,
         )
         self._pump.actuator = make_actuator(bench.config, bench.rig)
         self._renderer = Renderer(settings, self.shared, clock=self._now_s)
@@ -81,7 +88,9 @@ class SteppedDaemon:
         self._pump.open(self._order.number)
 
     def tick(self, position_m: float, normal_force_n: float, speed_m_s: float) -> None:
-        """Let a tick pass with the finger pressing and sliding so. Raises HapticError for what failed."""
+        """Let a tick pass with the finger pressing and sliding so. Raises HapticError for what
+        failed.
+        """
         self._ticks += 1
         self.bench.step(TICK_S, normal_force_n, speed_m_s)
         now_s = self._now_s()
@@ -138,10 +147,15 @@ def render_slide(
         for _ in range(UP_TICKS):  # as at a daemon that renders already when the finger comes
             daemon.tick(float(slide.position_m[0]), 0.0, 0.0)
         speed_m_s = slide.speed_m_s.tolist()
-        for i, (x_m, load_n) in enumerate(zip(slide.position_m.tolist(), slide.normal_force_n.tolist(), strict=True)):
+        for i, (x_m, load_n) in enumerate(
+            zip(slide.position_m.tolist(), slide.normal_force_n.tolist(), strict=True)
+        ):
             daemon.tick(x_m, load_n, speed_m_s[i])
             samples.append(daemon.shared.ring.newest(1))
-            voltage_v[i], frequency_hz[i] = bench.instruments.voltage_v, bench.instruments.frequency_hz
+            voltage_v[i], frequency_hz[i] = (
+                bench.instruments.voltage_v,
+                bench.instruments.frequency_hz,
+            )
             saturated[i] = daemon.shared.sensed.read().saturated
             progress(i)
     finally:

@@ -1,7 +1,8 @@
-"""What the daemon consists of besides control: started, watched over, and brought back when it died or fell silent.
+"""What the daemon consists of besides control: started, watched over, and brought back when it died
+or fell silent.
 
-The same for real and simulated rigs; only `_connect_instruments` knows the difference. Whoever supervises never decides
-that output may come on: it says what is missing, and what failed.
+The same for real and simulated rigs; only `_connect_instruments` knows the difference. Whoever
+supervises never decides that output may come on: it says what is missing, and what failed.
 """
 
 from __future__ import annotations
@@ -38,8 +39,13 @@ START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
 END_S = 5.0  # at most for threads in which a device may hang, with the output off
 LOOK_PERIOD_S = 0.2  # between looks at the rig and its watchdog
 SENSOR_RETRY_S = 0.02
-LOST_S = 2.0  # so long: a silent render is started anew; sensors that fail or an unknown output: all connected anew
-RETRY_S, MOST_RETRY_S = 1.0, 30.0  # between attempts at that: twice as long each time, up to the most
+# so long: a silent render is started anew; sensors that fail or an unknown output: all connected
+# anew
+LOST_S = 2.0
+RETRY_S, MOST_RETRY_S = (
+    1.0,
+    30.0,
+)  # between attempts at that: twice as long each time, up to the most
 SILENCE_POLL_S = 0.005
 
 RENDER, INSTRUMENTS, ENVELOPE, WATCHDOG = "render", "instruments", "envelope", "watchdog"
@@ -48,19 +54,28 @@ _log = logging.getLogger(__name__)
 
 
 class Supervisor:
-    """The render process, the instruments (in a process of their own where simulated) and their sensors' thread.
+    """The render process, the instruments (in a process of their own where simulated) and their
+    sensors' thread.
 
-    `missing` says why nobody can arm; empty when all is there. `orders` are told what takes the output away.
+    `missing` says why nobody can arm; empty when all is there. `orders` are told what takes the
+    output away.
     """
 
     def __init__(
-        self, settings: DaemonSettings, shared: SharedState, orders: Orders, events: EventLog,
-        clock: Callable[[], float], ended: threading.Event | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        settings: DaemonSettings,
+        shared: SharedState,
+        orders: Orders,
+        events: EventLog,
+        clock: Callable[[], float],
+        ended: threading.Event | None = None,
+    ) -> None:
         self.missing = "the daemon is starting"
         self.instruments: Instruments | None = None
         self.endpoints: dict[str, str] = {}  # of simulated instruments
-        self._force_sensor: ForceSensor | None = None  # the last of a real rig, whose bias the next one keeps
+        self._force_sensor: ForceSensor | None = (
+            None  # the last of a real rig, whose bias the next one keeps
+        )
         self.real_time = False
         self.settings = settings  # of what is started next
         self._shared = shared
@@ -83,14 +98,18 @@ class Supervisor:
         return found | ({WATCHDOG: watchdog} if watchdog is not None else {})
 
     def start(self) -> None:
-        """Start and connect everything. Raises HapticError and DeviceError; `close` then ends what was started."""
+        """Start and connect everything. Raises HapticError and DeviceError; `close` then ends what
+        was started.
+        """
         self._begin_instruments()  # both take seconds, at the same time
         self._start_render()
         self._connect_instruments()
         self._in_thread(self._sense)
 
     def await_all(self) -> None:
-        """Until sensors and render have been heard; nothing is missing then. Raises HapticError when they are not."""
+        """Until sensors and render have been heard; nothing is missing then. Raises HapticError
+        when they are not.
+        """
         self._await_heard()
         self.missing = ""
 
@@ -99,17 +118,26 @@ class Supervisor:
         until_s = self._clock() + patience_s
         while True:
             now_s, sensed = self._clock(), self._shared.sensed.read()
-            last_s = {"the finger tracker": sensed.finger_time_s, "the force sensor": sensed.force_time_s}
+            last_s = {
+                "the finger tracker": sensed.finger_time_s,
+                "the force sensor": sensed.force_time_s,
+            }
             last_s["render"] = self._shared.output.read().time_s
             if ENVELOPE in self._children:
                 last_s["the envelope's writer"] = self._shared.played.read().time_s
-            silent = ", ".join(f"{who} is silent" for who, time_s in last_s.items() if now_s - time_s > OUTPUT_STALE_S)
+            silent = ", ".join(
+                f"{who} is silent"
+                for who, time_s in last_s.items()
+                if now_s - time_s > OUTPUT_STALE_S
+            )
             if not silent or now_s >= until_s or self._ending.wait(SILENCE_POLL_S):
                 failed = self._sensors_failed
                 return f"{silent} ({failed[1]})" if silent and failed is not None else silent
 
     def refuse_unless_ready(self, settings: DaemonSettings, state: DaemonState) -> None:
-        """RefusedError with what keeps the output off; of a fault the state machine speaks itself."""
+        """RefusedError with what keeps the output off; of a fault the state machine speaks
+        itself.
+        """
         if self.missing and state is not DaemonState.FAULT:
             raise RefusedError("not_ready", self.missing, "wait until it is back")
         if silent := self.silent():
@@ -122,11 +150,16 @@ class Supervisor:
             raise RefusedError("no_real_time", said, hint)
 
     def watch(self, now_s: float) -> None:
-        """Look after everything, often; begins to bring back what is gone. Raises HapticError when the rig trips."""
+        """Look after everything, often; begins to bring back what is gone. Raises HapticError when
+        the rig trips.
+        """
         for name, child in list(self._children.items()):
             if (ended := child.ended) is not None and not self._ending.is_set():
                 self._lose(name, ended)
-        said_s = {RENDER: self._shared.output.read().time_s, ENVELOPE: self._shared.played.read().time_s}
+        said_s = {
+            RENDER: self._shared.output.read().time_s,
+            ENVELOPE: self._shared.played.read().time_s,
+        }
         for name in said_s.keys() & self._children.keys():
             silent_s = self._clock() - said_s[name]
             if not self.missing and silent_s > LOST_S:  # stopped, or hanging
@@ -137,7 +170,9 @@ class Supervisor:
                 self._look_at(self.instruments, now_s)
 
     def claim_render(self) -> None:
-        """Nobody can arm from here on, until `render_anew` or `release_render` has ended. Raises RefusedError."""
+        """Nobody can arm from here on, until `render_anew` or `release_render` has ended. Raises
+        RefusedError.
+        """
         with self._restarting:
             if self.missing:
                 raise RefusedError("not_ready", self.missing, "wait until it is back")
@@ -149,7 +184,9 @@ class Supervisor:
             self.missing = ""
 
     def render_anew(self, settings: DaemonSettings) -> None:
-        """Start render again, with other settings; what fails there is tried again, as after its death, and raised."""
+        """Start render again, with other settings; what fails there is tried again, as after its
+        death, and raised.
+        """
         self.settings = settings
         self._children.pop(RENDER).kill()  # not one of those any more whose end is a fault
         try:
@@ -160,24 +197,36 @@ class Supervisor:
             raise
 
     def end(self) -> None:
-        """Begin nothing any more; returns when all threads have ended, but for one that hangs in a device."""
+        """Begin nothing any more; returns when all threads have ended, but for one that hangs in a
+        device.
+        """
         self._ending.set()
         join_within(END_S, self._threads)
 
     def close(self) -> bool | None:
-        """Switch off and end everything, after `end`; whether the output is on (None: unknown). Never raises."""
-        output_on = self.instruments.close() if self.instruments is not None else self._orders.pump.output_on
+        """Switch off and end everything, after `end`; whether the output is on (None: unknown).
+        Never raises.
+        """
+        output_on = (
+            self.instruments.close()
+            if self.instruments is not None
+            else self._orders.pump.output_on
+        )
         for child in self._children.values():
             child.stop()
         return output_on
 
-    # --- starting ------------------------------------------------------------------------------------------------
+    # --- starting
+    # --------------------------------------------------------------------------------------------
 
     def _start_render(self) -> None:
         child = Child(
-            RENDER, "haptic_driver.daemon.render_process", [self._shared.descriptor, os.getpid()],
-            given=pickle.dumps(self.settings.render), descriptors=[self._shared.descriptor],
-        )  # fmt: skip
+            RENDER,
+            "haptic_driver.daemon.render_process",
+            [self._shared.descriptor, os.getpid()],
+            given=pickle.dumps(self.settings.render),
+            descriptors=[self._shared.descriptor],
+        )
         self._children[RENDER] = child
         granted = child.ready(START_TIMEOUT_S)
         self.real_time = bool(granted["scheduled"])
@@ -213,7 +262,9 @@ class Supervisor:
     def _begin_instruments(self) -> None:
         """Begin to start simulated instruments; real ones are there already."""
         if (settings := self.settings).config.simulated:
-            record = [] if settings.amplifier_record is None else ["--record", settings.amplifier_record]
+            record = (
+                [] if settings.amplifier_record is None else ["--record", settings.amplifier_record]
+            )
             finger = [] if settings.finger is None else ["--finger", settings.finger]
             slide = [] if settings.slide is None else ["--slide", settings.slide]
             self._children[INSTRUMENTS] = Child(
@@ -232,29 +283,38 @@ class Supervisor:
         else:
             self.instruments = connect_real(config, self._orders.rig_says, self._force_sensor)
             self._force_sensor = self.instruments.devices.force_sensor
-        self.instruments.estimate_force(partial(sliding_carrier_hz, self._shared), lambda: self.settings.model)
+        self.instruments.estimate_force(
+            partial(sliding_carrier_hz, self._shared), lambda: self.settings.model
+        )
         self._orders.pump.exchange(self.instruments.actuator)
 
     def _await_heard(self) -> None:
         if (silent := self.silent(START_TIMEOUT_S)) and not self._ending.is_set():
             raise HapticError("silent", silent, "check the sensors; look at the log")
 
-    # --- watching ------------------------------------------------------------------------------------------------
+    # --- watching
+    # --------------------------------------------------------------------------------------------
 
     def _sense(self) -> None:
-        """Sensors -> shared memory. What fails here is stale there, and render takes its output to zero."""
+        """Sensors -> shared memory. What fails here is stale there, and render takes its output to
+        zero.
+        """
         while not self._ending.is_set():
             instruments, pause_s = self.instruments, SENSOR_RETRY_S
             try:
                 if instruments is not None:
                     self._shared.sensed.write(instruments.read())
                     self._sensors_failed, pause_s = None, instruments.sensor_period_s
-            except BaseException as error:  # a plug-in may raise SystemExit, which would end this thread unheard
+            except (
+                BaseException
+            ) as error:  # a plug-in may raise SystemExit, which would end this thread unheard
                 self._sensors_fail(error)
             time.sleep(pause_s)
 
     def _sensors_fail(self, error: BaseException) -> None:
-        """A sensor that is late may be back at once; one that says what cannot be is a fault from the first time on."""
+        """A sensor that is late may be back at once; one that says what cannot be is a fault from
+        the first time on.
+        """
         said = f"sensors: {message_of(error)}"
         if self._sensors_failed is None:
             self._sensors_failed = self._clock(), message_of(error)
@@ -284,14 +344,19 @@ class Supervisor:
             return "nobody knows whether the output is off"
         return None
 
-    # --- bringing back -------------------------------------------------------------------------------------------
+    # --- bringing back
+    # -------------------------------------------------------------------------------------------
 
     def _lose(self, name: str, why: str) -> None:
-        """Say so, then bring it back in a thread of its own, one thing at a time; nobody can arm meanwhile."""
+        """Say so, then bring it back in a thread of its own, one thing at a time; nobody can arm
+        meanwhile.
+        """
         with self._restarting:
             is_first = not self.missing
             if is_first:
-                self.missing = f"{name}: being started again"  # before the fault is told: nobody resets in between
+                self.missing = (  # before the fault is told: nobody resets in between
+                    f"{name}: being started again"
+                )
         self._orders.fail(why)
         if not is_first:
             return
@@ -302,7 +367,9 @@ class Supervisor:
             raise
 
     def _bring_back(self, name: str) -> None:
-        """Try for ever, more and more seldom, whatever is in the way: descriptors or memory may be short."""
+        """Try for ever, more and more seldom, whatever is in the way: descriptors or memory may be
+        short.
+        """
         pause_s = RETRY_S
         while not self._ending.is_set():
             try:
@@ -339,7 +406,9 @@ class Supervisor:
             self._connect_instruments()
 
     def _in_thread(self, work: Callable[..., None], *arguments: object) -> None:
-        thread = threading.Thread(target=work, args=arguments, name=work.__name__.strip("_"), daemon=True)
+        thread = threading.Thread(
+            target=work, args=arguments, name=work.__name__.strip("_"), daemon=True
+        )
         self._threads.append(thread)
         thread.start()
 

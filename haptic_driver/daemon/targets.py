@@ -26,15 +26,21 @@ TAKE_OVER_S = 0.5  # render takes up a target within a tick; a stalled one never
 
 
 class Targets:
-    """The present target and its name. `choosing` is of whoever hands one over; `orders.lock` guards both.
+    """The present target and its name. `choosing` is of whoever hands one over; `orders.lock`
+    guards both.
 
     `reachable`: the lowest and the highest friction under a load.
     """
 
     def __init__(
-        self, shared: SharedState, orders: Orders, events: EventLog, clock: Callable[[], float],
-        reachable: Callable[[float], tuple[float, float]], loader: Loader,
-    ) -> None:  # fmt: skip
+        self,
+        shared: SharedState,
+        orders: Orders,
+        events: EventLog,
+        clock: Callable[[], float],
+        reachable: Callable[[float], tuple[float, float]],
+        loader: Loader,
+    ) -> None:
         self.choosing = threading.Lock()
         self.target: Target | None = None
         self.name: str | None = None
@@ -51,7 +57,9 @@ class Targets:
         self.target = self.name = None
 
     def set(self, token: str, cof: float, *, nearest: bool) -> None:
-        """One friction everywhere. Raises BadInputError for one far out of reach, unless the nearest will do."""
+        """One friction everywhere. Raises BadInputError for one far out of reach, unless the
+        nearest will do.
+        """
         self._orders.renew(token)  # who may not ask is not told what is reachable
         load_n, (low, high) = self.reach()
         if not (nearest or (1.0 - FAR) * low <= cof <= (1.0 + FAR) * high):
@@ -60,14 +68,20 @@ class Targets:
         self._events.tell("target", f"friction {cof:g}", cof=cof)
 
     def play(self, token: str, texture: str, *, nearest: bool) -> None:
-        """A texture, or a script from its beginning. Raises BadInputError as `set` does, where most of it is far."""
+        """A texture, or a script from its beginning. Raises BadInputError as `set` does, where most
+        of it is far.
+        """
         self._orders.renew(token)
         load_n, (low, high) = self.reach()
         target, asked = self._loader.texture(texture, ((1.0 - FAR) * low, (1.0 + FAR) * high))
         if not nearest and asked.share_below + asked.share_above > MOST_FAR:
             what = f"most of {texture}, {asked.cof_low:.3g} to {asked.cof_high:.3g}, is"
             raise _out_of_reach(what, load_n, low, high)
-        self._hand_over(token, target.started(self._clock()) if isinstance(target, Script) else target, shown(texture))
+        self._hand_over(
+            token,
+            target.started(self._clock()) if isinstance(target, Script) else target,
+            shown(texture),
+        )
         self._events.tell("texture", texture)
 
     def asked_cof(self, output: Output, samples: NDArray[np.void]) -> float | None:
@@ -85,9 +99,15 @@ class Targets:
         return output.target_cof if math.isfinite(output.target_cof) else None
 
     def reach(self) -> tuple[float, tuple[float, float]]:
-        """The load of the finger that is there now, N, and the lowest and highest friction under it."""
+        """The load of the finger that is there now, N, and the lowest and highest friction under
+        it.
+        """
         sensed = self._shared.sensed.read()
-        load_n = sensed.normal_force_n if sensed.touching and sensed.normal_force_n > 0.0 else USUAL_FORCE_N
+        load_n = (
+            sensed.normal_force_n
+            if sensed.touching and sensed.normal_force_n > 0.0
+            else USUAL_FORCE_N
+        )
         return load_n, self._reachable(load_n)
 
     def _hand_over(self, token: str, target: Target, name: str | None) -> None:
@@ -103,11 +123,17 @@ class Targets:
                 self.target, self.name = target, name
 
     def await_taken(self, is_taken: Callable[[Output], bool]) -> None:
-        """Until render uses what it was given before, since the next takes the place of the one before that."""
+        """Until render uses what it was given before, since the next takes the place of the one
+        before that.
+        """
         until_s = self._clock() + TAKE_OVER_S
         while not is_taken(self._shared.output.read()):
             if self._clock() > until_s:
-                raise RefusedError("render_stalls", "render does not take up what it is given", "look at the status")
+                raise RefusedError(
+                    "render_stalls",
+                    "render does not take up what it is given",
+                    "look at the status",
+                )
             time.sleep(PUMP_PERIOD_S)
 
 

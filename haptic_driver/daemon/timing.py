@@ -21,11 +21,17 @@ GOVERNOR = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 
 
 def timing_of(samples: NDArray[np.void], period_s: float) -> Timing:
-    """Of the newest ticks [n], without gaps in the record. Instants that were missed count as not in time."""
+    """Of the newest ticks [n], without gaps in the record. Instants that were missed count as not
+    in time.
+    """
     recent = samples[-RECENT_TICKS:]
     place = np.searchsorted(EDGES_S, samples["lateness_s"], side="right") - 1
     return Timing(
-        in_time=float(np.count_nonzero(recent["lateness_s"] <= IN_TIME_S) / _due(recent)) if recent.size else None,
+        in_time=(
+            float(np.count_nonzero(recent["lateness_s"] <= IN_TIME_S) / _due(recent))
+            if recent.size
+            else None
+        ),
         missed=_due(samples) - samples.size,
         lateness_edges_s=list(EDGES_S),
         lateness_counts=np.bincount(np.maximum(place, 0), minlength=len(EDGES_S)).tolist(),
@@ -47,7 +53,10 @@ def advice(real_time: bool) -> str:
         found.append(f"allow a niceness of {NICENESS} (LimitNICE)")
     if not real_time:
         found.append("allow real-time scheduling (LimitRTPRIO)")
-    return "; ".join(found) or "look for what else the machine does (virtual machine, interrupts, power saving)"
+    return (
+        "; ".join(found)
+        or "look for what else the machine does (virtual machine, interrupts, power saving)"
+    )
 
 
 def _due(samples: NDArray[np.void]) -> int:
@@ -56,7 +65,9 @@ def _due(samples: NDArray[np.void]) -> int:
 
 
 def _last_cause(samples: NDArray[np.void], period_s: float) -> str | None:
-    """What the newest tick that was late, or came after a gap, was late by; None where all were in time."""
+    """What the newest tick that was late, or came after a gap, was late by; None where all were in
+    time.
+    """
     gap = np.diff(samples["tick"], prepend=samples["tick"][:1]).astype(np.int64)
     late = np.flatnonzero((samples["lateness_s"] > IN_TIME_S) | (gap > 1))
     if not late.size:

@@ -1,10 +1,12 @@
-"""What the electrode's current says of a touch where no sensor measures its force: a load, a finger, and its friction.
+"""What the electrode's current says of a touch where no sensor measures its force: a load, a
+finger, and its friction.
 
-The current per volt depends on load, area, skin and gaps; its slow part cannot tell these apart. But attraction presses
-the gaps together, and the current rises with them: how it follows a changing voltage says how strong attraction is
-beside the load, which is by how much friction rises. An extended Kalman filter (Jazwinski, Stochastic Processes and
-Filtering Theory, 1970, ch. 8) holds a few of the finger's numbers against the model's current. Friction without voltage
-leaves no trace in the current: it stays the model's.
+The current per volt depends on load, area, skin and gaps; its slow part cannot tell these apart.
+But attraction presses the gaps together, and the current rises with them: how it follows a changing
+voltage says how strong attraction is beside the load, which is by how much friction rises. An
+extended Kalman filter (Jazwinski, Stochastic Processes and Filtering Theory, 1970, ch. 8) holds a
+few of the finger's numbers against the model's current. Friction without voltage leaves no trace in
+the current: it stays the model's.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from model.description import ModelDescription
 from model.effects.skin_hydration import SkinHydration
 from model.touch_model import TouchModel
 
-# log load, log gain and phase of the current, wetness, log roughness: their spread, and how long they last
+# log load, log gain and phase of the current, wetness, log roughness: their spread, and how long
+# they last
 SPREAD = np.array([0.35, 0.15, 0.05, 1.0, 0.2])
 LASTS_S = np.array([2.0, 120.0, 120.0, 60.0, 120.0])
 FARTHEST = 3.0  # spreads from the usual finger
@@ -39,27 +42,44 @@ class Felt(NamedTuple):
 
 
 class TouchByCurrent:
-    """The touch as one reading after another tells it; `load_n`: a finger's usual one, `stray_f`: beside the finger."""
+    """The touch as one reading after another tells it; `load_n`: a finger's usual one, `stray_f`:
+    beside the finger.
+    """
 
     def __init__(self, description: ModelDescription, load_n: float, stray_f: float = 0.0) -> None:
-        beside = {"stray_capacitance_f": replace(description.parameters["stray_capacitance_f"], value=stray_f)}
-        self._own, self._load_n = replace(description, parameters=description.parameters | beside), load_n
+        beside = {
+            "stray_capacitance_f": replace(
+                description.parameters["stray_capacitance_f"], value=stray_f
+            )
+        }
+        self._own, self._load_n = (
+            replace(description, parameters=description.parameters | beside),
+            load_n,
+        )
         self._off, self._covariance = np.zeros(SPREAD.size), np.diag(SPREAD**2)
 
     def felt(self, frequency_hz: float, reading: ElectrodeReading, elapsed_s: float) -> Felt:
-        """What is known with one more reading, so long after the last; next to no voltage teaches nothing."""
+        """What is known with one more reading, so long after the last; next to no voltage teaches
+        nothing.
+        """
         kept = np.exp(-elapsed_s / LASTS_S)
         self._off *= kept
-        self._covariance = self._covariance * np.outer(kept, kept) + np.diag((1.0 - kept**2) * SPREAD**2)
+        self._covariance = self._covariance * np.outer(kept, kept) + np.diag(
+            (1.0 - kept**2) * SPREAD**2
+        )
         voltage_v = abs(reading.voltage_v)
         if voltage_v < LEAST_V or reading.current_a == 0.0:
             return self._expected(frequency_hz, max(voltage_v, QUIET_V), self._off)[0]
         moved = self._off + STEP * np.eye(SPREAD.size)[[0, 3, 4]]
-        told, *beside = (self._expected(frequency_hz, voltage_v, off) for off in (self._off, *moved))
+        told, *beside = (
+            self._expected(frequency_hz, voltage_v, off) for off in (self._off, *moved)
+        )
         slope = np.zeros((2, SPREAD.size))
         slope[:, [1, 2]] = np.eye(2)
         slope[:, [0, 3, 4]] = np.transpose([parts(other[1] / told[1]) for other in beside]) / STEP
-        noise = (reading.current_std_a / abs(reading.current_a)) ** 2 + (reading.voltage_std_v / voltage_v) ** 2
+        noise = (reading.current_std_a / abs(reading.current_a)) ** 2 + (
+            reading.voltage_std_v / voltage_v
+        ) ** 2
         share = slope @ self._covariance @ slope.T + (noise + FORM**2) * np.eye(2)
         gain = np.linalg.solve(share, slope @ self._covariance).T
         missed = parts(reading.current_a / reading.voltage_v / told[1]) - self._off[[1, 2]]
@@ -72,11 +92,15 @@ class TouchByCurrent:
         log_load, _, _, wetness, log_roughness = map(float, off)
         load_n, own = self._load_n * float(np.exp(log_load)), self._own
         usual = own.parameters["roughness_rms_m"]
-        rough = {"roughness_rms_m": replace(usual, value=usual.value * float(np.exp(log_roughness)))}
+        rough = {
+            "roughness_rms_m": replace(usual, value=usual.value * float(np.exp(log_roughness)))
+        }
         known = own.effect_parameters.get(SkinHydration.name, {}).get("wetness")
         wet = {SkinHydration.name: {"wetness": wetness + (known.value if known else 0.0)}}
         finger = with_hidden(TouchModel(replace(own, parameters=own.parameters | rough)), wet)
-        found = finger.predict(Conditions(np.array([frequency_hz]), np.array([voltage_v]), np.array([load_n])))
+        found = finger.predict(
+            Conditions(np.array([frequency_hz]), np.array([voltage_v]), np.array([load_n]))
+        )
         admittance = found.electrode_current_a[0] / found.electrode_voltage_v[0]
         return Felt(load_n, float(found.cof[0])), complex(admittance)
 

@@ -1,4 +1,6 @@
-"""What clients may ask of the daemon, each said once: the routes of its API and its Python client follow from this."""
+"""What clients may ask of the daemon, each said once: the routes of its API and its Python client
+follow from this.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,11 @@ Answer = TypeVar("Answer", bound=BaseModel)
 
 @dataclass(frozen=True)
 class Verb(Generic[Asked, Answer]):
-    """One request: where it goes, what it says (`asked`: the body of a POST, the query of a GET), what is answered.
+    """One request: where it goes, what it says (`asked`: the body of a POST, the query of a GET),
+    what is answered.
 
-    `leased`: the lease's token comes with it, and is the last argument of `do`, which is empty for others.
-    `switches_off`: never waits for a thread that another request holds.
+    `leased`: the lease's token comes with it, and is the last argument of `do`, which is empty for
+    others. `switches_off`: never waits for a thread that another request holds.
     """
 
     name: str
@@ -50,106 +53,218 @@ class Verb(Generic[Asked, Answer]):
 def _samples(daemon: Daemon, asked: messages.SinceTick, token: str) -> messages.SampleColumns:
     from haptic_driver.daemon.web.frames import sample_columns  # noqa: PLC0415  (numpy)
 
-    return messages.SampleColumns.model_construct(sample_columns(daemon.samples(asked.since, asked.most)))
+    return messages.SampleColumns.model_construct(
+        sample_columns(daemon.samples(asked.since, asked.most))
+    )
 
 
 ARM = Verb(
-    "arm", "POST", "/arm", messages.ArmRequest, Lease, lambda daemon, asked, _: daemon.arm(asked.lease_s, asked.holder),
+    "arm",
+    "POST",
+    "/arm",
+    messages.ArmRequest,
+    Lease,
+    lambda daemon, asked, _: daemon.arm(asked.lease_s, asked.holder),
     "Idle to armed. The lease is to be renewed within `lease_s`, or the output ramps to zero.",
-)  # fmt: skip
+)
 RENEW = Verb(
-    "renew", "POST", "/renew", Empty, Lease, lambda daemon, _, token: daemon.renew(token),
-    "Keep the lease alive.", leased=True,
-)  # fmt: skip
+    "renew",
+    "POST",
+    "/renew",
+    Empty,
+    Lease,
+    lambda daemon, _, token: daemon.renew(token),
+    "Keep the lease alive.",
+    leased=True,
+)
 SET = Verb(
-    "set_target", "POST", "/set", messages.FrictionChoice, Status,
+    "set_target",
+    "POST",
+    "/set",
+    messages.FrictionChoice,
+    Status,
     lambda daemon, asked, token: daemon.set_target(token, asked.cof, nearest=asked.nearest),
-    "Ask for one friction everywhere; armed to rendering. Renews the lease.", leased=True,
-)  # fmt: skip
+    "Ask for one friction everywhere; armed to rendering. Renews the lease.",
+    leased=True,
+)
 PLAY = Verb(
-    "play", "POST", "/texture", messages.TextureChoice, Status,
+    "play",
+    "POST",
+    "/texture",
+    messages.TextureChoice,
+    Status,
     lambda daemon, asked, token: daemon.play(token, asked.name, nearest=asked.nearest),
-    "Ask for a texture; armed to rendering. Renews the lease.", leased=True,
-)  # fmt: skip
+    "Ask for a texture; armed to rendering. Renews the lease.",
+    leased=True,
+)
 OFF = Verb(
-    "off", "POST", "/off", Empty, Status, lambda daemon, *_: daemon.off(),
-    "Output to zero at once, from anyone, in any state; rendering to armed.", switches_off=True,
-)  # fmt: skip
+    "off",
+    "POST",
+    "/off",
+    Empty,
+    Status,
+    lambda daemon, *_: daemon.off(),
+    "Output to zero at once, from anyone, in any state; rendering to armed.",
+    switches_off=True,
+)
 DISARM = Verb(
-    "disarm", "POST", "/disarm", Empty, Status, lambda daemon, *_: daemon.disarm(),
-    "Off, and the lease ends; from anyone.", switches_off=True,
-)  # fmt: skip
+    "disarm",
+    "POST",
+    "/disarm",
+    Empty,
+    Status,
+    lambda daemon, *_: daemon.disarm(),
+    "Off, and the lease ends; from anyone.",
+    switches_off=True,
+)
 RESET = Verb(
-    "reset", "POST", "/reset", Empty, Status, lambda daemon, *_: daemon.reset(),
+    "reset",
+    "POST",
+    "/reset",
+    Empty,
+    Status,
+    lambda daemon, *_: daemon.reset(),
     "Acknowledge a fault or trip whose cause is gone; fault to idle.",
-)  # fmt: skip
+)
 USE_MODEL = Verb(
-    "use_model", "POST", "/model", messages.ModelChoice, Status,
-    lambda daemon, asked, _: daemon.use_model(asked.name, asked.carrier_hz, feedback=asked.feedback),
-    "Render by another model, such as one of the finger that is there now, at one carrier or without feedback; while "
-    "idle. Takes about a second.",
-)  # fmt: skip
+    "use_model",
+    "POST",
+    "/model",
+    messages.ModelChoice,
+    Status,
+    lambda daemon, asked, _: daemon.use_model(
+        asked.name, asked.carrier_hz, feedback=asked.feedback
+    ),
+    "Render by another model, such as one of the finger that is there now, at one carrier or"
+    " without feedback; while idle. Takes about a second.",
+)
 ADAPT = Verb(
-    "adapt", "POST", "/adapt", messages.Adapt, Status, lambda daemon, asked, _: daemon.adapt(asked.on),
+    "adapt",
+    "POST",
+    "/adapt",
+    messages.Adapt,
+    Status,
+    lambda daemon, asked, _: daemon.adapt(asked.on),
     "Mend the finger's model while it renders, by what is felt; or go back to the model as it was.",
-)  # fmt: skip
+)
 RECORD = Verb(
-    "record", "POST", "/record", messages.RecordingRequest, Status,
+    "record",
+    "POST",
+    "/record",
+    messages.RecordingRequest,
+    Status,
     lambda daemon, asked, _: daemon.record(asked.path, asked.lease),
     "Record into a file on the daemon's machine, or stop with null.",
-)  # fmt: skip
+)
 MARK = Verb(
-    "mark", "POST", "/mark", messages.Mark, messages.Marked,
+    "mark",
+    "POST",
+    "/mark",
+    messages.Mark,
+    messages.Marked,
     lambda daemon, asked, _: daemon.mark(asked.label, asked.data),
     "Write a marker among the events, and so into the recording; from anyone.",
-)  # fmt: skip
+)
 ASK_WHY = Verb(
-    "ask_why", "POST", "/why", messages.WhyRequest, messages.Why,
+    "ask_why",
+    "POST",
+    "/why",
+    messages.WhyRequest,
+    messages.Why,
     lambda daemon, asked, _: daemon.ask_why(asked.minutes),
-    "Begin to diagnose what was rendered so far: where friction and model disagree, and which effect is missing.",
-)  # fmt: skip
+    "Begin to diagnose what was rendered so far: where friction and model disagree, and which"
+    " effect is missing.",
+)
 WHY = Verb(
-    "why", "GET", "/why", Empty, messages.Why, lambda daemon, *_: daemon.basis.inquiry.answer,
+    "why",
+    "GET",
+    "/why",
+    Empty,
+    messages.Why,
+    lambda daemon, *_: daemon.basis.inquiry.answer,
     "What the last such diagnosis says.",
-)  # fmt: skip
+)
 WHY_PAGE = Verb(
-    "why_page", "GET", "/why/page", Empty, messages.WhyPage,
-    lambda daemon, *_: messages.WhyPage(html=daemon.basis.inquiry.page()), "Its report with pictures.",
-)  # fmt: skip
-STATUS = Verb("status", "GET", "/status", Empty, Status, lambda daemon, *_: daemon.status(), "The present state.")
+    "why_page",
+    "GET",
+    "/why/page",
+    Empty,
+    messages.WhyPage,
+    lambda daemon, *_: messages.WhyPage(html=daemon.basis.inquiry.page()),
+    "Its report with pictures.",
+)
+STATUS = Verb(
+    "status",
+    "GET",
+    "/status",
+    Empty,
+    Status,
+    lambda daemon, *_: daemon.status(),
+    "The present state.",
+)
 TEXTURES = Verb(
-    "textures", "GET", "/textures", Empty, messages.TextureNames,
+    "textures",
+    "GET",
+    "/textures",
+    Empty,
+    messages.TextureNames,
     lambda daemon, *_: messages.TextureNames(textures=daemon.textures(), scripts=daemon.scripts()),
     "Names that `/texture` knows.",
-)  # fmt: skip
+)
 EVENTS = Verb(
-    "events", "GET", "/events", messages.SinceEvent, messages.Events,
+    "events",
+    "GET",
+    "/events",
+    messages.SinceEvent,
+    messages.Events,
     lambda daemon, asked, _: messages.Events(events=list(daemon.events(asked.since))),
     "What happened after event `since`, as far back as it is kept.",
-)  # fmt: skip
+)
 SAMPLES = Verb(
-    "samples", "GET", "/samples", messages.SinceTick, messages.SampleColumns, _samples,
+    "samples",
+    "GET",
+    "/samples",
+    messages.SinceTick,
+    messages.SampleColumns,
+    _samples,
     "Ticks after tick `since`, one list per field, oldest first.",
-)  # fmt: skip
+)
 SURFACE = Verb(
-    "surface", "GET", "/surface", Empty, messages.SurfaceMap,
+    "surface",
+    "GET",
+    "/surface",
+    Empty,
+    messages.SurfaceMap,
     lambda daemon, *_: messages.SurfaceMap(**daemon.surface_map()),
     "Friction over frequency and voltage.",
-)  # fmt: skip
+)
 TEXTURE = Verb(
-    "texture", "GET", "/texture", Empty, messages.TextureMap,
+    "texture",
+    "GET",
+    "/texture",
+    Empty,
+    messages.TextureMap,
     lambda daemon, *_: messages.TextureMap(**daemon.texture_map()),
     "Friction over the screen, of the texture that plays.",
-)  # fmt: skip
+)
 TILE = Verb(
-    "tile", "GET", "/tile", messages.TileRequest, messages.Tile, lambda daemon, asked, _: daemon.tile(asked),
+    "tile",
+    "GET",
+    "/tile",
+    messages.TileRequest,
+    messages.Tile,
+    lambda daemon, asked, _: daemon.tile(asked),
     "A part of a texture of the library as it is felt, averaged where it is finer than a cell.",
-)  # fmt: skip
+)
 MODELS = Verb(
-    "models", "GET", "/models", Empty, messages.ModelNames,
+    "models",
+    "GET",
+    "/models",
+    Empty,
+    messages.ModelNames,
     lambda daemon, *_: messages.ModelNames(models=daemon.models()),
     "Names that `/model` knows.",
-)  # fmt: skip
+)
 
 COMMANDS: tuple[Verb[Any, Any], ...] = (
     ARM,
@@ -165,4 +280,15 @@ COMMANDS: tuple[Verb[Any, Any], ...] = (
     RECORD,
     MARK,
 )
-VIEWS: tuple[Verb[Any, Any], ...] = (STATUS, TEXTURES, EVENTS, SAMPLES, SURFACE, TEXTURE, TILE, MODELS, WHY, WHY_PAGE)
+VIEWS: tuple[Verb[Any, Any], ...] = (
+    STATUS,
+    TEXTURES,
+    EVENTS,
+    SAMPLES,
+    SURFACE,
+    TEXTURE,
+    TILE,
+    MODELS,
+    WHY,
+    WHY_PAGE,
+)

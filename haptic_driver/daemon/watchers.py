@@ -1,4 +1,6 @@
-"""What control looks at every 20 ms while the daemon runs: functions, listed last in the order in which they look."""
+"""What control looks at every 20 ms while the daemon runs: functions, listed last in the order in
+which they look.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,8 @@ NO_FLAGS = Flag(0)
 class Watched:
     """What is looked at, and what was told of it.
 
-    Flags and the finger's gain since `arming`, gaps of an envelope, markers of target number `target` up to `marked_s`.
+    Flags and the finger's gain since `arming`, gaps of an envelope, markers of target number
+    `target` up to `marked_s`.
     """
 
     shared: SharedState
@@ -62,9 +65,11 @@ def lease(watched: Watched, now_s: float) -> None:
 
 
 def render(watched: Watched, now_s: float) -> None:
-    """New flags are events, once per arming; a render process that ends a tick by an error or stays silent is a fault.
+    """New flags are events, once per arming; a render process that ends a tick by an error or stays
+    silent is a fault.
 
-    Its last output is taken away before that (the pump's `OUTPUT_STALE_S`), and is there again if render was only late.
+    Its last output is taken away before that (the pump's `OUTPUT_STALE_S`), and is there again if
+    render was only late.
     """
     orders, output = watched.orders, watched.shared.output.read()
     with orders.lock:
@@ -91,13 +96,18 @@ def underruns(watched: Watched, now_s: float) -> None:
 
 
 def timing(watched: Watched, now_s: float) -> None:
-    """While there may be output, ticks that come too seldom in time: what was late, and what to do."""
+    """While there may be output, ticks that come too seldom in time: what was late, and what to
+    do.
+    """
     if not watched.orders.rendering or now_s - watched.timing_s < TIMING_TOLD_S:
         return
     found = timing_of(watched.shared.ring.newest(RECENT_TICKS), watched.render.period_s)
     if found.in_time is not None and found.in_time < ENOUGH:
         watched.timing_s = now_s
-        said = f"{found.in_time:.0%} of the last {RECENT_TICKS} ticks in time; {found.last_cause}: {watched.advice()}"
+        said = (
+            f"{found.in_time:.0%} of the last {RECENT_TICKS} ticks in time; {found.last_cause}:"
+            f" {watched.advice()}"
+        )
         watched.events.tell("timing", said, in_time=found.in_time)
 
 
@@ -128,7 +138,9 @@ def _end_script(watched: Watched, number: int) -> None:
 
 
 def drift(watched: Watched, now_s: float) -> None:
-    """The finger's estimated gain where it is far from what was told last, or from 1 at arming; at most every 5 s."""
+    """The finger's estimated gain where it is far from what was told last, or from 1 at arming; at
+    most every 5 s.
+    """
     newest = watched.shared.ring.newest(1)
     if not watched.orders.rendering or not newest.size or not newest["in_contact"][-1]:
         return

@@ -1,8 +1,10 @@
-"""Why friction is not as expected: a diagnosis of what was rendered so far, in a process of its own.
+"""Why friction is not as expected: a diagnosis of what was rendered so far, in a process of its
+own.
 
     python -m haptic_driver.daemon.why MODEL FOLDER
 
-diagnoses `rows.csv` of the folder, leaves its report there and says on standard output, as one JSON line, what it is.
+diagnoses `rows.csv` of the folder, leaves its report there and says on standard output, as one JSON
+line, what it is.
 """
 
 from __future__ import annotations
@@ -29,13 +31,16 @@ from model.support.errors import ModelError
 
 NAME, ROWS, PAGE = "why", "rows.csv", "report.html"
 LEAST_ROWS, SUSPECTS = 12, 5
-# Of friction while rendering, relative: what timing, lag and look-up leave is no noise, and a hundred rows share it.
+# Of friction while rendering, relative: what timing, lag and look-up leave is no noise, and a
+# hundred rows share it.
 LEAST_STD = 5e-3
 PATIENCE_S = 900.0  # on a busy machine
 
 
 class Inquiry:
-    """One diagnosis at a time; `answer` is that of the last. Its files are private, and last as long as this does."""
+    """One diagnosis at a time; `answer` is that of the last. Its files are private, and last as
+    long as this does.
+    """
 
     def __init__(self, events: EventLog) -> None:
         self.answer = Why(state="not_asked", said="nobody has asked yet")
@@ -46,23 +51,34 @@ class Inquiry:
         self._lock = threading.Lock()
 
     def ask(self, rows: Sequence[Recorded], model: str, *, simulated: bool) -> Why:
-        """Begin to diagnose rows by the model of that name. RefusedError while another runs and for too few rows."""
+        """Begin to diagnose rows by the model of that name. RefusedError while another runs and for
+        too few rows.
+        """
         with self._lock:
             if self.answer.state == "running":
                 raise RefusedError("running", "a diagnosis is running", "wait until it has ended")
             if len(rows) < LEAST_ROWS:
                 said = f"{len(rows)} rows of even sliding are too few to say why"
                 raise RefusedError(
-                    "too_few_rows", said, "slide on for a minute, at several frictions or over a texture"
+                    "too_few_rows",
+                    said,
+                    "slide on for a minute, at several frictions or over a texture",
                 )
             self._remove()
             self._folder = TemporaryDirectory(prefix="haptic-why-")
             folder, began_s = Path(self._folder.name), min(row.measured.time_s for row in rows)
-            since = [(row, measured._replace(time_s=measured.time_s - began_s)) for row, measured in rows]
-            write_rows(folder / ROWS, [row_texts(row, measured, simulated=simulated) for row, measured in since])
+            since = [
+                (row, measured._replace(time_s=measured.time_s - began_s)) for row, measured in rows
+            ]
+            write_rows(
+                folder / ROWS,
+                [row_texts(row, measured, simulated=simulated) for row, measured in since],
+            )
             self.answer = Why(state="running", said=f"diagnosing {len(rows)} rows", rows=len(rows))
             self._child = Child(NAME, __name__, [model, folder])
-            self._waiting = threading.Thread(target=self._wait, args=(self._child,), name=NAME, daemon=True)
+            self._waiting = threading.Thread(
+                target=self._wait, args=(self._child,), name=NAME, daemon=True
+            )
             self._waiting.start()
             return self.answer
 
@@ -70,7 +86,9 @@ class Inquiry:
         """The report of the last one, HTML. RefusedError without one."""
         folder = self._folder
         if self.answer.state != "done" or folder is None:
-            raise RefusedError("no_report", self.answer.said, "ask first, and wait until it has ended")
+            raise RefusedError(
+                "no_report", self.answer.said, "ask first, and wait until it has ended"
+            )
         return Path(folder.name, PAGE).read_text(encoding="utf-8")
 
     def close(self) -> None:
@@ -102,7 +120,6 @@ class Inquiry:
 
 
 def main() -> None:
-    """Diagnose."""
     give_way()
     model, folder = sys.argv[1], Path(sys.argv[2])
     print(json.dumps(answer(model, folder)), flush=True)
@@ -128,7 +145,9 @@ def answer(model: str, folder: Path) -> dict[str, Any]:
         "said": sentence(found),
         "verdict": found["verdict"],
         "effects": [effect["name"] for effect in found["effects"]],
-        "suspects": {each["name"]: each["probability"] for each in found["alternatives"][:SUSPECTS]},
+        "suspects": {
+            each["name"]: each["probability"] for each in found["alternatives"][:SUSPECTS]
+        },
         "more": list(dict.fromkeys(step["purpose"] for step in found["next_experiments"])),
         "model": found["model"],
         "report": str(folder / PAGE),

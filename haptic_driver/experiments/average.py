@@ -1,4 +1,6 @@
-"""A steady window of readings -> friction, its standard error and the load; the electrode's voltage and current."""
+"""A steady window of readings -> friction, its standard error and the load; the electrode's voltage
+and current.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,14 @@ import numpy as np
 from haptic_driver.signals import Array
 from hw.monitor.contract import ElectrodeReading
 
-WINDOW_FACTOR = 3.0  # the autocorrelation is summed over this many correlation times: least error for wobbles as here
+# the autocorrelation is summed over this many correlation times: least error for wobbles as here
+WINDOW_FACTOR = 3.0
 
 
 class Measured(NamedTuple):
-    """Coefficient of friction, the standard error (1 sigma) of this mean, mean load, and the middle of the window."""
+    """Coefficient of friction, the standard error (1 sigma) of this mean, mean load, and the middle
+    of the window.
+    """
 
     cof: float
     cof_std: float
@@ -29,7 +34,9 @@ class Measured(NamedTuple):
 
 
 def average(time_s: Array, lateral_n: Array, normal_n: Array) -> Measured:
-    """Ratio of the mean forces of n evenly spaced readings, with the error that their scatter implies."""
+    """Ratio of the mean forces of n evenly spaced readings, with the error that their scatter
+    implies.
+    """
     normal = float(np.mean(normal_n))
     cof = float(np.mean(lateral_n)) / normal
     error = standard_error((lateral_n - cof * normal_n) / normal)
@@ -39,36 +46,52 @@ def average(time_s: Array, lateral_n: Array, normal_n: Array) -> Measured:
 def mean_reading(readings: Sequence[ElectrodeReading]) -> ElectrodeReading | None:
     """The mean of n readings; None of none, and of a monitor that shows nothing at all.
 
-    The errors of amount and phase are those of the readings, or what their scatter implies where that is more: then the
-    touch itself changed.
+    The errors of amount and phase are those of the readings, or what their scatter implies where
+    that is more: then the touch itself changed.
     """
     if not all(reading.voltage_v and reading.current_a for reading in readings) or not readings:
         return None
-    voltage_v, voltage_std, voltage_phase_std_rad = _mean([(r.voltage_v, r.voltage_std_v) for r in readings])
-    current_a, current_std, current_phase_std_rad = _mean([(r.current_a, r.current_std_a) for r in readings])
+    voltage_v, voltage_std, voltage_phase_std_rad = _mean(
+        [(r.voltage_v, r.voltage_std_v) for r in readings]
+    )
+    current_a, current_std, current_phase_std_rad = _mean(
+        [(r.current_a, r.current_std_a) for r in readings]
+    )
     return ElectrodeReading(
-        voltage_v, voltage_std * abs(voltage_v), current_a, current_std * abs(current_a),
-        float(np.mean([r.second_a for r in readings])), float(np.mean([r.third_a for r in readings])),
-        readings[0].referenced, voltage_phase_std_rad, current_phase_std_rad,
-    )  # fmt: skip
+        voltage_v,
+        voltage_std * abs(voltage_v),
+        current_a,
+        current_std * abs(current_a),
+        float(np.mean([r.second_a for r in readings])),
+        float(np.mean([r.third_a for r in readings])),
+        readings[0].referenced,
+        voltage_phase_std_rad,
+        current_phase_std_rad,
+    )
 
 
 def _mean(parts: Sequence[tuple[complex, float]]) -> tuple[complex, float, float]:
-    """Mean of phasors with their errors, and the standard errors of its amount, relative, and of its phase."""
+    """Mean of phasors with their errors, and the standard errors of its amount, relative, and of
+    its phase.
+    """
     phasors, stds = (np.array(column) for column in zip(*parts, strict=True))
     n, mean = len(parts), complex(np.mean(phasors))
     stated = sqrt(float(np.mean(stds**2)) / n) / abs(mean)
     off = phasors / mean - 1.0
-    scatter = [sqrt(float(np.sum(part**2)) / ((n - 1) * n)) if n > 1 else 0.0 for part in (off.real, off.imag)]
+    scatter = [
+        sqrt(float(np.sum(part**2)) / ((n - 1) * n)) if n > 1 else 0.0
+        for part in (off.real, off.imag)
+    ]
     return mean, max(stated, scatter[0]), max(stated, scatter[1])
 
 
 def standard_error(series: Array) -> float:
     """Standard error of the mean of a stationary series of n values that remember one another.
 
-    sqrt(C n^-1) with C the autocovariance summed over a window that closes by itself, after WINDOW_FACTOR integrated
-    correlation times, and corrected for the mean having been taken from the same series (Wolff, Comput. Phys. Commun.
-    156 (2004) 143, equations 31, 35 and 49; the window of Madras and Sokal, J. Stat. Phys. 50 (1988) 109).
+    sqrt(C n^-1) with C the autocovariance summed over a window that closes by itself, after
+    WINDOW_FACTOR integrated correlation times, and corrected for the mean having been taken from
+    the same series (Wolff, Comput. Phys. Commun. 156 (2004) 143, equations 31, 35 and 49; the
+    window of Madras and Sokal, J. Stat. Phys. 50 (1988) 109).
     """
     n = series.size
     deviation = series - np.mean(series)

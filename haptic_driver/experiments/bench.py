@@ -1,4 +1,5 @@
-"""The rig and the finger that is measured on it; here the simulated one, with what makes real data scatter.
+"""The rig and the finger that is measured on it; here the simulated one, with what makes real data
+scatter.
 
 The real one is `haptic_driver.experiments.stage_bench`.
 """
@@ -45,19 +46,25 @@ class Bench(Protocol):
         """The force sensor's present reading, its time on the session's clock."""
 
     def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
-        """The electrode's voltage and current under what is set; None where no monitor tells it. DeviceError."""
+        """The electrode's voltage and current under what is set; None where no monitor tells it.
+        DeviceError.
+        """
 
     def end_row(self) -> None:
-        """The row's last force is read; HapticError when the finger did not slide as it should have."""
+        """The row's last force is read; HapticError when the finger did not slide as it should
+        have.
+        """
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """How a simulated finger varies, relative to its model; judged, of the size seen on real fingers.
+    """How a simulated finger varies, relative to its model; judged, of the size seen on real
+    fingers.
 
-    `session_gain`: standard deviation of the factor that a session's finger has on all its friction. `wobble`: standard
-    deviation of friction while sliding, forgotten exponentially over `wobble_s`: ridges, stick-slip, tremor.
-    `session_area` and `area_wobble` are the same for the touch's own current, which goes with the area of contact.
+    `session_gain`: standard deviation of the factor that a session's finger has on all its
+    friction. `wobble`: standard deviation of friction while sliding, forgotten exponentially over
+    `wobble_s`: ridges, stick-slip, tremor. `session_area` and `area_wobble` are the same for the
+    touch's own current, which goes with the area of contact.
     """
 
     session_gain: float = 0.05
@@ -68,9 +75,11 @@ class Scatter:
 
 
 class SimulatedBench:
-    """A simulated rig and finger; `seed` and the number of the session and row decide how friction varies.
+    """A simulated rig and finger; `seed` and the number of the session and row decide how friction
+    varies.
 
-    `friction` and `electrode` stand in for the model's, see `SimulatedRig`. `first_row` is where measuring begins.
+    `friction` and `electrode` stand in for the model's, see `SimulatedRig`. `first_row` is where
+    measuring begins.
     """
 
     def __init__(
@@ -97,42 +106,45 @@ class SimulatedBench:
 
     @property
     def rig(self) -> Rig:
-        """See `Bench`."""
         return self.simulated.rig
 
     @property
     def time_s(self) -> float:
-        """See `Bench`."""
         return self._time_s
 
     def begin_session(self, session: int, time_s: float) -> None:
-        """See `Bench`."""
-        friction, area = np.random.default_rng([*self._seed, 1, session]).standard_normal(2).tolist()
+        friction, area = (
+            np.random.default_rng([*self._seed, 1, session]).standard_normal(2).tolist()
+        )
         self._session_gain = exp(self._scatter.session_gain * friction)
         self._session_area = exp(self._scatter.session_area * area)
-        self.simulated.instruments.ages_from_touch = False  # a data file counts from the start of its session
+        self.simulated.instruments.ages_from_touch = (
+            False  # a data file counts from the start of its session
+        )
         self.simulated.instruments.plant.time_s = time_s
 
     def begin_row(self, number: int, row: Row) -> None:
-        """See `Bench`."""
         self._random = np.random.default_rng([*self._seed, 2, number])
         self._wobble = float(self._random.standard_normal())
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
-        """See `Bench`."""
         kept = exp(-dt_s / self._scatter.wobble_s)
-        self._wobble = kept * self._wobble + sqrt(1.0 - kept * kept) * float(self._random.standard_normal())
-        self.simulated.instruments.finger_gain = self._session_gain * (1.0 + self._scatter.wobble * self._wobble)
-        self.simulated.touch_gain = self._session_area * (1.0 + self._scatter.area_wobble * self._wobble)
+        self._wobble = kept * self._wobble + sqrt(1.0 - kept * kept) * float(
+            self._random.standard_normal()
+        )
+        self.simulated.instruments.finger_gain = self._session_gain * (
+            1.0 + self._scatter.wobble * self._wobble
+        )
+        self.simulated.touch_gain = self._session_area * (
+            1.0 + self._scatter.area_wobble * self._wobble
+        )
         self.simulated.step(dt_s, normal_force_n, speed_m_s)
         self._time_s += dt_s
 
     def read_force(self) -> ForceReading:
-        """See `Bench`."""
         return self.rig.read_force()
 
     def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
-        """See `Bench`."""
         return self.simulated.read_electrode(setting.frequency_hz, setting.voltage_v)
 
     def end_row(self) -> None:

@@ -13,7 +13,10 @@ from model.effects.interventions import removed
 
 
 def bench_for(
-    experiment: Experiment, first_row: int, finger: FingerFunction | None, tell: Callable[[str], None]
+    experiment: Experiment,
+    first_row: int,
+    finger: FingerFunction | None,
+    tell: Callable[[str], None],
 ) -> SimulatedBench | StageBench:
     """The simulated rig with that finger, or with its own, or the real one; to be entered."""
     config = experiment.config
@@ -21,13 +24,19 @@ def bench_for(
         return StageBench(config, experiment.plan, tell)
     friction, electrode = (None, None) if finger is None else (finger.friction, finger.electrode)
     return SimulatedBench(
-        carried_out(config, experiment.plan.intervention), experiment.model, seed=experiment.seed, first_row=first_row,
-        friction=friction, electrode=electrode,
-    )  # fmt: skip
+        carried_out(config, experiment.plan.intervention),
+        experiment.model,
+        seed=experiment.seed,
+        first_row=first_row,
+        friction=friction,
+        electrode=electrode,
+    )
 
 
 def carried_out(config: RigConfig, intervention: str) -> RigConfig:
-    """A simulated rig once an intervention is done: what is hidden in its finger has lost what that removes."""
+    """A simulated rig once an intervention is done: what is hidden in its finger has lost what that
+    removes.
+    """
     gone, simulation = removed(intervention), config.simulation
     hide = {name: values for name, values in simulation.hide.items() if name not in gone}
     return config.model_copy(update={"simulation": simulation.model_copy(update={"hide": hide})})

@@ -38,7 +38,6 @@ class Refusal(NamedTuple):
     reason: str
 
     def __str__(self) -> str:
-        """For a person."""
         return told([self])[0]
 
 
@@ -62,7 +61,8 @@ def _span(values: Sequence[float]) -> str:
 def check(
     settings: Sequence[Setting], plan: Plan, config: RigConfig, model: TouchModel
 ) -> tuple[dict[Setting, Judged], list[Refusal]]:
-    """The operating points of what `config` permits, with the currents that `model` predicts, and all refusals.
+    """The operating points of what `config` permits, with the currents that `model` predicts, and
+    all refusals.
 
     `settings` are `plan`'s, or without voltage; its times decide how long a slide is.
     """
@@ -74,7 +74,9 @@ def check(
     for i, setting in enumerate(settings):
         cof = float(answer.cof[i])
         currents = float(answer.current_rms_a[i]), float(answer.stuck_current_rms_a[i])
-        frequency_hz = setting.frequency_hz or config.limits.frequency_hz[0]  # of a direct voltage: the strictest
+        frequency_hz = (
+            setting.frequency_hz or config.limits.frequency_hz[0]
+        )  # of a direct voltage: the strictest
         point = OperatingPoint(frequency_hz, setting.peak_v, cof, *currents, True, cof, cof)
         worst = Worst(currents[1], electrode_v[i])
         reason = (
@@ -94,21 +96,26 @@ def check(
 
 
 def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) -> list[Setting]:
-    """Sweeps at the voltage that the rig allows there, to three digits: what they ask for, or the highest below it.
+    """Sweeps at the voltage that the rig allows there, to three digits: what they ask for, or the
+    highest below it.
 
     `by_meter` is set where an instrument drives the electrode itself.
 
-    A stuck or wet finger is the worst case, also where the plan says that there is none. Beyond the reach of the
-    monitors that watch over the output only what they would call quiet is allowed.
+    A stuck or wet finger is the worst case, also where the plan says that there is none. Beyond the
+    reach of the monitors that watch over the output only what they would call quiet is allowed.
     """
     answer = model.predict(_conditions(settings))
     limits = config.sweep_limits()
     found: list[Setting] = []
     electrode_v = _electrode_v(answer, settings)
-    for setting, stuck_a, most_v in zip(settings, answer.stuck_current_rms_a, electrode_v, strict=True):
+    for setting, stuck_a, most_v in zip(
+        settings, answer.stuck_current_rms_a, electrode_v, strict=True
+    ):
         if setting.sweep:
             per_volt = (stuck_a / setting.voltage_v, most_v / setting.voltage_v)
-            highest_v = MOST_OF_LIMIT * float(limits.highest_voltage_v(setting.frequency_hz, *per_volt))
+            highest_v = MOST_OF_LIMIT * float(
+                limits.highest_voltage_v(setting.frequency_hz, *per_volt)
+            )
             if meter := config.swept_by_meter(setting.frequency_hz):
                 setting = setting._replace(by_meter=True)  # noqa: PLW2901
                 highest_v = min(highest_v, meter.highest_v)
@@ -116,15 +123,23 @@ def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) 
                 highest_v = min(highest_v, MONITOR_QUIET_V)
             if highest_v < setting.voltage_v:
                 lower_v = 10.0 ** (floor(log10(max(highest_v, 1e-9))) - 2)
-                setting = setting._replace(voltage_v=round(floor(highest_v / lower_v) * lower_v, 12))  # noqa: PLW2901
+                setting = setting._replace(  # noqa: PLW2901
+                    voltage_v=round(floor(highest_v / lower_v) * lower_v, 12)
+                )
         found.append(setting)
     return found
 
 
 def _electrode_v(answer: Prediction, settings: Sequence[Setting]) -> list[float]:
     """The electrode's peak voltages, by the model's gain from set to electrode."""
-    set_v = np.abs(np.broadcast_to(_conditions(settings).drive().fundamental_v, answer.electrode_voltage_v.shape))
-    gain = np.divide(np.abs(answer.electrode_voltage_v), set_v, out=np.zeros(set_v.shape), where=set_v > 0.0)
+    set_v = np.abs(
+        np.broadcast_to(
+            _conditions(settings).drive().fundamental_v, answer.electrode_voltage_v.shape
+        )
+    )
+    gain = np.divide(
+        np.abs(answer.electrode_voltage_v), set_v, out=np.zeros(set_v.shape), where=set_v > 0.0
+    )
     return [float(g * s.peak_v) for g, s in zip(gain, settings, strict=True)]
 
 
@@ -146,7 +161,10 @@ def _beyond_monitors(setting: Setting, config: RigConfig) -> str | None:
     if setting.by_meter:
         return None
     if f > reach_hz and setting.voltage_v > MONITOR_QUIET_V:
-        return f"above {reach_hz:g} Hz, where the rig's monitors alias, at most {MONITOR_QUIET_V:g} V are allowed"
+        return (
+            f"above {reach_hz:g} Hz, where the rig's monitors alias, at most {MONITOR_QUIET_V:g} V"
+            " are allowed"
+        )
     if setting.sweep and config.electrode_monitor(f, sweep=True) is None:
         return f"no monitor of this rig's file tells {f:g} Hz"
     return None
@@ -154,25 +172,38 @@ def _beyond_monitors(setting: Setting, config: RigConfig) -> str | None:
 
 def _beyond_direct(setting: Setting, config: RigConfig) -> str | None:
     allowed_v = config.limits.direct_voltage_v
-    direct_v = abs(setting.voltage_offset_v) + (setting.voltage_v if setting.waveform == "dc" else 0.0)
+    direct_v = abs(setting.voltage_offset_v) + (
+        setting.voltage_v if setting.waveform == "dc" else 0.0
+    )
     if setting.voltage_offset_v and (setting.voltage_v == 0.0 or setting.waveform == "dc"):
         return "a direct voltage alone is waveform dc, with its voltage_v and no voltage_offset_v"
     if direct_v > allowed_v:
-        return f"a direct voltage of {direct_v:g} V exceeds limits.direct_voltage_v, {allowed_v:g} V"
+        return (
+            f"a direct voltage of {direct_v:g} V exceeds limits.direct_voltage_v, {allowed_v:g} V"
+        )
     return None
 
 
 def _beyond_harmonics(setting: Setting, limits: OperatingLimits, model: TouchModel) -> str | None:
-    """A square wave's harmonics: the shares that each takes of its own limit of current must not exceed 1 together."""
+    """A square wave's harmonics: the shares that each takes of its own limit of current must not
+    exceed 1 together.
+    """
     if setting.waveform != "square":
         return None
     order = np.arange(1.0, MOST_HARMONICS, 2.0)
     frequency_hz, voltage_v = order * setting.frequency_hz, 4.0 / (pi * order) * setting.voltage_v
     sine = setting._replace(waveform="sine")
-    harmonics = [sine._replace(frequency_hz=f, voltage_v=v) for f, v in zip(frequency_hz, voltage_v, strict=True)]
+    harmonics = [
+        sine._replace(frequency_hz=f, voltage_v=v)
+        for f, v in zip(frequency_hz, voltage_v, strict=True)
+    ]
     worst_a = model.predict(_conditions(harmonics)).stuck_current_rms_a
     share = float(np.sum(worst_a / limits.contact_current_limit_a_rms(frequency_hz)))
-    return None if share <= 1.0 else f"the square wave's harmonics take {share:.3g} times the worst-case finger current"
+    return (
+        None
+        if share <= 1.0
+        else f"the square wave's harmonics take {share:.3g} times the worst-case finger current"
+    )
 
 
 def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
@@ -184,7 +215,8 @@ def _beyond_generator(setting: Setting, config: RigConfig) -> str | None:
         what = "bias" if setting.voltage_offset_v else f"waveform {setting.waveform}"
         return f"the generator, {config.waveform_generator.model}, makes no {what}"
     low_v, high_v = (
-        0.5 * vpp * config.amplifier.gain_v_per_v for vpp in (kind.amplitude_low_vpp, kind.amplitude_high_vpp)
+        0.5 * vpp * config.amplifier.gain_v_per_v
+        for vpp in (kind.amplitude_low_vpp, kind.amplitude_high_vpp)
     )
     if not setting.driven or low_v <= setting.voltage_v <= setting.peak_v <= high_v:
         return None

@@ -1,7 +1,8 @@
 """Measured data on disk: one CSV row at a time, so that whatever interrupts costs at most one row.
 
-Beside `data.csv` lies `data.csv.meta.json`: what was measured on what, as far as a reader may know. Of the rig there is
-only a salted hash; what a simulation hides cannot be read from it, nor whether it hides anything.
+Beside `data.csv` lies `data.csv.meta.json`: what was measured on what, as far as a reader may know.
+Of the rig there is only a salted hash; what a simulation hides cannot be read from it, nor whether
+it hides anything.
 """
 
 from __future__ import annotations
@@ -29,18 +30,48 @@ from haptic_driver.surface import labelled
 from hw.monitor.contract import ElectrodeReading
 
 SETTING_COLUMNS = (
-    "frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v", "waveform", "finger",
-    "intervention", "session", "trial",
-)  # fmt: skip
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "speed_m_s",
+    "voltage_offset_v",
+    "waveform",
+    "finger",
+    "intervention",
+    "session",
+    "trial",
+)
 ELECTRODE_COLUMNS = (
-    "electrode_voltage_v", "electrode_voltage_std_v", "electrode_voltage_phase_rad", "electrode_voltage_phase_std_rad",
-    "current_a", "current_std_a", "current_phase_rad", "current_phase_std_rad", "current_h2_a", "current_h3_a",
-)  # fmt: skip
+    "electrode_voltage_v",
+    "electrode_voltage_std_v",
+    "electrode_voltage_phase_rad",
+    "electrode_voltage_phase_std_rad",
+    "current_a",
+    "current_std_a",
+    "current_phase_rad",
+    "current_phase_std_rad",
+    "current_h2_a",
+    "current_h3_a",
+)
 COLUMNS = (
-    "frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std", "speed_m_s", "time_s", "session", "trial",
-    "voltage_offset_v", "waveform", "finger", "intervention", *ELECTRODE_COLUMNS, "kramers_kronig",
-    "measured_normal_force_n", "simulated",
-)  # fmt: skip
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "cof",
+    "cof_std",
+    "speed_m_s",
+    "time_s",
+    "session",
+    "trial",
+    "voltage_offset_v",
+    "waveform",
+    "finger",
+    "intervention",
+    *ELECTRODE_COLUMNS,
+    "kramers_kronig",
+    "measured_normal_force_n",
+    "simulated",
+)
 FINEST = 1e-5  # of an amount, or rad: no monitor's figures are known better
 UNKNOWN_PHASE_RAD = pi / sqrt(3.0)  # standard deviation of a phase of which nothing is known
 HINT = "Give another --out, or --force to overwrite it"
@@ -63,7 +94,10 @@ class Identity:
         """What the sidecar says."""
         said = asdict(self)
         content = said.pop("rig_content")
-        return said | {"salt": salt, "rig_hash": hashlib.sha256(f"{salt} {content}".encode()).hexdigest()}
+        return said | {
+            "salt": salt,
+            "rig_hash": hashlib.sha256(f"{salt} {content}".encode()).hexdigest(),
+        }
 
 
 class DataFile:
@@ -72,7 +106,9 @@ class DataFile:
     `last_time_s` is the `time_s` of the last of them, None without any. Use as a context manager.
     """
 
-    def __init__(self, file: TextIO, simulated: bool, done: int = 0, last_time_s: float | None = None) -> None:
+    def __init__(
+        self, file: TextIO, simulated: bool, done: int = 0, last_time_s: float | None = None
+    ) -> None:
         self._file = file
         self._simulated = simulated
         self.done = done
@@ -80,22 +116,32 @@ class DataFile:
 
     @classmethod
     def create(cls, path: Path, identity: Identity, *, force: bool = False) -> Self:
-        """A new file, with its header and sidecar; BadInputError where one exists, unless `force`."""
+        """A new file, with its header and sidecar; BadInputError where one exists, unless
+        `force`.
+        """
         if path.is_dir():
-            raise BadInputError("file_exists", f"{path}: is a folder, not a file", "Name a file in it as --out")
+            raise BadInputError(
+                "file_exists", f"{path}: is a folder, not a file", "Name a file in it as --out"
+            )
         if path.exists() and not force:
-            raise BadInputError("file_exists", f"{path}: exists already", "Give --resume, --force or another --out")
+            raise BadInputError(
+                "file_exists", f"{path}: exists already", "Give --resume, --force or another --out"
+            )
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.unlink(missing_ok=True)
-            _write_whole(meta_path(path), json.dumps(identity.meta(secrets.token_hex(16)), indent=1) + "\n")
+            _write_whole(
+                meta_path(path), json.dumps(identity.meta(secrets.token_hex(16)), indent=1) + "\n"
+            )
             data = cls(path.open("x", encoding="utf-8", newline=""), identity.simulated)
             data._write(COLUMNS)
         return data
 
     @classmethod
     def resume(cls, path: Path, identity: Identity, rows: Sequence[Row]) -> Self:
-        """Continue a file that holds the first of `rows`; a last line cut short is dropped. New where there is none."""
+        """Continue a file that holds the first of `rows`; a last line cut short is dropped. New
+        where there is none.
+        """
         if not path.exists():
             return cls.create(path, identity)
         _check_identity(path, identity)
@@ -109,13 +155,19 @@ class DataFile:
                 os.truncate(path, len(whole))
             file = path.open("a", encoding="utf-8", newline="")
         except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise BadInputError("file_unreadable", f"{path}: cannot be continued ({error})", HINT) from error
-        data = cls(file, identity.simulated, len(table), float(table[-1]["time_s"]) if table else None)
+            raise BadInputError(
+                "file_unreadable", f"{path}: cannot be continued ({error})", HINT
+            ) from error
+        data = cls(
+            file, identity.simulated, len(table), float(table[-1]["time_s"]) if table else None
+        )
         if not whole:
             data._write(COLUMNS)
         return data
 
-    def append(self, row: Row, measured: Measured, electrode: ElectrodeReading | None = None) -> None:
+    def append(
+        self, row: Row, measured: Measured, electrode: ElectrodeReading | None = None
+    ) -> None:
         """Write one row through to the disk; what was not measured is left empty."""
         texts = row_texts(row, measured, electrode, simulated=self._simulated)
         with writing(Path(self._file.name)):
@@ -129,7 +181,6 @@ class DataFile:
         os.fsync(self._file.fileno())
 
     def __enter__(self) -> Self:
-        """Already open."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -141,7 +192,9 @@ def row_texts(
     row: Row, measured: Measured, electrode: ElectrodeReading | None = None, *, simulated: bool
 ) -> dict[str, str]:
     """One row of measured data, as text by column; what was not measured is empty."""
-    texts = dict.fromkeys(COLUMNS, "") | dict(zip(SETTING_COLUMNS, _setting_texts(row), strict=True))
+    texts = dict.fromkeys(COLUMNS, "") | dict(
+        zip(SETTING_COLUMNS, _setting_texts(row), strict=True)
+    )
     texts |= {} if electrode is None else _electrode_texts(electrode)
     return texts | {
         "cof": _text(measured.cof),
@@ -153,8 +206,9 @@ def row_texts(
 
 
 def measured_frame(path: Path) -> Any:
-    """A data file as a pandas DataFrame, with `electrode_voltage` and `current` as complex peak phasors where both
-    amount and phase are there; `attrs` holds `units` and what the sidecar says. HapticError without pandas.
+    """A data file as a pandas DataFrame, with `electrode_voltage` and `current` as complex peak
+    phasors where both amount and phase are there; `attrs` holds `units` and what the sidecar says.
+    HapticError without pandas.
     """
     pandas = optional("pandas", "tables", "measured_frame")
     table = pandas.read_csv(io.StringIO(read_text(path)))
@@ -186,10 +240,18 @@ def _setting_texts(row: Row) -> list[str]:
 
 
 def _electrode_texts(reading: ElectrodeReading) -> dict[str, str]:
-    """By column. Phases count from the generator's output; the electrode's own is left empty where nobody looked."""
+    """By column. Phases count from the generator's output; the electrode's own is left empty where
+    nobody looked.
+    """
     texts: dict[str, str] = {}
     for name, unit, phasor, std, phase_std_rad in (
-        ("electrode_voltage", "v", reading.voltage_v, reading.voltage_std_v, reading.voltage_phase_std_rad),
+        (
+            "electrode_voltage",
+            "v",
+            reading.voltage_v,
+            reading.voltage_std_v,
+            reading.voltage_phase_std_rad,
+        ),
         ("current", "a", reading.current_a, reading.current_std_a, reading.current_phase_std_rad),
     ):
         own_rad = phase_std_rad if isfinite(phase_std_rad) else std / abs(phasor)
@@ -201,7 +263,10 @@ def _electrode_texts(reading: ElectrodeReading) -> dict[str, str]:
         }
     if not reading.referenced:
         texts |= {"electrode_voltage_phase_rad": "", "electrode_voltage_phase_std_rad": ""}
-    return texts | {"current_h2_a": _text(reading.second_a, digits=4), "current_h3_a": _text(reading.third_a, digits=4)}
+    return texts | {
+        "current_h2_a": _text(reading.second_a, digits=4),
+        "current_h3_a": _text(reading.third_a, digits=4),
+    }
 
 
 def _text(value: float, digits: int = 6) -> str:
@@ -212,13 +277,18 @@ def _text(value: float, digits: int = 6) -> str:
 def _check_identity(path: Path, identity: Identity) -> None:
     sidecar = meta_path(path)
     if not sidecar.exists():
-        said = f"{path}: cannot be continued: haptic measure did not write it ({sidecar.name} is missing)"
+        said = (
+            f"{path}: cannot be continued: haptic measure did not write it ({sidecar.name} is"
+            " missing)"
+        )
         raise BadInputError("not_resumable", said, HINT)
     try:
         found = json.loads(sidecar.read_text(encoding="utf-8"))
         expected = identity.meta(str(found["salt"]))
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadInputError("not_resumable", f"{sidecar}: cannot be read ({error})", HINT) from error
+        raise BadInputError(
+            "not_resumable", f"{sidecar}: cannot be read ({error})", HINT
+        ) from error
     by_name_first = sorted(expected, key=lambda key: key.endswith("_hash"))
     different = [key for key in by_name_first if found.get(key) != expected[key]]
     if different:
@@ -227,18 +297,26 @@ def _check_identity(path: Path, identity: Identity) -> None:
             said = f"another {key.removesuffix('_hash')}, or it has changed since"
         else:
             said = f"{key} {found.get(key)}, not {expected[key]}"
-        raise BadInputError("not_resumable", f"{path}: was begun with {said}", f"Resume it as it was begun. {HINT}")
+        raise BadInputError(
+            "not_resumable", f"{path}: was begun with {said}", f"Resume it as it was begun. {HINT}"
+        )
 
 
-def _check_rows(path: Path, header: Sequence[str] | None, table: list[dict[str, str]], rows: Sequence[Row]) -> None:
+def _check_rows(
+    path: Path, header: Sequence[str] | None, table: list[dict[str, str]], rows: Sequence[Row]
+) -> None:
     if header is not None and tuple(header) != COLUMNS:
         raise BadInputError("not_resumable", f"{path}: has columns {', '.join(header)}", HINT)
     if len(table) > len(rows):
-        raise BadInputError("not_resumable", f"{path}: has {len(table)} rows, the plan {len(rows)}", HINT)
+        raise BadInputError(
+            "not_resumable", f"{path}: has {len(table)} rows, the plan {len(rows)}", HINT
+        )
     for line, (found, row) in enumerate(zip(table, rows, strict=False), start=2):
         texts = [found.get(name) for name in SETTING_COLUMNS]
         if texts != _setting_texts(row) or not found.get("time_s"):
-            raise BadInputError("not_resumable", f"{path}, line {line}: is not the plan's row {line - 1}", HINT)
+            raise BadInputError(
+                "not_resumable", f"{path}, line {line}: is not the plan's row {line - 1}", HINT
+            )
 
 
 def _write_whole(path: Path, text: str) -> None:

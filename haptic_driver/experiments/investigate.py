@@ -1,7 +1,8 @@
-"""An investigation: measure, diagnose, choose what tells most, and measure again, until a name is earned.
+"""An investigation: measure, diagnose, choose what tells most, and measure again, until a name is
+earned.
 
-Every round lies in a folder of its own: its plans, data and report. What is there already is not measured again: an
-investigation that was interrupted goes on where it stopped.
+Every round lies in a folder of its own: its plans, data and report. What is there already is not
+measured again: an investigation that was interrupted goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ from model.reporting.report import write_report
 from model.touch_model import TouchModel
 
 MOST_BLOCKS = 10  # of a later one
-ENOUGH = 4.0 * APART  # chi^2 of a round, which ends as soon as a name is earned: rivals bend further than is expected
+ENOUGH = (
+    4.0 * APART
+)  # chi^2 of a round, which ends as soon as a name is earned: rivals bend further than is expected
 AT_ONCE = 2  # of these; then it is looked whether the rest is needed
 ALIKE_HERE, SPENT = "cannot_be_told_apart", "budget_spent"
 NAMED, NOTHING_SEEN, NOTHING_MISSING = "effect_found", "no_discrepancy", "nothing_missing"
@@ -54,8 +57,8 @@ class Budget:
 class Subject:
     """What is investigated: a rig with a finger on it, and the model that it is held against.
 
-    `plan` is measured first. `finger` is a simulated one's function. `ask` tells a person at a real rig what to do, and
-    says whether it was done.
+    `plan` is measured first. `finger` is a simulated one's function. `ask` tells a person at a real
+    rig what to do, and says whether it was done.
     """
 
     config: RigConfig
@@ -113,15 +116,23 @@ def investigate(
             tell(f"round {found.rounds}: measuring")
             files.append(_measure(subject, model, plan, folder, found, number))
             diagnosis = diagnose(
-                subject.description, together([(str(path), read_measurements(path)) for path in files]), subject.seed,
+                subject.description,
+                together([(str(path), read_measurements(path)) for path in files]),
+                subject.seed,
                 lambda step: tell(f"round {found.rounds}: {step}"),
-            )  # fmt: skip
+            )
             number, answer = number + 1, _answer(diagnosis)
             if _is_answered(asked, answer):
-                plans = [] if answer in OUTCOMES else _next(subject, model, diagnosis, found, doable, budget)
+                plans = (
+                    []
+                    if answer in OUTCOMES
+                    else _next(subject, model, diagnosis, found, doable, budget)
+                )
                 asked = answer
         with writing(folder):
-            found.diagnosis = write_report(diagnosis, subject.description, folder, f"{len(files)} files of {out.name}")
+            found.diagnosis = write_report(
+                diagnosis, subject.description, folder, f"{len(files)} files of {out.name}"
+            )
         asked = answer
         found.outcome = found.outcome or OUTCOMES.get(answer, "")
         plans = [] if found.outcome else _next(subject, model, diagnosis, found, doable, budget)
@@ -132,13 +143,17 @@ def investigate(
 
 
 def _answer(diagnosis: Diagnosis) -> str:
-    """The verdict, or that it is too early for one: what other effects need has not been varied yet."""
+    """The verdict, or that it is too early for one: what other effects need has not been varied
+    yet.
+    """
     return UNTRIED if _untested(diagnosis) and diagnosis.name in OUTCOMES else diagnosis.name
 
 
 def _at_the_end(diagnosis: Diagnosis) -> str:
     """The outcome where nothing more is measured."""
-    return NOTHING_MISSING if diagnosis.name == NOTHING_SEEN else OUTCOMES.get(diagnosis.name, SPENT)
+    return (
+        NOTHING_MISSING if diagnosis.name == NOTHING_SEEN else OUTCOMES.get(diagnosis.name, SPENT)
+    )
 
 
 def _untested(diagnosis: Diagnosis) -> list[str]:
@@ -146,7 +161,8 @@ def _untested(diagnosis: Diagnosis) -> list[str]:
 
 
 def _is_answered(asked: str, now: str) -> bool:
-    """Whether a round has its answer: a name is earned, or there is more to see than where it began.
+    """Whether a round has its answer: a name is earned, or there is more to see than where it
+    began.
 
     What shows is then told apart in the same round.
     """
@@ -154,17 +170,23 @@ def _is_answered(asked: str, now: str) -> bool:
 
 
 def _is_done(subject: Subject, plan: Plan) -> bool:
-    """Whether the rig is as the plan wants it: simulated ones do by themselves what a person is asked for."""
+    """Whether the rig is as the plan wants it: simulated ones do by themselves what a person is
+    asked for.
+    """
     if plan.intervention == NOTHING or subject.config.simulated:
         return True
     return subject.ask(BY_INTERVENTION[plan.intervention].todo)
 
 
-def _measure(subject: Subject, model: TouchModel, plan: Plan, folder: Path, found: Investigation, number: int) -> Path:
+def _measure(
+    subject: Subject, model: TouchModel, plan: Plan, folder: Path, found: Investigation, number: int
+) -> Path:
     """Measure what of a plan is not there yet; the data file."""
     suffix = f"-{number + 1}" if number else ""
     path = folder / f"data{suffix}.csv"
-    experiment = prepare(subject.config, model, plan, 1000 * (100 * subject.seed + found.rounds) + number)
+    experiment = prepare(
+        subject.config, model, plan, 1000 * (100 * subject.seed + found.rounds) + number
+    )
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_plan(folder / f"plan{suffix}.toml", plan)
@@ -177,7 +199,9 @@ def _measure(subject: Subject, model: TouchModel, plan: Plan, folder: Path, foun
     mark_spectra(path, datetime.date.today())
     found.rows += len(experiment.rows)
     found.measured_s += experiment.duration_s
-    found.settings = list(dict.fromkeys([*found.settings, *(row.setting for row in experiment.rows)]))
+    found.settings = list(
+        dict.fromkeys([*found.settings, *(row.setting for row in experiment.rows)])
+    )
     return path
 
 
@@ -189,7 +213,9 @@ def _next(
     doable: Sequence[str],
     budget: Budget,
 ) -> list[Plan]:
-    """What to measure next, most telling first; nothing, and the outcome, where there is no point in any."""
+    """What to measure next, most telling first; nothing, and the outcome, where there is no point
+    in any.
+    """
     procedure = subject.plan.model_copy(update={"repeats": REPEATS, "sessions": 1})
     left_s = 60.0 * budget.minutes - found.measured_s
     answer = _answer(diagnosis)
@@ -203,38 +229,54 @@ def _next(
     found.history.append(_told(found, diagnosis, chosen, possible.blocks))
     is_sure = _is_sure_of_some(diagnosis)
     alike = [name for names in _group(diagnosis).values() for name in names] if is_sure else []
-    if alike and not any(_can_be_told(diagnosis, name, chosen.reach[name]) for name in alike if name in chosen.reach):
+    if alike and not any(
+        _can_be_told(diagnosis, name, chosen.reach[name]) for name in alike if name in chosen.reach
+    ):
         found.outcome = ALIKE_HERE
     elif not chosen.choices:
-        found.outcome = ALIKE_HERE if is_sure and left_s >= possible.pool.cost_s.min() else _at_the_end(diagnosis)
+        found.outcome = (
+            ALIKE_HERE
+            if is_sure and left_s >= possible.pool.cost_s.min()
+            else _at_the_end(diagnosis)
+        )
     if found.outcome:
         return []
     return [
         procedure.model_copy(
             update={
-                "name": f"round {found.rounds + 1}", "intervention": settings[0].intervention, "settings": settings,
+                "name": f"round {found.rounds + 1}",
+                "intervention": settings[0].intervention,
+                "settings": settings,
                 "about": f"tells {' from '.join(words(name) for name in separates)}",
             }
         )
         for separates, settings in _parts(chosen, possible.blocks)
-    ]  # fmt: skip
+    ]
 
 
-def _parts(chosen: Design, blocks: Sequence[tuple[Setting, ...]]) -> list[tuple[tuple[str, str], tuple[Setting, ...]]]:
-    """The settings of a round in the order of their worth, and what they tell: a few, or all after an intervention."""
+def _parts(
+    chosen: Design, blocks: Sequence[tuple[Setting, ...]]
+) -> list[tuple[tuple[str, str], tuple[Setting, ...]]]:
+    """The settings of a round in the order of their worth, and what they tell: a few, or all after
+    an intervention.
+    """
     parts: dict[tuple[str, int], list[Choice]] = {}
     for choice in chosen.choices:
         done = blocks[choice.block][0].intervention
         alike = sum(len(part) for (of, _), part in parts.items() if of == done)
         parts.setdefault((done, alike // AT_ONCE if done == NOTHING else 0), []).append(choice)
     return [
-        (part[0].separates, tuple(dict.fromkeys(s for choice in part for s in blocks[choice.block])))
+        (
+            part[0].separates,
+            tuple(dict.fromkeys(s for choice in part for s in blocks[choice.block])),
+        )
         for part in parts.values()
     ]
 
 
 def _can_be_told(diagnosis: Diagnosis, rival: str, reach: float) -> bool:
-    """Whether a rival may be told from the leading effect: by much that is left to measure, or as it is far behind.
+    """Whether a rival may be told from the leading effect: by much that is left to measure, or as
+    it is far behind.
 
     `reach`: the chi^2 that everything left would add; half of it in evidence.
     """
@@ -253,15 +295,22 @@ def _group(diagnosis: Diagnosis) -> dict[str, list[str]]:
 
 
 def _stubborn(found: Investigation) -> set[frozenset[str]]:
-    """Pairs that an earlier round was to tell apart, and which are open still; what was only looked for is none."""
+    """Pairs that an earlier round was to tell apart, and which are open still; what was only looked
+    for is none.
+    """
     rounds = [told["proposals"] for told in found.history if told["verdict"] == "ambiguous"]
     return {frozenset(proposal["separates"]) for proposals in rounds for proposal in proposals}
 
 
 def _told(
-    found: Investigation, diagnosis: Diagnosis, chosen: Design, blocks: Sequence[tuple[Setting, ...]]
+    found: Investigation,
+    diagnosis: Diagnosis,
+    chosen: Design,
+    blocks: Sequence[tuple[Setting, ...]],
 ) -> dict[str, Any]:
-    """One round in words and numbers: its verdict, what is proposed, and what even everything could tell."""
+    """One round in words and numbers: its verdict, what is proposed, and what even everything could
+    tell.
+    """
     return {
         "round": found.rounds,
         "verdict": diagnosis.name,

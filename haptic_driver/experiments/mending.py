@@ -1,9 +1,11 @@
-"""A finger's model mended by what was felt while rendering: its own numbers, refitted to the rows of the last minutes.
+"""A finger's model mended by what was felt while rendering: its own numbers, refitted to the rows
+of the last minutes.
 
-Older rows count less, and friction as a whole may drift from one LEVEL_S to the next. What a finger keeps over hours is
-believed as far as the model's file says; friction without voltage, leak, moisture, a film in the gap and the area of
-contact may change within minutes. A new model must predict the most recent strokes, of which it has seen nothing,
-better than the present one; else it is dropped.
+Older rows count less, and friction as a whole may drift from one LEVEL_S to the next. What a finger
+keeps over hours is believed as far as the model's file says; friction without voltage, leak,
+moisture, a film in the gap and the area of contact may change within minutes. A new model must
+predict the most recent strokes, of which it has seen nothing, better than the present one; else it
+is dropped.
 """
 
 from __future__ import annotations
@@ -25,17 +27,21 @@ from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
 MEMORY_S = 40.0  # by which a row's variance grows e-fold
-LEVEL_S = 10.0  # in which friction as a whole hardly drifts; in between it may by 5 %, as from session to session
+# in which friction as a whole hardly drifts; in between it may by 5 %, as from session to session
+LEVEL_S = 10.0
 MOST_ROWS = 400  # the newest: older ones would cost time and say little
 LEAST_HELD_OUT = 5
 FORM = 0.01  # of friction, 1 sigma: no finger is quite the model's, and a wobble may outlast a row
 BETTER = 3.0  # nats, by which the unseen rows must be more probable
-FARTHEST = 4.0  # prior standard deviations: no finger is that far from its model by drying or pressing otherwise
+# prior standard deviations: no finger is that far from its model by drying or pressing otherwise
+FARTHEST = 4.0
 CHANGES = ("contact_area_m2", "gap_offset_m")  # beside what every calibration fits
 
 
 class Mended(NamedTuple):
-    """A model that predicts the unseen rows better; `said` in words what changed and by how much it is better."""
+    """A model that predicts the unseen rows better; `said` in words what changed and by how much it
+    is better.
+    """
 
     model: ModelDescription
     said: str
@@ -55,22 +61,30 @@ def mend(
 ) -> Mended | Dropped:
     """Refit `description`, the model as its file has it, to `rows`, and judge it by later ones.
 
-    `present`: the model in use, mended before; None for `description` itself. Takes a second or two of one core.
+    `present`: the model in use, mended before; None for `description` itself. Takes a second or two
+    of one core.
     """
     if len(held_out_rows) < LEAST_HELD_OUT:
         return Dropped(f"{len(held_out_rows)} rows of strokes to judge by are too few: slide on")
     newest_s = max(row.measured.time_s for row in (*rows, *held_out_rows))
     newest = sorted(rows, key=lambda row: row.measured.time_s)[-MOST_ROWS:]
     try:
-        found = calibrate(description, _data(newest, newest_s), CHANGES, (SkinHydration,), same_finger=True)
+        found = calibrate(
+            description, _data(newest, newest_s), CHANGES, (SkinHydration,), same_finger=True
+        )
         model = _at_level(found)
     except ModelError as error:
         return Dropped(str(error))
     if np.any(np.abs(found.fit.vector) > FARTHEST):
-        return Dropped("the finger's numbers would have to be far from any finger's: ask haptic why")
+        return Dropped(
+            "the finger's numbers would have to be far from any finger's: ask haptic why"
+        )
     unseen, before = _data(held_out_rows, newest_s), present or description
     (old, old_off), (new, new_off) = (_misfit(each, unseen) for each in (before, model))
-    told = f"{_percent(old_off)} off before, {_percent(new_off)} now, over {len(held_out_rows)} unseen rows"
+    told = (
+        f"{_percent(old_off)} off before, {_percent(new_off)} now, over {len(held_out_rows)} unseen"
+        " rows"
+    )
     if not new + BETTER < old:
         return Dropped(f"a new model is not better than the present one: {told}")
     return Mended(model, f"{told}; {_numbers(found)}")
@@ -86,12 +100,17 @@ def _at_level(found: Calibration) -> ModelDescription:
 
 
 def _data(rows: Sequence[Recorded], now_s: float) -> Measurements:
-    """Rows as data with errors that grow with their age; session 0 is the newest LEVEL_S, 1 the one before, ..."""
+    """Rows as data with errors that grow with their age; session 0 is the newest LEVEL_S, 1 the one
+    before, ...
+    """
     settings, measured = [row.row.setting for row in rows], [row.measured for row in rows]
     columns = {
         name: np.array([getattr(setting, name) for setting in settings])
         for name in ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s")
-    } | {name: np.array([getattr(each, name) for each in measured]) for name in ("cof", "cof_std", "time_s")}
+    } | {
+        name: np.array([getattr(each, name) for each in measured])
+        for name in ("cof", "cof_std", "time_s")
+    }
     relative = np.hypot(columns["cof_std"] / columns["cof"], FORM) * np.exp(
         0.5 * (now_s - columns["time_s"]) / MEMORY_S
     )
@@ -103,14 +122,18 @@ def _data(rows: Sequence[Recorded], now_s: float) -> Measurements:
 
 
 def _misfit(model: ModelDescription, data: Measurements) -> tuple[float, float]:
-    """Half the chi-square of rows under a model, and how far their friction is off, relative, in the mean square."""
+    """Half the chi-square of rows under a model, and how far their friction is off, relative, in
+    the mean square.
+    """
     off, weight = _off(model, data)
     squares = weight * np.nan_to_num(off**2, nan=np.inf)
     return 0.5 * float(np.sum(squares)), float(np.sqrt(np.sum(squares) / np.sum(weight)))
 
 
 def _off(model: ModelDescription, data: Measurements) -> tuple[Array, Array]:
-    """Logarithms [n] of friction felt over friction expected, and their weights: 1 over their variance."""
+    """Logarithms [n] of friction felt over friction expected, and their weights: 1 over their
+    variance.
+    """
     off = np.log(data.columns["cof"] / TouchModel(model).predict(data.conditions()).cof)
     return off, (data.columns["cof"] / data.columns["cof_std"]) ** 2
 

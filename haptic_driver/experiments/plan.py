@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, SkipValidation, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    FiniteFloat,
+    SkipValidation,
+    model_validator,
+)
 
 from haptic_driver.config import Section, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError
@@ -24,7 +31,10 @@ LONGEST_S = 86400.0  # of a session
 
 
 # One number or a list of them.
-_SOME = (Field(min_length=1), BeforeValidator(lambda value: value if isinstance(value, list) else [value]))
+_SOME = (
+    Field(min_length=1),
+    BeforeValidator(lambda value: value if isinstance(value, list) else [value]),
+)
 Frequencies = Annotated[list[Annotated[FiniteFloat, Field(ge=1e-3, le=20e6)]], *_SOME]
 Voltages = Annotated[list[Annotated[FiniteFloat, Field(ge=0.0, le=1000.0)]], *_SOME]
 Loads = Annotated[list[Annotated[FiniteFloat, Field(ge=0.01, le=20.0)]], *_SOME]
@@ -36,7 +46,9 @@ Fingers = Annotated[list[Literal["sliding", "resting", "none"]], *_SOME]
 
 
 def _spread(value: object) -> object:
-    """`{ low, high, per_decade }` as a list, evenly spaced on a logarithmic axis, to three digits."""
+    """`{ low, high, per_decade }` as a list, evenly spaced on a logarithmic axis, to three
+    digits.
+    """
     if not isinstance(value, dict):
         return value
     band = _Band.model_validate(value)
@@ -73,8 +85,9 @@ class _Block(Section):
 class Sweep(Section):
     """A spectrum of the electrode's voltage and current at a few volts, without friction.
 
-    Every load and speed is swept for each of `finger`: `sliding` at each speed, `resting`, or `none`, the open circuit
-    that calibrates the stray capacitance. `voltage_v` is the highest; less where the rig's limits ask for it.
+    Every load and speed is swept for each of `finger`: `sliding` at each speed, `resting`, or
+    `none`, the open circuit that calibrates the stray capacitance. `voltage_v` is the highest; less
+    where the rig's limits ask for it.
     """
 
     frequency_hz: Annotated[Frequencies, BeforeValidator(_spread)]
@@ -100,11 +113,12 @@ def _known_intervention(name: str) -> str:
 
 
 class _Procedure(Section):
-    """How settings are measured. `voltage_off_every` n: a row without voltage before every n rows; 0 for none.
+    """How settings are measured. `voltage_off_every` n: a row without voltage before every n rows;
+    0 for none.
 
-    A row lasts `settle_s`, then `average_s` over which friction is averaged, then `pause_s` with the finger lifted.
-    `load_tolerance` is the share of its load by which a row's mean may miss it. `intervention` is done before the first
-    row, and kept up; see `model.effects.interventions`.
+    A row lasts `settle_s`, then `average_s` over which friction is averaged, then `pause_s` with
+    the finger lifted. `load_tolerance` is the share of its load by which a row's mean may miss it.
+    `intervention` is done before the first row, and kept up; see `model.effects.interventions`.
     """
 
     name: str
@@ -122,9 +136,11 @@ class _Procedure(Section):
 
 
 class PlanFile(_Procedure):
-    """A plan as its file says; each of `points` is a block, with the lists of the file for what it does not say.
+    """A plan as its file says; each of `points` is a block, with the lists of the file for what it
+    does not say.
 
-    With `time_s` a setting is measured at these times of each session, otherwise in the order's own time.
+    With `time_s` a setting is measured at these times of each session, otherwise in the order's own
+    time.
     """
 
     frequency_hz: Frequencies | None = None
@@ -145,10 +161,12 @@ class PlanFile(_Procedure):
 
 
 class Setting(NamedTuple):
-    """What is set for one row; `voltage_v` 0 is friction without voltage, its frequency is 0 and means nothing.
+    """What is set for one row; `voltage_v` 0 is friction without voltage, its frequency is 0 and
+    means nothing.
 
-    A `sweep` measures no friction. `time_s` is when in its session the row is wanted, None for whenever; `intervention`
-    what has been done at the rig before. `by_meter`: an instrument drives the electrode, the amplifier stays off.
+    A `sweep` measures no friction. `time_s` is when in its session the row is wanted, None for
+    whenever; `intervention` what has been done at the rig before. `by_meter`: an instrument drives
+    the electrode, the amplifier stays off.
     """
 
     frequency_hz: float
@@ -170,7 +188,6 @@ class Setting(NamedTuple):
 
     @property
     def peak_v(self) -> float:
-        """The highest magnitude."""
         if self.waveform == "dc":
             return abs(self.voltage_v + self.voltage_offset_v)
         return self.voltage_v + abs(self.voltage_offset_v)
@@ -178,12 +195,19 @@ class Setting(NamedTuple):
     def without_voltage(self) -> Setting:
         """The same load and speed with the output off."""
         return Setting(
-            0.0, 0.0, self.normal_force_n, self.speed_m_s, time_s=self.time_s, intervention=self.intervention
+            0.0,
+            0.0,
+            self.normal_force_n,
+            self.speed_m_s,
+            time_s=self.time_s,
+            intervention=self.intervention,
         )
 
 
 class Row(NamedTuple):
-    """One row to measure; `session` and `trial` (occurrence of this setting in the session) count from 1."""
+    """One row to measure; `session` and `trial` (occurrence of this setting in the session) count
+    from 1.
+    """
 
     setting: Setting
     session: int
@@ -202,12 +226,17 @@ class Plan(_Procedure):
         """
         ordered: list[Row] = []
         sweeps = [s for s in settings if s.sweep] * self.repeats
-        timed = sorted([s for s in settings if s.time_s is not None] * self.repeats, key=lambda s: s.time_s or 0.0)
+        timed = sorted(
+            [s for s in settings if s.time_s is not None] * self.repeats,
+            key=lambda s: s.time_s or 0.0,
+        )
         others = [s for s in settings if not s.sweep and s.time_s is None]
         for session in range(1, self.sessions + 1):
             todo = others * self.repeats
             if self.randomise:
-                todo = [todo[i] for i in np.random.default_rng([seed, session]).permutation(len(todo))]
+                todo = [
+                    todo[i] for i in np.random.default_rng([seed, session]).permutation(len(todo))
+                ]
             trials: Counter[Setting] = Counter()
             for setting in self._timely(timed, [*self._with_voltage_off(todo), *sweeps]):
                 trials[setting] += 1
@@ -232,11 +261,15 @@ class Plan(_Procedure):
         return order + waiting
 
     def begin_s(self, setting: Setting) -> float:
-        """When in its session a row with a time begins, so that the middle of its window lies there."""
+        """When in its session a row with a time begins, so that the middle of its window lies
+        there.
+        """
         return (setting.time_s or 0.0) - self.settle_s - 0.5 * self.average_s
 
     def _with_voltage_off(self, todo: list[Setting]) -> list[Setting]:
-        """A row without voltage, at the load and speed of the row that follows, before every so many rows."""
+        """A row without voltage, at the load and speed of the row that follows, before every so
+        many rows.
+        """
         if not self.voltage_off_every:
             return todo
         inserted: list[Setting] = []
@@ -247,7 +280,9 @@ class Plan(_Procedure):
 
 
 def load_plan(name_or_path: str) -> Plan:
-    """A plan by the name of its file in `configs/plans/`, or by path; BadInputError says what is wrong where."""
+    """A plan by the name of its file in `configs/plans/`, or by path; BadInputError says what is
+    wrong where.
+    """
     path = find_config(name_or_path, "plans")
     file = parse(PlanFile, read_toml(path), str(path))
     settings: dict[Setting, None] = {}
@@ -257,29 +292,44 @@ def load_plan(name_or_path: str) -> Plan:
         settings |= dict.fromkeys(_settings(parse(_Block, shared | block, where)))
     settings |= dict.fromkeys(setting for sweep in file.sweep for setting in sweep.settings())
     if not settings:
-        raise BadInputError("bad_config", f"{path}: the plan measures nothing", "Give [[points]] or [[sweep]]")
+        raise BadInputError(
+            "bad_config", f"{path}: the plan measures nothing", "Give [[points]] or [[sweep]]"
+        )
     count = len(settings) * file.repeats * file.sessions
     if count > MOST_ROWS:
-        raise BadInputError("bad_config", f"{path}: the plan has {count} rows", f"At most {MOST_ROWS} are measured")
+        raise BadInputError(
+            "bad_config", f"{path}: the plan has {count} rows", f"At most {MOST_ROWS} are measured"
+        )
     rest = file.model_dump(exclude={"points", "sweep", *_Block.model_fields})
-    return Plan(settings=tuple(s._replace(intervention=file.intervention) for s in settings), **rest)
+    return Plan(
+        settings=tuple(s._replace(intervention=file.intervention) for s in settings), **rest
+    )
 
 
 def _settings(levels: _Block) -> Iterator[Setting]:
     """Every combination of a block; a direct voltage has no frequency."""
     times: Sequence[float | None] = levels.time_s or [None]
     every = product(
-        levels.frequency_hz, levels.voltage_v, levels.normal_force_n, levels.speed_m_s, levels.voltage_offset_v,
-        levels.waveform, times,
-    )  # fmt: skip
+        levels.frequency_hz,
+        levels.voltage_v,
+        levels.normal_force_n,
+        levels.speed_m_s,
+        levels.voltage_offset_v,
+        levels.waveform,
+        times,
+    )
     for f, v, n, s, offset_v, waveform, time_s in every:
         frequency_hz = 0.0 if waveform == "dc" else float(f)
-        setting = Setting(frequency_hz, float(v), float(n), float(s), float(offset_v), waveform, time_s=time_s)
+        setting = Setting(
+            frequency_hz, float(v), float(n), float(s), float(offset_v), waveform, time_s=time_s
+        )
         yield setting if setting.driven else setting.without_voltage()
 
 
 def write_plan(path: Path, plan: Plan) -> None:
-    """A plan's file with its settings as they stand, which `load_plan` reads; HapticError when it cannot be written."""
+    """A plan's file with its settings as they stand, which `load_plan` reads; HapticError when it
+    cannot be written.
+    """
     head = plan.model_dump(exclude={"settings"}, exclude_defaults=True)
     lines = [f"{name} = {json.dumps(value)}" for name, value in head.items()]
     for setting in plan.settings:
@@ -290,6 +340,14 @@ def write_plan(path: Path, plan: Plan) -> None:
             told = {key: told[key] for key in Sweep.model_fields if told[key]}
         else:
             kind = "points"
-            told = {key: value for key, value in told.items() if value != Setting._field_defaults.get(key)}
-        lines += ["", f"[[{kind}]]", *(f"{key} = {json.dumps(value)}" for key, value in told.items())]
+            told = {
+                key: value
+                for key, value in told.items()
+                if value != Setting._field_defaults.get(key)
+            }
+        lines += [
+            "",
+            f"[[{kind}]]",
+            *(f"{key} = {json.dumps(value)}" for key, value in told.items()),
+        ]
     write_text(path, "\n".join(lines) + "\n")

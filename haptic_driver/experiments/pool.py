@@ -1,4 +1,6 @@
-"""What a rig may measure to tell effects apart: settings, spectra, and the same once somebody has done something."""
+"""What a rig may measure to tell effects apart: settings, spectra, and the same once somebody has
+done something.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +27,21 @@ LOADS_N = (0.25, 0.5, 1.0)
 SPEEDS_M_S = (0.005, 0.05)  # beside the usual one
 BEFORE_AND_AFTER_HZ = (20.0, 100.0, 250.0, 1000.0)  # of friction around an intervention
 SPECTRUM_HZ = {"low": 10.0, "high": 1e6, "per_decade": 3}
-SPECTRUM_V = (1.0, 5.0, 40.0)  # what bends with the voltage shows beside less of it, also where the limits allow little
+SPECTRUM_V = (
+    1.0,
+    5.0,
+    40.0,
+)  # what bends with the voltage shows beside less of it, also where the limits allow little
 LOOK_S = 20.0  # that it takes to see what a block says
 HANDS_S = 60.0  # that an intervention takes
 REFERENCE = Setting(0.0, 0.0, LOADS_N[1], SPEED_REFERENCE_M_S)  # friction without voltage
 SPECTRUM_REFERENCE = Setting(1e3, SPECTRUM_V[1], LOADS_N[1], 0.0, finger="resting", sweep=True)
-WHILES_S = (5.0, 15.0, 290.0, 300.0)  # from the beginning of a session: what drifts shows beside itself
+WHILES_S = (
+    5.0,
+    15.0,
+    290.0,
+    300.0,
+)  # from the beginning of a session: what drifts shows beside itself
 USUAL_TIME_S = 60.0  # of a row that is measured at no time in particular
 
 
@@ -42,15 +53,23 @@ class Choices(NamedTuple):
 
 
 def choices(
-    config: RigConfig, model: TouchModel, procedure: Plan, interventions: Sequence[str], known: Collection[Setting] = ()
+    config: RigConfig,
+    model: TouchModel,
+    procedure: Plan,
+    interventions: Sequence[str],
+    known: Collection[Setting] = (),
 ) -> Choices:
-    """Everything worth measuring within the rig's limits; `interventions` by name are those that can be done.
+    """Everything worth measuring within the rig's limits; `interventions` by name are those that
+    can be done.
 
-    With every setting comes a reference, which tells the gain of its session: one setting alone tells nothing. What is
-    `known` is not measured again: where a model is off, it is off in every reading.
+    With every setting comes a reference, which tells the gain of its session: one setting alone
+    tells nothing. What is `known` is not measured again: where a model is off, it is off in every
+    reading.
     """
     blocks: list[tuple[Setting, ...]] = [(REFERENCE, setting) for setting in _settings(config)]
-    blocks += [(SPECTRUM_REFERENCE, setting) for spectrum in _spectra(NOTHING) for setting in spectrum]
+    blocks += [
+        (SPECTRUM_REFERENCE, setting) for spectrum in _spectra(NOTHING) for setting in spectrum
+    ]
     blocks.append(tuple(REFERENCE._replace(time_s=time_s) for time_s in WHILES_S))
     for name in interventions:
         blocks += _after(config, name)
@@ -60,7 +79,9 @@ def choices(
     usable = {s for s in points if not s.by_meter}  # nobody is asked to wire the electrode anew
     kept = [tuple(allowed[s] for s in block if allowed[s] in usable) for block in blocks]
     nothing_new = {allowed[REFERENCE], allowed[SPECTRUM_REFERENCE], *known}
-    permitted = tuple(dict.fromkeys(block for block in kept if not nothing_new.issuperset(block)))  # limits make alike
+    permitted = tuple(
+        dict.fromkeys(block for block in kept if not nothing_new.issuperset(block))
+    )  # limits make alike
     cost_s = [REPEATS * len(block) * procedure.row_s + _besides_s(block) for block in permitted]
     return Choices(permitted, _pool(config, permitted, np.array(cost_s)))
 
@@ -71,10 +92,13 @@ def able(config: RigConfig, has_function: bool) -> tuple[str, ...]:
 
 
 def _settings(config: RigConfig) -> list[Setting]:
-    """Friction."""
     volts = [float(f"{share * config.limits.voltage_v:.3g}") for share in SHARES]
-    usual = [Setting(f, v, n, SPEED_REFERENCE_M_S) for f in STEPS_HZ for v in volts for n in LOADS_N]
-    other = [Setting(f, v, 0.5, speed) for f in STEPS_HZ for v in volts[1:3] for speed in SPEEDS_M_S]
+    usual = [
+        Setting(f, v, n, SPEED_REFERENCE_M_S) for f in STEPS_HZ for v in volts for n in LOADS_N
+    ]
+    other = [
+        Setting(f, v, 0.5, speed) for f in STEPS_HZ for v in volts[1:3] for speed in SPEEDS_M_S
+    ]
     return [*usual, *other]
 
 
@@ -95,9 +119,13 @@ def _after(config: RigConfig, intervention: str) -> list[tuple[Setting, ...]]:
     """Friction at a few settings, and a spectrum, once that is done."""
     volts = float(f"{SHARES[1] * config.limits.voltage_v:.3g}")
     friction = tuple(
-        Setting(f, volts, 0.5, SPEED_REFERENCE_M_S, intervention=intervention) for f in BEFORE_AND_AFTER_HZ
+        Setting(f, volts, 0.5, SPEED_REFERENCE_M_S, intervention=intervention)
+        for f in BEFORE_AND_AFTER_HZ
     )
-    return [friction, *(block for block in _spectra(intervention) if block[0].normal_force_n == LOADS_N[1])]
+    return [
+        friction,
+        *(block for block in _spectra(intervention) if block[0].normal_force_n == LOADS_N[1]),
+    ]
 
 
 def _besides_s(block: tuple[Setting, ...]) -> float:
@@ -109,13 +137,16 @@ def _besides_s(block: tuple[Setting, ...]) -> float:
 def _pool(config: RigConfig, blocks: tuple[tuple[Setting, ...], ...], cost_s: Array) -> Pool:
     settings = [setting for block in blocks for setting in block]
     block = np.repeat(np.arange(len(blocks)), [len(b) for b in blocks])
-    seen = observations(settings, np.array([config.electrode_monitor(s.frequency_hz) is not None for s in settings]))
+    seen = observations(
+        settings, np.array([config.electrode_monitor(s.frequency_hz) is not None for s in settings])
+    )
     assert seen.row is not None
     return Pool(seen, block[seen.row], cost_s, REPEATS)
 
 
 def observations(settings: Sequence[Setting], monitored: Mask) -> Measurements:
-    """The observations to come: friction where the finger slides, the electrode's witnesses where it is `monitored`.
+    """The observations to come: friction where the finger slides, the electrode's witnesses where
+    it is `monitored`.
 
     An intervention is a session of its own.
     """
@@ -124,7 +155,10 @@ def observations(settings: Sequence[Setting], monitored: Mask) -> Measurements:
         for name in ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v")
     }
     columns["time_s"] = np.array([USUAL_TIME_S if s.time_s is None else s.time_s for s in settings])
-    columns |= {"electrode_voltage_v": np.ones(len(settings)), "electrode_voltage_phase_rad": np.zeros(len(settings))}
+    columns |= {
+        "electrode_voltage_v": np.ones(len(settings)),
+        "electrode_voltage_phase_rad": np.zeros(len(settings)),
+    }
     sessions = list(dict.fromkeys(s.intervention for s in settings))
     rows = Measurements(
         columns,
@@ -136,5 +170,7 @@ def observations(settings: Sequence[Setting], monitored: Mask) -> Measurements:
         intervention=np.array([s.intervention for s in settings]),
     )
     friction = np.array([not s.sweep for s in settings])
-    there = {FRICTION: friction} | dict.fromkeys((CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE), monitored)
+    there = {FRICTION: friction} | dict.fromkeys(
+        (CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE), monitored
+    )
     return stacked(rows, {witness: mask for witness, mask in there.items() if mask.any()})

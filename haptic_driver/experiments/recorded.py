@@ -1,9 +1,10 @@
-"""A recording as measured data: stretches of even sliding, each some rows as `haptic measure` would have written them.
+"""A recording as measured data: stretches of even sliding, each some rows as `haptic measure` would
+have written them.
 
-Even means that load, speed and carrier hardly change; the voltage may, as fast as a texture wants it. Friction follows
-it with a first-order lag of the way slid, and attraction goes with its square: so the square is lagged in the same way,
-and the samples of a stretch with about the same lagged square are a row. Strokes are trials; after a pause, or in
-another run, a session begins.
+Even means that load, speed and carrier hardly change; the voltage may, as fast as a texture wants
+it. Friction follows it with a first-order lag of the way slid, and attraction goes with its square:
+so the square is lagged in the same way, and the samples of a stretch with about the same lagged
+square are a row. Strokes are trials; after a pause, or in another run, a session begins.
 """
 
 from __future__ import annotations
@@ -29,11 +30,13 @@ from haptic_driver.signals import SETTLED_M, Array, Mask
 from model.diagnosis.data import Measurements, read_measurements, together
 
 ENDINGS = (".h5", ".hdf5")
-STEP = 10  # samples that are averaged before it is asked whether a condition is steady: sensors are noisy
+# samples that are averaged before it is asked whether a condition is steady: sensors are noisy
+STEP = 10
 SHORTEST_S = 0.1  # of a row: enough samples to tell how they remember one another
 LONGEST_S = 1.0
 SHARED_S = 1.0  # of a row's own scatter: so much counts what all rows say about the noise
-SETTLING_S = 0.05  # after another carrier: set points come 10 ms late, and friction needs 20 ms at SLOWEST_M_S
+# after another carrier: set points come 10 ms late, and friction needs 20 ms at SLOWEST_M_S
+SETTLING_S = 0.05
 TIMING_S = {"envelope": 0.001, "set_point": 0.010}  # so much early or late may the drive be
 LATER = (-1.0, 1.0, 2.0, 3.0)  # by how many of these it may be felt later than its budget says
 PLAINLY = 0.9  # of the scatter about the budget's timing: another one leaves less
@@ -46,7 +49,9 @@ LARGEST_CHANGE = np.array([[0.10], [0.30], [1e-6]])  # of load, speed, carrier, 
 ONE_POWER = 0.08  # a change of the voltage squared, relative, that is none
 NO_POWER_V2 = 1.0
 BINS = 5  # rows of a stretch, evenly spaced in the voltage squared, besides the one without voltage
-UNSURE = 0.16  # of a stretch's highest voltage squared: where timing matters more, a sample says little
+UNSURE = (
+    0.16  # of a stretch's highest voltage squared: where timing matters more, a sample says little
+)
 
 
 class Recorded(NamedTuple):
@@ -59,7 +64,8 @@ class Recorded(NamedTuple):
 def read_data(paths: Sequence[Path], rows: Path | None = None) -> Measurements:
     """Files of measured data (CSV) and recordings (HDF5), by their endings, as one data set.
 
-    What the recordings were cut into is kept in the file `rows`. BadInputError for what cannot be used.
+    What the recordings were cut into is kept in the file `rows`. BadInputError for what cannot be
+    used.
     """
     recordings = [path for path in paths if path.suffix.lower() in ENDINGS]
     tables = [path for path in paths if path not in recordings]
@@ -95,14 +101,23 @@ def write_recorded(recordings: Sequence[Path], out: Path) -> int:
                 texts.append(row_texts(numbered, measured, simulated=simulated))
             sessions += rows[-1].row.session if rows else 0
         if len(texts) == before:
-            said = f"{path}: no {SHORTEST_S:g} s of sliding in it under a steady load, speed and voltage"
-            raise BadInputError("nothing_steady", said, "Record even strokes at one friction after another: haptic set")
+            said = (
+                f"{path}: no {SHORTEST_S:g} s of sliding in it under a steady load, speed and"
+                " voltage"
+            )
+            raise BadInputError(
+                "nothing_steady",
+                said,
+                "Record even strokes at one friction after another: haptic set",
+            )
     write_rows(out, texts)
     return len(texts)
 
 
 def cut(run: Run) -> list[Recorded]:
-    """The rows of one run, in order of time; sessions and strokes with any count from 1. Times are since its start."""
+    """The rows of one run, in order of time; sessions and strokes with any count from 1. Times are
+    since its start.
+    """
     found: list[Recorded] = []
     if run.samples.size < 2:
         return found
@@ -133,7 +148,8 @@ def _with_shared_noise(rows: list[Recorded], lasted_s: Array) -> list[Recorded]:
     """The rows with errors that also rest on the noise of the others.
 
     Where a row lasts a few correlation times, its scatter says little about the error of its mean.
-    So the relative variance of a mean over one second is drawn to that of all rows together, which counts as SHARED_S.
+    So the relative variance of a mean over one second is drawn to that of all rows together, which
+    counts as SHARED_S.
     """
     if not rows:
         return rows
@@ -148,8 +164,9 @@ def _with_shared_noise(rows: list[Recorded], lasted_s: Array) -> list[Recorded]:
 
 
 class _Drive(NamedTuple):
-    """What the forces of each sample answer to [n]: carrier, the least and the most of it since SETTLING_S, and lagged
-    voltage squared with what its timing may change of it: anything where a reading only repeats the last.
+    """What the forces of each sample answer to [n]: carrier, the least and the most of it since
+    SETTLING_S, and lagged voltage squared with what its timing may change of it: anything where a
+    reading only repeats the last.
     """
 
     carrier_hz: Array
@@ -159,21 +176,27 @@ class _Drive(NamedTuple):
     unsure_v2: Array
 
     def during(self, part: slice | Mask) -> _Drive:
-        """Some of it."""
         return _Drive(*(values[part] for values in self))
 
 
 def _later_s(run: Run, strokes: Sequence[slice]) -> float:
-    """How much later than by its budget the drive was felt; 0 where friction does not plainly say so."""
+    """How much later than by its budget the drive was felt; 0 where friction does not plainly say
+    so.
+    """
     timing_s, cof = _timing_s(run), run.samples["measured_cof"].astype(np.float64)
     at_budget = _scatter(cof, _power_v2(run, 0.0), strokes)
-    scatters = {later * timing_s: _scatter(cof, _power_v2(run, later * timing_s), strokes) for later in LATER}
+    scatters = {
+        later * timing_s: _scatter(cof, _power_v2(run, later * timing_s), strokes)
+        for later in LATER
+    }
     best_s = min(scatters, key=scatters.__getitem__)
     return best_s if scatters[best_s] < PLAINLY * at_budget else 0.0
 
 
 def _scatter(cof: Array, power_v2: Array, strokes: Sequence[slice]) -> float:
-    """The friction squared that a line over the voltage squared leaves in each stroke: least at the right timing."""
+    """The friction squared that a line over the voltage squared leaves in each stroke: least at the
+    right timing.
+    """
     left = 0.0
     for part in strokes:
         y, x = (values[part] - values[part].mean() for values in (cof, power_v2))
@@ -207,10 +230,14 @@ def _power_v2(run: Run, later_s: float) -> Array:
 
 
 def _drive(run: Run, later_s: float) -> _Drive:
-    """The commands as many seconds ago as they take to be felt, and `later_s`; at 0 V the carrier is the last or the
-    first one.
+    """The commands as many seconds ago as they take to be felt, and `later_s`; at 0 V the carrier
+    is the last or the first one.
     """
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d  # noqa: PLC0415 - slow to import
+    from scipy.ndimage import (  # noqa: PLC0415 - slow to import
+        maximum_filter1d,
+        minimum_filter1d,
+        uniform_filter1d,
+    )
 
     samples, place = run.samples, _felt(run, later_s)
     time_s, step_s = samples["time_s"], float(np.median(np.diff(samples["time_s"])))
@@ -221,38 +248,58 @@ def _drive(run: Run, later_s: float) -> _Drive:
         carrier_hz = samples["frequency_hz"][place][driven[last]]
     look_back = STEP + round(SETTLING_S / step_s)
     origin = (look_back - 1) // 2  # which makes the last sample the one that is asked about
-    least_hz, most_hz = (f(carrier_hz, look_back, origin=origin) for f in (minimum_filter1d, maximum_filter1d))
+    least_hz, most_hz = (
+        f(carrier_hz, look_back, origin=origin) for f in (minimum_filter1d, maximum_filter1d)
+    )
     power_v2 = _power_v2(run, later_s)
     around = 1 + 2 * round(_timing_s(run) / step_s)
     unsure_v2 = maximum_filter1d(power_v2, around) - minimum_filter1d(power_v2, around)
-    if "envelope" in run.attributes["latency_budget_s"]:  # early as often as late: valleys are felt less deep
+    if (
+        "envelope" in run.attributes["latency_budget_s"]
+    ):  # early as often as late: valleys are felt less deep
         power_v2 = uniform_filter1d(power_v2, around)
     power_v2[power_v2 < NO_POWER_V2] = 0.0
     forces_n = np.stack([samples[name] for name in ("normal_force_n", "lateral_force_n")])
-    repeated = np.all(np.diff(forces_n, prepend=np.nan) == 0.0, axis=0)  # control was late: a reading of before
+    repeated = np.all(
+        np.diff(forces_n, prepend=np.nan) == 0.0, axis=0
+    )  # control was late: a reading of before
     unsure_v2[repeated] = np.inf
     return _Drive(carrier_hz, least_hz, most_hz, power_v2, unsure_v2)
 
 
 def _lagged(values: Array, way_m: Array) -> Array:
-    """`values` [n] after a first-order lag of the way [n] that each lasts: so friction follows attraction."""
+    """`values` [n] after a first-order lag of the way [n] that each lasts: so friction follows
+    attraction.
+    """
     shares = -np.expm1(-2.0 * np.pi * CUTOFF_PER_M * way_m)
     steps = zip(values.tolist(), shares.tolist(), strict=True)
-    return np.array([y for y, _ in accumulate(steps, lambda last, new: (last[0] + new[1] * (new[0] - last[0]), 0.0))])
+    return np.array(
+        [
+            y
+            for y, _ in accumulate(
+                steps, lambda last, new: (last[0] + new[1] * (new[0] - last[0]), 0.0)
+            )
+        ]
+    )
 
 
 def _strokes(samples: NDArray[np.void], settling_s: float) -> Iterator[slice]:
-    """Where the finger slides without a break or a turn, and friction is known: of what was out all the time.
+    """Where the finger slides without a break or a turn, and friction is known: of what was out all
+    the time.
 
     Before the first sample nobody knows; what was commanded is felt within `settling_s`.
     """
-    unmeasured = int(Flag.SATURATED_SENSOR | Flag.FRICTION_FROM_CURRENT)  # both stay up until the next arming
+    unmeasured = int(
+        Flag.SATURATED_SENSOR | Flag.FRICTION_FROM_CURRENT
+    )  # both stay up until the next arming
     usable = np.isfinite(samples["measured_cof"]) & (samples["flags"] & unmeasured == 0)
     usable &= (samples["in_contact"] > 0) & (samples["speed_m_s"] >= SLOWEST_M_S)
     time_s = samples["time_s"]
     usable &= time_s >= time_s[0] + settling_s
     lost_s = time_s[(samples["voltage_v"] > 0.0) & (samples["output_on"] == 0)]
-    usable &= np.searchsorted(lost_s, time_s - settling_s) == np.searchsorted(lost_s, time_s + UNNOTICED_S)
+    usable &= np.searchsorted(lost_s, time_s - settling_s) == np.searchsorted(
+        lost_s, time_s + UNNOTICED_S
+    )
     gap = np.diff(samples["time_s"], prepend=samples["time_s"][0]) > GAP_S
     turn = np.diff(np.sign(samples["lateral_force_n"]), prepend=0.0) != 0.0
     for piece in _pieces(usable, gap | turn):
@@ -278,13 +325,21 @@ def _windows(samples: NDArray[np.void], drive: _Drive) -> list[slice]:
     steps = samples.size // STEP
     whole, last = slice(steps * STEP), slice(STEP - 1, steps * STEP, STEP)
     step_s = STEP * float(np.mean(np.diff(samples["time_s"])))
-    touch = [samples[name][whole].reshape(steps, STEP).mean(axis=1) for name in ("normal_force_n", "speed_m_s")]
-    least, most = (np.stack([*touch, carrier_hz[last]]) for carrier_hz in (drive.least_hz, drive.most_hz))
+    touch = [
+        samples[name][whole].reshape(steps, STEP).mean(axis=1)
+        for name in ("normal_force_n", "speed_m_s")
+    ]
+    least, most = (
+        np.stack([*touch, carrier_hz[last]]) for carrier_hz in (drive.least_hz, drive.most_hz)
+    )
     longest = max(round(LONGEST_S / step_s), 1)
     found, start = [], 0
     while start < steps:
         ahead = slice(start, start + 2 * longest)
-        low, high = np.minimum.accumulate(least[:, ahead], axis=1), np.maximum.accumulate(most[:, ahead], axis=1)
+        low, high = (
+            np.minimum.accumulate(least[:, ahead], axis=1),
+            np.maximum.accumulate(most[:, ahead], axis=1),
+        )
         steady = np.all(high - low <= LARGEST_CHANGE * high, axis=0)
         count = steady.size if steady.all() else int(np.argmin(steady))
         if count > longest:  # in halves, rather than with a short rest that says little
@@ -296,7 +351,8 @@ def _windows(samples: NDArray[np.void], drive: _Drive) -> list[slice]:
 
 
 def _rows(samples: NDArray[np.void], drive: _Drive) -> list[tuple[Setting, Measured, float]]:
-    """The rows of one stretch, each with how long it lasted in all; one row where the voltage hardly changes.
+    """The rows of one stretch, each with how long it lasted in all; one row where the voltage
+    hardly changes.
 
     The errors rest on the scatter of the whole stretch about its rows.
     """
@@ -319,8 +375,21 @@ def _rows(samples: NDArray[np.void], drive: _Drive) -> list[tuple[Setting, Measu
         count = int(np.count_nonzero(part))
         voltage_v = float(np.sqrt(row_v2))
         frequency_hz = float(drive.carrier_hz[-1]) if voltage_v > 0.0 else 0.0
-        told = frequency_hz, voltage_v, mean.normal_force_n, float(np.mean(samples["speed_m_s"][part]))
-        frequency_hz, voltage_v, normal_force_n, speed_m_s = (float(f"{value:.6g}") for value in told)
+        told = (
+            frequency_hz,
+            voltage_v,
+            mean.normal_force_n,
+            float(np.mean(samples["speed_m_s"][part])),
+        )
+        frequency_hz, voltage_v, normal_force_n, speed_m_s = (
+            float(f"{value:.6g}") for value in told
+        )
         setting = Setting(frequency_hz, voltage_v, normal_force_n, speed_m_s)
-        found.append((setting, mean._replace(cof_std=error * float(np.sqrt(power_v2.size / count))), count * step_s))
+        found.append(
+            (
+                setting,
+                mean._replace(cof_std=error * float(np.sqrt(power_v2.size / count))),
+                count * step_s,
+            )
+        )
     return found

@@ -1,4 +1,6 @@
-"""What a plan would observe on a rig: as it is, with the electrode's current, and with whole spectra."""
+"""What a plan would observe on a rig: as it is, with the electrode's current, and with whole
+spectra.
+"""
 
 from __future__ import annotations
 
@@ -26,24 +28,31 @@ OPEN_N = 0.5  # stands for the load of an open circuit, which has none
 def ways(
     config: RigConfig, model: TouchModel, plan: Plan, cof_std: float
 ) -> tuple[dict[str, Measurements], list[Refusal]]:
-    """What would be observed: on this rig as it is, with the current as far as a card reads it, with a full sweep.
+    """What would be observed: on this rig as it is, with the current as far as a card reads it,
+    with a full sweep.
 
-    `cof_std`: relative, of one friction; other witnesses have their usual noise. What the rig refuses is left out, and
-    returned. BadInputError where nothing is left.
+    `cof_std`: relative, of one friction; other witnesses have their usual noise. What the rig
+    refuses is left out, and returned. BadInputError where nothing is left.
     """
     own, refusals = _permitted(plan.settings, plan, config, model)
     if not own:
-        raise BadInputError("bad_plan", f"plan '{plan.name}': {refusals[0]}", "Nothing of it may be measured here")
+        raise BadInputError(
+            "bad_plan", f"plan '{plan.name}': {refusals[0]}", "Nothing of it may be measured here"
+        )
     card, _ = _permitted((*own, *_spectrum(CARD_REACH_HZ)), plan, config, model)
     full, _ = _permitted((*own, *_spectrum(SPECTRUM_REACH_HZ)), plan, config, model)
     monitored = {
-        "as it is": (own, [config.electrode_monitor(s.frequency_hz, s.sweep) is not None for s in own]),
+        "as it is": (
+            own,
+            [config.electrode_monitor(s.frequency_hz, s.sweep) is not None for s in own],
+        ),
         "current by a card": (card, [s.frequency_hz <= CARD_REACH_HZ for s in card]),
         "full sweep": (full, [True] * len(full)),
     }
     times = plan.repeats * plan.sessions
     return {
-        name: _rows(settings, np.array(read), cof_std, times) for name, (settings, read) in monitored.items()
+        name: _rows(settings, np.array(read), cof_std, times)
+        for name, (settings, read) in monitored.items()
     }, refusals
 
 

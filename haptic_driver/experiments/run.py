@@ -1,4 +1,6 @@
-"""A plan run on a rig: every row through check, safety gate, rig and force sensor, and onto the disk."""
+"""A plan run on a rig: every row through check, safety gate, rig and force sensor, and onto the
+disk.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +35,17 @@ READING_S = 0.005  # between force readings; longer where sensor or output take 
 READINGS = 10  # of the electrode in a window
 LEAST_READINGS = 40  # in a window: fewer say nothing of their own scatter
 ATTEMPTS = 3  # at a row whose load was missed, or one of
-PASSING = ("output_lost", "stroke_ended")  # what a computer that was busy for a moment does better the next time
+PASSING = (
+    "output_lost",
+    "stroke_ended",
+)  # what a computer that was busy for a moment does better the next time
 SETTLING_STEP_S = 0.05  # while waiting nothing is read
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A plan made ready for one rig: what is measured in which order, and what is not measured and why.
+    """A plan made ready for one rig: what is measured in which order, and what is not measured and
+    why.
 
     `skipped` counts rows. `points` holds the operating point of every permitted setting.
     """
@@ -60,7 +66,9 @@ class Experiment:
 
     @property
     def duration_s(self) -> float:
-        """How long all rows take, waiting for those that have a time, apart from bringing up the voltage."""
+        """How long all rows take, waiting for those that have a time, apart from bringing up the
+        voltage.
+        """
         clock_s, lasted_s, session = 0.0, 0.0, 0
         for row in self.rows:
             if row.session != session:
@@ -70,7 +78,9 @@ class Experiment:
         return lasted_s + clock_s
 
     def identity(self, hidden: str = "") -> Identity:
-        """What a data file must have been begun with to be continued; `hidden` is whatever else shapes the friction."""
+        """What a data file must have been begun with to be continued; `hidden` is whatever else
+        shapes the friction.
+        """
         order = [[*row.setting, row.session, row.trial] for row in self.rows]
         timing = [self.plan.settle_s, self.plan.average_s, self.plan.pause_s]
         return Identity(
@@ -85,11 +95,13 @@ class Experiment:
         )
 
 
-def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None = None) -> Experiment:
+def prepare(
+    config: RigConfig, model: TouchModel, plan: Plan, seed: int | None = None
+) -> Experiment:
     """Check every setting of `plan` against the rig's limits and fix the order; nothing is opened.
 
-    Finger currents are those that `model` predicts. HapticError for a rig that may not come on, BadInputError when
-    nothing is left to measure.
+    Finger currents are those that `model` predicts. HapticError for a rig that may not come on,
+    BadInputError when nothing is left to measure.
     """
     if not config.simulated:
         stage_of(config)
@@ -111,10 +123,15 @@ def prepare(config: RigConfig, model: TouchModel, plan: Plan, seed: int | None =
 
 
 def _require_one_wiring(settings: Sequence[Setting]) -> None:
-    """An instrument that drives the electrode itself is wired in the amplifier's place: nothing else in its plan."""
+    """An instrument that drives the electrode itself is wired in the amplifier's place: nothing
+    else in its plan.
+    """
     by_meter = [s for s in settings if s.by_meter]
     if by_meter and len(by_meter) < len(settings):
-        said = f"{len(by_meter)} rows are swept by an instrument that drives the electrode, the others by the amplifier"
+        said = (
+            f"{len(by_meter)} rows are swept by an instrument that drives the electrode, the others"
+            " by the amplifier"
+        )
         hint = "Put them into plans of their own, and wire the electrode for each"
         raise BadInputError("two_wirings", said, hint)
 
@@ -128,8 +145,9 @@ def run(
 ) -> OffEvidence:
     """Measure what `data` does not have yet, row by row, on a bench that has been entered.
 
-    `progress` is called with the number of rows done, `tell` with why a row is measured again. The output is off
-    between rows and when this returns or raises, whatever happens; HapticError when it cannot be shown to be off.
+    `progress` is called with the number of rows done, `tell` with why a row is measured again. The
+    output is off between rows and when this returns or raises, whatever happens; HapticError when
+    it cannot be shown to be off.
     """
     session = 0
     try:
@@ -160,16 +178,23 @@ def _measure_at_last(
             continue
         if abs(measured.normal_force_n - wanted_n) <= tolerance * wanted_n:
             return measured, electrode
-        missed = f"row {number + 1}: the load was {measured.normal_force_n:.3g} N, not {wanted_n:g} N"
+        missed = (
+            f"row {number + 1}: the load was {measured.normal_force_n:.3g} N, not {wanted_n:g} N"
+        )
         if left:
             tell(f"{missed}; once more")
     said = f"{missed}, {ATTEMPTS} times"
-    raise HapticError("load_missed", said, "Hold the load, or raise the plan's load_tolerance; then --resume")
+    raise HapticError(
+        "load_missed", said, "Hold the load, or raise the plan's load_tolerance; then --resume"
+    )
 
 
 def _wait_until_due(plan: Plan, bench: Bench, setting: Setting) -> None:
     """A row with a time waits for it, the finger lifted."""
-    if setting.time_s is not None and (early_s := plan.begin_s(setting) - bench.read_force().time_s) > 0.0:
+    if (
+        setting.time_s is not None
+        and (early_s := plan.begin_s(setting) - bench.read_force().time_s) > 0.0
+    ):
         bench.step(early_s, 0.0, 0.0)
 
 
@@ -196,15 +221,19 @@ def measure_row(
         return Measured(nan, nan, load_n, float(np.mean(window[:, 0]))), electrode
     measured = average(window[:, 0], window[:, 1], window[:, 2])
     if not measured.valid:
-        hint = "Check that the finger slides, and the force sensor's axes: both forces count positive"
+        hint = (
+            "Check that the finger slides, and the force sensor's axes: both forces count positive"
+        )
         raise HapticError("no_friction", f"row {number + 1}, {setting}: measured {measured}", hint)
     return measured, electrode
 
 
 def _window(bench: Bench, plan: Plan, setting: Setting) -> tuple[Array, list[ElectrodeReading]]:
-    """A window of `average_s`: time, lateral and normal force [n, 3], and the electrode where a monitor tells it.
+    """A window of `average_s`: time, lateral and normal force [n, 3], and the electrode where a
+    monitor tells it.
 
-    The electrode is read at most `READINGS` times, evenly spread, and for no more than half of the window.
+    The electrode is read at most `READINGS` times, evenly spread, and for no more than half of the
+    window.
     """
     forces: list[tuple[float, float, float]] = []
     electrode: list[ElectrodeReading] = []
@@ -214,7 +243,9 @@ def _window(bench: Bench, plan: Plan, setting: Setting) -> tuple[Array, list[Ele
         _slide(bench, READING_S, setting)
         force = bench.read_force()
         if force.saturated:
-            raise HapticError("saturated", f"the force sensor is at the end of its range ({force})", "Lower load")
+            raise HapticError(
+                "saturated", f"the force sensor is at the end of its range ({force})", "Lower load"
+            )
         forces.append((force.time_s, force.lateral_force_n, force.normal_force_n))
         due = len(electrode) < wanted * elapsed_s / plan.average_s and reading_s <= 0.5 * elapsed_s
         if due and (plan.settle_s + elapsed_s) * setting.frequency_hz >= 1.0:
@@ -224,8 +255,13 @@ def _window(bench: Bench, plan: Plan, setting: Setting) -> tuple[Array, list[Ele
             electrode += [] if reading is None else [reading]
             wanted = 0 if reading is None else wanted
     if len(forces) < LEAST_READINGS and not setting.sweep:
-        said = f"only {len(forces)} force readings in {plan.average_s:g} s, {LEAST_READINGS} are needed"
-        raise HapticError("too_few_readings", said, "Raise the plan's average_s; is the computer busy?")
+        said = (
+            f"only {len(forces)} force readings in {plan.average_s:g} s, {LEAST_READINGS} are"
+            " needed"
+        )
+        raise HapticError(
+            "too_few_readings", said, "Raise the plan's average_s; is the computer busy?"
+        )
     return np.array(forces), electrode
 
 
@@ -234,7 +270,9 @@ def _electrode(bench: Bench, setting: Setting) -> ElectrodeReading | None:
     try:
         return bench.read_electrode(setting)
     except DeviceError as error:
-        raise HapticError(error.code, f"the electrode's monitor, at {setting}: {error.message}", error.hint) from error
+        raise HapticError(
+            error.code, f"the electrode's monitor, at {setting}: {error.message}", error.hint
+        ) from error
 
 
 def _slide(bench: Bench, dt_s: float, setting: Setting) -> None:
@@ -243,17 +281,27 @@ def _slide(bench: Bench, dt_s: float, setting: Setting) -> None:
     bench.rig.hold(bench.time_s)
     if setting.driven and not setting.by_meter and bench.rig.state is not RigState.ON:
         why = "; ".join(event.reason for event in list(bench.rig.events)[-2:])
-        raise HapticError("output_lost", f"the output went off during {setting}: {why}", "Remove the cause, --resume")
+        raise HapticError(
+            "output_lost",
+            f"the output went off during {setting}: {why}",
+            "Remove the cause, --resume",
+        )
 
 
 def _bring_up(experiment: Experiment, bench: Bench, setting: Setting) -> None:
-    """The finger slides, then the voltage rises at the rig's rate, one set point at a time, past the last gate."""
+    """The finger slides, then the voltage rises at the rig's rate, one set point at a time, past
+    the last gate.
+    """
     output = experiment.config.output
     settings = drive.DriveSettings(output.voltage_rise_v_per_s)
     point, worst = experiment.points[setting]
     _, safe = safety.gate(experiment.limits, safety.INITIAL, point, worst)
     if safe.rejection is not None:
-        raise HapticError("refused", f"the safety gate refuses {setting}: {safe.rejection}", "Check the rig's limits")
+        raise HapticError(
+            "refused",
+            f"the safety gate refuses {setting}: {safe.rejection}",
+            "Check the rig's limits",
+        )
     rig: Rig = bench.rig
     if setting.by_meter or not setting.driven:
         return  # the amplifier stays off
@@ -266,7 +314,9 @@ def _bring_up(experiment: Experiment, bench: Bench, setting: Setting) -> None:
 
 
 def _session_time_s(experiment: Experiment, data: DataFile, session: int) -> float:
-    """Where the clock of a session stands: 0 at its start, past its last row when it is continued."""
+    """Where the clock of a session stands: 0 at its start, past its last row when it is
+    continued.
+    """
     plan = experiment.plan
     if data.last_time_s is None or experiment.rows[data.done - 1].session != session:
         return 0.0
@@ -275,5 +325,7 @@ def _session_time_s(experiment: Experiment, data: DataFile, session: int) -> flo
 
 def _require_off(evidence: OffEvidence) -> OffEvidence:
     if evidence.output_on is not False:
-        raise HapticError("not_off", f"the output may still be on: {evidence}", "Switch the amplifier off by hand")
+        raise HapticError(
+            "not_off", f"the output may still be on: {evidence}", "Switch the amplifier off by hand"
+        )
     return evidence

@@ -1,7 +1,8 @@
 """Spectra of the electrode's impedance: are they one system's, and what is the stray capacitance.
 
-A response that is linear, causal and stable obeys Kramers and Kronig's relations. Whether it does is seen by fitting
-what obeys them by construction: a series of relaxations with fixed time constants.
+A response that is linear, causal and stable obeys Kramers and Kronig's relations. Whether it does
+is seen by fitting what obeys them by construction: a series of relaxations with fixed time
+constants.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ ComplexArray = NDArray[np.complex128]
 
 
 class Stray(NamedTuple):
-    """The stray capacitance of electrode and leads, from an open circuit, and when that was measured."""
+    """The stray capacitance of electrode and leads, from an open circuit, and when that was
+    measured.
+    """
 
     capacitance_f: float
     std_f: float
@@ -40,24 +43,37 @@ class Stray(NamedTuple):
 
     def as_parameter(self) -> str:
         """The line of a model's file."""
-        said = f'value = {self.capacitance_f:.6g}, std = {self.std_f:.2g}, source = "open circuit, {self.measured_at}"'
+        said = (
+            f'value = {self.capacitance_f:.6g}, std = {self.std_f:.2g}, source = "open circuit,'
+            f' {self.measured_at}"'
+        )
         return f"stray_capacitance_f = {{ {said} }}"
 
 
-def kramers_kronig_residual(frequency_hz: Array, impedance_ohm: ComplexArray, kept: NDArray[np.bool_]) -> Array:
-    """|Z - Z_fit| / |Z| of a spectrum [n] to a sum of relaxations, a resistance, a capacitance and an inductance.
+def kramers_kronig_residual(
+    frequency_hz: Array, impedance_ohm: ComplexArray, kept: NDArray[np.bool_]
+) -> Array:
+    """|Z - Z_fit| / |Z| of a spectrum [n] to a sum of relaxations, a resistance, a capacitance and
+    an inductance.
 
-    Z_fit is linear in its parameters, with time constants spread evenly over the band (Boukamp, J. Electrochem. Soc.
-    142 (1995) 1885). Only rows that are `kept` [n] are fitted.
+    Z_fit is linear in its parameters, with time constants spread evenly over the band (Boukamp, J.
+    Electrochem. Soc. 142 (1995) 1885). Only rows that are `kept` [n] are fitted.
     """
     omega = 2.0 * pi * frequency_hz
-    taus = np.geomspace(1.0 / omega.max(), 1.0 / omega.min(), ceil(RELAXATIONS_PER_DECADE * _decades(frequency_hz)) + 1)
+    taus = np.geomspace(
+        1.0 / omega.max(),
+        1.0 / omega.min(),
+        ceil(RELAXATIONS_PER_DECADE * _decades(frequency_hz)) + 1,
+    )
     relaxations = 1.0 / (1.0 + 1j * np.outer(omega, taus))
     basis = np.column_stack([relaxations, np.ones(omega.size), 1.0 / (1j * omega), 1j * omega])
     scaled = basis[kept] / np.abs(impedance_ohm[kept, None])
     wanted = impedance_ohm[kept] / np.abs(impedance_ohm[kept])
     size = np.linalg.norm(scaled, axis=0)
-    left, right = np.vstack([scaled.real, scaled.imag]) / size, np.concatenate([wanted.real, wanted.imag])
+    left, right = (
+        np.vstack([scaled.real, scaled.imag]) / size,
+        np.concatenate([wanted.real, wanted.imag]),
+    )
     fitted = basis @ (np.linalg.lstsq(left, right, rcond=1e-12)[0] / size)
     return np.asarray(np.abs(fitted - impedance_ohm) / np.abs(impedance_ohm))
 
@@ -67,9 +83,11 @@ def _decades(frequency_hz: Array) -> float:
 
 
 def passes(frequency_hz: Array, impedance_ohm: ComplexArray, std: Array) -> NDArray[np.bool_]:
-    """Which rows of a spectrum [n] agree with the rest of it, within `TOLERANCE` and three times their own error.
+    """Which rows of a spectrum [n] agree with the rest of it, within `TOLERANCE` and three times
+    their own error.
 
-    `std` is that of |Z| and of its phase, relative. The worst is left out of the fit until the others agree.
+    `std` is that of |Z| and of its phase, relative. The worst is left out of the fit until the
+    others agree.
     """
     allowed = TOLERANCE + 3.0 * std
     kept = np.ones(frequency_hz.size, dtype=np.bool_)
@@ -85,8 +103,8 @@ def passes(frequency_hz: Array, impedance_ohm: ComplexArray, std: Array) -> NDAr
 def mark_spectra(path: Path, today: datetime.date) -> tuple[int, Stray | None]:
     """Write into a data file's `kramers_kronig` which rows of its sweeps pass.
 
-    Returns how many fail, and the stray capacitance of all open circuits, which the sidecar keeps too; None without
-    one. Spectra of fewer rows than tell anything stay unmarked.
+    Returns how many fail, and the stray capacitance of all open circuits, which the sidecar keeps
+    too; None without one. Spectra of fewer rows than tell anything stay unmarked.
     """
     with path.open(encoding="utf-8", newline="") as file:
         reader = csv.DictReader(file)
@@ -109,8 +127,12 @@ def mark_spectra(path: Path, today: datetime.date) -> tuple[int, Stray | None]:
 
 
 def stray_capacitance(rows: Sequence[Mapping[str, str]], today: datetime.date) -> Stray | None:
-    """Im(I/V)/omega of the open circuits among the rows, weighted by their errors; None without any."""
-    open_circuit = [row for row in rows if row["finger"] == "none" and row["current_a"] and _marked_good(row)]
+    """Im(I/V)/omega of the open circuits among the rows, weighted by their errors; None without
+    any.
+    """
+    open_circuit = [
+        row for row in rows if row["finger"] == "none" and row["current_a"] and _marked_good(row)
+    ]
     if not open_circuit:
         return None
     f, z, std = map(np.array, zip(*(_impedance(row) for row in open_circuit), strict=True))
@@ -126,13 +148,19 @@ def _marked_good(row: Mapping[str, str]) -> bool:
 
 
 def _spectra(rows: Sequence[dict[str, str]]) -> list[list[dict[str, str]]]:
-    """The rows of each sweep: everything but the frequency, and the voltage that follows it, is the same."""
+    """The rows of each sweep: everything but the frequency, and the voltage that follows it, is the
+    same.
+    """
     groups: dict[tuple[str, ...], list[dict[str, str]]] = defaultdict(list)
     for row in rows:
         if not row["cof"] and row["current_a"]:
-            key = tuple(row[name] for name in ("session", "trial", "finger", "normal_force_n", "speed_m_s"))
+            key = tuple(
+                row[name] for name in ("session", "trial", "finger", "normal_force_n", "speed_m_s")
+            )
             groups[key].append(row)
-    return [group for group in groups.values() if _tells([float(row["frequency_hz"]) for row in group])]
+    return [
+        group for group in groups.values() if _tells([float(row["frequency_hz"]) for row in group])
+    ]
 
 
 def _tells(frequency_hz: Sequence[float]) -> bool:
@@ -145,5 +173,7 @@ def _impedance(row: Mapping[str, str]) -> tuple[float, complex, float]:
     """Frequency, impedance seen by the amplifier, and the relative error of it."""
     phase = float(row["current_phase_rad"]) - float(row["electrode_voltage_phase_rad"] or 0.0)
     voltage_v, current_a = float(row["electrode_voltage_v"]), float(row["current_a"])
-    std = np.hypot(float(row["electrode_voltage_std_v"]) / voltage_v, float(row["current_std_a"]) / current_a)
+    std = np.hypot(
+        float(row["electrode_voltage_std_v"]) / voltage_v, float(row["current_std_a"]) / current_a
+    )
     return float(row["frequency_hz"]), voltage_v / current_a * np.exp(-1j * phase), float(std)

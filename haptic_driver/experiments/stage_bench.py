@@ -1,7 +1,8 @@
-"""A real rig on which a stage slides the screen under a finger, or the finger over the screen: one stroke per row.
+"""A real rig on which a stage slides the screen under a finger, or the finger over the screen: one
+stroke per row.
 
-The stage sets the speed. The load is the finger's own, by hand or by weights: it is waited for, and what it was during
-a row is measured. Times are real.
+The stage sets the speed. The load is the finger's own, by hand or by weights: it is waited for, and
+what it was during a row is measured. Times are real.
 """
 
 from __future__ import annotations
@@ -37,10 +38,12 @@ def without_envelope(config: RigConfig) -> RigConfig:
 
 
 class StageBench:
-    """The devices of a rig's file as a bench; see `Bench`. `tell` is called with what the person has to do now.
+    """The devices of a rig's file as a bench; see `Bench`. `tell` is called with what the person
+    has to do now.
 
-    Entering opens the devices, which takes the force sensor's bias: nothing may touch the screen. It homes the stage if
-    needed. Leaving switches off and stops the stage. Raises HapticError and DeviceError.
+    Entering opens the devices, which takes the force sensor's bias: nothing may touch the screen.
+    It homes the stage if needed. Leaving switches off and stops the stage. Raises HapticError and
+    DeviceError.
     """
 
     def __init__(self, config: RigConfig, plan: Plan, tell: Tell = lambda what: None) -> None:
@@ -51,25 +54,28 @@ class StageBench:
         self._devices = connect_devices(without_envelope(config))
         self._sensor_zero_s = 0.0  # on the force sensor's clock
         self._sessions = 0
-        # its speed, and the stage's status when it had been reached; None while the finger does not slide
+        # its speed, and the stage's status when it had been reached; None while the finger does not
+        # slide
         self._stroke: tuple[float, StageStatus] | None = None
 
     @property
     def rig(self) -> Rig:
-        """See `Bench`."""
         return self._devices.rig
 
     @property
     def time_s(self) -> float:
-        """See `Bench`."""
         return time.monotonic()
 
     def begin_session(self, session: int, time_s: float) -> None:
-        """See `Bench`. Another session is another placing of the finger: it has to be lifted first."""
+        """See `Bench`. Another session is another placing of the finger: it has to be lifted
+        first.
+        """
         self._sessions += 1
         if self._sessions > 1:
             lifted_n = self._config.finger.contact_off_n
-            self._await_load(f"session {session}: lift the finger", lambda load_n: load_n < lifted_n)
+            self._await_load(
+                f"session {session}: lift the finger", lambda load_n: load_n < lifted_n
+            )
         self._sensor_zero_s = self.rig.read_force().time_s - time_s
 
     def begin_row(self, number: int, row: Row) -> None:
@@ -77,12 +83,16 @@ class StageBench:
         stage, wanted_n, self._stroke = self._stage, row.setting.normal_force_n, None
         if row.setting.finger == "none":
             lifted_n = self._config.finger.contact_off_n
-            self._await_load(f"row {number + 1}: take the finger off", lambda load_n: load_n < lifted_n)
+            self._await_load(
+                f"row {number + 1}: take the finger off", lambda load_n: load_n < lifted_n
+            )
             return
         tolerance_n = self._plan.load_tolerance * wanted_n
         pressing = f"row {number + 1}: press with {wanted_n:g} N"
         if row.setting.finger == "resting":
-            self._await_load(f"{pressing}, still", lambda load_n: abs(load_n - wanted_n) <= tolerance_n)
+            self._await_load(
+                f"{pressing}, still", lambda load_n: abs(load_n - wanted_n) <= tolerance_n
+            )
             return
         path = stroke(row.setting, self._plan, self._config)
         stage.set_velocity(self._stage_config.velocity_m_s, self._stage_config.acceleration_m_s2)
@@ -96,26 +106,32 @@ class StageBench:
         began = stage.read_status()
         self._stroke = path.speed_m_s, began
         if not began.moving:
-            raise HapticError("stage_rests", "the stage was told to move and rests", "Free the stage; is it enabled?")
+            raise HapticError(
+                "stage_rests",
+                "the stage was told to move and rests",
+                "Free the stage; is it enabled?",
+            )
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
-        """See `Bench`. Time passes by itself; without a load the stage rests and the finger may lift."""
+        """See `Bench`. Time passes by itself; without a load the stage rests and the finger may
+        lift.
+        """
         if normal_force_n == 0.0 and self._stage.read_status().moving:
             self._stage.stop()
         time.sleep(dt_s)
 
     def read_force(self) -> ForceReading:
-        """See `Bench`."""
         reading = self.rig.read_force()
         return reading._replace(time_s=reading.time_s - self._sensor_zero_s)
 
     def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
-        """See `Bench`."""
         i = self._config.electrode_monitor(setting.frequency_hz, setting.sweep)
         if i is None:
             return None
         monitor = self._devices.electrode_monitors[i]
-        return monitor.read(setting.frequency_hz, setting.voltage_v, lambda: self.rig.hold(self.time_s))
+        return monitor.read(
+            setting.frequency_hz, setting.voltage_v, lambda: self.rig.hold(self.time_s)
+        )
 
     def end_row(self) -> None:
         """See `Bench`. HapticError when the stage did not slide at the row's speed all the time."""
@@ -123,7 +139,9 @@ class StageBench:
             return
         (wanted_m_s, began), ended = self._stroke, self._stage.read_status()
         if not ended.moving:
-            said = f"the stage came to rest at {1e3 * ended.position_m:.1f} mm before the row was over"
+            said = (
+                f"the stage came to rest at {1e3 * ended.position_m:.1f} mm before the row was over"
+            )
             hint = "The rig answers too slowly for this plan: is the computer busy? Then --resume"
             raise HapticError("stroke_ended", said, hint)
         speed_m_s = (ended.position_m - began.position_m) / (ended.time_s - began.time_s)
@@ -160,11 +178,20 @@ class StageBench:
     def _move_s(self, stage: Lts150, position_m: float) -> float:
         """What a move from here may take at most."""
         away_m = abs(position_m - stage.read_status().position_m)
-        speed_m_s, acceleration_m_s2 = self._stage_config.velocity_m_s, self._stage_config.acceleration_m_s2
-        return 2.0 * (away_m / speed_m_s + speed_m_s / acceleration_m_s2) + SPARE_S + stage.settings.reply_timeout_s
+        speed_m_s, acceleration_m_s2 = (
+            self._stage_config.velocity_m_s,
+            self._stage_config.acceleration_m_s2,
+        )
+        return (
+            2.0 * (away_m / speed_m_s + speed_m_s / acceleration_m_s2)
+            + SPARE_S
+            + stage.settings.reply_timeout_s
+        )
 
     def _await_load(self, what: str, wanted: Callable[[float], bool]) -> None:
-        """Until the load's mean over `LOAD_STEADY_S` is as wanted; HapticError when it is not in time."""
+        """Until the load's mean over `LOAD_STEADY_S` is as wanted; HapticError when it is not in
+        time.
+        """
         began_s = time.monotonic()
         recent: deque[tuple[float, float]] = deque()
         while True:
@@ -177,6 +204,10 @@ class StageBench:
                 return
             if now_s - began_s > LOAD_WAIT_S:
                 hint = "Press as asked, or look at the force sensor's axes and bias; then --resume"
-                raise HapticError("load_missed", f"{what}: the load is {mean_n:.2f} N after {LOAD_WAIT_S:g} s", hint)
+                raise HapticError(
+                    "load_missed",
+                    f"{what}: the load is {mean_n:.2f} N after {LOAD_WAIT_S:g} s",
+                    hint,
+                )
             self._tell(f"{what}, now {mean_n:.2f} N")
             time.sleep(LOAD_POLL_S)

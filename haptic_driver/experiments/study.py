@@ -1,8 +1,9 @@
-"""Population studies: many fingers times screens and models -> surfaces, what each can reach, and how that spreads.
+"""Population studies: many fingers times screens and models -> surfaces, what each can reach, and
+how that spreads.
 
-Every task (one finger at one combination of levels) is a pure function of the plan and its number, so that it gives the
-same numbers on this machine and on a cluster. Each finished task is one line of `tasks.jsonl`; a study that was stopped
-goes on after the last whole line.
+Every task (one finger at one combination of levels) is a pure function of the plan and its number,
+so that it gives the same numbers on this machine and on a cluster. Each finished task is one line
+of `tasks.jsonl`; a study that was stopped goes on after the last whole line.
 """
 
 from __future__ import annotations
@@ -46,7 +47,14 @@ MOST_TASKS = 1_000_000
 MOST_STD = 2.5  # a drawn finger lies no further out, so that none is impossible
 BETWEEN_FINGERS = {n.name: n.log_std for n in FINGER if n.name != "cof_off"}
 TASKS, TABLE, SURFACES = "tasks.jsonl", "fingers.csv", "surfaces"
-NUMBERS = ("cof", "electrostatic_force_n", "current_rms_a", "reachable_low", "reachable_high", "share_pulled_in")
+NUMBERS = (
+    "cof",
+    "electrostatic_force_n",
+    "current_rms_a",
+    "reachable_low",
+    "reachable_high",
+    "share_pulled_in",
+)
 PERCENTILES = (5, 25, 50, 75, 95)
 
 
@@ -69,8 +77,9 @@ class _At(Checked):
 class StudyPlan(Checked):
     """A study as its file says.
 
-    `spread`: standard deviation of the logarithm of each number that differs between fingers, around the model's own;
-    `levels`: numbers of the model set to each of several values, in every combination, for every finger.
+    `spread`: standard deviation of the logarithm of each number that differs between fingers,
+    around the model's own; `levels`: numbers of the model set to each of several values, in every
+    combination, for every finger.
     """
 
     name: str
@@ -88,7 +97,9 @@ class StudyPlan(Checked):
     @property
     def combinations(self) -> list[dict[str, float]]:
         """Every combination of the levels."""
-        return [dict(zip(self.levels, values, strict=True)) for values in product(*self.levels.values())]
+        return [
+            dict(zip(self.levels, values, strict=True)) for values in product(*self.levels.values())
+        ]
 
     @property
     def count(self) -> int:
@@ -108,8 +119,14 @@ class Study:
     @property
     def content_hash(self) -> str:
         """Equal where every task gives the same numbers."""
-        said = [self.plan.model_dump_json(exclude={"about"}), self.description.content_hash, repr(self.limits)]
-        return hashlib.sha256(json.dumps([*said, self.controller], sort_keys=True).encode()).hexdigest()[:16]
+        said = [
+            self.plan.model_dump_json(exclude={"about"}),
+            self.description.content_hash,
+            repr(self.limits),
+        ]
+        return hashlib.sha256(
+            json.dumps([*said, self.controller], sort_keys=True).encode()
+        ).hexdigest()[:16]
 
     def finger(self, number: int) -> dict[str, float]:
         """The numbers of one finger, the same for every combination of levels."""
@@ -135,14 +152,23 @@ class Study:
         file = build_surface(description, self.limits, axes)
         if out is not None and self.plan.keep_surfaces:
             file.write(out / SURFACES / f"{task:06d}.h5")
-        return {"task": task, "finger": finger, "values": values, **self._measured(description, file)}
+        return {
+            "task": task,
+            "finger": finger,
+            "values": values,
+            **self._measured(description, file),
+        }
 
     def _measured(self, description: ModelDescription, file: SurfaceFile) -> dict[str, Any]:
         at = self.plan.at
-        point = Conditions(*(np.array([x]) for x in (at.frequency_hz, at.voltage_v, at.normal_force_n)))
+        point = Conditions(
+            *(np.array([x]) for x in (at.frequency_hz, at.voltage_v, at.normal_force_n))
+        )
         answer = TouchModel(description).predict(point)
         lookup = ready_for_lookup(file, self.limits)
-        low, high = Controller(ControllerSettings(lookup, self.limits, **self.controller)).reachable(at.normal_force_n)
+        low, high = Controller(
+            ControllerSettings(lookup, self.limits, **self.controller)
+        ).reachable(at.normal_force_n)
         return {
             "cof": float(answer.cof[0]),
             "electrostatic_force_n": float(answer.electrostatic_force_n[0]),
@@ -150,7 +176,10 @@ class Study:
             "reachable_low": low,
             "reachable_high": high,
             "share_pulled_in": float(file.pulled_in.mean()),
-            "highest_cof": [invert(lookup, inf, f, at.normal_force_n, NO_CAPS).cof for f in self.frequency_hz.tolist()],
+            "highest_cof": [
+                invert(lookup, inf, f, at.normal_force_n, NO_CAPS).cof
+                for f in self.frequency_hz.tolist()
+            ],
         }
 
     @property
@@ -160,7 +189,9 @@ class Study:
 
 
 def load_study(name_or_path: str) -> Study:
-    """A study by the name of its plan in `configs/populations/`, or by path; BadInputError says what is wrong where."""
+    """A study by the name of its plan in `configs/populations/`, or by path; BadInputError says
+    what is wrong where.
+    """
     path = find_config(name_or_path, "populations")
     plan = parse(StudyPlan, read_toml(path), str(path))
     for name in (*plan.spread, *plan.levels):
@@ -170,27 +201,38 @@ def load_study(name_or_path: str) -> Study:
     for name, values in plan.levels.items():
         low, high = SPECIFICATION[name]["low"], SPECIFICATION[name]["high"]
         if not all(low <= value <= high for value in values):
-            raise BadInputError("bad_config", f"{path}: levels.{name} is out of range", f"Within {low:g}..{high:g}")
+            raise BadInputError(
+                "bad_config", f"{path}: levels.{name} is out of range", f"Within {low:g}..{high:g}"
+            )
     if plan.count > MOST_TASKS:
-        raise BadInputError("bad_config", f"{path}: the study has {plan.count} tasks", f"At most {MOST_TASKS}")
+        raise BadInputError(
+            "bad_config", f"{path}: the study has {plan.count} tasks", f"At most {MOST_TASKS}"
+        )
     rig = load_rig(plan.rig)
     return Study(plan, load_model(plan.model), rig.operating_limits(), rig.controller.model_dump())
 
 
 def run_study(
-    study: Study, out: Path, *, cluster: str | None = None, workers: int | None = None,
+    study: Study,
+    out: Path,
+    *,
+    cluster: str | None = None,
+    workers: int | None = None,
     advance: Callable[[int], None] = lambda done: None,
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[dict[str, Any]]:
     """Every task of the study, in order; those already in `out` are not run again.
 
-    On `workers` processes of this machine, or on the Dask cluster whose scheduler listens at `cluster`. `advance` is
-    told the number of tasks done. BadInputError where `out` holds another study.
+    On `workers` processes of this machine, or on the Dask cluster whose scheduler listens at
+    `cluster`. `advance` is told the number of tasks done. BadInputError where `out` holds another
+    study.
     """
     out.mkdir(parents=True, exist_ok=True)
     done = _resume(study, out / TASKS)
     left = [task for task in range(study.plan.count) if task not in done]
     if left:
-        where = out.resolve() if cluster is None else None  # a cluster's workers need not see this disk
+        where = (
+            out.resolve() if cluster is None else None
+        )  # a cluster's workers need not see this disk
         with _executor(cluster, workers) as pool, (out / TASKS).open("a", encoding="utf-8") as file:
             for found in _finished(pool, study, left, where):
                 file.write(json.dumps(found) + "\n")
@@ -202,21 +244,27 @@ def run_study(
     return results
 
 
-def _finished(pool: Executor, study: Study, tasks: list[int], out: Path | None) -> Iterator[dict[str, Any]]:
+def _finished(
+    pool: Executor, study: Study, tasks: list[int], out: Path | None
+) -> Iterator[dict[str, Any]]:
     futures = [pool.submit(study.run, task, out) for task in tasks]
     try:
         for future in as_completed(futures):
             yield future.result()
     except BrokenProcessPool as error:
         said = "a worker process died"
-        raise HapticError("worker_lost", said, "Run the same command again: finished tasks are kept") from error
+        raise HapticError(
+            "worker_lost", said, "Run the same command again: finished tasks are kept"
+        ) from error
     finally:
         for future in futures:
             future.cancel()
 
 
 def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
-    """Finished tasks by number; a last line that was being written when the study stopped is cut off."""
+    """Finished tasks by number; a last line that was being written when the study stopped is cut
+    off.
+    """
     head = json.dumps({"study": study.plan.name, "hash": study.content_hash})
     whole = path.read_bytes().rpartition(b"\n")[0] if path.exists() else b""
     lines = whole.decode("utf-8", "replace").split("\n") if whole else []
@@ -226,7 +274,9 @@ def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
     try:
         done = {found["task"]: found for found in map(json.loads, lines[1:])}
     except (ValueError, TypeError, KeyError) as error:
-        raise BadInputError("bad_study", f"{path}: is damaged ({error})", "Remove it to begin again") from error
+        raise BadInputError(
+            "bad_study", f"{path}: is damaged ({error})", "Remove it to begin again"
+        ) from error
     write_text(path, "\n".join([head, *lines[1:], ""]))
     return done
 
@@ -235,7 +285,9 @@ def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
 def _executor(cluster: str | None, workers: int | None) -> Iterator[Executor]:
     """Processes of this machine, or the workers of a Dask cluster behind the same interface."""
     if cluster is None:
-        fresh = multiprocessing.get_context("spawn")  # compiled kernels and threads do not survive a fork
+        fresh = multiprocessing.get_context(
+            "spawn"
+        )  # compiled kernels and threads do not survive a fork
         with ProcessPoolExecutor(workers or min(os.cpu_count() or 1, 8), mp_context=fresh) as pool:
             yield pool
         return
@@ -251,11 +303,15 @@ def _executor(cluster: str | None, workers: int | None) -> Iterator[Executor]:
 
 def _table_row(found: dict[str, Any]) -> dict[str, str | float]:
     numbers = found["values"] | {name: found[name] for name in NUMBERS}
-    return {"task": found["task"], "finger": found["finger"]} | {name: f"{x:.9g}" for name, x in numbers.items()}
+    return {"task": found["task"], "finger": found["finger"]} | {
+        name: f"{x:.9g}" for name, x in numbers.items()
+    }
 
 
 def statistics(study: Study, results: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """For every combination of levels: percentiles of each number over the fingers for which it exists."""
+    """For every combination of levels: percentiles of each number over the fingers for which it
+    exists.
+    """
     combinations = study.plan.combinations
     found = []
     for i, levels in enumerate(combinations):
@@ -264,7 +320,11 @@ def statistics(study: Study, results: list[dict[str, Any]]) -> list[dict[str, An
         for name in NUMBERS:
             values = np.array([r[name] for r in own], dtype=float)
             known = values[np.isfinite(values)]
-            percentiles = np.percentile(known, PERCENTILES).tolist() if known.size else [None] * len(PERCENTILES)
+            percentiles = (
+                np.percentile(known, PERCENTILES).tolist()
+                if known.size
+                else [None] * len(PERCENTILES)
+            )
             spreads[name] = {f"p{p}": v for p, v in zip(PERCENTILES, percentiles, strict=True)}
             spreads[name]["count"] = int(known.size)
         found.append({"levels": levels, **spreads})

@@ -1,7 +1,8 @@
-"""Calibrating a touch screen by touching places that are known: who is asked what, and whether the touches agree.
+"""Calibrating a touch screen by touching places that are known: who is asked what, and whether the
+touches agree.
 
-Nothing here prints, opens or energises anything: the screen's reports, the clock and whoever asks the user come from
-outside.
+Nothing here prints, opens or energises anything: the screen's reports, the clock and whoever asks
+the user come from outside.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ ALIKE = 0.8  # places that explain a disagreement almost as well as the best can
 COUNTS = ("x_raw", "y_raw", "measured_at")
 LARGEST_M = 2.0  # beyond, the unit must be wrong
 NARROWEST = 0.05  # how far from a line places must be, against their length along it
-WANTED = "Give a CSV with columns x_m, y_m: at least 3 places not on a line, better corners, middle and edges"
+WANTED = (
+    "Give a CSV with columns x_m, y_m: at least 3 places not on a line, better corners, middle and"
+    " edges"
+)
 
 
 class TouchedPlace(NamedTuple):
@@ -50,7 +54,9 @@ class TouchedPlace(NamedTuple):
 
 @dataclass(frozen=True)
 class Places:
-    """What a file says: `place_m` [n, 2]; `raw` [n, 2] and the day where it has been touched already."""
+    """What a file says: `place_m` [n, 2]; `raw` [n, 2] and the day where it has been touched
+    already.
+    """
 
     place_m: Array
     raw: Array | None = None
@@ -59,12 +65,16 @@ class Places:
     def touched(self) -> list[TouchedPlace]:
         """The places with their counts; none where they are not known."""
         return (
-            [] if self.raw is None else [TouchedPlace(*map(float, row)) for row in np.hstack([self.place_m, self.raw])]
+            []
+            if self.raw is None
+            else [TouchedPlace(*map(float, row)) for row in np.hstack([self.place_m, self.raw])]
         )
 
 
 def read_places(path: Path) -> Places:
-    """Places to touch, or with columns x_raw, y_raw, measured_at those touched; BadInputError says what is wrong."""
+    """Places to touch, or with columns x_raw, y_raw, measured_at those touched; BadInputError says
+    what is wrong.
+    """
     with bad_input():
         table = read_table(path, ("x_m", "y_m"), WANTED)
         place_m = np.column_stack([_metres(table, "x_m"), _metres(table, "y_m")])
@@ -107,17 +117,19 @@ def _check_spread(path: Path, points: Array, what: str) -> None:
         raise BadInputError("bad_places", f"{path}: its {what} are on a line, or nearly", WANTED)
 
 
-# --- whether the touches agree ---------------------------------------------------------------------------------
+# --- whether the touches agree
+# ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class TouchFit:
     """A calibration, and how well the touches agree on it; places count from 0.
 
-    `touch_error_m`: how far one touch is off, root mean square, from the residual and how much of it the fit took up;
-    None for three places, which fit exactly. `off_m`: how far each place is from where all others put it, NaN where
-    these are on a line. `suspects`: the places that, left out, make the others agree best; several where they cannot
-    be told apart (with four places, all of them).
+    `touch_error_m`: how far one touch is off, root mean square, from the residual and how much of
+    it the fit took up; None for three places, which fit exactly. `off_m`: how far each place is
+    from where all others put it, NaN where these are on a line. `suspects`: the places that, left
+    out, make the others agree best; several where they cannot be told apart (with four places, all
+    of them).
     """
 
     touched: list[TouchedPlace]
@@ -128,7 +140,9 @@ class TouchFit:
 
     @property
     def agrees(self) -> bool:
-        """Whether the touches are as close to one map as a finger is to a mark; True where nothing tells."""
+        """Whether the touches are as close to one map as a finger is to a mark; True where nothing
+        tells.
+        """
         return self.touch_error_m is None or self.touch_error_m <= PLAUSIBLE_M
 
 
@@ -140,28 +154,37 @@ def fit_touches(touched: Sequence[TouchedPlace], measured_on: datetime.date) -> 
         calibration = fit_calibration(raw, place_m, measured_on)
     except ValueError as error:
         said = f"the counts of the {len(touched)} touches are on a line, and the places are not"
-        raise HapticError("touches_on_a_line", said, "Touch each place as it is asked for") from error
+        raise HapticError(
+            "touches_on_a_line", said, "Touch each place as it is asked for"
+        ) from error
     count = len(touched)
     if calibration.residual_m is None:
         return TouchFit(list(touched), calibration, None, [math.nan] * count, [])
     left_m, free = _left_over(raw, place_m)
     told = free > 1e-6
     off_m = np.where(told, left_m / np.where(told, free, 1.0), math.nan)
-    gain = np.where(told, left_m * np.nan_to_num(off_m), 0.0)  # by how much the sum of squares falls without it
+    gain = np.where(
+        told, left_m * np.nan_to_num(off_m), 0.0
+    )  # by how much the sum of squares falls without it
     suspects = [int(i) for i in np.flatnonzero(told & (gain >= ALIKE * gain.max()))]
     touch_error_m = calibration.residual_m * math.sqrt(count / (count - 3))
-    return TouchFit(list(touched), calibration, touch_error_m, [float(off) for off in off_m], suspects)
+    return TouchFit(
+        list(touched), calibration, touch_error_m, [float(off) for off in off_m], suspects
+    )
 
 
 def _left_over(raw: Array, place_m: Array) -> tuple[Array, Array]:
-    """Per place the distance that the fit leaves, and its share that the place has not pulled the fit by (0 to 1)."""
+    """Per place the distance that the fit leaves, and its share that the place has not pulled the
+    fit by (0 to 1).
+    """
     design = np.column_stack([(raw - raw.mean(axis=0)) / raw.std(axis=0).max(), np.ones(len(raw))])
     basis = np.linalg.qr(design)[0]
     left = place_m - basis @ (basis.T @ place_m)
     return np.hypot(left[:, 0], left[:, 1]), np.asarray(1.0 - np.sum(basis**2, axis=1))
 
 
-# --- touching --------------------------------------------------------------------------------------------------
+# --- touching
+# --------------------------------------------------------------------------------------------------
 
 
 class Moment(enum.Enum):
@@ -175,7 +198,8 @@ class Moment(enum.Enum):
 
 
 class Step(NamedTuple):
-    """A moment at place `number` (from 0); `raw` are its counts once held, or how far it moved while it should not.
+    """A moment at place `number` (from 0); `raw` are its counts once held, or how far it moved
+    while it should not.
 
     `off_m` is how far a place to touch again was from where the others put it.
     """
@@ -187,9 +211,11 @@ class Step(NamedTuple):
 
 
 class HeldTouch:
-    """Follows a finger at one place through the screen's reports: held still within `spread_raw`, then lifted.
+    """Follows a finger at one place through the screen's reports: held still within `spread_raw`,
+    then lifted.
 
-    A finger at rest causes no reports, so what was last reported counts for as long as nothing else is.
+    A finger at rest causes no reports, so what was last reported counts for as long as nothing else
+    is.
     """
 
     def __init__(self, spread_raw: tuple[float, float]) -> None:
@@ -215,7 +241,9 @@ class HeldTouch:
 
     def is_over(self, now_s: float) -> bool:
         """Whether it was held, and then lifted for long enough."""
-        return self.raw is not None and self._lifted_s is not None and now_s - self._lifted_s >= LIFT_S
+        return (
+            self.raw is not None and self._lifted_s is not None and now_s - self._lifted_s >= LIFT_S
+        )
 
     def _follow(self, now_s: float, touch: RawTouch) -> Moment | None:
         if self._began_s is None:
@@ -248,9 +276,11 @@ def touch_places(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> TouchFit:
-    """Have each place touched in turn, and those once more that disagree; the fit may still not agree.
+    """Have each place touched in turn, and those once more that disagree; the fit may still not
+    agree.
 
-    `read` gives the screen's newest report without waiting. Raises what it raises, and HapticError as `fit_touches`.
+    `read` gives the screen's newest report without waiting. Raises what it raises, and HapticError
+    as `fit_touches`.
     """
     touched: dict[int, TouchedPlace] = {}
     asked = [Step(Moment.TOUCH, number) for number in range(len(place_m))]
@@ -258,7 +288,9 @@ def touch_places(
         for step in asked:
             tell(step)
             x_m, y_m = map(float, place_m[step.number])
-            place = TouchedPlace(x_m, y_m, *_held(step.number, read, spread_raw, tell, clock, sleep))
+            place = TouchedPlace(
+                x_m, y_m, *_held(step.number, read, spread_raw, tell, clock, sleep)
+            )
             _check_moved(step.number, place, touched, spread_raw)
             touched[step.number] = place
         found = fit_touches([touched[number] for number in range(len(place_m))], measured_on)
@@ -269,14 +301,27 @@ def touch_places(
 
 
 def _check_moved(
-    number: int, place: TouchedPlace, touched: Mapping[int, TouchedPlace], spread_raw: tuple[float, float]
+    number: int,
+    place: TouchedPlace,
+    touched: Mapping[int, TouchedPlace],
+    spread_raw: tuple[float, float],
 ) -> None:
-    """Two places at the same counts would make a map of noise, and three places fit whatever was touched."""
+    """Two places at the same counts would make a map of noise, and three places fit whatever was
+    touched.
+    """
     for other, before in touched.items():
-        near = abs(place.x_raw - before.x_raw) <= spread_raw[0] and abs(place.y_raw - before.y_raw) <= spread_raw[1]
+        near = (
+            abs(place.x_raw - before.x_raw) <= spread_raw[0]
+            and abs(place.y_raw - before.y_raw) <= spread_raw[1]
+        )
         if near and other != number and place[:2] != before[:2]:
-            said = f"place {number + 1} was touched where place {other + 1} was: the counts are the same"
-            raise HapticError("same_counts", said, "Run it again, and touch each place when it is asked for")
+            said = (
+                f"place {number + 1} was touched where place {other + 1} was: the counts are the"
+                " same"
+            )
+            raise HapticError(
+                "same_counts", said, "Run it again, and touch each place when it is asked for"
+            )
 
 
 def _held(
@@ -297,7 +342,8 @@ def _held(
     return finger.raw
 
 
-# --- what is kept ----------------------------------------------------------------------------------------------
+# --- what is kept
+# ----------------------------------------------------------------------------------------------
 
 
 def rows_of(found: TouchFit) -> list[dict[str, str | float]]:

@@ -42,7 +42,6 @@ class Latency:
     why: str
 
     def __str__(self) -> str:
-        """For a person."""
         if self.lag_s is None or self.error_s is None:
             return f"latency unknown: {self.why}"
         lag_ms, error_ms = 1e3 * self.lag_s, 1e3 * self.error_s

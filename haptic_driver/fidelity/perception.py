@@ -159,12 +159,10 @@ class Correlation(Sourced):
 
     @property
     def as_it_is(self) -> list[float]:
-        """From and to."""
         return [self.low, self.high]
 
     @property
     def at_best_lag(self) -> list[float]:
-        """From and to."""
         return [self.best_lag_low, self.best_lag_high]
 
 

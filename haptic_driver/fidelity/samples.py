@@ -1,4 +1,6 @@
-"""From the samples of ticks, as ring, recordings and demo have them, to strokes that can be judged."""
+"""From the samples of ticks, as ring, recordings and demo have them, to strokes that can be
+judged.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ AFTER_TOUCH_S = 0.1  # a stroke is judged from so long after the touch on; what 
 
 
 def sliding(samples: NDArray[np.void]) -> Mask:
-    """Which samples [n] of dtype SAMPLE have friction: in contact, sliding, with a usable reading."""
+    """Which samples [n] of dtype SAMPLE have friction: in contact, sliding, with a usable
+    reading.
+    """
     moves = (samples["in_contact"] == 1) & (samples["speed_m_s"] >= SLIDING_M_S)
     return np.asarray(moves & np.isfinite(samples["measured_cof"]))
 
@@ -34,7 +38,11 @@ def strokes_of(samples: NDArray[np.void], where: Mask | None = None) -> list[Str
     judged = sliding(samples) & np.isfinite(samples["target_cof"])
     judged &= since_touch_s(samples) >= AFTER_TOUCH_S if where is None else where
     missed = np.flatnonzero(np.diff(samples["tick"].astype(np.int64)) > 1) + 1
-    return [_stroke(samples[first:end]) for start, stop in runs(judged) for first, end in _without(missed, start, stop)]
+    return [
+        _stroke(samples[first:end])
+        for start, stop in runs(judged)
+        for first, end in _without(missed, start, stop)
+    ]
 
 
 def fidelity_of_samples(

@@ -1,4 +1,6 @@
-"""How pictures are made: without a window, and saved as a whole or with an error that says why not."""
+"""How pictures are made: without a window, and saved as a whole or with an error that says why
+not.
+"""
 
 from __future__ import annotations
 
@@ -28,12 +30,16 @@ def pyplot() -> Any:
 
 @contextmanager
 def saved(figure: Figure, path: Path, dpi: int = 110) -> Iterator[None]:
-    """Save `figure` at the end of the block, as the ending of `path` says, and close it however the block ends."""
+    """Save `figure` at the end of the block, as the ending of `path` says, and close it however the
+    block ends.
+    """
     try:
         ending = path.suffix.lower()
         if ending not in ENDINGS:
             said = f"{path}: is no name of a picture"
-            raise BadInputError("bad_ending", said, f"Give a name that ends in {', '.join(ENDINGS)}")
+            raise BadInputError(
+                "bad_ending", said, f"Give a name that ends in {', '.join(ENDINGS)}"
+            )
         yield
         with replacing(path) as part:
             figure.savefig(part, dpi=dpi, format=ending.removeprefix("."))

@@ -16,7 +16,9 @@ from haptic_driver.surface.file import SurfaceFile
 
 TARGET, ACHIEVED, DRIVE = "#d1495b", "#1b6ca8", "#3a3a3a"
 DPI = 130
-FLAT = 15  # nodes of frequency: a step of the limit that is longer is one of the limit itself, not of the nodes
+# nodes of frequency: a step of the limit that is longer is one of the limit itself, not of the
+# nodes
+FLAT = 15
 
 
 def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
@@ -31,20 +33,29 @@ def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
             x, target = x_mm[stroke], record.target_cof[stroke]
             first = number == 0
             friction.fill_between(
-                x, (1 - WITHIN) * target, (1 + WITHIN) * target, color=TARGET, alpha=0.15, lw=0,
+                x,
+                (1 - WITHIN) * target,
+                (1 + WITHIN) * target,
+                color=TARGET,
+                alpha=0.15,
+                lw=0,
                 label="target ± 5 %" if first else None,
-            )  # fmt: skip
+            )
             friction.plot(x, target, color=TARGET, lw=1.5, label="target" if first else None)
             direction, dash = ("to the right", "-") if x[-1] > x[0] else ("to the left", "--")
             label = None if direction in named else f"achieved, {direction}"
             named.add(direction)
-            friction.plot(x, record.measured_cof[stroke], color=ACHIEVED, lw=1.0, ls=dash, label=label)
+            friction.plot(
+                x, record.measured_cof[stroke], color=ACHIEVED, lw=1.0, ls=dash, label=label
+            )
             voltage.plot(x, record.voltage_v[stroke], color=DRIVE, lw=1.0, ls=dash)
             frequency.plot(x, record.frequency_hz[stroke], color=DRIVE, lw=1.0, ls=dash)
         friction.set(ylabel="coefficient of friction")
         figure.suptitle(f"{title} (simulated rig)")
         voltage.set(ylabel="voltage at the electrode, V peak")
-        frequency.set(ylabel="carrier, Hz", xlabel="position, mm", yscale="log" if named else "linear")
+        frequency.set(
+            ylabel="carrier, Hz", xlabel="position, mm", yscale="log" if named else "linear"
+        )
         if named:
             friction.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False)
         for axes in (friction, voltage, frequency):
@@ -52,9 +63,17 @@ def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
 
 
 def draw_before_and_after(records: Mapping[str, SlideRecord], path: Path) -> None:
-    """Target and achieved friction over position, the first stroke of each record, one panel each."""
+    """Target and achieved friction over position, the first stroke of each record, one panel
+    each.
+    """
     figure, panels = pyplot().subplots(
-        1, len(records), figsize=(10, 4.2), sharex=True, sharey=True, squeeze=False, layout="constrained"
+        1,
+        len(records),
+        figsize=(10, 4.2),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
     )
     with saved(figure, path, DPI):
         for axes, (title, record) in zip(panels[0], records.items(), strict=True):
@@ -73,7 +92,9 @@ def draw_before_and_after(records: Mapping[str, SlideRecord], path: Path) -> Non
 
 
 def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> None:
-    """Friction over frequency and voltage under a load that the surface has; colours end where limits do."""
+    """Friction over frequency and voltage under a load that the surface has; colours end where
+    limits do.
+    """
     low, high = surface.normal_force_n[[0, -1]]
     if not low <= normal_force_n <= high:
         said = f"normal force {normal_force_n:g} N is not on the surface"
@@ -84,19 +105,38 @@ def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> Non
     felt = cof[allowed.T] if allowed.any() else cof
     figure, axes = pyplot().subplots(figsize=(8.5, 5.5), layout="constrained")
     with saved(figure, path, DPI):
-        mesh = axes.pcolormesh(f, v, cof, shading="gouraud", cmap="viridis", vmin=felt.min(), vmax=felt.max())
+        mesh = axes.pcolormesh(
+            f, v, cof, shading="gouraud", cmap="viridis", vmin=felt.min(), vmax=felt.max()
+        )
         lines = axes.contour(f, v, cof, levels=10, colors="white", linewidths=0.6)
-        column = np.searchsorted(f, f[cof.max(axis=0).argmax()] / 4.0)  # beside the ridge, where nothing is hatched
+        column = np.searchsorted(
+            f, f[cof.max(axis=0).argmax()] / 4.0
+        )  # beside the ridge, where nothing is hatched
         at_v = np.interp(lines.levels, cof[:, column], v)
         places = [(f[column], volts) for volts in at_v if v[0] < volts < 0.97 * v[-1]]
         for label in axes.clabel(lines, fmt="%.2f", fontsize=8, inline=False, manual=places):
             label.set(rotation=0.0, va="bottom")
         limit_hz, limit_v = _limit(allowed, f, v)
-        axes.fill_between(limit_hz, limit_v, v[-1], facecolor="none", edgecolor="black", hatch="////", linewidth=0.0)
+        axes.fill_between(
+            limit_hz,
+            limit_v,
+            v[-1],
+            facecolor="none",
+            edgecolor="black",
+            hatch="////",
+            linewidth=0.0,
+        )
         axes.plot(limit_hz, limit_v, color=TARGET, lw=1.5)
-        axes.set(xscale="log", xlabel="frequency, Hz", ylabel="voltage at the electrode, V peak", ylim=v[[0, -1]])
+        axes.set(
+            xscale="log",
+            xlabel="frequency, Hz",
+            ylabel="voltage at the electrode, V peak",
+            ylim=v[[0, -1]],
+        )
         name = surface.provenance["model"]["name"]
-        axes.set_title(f"friction by model '{name}' under {normal_force_n:g} N; hatched: outside the limits")
+        axes.set_title(
+            f"friction by model '{name}' under {normal_force_n:g} N; hatched: outside the limits"
+        )
         beyond = "max" if cof.max() > felt.max() else "neither"
         figure.colorbar(mesh, label="coefficient of friction", extend=beyond)
 
@@ -105,6 +145,8 @@ def _limit(allowed: Mask, frequency_hz: Array, voltage_v: Array) -> tuple[Array,
     """The line below which points [f, v] are allowed: straight between the middles of its steps."""
     last = np.where(allowed.all(axis=1), voltage_v.size, np.argmin(allowed, axis=1)) - 1
     starts = np.concatenate([[0], np.flatnonzero(np.diff(last)) + 1, [last.size]])
-    corners = [[a, b - 1] if b - a > FLAT else [(a + b - 1) // 2] for a, b in pairwise(starts.tolist())]
+    corners = [
+        [a, b - 1] if b - a > FLAT else [(a + b - 1) // 2] for a, b in pairwise(starts.tolist())
+    ]
     at = np.concatenate(corners)
     return frequency_hz[at], voltage_v[np.maximum(last, 0)][at]

@@ -17,8 +17,9 @@ CLASSES = 12  # of levels of an adaptive method, each one dot
 
 
 class Answers(NamedTuple):
-    """What a panel shows: `positive` of `answered` answers at `levels` [n], and, where it was fitted, the function, its
-    threshold and that one's interval. `said` takes the function's place where there is none.
+    """What a panel shows: `positive` of `answered` answers at `levels` [n], and, where it was
+    fitted, the function, its threshold and that one's interval. `said` takes the function's place
+    where there is none.
     """
 
     title: str
@@ -32,11 +33,18 @@ class Answers(NamedTuple):
 
 
 def draw_functions(panels: Sequence[Answers], title: str, path: Path) -> None:
-    """One panel each: shares of positive answers, by area as many as they stand for, function and threshold."""
+    """One panel each: shares of positive answers, by area as many as they stand for, function and
+    threshold.
+    """
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     figure, places = pyplot().subplots(
-        rows, columns, figsize=(4.0 * columns, 3.4 * rows), squeeze=False, sharey=True, layout="constrained"
+        rows,
+        columns,
+        figsize=(4.0 * columns, 3.4 * rows),
+        squeeze=False,
+        sharey=True,
+        layout="constrained",
     )
     with saved(figure, path):
         for axes, panel in zip(places.flat, panels, strict=False):
@@ -51,25 +59,47 @@ def draw_functions(panels: Sequence[Answers], title: str, path: Path) -> None:
 
 def _draw(axes: Any, panel: Answers) -> None:
     if panel.function is None:
-        axes.text(0.5, 0.5, panel.said, ha="center", va="center", wrap=True, transform=axes.transAxes)
+        axes.text(
+            0.5, 0.5, panel.said, ha="center", va="center", wrap=True, transform=axes.transAxes
+        )
         return
     level, share, count = _classes(panel)
-    axes.scatter(level, share, s=LARGEST_DOT * count / count.max(), color=ANSWERS, alpha=0.6, lw=0, label="answers")
+    axes.scatter(
+        level,
+        share,
+        s=LARGEST_DOT * count / count.max(),
+        color=ANSWERS,
+        alpha=0.6,
+        lw=0,
+        label="answers",
+    )
     margin = 0.05 * float(np.ptp(panel.levels))
     x = np.linspace(panel.levels[0] - margin, panel.levels[-1] + margin, 200)
     axes.plot(x, panel.function(x), color=FUNCTION, lw=1.5, label="fitted")
     at = float(panel.function(np.array([panel.threshold]))[0])
-    axes.plot(np.clip(panel.interval, x[0], x[-1]), [at, at], color=FUNCTION, lw=3, alpha=0.5, label="threshold, 95 %")
+    axes.plot(
+        np.clip(panel.interval, x[0], x[-1]),
+        [at, at],
+        color=FUNCTION,
+        lw=3,
+        alpha=0.5,
+        label="threshold, 95 %",
+    )
     axes.plot([panel.threshold, panel.threshold], [0.0, at], color=FUNCTION, lw=1.0, ls=":")
     axes.legend(frameon=False, loc="lower right", fontsize=8)
 
 
 def _classes(panel: Answers) -> tuple[Array, Array, Array]:
-    """Levels, shares and numbers of answers; many levels are put together into classes with as many answers each."""
+    """Levels, shares and numbers of answers; many levels are put together into classes with as many
+    answers each.
+    """
     if panel.levels.size <= CLASSES:
         return panel.levels, panel.positive / panel.answered, panel.answered
     done = np.cumsum(panel.answered) - 0.5 * panel.answered
     number = np.minimum((done / panel.answered.sum() * CLASSES).astype(int), CLASSES - 1)
-    total = [np.bincount(number, weights=w) for w in (panel.levels * panel.answered, panel.positive, panel.answered)]
+    total = [
+        np.bincount(number, weights=w)
+        for w in (panel.levels * panel.answered, panel.positive, panel.answered)
+    ]
     level, positive, count = (np.asarray(values[total[2] > 0.0], np.float64) for values in total)
     return level / count, positive / count, count

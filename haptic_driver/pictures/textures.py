@@ -1,4 +1,6 @@
-"""Pictures of textures: how friction lies in the plane, and along a line that a finger might take."""
+"""Pictures of textures: how friction lies in the plane, and along a line that a finger might
+take.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,12 @@ NOWHERE = "#dddddd"
 
 
 def preview(target: Target, path: Path, title: str = "") -> None:
-    """Draw a texture over the plane and along its middle, or a script over time; .png, .pdf or .svg by the name."""
-    figure, (plane, line) = pyplot().subplots(2, 1, figsize=(6.4, 5.6), height_ratios=(3, 2), layout="constrained")
+    """Draw a texture over the plane and along its middle, or a script over time; .png, .pdf or .svg
+    by the name.
+    """
+    figure, (plane, line) = pyplot().subplots(
+        2, 1, figsize=(6.4, 5.6), height_ratios=(3, 2), layout="constrained"
+    )
     with saved(figure, path):
         mesh = _draw(target, plane, line)
         figure.suptitle(title)
@@ -61,7 +67,14 @@ def _draw(target: Target, plane: Any, line: Any) -> Any:
     cof = np.ma.masked_invalid(target.cof_at(x_m[None, :], y_m[:, None]))
     plane.set_facecolor(NOWHERE)
     size_mm = (0.0, 1e3 * width_m, 1e3 * HEIGHT * width_m, 0.0)
-    mesh = plane.imshow(cof, extent=size_mm, cmap="viridis", vmin=low - 1e-6, vmax=high + 1e-6, interpolation="nearest")
+    mesh = plane.imshow(
+        cof,
+        extent=size_mm,
+        cmap="viridis",
+        vmin=low - 1e-6,
+        vmax=high + 1e-6,
+        interpolation="nearest",
+    )
     plane.set(ylabel="y, mm")
     middle_m = np.full_like(x_m, 0.5 * HEIGHT * width_m)
     line.plot(1e3 * x_m, target.cof_at(x_m, middle_m), color=LINE, lw=1.2)
@@ -72,16 +85,28 @@ def _draw(target: Target, plane: Any, line: Any) -> Any:
 def _draw_script(script: Script, line: Any) -> None:
     first_s = script.start_s + script.steps[0].time_s
     times_s = np.linspace(first_s, script.end_s, 2000, endpoint=False)
-    middle = [script.cof_under(FingerState(t, 0.040, 0.024, 0.0, 0.0, 0.0, True)) for t in times_s.tolist()]
+    middle = [
+        script.cof_under(FingerState(t, 0.040, 0.024, 0.0, 0.0, 0.0, True))
+        for t in times_s.tolist()
+    ]
     line.plot(times_s, middle, color=LINE, lw=1.2)
     for marker in script.markers(-math.inf, script.end_s):
         line.axvline(marker.time_s, color="grey", lw=0.8, ls=":")
-        line.text(marker.time_s, 0.98, f" {marker.label}", transform=line.get_xaxis_transform(), va="top", fontsize=8)
+        line.text(
+            marker.time_s,
+            0.98,
+            f" {marker.label}",
+            transform=line.get_xaxis_transform(),
+            va="top",
+            fontsize=8,
+        )
     line.set(xlabel="time, s", xlim=(first_s, script.end_s))
 
 
 def _window_m(texture: Texture) -> float:
-    """The smallest window in a quarter of which a texture shows most of its range, or the largest."""
+    """The smallest window in a quarter of which a texture shows most of its range, or the
+    largest.
+    """
     low, high = texture.bounds()
     for width_m in WINDOWS_M[:-1]:
         across_m = _centres(width_m / 4.0, 100)

@@ -16,8 +16,8 @@ from typing import Any
 from haptic_driver.errors import HapticError
 
 STOP_TIMEOUT_S = 5.0
-# Another thread of the linear algebra library has no precedence of its own: a killed process is gone only when that
-# thread has had its turn.
+# Another thread of the linear algebra library has no precedence of its own: a killed process is
+# gone only when that thread has had its turn.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 
 
@@ -26,8 +26,9 @@ class Child:
 
     What it says it is doing before, such as compiling, is waited for.
 
-    It is in a group of its own, so that what interrupts the daemon does not end it before the output is off; and in the
-    daemon's session, among which Linux shares a busy processor before it looks at niceness.
+    It is in a group of its own, so that what interrupts the daemon does not end it before the
+    output is off; and in the daemon's session, among which Linux shares a busy processor before it
+    looks at niceness.
     """
 
     def __init__(
@@ -58,7 +59,6 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
         return self._process.pid
 
     @property
@@ -67,11 +67,19 @@ class Child:
         status = self._process.poll()
         if status is None:
             return None
-        how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
-        return f"the {self.name} process was {how}" if status < 0 else f"the {self.name} process {how}"
+        how = (
+            f"killed by {signal.Signals(-status).name}"
+            if status < 0
+            else f"ended with status {status}"
+        )
+        return (
+            f"the {self.name} process was {how}" if status < 0 else f"the {self.name} process {how}"
+        )
 
     def ready(self, timeout_s: float) -> dict[str, Any]:
-        """What it said when it was ready. Raises HapticError when it falls silent for so long before."""
+        """What it said when it was ready. Raises HapticError when it falls silent for so long
+        before.
+        """
         doing = ""
         with suppress(queue.Empty, json.JSONDecodeError):
             while True:

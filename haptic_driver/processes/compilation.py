@@ -36,16 +36,22 @@ def _own(event: Any) -> str | None:
 
 @contextmanager
 def compilation(tell: Callable[[str | None, int], None]) -> Iterator[None]:
-    """Call `tell` with the kernel that numba compiles, or None when there is no more, and how many it has compiled."""
+    """Call `tell` with the kernel that numba compiles, or None when there is no more, and how many
+    it has compiled.
+    """
     with event.install_listener("numba:compile", _Compilation(tell)):
         yield
 
 
 @contextmanager
-def compilation_said(process: str, still: Callable[[str], object] = lambda doing: None) -> Iterator[None]:
-    """A line on stderr for each kernel that is waited for, from a process that is looked at through its log.
+def compilation_said(
+    process: str, still: Callable[[str], object] = lambda doing: None
+) -> Iterator[None]:
+    """A line on stderr for each kernel that is waited for, from a process that is looked at through
+    its log.
 
-    `still` is told of every kernel, so that whoever waits for this process knows that it is at work.
+    `still` is told of every kernel, so that whoever waits for this process knows that it is at
+    work.
     """
     waiting = False
 

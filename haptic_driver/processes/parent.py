@@ -1,4 +1,6 @@
-"""A child's words with the process that started it, see `child`; where that one is gone it ends, quietly."""
+"""A child's words with the process that started it, see `child`; where that one is gone it ends,
+quietly.
+"""
 
 from __future__ import annotations
 

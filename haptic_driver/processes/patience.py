@@ -11,7 +11,9 @@ _log = logging.getLogger(__name__)
 
 
 def join_within(time_s: float, threads: Iterable[threading.Thread]) -> None:
-    """Wait until all have ended, or for `time_s` in all; what hangs is told, and ends with the process."""
+    """Wait until all have ended, or for `time_s` in all; what hangs is told, and ends with the
+    process.
+    """
     until_s = time.monotonic() + time_s
     for thread in threads:
         thread.join(max(until_s - time.monotonic(), 0.0))
@@ -21,7 +23,9 @@ def join_within(time_s: float, threads: Iterable[threading.Thread]) -> None:
 
 def done_within(time_s: float, work: Callable[[], object]) -> None:
     """Do the work in a thread of its own, or here where there is none to be had."""
-    thread = threading.Thread(target=work, name=getattr(work, "__qualname__", repr(work)), daemon=True)
+    thread = threading.Thread(
+        target=work, name=getattr(work, "__qualname__", repr(work)), daemon=True
+    )
     try:
         thread.start()
     except RuntimeError:

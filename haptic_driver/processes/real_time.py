@@ -1,4 +1,6 @@
-"""What makes a loop keep its time: scheduling, locked memory, absolute deadlines. Linux; elsewhere nothing is had."""
+"""What makes a loop keep its time: scheduling, locked memory, absolute deadlines. Linux; elsewhere
+nothing is had.
+"""
 
 from __future__ import annotations
 
@@ -40,9 +42,11 @@ class RealTime(NamedTuple):
 
 
 def enter(priority: int = PRIORITY) -> RealTime:
-    """Ask for real-time scheduling and locked memory; keep the processor awake while this process lives.
+    """Ask for real-time scheduling and locked memory; keep the processor awake while this process
+    lives.
 
-    The kernel kills it when it computes for `RUNAWAY_S` without a pause: on that priority nobody else could.
+    The kernel kills it when it computes for `RUNAWAY_S` without a pause: on that priority nobody
+    else could.
     """
     refused = []
     with suppress(ImportError, OSError, ValueError):
@@ -54,32 +58,42 @@ def enter(priority: int = PRIORITY) -> RealTime:
         scheduled = True
     except (OSError, AttributeError) as error:
         scheduled = False
-        refused.append(f"SCHED_FIFO {priority}: {error}; allow it with LimitRTPRIO={priority} or /etc/security/limits")
+        refused.append(
+            f"SCHED_FIFO {priority}: {error}; allow it with LimitRTPRIO={priority} or"
+            " /etc/security/limits"
+        )
     if _libc.mlockall(_LOCK_CURRENT | _LOCK_FUTURE) != 0:
-        refused.append(f"mlockall: {os.strerror(ctypes.get_errno())}; allow it with LimitMEMLOCK=infinity")
+        refused.append(
+            f"mlockall: {os.strerror(ctypes.get_errno())}; allow it with LimitMEMLOCK=infinity"
+        )
     _stay_awake()
     return RealTime(scheduled, "; ".join(refused))
 
 
 def take_precedence() -> bool:
-    """Ask for more of a busy processor for this thread and whatever it starts from now on; whether that was granted.
+    """Ask for more of a busy processor for this thread and whatever it starts from now on; whether
+    that was granted.
 
-    Without it a loaded machine may not let control say in time that it is alive. Threads of this process get shorter
-    turns besides: one that serves the API keeps the pump waiting for so long.
+    Without it a loaded machine may not let control say in time that it is alive. Threads of this
+    process get shorter turns besides: one that serves the API keeps the pump waiting for so long.
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
         os.setpriority(os.PRIO_PROCESS, 0, min(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
     except (OSError, AttributeError):
         return False
-    if os.getsid(0) == os.getpid():  # as a service: Linux shares a busy processor among sessions first
+    if (
+        os.getsid(0) == os.getpid()
+    ):  # as a service: Linux shares a busy processor among sessions first
         with suppress(OSError):
             Path("/proc/self/autogroup").write_text(str(NICENESS))
     return True
 
 
 def give_way() -> None:
-    """Let everybody else go first, from here on; in a session of its own, which has the share of any, or it starved."""
+    """Let everybody else go first, from here on; in a session of its own, which has the share of
+    any, or it starved.
+    """
     with suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, LEAST)
         os.setpgid(0, os.getpgid(os.getppid()))  # who leads a group cannot begin a session
@@ -108,12 +122,17 @@ def sleep_until(time_s: float) -> None:
     """Sleep until CLOCK_MONOTONIC says `time_s`; returns at once when that is past."""
     until_ns = int(time_s * _BILLION)
     until = _Timespec(until_ns // _BILLION, until_ns % _BILLION)
-    while _libc.clock_nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(until), None) == errno.EINTR:
+    while (
+        _libc.clock_nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(until), None)
+        == errno.EINTR
+    ):
         pass  # a signal came
 
 
 class Due(NamedTuple):
-    """One instant that is there: its number, when it was due, how late it is, how many before it were missed."""
+    """One instant that is there: its number, when it was due, how late it is, how many before it
+    were missed.
+    """
 
     number: int
     due_s: float
@@ -122,10 +141,12 @@ class Due(NamedTuple):
 
 
 class Metronome:
-    """Instants `period_s` apart. Those that are missed are counted and left out, never made up for in a burst.
+    """Instants `period_s` apart. Those that are missed are counted and left out, never made up for
+    in a burst.
 
-    Numbers go on from `number`, which is that of `began_s`: now, unless another time is given. The last `spin_s`
-    before an instant are waited for awake: waking up takes tens of microseconds, which is then over when it comes.
+    Numbers go on from `number`, which is that of `began_s`: now, unless another time is given. The
+    last `spin_s` before an instant are waited for awake: waking up takes tens of microseconds,
+    which is then over when it comes.
     """
 
     def __init__(
@@ -146,10 +167,11 @@ class Metronome:
         self._number = self._first = number
 
     def wait(self, rehearse: Callable[[Due], object] | None = None) -> Due:
-        """Return at the next instant, or at once when it is there already and the one after it is not.
+        """Return at the next instant, or at once when it is there already and the one after it is
+        not.
 
-        `rehearse` is called while awake before an instant, as often as there is time for it; without it nobody is
-        awake before.
+        `rehearse` is called while awake before an instant, as often as there is time for it;
+        without it nobody is awake before.
         """
         number = self._number + 1
         due_s = self._began_s + (number - self._first) * self.period_s

@@ -1,4 +1,6 @@
-"""What a tick leaves behind: a sample and its flags. Without pydantic, which the render process does not load."""
+"""What a tick leaves behind: a sample and its flags. Without pydantic, which the render process
+does not load.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ class Flag(IntFlag):
     UNDERRUN = 512
     CONTROL_SILENT = 1024
     FRICTION_FROM_CURRENT = 2048  # what is felt is estimated: no force sensor measures it
-    OUTSIDE_SURFACE = 8192  # the finger pressed harder or slid faster than the surface was solved for
+    OUTSIDE_SURFACE = (
+        8192  # the finger pressed harder or slid faster than the surface was solved for
+    )
     LATENCY = 4096  # friction is surely felt sooner or later than the rig's file says
 
     def names(self) -> list[str]:
@@ -48,7 +52,10 @@ SAMPLE = np.dtype(
         ("lateral_force_n", "f8"),
         ("in_contact", "u1"),
         ("felt_time_s", "f8"),  # of the force reading, to which the next four belong
-        ("target_cof", "f8"),  # of the moment that was felt, latency and lag taken out; NaN where nothing was asked
+        (
+            "target_cof",
+            "f8",
+        ),  # of the moment that was felt, latency and lag taken out; NaN where nothing was asked
         ("reachable", "u1"),  # whether that target was
         ("expected_cof", "f8"),
         ("measured_cof", "f8"),  # NaN without sliding contact
@@ -57,7 +64,10 @@ SAMPLE = np.dtype(
         ("feedback_gain", "f8"),  # the finger's estimated gain
         ("frequency_hz", "f8"),
         ("voltage_v", "f8"),  # peak at the electrode, as commanded
-        ("output_on", "u1"),  # also at 0 V; 0 with a voltage: on its way, while the output comes up or after a gap
+        (
+            "output_on",
+            "u1",
+        ),  # also at 0 V; 0 with a voltage: on its way, while the output comes up or after a gap
         ("flags", "u4"),
     ]
 )

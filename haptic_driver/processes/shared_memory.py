@@ -1,7 +1,9 @@
-"""The memory that control and render share: slots swapped as a whole, target and surface, and a ring of samples.
+"""The memory that control and render share: slots swapped as a whole, target and surface, and a
+ring of samples.
 
-It is an anonymous file that only those who are handed its descriptor can see; it has no name that could be guessed or
-left behind, and is gone with the last process that has it, however that ended. Nobody ever waits for anybody here.
+It is an anonymous file that only those who are handed its descriptor can see; it has no name that
+could be guessed or left behind, and is gone with the last process that has it, however that ended.
+Nobody ever waits for anybody here.
 """
 
 from __future__ import annotations
@@ -27,7 +29,9 @@ if TYPE_CHECKING:  # not every process that has this memory waits for numba
 
 RING_SAMPLES = 1 << 14  # 16 s at 1 kHz
 RING_COURSES = 1 << 6
-TARGET_BYTES = 1 << 24  # for each of two targets, e.g. a map of 2 million pixels; and for each of two surfaces
+TARGET_BYTES = (
+    1 << 24
+)  # for each of two targets, e.g. a map of 2 million pixels; and for each of two surfaces
 SLOT_BYTES = 256
 _HEADER_BYTES = 16  # of a slot
 _RING_HEADER_BYTES = 64
@@ -38,7 +42,9 @@ _CELLS = {"f8": "d", "u8": "Q", "u4": "I", "u1": "B"}
 
 
 class Sensed(NamedTuple):
-    """What the sensors said last, each at its own time on CLOCK_MONOTONIC; from control to render."""
+    """What the sensors said last, each at its own time on CLOCK_MONOTONIC; from control to
+    render.
+    """
 
     finger_time_s: float
     position_x_m: float
@@ -53,8 +59,9 @@ class Sensed(NamedTuple):
 class Order(NamedTuple):
     """What control wants of render; `number` counts orders, `arming` counts armings and 0 is none.
 
-    Output is wanted while `rendering`, until `lease_until_s`, and while control goes on beating at `beat_s`.
-    `target` and `surface` are the numbers of those in force. Flags and faults are forgotten when `arming` changes.
+    Output is wanted while `rendering`, until `lease_until_s`, and while control goes on beating at
+    `beat_s`. `target` and `surface` are the numbers of those in force. Flags and faults are
+    forgotten when `arming` changes.
     """
 
     number: int
@@ -69,8 +76,9 @@ class Order(NamedTuple):
 class Output(NamedTuple):
     """What render puts out; `order`, `target` and `surface` are the numbers of those it followed.
 
-    `tick` counts instants, `overruns` those that were missed. `flags` of `samples.Flag`; `time_s` when it was written.
-    `in_contact`: a finger is there for which something is rendered, even at 0 V. `full_scale_v`: see `DriveCommand`.
+    `tick` counts instants, `overruns` those that were missed. `flags` of `samples.Flag`; `time_s`
+    when it was written. `in_contact`: a finger is there for which something is rendered, even at 0
+    V. `full_scale_v`: see `DriveCommand`.
     """
 
     order: int
@@ -89,11 +97,13 @@ class Output(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """What may go out and since when it does, from control's pump to render and to the writer of an envelope.
+    """What may go out and since when it does, from control's pump to render and to the writer of an
+    envelope.
 
-    `gate`: the first order whose output may go out, CLOSED while none may. `since_s`: from when on outputs reach the
-    electrode, but for the usual latency; inf while they do not. `carrier_hz` is the one that is out, NaN for none, and
-    `full_scale_v` its voltage where an envelope is at its highest.
+    `gate`: the first order whose output may go out, CLOSED while none may. `since_s`: from when on
+    outputs reach the electrode, but for the usual latency; inf while they do not. `carrier_hz` is
+    the one that is out, NaN for none, and `full_scale_v` its voltage where an envelope is at its
+    highest.
     """
 
     gate: int
@@ -103,9 +113,11 @@ class Driven(NamedTuple):
 
 
 class Played(NamedTuple):
-    """What the writer of an envelope says: when it said so, gaps so far, and when the last one ended.
+    """What the writer of an envelope says: when it said so, gaps so far, and when the last one
+    ended.
 
-    `lead_s`: so far ahead it writes. `failure` is what its output could not do, in words; empty while all is well.
+    `lead_s`: so far ahead it writes. `failure` is what its output could not do, in words; empty
+    while all is well.
     """
 
     time_s: float
@@ -127,7 +139,8 @@ Kept = TypeVar("Kept")
 
 
 class Slot(Generic[Values]):
-    """One record with one writer and any number of readers, who see the newest whole record and never half of one.
+    """One record with one writer and any number of readers, who see the newest whole record and
+    never half of one.
 
     A sequence number before the content is odd while a writer is at it. The checksum, which counts
     that number in, makes a torn copy show: no copy needs to read memory in order, on any processor.
@@ -149,7 +162,6 @@ class Slot(Generic[Values]):
         self._newest_sequence = 0
 
     def write(self, values: Values) -> None:
-        """Replace the record."""
         sequence = self._sequence[0] | 1  # a writer that was killed left it odd
         content = self._content.pack(*(values if self._text is None else self._encoded(values)))
         self._sequence[0] = sequence
@@ -158,7 +170,9 @@ class Slot(Generic[Values]):
         self._sequence[0] = sequence + 1
 
     def read(self) -> Values:
-        """The newest record; the one read before when a writer is at it for too long or was killed there."""
+        """The newest record; the one read before when a writer is at it for too long or was killed
+        there.
+        """
         if self._sequence[0] != self._newest_sequence:
             self._take_over()
         return self._newest
@@ -195,7 +209,8 @@ class Taken(NamedTuple):
 
 
 class Ring:
-    """The last `length` samples of one kind. One writer, who never waits; every reader keeps a position of its own.
+    """The last `length` samples of one kind. One writer, who never waits; every reader keeps a
+    position of its own.
 
     Who reads too late loses the oldest, and is told how many.
     """
@@ -220,10 +235,11 @@ class Ring:
 
         Arrays are given as bytes.
         """
-        self._pack.pack_into(self._cells, (self._count[0] % self._length) * self._pack.size, *sample)
+        self._pack.pack_into(
+            self._cells, (self._count[0] % self._length) * self._pack.size, *sample
+        )
 
     def write(self, sample: tuple[float | bytes, ...]) -> None:
-        """Add one sample."""
         self.put(sample)
         self._count[0] += 1
 
@@ -232,7 +248,9 @@ class Ring:
         end = self.position
         start = max(position, end - self._length + 1)
         copy = self._samples.take(np.arange(start, end), mode="wrap")
-        overwritten = max(self.position - self._length + 1 - start, 0)  # while we copied; one more is being written
+        overwritten = max(
+            self.position - self._length + 1 - start, 0
+        )  # while we copied; one more is being written
         kept = copy[overwritten:]
         return Taken(kept, end - position - len(kept), end)
 
@@ -242,9 +260,11 @@ class Ring:
 
 
 class Store(Generic[Kept]):
-    """What render is to use next, for a reader who takes it between two ticks, at once and without copying its arrays.
+    """What render is to use next, for a reader who takes it between two ticks, at once and without
+    copying its arrays.
 
-    Two places are used in turn: one that is in use is never written to. What is kept is numbered from 1.
+    Two places are used in turn: one that is in use is never written to. What is kept is numbered
+    from 1.
     """
 
     _HEADER = struct.Struct("=QQ")  # bytes of the record, how many arrays come after it
@@ -253,7 +273,9 @@ class Store(Generic[Kept]):
         self._places = [memory[i * TARGET_BYTES : (i + 1) * TARGET_BYTES] for i in range(2)]
 
     def write(self, number: int, kept: Kept) -> None:
-        """Put one where no reader is as long as `number - 1` is in use. BadInputError when too large."""
+        """Put one where no reader is as long as `number - 1` is in use. BadInputError when too
+        large.
+        """
         buffers: list[pickle.PickleBuffer] = []
         record = pickle.dumps(kept, protocol=5, buffer_callback=buffers.append)
         maps = [buffer.raw() for buffer in buffers]
@@ -261,7 +283,9 @@ class Store(Generic[Kept]):
         starts = len(record) + self._HEADER.size + len(sizes)
         total = starts + sum(m.nbytes + 64 for m in maps)
         if total > TARGET_BYTES:
-            said = f"the texture takes {total / 1e6:.1f} MB, the most is {TARGET_BYTES / 1e6:.1f} MB"
+            said = (
+                f"the texture takes {total / 1e6:.1f} MB, the most is {TARGET_BYTES / 1e6:.1f} MB"
+            )
             raise BadInputError("texture_too_large", said, "give it a coarser pitch")
         place = self._places[number % 2]
         self._HEADER.pack_into(place, 0, len(record), len(maps))
@@ -300,14 +324,20 @@ _TOTAL_BYTES = _SURFACES_AT + 2 * TARGET_BYTES
 
 
 class SharedState:
-    """The memory and what lies in it; `descriptor` is what another process needs to see the same."""
+    """The memory and what lies in it; `descriptor` is what another process needs to see the
+    same.
+    """
 
     def __init__(self, descriptor: int | None = None) -> None:
-        if descriptor is None:  # an anonymous file, not inherited by any process that is not given it
+        if (
+            descriptor is None
+        ):  # an anonymous file, not inherited by any process that is not given it
             descriptor = os.memfd_create("haptic-driver", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
             os.ftruncate(descriptor, _TOTAL_BYTES)
         if os.fstat(descriptor).st_size != _TOTAL_BYTES:
-            raise HapticError("bad_memory", "the shared memory is of another version", "restart the daemon")
+            raise HapticError(
+                "bad_memory", "the shared memory is of another version", "restart the daemon"
+            )
         self.descriptor = descriptor
         self._map = mmap.mmap(descriptor, _TOTAL_BYTES)
         memory = memoryview(self._map)

@@ -1,4 +1,6 @@
-"""A file for h5py to write to, of which no failed write is lost: HDF5 prints what the system says, and goes on."""
+"""A file for h5py to write to, of which no failed write is lost: HDF5 prints what the system says,
+and goes on.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,11 @@ if TYPE_CHECKING:
 
 
 class CheckedFile(io.RawIOBase):
-    """An existing file, read and written. The end of its block forces it to disk and raises the first OSError.
+    """An existing file, read and written. The end of its block forces it to disk and raises the
+    first OSError.
 
-    What fails meanwhile is only remembered, since HDF5 does not stop for it: the file is then good for nothing.
+    What fails meanwhile is only remembered, since HDF5 does not stop for it: the file is then good
+    for nothing.
     """
 
     def __init__(self, path: Path) -> None:
@@ -25,15 +29,12 @@ class CheckedFile(io.RawIOBase):
         self._error: OSError | None = None
 
     def readable(self) -> bool:
-        """It is."""
         return True
 
     def writable(self) -> bool:
-        """It is."""
         return True
 
     def seekable(self) -> bool:
-        """It is."""
         return True
 
     def tell(self) -> int:
@@ -41,7 +42,6 @@ class CheckedFile(io.RawIOBase):
         return self._at
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go there."""
         self._at = os.lseek(self._descriptor, offset, whence) if whence == os.SEEK_END else offset
         return self._at
 
@@ -76,7 +76,10 @@ class CheckedFile(io.RawIOBase):
         return size
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """To the disk; raises what the system refused first."""
         try:

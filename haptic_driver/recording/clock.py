@@ -1,4 +1,6 @@
-"""The clock of everything that is recorded, CLOCK_MONOTONIC, beside wall time and the clock of LSL."""
+"""The clock of everything that is recorded, CLOCK_MONOTONIC, beside wall time and the clock of
+LSL.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from haptic_driver.config import Checked
 
 
 class ClockOffsets(Checked):
-    """What to add to a time of CLOCK_MONOTONIC, s: for wall time (seconds of UTC since 1970), and for LSL's clock.
+    """What to add to a time of CLOCK_MONOTONIC, s: for wall time (seconds of UTC since 1970), and
+    for LSL's clock.
 
     `lsl_offset_s` is None where this process has no LSL.
     """

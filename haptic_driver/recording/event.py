@@ -14,6 +14,8 @@ class Event(Checked):
 
     number: int
     time_s: float
-    kind: str  # state | flag | target | texture | model | lease | trip | fault | marker | drift | timing | recording...
+    # state | flag | target | texture | model | lease | trip | fault | marker | drift | timing |
+    # recording...
+    kind: str
     message: str
     data: dict[str, Any] = Field({})

@@ -1,10 +1,12 @@
-"""The recorder process: shared ring -> HDF5; and the handle by which control starts, feeds and ends it.
+"""The recorder process: shared ring -> HDF5; and the handle by which control starts, feeds and ends
+it.
 
     python -m haptic_driver.recording.process RING TALK < settings
 
-takes pickled `RecorderSettings` from standard input and says on standard output whether it records, as one JSON line.
-Events come as datagrams over TALK; its end, also by the death of control, is the end of the run. What is said there are
-JSON objects: `{"missing": null, "news": []}` when one of the two changes, and last `{"why": null}` or what went wrong.
+takes pickled `RecorderSettings` from standard input and says on standard output whether it records,
+as one JSON line. Events come as datagrams over TALK; its end, also by the death of control, is the
+end of the run. What is said there are JSON objects: `{"missing": null, "news": []}` when one of the
+two changes, and last `{"why": null}` or what went wrong.
 """
 
 from __future__ import annotations
@@ -27,7 +29,14 @@ from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState, Taken
 from haptic_driver.recording.event import Event
-from haptic_driver.recording.writer import INTERVAL_S, RunHeader, RunWriter, left_by_dead, record, where
+from haptic_driver.recording.writer import (
+    INTERVAL_S,
+    RunHeader,
+    RunWriter,
+    left_by_dead,
+    record,
+    where,
+)
 
 START_TIMEOUT_S = 60.0  # on a busy machine
 STOP_TIMEOUT_S = 10.0
@@ -58,9 +67,12 @@ class Recorder:
         try:
             settings = RecorderSettings(self.path, header, shared.ring.position)
             self._child = Child(
-                "recorder", __name__, [shared.descriptor, theirs.fileno()],
-                given=pickle.dumps(settings), descriptors=[shared.descriptor, theirs.fileno()],
-            )  # fmt: skip
+                "recorder",
+                __name__,
+                [shared.descriptor, theirs.fileno()],
+                given=pickle.dumps(settings),
+                descriptors=[shared.descriptor, theirs.fileno()],
+            )
             said = self._child.ready(START_TIMEOUT_S)
             if "error" in said:
                 self._child.stop()
@@ -74,16 +86,19 @@ class Recorder:
 
     @property
     def pid(self) -> int:
-        """Its process id."""
         return self._child.pid
 
     def note(self, event: Event) -> None:
-        """Record an event too. One that a stuck recorder does not take is left out; the numbers then show the gap."""
+        """Record an event too. One that a stuck recorder does not take is left out; the numbers
+        then show the gap.
+        """
         with suppress(OSError):
             self._talk.send(event.model_dump_json().encode())
 
     def news(self) -> list[str]:
-        """What has happened to its files since the last time, in words; `missing` is up to date afterwards."""
+        """What has happened to its files since the last time, in words; `missing` is up to date
+        afterwards.
+        """
         self._hear()
         said, self._news = self._news, []
         return said
@@ -105,7 +120,9 @@ class Recorder:
         self._talk.close()
         self._child.stop()
         left = left_by_dead(self.path)
-        why: str | None = f"{self._child.ended}; {left}" if self._last is None else self._last["why"]
+        why: str | None = (
+            f"{self._child.ended}; {left}" if self._last is None else self._last["why"]
+        )
         return why
 
     def _hear(self) -> None:
@@ -114,7 +131,9 @@ class Recorder:
             while self._last is None:
                 try:
                     said = self._talk.recv(MOST_BYTES)
-                except ConnectionResetError:  # it left an event unread; what it said itself comes after that
+                except (
+                    ConnectionResetError
+                ):  # it left an event unread; what it said itself comes after that
                     said = self._talk.recv(MOST_BYTES)
                 if not said:
                     return
@@ -147,7 +166,9 @@ class _Talk:
         return events, False
 
     def tell(self, missing: str | None, news: Sequence[str]) -> None:
-        """Say what is missing so far, where that has changed, and what is new; a slow control is not awaited."""
+        """Say what is missing so far, where that has changed, and what is new; a slow control is
+        not awaited.
+        """
         if missing != self._told or news:
             with suppress(OSError):
                 said = json.dumps({"missing": missing, "news": list(news)}).encode()

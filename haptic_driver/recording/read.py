@@ -1,19 +1,21 @@
-"""Recordings of the daemon: HDF5, readable from MATLAB, one group per run; reading them, and export to CSV and Parquet.
+"""Recordings of the daemon: HDF5, readable from MATLAB, one group per run; reading them, and export
+to CSV and Parquet.
 
 `/run_0001`, `/run_0002`, ... each hold
-- `samples/NAME`: one dataset per field of `processes.samples.SAMPLE`, one entry per tick; units are in the names, and
-  positions are there raw (`position_x_m`) and extrapolated to output time (`output_x_m`).
-  `target_cof`, `reachable` and `expected_cof` belong to `measured_cof` beside them, of the moment
-  that was felt at `felt_time_s`;
+- `samples/NAME`: one dataset per field of `processes.samples.SAMPLE`, one entry per tick; units are
+  in the names, and positions are there raw (`position_x_m`) and extrapolated to output time
+  (`output_x_m`). `target_cof`, `reachable` and `expected_cof` belong to `measured_cof` beside them,
+  of the moment that was felt at `felt_time_s`;
 - `events/NAME`: one dataset per field of `recording.event.Event`, `data` as JSON;
 - `config`: the rig's full resolved configuration, JSON;
-- attributes, all strings or floats (MATLAB's h5readatt fails on integers): `rig`, `model`, `simulated` (1 or 0),
-  `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator`, `latency_budget_s` (JSON), `started_at`
-  (UTC), `started_s` (CLOCK_MONOTONIC, as every time in a recording), `wall_offset_s` and `lsl_offset_s` (what to add
-  to such a time for seconds of UTC since 1970, and for LSL's clock; NaN without LSL), `samples_lost` (overwritten
-  before they were read), `events_lost`, and `complete`: 1 when the recorder has ended in good order and nothing is
-  missing, 0 while it records, after its crash or a full disk, and where something is missing; `why_incomplete` says
-  which, and is empty for a run that is complete.
+- attributes, all strings or floats (MATLAB's h5readatt fails on integers): `rig`, `model`,
+  `simulated` (1 or 0), `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator`,
+  `latency_budget_s` (JSON), `started_at` (UTC), `started_s` (CLOCK_MONOTONIC, as every time in a
+  recording), `wall_offset_s` and `lsl_offset_s` (what to add to such a time for seconds of UTC
+  since 1970, and for LSL's clock; NaN without LSL), `samples_lost` (overwritten before they were
+  read), `events_lost`, and `complete`: 1 when the recorder has ended in good order and nothing is
+  missing, 0 while it records, after its crash or a full disk, and where something is missing;
+  `why_incomplete` says which, and is empty for a run that is complete.
 """
 
 from __future__ import annotations
@@ -42,8 +44,13 @@ from model.support.cells import written_cells
 FORMAT = "haptic-driver recording"
 FORMAT_VERSION = 1.0
 FIELDS: tuple[str, ...] = SAMPLE.names or ()
-EVENT_FIELDS = {"number": "u8", "time_s": "f8", "kind": h5py.string_dtype(), "message": h5py.string_dtype(),
-                "data": h5py.string_dtype()}  # fmt: skip
+EVENT_FIELDS = {
+    "number": "u8",
+    "time_s": "f8",
+    "kind": h5py.string_dtype(),
+    "message": h5py.string_dtype(),
+    "data": h5py.string_dtype(),
+}
 TABLES = {"samples": {name: SAMPLE[name] for name in FIELDS}, "events": EVENT_FIELDS}
 BLOCK_ROWS = 1 << 15  # exported at a time
 
@@ -75,29 +82,44 @@ def run_names(path: Path) -> list[str]:
 
 
 def read_run(path: Path, name: str | None = None) -> Run:
-    """One run, the last unless named. BadInputError for a missing, damaged, foreign or newer file."""
+    """One run, the last unless named. BadInputError for a missing, damaged, foreign or newer
+    file.
+    """
     with _opened(path) as file:
         group = _group(path, file, name)
         samples = np.empty(group["samples/tick"].shape[0], SAMPLE)
         for field in FIELDS:
             samples[field] = _column(group[f"samples/{field}"], slice(None))
         return Run(
-            group.name.strip("/"), _attributes(group), json.loads(group["config"].asstr()[()]), samples, _events(group)
+            group.name.strip("/"),
+            _attributes(group),
+            json.loads(group["config"].asstr()[()]),
+            samples,
+            _events(group),
         )
 
 
 def export(
-    path: Path, out: Path, *, run: str | None = None, events: bool = False, force: bool = False,
+    path: Path,
+    out: Path,
+    *,
+    run: str | None = None,
+    events: bool = False,
+    force: bool = False,
     progress: Callable[[int], None] = lambda rows: None,
-) -> int:  # fmt: skip
-    """Write the samples of a run (or its events) as a table, .csv or .parquet by the ending of `out`; returns its rows.
+) -> int:
+    """Write the samples of a run (or its events) as a table, .csv or .parquet by the ending of
+    `out`; returns its rows.
 
-    NaN is an empty cell in CSV. `progress` is told the rows done. BadInputError for an unknown ending, a file that
-    exists (unless `force`) and an unreadable recording; HapticError when it cannot be written. All or nothing.
+    NaN is an empty cell in CSV. `progress` is told the rows done. BadInputError for an unknown
+    ending, a file that exists (unless `force`) and an unreadable recording; HapticError when it
+    cannot be written. All or nothing.
     """
     write = {".csv": _write_csv, ".parquet": _write_parquet}.get(out.suffix.lower())
     if write is None:
-        raise BadInputError("bad_ending", f"{out}: ends neither in .csv nor in .parquet", "Give --out run.csv")
+        raise BadInputError(
+            "bad_ending", f"{out}: ends neither in .csv nor in .parquet", "Give --out run.csv"
+        )
     if out.exists() and not force:
         raise exists_already(out)
     with _opened(path) as file:
@@ -116,27 +138,43 @@ def row_count(path: Path, run: str | None = None, *, events: bool = False) -> in
         return int(_group(path, file, run)["events/number" if events else "samples/tick"].shape[0])
 
 
-# --- inside ----------------------------------------------------------------------------------------------------
+# --- inside
+# ------------------------------------------------------------------------------------------------
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
-    """The open file, known to be a recording; what fails while it is read is a BadInputError too."""
+    """The open file, known to be a recording; what fails while it is read is a BadInputError
+    too.
+    """
     if not os.path.isfile(path):
-        said = "is a folder, not a recording" if os.path.isdir(path) else "there is no such recording"
+        said = (
+            "is a folder, not a recording" if os.path.isdir(path) else "there is no such recording"
+        )
         raise BadInputError("recording_not_found", f"{path}: {said}", "Check the path")
     try:
         file = h5py.File(path, "r", locking=False)
     except OSError as error:
         said = f"{path}: not a readable HDF5 file ({error})"
-        raise BadInputError("recording_unreadable", said, "Give a file that haptic record wrote") from error
+        raise BadInputError(
+            "recording_unreadable", said, "Give a file that haptic record wrote"
+        ) from error
     with file:
         try:
             _check_format(path, file)
             yield file
-        except (KeyError, ValueError, RuntimeError, TypeError, RecursionError, MemoryError) as error:
+        except (
+            KeyError,
+            ValueError,
+            RuntimeError,
+            TypeError,
+            RecursionError,
+            MemoryError,
+        ) as error:
             hint = "Look at it with h5dump; use another copy"
-            raise BadInputError("recording_unreadable", f"{path}: is damaged ({error})", hint) from error
+            raise BadInputError(
+                "recording_unreadable", f"{path}: is damaged ({error})", hint
+            ) from error
 
 
 def _check_format(path: Path, file: h5py.File) -> None:
@@ -146,7 +184,11 @@ def _check_format(path: Path, file: h5py.File) -> None:
     version = float(file.attrs["format_version"])
     if version != FORMAT_VERSION:
         said = f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}"
-        raise BadInputError("recording_version", said, "Use the version of haptic-driver that wrote it, or a newer one")
+        raise BadInputError(
+            "recording_version",
+            said,
+            "Use the version of haptic-driver that wrote it, or a newer one",
+        )
 
 
 def _names(file: h5py.File) -> list[str]:
@@ -158,7 +200,9 @@ def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:
     if not names:
         raise BadInputError("no_runs", f"{path}: holds no run", "Record one with: haptic record")
     if name is not None and name not in names:
-        raise BadInputError("no_such_run", f"{path}: has no run {name!r}", f"It has {', '.join(names)}")
+        raise BadInputError(
+            "no_such_run", f"{path}: has no run {name!r}", f"It has {', '.join(names)}"
+        )
     group: h5py.Group = member(file, name or names[-1], h5py.Group)
     check_run(group, TABLES, file.id.get_filesize())
     return group
@@ -166,7 +210,9 @@ def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:
 
 def _attributes(group: h5py.Group) -> dict[str, Any]:
     found = {name: _attribute(value) for name, value in group.attrs.items()}
-    parsed = {name: json.loads(str(found[name])) for name in ("calibration_ids", "latency_budget_s")}
+    parsed = {
+        name: json.loads(str(found[name])) for name in ("calibration_ids", "latency_budget_s")
+    }
     return found | parsed | {name: bool(found[name]) for name in ("simulated", "complete")}
 
 
@@ -179,7 +225,13 @@ def _attribute(value: Any) -> str | float:
 def _events(group: h5py.Group) -> list[Event]:
     columns = [_column(group[f"events/{name}"], slice(None)) for name in EVENT_FIELDS]
     return [
-        Event(number=int(number), time_s=float(time_s), kind=kind, message=message, data=json.loads(data))
+        Event(
+            number=int(number),
+            time_s=float(time_s),
+            kind=kind,
+            message=message,
+            data=json.loads(data),
+        )
         for number, time_s, kind, message, data in zip(*columns, strict=True)
     ]
 
@@ -215,9 +267,13 @@ def _cells(column: NDArray[Any]) -> list[Any]:
     return ["" if cell != cell else cell for cell in cells] if column.dtype.kind == "f" else cells  # noqa: PLR0124 - NaN
 
 
-def _write_parquet(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]) -> None:
+def _write_parquet(
+    path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]
+) -> None:
     """With `about` as JSON under the key `haptic_driver` of the file's metadata."""
-    pa, parquet = (optional(module, "parquet", "Parquet") for module in ("pyarrow", "pyarrow.parquet"))
+    pa, parquet = (
+        optional(module, "parquet", "Parquet") for module in ("pyarrow", "pyarrow.parquet")
+    )
     first = next(blocks)
     metadata = {"haptic_driver": json.dumps(about)}
     schema = pa.table(dict(zip(fields, first, strict=True))).schema.with_metadata(metadata)

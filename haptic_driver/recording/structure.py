@@ -1,7 +1,8 @@
-"""What a run must look like before it is read: plain data in the file itself, no larger than the file.
+"""What a run must look like before it is read: plain data in the file itself, no larger than the
+file.
 
-A recording may come from anybody. HDF5 lets a dataset lie in another file, a link lead anywhere, and a shape of a few
-bytes stand for terabytes.
+A recording may come from anybody. HDF5 lets a dataset lie in another file, a link lead anywhere,
+and a shape of a few bytes stand for terabytes.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ def member(parent: h5py.Group, name: str, kind: type) -> Any:
 
 
 def check_run(run: h5py.Group, tables: Mapping[str, Mapping[str, Any]], file_bytes: int) -> None:
-    """ValueError unless each table has its columns, with the types given, of one length, and all fit into the file."""
+    """ValueError unless each table has its columns, with the types given, of one length, and all
+    fit into the file.
+    """
     _check_plain(member(run, "config", h5py.Dataset), h5py.string_dtype(), 0)
     total = 0
     for table, kinds in tables.items():
@@ -47,7 +50,9 @@ def check_run(run: h5py.Group, tables: Mapping[str, Mapping[str, Any]], file_byt
 
 
 def read_column(column: h5py.Dataset, rows: slice, file_bytes: int) -> NDArray[Any]:
-    """Some rows of a checked column. ValueError where they cannot be read, or are more text than the file can hold."""
+    """Some rows of a checked column. ValueError where they cannot be read, or are more text than
+    the file can hold.
+    """
     try:
         if h5py.check_string_dtype(column.dtype) is None:
             plain: NDArray[Any] = column[rows]
@@ -68,9 +73,13 @@ def read_column(column: h5py.Dataset, rows: slice, file_bytes: int) -> NDArray[A
 
 def _check_plain(dataset: h5py.Dataset, kind: np.dtype[Any], dimensions: int) -> None:
     is_text = h5py.check_string_dtype(kind) is not None
-    is_as_said = h5py.check_string_dtype(dataset.dtype) is not None if is_text else dataset.dtype == kind
+    is_as_said = (
+        h5py.check_string_dtype(dataset.dtype) is not None if is_text else dataset.dtype == kind
+    )
     if not is_as_said or dataset.shape is None or len(dataset.shape) != dimensions:
-        raise ValueError(f"{dataset.name} is not as a recording has it (shape {dataset.shape}, {dataset.dtype})")
+        raise ValueError(
+            f"{dataset.name} is not as a recording has it (shape {dataset.shape}, {dataset.dtype})"
+        )
     if dataset.is_virtual or dataset.external:
         raise ValueError(f"{dataset.name} lies in another file, which is not read")
     if dataset.id.get_create_plist().get_nfilters():

@@ -1,14 +1,16 @@
 """What the recorder writes, and how a run survives a crash; the format is described in `read.py`.
 
-HDF5 has no journal: a process that is killed while it writes leaves a file that nobody can open. So nobody ever writes
-to the file that the user sees. There are two copies; the hidden one is brought up to date, closed, forced to disk and
-exchanged with the visible one by renaming, which happens as a whole or not at all. Whenever the recorder dies and
-however full the disk gets, the visible file is a complete HDF5 file that lacks at most what came since the last
-exchange. The price is twice the space while recording. Nothing is exchanged of which the system has refused a byte
+HDF5 has no journal: a process that is killed while it writes leaves a file that nobody can open. So
+nobody ever writes to the file that the user sees. There are two copies; the hidden one is brought
+up to date, closed, forced to disk and exchanged with the visible one by renaming, which happens as
+a whole or not at all. Whenever the recorder dies and however full the disk gets, the visible file
+is a complete HDF5 file that lacks at most what came since the last exchange. The price is twice the
+space while recording. Nothing is exchanged of which the system has refused a byte
 (`checked_file.py`).
 
-Who deletes one of the two loses nothing: it is put back from the other, and both from the descriptor of the visible
-file, which is kept open. A run of which ticks or events are missing never says that it is complete.
+Who deletes one of the two loses nothing: it is put back from the other, and both from the
+descriptor of the visible file, which is kept open. A run of which ticks or events are missing never
+says that it is complete.
 """
 
 from __future__ import annotations
@@ -48,7 +50,9 @@ NOT_ENDED = "it is being recorded, or its recorder was killed"
 
 @dataclass(frozen=True)
 class RunHeader:
-    """What was true of the whole run; see `haptic_driver.recording.read`. `calibration_ids` by device."""
+    """What was true of the whole run; see `haptic_driver.recording.read`. `calibration_ids` by
+    device.
+    """
 
     rig: str
     simulated: bool
@@ -64,9 +68,13 @@ class RunHeader:
     clock: ClockOffsets = field(default_factory=clock_offsets)
 
     def attributes(self) -> dict[str, str | float | NDArray[np.bytes_]]:
-        """Strings and floats."""
-        said = {name: value for name, value in vars(self).items() if name not in ("config", "clock")}
-        found = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in said.items()}
+        said = {
+            name: value for name, value in vars(self).items() if name not in ("config", "clock")
+        }
+        found = {
+            name: json.dumps(value) if isinstance(value, dict) else value
+            for name, value in said.items()
+        }
         offsets_s = {name: math.nan if s is None else s for name, s in self.clock}
         said_last = {"samples_lost": 0.0, "events_lost": 0.0, "complete": 0.0}
         why = {"why_incomplete": _of_fixed_length(NOT_ENDED)}
@@ -75,7 +83,9 @@ class RunHeader:
 
 @dataclass(frozen=True)
 class Chunk:
-    """What came since the last time: samples of dtype SAMPLE, how many are missing before them, and events."""
+    """What came since the last time: samples of dtype SAMPLE, how many are missing before them, and
+    events.
+    """
 
     samples: NDArray[np.void]
     lost: int
@@ -89,7 +99,6 @@ class EventCount:
         self._first = self._last = self._count = 0
 
     def add(self, events: Sequence[Event]) -> None:
-        """Some more."""
         for event in events:
             self._first = min(self._first, event.number) if self._count else event.number
             self._last = max(self._last, event.number)
@@ -104,8 +113,8 @@ class EventCount:
 class RunWriter:
     """One new run at the end of a recording, which is made, private, where there is none.
 
-    Raises BadInputError for a path that cannot be used, HapticError `recording_failed` when writing fails; the visible
-    file is readable whatever happens.
+    Raises BadInputError for a path that cannot be used, HapticError `recording_failed` when writing
+    fails; the visible file is readable whatever happens.
     """
 
     def __init__(self, path: Path, header: RunHeader) -> None:
@@ -132,7 +141,9 @@ class RunWriter:
         self.samples += len(chunk.samples)
 
     def close(self) -> str | None:
-        """Mark the run as complete, or as what it lacks, and remove the hidden copy; what it lacks, in words."""
+        """Mark the run as complete, or as what it lacks, and remove the hidden copy; what it lacks,
+        in words.
+        """
         self._write(None)
         remove_hidden(self.path)
         os.close(self._whole)
@@ -140,7 +151,9 @@ class RunWriter:
 
     @property
     def missing(self) -> str | None:
-        """Which ticks the run lacks so far, in words; None where none is missing. Events may come late."""
+        """Which ticks the run lacks so far, in words; None where none is missing. Events may come
+        late.
+        """
         return _missing(self.path, self.lost, 0)
 
     def _lacks(self) -> str | None:
@@ -194,17 +207,23 @@ class RunWriter:
             raise HapticError("recording_failed", said, what_to_do(error)) from error
 
     def _exchange(self) -> bool:
-        """Killed anywhere here, the visible file is the old one or the new one. Whether a chunk is owed afterwards."""
+        """Killed anywhere here, the visible file is the old one or the new one. Whether a chunk is
+        owed afterwards.
+        """
         spare = _spare(self._behind)
         try:
             if not self._is_ours(self.path):
-                raise FileExistsError(errno.EEXIST, "another file has taken its place", str(self.path))
+                raise FileExistsError(
+                    errno.EEXIST, "another file has taken its place", str(self.path)
+                )
             os.link(self.path, spare)
         except FileNotFoundError:
             os.link(self._behind, self.path)
             _copy(self.path, spare)
             is_behind = False
-            self._news.append(f"{self.path} was deleted while it is recorded, and is put back, whole")
+            self._news.append(
+                f"{self.path} was deleted while it is recorded, and is put back, whole"
+            )
         else:
             os.replace(self._behind, self.path)
             is_behind = True
@@ -218,7 +237,9 @@ class RunWriter:
         self._owed = []
 
     def _keep(self, reason: str) -> str:
-        """Say in what is left why it ends: in place, since a full disk has room for nothing more; where that is."""
+        """Say in what is left why it ends: in place, since a full disk has room for nothing more;
+        where that is.
+        """
         remove_hidden(self.path)
         where = self.path
         try:
@@ -228,11 +249,15 @@ class RunWriter:
         except OSError as error:
             return f"and what came before is lost ({self._said(error)})"
         with suppress(OSError, RuntimeError, KeyError), _written(where, "r+") as file:
-            file[self._run].attrs.modify("why_incomplete", _of_fixed_length(f"recording stopped: {reason}"))
+            file[self._run].attrs.modify(
+                "why_incomplete", _of_fixed_length(f"recording stopped: {reason}")
+            )
         return f"what came before is in {where}"
 
     def _is_ours(self, path: Path) -> bool:
-        """Whether the visible file is still the one that was put there. FileNotFoundError where there is none."""
+        """Whether the visible file is still the one that was put there. FileNotFoundError where
+        there is none.
+        """
         return os.path.samestat(os.stat(path), os.fstat(self._whole))
 
     def _hold(self) -> None:
@@ -252,10 +277,11 @@ def record(
     wait: Callable[[], tuple[Sequence[Event], bool]],
     tell: Callable[[str | None, Sequence[str]], object] = lambda missing, news: None,
 ) -> str | None:
-    """Write until `wait` says that it is over; `wait` lasts up to `INTERVAL_S` and returns the events of that time.
+    """Write until `wait` says that it is over; `wait` lasts up to `INTERVAL_S` and returns the
+    events of that time.
 
-    `tell` hears what is missing so far, and what has happened to the files. Returns what is missing at the end. The
-    first HapticError ends it, with what was written before still readable.
+    `tell` hears what is missing so far, and what has happened to the files. Returns what is missing
+    at the end. The first HapticError ends it, with what was written before still readable.
     """
     try:
         over = False
@@ -281,9 +307,13 @@ def checked_path(path: Path) -> Path:
 def where(path: Path) -> Path:
     """Where to record: absolute, ending in .h5 or .hdf5. BadInputError otherwise."""
     if path.suffix.lower() not in (".h5", ".hdf5"):
-        raise BadInputError("bad_ending", f"{path}: a recording's name ends in .h5", "Give a name such as run.h5")
+        raise BadInputError(
+            "bad_ending", f"{path}: a recording's name ends in .h5", "Give a name such as run.h5"
+        )
     if not path.is_absolute():
-        raise BadInputError("relative_path", f"{path}: the daemon works in another folder", "Give an absolute path")
+        raise BadInputError(
+            "relative_path", f"{path}: the daemon works in another folder", "Give an absolute path"
+        )
     return path.resolve()
 
 
@@ -293,7 +323,9 @@ def hidden_copy(path: Path) -> Path:
 
 
 def left_by_dead(path: Path) -> str:
-    """Where a recorder that died has left what came before, in words; of its hidden copy nothing stays."""
+    """Where a recorder that died has left what came before, in words; of its hidden copy nothing
+    stays.
+    """
     try:
         if not path.exists():  # somebody has deleted it
             run_names(hidden_copy(path))
@@ -313,7 +345,10 @@ def what_to_do(error: Exception) -> str:
     if number in (errno.EACCES, errno.EPERM, errno.EROFS):
         return "Check the rights of the file and its folder, or choose another one"
     if number in (errno.ENOENT, errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
-        return "Leave the file and its folder alone while they are recorded into, or choose another one"
+        return (
+            "Leave the file and its folder alone while they are recorded into, or choose"
+            " another one"
+        )
     return "Look at the disk, or choose a file on another one that is local"
 
 
@@ -329,7 +364,9 @@ def _spare(behind: Path) -> Path:
 
 
 def _free_name(path: Path) -> Path:
-    return next(there for n in count(2) if not (there := path.with_stem(f"{path.stem}-kept-{n}")).exists())
+    return next(
+        there for n in count(2) if not (there := path.with_stem(f"{path.stem}-kept-{n}")).exists()
+    )
 
 
 def _copy_open(source: int, target: Path) -> None:
@@ -354,8 +391,14 @@ def _written(path: Path, mode: str) -> Iterator[h5py.File]:
 
 
 def _missing(path: Path, samples: int, events: int) -> str | None:
-    said = [f"{number} {what}" for number, what in ((samples, "ticks"), (events, "events")) if number]
-    return f"{' and '.join(said)} are missing in {path}: the recorder came too late for them" if said else None
+    said = [
+        f"{number} {what}" for number, what in ((samples, "ticks"), (events, "events")) if number
+    ]
+    return (
+        f"{' and '.join(said)} are missing in {path}: the recorder came too late for them"
+        if said
+        else None
+    )
 
 
 def _of_fixed_length(said: str) -> NDArray[np.bytes_]:
@@ -374,7 +417,13 @@ def _make_run(group: h5py.Group, header: RunHeader) -> None:
 
 
 def _empty(group: h5py.Group, name: str, kind: Any) -> None:
-    group.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(CHUNK_ROWS if name.startswith("samples") else 64,))
+    group.create_dataset(
+        name,
+        (0,),
+        kind,
+        maxshape=(None,),
+        chunks=(CHUNK_ROWS if name.startswith("samples") else 64,),
+    )
 
 
 def _append(group: h5py.Group, chunk: Chunk) -> None:

@@ -1,8 +1,8 @@
 """What compiles the stages: `kernel`, numba's njit with the options that all of them share.
 
-numba's own cache notices a change in the file of a kernel, not in the kernels, constants and records that it uses from
-other files. So the cache lives in a folder named by the hash of all these sources: whatever is edited, no stale machine
-code runs.
+numba's own cache notices a change in the file of a kernel, not in the kernels, constants and
+records that it uses from other files. So the cache lives in a folder named by the hash of all these
+sources: whatever is edited, no stale machine code runs.
 """
 
 from __future__ import annotations
@@ -60,9 +60,11 @@ _FOLDER = str(_cache_folder())
 
 
 def kernel(function: F) -> F:
-    """Compile `function` at its first call with arguments of these types, and keep the machine code on disk.
+    """Compile `function` at its first call with arguments of these types, and keep the machine code
+    on disk.
 
-    `nogil`: other threads go on meanwhile. `error_model`: x / 0 is inf or NaN, as in numpy, and never an exception.
+    `nogil`: other threads go on meanwhile. `error_model`: x / 0 is inf or NaN, as in numpy, and
+    never an exception.
     """
     config: Any = numba.config
     before, config.CACHE_DIR = config.CACHE_DIR, _FOLDER
@@ -81,12 +83,16 @@ def either(function: F) -> F:
 
 
 def refuse_to_compile() -> None:
-    """From here on a kernel in use raises TypeError for arguments it was not compiled for: compiling takes seconds."""
+    """From here on a kernel in use raises TypeError for arguments it was not compiled for:
+    compiling takes seconds.
+    """
     for each in _kernels:
         if each.signatures:
             each.disable_compile()
 
 
 def laid_out(values: Array) -> Array:
-    """The same numbers laid out as kernels get them everywhere: another layout would be compiled for anew."""
+    """The same numbers laid out as kernels get them everywhere: another layout would be compiled
+    for anew.
+    """
     return np.require(values, np.float64, ["C", "A", "W"])

@@ -1,7 +1,8 @@
 """Target friction -> operating point: which frequency, then which voltage.
 
-A policy (`policies.py`) says how the frequency is chosen; the voltage then follows from the surface. The force pulses
-at twice the carrier, so no policy but `fixed_frequency` goes below `lowest_carrier_hz`.
+A policy (`policies.py`) says how the frequency is chosen; the voltage then follows from the
+surface. The force pulses at twice the carrier, so no policy but `fixed_frequency` goes below
+`lowest_carrier_hz`.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ LEAST_V = 1.0  # below, a voltage tells nothing of the rise
 class ControllerSettings:
     """A surface and how to use it.
 
-    `policy`: the name of one of `policies.py`, which reads the next three. `hysteresis`: how much better (relative)
-    another frequency must be before the carrier moves there.
-    `correction`: what the finger's speed and the time do to friction, where the model says they do anything.
+    `policy`: the name of one of `policies.py`, which reads the next three. `hysteresis`: how much
+    better (relative) another frequency must be before the carrier moves there. `correction`: what
+    the finger's speed and the time do to friction, where the model says they do anything.
     `feedback`: how the finger's own gains are learnt from measured friction; None leaves them at 1.
     """
 
@@ -76,9 +77,13 @@ class ControllerSettings:
         """Largest voltage and sliding current that the limits allow at one frequency."""
         surface = self.surface
         frequencies_hz = np.exp(surface.log_frequency)
-        worst = WorstCase(frequencies_hz, surface.voltage_v, surface.stuck_current_a_per_v, surface.electrode_gain)
+        worst = WorstCase(
+            frequencies_hz, surface.voltage_v, surface.stuck_current_a_per_v, surface.electrode_gain
+        )
         highest_v = self.limits.highest_within_v(worst.at(frequency_hz)).item()
-        return Caps(CLEAR * highest_v, CLEAR * float(self.limits.contact_current_limit_a_rms(frequency_hz)))
+        return Caps(
+            CLEAR * highest_v, CLEAR * float(self.limits.contact_current_limit_a_rms(frequency_hz))
+        )
 
 
 class Control(NamedTuple):
@@ -100,7 +105,9 @@ class Control(NamedTuple):
 
 
 class ControllerState(NamedTuple):
-    """The frequency in use, NaN before the first target; what is known of the finger, and the last commands."""
+    """The frequency in use, NaN before the first target; what is known of the finger, and the last
+    commands.
+    """
 
     frequency_hz: float = nan
     estimate: Estimate = Estimate()
@@ -108,12 +115,15 @@ class ControllerState(NamedTuple):
 
 
 INITIAL = ControllerState()
-Held = Sequence[Control]  # numba's list of one: to hand over so many fields at each call costs more than the call does
+Held = Sequence[
+    Control
+]  # numba's list of one: to hand over so many fields at each call costs more than the call does
 Plain = tuple[Any, ...]  # the values of a record
 
 
 class Controller:
-    """The stage with everything that depends on settings alone worked out once. Raises BadInputError.
+    """The stage with everything that depends on settings alone worked out once. Raises
+    BadInputError.
 
     Its methods are the compiled functions of these names, told what they are to hold on to, which
     is `held`. They take and give records, which go in and out of compiled code as plain tuples:
@@ -129,7 +139,9 @@ class Controller:
         control = Control(
             surface=surface,
             highest=highest_cof(surface),
-            correction=Correction(*map(laid_out, NO_CORRECTION if correction is None else correction)),
+            correction=Correction(
+                *map(laid_out, NO_CORRECTION if correction is None else correction)
+            ),
             corrected=correction is not None,
             law=FeedbackSettings(0.0) if law is None else feedback.checked(law),
             learns=law is not None,
@@ -142,7 +154,9 @@ class Controller:
         self._most_m_s = np.inf if correction is None else float(np.exp(correction.log_speed[-1]))
 
     def knows(self, finger: FingerState) -> bool:
-        """Whether the surface was solved for so much load and speed; beyond, the nearest that it knows is taken."""
+        """Whether the surface was solved for so much load and speed; beyond, the nearest that it
+        knows is taken.
+        """
         speed_m_s = hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
         return finger.normal_force_n <= self._most_n and speed_m_s <= self._most_m_s
 
@@ -166,13 +180,20 @@ class Controller:
         return voltage_v, OperatingPoint._make(peak)
 
     def carried(
-        self, before: Controller, state: ControllerState, speed_m_s: float, contact_s: float, voltage_v: float
+        self,
+        before: Controller,
+        state: ControllerState,
+        speed_m_s: float,
+        contact_s: float,
+        voltage_v: float,
     ) -> ControllerState:
         """See the compiled function."""
         return carried(self.held, before.held, plain(state), speed_m_s, contact_s, voltage_v)
 
     def full_scale_v(self, frequency_hz: float) -> float:
-        """The most that any load may get at one frequency: that of a carrier whose amplitude something else makes."""
+        """The most that any load may get at one frequency: that of a carrier whose amplitude
+        something else makes.
+        """
         return self.settings.caps(frequency_hz).voltage_v
 
     def reachable(self, normal_force_n: float) -> tuple[float, float]:
@@ -231,18 +252,25 @@ def decided(
     finger: FingerState,
     applied: DriveCommand,
 ) -> tuple[ControllerState, OperatingPoint]:
-    """The operating point for `target` under the finger's present load; zero volts where nothing is asked.
+    """The operating point for `target` under the finger's present load; zero volts where nothing is
+    asked.
 
-    A target out of reach gives the nearest reachable friction, flagged. `applied` is the command of the tick before,
-    which feedback compares with what the finger felt; NaN volts where nobody knows whether it is out.
+    A target out of reach gives the nearest reachable friction, flagged. `applied` is the command of
+    the tick before, which feedback compares with what the finger felt; NaN volts where nobody knows
+    whether it is out.
     """
     known, commands = state.estimate, state.commands
     if control.learns:
         commands = feedback.remembered(commands, finger.time_s, applied)
-        then = feedback.in_force(commands, finger.time_s - control.law.latency_s, control.law.timing_s)
-        known = feedback.learnt(control.surface, control.correction, control.law, known, then, finger)
+        then = feedback.in_force(
+            commands, finger.time_s - control.law.latency_s, control.law.timing_s
+        )
+        known = feedback.learnt(
+            control.surface, control.correction, control.law, known, then, finger
+        )
     if not (target.active and target.cof > 0.0 and finger.normal_force_n > 0.0):
-        # before the first target the carrier waits where it will most likely be wanted: to move it takes SCPI
+        # before the first target the carrier waits where it will most likely be wanted: to move it
+        # takes SCPI
         idle_hz = usual_hz(control) if np.isnan(state.frequency_hz) else state.frequency_hz
         idle = OperatingPoint(idle_hz, 0.0, np.nan, 0.0, 0.0, True, np.nan, np.nan)
         return ControllerState(state.frequency_hz, known, commands), idle
@@ -260,7 +288,13 @@ def usual_hz(control: Control) -> float:
     if not np.isnan(control.choice.fixed_hz):
         return control.choice.fixed_hz
     nodes = control.surface.log_normal_force
-    return float(np.exp(control.surface.log_frequency[best_node(control, np.inf, np.exp(nodes[nodes.size // 2]))]))
+    return float(
+        np.exp(
+            control.surface.log_frequency[
+                best_node(control, np.inf, np.exp(nodes[nodes.size // 2]))
+            ]
+        )
+    )
 
 
 @kernel
@@ -272,11 +306,13 @@ def carried(
     contact_s: float,
     voltage_v: float,
 ) -> ControllerState:
-    """The state on another surface than `before`, with gains that leave the friction of the present drive as it was.
+    """The state on another surface than `before`, with gains that leave the friction of the present
+    drive as it was.
 
-    So a swap moves no voltage. Both gains become the same: what they told apart is the new surface's to know, also at
-    other carriers. With next to no voltage or without contact some usual ones are taken. Where nothing is learnt
-    nothing is carried: the voltage goes to the new surface's by the drive's rate.
+    So a swap moves no voltage. Both gains become the same: what they told apart is the new
+    surface's to know, also at other carriers. With next to no voltage or without contact some usual
+    ones are taken. Where nothing is learnt nothing is carried: the voltage goes to the new
+    surface's by the drive's rate.
     """
     state = recorded(values)
     if not held[0].learns:
@@ -284,7 +320,9 @@ def carried(
     new, old, known, frequency_hz = held[0], before[0], state.estimate, state.frequency_hz
     nodes, load_n, time_s = new.surface.log_normal_force, known.normal_force_n, known.time_s
     peak_v = voltage_v if voltage_v >= LEAST_V else USUAL_SHARE * new.surface.voltage_v[-1]
-    drive = InForce(IDLE_HZ if np.isnan(frequency_hz) else frequency_hz, peak_v, peak_v, peak_v, True)
+    drive = InForce(
+        IDLE_HZ if np.isnan(frequency_hz) else frequency_hz, peak_v, peak_v, peak_v, True
+    )
     finger = FingerState(
         0.0 if np.isnan(time_s) else time_s,
         0.0,
@@ -309,14 +347,19 @@ def carried(
 def chosen(
     control: Control, known: Estimate, target_cof: float, finger: FingerState, present_hz: float
 ) -> tuple[float, Inverse, Factors]:
-    """Frequency, what the surface says there, and the correction's factors: cof = off_gain off + rise_gain rise.
+    """Frequency, what the surface says there, and the correction's factors: cof = off_gain off +
+    rise_gain rise.
 
-    The factors depend on the drive that the target asks for, so both are found together, in a few rounds.
-    Of a finger that is little known less is asked.
+    The factors depend on the drive that the target asks for, so both are found together, in a few
+    rounds. Of a finger that is little known less is asked.
     """
     surface, gains, force_n = control.surface, known.gains, finger.normal_force_n
     low = cof_at(surface, IDLE_HZ, 0.0, force_n)  # the same at any frequency
-    factors, frequency_hz, inverse = Factors(1.0, 1.0), control.choice.fixed_hz, Inverse(0.0, low, 0.0, 0.0, low, low)
+    factors, frequency_hz, inverse = (
+        Factors(1.0, 1.0),
+        control.choice.fixed_hz,
+        Inverse(0.0, low, 0.0, 0.0, low, low),
+    )
     last = CORRECTION_ROUNDS if control.corrected else 0
     for k in range(last + 1):
         if k > 0:
@@ -332,16 +375,21 @@ def chosen(
 
 @kernel
 def on_surface(gains: Gains, factors: Factors, low: float, target_cof: float) -> float:
-    """The surface's friction where this finger feels `target_cof`; `low` is that without voltage."""
+    """The surface's friction where this finger feels `target_cof`; `low` is that without
+    voltage.
+    """
     return low + (target_cof - gains.off * factors.off * low) / (gains.rise * factors.rise)
 
 
 @kernel
-def careful_cof(gains: Gains, factors: Factors, low: float, target_cof: float, caution: float) -> float:
+def careful_cof(
+    gains: Gains, factors: Factors, low: float, target_cof: float, caution: float
+) -> float:
     """The surface's friction that is best for a finger whose gains are uncertain.
 
-    It minimises (expected friction - target)^2 + caution * variance of friction: cautious control (Astrom and
-    Wittenmark, Adaptive Control, 1995, ch. 7). What is known is met, whatever the target; of the rest less is asked.
+    It minimises (expected friction - target)^2 + caution * variance of friction: cautious control
+    (Astrom and Wittenmark, Adaptive Control, 1995, ch. 7). What is known is met, whatever the
+    target; of the rest less is asked.
     """
     off = factors.off * low
     wanted = gains.rise * (target_cof - gains.off * off) - caution * gains.covariance * off
@@ -350,23 +398,33 @@ def careful_cof(gains: Gains, factors: Factors, low: float, target_cof: float, c
 
 
 @kernel
-def as_felt(frequency_hz: float, at: Inverse, factors: Factors, gains: Gains, target_cof: float) -> OperatingPoint:
+def as_felt(
+    frequency_hz: float, at: Inverse, factors: Factors, gains: Gains, target_cof: float
+) -> OperatingPoint:
     """The operating point, with friction as this finger feels it."""
     low, rise = gains.off * factors.off * at.cof_low, gains.rise * factors.rise
     cof, high = low + rise * (at.cof - at.cof_low), low + rise * (at.cof_high - at.cof_low)
-    current_a, stuck_a, in_reach = at.current_rms_a, at.stuck_current_rms_a, low <= target_cof <= high
+    current_a, stuck_a, in_reach = (
+        at.current_rms_a,
+        at.stuck_current_rms_a,
+        low <= target_cof <= high,
+    )
     return OperatingPoint(frequency_hz, at.voltage_v, cof, current_a, stuck_a, in_reach, low, high)
 
 
 class Candidate(NamedTuple):
-    """A frequency that the carrier may have: its rank by the policy, and what the target takes there."""
+    """A frequency that the carrier may have: its rank by the policy, and what the target takes
+    there.
+    """
 
     rank: float
     at: Inverse
 
 
 @kernel
-def best_or_present(control: Control, target_cof: float, normal_force_n: float, present_hz: float) -> float:
+def best_or_present(
+    control: Control, target_cof: float, normal_force_n: float, present_hz: float
+) -> float:
     """The best frequency, or the present one while that is not clearly worse; NaN for none."""
     surface = control.surface
     best_hz = np.exp(surface.log_frequency[best_node(control, target_cof, normal_force_n)])
@@ -457,10 +515,11 @@ def cost(choice: Choice, at: Inverse) -> float:
 def along(
     held: Held, gained: Plain, cautious: bool, target_cof: Array, felt: Plain, frequency_hz: float
 ) -> tuple[Array, Plain]:
-    """Voltages [n] for targets at points to come, at one frequency, 0 for NaN; and the operating point of the peak.
+    """Voltages [n] for targets at points to come, at one frequency, 0 for NaN; and the operating
+    point of the peak.
 
-    The correction's factors are those of the highest target's drive. A target out of reach gives the nearest reachable
-    friction.
+    The correction's factors are those of the highest target's drive. A target out of reach gives
+    the nearest reachable friction.
     """
     control, gains, finger = held[0], Gains(*gained), FingerState(*felt)
     surface, caps, factors = control.surface, control.caps, Factors(1.0, 1.0)
@@ -491,7 +550,9 @@ def reachable(held: Held, normal_force_n: float) -> tuple[float, float]:
     """Lowest and highest friction that the policy can reach under a load."""
     control, frequency_hz = held[0], held[0].choice.fixed_hz
     if np.isnan(frequency_hz):
-        frequency_hz = np.exp(control.surface.log_frequency[best_node(control, np.inf, normal_force_n)])
+        frequency_hz = np.exp(
+            control.surface.log_frequency[best_node(control, np.inf, normal_force_n)]
+        )
     most = invert(control.surface, np.inf, frequency_hz, normal_force_n, control.caps)
     return most.cof_low, most.cof_high
 
@@ -500,4 +561,6 @@ def reachable(held: Held, normal_force_n: float) -> tuple[float, float]:
 def current_a(held: Held, frequency_hz: float, voltage_v: float, normal_force_n: float) -> float:
     """Current into the sliding finger at one point, A rms, as the surface says."""
     surface = held[0].surface
-    return at_voltage(surface, surface.current_rms_a, place_of(surface, frequency_hz, normal_force_n), voltage_v)
+    return at_voltage(
+        surface, surface.current_rms_a, place_of(surface, frequency_hz, normal_force_n), voltage_v
+    )

@@ -1,8 +1,9 @@
-"""What speed and time do to friction, as a correction to a surface that was solved at one speed and time 0.
+"""What speed and time do to friction, as a correction to a surface that was solved at one speed and
+time 0.
 
-cof = time_factor(t) [ off_factor(n, v) cof_off(n) + gain_factor(f, n, v, V) rise(f, n, V) ]: friction without voltage
-and the rise through attraction are corrected apart, since effects of speed act on one or the other. Time
-counts from the touch.
+cof = time_factor(t) [ off_factor(n, v) cof_off(n) + gain_factor(f, n, v, V) rise(f, n, V) ]:
+friction without voltage and the rise through attraction are corrected apart, since effects of speed
+act on one or the other. Time counts from the touch.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from haptic_driver.signals import Array, FingerState
 
 
 class Correction(NamedTuple):
-    """Nodes of log frequency [f], log normal force [n], log speed [s], voltage [v] and time [t], and factors on them.
+    """Nodes of log frequency [f], log normal force [n], log speed [s], voltage [v] and time [t],
+    and factors on them.
 
-    `off_factor` [n, s], `gain_factor` [f, n, s, v], `time_factor` [t]; outside the nodes the nearest holds.
+    `off_factor` [n, s], `gain_factor` [f, n, s, v], `time_factor` [t]; outside the nodes the
+    nearest holds.
     """
 
     log_frequency: Array
@@ -33,7 +36,9 @@ class Correction(NamedTuple):
 
 
 _ENDS = np.array([0.0, 1.0])
-NO_CORRECTION = Correction(_ENDS, _ENDS, _ENDS, _ENDS, _ENDS, np.ones((2, 2)), np.ones((2, 2, 2, 2)), np.ones(2))
+NO_CORRECTION = Correction(
+    _ENDS, _ENDS, _ENDS, _ENDS, _ENDS, np.ones((2, 2)), np.ones((2, 2, 2, 2)), np.ones(2)
+)
 """Factors of 1."""
 
 
@@ -45,7 +50,9 @@ class Factors(NamedTuple):
 
 
 @kernel
-def factors_at(correction: Correction, frequency_hz: float, voltage_v: float, finger: FingerState) -> Factors:
+def factors_at(
+    correction: Correction, frequency_hz: float, voltage_v: float, finger: FingerState
+) -> Factors:
     """The factors for this drive and this finger."""
     speed_m_s = max(np.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), 1e-9)
     f, f_share = among(correction.log_frequency, np.log(frequency_hz))
@@ -60,7 +67,11 @@ def factors_at(correction: Correction, frequency_hz: float, voltage_v: float, fi
             off += share * correction.off_factor[n + i, s + j]
             for k in range(2):
                 for m in range(2):
-                    part = share * (f_share if k else 1.0 - f_share) * (v_share if m else 1.0 - v_share)
+                    part = (
+                        share
+                        * (f_share if k else 1.0 - f_share)
+                        * (v_share if m else 1.0 - v_share)
+                    )
                     rise += part * correction.gain_factor[f + k, n + i, s + j, v + m]
     of_time = between(correction.time_factor[t], correction.time_factor[t + 1], t_share)
     return Factors(of_time * off, of_time * rise)

@@ -11,7 +11,9 @@ from haptic_driver.signals import DriveCommand, SafeOperatingPoint
 
 @dataclass(frozen=True)
 class DriveSettings:
-    """`voltage_rise_v_per_s`: how fast the amplitude may grow, so that touch-down is not felt as a click."""
+    """`voltage_rise_v_per_s`: how fast the amplitude may grow, so that touch-down is not felt as a
+    click.
+    """
 
     voltage_rise_v_per_s: float = 10e3
 
@@ -31,8 +33,12 @@ def drive(
 ) -> tuple[DriveState, DriveCommand]:
     """The command for this instant; off for zero volts."""
     elapsed_s = time_s - state.time_s
-    if not 0.0 < elapsed_s < inf:  # the first command, a time that is none, or a clock that began again
+    if (
+        not 0.0 < elapsed_s < inf
+    ):  # the first command, a time that is none, or a clock that began again
         elapsed_s = 0.0
     voltage_v = min(point.voltage_v, state.voltage_v + settings.voltage_rise_v_per_s * elapsed_s)
     now_s = time_s if isfinite(time_s) else state.time_s
-    return DriveState(now_s, voltage_v), DriveCommand(point.frequency_hz, voltage_v, voltage_v > 0.0)
+    return DriveState(now_s, voltage_v), DriveCommand(
+        point.frequency_hz, voltage_v, voltage_v > 0.0
+    )

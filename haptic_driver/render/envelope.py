@@ -1,11 +1,13 @@
-"""Envelope: the amplitude within one tick, for a carrier whose amplitude an analog output can change fast.
+"""Envelope: the amplitude within one tick, for a carrier whose amplitude an analog output can
+change fast.
 
-A tick is too slow for texture: at 100 mm/s a ridge of 0.2 mm is 500 Hz. So the texture is asked along the way that the
-finger makes until the next tick, the controller gives the voltage of each of these points, and between them the force,
-which goes with the voltage squared, runs straight: the envelope is the square root of it.
+A tick is too slow for texture: at 100 mm/s a ridge of 0.2 mm is 500 Hz. So the texture is asked
+along the way that the finger makes until the next tick, the controller gives the voltage of each of
+these points, and between them the force, which goes with the voltage squared, runs straight: the
+envelope is the square root of it.
 
-Everything here is pure, as in `tick.py`. The render process calls `ahead` after `tick`; the actuator makes samples of
-it with `synthesise`, at the rate and pace of its own output.
+Everything here is pure, as in `tick.py`. The render process calls `ahead` after `tick`; the
+actuator makes samples of it with `synthesise`, at the rate and pace of its own output.
 """
 
 from __future__ import annotations
@@ -24,11 +26,15 @@ _SHARES = np.arange(1, COURSE_POINTS + 1) / COURSE_POINTS
 ZERO = np.zeros(COURSE_POINTS)
 
 
-def ahead(stages: TickSettings, after: TickState, done: Tick, tick_s: float) -> tuple[TickState, Array]:
-    """Peak voltage squared, V^2 [COURSE_POINTS], from this tick to the next, the last point at the next.
+def ahead(
+    stages: TickSettings, after: TickState, done: Tick, tick_s: float
+) -> tuple[TickState, Array]:
+    """Peak voltage squared, V^2 [COURSE_POINTS], from this tick to the next, the last point at the
+    next.
 
-    For a tick whose command is what was wanted, neither rising nor ramped down: then the texture may move as fast as it
-    likes. Zero without contact, where nothing is asked for, and all of it where the last gate refuses any of it.
+    For a tick whose command is what was wanted, neither rising nor ramped down: then the texture
+    may move as fast as it likes. Zero without contact, where nothing is asked for, and all of it
+    where the last gate refuses any of it.
     """
     finger = done.finger
     if not finger.in_contact or done.safe.rejection is not None:
@@ -42,11 +48,15 @@ def ahead(stages: TickSettings, after: TickState, done: Tick, tick_s: float) -> 
         return after._replace(safety=guard), ZERO
     # The next tick's rise begins where this way ends.
     driven = drive.DriveState(after.drive.time_s, voltage_v.item(-1))
-    return TickState(after.finger, after.controller, guard, driven, after.command), voltage_v * voltage_v
+    return (
+        TickState(after.finger, after.controller, guard, driven, after.command),
+        voltage_v * voltage_v,
+    )
 
 
 def full_scale_v(stages: TickSettings, carrier_hz: float) -> float:
-    """Peak voltage of a carrier where its envelope is at its highest, and where Modulation In fails.
+    """Peak voltage of a carrier where its envelope is at its highest, and where Modulation In
+    fails.
 
     It is the most that is allowed under any load, if the last gate agrees; nothing otherwise.
     """
@@ -63,12 +73,17 @@ def _moments_s(tick_s: float) -> Array:
 
 def straight(begin_v2: float, end_v2: float) -> Array:
     """The same for a tick that rises by the drive stage, or falls: a fall is at once."""
-    return np.full(COURSE_POINTS, end_v2) if begin_v2 >= end_v2 else begin_v2 + (end_v2 - begin_v2) * _SHARES
+    return (
+        np.full(COURSE_POINTS, end_v2)
+        if begin_v2 >= end_v2
+        else begin_v2 + (end_v2 - begin_v2) * _SHARES
+    )
 
 
 @kernel
 def synthesise(powers_v2: Array, out: Array) -> None:
-    """Peak voltages `out` [m] between `powers_v2` [n + 1], the first of which was reached before the first sample.
+    """Peak voltages `out` [m] between `powers_v2` [n + 1], the first of which was reached before
+    the first sample.
 
     Both are evenly spaced and end together. Straight lines in voltage squared.
     """

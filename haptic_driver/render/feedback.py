@@ -4,29 +4,34 @@ The surface says what friction a typical finger feels; this finger feels
 
     cof = off_gain * friction without voltage + rise_gain * rise through attraction.
 
-Both gains are estimated while the finger slides, and the controller inverts the surface through them: the loop is
-feed-forward through an estimated plant, so that voltage and carrier stay those of the surface and of its limits.
+Both gains are estimated while the finger slides, and the controller inverts the surface through
+them: the loop is feed-forward through an estimated plant, so that voltage and carrier stay those of
+the surface and of its limits.
 
-The law, per new reading of the force sensor: with h the two lateral forces that the surface alone gives for the
-command in force `latency_s` ago, lagged as friction lags, and P the covariance of the gains x,
+The law, per new reading of the force sensor: with h the two lateral forces that the surface alone
+gives for the command in force `latency_s` ago, lagged as friction lags, and P the covariance of the
+gains x,
 
     x <- x + s P h (F - x.h) / (h.P h),    P <- P - s P h h^T P / (h.P h) + f (P0 - P),
 
-s = 1 - exp(-dt/T), f = 1 - exp(-dt/memory_s), x kept within bounds; T is `time_constant_s` once the finger is known,
-and down to `timing_s` before. It is the projection algorithm
-(Goodwin and Sin, Adaptive Filtering Prediction and Control, 1984, ch. 3) in a metric that learns: the error of x never
-grows, measured by P, and since P is drawn to P0 it neither winds up nor dies. The command takes part with its delay, so
-delay does not destabilise: with a latency wrong by e the loop's gain is at most e/T, and it is stable
-below 1 (small gain). `timing_s` within which commands differ slows learning down, to a stop where the output ramps.
+s = 1 - exp(-dt/T), f = 1 - exp(-dt/memory_s), x kept within bounds; T is `time_constant_s` once the
+finger is known, and down to `timing_s` before. It is the projection algorithm (Goodwin and Sin,
+Adaptive Filtering Prediction and Control, 1984, ch. 3) in a metric that learns: the error of x
+never grows, measured by P, and since P is drawn to P0 it neither winds up nor dies. The command
+takes part with its delay, so delay does not destabilise: with a latency wrong by e the loop's gain
+is at most e/T, and it is stable below 1 (small gain). `timing_s` within which commands differ slows
+learning down, to a stop where the output ramps.
 
-Nothing is learnt while the finger is off, rests or has just set out, while force is unknown (NaN: stale, saturated) or
-the same as before, until a change of the carrier is felt, or while the output comes on and nobody knows what of a
-command is out (its voltage is NaN). A target out of reach cannot wind anything up, since friction is compared with what
-the voltage really commanded should give, not with the target; learning goes on there, or a gain believed too small
-would never be found out.
+Nothing is learnt while the finger is off, rests or has just set out, while force is unknown (NaN:
+stale, saturated) or the same as before, until a change of the carrier is felt, or while the output
+comes on and nobody knows what of a command is out (its voltage is NaN). A target out of reach
+cannot wind anything up, since friction is compared with what the voltage really commanded should
+give, not with the target; learning goes on there, or a gain believed too small would never be found
+out.
 
-On another carrier attraction is another: there the rise is taken for as much more or less than usual as friction
-without voltage, and for as unsure as an unknown finger's; the more so, the farther away the carrier.
+On another carrier attraction is another: there the rise is taken for as much more or less than
+usual as friction without voltage, and for as unsure as an unknown finger's; the more so, the
+farther away the carrier.
 """
 
 from __future__ import annotations
@@ -50,24 +55,30 @@ RAMP = 0.5  # of the change that commands make within the timing window: error o
 LEAST_PACE = 0.1  # slower is a standstill: the output ramps
 LONGEST_STEP_S = 0.010  # no reading teaches more than so much time would
 RATE_TIME_CONSTANT_S = 0.5
-CARRIER_MEMORY = 1.0  # factors of e by which the carrier changes until most is forgotten of the rise
+CARRIER_MEMORY = (
+    1.0  # factors of e by which the carrier changes until most is forgotten of the rise
+)
 PATIENCE_S = 1.0  # without a reading for so long there is no feedback to be careful for
 SOME_FREQUENCY_HZ = 1e3  # for a look-up at zero voltage, where it does not matter
 NO_COMMANDS = np.full((COMMANDS_KEPT, 3), nan)
 
-Forces = tuple[float, float]  # h of the law: lateral ones by the surface alone, without voltage and by attraction
+Forces = tuple[
+    float, float
+]  # h of the law: lateral ones by the surface alone, without voltage and by attraction
 
 
 class FeedbackSettings(NamedTuple):
     """How the finger's gains are learnt.
 
-    `latency_s`: from a command until the force sensor reports its effect; `timing_s`: by how much that may be off.
-    `time_constant_s` of learning, once the finger is known; `memory_s`: how fast what was learnt may become wrong.
-    `deviation` and `correlation` of the two gains from finger to finger, before anything was measured. `lowest_gain`,
-    `highest_gain`: bounds. `slowest_m_s`, `settled_m`: slower, and before that way in one stroke, nothing is learnt.
-    `cutoff_hz_per_m_s`: friction follows voltage with a first-order lag of that cut-off per speed (13.8 Hz per mm/s,
-    arXiv 2505.11162). `caution`: what variance of the friction counts for, against the squared error expected; above
-    1, since rising friction is felt more strongly than falling (10.1109/TOH.2018.2830790, abstract).
+    `latency_s`: from a command until the force sensor reports its effect; `timing_s`: by how much
+    that may be off. `time_constant_s` of learning, once the finger is known; `memory_s`: how fast
+    what was learnt may become wrong. `deviation` and `correlation` of the two gains from finger to
+    finger, before anything was measured. `lowest_gain`, `highest_gain`: bounds. `slowest_m_s`,
+    `settled_m`: slower, and before that way in one stroke, nothing is learnt. `cutoff_hz_per_m_s`:
+    friction follows voltage with a first-order lag of that cut-off per speed (13.8 Hz per mm/s,
+    arXiv 2505.11162). `caution`: what variance of the friction counts for, against the squared
+    error expected; above 1, since rising friction is felt more strongly than falling
+    (10.1109/TOH.2018.2830790, abstract).
     """
 
     latency_s: float
@@ -85,7 +96,9 @@ class FeedbackSettings(NamedTuple):
 
 
 class Gains(NamedTuple):
-    """cof = `off` x friction without voltage + `rise` x rise by attraction: x of the law; and P, their covariance."""
+    """cof = `off` x friction without voltage + `rise` x rise by attraction: x of the law; and P,
+    their covariance.
+    """
 
     off: float = 1.0
     rise: float = 1.0
@@ -97,11 +110,12 @@ class Gains(NamedTuple):
 class Estimate(NamedTuple):
     """What is known of the finger; by default that it is the one that the surface was made for.
 
-    `gain` is what both gains make of the friction at the present drive, `gain_rate_per_s` its drift, smoothed.
-    `learning`: the last sample taught something; `at_limit`: a gain stands at its bound; `cautious`: a force was
-    measured lately, so that the covariance counts. `expected_off_n` and `expected_rise_n`: lateral force by the surface
-    alone, lagged as friction lags; NaN without contact. `time_s` and `normal_force_n` are the last sample's,
-    `reading_time_s` and `lateral_force_n` the last new reading's; `slid_m` is the way of this stroke.
+    `gain` is what both gains make of the friction at the present drive, `gain_rate_per_s` its
+    drift, smoothed. `learning`: the last sample taught something; `at_limit`: a gain stands at its
+    bound; `cautious`: a force was measured lately, so that the covariance counts. `expected_off_n`
+    and `expected_rise_n`: lateral force by the surface alone, lagged as friction lags; NaN without
+    contact. `time_s` and `normal_force_n` are the last sample's, `reading_time_s` and
+    `lateral_force_n` the last new reading's; `slid_m` is the way of this stroke.
     """
 
     gains: Gains = Gains()
@@ -120,7 +134,9 @@ class Estimate(NamedTuple):
 
 
 class InForce(NamedTuple):
-    """The command in force at a time, the least and the most voltage around it, and whether one carrier held."""
+    """The command in force at a time, the least and the most voltage around it, and whether one
+    carrier held.
+    """
 
     frequency_hz: float
     voltage_v: float
@@ -131,9 +147,14 @@ class InForce(NamedTuple):
 
 def checked(law: FeedbackSettings) -> FeedbackSettings:
     """`law` itself, in floats. Raises BadInputError for settings that have no meaning."""
-    wrong = [name for name, value in law._asdict().items() if not (isfinite(value) and value >= 0.0)]
+    wrong = [
+        name for name, value in law._asdict().items() if not (isfinite(value) and value >= 0.0)
+    ]
     if wrong:
-        said, hint = f"feedback {wrong[0]} is {getattr(law, wrong[0])}", "give a finite number, 0 or more"
+        said, hint = (
+            f"feedback {wrong[0]} is {getattr(law, wrong[0])}",
+            "give a finite number, 0 or more",
+        )
     elif law.latency_s + law.timing_s > LONGEST_LATENCY_S:
         said = f"feedback over a latency of {law.latency_s:g} s is too late"
         hint = f"give at most {LONGEST_LATENCY_S:g} s, timing included, or switch feedback off"
@@ -144,7 +165,10 @@ def checked(law: FeedbackSettings) -> FeedbackSettings:
         and law.deviation > 0.0
     ):
         said = f"feedback settings contradict one another: {law}"
-        hint = "choose timing_s < time_constant_s < memory_s, 0 < lowest_gain < 1 < highest_gain, correlation < 1"
+        hint = (
+            "choose timing_s < time_constant_s < memory_s, 0 < lowest_gain < 1 < highest_gain,"
+            " correlation < 1"
+        )
     else:
         return FeedbackSettings(*map(float, law))
     raise BadInputError("bad_feedback", said, hint)
@@ -152,7 +176,8 @@ def checked(law: FeedbackSettings) -> FeedbackSettings:
 
 @kernel
 def remembered(commands: Array, time_s: float, applied: DriveCommand) -> Array:
-    """Commands [n, 3] of time, frequency and voltage, newest first, with one more; NaN where there was none yet.
+    """Commands [n, 3] of time, frequency and voltage, newest first, with one more; NaN where there
+    was none yet.
 
     The voltage is NaN of a command that is on its way while the output comes on.
     """
@@ -164,11 +189,18 @@ def remembered(commands: Array, time_s: float, applied: DriveCommand) -> Array:
 
 @kernel
 def learnt(
-    surface: Surface, correction: Correction, law: FeedbackSettings, known: Estimate, then: InForce, finger: FingerState
+    surface: Surface,
+    correction: Correction,
+    law: FeedbackSettings,
+    known: Estimate,
+    then: InForce,
+    finger: FingerState,
 ) -> Estimate:
     """What is known after one more sample of the finger, `then` in force; the law is told above."""
     elapsed_s = finger.time_s - known.time_s
-    if not 0.0 <= elapsed_s < np.inf:  # the first sample, one without a time, or a clock that began again
+    if (
+        not 0.0 <= elapsed_s < np.inf
+    ):  # the first sample, one without a time, or a clock that began again
         elapsed_s = 0.0
     gains = any_finger(law) if np.isnan(known.time_s) else known.gains
     if not finger.in_contact:
@@ -177,7 +209,10 @@ def learnt(
     speed_m_s = np.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
     h = off_n, rise_n = lagged(law, known, felt, speed_m_s * elapsed_s)
     slid_m = known.slid_m + speed_m_s * elapsed_s if speed_m_s >= law.slowest_m_s else 0.0
-    repeated = finger.lateral_force_n == known.lateral_force_n and finger.normal_force_n == known.normal_force_n
+    repeated = (
+        finger.lateral_force_n == known.lateral_force_n
+        and finger.normal_force_n == known.normal_force_n
+    )
     new = bool(np.isfinite(finger.lateral_force_n) and not repeated)
     reading_s = finger.time_s if new else known.reading_time_s
     lateral_n = finger.lateral_force_n if new else known.lateral_force_n
@@ -191,16 +226,38 @@ def learnt(
         gains, at_limit = taught(law, gains, h, finger.lateral_force_n, worth_s)
         gain = (gains.off * off_n + gains.rise * rise_n) / (off_n + rise_n)
         if elapsed_s > 0.0:
-            rate += -np.expm1(-elapsed_s / RATE_TIME_CONSTANT_S) * ((gain - known.gain) / elapsed_s - rate)
-    time_s, load_n, cautious = finger.time_s, finger.normal_force_n, finger.time_s - reading_s < PATIENCE_S
+            rate += -np.expm1(-elapsed_s / RATE_TIME_CONSTANT_S) * (
+                (gain - known.gain) / elapsed_s - rate
+            )
+    time_s, load_n, cautious = (
+        finger.time_s,
+        finger.normal_force_n,
+        finger.time_s - reading_s < PATIENCE_S,
+    )
     return Estimate(
-        gains, gain, rate, learning, at_limit, cautious, off_n, rise_n, time_s, reading_s, load_n, lateral_n, slid_m
+        gains,
+        gain,
+        rate,
+        learning,
+        at_limit,
+        cautious,
+        off_n,
+        rise_n,
+        time_s,
+        reading_s,
+        load_n,
+        lateral_n,
+        slid_m,
     )
 
 
 @kernel
-def taught(law: FeedbackSettings, gains: Gains, h: Forces, lateral_n: float, worth_s: float) -> tuple[Gains, bool]:
-    """The gains after one reading that is worth so much time, and whether one of them stands at its bound."""
+def taught(
+    law: FeedbackSettings, gains: Gains, h: Forces, lateral_n: float, worth_s: float
+) -> tuple[Gains, bool]:
+    """The gains after one reading that is worth so much time, and whether one of them stands at its
+    bound.
+    """
     (off_n, rise_n), (ph_off, ph_rise, hph) = h, spread(gains, h)
     expected_n = gains.off * off_n + gains.rise * rise_n
     share = -np.expm1(-worth_s / time_constant_s(law, np.sqrt(hph) / expected_n))
@@ -218,7 +275,9 @@ def taught(law: FeedbackSettings, gains: Gains, h: Forces, lateral_n: float, wor
 
 @kernel
 def time_constant_s(law: FeedbackSettings, deviation: float) -> float:
-    """Shorter, down to `timing_s`, the less is known: `deviation` of the friction expected, as a share of it."""
+    """Shorter, down to `timing_s`, the less is known: `deviation` of the friction expected, as a
+    share of it.
+    """
     settled = law.deviation * np.sqrt(law.time_constant_s / law.memory_s)
     return float(max(law.timing_s, law.time_constant_s * min(settled / deviation, 1.0)))
 
@@ -252,13 +311,19 @@ def drawn(gains: Gains, to: Gains, share: float) -> Gains:
 
 
 @kernel
-def forgotten(law: FeedbackSettings, known: Estimate, gains: Gains, elapsed_s: float, time_s: float) -> Estimate:
-    """Without contact what is known goes back to what is known of any finger: the next may be another's."""
+def forgotten(
+    law: FeedbackSettings, known: Estimate, gains: Gains, elapsed_s: float, time_s: float
+) -> Estimate:
+    """Without contact what is known goes back to what is known of any finger: the next may be
+    another's.
+    """
     share = -np.expm1(-elapsed_s / law.memory_s)
     faded, gain = drawn(gains, any_finger(law), share), between(known.gain, 1.0, share)
     last_s, reading_s = time_s if np.isfinite(time_s) else known.time_s, known.reading_time_s
     cautious = time_s - reading_s < PATIENCE_S
-    return Estimate(faded, gain, 0.0, False, False, cautious, nan, nan, last_s, reading_s, nan, nan, 0.0)
+    return Estimate(
+        faded, gain, 0.0, False, False, cautious, nan, nan, last_s, reading_s, nan, nan, 0.0
+    )
 
 
 @kernel
@@ -272,7 +337,8 @@ def elsewhere(law: FeedbackSettings, known: Estimate, from_hz: float, to_hz: flo
 
 @kernel
 def rescaled(known: Estimate, off: float, rise: float, level: float, share: float) -> Estimate:
-    """The same finger on another surface, whose friction without voltage and whose rise are that many times less.
+    """The same finger on another surface, whose friction without voltage and whose rise are that
+    many times less.
 
     Both gains are `level` then, and of their covariance in newtons that `share` is kept.
     """
@@ -308,12 +374,19 @@ def with_gains(known: Estimate, gains: Gains, off_n: float, rise_n: float) -> Es
 
 
 @kernel
-def by_surface(surface: Surface, correction: Correction, then: InForce, finger: FingerState) -> tuple[Forces, float]:
-    """What the surface alone gives for a command, and how much the voltages around it change of that."""
+def by_surface(
+    surface: Surface, correction: Correction, then: InForce, finger: FingerState
+) -> tuple[Forces, float]:
+    """What the surface alone gives for a command, and how much the voltages around it change of
+    that.
+    """
     factors = factors_at(correction, then.frequency_hz, then.voltage_v, finger)
     place = place_of(surface, then.frequency_hz, finger.normal_force_n)
     low = at_node(surface.cof, place, 0)
-    off_n, per_rise_n = finger.normal_force_n * factors.off * low, finger.normal_force_n * factors.rise
+    off_n, per_rise_n = (
+        finger.normal_force_n * factors.off * low,
+        finger.normal_force_n * factors.rise,
+    )
     rise = at_voltage(surface, surface.cof, place, then.voltage_v) - low
     most = at_voltage(surface, surface.cof, place, then.most_v)
     least = at_voltage(surface, surface.cof, place, then.least_v)
@@ -322,7 +395,9 @@ def by_surface(surface: Surface, correction: Correction, then: InForce, finger: 
 
 @kernel
 def lagged(law: FeedbackSettings, known: Estimate, felt: Forces, way_m: float) -> Forces:
-    """Friction follows voltage with a first-order lag of the way; at the touch there is no attraction yet."""
+    """Friction follows voltage with a first-order lag of the way; at the touch there is no
+    attraction yet.
+    """
     off_n, rise_n = felt
     if np.isnan(known.expected_off_n):
         return off_n, 0.0
@@ -337,8 +412,8 @@ def lagged(law: FeedbackSettings, known: Estimate, felt: Forces, way_m: float) -
 def in_force(commands: Array, at_s: float, around_s: float) -> InForce:
     """What was in force at a time and around it, by the commands that `remembered` has kept.
 
-    Before the oldest command, where that is known, there was no voltage. Where nobody knows the voltage (NaN) none is
-    taken, and no carrier held.
+    Before the oldest command, where that is known, there was no voltage. Where nobody knows the
+    voltage (NaN) none is taken, and no carrier held.
     """
     voltage_v, frequency_hz, found = 0.0, SOME_FREQUENCY_HZ, False
     least_v, most_v = np.inf, 0.0

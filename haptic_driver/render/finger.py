@@ -9,7 +9,8 @@ from typing import NamedTuple
 from haptic_driver.errors import BadInputError
 from haptic_driver.signals import FingerSample, FingerState
 
-# Samples closer together than this share of the time constant count as one: their difference is noise, not speed.
+# Samples closer together than this share of the time constant count as one: their difference is
+# noise, not speed.
 SHORTEST_INTERVAL = 0.01
 
 
@@ -17,9 +18,10 @@ SHORTEST_INTERVAL = 0.01
 class FingerSettings:
     """Contact begins at `contact_on_n` and ends below `contact_off_n` of normal force.
 
-    `velocity_time_constant_s` smooths the velocity; `output_latency_s` is the time from a tick until the output that
-    it decides acts on the finger. A reading is extrapolated to its tick by `longest_age_s` at most: after longer the
-    tracker may have nothing new to say because the finger stands still.
+    `velocity_time_constant_s` smooths the velocity; `output_latency_s` is the time from a tick
+    until the output that it decides acts on the finger. A reading is extrapolated to its tick by
+    `longest_age_s` at most: after longer the tracker may have nothing new to say because the finger
+    stands still.
     """
 
     contact_on_n: float = 0.08
@@ -33,7 +35,8 @@ class FingerSettings:
         if not 0.0 < self.contact_off_n <= self.contact_on_n < math.inf:
             raise BadInputError(
                 "bad_finger_settings",
-                f"contact_off_n {self.contact_off_n} and contact_on_n {self.contact_on_n} are no hysteresis",
+                f"contact_off_n {self.contact_off_n} and contact_on_n {self.contact_on_n} are no"
+                " hysteresis",
                 "choose 0 < contact_off_n <= contact_on_n",
             )
         if not 0.0 < self.velocity_time_constant_s < math.inf:
@@ -57,10 +60,11 @@ class FingerSettings:
 
 
 class FingerTracking(NamedTuple):
-    """What the stage remembers: the last time, the sample that velocity is measured from, the velocity so far.
+    """What the stage remembers: the last time, the sample that velocity is measured from, the
+    velocity so far.
 
-    `weight` is how much of the smoothing window the touch has filled, 0 to 1; it keeps the velocity of a young touch
-    from being drawn towards zero. `touched_s` is when the touch began.
+    `weight` is how much of the smoothing window the touch has filled, 0 to 1; it keeps the velocity
+    of a young touch from being drawn towards zero. `touched_s` is when the touch began.
     """
 
     time_s: float
@@ -77,12 +81,15 @@ class FingerTracking(NamedTuple):
 INITIAL = FingerTracking(math.nan, math.nan, math.nan, math.nan, 0.0, 0.0, 0.0, False)
 
 
-def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample) -> tuple[FingerTracking, FingerState]:
+def track(
+    settings: FingerSettings, state: FingerTracking, sample: FingerSample
+) -> tuple[FingerTracking, FingerState]:
     """Decide contact, estimate velocity and extrapolate the position to when the output acts.
 
-    A steady speed is estimated without bias from the second sample of a touch on. Without contact the velocity is zero.
-    A sample that is not finite or goes back in time is no contact, with position NaN and force zero; the next good one
-    starts a new touch. A repeated time leaves the velocity as it was: the stage cannot see that a tracker stands still.
+    A steady speed is estimated without bias from the second sample of a touch on. Without contact
+    the velocity is zero. A sample that is not finite or goes back in time is no contact, with
+    position NaN and force zero; the next good one starts a new touch. A repeated time leaves the
+    velocity as it was: the stage cannot see that a tracker stands still.
     """
     time_s, x_m, y_m, force_n, lateral_n, now_s = sample
     if not math.isfinite(now_s):
@@ -94,7 +101,9 @@ def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample)
     if force_n < (settings.contact_off_n if state.in_contact else settings.contact_on_n):
         return _untouched(time_s), FingerState(now_s, x_m, y_m, 0.0, 0.0, force_n, in_contact=False)
     if not state.in_contact:
-        touched = FingerTracking(time_s, time_s, x_m, y_m, 0.0, 0.0, 0.0, in_contact=True, touched_s=time_s)
+        touched = FingerTracking(
+            time_s, time_s, x_m, y_m, 0.0, 0.0, 0.0, in_contact=True, touched_s=time_s
+        )
         return touched, FingerState(now_s, x_m, y_m, 0.0, 0.0, force_n, in_contact=True)
 
     state = _follow(settings.velocity_time_constant_s, state, time_s, x_m, y_m)
@@ -109,7 +118,9 @@ def track(settings: FingerSettings, state: FingerTracking, sample: FingerSample)
     return state, FingerState(now_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n, contact_s)
 
 
-def _follow(time_constant_s: float, state: FingerTracking, time_s: float, x_m: float, y_m: float) -> FingerTracking:
+def _follow(
+    time_constant_s: float, state: FingerTracking, time_s: float, x_m: float, y_m: float
+) -> FingerTracking:
     """The velocity, smoothed exponentially over whatever intervals the samples come in."""
     _, anchor_time_s, anchor_x_m, anchor_y_m, vx_m_s, vy_m_s, weight, _, touched_s = state
     interval_s = time_s - anchor_time_s

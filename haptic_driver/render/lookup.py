@@ -28,7 +28,6 @@ def picture_at_points(
     tile: bool,
     ends: bool,
 ) -> Array:
-    """See `picture_at`."""
     cof = np.empty(x_m.size)
     for m in range(x_m.size):
         cof[m] = picture_at(picture, x_m[m], y_m[m], pitch_x_m, pitch_y_m, tile, ends)
@@ -65,7 +64,6 @@ def picture_at(
 def waves_at_points(
     waves: Array, speed_m_s: Array, normal_force_n: Array, met: tuple[float, float], along: Array
 ) -> Array:
-    """See `waves_at`."""
     cof = np.empty(along.size)
     for m in range(along.size):
         cof[m] = waves_at(waves, speed_m_s, normal_force_n, met, along[m])

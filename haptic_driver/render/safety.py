@@ -1,8 +1,10 @@
-"""The last gate: an operating point inside every limit passes unchanged, any other becomes zero volts and a reason.
+"""The last gate: an operating point inside every limit passes unchanged, any other becomes zero
+volts and a reason.
 
-Nothing is clamped here: a point outside the limits means that a stage before is wrong. The rules are those of
-`haptic_driver.limits`, written out again for one point, so that a mistake there does not pass unseen. What finger and
-electrode get at worst the gate looks up by itself, in a table of its own.
+Nothing is clamped here: a point outside the limits means that a stage before is wrong. The rules
+are those of `haptic_driver.limits`, written out again for one point, so that a mistake there does
+not pass unseen. What finger and electrode get at worst the gate looks up by itself, in a table of
+its own.
 """
 
 from __future__ import annotations
@@ -62,7 +64,9 @@ def gate(
     reason = violation(limits, point, worst)
     if reason is None:
         return state, SafeOperatingPoint(point.frequency_hz, point.voltage_v, None)
-    return SafetyState(state.rejections + 1, reason), SafeOperatingPoint(point.frequency_hz, 0.0, reason)
+    return SafetyState(state.rejections + 1, reason), SafeOperatingPoint(
+        point.frequency_hz, 0.0, reason
+    )
 
 
 def violation(limits: OperatingLimits, point: OperatingPoint, worst: Worst) -> str | None:  # noqa: PLR0911 (one per limit)
@@ -96,14 +100,21 @@ def violation(limits: OperatingLimits, point: OperatingPoint, worst: Worst) -> s
         deliverable = min(deliverable, electrode_v / (sqrt(2.0) * limits.series_resistance_ohm))
     stuck = min(max(point.stuck_current_rms_a, worst.stuck_current_rms_a), deliverable)
     if point.stuck_current_rms_a < 0.0 or stuck > allowed:
-        return f"worst-case finger current {stuck:.3g} A rms exceeds {allowed:.3g} A rms at {f:g} Hz"
+        return (
+            f"worst-case finger current {stuck:.3g} A rms exceeds {allowed:.3g} A rms at {f:g} Hz"
+        )
     return None
 
 
 def gate_envelope(
-    limits: OperatingLimits, state: SafetyState, peak: OperatingPoint, worst: Worst, voltage_v: Array
+    limits: OperatingLimits,
+    state: SafetyState,
+    peak: OperatingPoint,
+    worst: Worst,
+    voltage_v: Array,
 ) -> tuple[SafetyState, bool]:
-    """Whether peak voltages [n] are refused, as a whole: for their highest, or for one that is beyond it.
+    """Whether peak voltages [n] are refused, as a whole: for their highest, or for one that is
+    beyond it.
 
     `worst` is that of any voltage up to the peak, so what is below a safe point is safe.
     """
@@ -142,14 +153,20 @@ def worst_at(table: WorstTable, frequency_hz: float, voltage_v: float) -> tuple[
 def per_volt(values: Array, i: int, a: float, k: int) -> float:
     """A value at node `i` of frequency, or between it and the next.
 
-    There it goes straight on logarithmic axes, and over that by as much as it bends: see `WorstCase.at`.
+    There it goes straight on logarithmic axes, and over that by as much as it bends: see
+    `WorstCase.at`.
     """
     if a == 0.0:
         return float(values[i, k])
     bend = 0.0
     for m in (i, i + 1):
         if 0 < m < values.shape[0] - 1:
-            bend += max(2.0 * logarithm(values[m, k]) - logarithm(values[m - 1, k]) - logarithm(values[m + 1, k]), 0.0)
+            bend += max(
+                2.0 * logarithm(values[m, k])
+                - logarithm(values[m - 1, k])
+                - logarithm(values[m + 1, k]),
+                0.0,
+            )
     straight = (1.0 - a) * logarithm(values[i, k]) + a * logarithm(values[i + 1, k])
     return float(np.exp(straight + 0.25 * bend))
 

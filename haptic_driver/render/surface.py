@@ -1,7 +1,7 @@
 """The lookup surface: friction over frequency, normal force and voltage, looked up and inverted.
 
-Nodes are evenly spaced in log frequency, log normal force and voltage; between nodes everything is linear, outside it
-is clamped and never extrapolated.
+Nodes are evenly spaced in log frequency, log normal force and voltage; between nodes everything is
+linear, outside it is clamped and never extrapolated.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ ON_NODE = 1e-9  # of a cell: so near to a node is the node
 class Surface(NamedTuple):
     """A surface made ready for look-up, limits of the rig applied.
 
-    Nodes of log frequency [f], log normal force [n] and voltage [v]. `cof` and `current_rms_a` [f, n, v];
-    `stuck_current_a_per_v` and `electrode_gain` [f, v - 1] as `limits.WorstCase` has them;
+    Nodes of log frequency [f], log normal force [n] and voltage [v]. `cof` and `current_rms_a` [f,
+    n, v]; `stuck_current_a_per_v` and `electrode_gain` [f, v - 1] as `limits.WorstCase` has them;
     `voltage_limit_v` [f, n] is the largest voltage that every limit and mask allows there.
     """
 
@@ -35,7 +35,9 @@ class Surface(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A frequency and a load: at or after node `i` of frequency by `a` cells, at or after node `j` of load by `b`."""
+    """A frequency and a load: at or after node `i` of frequency by `a` cells, at or after node `j`
+    of load by `b`.
+    """
 
     i: int
     a: float
@@ -44,7 +46,9 @@ class Place(NamedTuple):
 
 
 class Caps(NamedTuple):
-    """What else bounds voltage and sliding current: between the nodes the limits of the surface are not exact."""
+    """What else bounds voltage and sliding current: between the nodes the limits of the surface are
+    not exact.
+    """
 
     voltage_v: float
     current_a: float
@@ -54,7 +58,9 @@ NO_CAPS = Caps(np.inf, np.inf)
 
 
 class Inverse(NamedTuple):
-    """The voltage for a target at one place, and what it gives; `cof_high` is the most that is reachable there."""
+    """The voltage for a target at one place, and what it gives; `cof_high` is the most that is
+    reachable there.
+    """
 
     voltage_v: float
     cof: float
@@ -66,13 +72,21 @@ class Inverse(NamedTuple):
 
 @kernel
 def cof_at(surface: Surface, frequency_hz: float, voltage_v: float, normal_force_n: float) -> float:
-    """Friction at one point; clamped to the surface, NaN where an input is NaN. Frequency and force are positive."""
-    return at_voltage(surface, surface.cof, place_of(surface, frequency_hz, normal_force_n), voltage_v)
+    """Friction at one point; clamped to the surface, NaN where an input is NaN. Frequency and force
+    are positive.
+    """
+    return at_voltage(
+        surface, surface.cof, place_of(surface, frequency_hz, normal_force_n), voltage_v
+    )
 
 
 @kernel
-def invert(surface: Surface, target_cof: float, frequency_hz: float, normal_force_n: float, caps: Caps) -> Inverse:
-    """The smallest voltage that gives `target_cof` at that frequency and load, clamped to what is reachable there."""
+def invert(
+    surface: Surface, target_cof: float, frequency_hz: float, normal_force_n: float, caps: Caps
+) -> Inverse:
+    """The smallest voltage that gives `target_cof` at that frequency and load, clamped to what is
+    reachable there.
+    """
     return invert_at(surface, target_cof, place_of(surface, frequency_hz, normal_force_n), caps)
 
 
@@ -92,7 +106,9 @@ def invert_at(surface: Surface, target_cof: float, place: Place, caps: Caps) -> 
 
 @kernel
 def stuck_a(surface: Surface, place: Place, voltage_v: float) -> float:
-    """Worst-case current at a place and a voltage, A rms; straight on logarithmic axes between frequencies."""
+    """Worst-case current at a place and a voltage, A rms; straight on logarithmic axes between
+    frequencies.
+    """
     k, c = locate(surface.voltage_v, voltage_v)
     cell = k - (c == 0.0 and k > 0)
     here = surface.stuck_current_a_per_v[place.i, cell]
@@ -107,7 +123,9 @@ def highest_v(surface: Surface, place: Place, caps: Caps) -> float:
     """The most that limits and caps allow at a place."""
     most_v = min(limit_v(surface, place), caps.voltage_v)
     if at_voltage(surface, surface.current_rms_a, place, most_v) > caps.current_a:
-        return (1.0 - ON_NODE) * crossing_v(surface, surface.current_rms_a, place, caps.current_a, most_v)
+        return (1.0 - ON_NODE) * crossing_v(
+            surface, surface.current_rms_a, place, caps.current_a, most_v
+        )
     return most_v
 
 
@@ -134,15 +152,21 @@ def highest_cof(surface: Surface) -> Array:
 
 @kernel
 def limit_v(surface: Surface, place: Place) -> float:
-    """The least limit of the nodes around: between an allowed and a forbidden node nothing is allowed."""
+    """The least limit of the nodes around: between an allowed and a forbidden node nothing is
+    allowed.
+    """
     i, a, j, b = place
     i1, j1, limit = i + (a > 0.0), j + (b > 0.0), surface.voltage_limit_v
     return float(min(limit[i, j], limit[i, j1], limit[i1, j], limit[i1, j1]))
 
 
 @kernel
-def crossing_v(surface: Surface, values: Array, place: Place, wanted: float, most_v: float) -> float:
-    """The voltage up to `most_v` at which `values` [f, n, v], which grow with it, reach `wanted`; by bisection."""
+def crossing_v(
+    surface: Surface, values: Array, place: Place, wanted: float, most_v: float
+) -> float:
+    """The voltage up to `most_v` at which `values` [f, n, v], which grow with it, reach `wanted`;
+    by bisection.
+    """
     below, above = 0, locate(surface.voltage_v, most_v)[0] + 1
     while above - below > 1:
         middle = (below + above) // 2
@@ -192,7 +216,11 @@ def at_node(values: Array, place: Place, k: int) -> float:
     """Values [f, n, v] at a place and a node of voltage."""
     i, a, j, b = place
     i1, j1 = i + (a > 0.0), j + (b > 0.0)
-    return between(between(values[i, j, k], values[i, j1, k], b), between(values[i1, j, k], values[i1, j1, k], b), a)
+    return between(
+        between(values[i, j, k], values[i, j1, k], b),
+        between(values[i1, j, k], values[i1, j1, k], b),
+        a,
+    )
 
 
 @kernel

@@ -1,7 +1,7 @@
 """Texture stage: where the finger is -> the coefficient of friction that belongs there.
 
-Textures are records that can be asked for friction at one position or at arrays of them. A script plays textures by
-the clock. Where nothing is asked for, the answer is NaN.
+Textures are records that can be asked for friction at one position or at arrays of them. A script
+plays textures by the clock. Where nothing is asked for, the answer is NaN.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ SHORTEST_LENGTH_M = 1e-6
 
 NO_TARGET = TargetFriction(cof=math.nan, active=False)
 
-Outside = Literal["nothing", "clamp", "tile"]  # beyond its ends a texture has nothing, its edge, or itself again
+Outside = Literal[
+    "nothing", "clamp", "tile"
+]  # beyond its ends a texture has nothing, its edge, or itself again
 Interpolation = Literal["hold", "linear", "cosine"]
 
 
@@ -44,7 +46,9 @@ class Target(ABC):
 
     @abstractmethod
     def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
-        """The same on the finger's way, at times ahead of now [n]; a script stands still meanwhile."""
+        """The same on the finger's way, at times ahead of now [n]; a script stands still
+        meanwhile.
+        """
 
     @abstractmethod
     def bounds(self) -> tuple[float, float]:
@@ -53,7 +57,9 @@ class Target(ABC):
     @property
     @abstractmethod
     def detail_m(self) -> float:
-        """The least distance over which friction may be quite another; inf where it is the same everywhere."""
+        """The least distance over which friction may be quite another; inf where it is the same
+        everywhere.
+        """
 
 
 class Texture(Target):
@@ -101,7 +107,9 @@ class Texture(Target):
 
 
 def target(texture: Target, finger: FingerState) -> TargetFriction:
-    """The friction asked for under the finger: none without contact, and none where the texture has none."""
+    """The friction asked for under the finger: none without contact, and none where the texture has
+    none.
+    """
     if not finger.in_contact:
         return NO_TARGET
     cof = texture.cof_under(finger)
@@ -124,7 +132,6 @@ class Uniform(Texture):
 
     @property
     def detail_m(self) -> float:
-        """None."""
         return math.inf
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
@@ -136,7 +143,9 @@ class Uniform(Texture):
 
 @dataclass(frozen=True)
 class Grating(Texture):
-    """Mean plus a sine that varies along `direction_rad` (from +x towards +y); `phase_rad` is its phase at 0, 0."""
+    """Mean plus a sine that varies along `direction_rad` (from +x towards +y); `phase_rad` is its
+    phase at 0, 0.
+    """
 
     mean_cof: float
     amplitude_cof: float
@@ -165,11 +174,16 @@ class Grating(Texture):
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         along_m = x_m * math.cos(self.direction_rad) + y_m * math.sin(self.direction_rad)
-        return self.mean_cof + self.amplitude_cof * math.sin(math.tau * along_m / self.period_m + self.phase_rad)
+        return self.mean_cof + self.amplitude_cof * math.sin(
+            math.tau * along_m / self.period_m + self.phase_rad
+        )
 
     def _cof_at_points(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         rad_per_m = math.tau / self.period_m
-        across, along = rad_per_m * math.cos(self.direction_rad), rad_per_m * math.sin(self.direction_rad)
+        across, along = (
+            rad_per_m * math.cos(self.direction_rad),
+            rad_per_m * math.sin(self.direction_rad),
+        )
         wave: FloatArray = np.sin(across * x_m + along * y_m + self.phase_rad)
         return self.mean_cof + self.amplitude_cof * wave
 
@@ -178,13 +192,16 @@ class Grating(Texture):
 class Profile(Texture):
     """Friction along x, linear between its points, the same for every y.
 
-    Positions increase strictly; there are at least two. Tiled, it repeats after the distance from first to last point.
+    Positions increase strictly; there are at least two. Tiled, it repeats after the distance from
+    first to last point.
     """
 
     position_m: Sequence[float]
     cof: Sequence[float]
     outside: Outside = "nothing"
-    _points: tuple[FloatArray, FloatArray] = field(init=False, repr=False, compare=False)  # for many places at once
+    _points: tuple[FloatArray, FloatArray] = field(
+        init=False, repr=False, compare=False
+    )  # for many places at once
 
     def __post_init__(self) -> None:
         """Keep the points as tuples of floats; refuse points out of order or not finite."""
@@ -197,9 +214,13 @@ class Profile(Texture):
                 "give at least two points, each with a position and a friction",
             )
         if not np.all(np.isfinite(self.position_m)) or not np.all(np.isfinite(self.cof)):
-            raise BadInputError("bad_texture", "a profile has a point that is not finite", "give numbers only")
+            raise BadInputError(
+                "bad_texture", "a profile has a point that is not finite", "give numbers only"
+            )
         if not np.all(np.diff(self.position_m) > 0.0):
-            raise BadInputError("bad_texture", "positions of a profile do not increase", "sort them; no two alike")
+            raise BadInputError(
+                "bad_texture", "positions of a profile do not increase", "sort them; no two alike"
+            )
         object.__setattr__(self, "_points", (np.array(self.position_m), np.array(self.cof)))
 
     def bounds(self) -> tuple[float, float]:
@@ -233,10 +254,12 @@ class Profile(Texture):
 
 @dataclass(frozen=True, eq=False)
 class Waves(Texture):
-    """Friction along a direction that changes with the finger's speed and load, and repeats after `length_m`.
+    """Friction along a direction that changes with the finger's speed and load, and repeats after
+    `length_m`.
 
-    `cof[speed, load, place]`, places evenly spaced from 0 on; linear between all three, and beyond the first and last
-    speed and load as there. `usual`: the speed in m/s and the load in N where no finger says its own.
+    `cof[speed, load, place]`, places evenly spaced from 0 on; linear between all three, and beyond
+    the first and last speed and load as there. `usual`: the speed in m/s and the load in N where no
+    finger says its own.
     """
 
     cof: FloatArray
@@ -268,7 +291,9 @@ class Waves(Texture):
         return float(self.length_m / self.cof.shape[2])
 
     def _met_by(self, finger: FingerState) -> Texture:
-        return self.under(math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.normal_force_n)
+        return self.under(
+            math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.normal_force_n
+        )
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         return float(self._cof_at_points(np.array([x_m]), np.array([y_m]))[0])
@@ -282,10 +307,11 @@ class Waves(Texture):
 
 @dataclass(frozen=True, eq=False)
 class FrictionMap(Texture):
-    """A picture of friction, `cof[row, column]`: columns along +x, rows along +y, bilinear between pixel centres.
+    """A picture of friction, `cof[row, column]`: columns along +x, rows along +y, bilinear between
+    pixel centres.
 
-    The map's corner lies at 0, 0 and the first pixel's centre half a pitch inside it; `Placed` puts it elsewhere. The
-    outer half pixel holds the value of its edge.
+    The map's corner lies at 0, 0 and the first pixel's centre half a pitch inside it; `Placed` puts
+    it elsewhere. The outer half pixel holds the value of its edge.
     """
 
     cof: FloatArray
@@ -294,14 +320,20 @@ class FrictionMap(Texture):
     outside: Outside = "nothing"
 
     def __post_init__(self) -> None:
-        """Keep a read-only copy; refuse an empty map, a pitch that is none and what is not a number."""
+        """Keep a read-only copy; refuse an empty map, a pitch that is none and what is not a
+        number.
+        """
         cof = np.array(self.cof, dtype=float, order="C")
         cof.setflags(write=False)
         object.__setattr__(self, "cof", cof)
         if cof.ndim != 2 or cof.size == 0:
-            raise BadInputError("bad_texture", f"a map of shape {cof.shape}", "give rows and columns of friction")
+            raise BadInputError(
+                "bad_texture", f"a map of shape {cof.shape}", "give rows and columns of friction"
+            )
         if not np.all(np.isfinite(cof)):
-            raise BadInputError("bad_texture", "a map has a friction that is not finite", "give numbers only")
+            raise BadInputError(
+                "bad_texture", "a map has a friction that is not finite", "give numbers only"
+            )
         _require_length(pitch_x_m=self.pitch_x_m, pitch_y_m=self.pitch_y_m)
         object.__setattr__(self, "pitch_x_m", float(self.pitch_x_m))
         object.__setattr__(self, "pitch_y_m", float(self.pitch_y_m))
@@ -317,7 +349,6 @@ class FrictionMap(Texture):
 
     @property
     def detail_m(self) -> float:
-        """A pixel."""
         return min(self.pitch_x_m, self.pitch_y_m)
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
@@ -337,7 +368,9 @@ class FrictionMap(Texture):
 
 @dataclass(frozen=True)
 class Placed(Texture):
-    """Another texture, its point 0, 0 moved to the origin given and turned about it (from +x towards +y)."""
+    """Another texture, its point 0, 0 moved to the origin given and turned about it (from +x
+    towards +y).
+    """
 
     texture: Texture
     origin_x_m: float = 0.0
@@ -346,7 +379,9 @@ class Placed(Texture):
 
     def __post_init__(self) -> None:
         """Refuse what is not a number."""
-        _require_finite(origin_x_m=self.origin_x_m, origin_y_m=self.origin_y_m, rotation_rad=self.rotation_rad)
+        _require_finite(
+            origin_x_m=self.origin_x_m, origin_y_m=self.origin_y_m, rotation_rad=self.rotation_rad
+        )
 
     def bounds(self) -> tuple[float, float]:
         """Those of the texture that is placed."""
@@ -369,7 +404,9 @@ class Placed(Texture):
 
 
 class Step(NamedTuple):
-    """From `time_s` of a script on: a texture, and how to get from it to the next step's. A label makes a marker."""
+    """From `time_s` of a script on: a texture, and how to get from it to the next step's. A label
+    makes a marker.
+    """
 
     time_s: float
     texture: Texture
@@ -388,8 +425,8 @@ class Marker(NamedTuple):
 class Script(Target):
     """Textures by the clock, begun at `start_s`: at least two steps whose times increase strictly.
 
-    Before the first step and from the last one on nothing is asked for; the last is where the one before leads to.
-    Between two textures one fades into the other, position by position.
+    Before the first step and from the last one on nothing is asked for; the last is where the one
+    before leads to. Between two textures one fades into the other, position by position.
     """
 
     steps: tuple[Step, ...]
@@ -399,10 +436,15 @@ class Script(Target):
     def __post_init__(self) -> None:
         """Refuse steps out of order or not finite."""
         object.__setattr__(self, "_times_s", tuple(step.time_s for step in self.steps))
-        _require_finite(start_s=self.start_s, **{f"time_s of step {i + 1}": t for i, t in enumerate(self._times_s)})
+        _require_finite(
+            start_s=self.start_s,
+            **{f"time_s of step {i + 1}": t for i, t in enumerate(self._times_s)},
+        )
         if len(self.steps) < 2 or not np.all(np.diff(self._times_s) > 0.0):
             raise BadInputError(
-                "bad_script", "times of a script do not increase, or it has no two steps", "give two steps, in order"
+                "bad_script",
+                "times of a script do not increase, or it has no two steps",
+                "give two steps, in order",
             )
 
     def started(self, time_s: float) -> Script:
@@ -441,7 +483,9 @@ class Script(Target):
         return cof if second is None else cof + share * (second.cof_along(finger, ahead_s) - cof)
 
     def _at(self, time_s: float) -> tuple[Texture | None, Texture | None, float]:
-        """What is played at a time of the script: nothing, one texture, or a share of the way from it to another."""
+        """What is played at a time of the script: nothing, one texture, or a share of the way from
+        it to another.
+        """
         if not self._times_s[0] <= time_s < self._times_s[-1]:
             return None, None, 0.0
         index = bisect_right(self._times_s, time_s) - 1
@@ -454,10 +498,14 @@ class Script(Target):
         return step.texture, following.texture, share
 
     def markers(self, after_s: float, until_s: float) -> tuple[Marker, ...]:
-        """The markers due after one tick's time and up to another's; at their own times, in order."""
+        """The markers due after one tick's time and up to another's; at their own times, in
+        order.
+        """
         first = bisect_right(self._times_s, after_s - self.start_s)
         stop = bisect_right(self._times_s, until_s - self.start_s)
-        return tuple(Marker(self.start_s + s.time_s, s.label) for s in self.steps[first:stop] if s.label)
+        return tuple(
+            Marker(self.start_s + s.time_s, s.label) for s in self.steps[first:stop] if s.label
+        )
 
 
 def of_every_kind() -> list[Texture]:
@@ -484,10 +532,14 @@ def _between(first: float, second: float, share: float) -> float:
 def _require_finite(**values: float) -> None:
     for name, value in values.items():
         if not math.isfinite(value):
-            raise BadInputError("bad_texture", f"{name} of a texture is {value}", "give a finite number")
+            raise BadInputError(
+                "bad_texture", f"{name} of a texture is {value}", "give a finite number"
+            )
 
 
 def _require_length(**values: float) -> None:
     for name, value in values.items():
         if not SHORTEST_LENGTH_M <= value < math.inf:
-            raise BadInputError("bad_texture", f"{name} of a texture is {value}", "give at least 1e-6 m, finite")
+            raise BadInputError(
+                "bad_texture", f"{name} of a texture is {value}", "give at least 1e-6 m, finite"
+            )

@@ -55,7 +55,11 @@ def tick(settings: TickSettings, state: TickState, sample: FingerSample) -> tupl
     tracking, felt = finger.track(settings.finger, state.finger, sample)
     target = texture.target(settings.texture, felt)
     control, wanted = settings.controller.step(state.controller, target, felt, state.command)
-    worst = safety.Worst(*safety.worst_at(settings.worst_case, wanted.frequency_hz, wanted.voltage_v))
+    worst = safety.Worst(
+        *safety.worst_at(settings.worst_case, wanted.frequency_hz, wanted.voltage_v)
+    )
     guard, safe = safety.gate(settings.limits, state.safety, wanted, worst)
     driven, command = drive.drive(settings.drive, state.drive, safe, felt.time_s)
-    return TickState(tracking, control, guard, driven, command), Tick(felt, target, wanted, safe, command)
+    return TickState(tracking, control, guard, driven, command), Tick(
+        felt, target, wanted, safe, command
+    )

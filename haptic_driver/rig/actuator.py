@@ -1,4 +1,6 @@
-"""What brings commands to the generator: set points over SCPI, or the carrier of an analog envelope."""
+"""What brings commands to the generator: set points over SCPI, or the carrier of an analog
+envelope.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,11 @@ from haptic_driver.signals import DriveCommand
 class Actuator(ABC):
     """One way to the generator, between a rig's `connect` and `close`.
 
-    While a command asks for output the generator stays on, at its lowest where less is asked for: switching takes
-    longer than a thread of a texture, and a relay has only so many switchings in it. `switched` counts how often it
-    came on; that happens at most every `relay_interval_s`. Off is never kept waiting.
-    `name` is what `haptic status` says. `command` is for one thread and raises HapticError, after switching off; `off`
-    is for any.
+    While a command asks for output the generator stays on, at its lowest where less is asked for:
+    switching takes longer than a thread of a texture, and a relay has only so many switchings in
+    it. `switched` counts how often it came on; that happens at most every `relay_interval_s`. Off
+    is never kept waiting. `name` is what `haptic status` says. `command` is for one thread and
+    raises HapticError, after switching off; `off` is for any.
     """
 
     name: str
@@ -32,7 +34,8 @@ class Actuator(ABC):
         self._came_on_s = -inf
 
     def command(self, time_s: float, command: DriveCommand) -> None:
-        """Bring the newest command to the generator, at the rig's bounded rate; refreshes the lease.
+        """Bring the newest command to the generator, at the rig's bounded rate; refreshes the
+        lease.
 
         Takes as long as the dialogue with the instruments.
         """
@@ -74,10 +77,11 @@ class SetpointActuator(Actuator):
 
 
 class CarrierActuator(Actuator):
-    """A carrier over SCPI at the highest amplitude that is allowed there, which an envelope takes down.
+    """A carrier over SCPI at the highest amplitude that is allowed there, which an envelope takes
+    down.
 
-    Until SCPI has brought another carrier no envelope may rise: nobody has asked what its voltages may be at the
-    present one.
+    Until SCPI has brought another carrier no envelope may rise: nobody has asked what its voltages
+    may be at the present one.
     """
 
     name = "analog envelope"
@@ -97,7 +101,9 @@ class CarrierActuator(Actuator):
         return self.rig.carrier[1]
 
     def _set_point(self, command: DriveCommand) -> DriveCommand:
-        return command._replace(voltage_v=min(command.full_scale_v, self._limit_v) if command.output_on else 0.0)
+        return command._replace(
+            voltage_v=min(command.full_scale_v, self._limit_v) if command.output_on else 0.0
+        )
 
 
 def make_actuator(config: RigConfig, rig: Rig) -> Actuator:
@@ -110,4 +116,6 @@ def make_actuator(config: RigConfig, rig: Rig) -> Actuator:
 
 def actuator_name(config: RigConfig) -> str:
     """What `haptic status` says of the way to the electrode."""
-    return (SetpointActuator if isinstance(config.analog_output, NoAnalogOutput) else CarrierActuator).name
+    return (
+        SetpointActuator if isinstance(config.analog_output, NoAnalogOutput) else CarrierActuator
+    ).name

@@ -1,7 +1,7 @@
 """The right to an instrument: one program of this machine at a time, whoever runs it.
 
-Two daemons on one rig would each know of its own commands alone, and one would call dead what the other holds at 95 V.
-So who opens a rig claims the address of each of its instruments first.
+Two daemons on one rig would each know of its own commands alone, and one would call dead what the
+other holds at 95 V. So who opens a rig claims the address of each of its instruments first.
 """
 
 from __future__ import annotations
@@ -29,11 +29,13 @@ WAITING = 4096  # who asks for a holder is never let in, and must not be turned 
 def same_place(address: str) -> str:
     """One spelling of an address.
 
-    A host on the network is one instrument, by whatever port; on this machine each port is one. Names of hosts and
-    links of devices lead to where they lead.
+    A host on the network is one instrument, by whatever port; on this machine each port is one.
+    Names of hosts and links of devices lead to where they lead.
     """
     name = address.strip().removeprefix("visa:")
-    if (serial := _SERIAL.fullmatch(name)) and os.path.exists(serial["port"]):  # else a channel of a card
+    if (serial := _SERIAL.fullmatch(name)) and os.path.exists(
+        serial["port"]
+    ):  # else a channel of a card
         return os.path.realpath(serial["port"])
     if found := _VISA_HOST.fullmatch(name) or _PLAIN_HOST.fullmatch(name):
         host = _resolved(found["host"].strip("[]"))
@@ -53,10 +55,11 @@ def _resolved(host: str) -> str:
 
 
 class Claims:
-    """The right to some addresses, from `take` to `release` or the end of the process, however that comes.
+    """The right to some addresses, from `take` to `release` or the end of the process, however that
+    comes.
 
-    Each is a name of the machine's in Linux' abstract name space, where no file is left behind and none may be deleted.
-    Elsewhere nothing is claimed.
+    Each is a name of the machine's in Linux' abstract name space, where no file is left behind and
+    none may be deleted. Elsewhere nothing is claimed.
     """
 
     def __init__(self, addresses: Iterable[str]) -> None:
@@ -95,8 +98,16 @@ def _holder(address: str) -> str:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
             asking.settimeout(1.0)
             asking.connect(_name(address))
-            pid, user, _ = _PEER.unpack(asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
-        command = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
+            pid, user, _ = _PEER.unpack(
+                asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+            )
+        command = (
+            Path(f"/proc/{pid}/cmdline")
+            .read_bytes()
+            .replace(b"\0", b" ")
+            .decode(errors="replace")
+            .strip()
+        )
     except OSError:
         return "another program"
     whose = "" if user == os.getuid() else f" of user {user}"

@@ -1,8 +1,8 @@
 """What a rig's file may say: one class per section, every range where the value is read.
 
-Real devices have no defaults for what only the lab can know. Sections whose figures decide about safety carry
-`measured_by` and `measured_at`; `RigConfig.unverified` lists what still lacks them, and a rig refuses to come on until
-the list is empty.
+Real devices have no defaults for what only the lab can know. Sections whose figures decide about
+safety carry `measured_by` and `measured_at`; `RigConfig.unverified` lists what still lacks them,
+and a rig refuses to come on until the list is empty.
 """
 
 from __future__ import annotations
@@ -50,14 +50,18 @@ from haptic_driver.rig.part import (
 )
 from haptic_driver.rig.parts.amplifiers import AmplifierConfig
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SomeAnalogOutput
-from haptic_driver.rig.parts.electrode_monitors import CardElectrodeMonitorConfig, SomeElectrodeMonitor
+from haptic_driver.rig.parts.electrode_monitors import (
+    CardElectrodeMonitorConfig,
+    SomeElectrodeMonitor,
+)
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from hw import plugins
 from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
 from model.support.errors import nearest
 
-# What two programs can hold at the same time; the watchdog must not depend on the driver letting go.
+# What two programs can hold at the same time; the watchdog must not depend on the driver letting
+# go.
 _SHAREABLE = re.compile(r"TCPIP\d*::.*", re.IGNORECASE)
 
 
@@ -89,34 +93,47 @@ if TYPE_CHECKING:
     SomeOutput = NoAnalogOutput | SomeAnalogOutput
     SomeTracker = PartSection
 else:  # whatever is installed
-    SomeAmplifier = Annotated[PartSection, KindsOf(AMPLIFIERS), BeforeValidator(_analog_if_not_said)]
+    SomeAmplifier = Annotated[
+        PartSection, KindsOf(AMPLIFIERS), BeforeValidator(_analog_if_not_said)
+    ]
     SomeForceSensor = Annotated[PartSection, KindsOf(FORCE_SENSORS)]
     SomeMonitor = Annotated[PartSection, KindsOf(ELECTRODE_MONITORS)]
     SomeOutput = Annotated[PartSection, KindsOf(ANALOG_OUTPUTS)]
     SomeTracker = Annotated[PartSection, KindsOf(FINGER_TRACKERS)]
 
 
-# Table 5 of ICNIRP 2010, Health Phys. 99:818: contact current, occupational, is twice that of the general public.
+# Table 5 of ICNIRP 2010, Health Phys. 99:818: contact current, occupational, is twice that of the
+# general public.
 ICNIRP_OCCUPATIONAL_A_RMS = tuple((f, 2.0 * i) for f, i in ICNIRP_PUBLIC_A_RMS)
 ROUNDING = 1.0 + 1e-9
 
 CurvePoint = Annotated[
-    list[Annotated[float, Within(1e-9, 1e9, "it is neither a frequency in Hz nor a current in A that flows here")]],
+    list[
+        Annotated[
+            float,
+            Within(1e-9, 1e9, "it is neither a frequency in Hz nor a current in A that flows here"),
+        ]
+    ],
     Field(min_length=2, max_length=2),
 ]
 
 
 class LimitsConfig(Vouched):
-    """What the rig allows at the electrode; see `OperatingLimits`. `direct_voltage_v`: steady, bias included."""
+    """What the rig allows at the electrode; see `OperatingLimits`. `direct_voltage_v`: steady, bias
+    included.
+    """
 
     voltage_v: Volts
-    frequency_hz: Annotated[list[Hertz], Field(min_length=2, max_length=2)] = Field(default=[1.0, 1e6])
+    frequency_hz: Annotated[list[Hertz], Field(min_length=2, max_length=2)] = Field(
+        default=[1.0, 1e6]
+    )
     contact_current_a_rms: Annotated[list[CurvePoint], Field(min_length=1)] = Field(
         default=[list(point) for point in ICNIRP_PUBLIC_A_RMS]
     )
     direct_voltage_v: DirectVolts = 0.0
     series_resistance_ohm: Annotated[
-        float, Within(0.0, 10e6, "through more, an electrode of 100 pF follows no carrier above 160 Hz")
+        float,
+        Within(0.0, 10e6, "through more, an electrode of 100 pF follows no carrier above 160 Hz"),
     ] = 0.0
     panel_capacitance_f: Farads = 0.0
 
@@ -131,7 +148,9 @@ class LimitsConfig(Vouched):
 
     @model_validator(mode="after")
     def _bearable(self) -> LimitsConfig:
-        """Both curves are straight between their points, so that these are all that has to be compared."""
+        """Both curves are straight between their points, so that these are all that has to be
+        compared.
+        """
         low_hz, high_hz = self.frequency_hz
         curve = tuple((f, i) for f, i in self.contact_current_a_rms)
         own = OperatingLimits(self.voltage_v, low_hz, high_hz, contact_current_a_rms=curve)
@@ -141,22 +160,25 @@ class LimitsConfig(Vouched):
             most_a = highest.contact_current_limit_a_rms(frequency_hz)
             if current_a > most_a * ROUNDING:
                 raise ValueError(
-                    f"contact_current_a_rms allows {current_a:.3g} A at {frequency_hz:g} Hz, more than {most_a:.3g} A, "
-                    "the reference level of ICNIRP 2010 for workers"
+                    f"contact_current_a_rms allows {current_a:.3g} A at {frequency_hz:g} Hz, more"
+                    f" than {most_a:.3g} A, the reference level of ICNIRP 2010 for workers"
                 )
         return self
 
 
-Patience = Annotated[float, Within(1e-3, 10.0, "what may be wrong at the electrode is not waited for longer")]
+Patience = Annotated[
+    float, Within(1e-3, 10.0, "what may be wrong at the electrode is not waited for longer")
+]
 
 
 class SafetySettings(Section):
     """When the rig stops trusting its caller or its devices.
 
-    `lease_s`: output not refreshed for so long goes to zero. `beat_interval_s`: how often heartbeats are beaten at
-    most. `settle_s`: how long a set point may take to show on the monitor. `monitor_tolerance` (a share) and
-    `monitor_tolerance_v`, whichever allows more: how far the monitor may be from what was commanded. `off_retry_s`:
-    between attempts to get an output off that did not say so. All judged, none from a source but the lease (500 ms,
+    `lease_s`: output not refreshed for so long goes to zero. `beat_interval_s`: how often
+    heartbeats are beaten at most. `settle_s`: how long a set point may take to show on the monitor.
+    `monitor_tolerance` (a share) and `monitor_tolerance_v`, whichever allows more: how far the
+    monitor may be from what was commanded. `off_retry_s`: between attempts to get an output off
+    that did not say so. All judged, none from a source but the lease (500 ms,
     `electrovibration-exp`).
     """
 
@@ -164,7 +186,8 @@ class SafetySettings(Section):
     beat_interval_s: Patience = 0.05
     settle_s: Patience = 0.15
     monitor_tolerance: Annotated[
-        float, Within(1e-6, 0.5, "a monitor that is off by half tells nothing of what was commanded")
+        float,
+        Within(1e-6, 0.5, "a monitor that is off by half tells nothing of what was commanded"),
     ] = 0.1
     monitor_tolerance_v: Annotated[
         float, Within(1e-6, 50.0, "a finger feels as much, and what is left on would not be seen")
@@ -175,8 +198,12 @@ class SafetySettings(Section):
 class ModulationInputConfig(Vouched):
     """Modulation In at the back of the generator; see `hw.generator.settings.ModulationInput`."""
 
-    full_scale_v: Annotated[float, Within(0.1, 10.0, "no generator's Modulation In takes less or more")]
-    amplitude_at_full_scale: Annotated[float, Within(0.5, 4.0, "no generator's modulation goes to less or more")]
+    full_scale_v: Annotated[
+        float, Within(0.1, 10.0, "no generator's Modulation In takes less or more")
+    ]
+    amplitude_at_full_scale: Annotated[
+        float, Within(0.5, 4.0, "no generator's modulation goes to less or more")
+    ]
 
 
 class GeneratorConfig(Section):
@@ -186,7 +213,9 @@ class GeneratorConfig(Section):
     resource: Resource
     visa_backend: str = "@py"
     baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
-    reply_timeout_s: Annotated[float, Within(1e-3, 30.0, "no answer is sooner there, nor waited for longer")] = 1.0
+    reply_timeout_s: Annotated[
+        float, Within(1e-3, 30.0, "no answer is sooner there, nor waited for longer")
+    ] = 1.0
     range_policy: Literal["fixed", "auto"] = "fixed"
     modulation_input: ModulationInputConfig | None = None
 
@@ -194,7 +223,8 @@ class GeneratorConfig(Section):
 class AnalogInputsConfig(Section):
     """The card whose inputs read gauges and monitors, all in one task.
 
-    `monitor_window_s` is how far back a monitor looks for the peak: a period of the slowest carrier or longer.
+    `monitor_window_s` is how far back a monitor looks for the peak: a period of the slowest carrier
+    or longer.
     """
 
     sample_rate_hz: Annotated[float, Within(1.0, 1e7, "no card is slower or faster")]
@@ -216,11 +246,15 @@ class InterlockBox(Section):
 
     kind: Literal["box"]
     resource: Resource
-    reply_timeout_s: Annotated[float, Within(1e-3, 0.1, "the box is asked on the way to every set point")] = 0.05
+    reply_timeout_s: Annotated[
+        float, Within(1e-3, 0.1, "the box is asked on the way to every set point")
+    ] = 0.05
 
 
 class ModemLineInterlock(Section):
-    """RTS or DTR of a serial port as enable line; `looped_back` where a wire brings it back to CTS or DSR."""
+    """RTS or DTR of a serial port as enable line; `looped_back` where a wire brings it back to CTS
+    or DSR.
+    """
 
     kind: Literal["modem_line"]
     port: str
@@ -235,13 +269,16 @@ class NiInterlock(Section):
     line: str
 
 
-InterlockConfig = Annotated[NoInterlock | InterlockBox | ModemLineInterlock | NiInterlock, Field(discriminator="kind")]
+InterlockConfig = Annotated[
+    NoInterlock | InterlockBox | ModemLineInterlock | NiInterlock, Field(discriminator="kind")
+]
 
 
 class WatchdogConfig(Section):
     """The process that switches off when the driver dies; see `hw.safety.watchdog`.
 
-    `generator` and `interlock` are connections of its own, `"none"` says plainly that there is no watchdog.
+    `generator` and `interlock` are connections of its own, `"none"` says plainly that there is no
+    watchdog.
     """
 
     generator: Resource
@@ -249,11 +286,15 @@ class WatchdogConfig(Section):
     period_s: Patience = 0.5
     reply_timeout_s: Patience = 0.3
     retry_s: Patience = 0.2
-    give_up_s: Annotated[float, Within(0.1, 3600.0, "one attempt takes as long, and nobody waits for longer")] = 60.0
+    give_up_s: Annotated[
+        float, Within(0.1, 3600.0, "one attempt takes as long, and nobody waits for longer")
+    ] = 60.0
 
 
 StageSpeed = Annotated[float, Within(1e-6, 0.5, "no stage of this kind is faster")]
-StageAcceleration = Annotated[float, Within(1e-6, 5.0, "no stage of this kind gathers speed faster")]
+StageAcceleration = Annotated[
+    float, Within(1e-6, 5.0, "no stage of this kind gathers speed faster")
+]
 
 
 class StageConfig(Section):
@@ -270,26 +311,39 @@ class StageConfig(Section):
 class OutputConfig(Section):
     """How commands reach the electrode.
 
-    `linger_s`: with nothing to put out the generator stays on, at its lowest, for so long after the finger was there.
+    `linger_s`: with nothing to put out the generator stays on, at its lowest, for so long after the
+    finger was there.
     """
 
     setpoint_interval_s: Annotated[
-        float, Within(0.001, 1.0, "the tick is no faster, and a voltage that waits for longer is another finger's")
+        float,
+        Within(
+            0.001,
+            1.0,
+            "the tick is no faster, and a voltage that waits for longer is another finger's",
+        ),
     ] = 0.010
     latency_s: Annotated[float, Within(0.0, 1.0, "no finger's place is known so far ahead")] = 0.0
     voltage_rise_v_per_s: Annotated[
-        float, Within(1.0, 1e6, "from nothing to the highest voltage of all within a tick, 1 ms, is no rise")
+        float,
+        Within(
+            1.0, 1e6, "from nothing to the highest voltage of all within a tick, 1 ms, is no rise"
+        ),
     ] = 10e3
-    linger_s: Annotated[float, Within(0.0, 60.0, "without a finger nothing is kept on for longer")] = 10.0
+    linger_s: Annotated[
+        float, Within(0.0, 60.0, "without a finger nothing is kept on for longer")
+    ] = 10.0
 
 
 ScreenSide = Annotated[float, Within(1e-3, 2.0, "no touch screen is smaller or larger")]
 
 
 class ScreenConfig(Section):
-    """How large the touch screen is, from its corner at x = y = 0; a finger farther off is not believed.
+    """How large the touch screen is, from its corner at x = y = 0; a finger farther off is not
+    believed.
 
-    The usual size is that of the largest touch screens. `margin_m`: so far beyond an edge half a fingertip may be told.
+    The usual size is that of the largest touch screens. `margin_m`: so far beyond an edge half a
+    fingertip may be told.
     """
 
     width_m: ScreenSide = 0.6
@@ -326,14 +380,16 @@ Latency = Annotated[float, Within(0.0, 1.0, "no generator takes longer")]
 class SimulationConfig(Section):
     """How the simulated instruments and finger behave.
 
-    `model`: the finger's own, where it is not the one that drives the rig. `hide`: effects, by name with their
-    parameters, that the finger has and the model that drives the rig does not. `stray_capacitance_f`: of electrode and
-    leads, beside that of the finger's own model.
+    `model`: the finger's own, where it is not the one that drives the rig. `hide`: effects, by name
+    with their parameters, that the finger has and the model that drives the rig does not.
+    `stray_capacitance_f`: of electrode and leads, beside that of the finger's own model.
     """
 
     amplitude_latency_s: Latency = 0.030
     frequency_latency_s: Latency = 0.003
-    friction_cutoff_hz_per_mm_s: Annotated[float, Within(1e-3, 1e6, "no friction follows slower or faster")] = 13.8
+    friction_cutoff_hz_per_mm_s: Annotated[
+        float, Within(1e-3, 1e6, "no friction follows slower or faster")
+    ] = 13.8
     force_noise_n: Annotated[float, Within(0.0, 10.0, "no finger is told in more noise")] = 0.003
     force_range_n: ForceRange = 20.0
     seed: int = 1
@@ -374,7 +430,9 @@ class RigConfig(Section):
 
     @property
     def unverified(self) -> list[str]:
-        """What keeps the rig from coming on: safety figures nobody vouches for, and what nobody has decided."""
+        """What keeps the rig from coming on: safety figures nobody vouches for, and what nobody has
+        decided.
+        """
         vouched = {
             "limits": self.limits,
             "amplifier": self.amplifier,
@@ -401,11 +459,21 @@ class RigConfig(Section):
     @property
     def addresses(self) -> list[str]:
         """Of every instrument that one program at a time may open."""
-        driven = [self.waveform_generator, self.interlock, self.stage, self.force_sensor, self.finger_tracker]
+        driven = [
+            self.waveform_generator,
+            self.interlock,
+            self.stage,
+            self.force_sensor,
+            self.finger_tracker,
+        ]
         found = []
         for section in (*driven, self.analog_output, *self.electrode_monitors):
             said = {} if section is None else section.model_dump()
-            found += [str(said[key]) for key in ("resource", "device", "line") if said.get(key) is not None]
+            found += [
+                str(said[key])
+                for key in ("resource", "device", "line")
+                if said.get(key) is not None
+            ]
             if "host" in said:
                 found.append(f"{said['host']}:{said['port']}")
             elif isinstance(said.get("port"), str):
@@ -414,14 +482,17 @@ class RigConfig(Section):
 
     @property
     def monitor_reach_hz(self) -> float:
-        """The highest carrier that the amplifier's monitors show; a card would alias a higher one."""
+        """The highest carrier that the amplifier's monitors show; a card would alias a higher
+        one.
+        """
         monitors = self.amplifier.voltage_monitor, self.amplifier.current_monitor
         if self.analog_inputs is None or not any(monitors):
             return inf
         return highest_carrier_hz(self.analog_inputs.sample_rate_hz)
 
     def electrode_monitor(self, frequency_hz: float, sweep: bool = False) -> int | None:
-        """Which of the electrode's monitors, the first of the file that tells a carrier; None for none of them.
+        """Which of the electrode's monitors, the first of the file that tells a carrier; None for
+        none of them.
 
         One that drives the electrode itself reads nothing but sweeps.
         """
@@ -446,25 +517,35 @@ class RigConfig(Section):
         return (inf, 0.0) if card is None else (1.0 / card.buffer_s, self.monitor_reach_hz)
 
     def swept_by_meter(self, frequency_hz: float) -> SomeElectrodeMonitor | None:
-        """The instrument that drives the electrode itself in a sweep at this carrier, if one does."""
+        """The instrument that drives the electrode itself in a sweep at this carrier, if one
+        does.
+        """
         i = self.electrode_monitor(frequency_hz, sweep=True)
         monitor = None if i is None else self.electrode_monitors[i]
         return monitor if monitor is not None and monitor.drives else None
 
     def generator_kind(self) -> generators.GeneratorKind:
-        """The installed kind of waveform generator; BadInputError where its package cannot be loaded."""
+        """The installed kind of waveform generator; BadInputError where its package cannot be
+        loaded.
+        """
         try:
             return generators.generator_kind(self.waveform_generator.model)
         except ValueError as error:
-            raise BadInputError("bad_generator", str(error), "mend or install the package that brings it") from error
+            raise BadInputError(
+                "bad_generator", str(error), "mend or install the package that brings it"
+            ) from error
 
     def operating_limits(self) -> OperatingLimits:
-        """The limits as the controller and the safety gate use them; no carrier that the monitors would alias."""
+        """The limits as the controller and the safety gate use them; no carrier that the monitors
+        would alias.
+        """
         highest_hz = min(self.limits.frequency_hz[1], self.monitor_reach_hz)
         return replace(self.sweep_limits(), frequency_high_hz=highest_hz)
 
     def sweep_limits(self) -> OperatingLimits:
-        """The same as far as any monitor reaches: beyond the card's reach for voltages that read as quiet anyway."""
+        """The same as far as any monitor reaches: beyond the card's reach for voltages that read as
+        quiet anyway.
+        """
         limits = self.limits
         return OperatingLimits(
             voltage_v=limits.voltage_v,
@@ -511,9 +592,17 @@ def _contradictions(rig: RigConfig) -> Iterator[str]:
 
 def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
     if rig.simulated != (rig.waveform_generator.resource == SIMULATED):
-        yield "simulated and waveform_generator.resource disagree about whether this rig is simulated"
-    monitors = [(f"electrode_monitors.{i}", monitor) for i, monitor in enumerate(rig.electrode_monitors)]
-    for name, kind in (("force_sensor", rig.force_sensor), ("analog_output", rig.analog_output), *monitors):
+        yield (
+            "simulated and waveform_generator.resource disagree about whether this rig is simulated"
+        )
+    monitors = [
+        (f"electrode_monitors.{i}", monitor) for i, monitor in enumerate(rig.electrode_monitors)
+    ]
+    for name, kind in (
+        ("force_sensor", rig.force_sensor),
+        ("analog_output", rig.analog_output),
+        *monitors,
+    ):
         is_simulated = kind is not None and kind.kind == SIMULATED
         is_real = kind is not None and kind.kind not in (SIMULATED, "none")
         if (is_real and rig.simulated) or (is_simulated and not rig.simulated):
@@ -525,7 +614,10 @@ def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
         "analog_inputs": rig.analog_inputs is not None,
     }
     if rig.simulated and any(real.values()):
-        yield f"{', '.join(name for name, given in real.items() if given)}: a simulated rig has no such real device"
+        yield (
+            f"{', '.join(name for name, given in real.items() if given)}: a simulated rig has no"
+            " such real device"
+        )
 
 
 def _not_watched(rig: RigConfig) -> Iterator[str]:
@@ -535,14 +627,22 @@ def _not_watched(rig: RigConfig) -> Iterator[str]:
         return
     if watchdog.period_s < rig.safety.lease_s:
         yield (
-            f"watchdog.period_s {watchdog.period_s:g} is below safety.lease_s {rig.safety.lease_s:g}: "
-            "it would switch off a rig that is only slow"
+            f"watchdog.period_s {watchdog.period_s:g} is below safety.lease_s"
+            f" {rig.safety.lease_s:g}: it would switch off a rig that is only slow"
         )
-    held = [rig.waveform_generator.resource, interlock.resource if isinstance(interlock, InterlockBox) else None]
+    held = [
+        rig.waveform_generator.resource,
+        interlock.resource if isinstance(interlock, InterlockBox) else None,
+    ]
     for name, own in (("generator", watchdog.generator), ("interlock", watchdog.interlock)):
-        if own is not None and not _SHAREABLE.fullmatch(own) and own.upper() in [h.upper() for h in held if h]:
+        if (
+            own is not None
+            and not _SHAREABLE.fullmatch(own)
+            and own.upper() in [h.upper() for h in held if h]
+        ):
             yield (
-                f"watchdog.{name}: {own} is held by the driver and cannot be opened twice; give the watchdog a "
+                f"watchdog.{name}: {own} is held by the driver and cannot be opened twice; give the"
+                " watchdog a "
                 f'connection of its own (LAN), or say generator = "{NO_WATCHDOG}"'
             )
 
@@ -551,22 +651,30 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
     monitors = [rig.amplifier.voltage_monitor, rig.amplifier.current_monitor]
     parts = rig.parts
     if rig.analog_inputs is None and any(part.channels for part in parts):
-        yield "force_sensor or amplifier name channels of a card, and there is no section [analog_inputs]"
-    on_card = any(isinstance(monitor, CardElectrodeMonitorConfig) for monitor in rig.electrode_monitors)
+        yield (
+            "force_sensor or amplifier name channels of a card, and there is no section"
+            " [analog_inputs]"
+        )
+    on_card = any(
+        isinstance(monitor, CardElectrodeMonitorConfig) for monitor in rig.electrode_monitors
+    )
     if on_card and not (rig.analog_inputs and all(monitors)):
         yield (
-            'electrode_monitors: kind = "card" reads amplifier.voltage_monitor and amplifier.current_monitor: '
-            "name both, and the card"
+            'electrode_monitors: kind = "card" reads amplifier.voltage_monitor and'
+            " amplifier.current_monitor: name both, and the card"
         )
     if any(monitors) and rig.analog_inputs is not None:
         window_s, carrier_hz = rig.analog_inputs.monitor_window_s, rig.controller.lowest_carrier_hz
         if window_s * carrier_hz < 1.0:
             yield (
-                f"analog_inputs.monitor_window_s {window_s:g} is shorter than a period of controller.lowest_carrier_hz "
-                f"{carrier_hz:g}: the monitor would miss the peak"
+                f"analog_inputs.monitor_window_s {window_s:g} is shorter than a period of"
+                f" controller.lowest_carrier_hz {carrier_hz:g}: the monitor would miss the peak"
             )
         if window_s >= rig.safety.settle_s:
-            yield f"analog_inputs.monitor_window_s {window_s:g} is not below safety.settle_s {rig.safety.settle_s:g}"
+            yield (
+                f"analog_inputs.monitor_window_s {window_s:g} is not below safety.settle_s"
+                f" {rig.safety.settle_s:g}"
+            )
     yield from _aliased(rig)
     if any(part.needs_stage for part in parts) and rig.stage is None:
         yield f'finger_tracker.kind is "{rig.finger_tracker.kind}", and there is no section [stage]'
@@ -575,27 +683,42 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
         return
     if not rig.generator_kind().external_modulation:
         model = rig.waveform_generator.model
-        yield f"analog_output: {model} is not modulated from outside by its driver; leave the section out"
+        yield (
+            f"analog_output: {model} is not modulated from outside by its driver; leave the"
+            " section out"
+        )
     if modulation is None:
-        yield "analog_output needs waveform_generator.modulation_input: what a level there does to the amplitude"
+        yield (
+            "analog_output needs waveform_generator.modulation_input: what a level there does to"
+            " the amplitude"
+        )
     elif rig.analog_output.zero_level_v != -modulation.full_scale_v:
         yield (
-            f"analog_output.zero_level_v {rig.analog_output.zero_level_v:g} is not -waveform_generator."
-            f"modulation_input.full_scale_v {-modulation.full_scale_v:g}: at 0 V the amplitude is half its highest"
+            f"analog_output.zero_level_v {rig.analog_output.zero_level_v:g} is not"
+            f" -waveform_generator.modulation_input.full_scale_v {-modulation.full_scale_v:g}: at 0"
+            " V the amplitude is half its highest"
         )
 
 
 def _aliased(rig: RigConfig) -> Iterator[str]:
     """A carrier beyond the card's reach may read as nothing, which is no evidence of nothing.
 
-    A faster monitor sees it, but cannot trip: there the rig allows no more than what reads as quiet anyway.
+    A faster monitor sees it, but cannot trip: there the rig allows no more than what reads as quiet
+    anyway.
     """
     highest_hz = rig.limits.frequency_hz[1]
-    reach_hz = max([rig.monitor_reach_hz, *(monitor.range_hz(rig.card_hz)[1] for monitor in rig.electrode_monitors)])
+    reach_hz = max(
+        [
+            rig.monitor_reach_hz,
+            *(monitor.range_hz(rig.card_hz)[1] for monitor in rig.electrode_monitors),
+        ]
+    )
     if rig.analog_inputs is not None and highest_hz > reach_hz:
         rate_hz, reach_hz = rig.analog_inputs.sample_rate_hz, rig.monitor_reach_hz
         yield (
-            f"analog_inputs.sample_rate_hz {rate_hz:g} aliases carriers above {reach_hz:g} Hz, which the monitors may "
-            f"then read as nothing, and limits.frequency_hz goes up to {highest_hz:g}: let it end at {reach_hz:g}, or "
-            f"sample at {highest_hz / reach_hz * rate_hz:g} or faster, or name a faster one in [[electrode_monitors]]"
+            f"analog_inputs.sample_rate_hz {rate_hz:g} aliases carriers above {reach_hz:g} Hz,"
+            " which the monitors may then read as nothing, and limits.frequency_hz goes up to"
+            f" {highest_hz:g}: let it end at {reach_hz:g}, or sample at"
+            f" {highest_hz / reach_hz * rate_hz:g} or faster, or name a faster one in"
+            " [[electrode_monitors]]"
         )

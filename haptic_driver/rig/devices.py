@@ -1,7 +1,8 @@
-"""From a rig's file to its devices: the drivers of everything it names, wired to one another, opened and closed.
+"""From a rig's file to its devices: the drivers of everything it names, wired to one another,
+opened and closed.
 
-Gauges and monitors share the one task that a card has for its inputs. Nothing here knows what is at the other end of a
-resource; a simulated instrument behind the same name is driven the same way.
+Gauges and monitors share the one task that a card has for its inputs. Nothing here knows what is at
+the other end of a resource; a simulated instrument behind the same name is driven the same way.
 """
 
 from __future__ import annotations
@@ -56,9 +57,10 @@ ATTEMPTS = 4  # at opening: nothing is on yet, and a busy machine may let nobody
 class Devices:
     """Everything a rig has, closed; use `open` and `close`, or a `with` block.
 
-    Devices open in an order in which nothing can come on before what switches it off is there: interlock, watchdog,
-    envelope (at its zero level), generator (off and reset), sensors (which take their bias: leave the force sensor
-    unloaded), stage. Closing switches off first. What was opened is closed again when something after it fails.
+    Devices open in an order in which nothing can come on before what switches it off is there:
+    interlock, watchdog, envelope (at its zero level), generator (off and reset), sensors (which
+    take their bias: leave the force sensor unloaded), stage. Closing switches off first. What was
+    opened is closed again when something after it fails.
     """
 
     rig: Rig
@@ -72,7 +74,9 @@ class Devices:
     electrode_monitors: Sequence[ElectrodeMonitor] = ()
 
     def open(self) -> None:
-        """Open everything; whoever answers late is asked again. Raises HapticError and DeviceError."""
+        """Open everything; whoever answers late is asked again. Raises HapticError and
+        DeviceError.
+        """
         try:
             for step in self.opening:
                 _patiently(step)
@@ -91,12 +95,10 @@ class Devices:
         return evidence
 
     def __enter__(self) -> Self:
-        """Open."""
         self.open()
         return self
 
     def __exit__(self, *reason: object) -> None:
-        """Close."""
         self.close()
 
 
@@ -118,15 +120,18 @@ def connect_devices(
     before: ForceSensor | None = None,
     envelope: bool = True,
 ) -> Devices:
-    """The drivers of the devices that `config` names; nothing is opened before the result is entered.
+    """The drivers of the devices that `config` names; nothing is opened before the result is
+    entered.
 
-    With an analog output the generator's amplitude follows it. `transport` stands in for the generator's, e.g. one that
-    records. `before`: the force sensor of an earlier connection, whose bias is kept, since a finger may press now.
-    Without `envelope` the analog output is somebody else's to open, before these.
-    Raises BadInputError for a rig without hardware.
+    With an analog output the generator's amplitude follows it. `transport` stands in for the
+    generator's, e.g. one that records. `before`: the force sensor of an earlier connection, whose
+    bias is kept, since a finger may press now. Without `envelope` the analog output is somebody
+    else's to open, before these. Raises BadInputError for a rig without hardware.
     """
     if config.simulated:
-        raise BadInputError("simulated", f"rig {config.name} is simulated", "use haptic_driver.simulation.rig")
+        raise BadInputError(
+            "simulated", f"rig {config.name} is simulated", "use haptic_driver.simulation.rig"
+        )
     parts = _Parts(config)
     force_sensor = parts.force_sensor(before)
     stage = parts.stage()
@@ -144,9 +149,14 @@ def connect_devices(
     )
     beaten = [*heartbeats, *([watchdog] if watchdog else [])]
     rig = build_rig(
-        config, transport or generator_transport(config), force_sensor, lines,
-        modulated=not isinstance(config.analog_output, NoAnalogOutput), heartbeats=beaten, on_event=on_event,
-    )  # fmt: skip
+        config,
+        transport or generator_transport(config),
+        force_sensor,
+        lines,
+        modulated=not isinstance(config.analog_output, NoAnalogOutput),
+        heartbeats=beaten,
+        on_event=on_event,
+    )
     claims = Claims(config.addresses)
     opening = [claims.take, *parts.before_rig, rig.connect, *parts.after_rig]
     closing = [*parts.closing, claims.release]
@@ -164,19 +174,31 @@ def build_rig(
     on_event: Callable[[RigEvent], None] = lambda event: None,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Rig:
-    """The devices of `config`, its generator behind `transport` and its amplifier on `lines`; nothing is opened yet."""
+    """The devices of `config`, its generator behind `transport` and its amplifier on `lines`;
+    nothing is opened yet.
+    """
     generator = config.generator_kind().make(transport, generator_settings(config))
     amplifier = make_part(AMPLIFIERS, config.amplifier, lines)
     if amplifier is None:
-        raise BadInputError("no_amplifier", f"rig {config.name} names no amplifier", "correct amplifier.kind")
+        raise BadInputError(
+            "no_amplifier", f"rig {config.name} names no amplifier", "correct amplifier.kind"
+        )
     return Rig(
-        config, generator, amplifier.device, force_sensor,
-        modulated=modulated, heartbeats=heartbeats, on_event=on_event, sleep=sleep,
-    )  # fmt: skip
+        config,
+        generator,
+        amplifier.device,
+        force_sensor,
+        modulated=modulated,
+        heartbeats=heartbeats,
+        on_event=on_event,
+        sleep=sleep,
+    )
 
 
 def generator_settings(config: RigConfig) -> GeneratorSettings:
-    """The generator's share of a rig's file, and the rig's limits as its driver and last gate know them."""
+    """The generator's share of a rig's file, and the rig's limits as its driver and last gate know
+    them.
+    """
     generator = config.waveform_generator
     return GeneratorSettings(
         volts_per_volt=config.amplifier.gain_v_per_v,
@@ -192,11 +214,16 @@ def generator_settings(config: RigConfig) -> GeneratorSettings:
 def modulation_input(config: RigConfig) -> ModulationInput | None:
     """What Modulation In does, by a rig's file; None where nobody has measured it."""
     given = config.waveform_generator.modulation_input
-    return None if given is None else ModulationInput(given.full_scale_v, given.amplitude_at_full_scale)
+    return (
+        None
+        if given is None
+        else ModulationInput(given.full_scale_v, given.amplitude_at_full_scale)
+    )
 
 
 def calibration_ids(config: RigConfig) -> dict[str, str]:
-    """Which calibration the figures of each part of a rig come from, for whoever reads its data later.
+    """Which calibration the figures of each part of a rig come from, for whoever reads its data
+    later.
 
     Raises DeviceError for a calibration file that cannot be read.
     """
@@ -206,19 +233,30 @@ def calibration_ids(config: RigConfig) -> dict[str, str]:
         if section.verified
     }
     parts = {"force_sensor": config.force_sensor, "touch_screen": config.finger_tracker}
-    return ids | {name: said for name, part in parts.items() if part is not None and (said := part.calibration())}
+    return ids | {
+        name: said
+        for name, part in parts.items()
+        if part is not None and (said := part.calibration())
+    }
 
 
 def generator_transport(config: RigConfig) -> Transport:
-    """How the generator is reached; not open. A serial line gets a marker, so that no late answer is believed."""
+    """How the generator is reached; not open. A serial line gets a marker, so that no late answer
+    is believed.
+    """
     generator = config.waveform_generator
     return make_transport(
-        generator.resource, visa_backend=generator.visa_backend, baud_rate=generator.baud_rate, marker=scpi_marker
+        generator.resource,
+        visa_backend=generator.visa_backend,
+        baud_rate=generator.baud_rate,
+        marker=scpi_marker,
     )
 
 
 class _Parts:
-    """Builds one device after the other, and collects how to open and close them, the last opened closed first."""
+    """Builds one device after the other, and collects how to open and close them, the last opened
+    closed first.
+    """
 
     def __init__(self, config: RigConfig) -> None:
         self._config = config
@@ -232,7 +270,9 @@ class _Parts:
         part = None if sensor is None else make_part(FORCE_SENSORS, sensor, Wiring(self._inputs))
         if part is None:
             raise BadInputError(
-                "no_force_sensor", f"rig {self._config.name} names no force sensor", "add a section [force_sensor]"
+                "no_force_sensor",
+                f"rig {self._config.name} names no force sensor",
+                "add a section [force_sensor]",
             )
         zeroing = part.zeroing
         if before is not None and zeroing:
@@ -245,7 +285,11 @@ class _Parts:
     def monitor(self, channel: str | None) -> AnalogInput | None:
         """By its peak: the mean of an alternating voltage says nothing."""
         card = self._config.analog_inputs
-        return None if channel is None or self._inputs is None or card is None else peak_of(card, self._inputs, channel)
+        return (
+            None
+            if channel is None or self._inputs is None or card is None
+            else peak_of(card, self._inputs, channel)
+        )
 
     def fault_line(self) -> DigitalInput | None:
         name = self._config.amplifier.fault_line
@@ -281,7 +325,9 @@ class _Parts:
         if given is None or given.generator == NO_WATCHDOG:
             return None
         generator = self._config.waveform_generator
-        settings = WatchdogSettings(**given.model_dump(), model=generator.model, visa_backend=generator.visa_backend)
+        settings = WatchdogSettings(
+            **given.model_dump(), model=generator.model, visa_backend=generator.visa_backend
+        )
         watchdog = Watchdog(settings)
         self.before_rig.append(watchdog.start)
         self.closing.insert(0, watchdog.close)
@@ -320,8 +366,15 @@ class _Parts:
     def electrode_monitors(self) -> list[ElectrodeMonitor]:
         """They only read; opened last."""
         amplifier = self._config.amplifier
-        wiring = Wiring(self._inputs, monitor_lines=amplifier.monitor_lines(), monitor_channels=amplifier.channels)
-        made = [make_part(ELECTRODE_MONITORS, section, wiring) for section in self._config.electrode_monitors]
+        wiring = Wiring(
+            self._inputs,
+            monitor_lines=amplifier.monitor_lines(),
+            monitor_channels=amplifier.channels,
+        )
+        made = [
+            make_part(ELECTRODE_MONITORS, section, wiring)
+            for section in self._config.electrode_monitors
+        ]
         parts = [part for part in made if part is not None]
         for part in parts:
             self.after_rig += part.opening
@@ -332,7 +385,9 @@ class _Parts:
         config, card = self._config, self._config.analog_inputs
         if card is None:
             return None
-        inputs = analog_inputs(card, [channel for part in config.parts for channel in part.channels])
+        inputs = analog_inputs(
+            card, [channel for part in config.parts for channel in part.channels]
+        )
         self.before_rig.append(inputs.open)
         self.closing.append(inputs.close)
         return inputs
@@ -343,9 +398,16 @@ def analog_inputs(card: rig_config.AnalogInputsConfig, channels: Sequence[str]) 
     return NiAnalogInputs(channels, **card.model_dump(exclude={"monitor_window_s"}))
 
 
-def peak_of(card: rig_config.AnalogInputsConfig, inputs: NiAnalogInputs, channel: str) -> NiAnalogInput:
+def peak_of(
+    card: rig_config.AnalogInputsConfig, inputs: NiAnalogInputs, channel: str
+) -> NiAnalogInput:
     """A monitor of an alternating voltage, read over the card's window."""
-    return NiAnalogInput(inputs, channel, samples=max(1, ceil(card.monitor_window_s * card.sample_rate_hz)), peak=True)
+    return NiAnalogInput(
+        inputs,
+        channel,
+        samples=max(1, ceil(card.monitor_window_s * card.sample_rate_hz)),
+        peak=True,
+    )
 
 
 def stage_settings(given: rig_config.StageConfig) -> StageSettings:

@@ -1,7 +1,8 @@
 """Looks at a rig without energising it, and says what it could not verify.
 
-Only questions are asked: nothing is set, reset or switched, no error queue is emptied, no line is opened whose opening
-could raise it, no bias is taken, nothing moves. What only a voltage could show stays "not verified".
+Only questions are asked: nothing is set, reset or switched, no error queue is emptied, no line is
+opened whose opening could raise it, no bias is taken, nothing moves. What only a voltage could show
+stays "not verified".
 """
 
 from __future__ import annotations
@@ -13,13 +14,19 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.real_time import PRIORITY
 from haptic_driver.rig import config as rig_config
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.devices import analog_inputs, generator_settings, generator_transport, peak_of, stage_settings
+from haptic_driver.rig.devices import (
+    analog_inputs,
+    generator_settings,
+    generator_transport,
+    peak_of,
+    stage_settings,
+)
 from haptic_driver.rig.evidence import MONITOR_QUIET_V
 from haptic_driver.rig.part import NO_WATCHDOG, Vouched
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
@@ -30,7 +37,11 @@ from haptic_driver.rig.parts.finger_trackers import (
     RecordedFingerConfig,
     StageFingerConfig,
 )
-from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig, NiForceSensorConfig, NoForceSensorConfig
+from haptic_driver.rig.parts.force_sensors import (
+    NetFtForceSensorConfig,
+    NiForceSensorConfig,
+    NoForceSensorConfig,
+)
 from hw.analog.ni_daq import NiDigitalInput
 from hw.errors import BadReply, DeviceError
 from hw.finger.touch_screen import open_touch_reports
@@ -86,7 +97,9 @@ def _unverified(name: str, message: str, hint: str = "") -> Check:
 
 
 def examine(config: RigConfig, today: datetime.date) -> list[Check]:
-    """All checks of a real rig, in order; never raises DeviceError. Takes a few timeouts per absent device."""
+    """All checks of a real rig, in order; never raises DeviceError. Takes a few timeouts per absent
+    device.
+    """
     return [
         *_figures(config, today),
         *_resources(),
@@ -102,12 +115,17 @@ def examine(config: RigConfig, today: datetime.date) -> list[Check]:
     ]
 
 
-# --- the file ----------------------------------------------------------------------------------------------------
+# --- the file
+# ------------------------------------------------------------------------------------------------
 
 
 def _figures(config: RigConfig, today: datetime.date) -> Checks:
     for missing in config.unverified:
-        yield _failed("configuration", f"{missing} unset: the rig refuses to come on", "measure, then write it down")
+        yield _failed(
+            "configuration",
+            f"{missing} unset: the rig refuses to come on",
+            "measure, then write it down",
+        )
     sections = {
         "limits": config.limits,
         "amplifier": config.amplifier,
@@ -116,7 +134,9 @@ def _figures(config: RigConfig, today: datetime.date) -> Checks:
     }
     for name, section in sections.items():
         if isinstance(section, Vouched) and section.verified and section.measured_at is not None:
-            yield _dated(f"{name} figures", f"measured by {section.measured_by}", section.measured_at, today)
+            yield _dated(
+                f"{name} figures", f"measured by {section.measured_by}", section.measured_at, today
+            )
 
 
 def _dated(name: str, what: str, on: datetime.date, today: datetime.date) -> Check:
@@ -128,11 +148,14 @@ def _dated(name: str, what: str, on: datetime.date, today: datetime.date) -> Che
     return _ok(name, said)
 
 
-# --- the machine -------------------------------------------------------------------------------------------------
+# --- the machine
+# -------------------------------------------------------------------------------------------------
 
 
 def _resources() -> Checks:
-    """What this machine sees; an empty list is no fault, since instruments on the LAN do not show."""
+    """What this machine sees; an empty list is no fault, since instruments on the LAN do not
+    show.
+    """
     found = [*_serial_ports(), *_usb_instruments()]
     yield _ok("resources", ", ".join(found) or "no serial ports or USB instruments seen")
 
@@ -141,15 +164,22 @@ def _serial_ports() -> Iterator[str]:
     from serial.tools import list_ports  # noqa: PLC0415 - only the doctor lists
 
     for port in list_ports.comports():
-        yield f"{port.device} ({port.description})" if port.description not in (None, "n/a") else port.device
+        yield (
+            f"{port.device} ({port.description})"
+            if port.description not in (None, "n/a")
+            else port.device
+        )
 
 
 def _usb_instruments() -> Iterator[str]:
     import usb.core  # noqa: PLC0415 - only the doctor lists
 
-    def is_instrument(device: object) -> bool:
+    def is_instrument(device: Any) -> bool:
         with suppress(usb.core.USBError):
-            return any(i.bInterfaceClass == 0xFE and i.bInterfaceSubClass == 3 for c in device for i in c)  # type: ignore[attr-defined]
+            interfaces = [one for configuration in device for one in configuration]
+            return any(
+                one.bInterfaceClass == 0xFE and one.bInterfaceSubClass == 3 for one in interfaces
+            )
         return False
 
     with suppress(usb.core.NoBackendError, usb.core.USBError):
@@ -160,20 +190,30 @@ def _usb_instruments() -> Iterator[str]:
 def _real_time() -> Checks:
     """Tried and taken back at once, for this process only."""
     if not hasattr(os, "sched_setscheduler"):
-        yield _warning("real-time scheduling", "this system has none that is known here", "run the daemon on Linux")
+        yield _warning(
+            "real-time scheduling",
+            "this system has none that is known here",
+            "run the daemon on Linux",
+        )
         return
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except OSError as error:
-        hint = f"allow it: LimitRTPRIO={PRIORITY} in the service, or rtprio in /etc/security/limits.conf"
-        yield _warning("real-time scheduling", f"SCHED_FIFO {PRIORITY} is refused ({error.strerror})", hint)
+        hint = (
+            f"allow it: LimitRTPRIO={PRIORITY} in the service, or rtprio in"
+            " /etc/security/limits.conf"
+        )
+        yield _warning(
+            "real-time scheduling", f"SCHED_FIFO {PRIORITY} is refused ({error.strerror})", hint
+        )
         return
     os.sched_setscheduler(0, *before)
     yield _ok("real-time scheduling", f"SCHED_FIFO {PRIORITY} is granted")
 
 
-# --- waveform generator ------------------------------------------------------------------------------------------
+# --- waveform generator
+# ------------------------------------------------------------------------------------------
 
 
 def _generator(config: RigConfig) -> Checks:
@@ -182,7 +222,9 @@ def _generator(config: RigConfig) -> Checks:
     with _failures("waveform generator", transport) as failed:
         found = kind.make(transport, generator_settings(config)).identify()
         yield _ok("waveform generator", f"{found.identity}, serial number {found.serial_number}")
-        yield _unverified("firmware", f"{found.firmware}; couplings and clipping are those of manuals")
+        yield _unverified(
+            "firmware", f"{found.firmware}; couplings and clipping are those of manuals"
+        )
         yield from _generator_state(found)
         yield from _voltage_limit(config, kind)
         yield from _watchdog(config)  # while the driver's connection is open, as it will be
@@ -191,7 +233,11 @@ def _generator(config: RigConfig) -> Checks:
 
 def _generator_state(found: GeneratorReport) -> Checks:
     if found.output_on:
-        yield _warning("output", f"ON, {found.programmed}: somebody uses it", "switch it off before working here")
+        yield _warning(
+            "output",
+            f"ON, {found.programmed}: somebody uses it",
+            "switch it off before working here",
+        )
     else:
         yield _ok("output", f"off; programmed: {found.programmed}")
     if found.load_open:
@@ -199,8 +245,10 @@ def _generator_state(found: GeneratorReport) -> Checks:
     else:
         yield _warning(
             "load setting",
-            "not open: at the amplifier's high-impedance input the voltage is up to twice what is programmed",
-            "connecting the driver corrects it; by hand, correct it before the output is switched on",
+            "not open: at the amplifier's high-impedance input the voltage is up to twice what is"
+            " programmed",
+            "connecting the driver corrects it; by hand, correct it before the output is"
+            " switched on",
         )
 
 
@@ -223,8 +271,13 @@ def _voltage_limit(config: RigConfig, kind: GeneratorKind) -> Checks:
 def _watchdog(config: RigConfig) -> Checks:
     given = config.watchdog
     if given is None or given.generator == NO_WATCHDOG:
-        hint = "give it a connection of its own, e.g. the generator's LAN socket; or use an interlock box"
-        yield _warning("watchdog", "there is none: if the driver dies, the output stays as it is", hint)
+        hint = (
+            "give it a connection of its own, e.g. the generator's LAN socket; or use an"
+            " interlock box"
+        )
+        yield _warning(
+            "watchdog", "there is none: if the driver dies, the output stays as it is", hint
+        )
         return
     transport = make_transport(given.generator)
     with _failures("watchdog", transport) as failed:
@@ -232,21 +285,27 @@ def _watchdog(config: RigConfig) -> Checks:
         kind = config.generator_kind()
         reply = transport.query(kind.ask_off, given.reply_timeout_s).strip()
         if not kind.off_answers.fullmatch(reply):
-            raise BadReply(f"{transport.resource} answered {reply[:80]!r}", "check watchdog.generator")
+            raise BadReply(
+                f"{transport.resource} answered {reply[:80]!r}", "check watchdog.generator"
+            )
         yield _ok("watchdog", f"{transport.resource} answers beside the driver's connection")
-        yield _unverified("watchdog switching off", "it is not started here", "kill an armed driver once")
+        yield _unverified(
+            "watchdog switching off", "it is not started here", "kill an armed driver once"
+        )
     yield from failed
 
 
-# --- amplifier ---------------------------------------------------------------------------------------------------
+# --- amplifier
+# ------------------------------------------------------------------------------------------------
 
 
 def _amplifier(config: RigConfig) -> Checks:
     amplifier = config.amplifier
     yield _unverified(
         "amplifier",
-        f"gain {amplifier.gain_v_per_v:g}, {amplifier.voltage_limit_v:g} V, {amplifier.current_limit_a:g} A, "
-        f"{amplifier.slew_limit_v_per_s:g} V/s: it has no dialogue, and nothing is energised here",
+        f"gain {amplifier.gain_v_per_v:g}, {amplifier.voltage_limit_v:g} V,"
+        f" {amplifier.current_limit_a:g} A, {amplifier.slew_limit_v_per_s:g} V/s: it has no"
+        " dialogue, and nothing is energised here",
         "compare one low voltage with a probe",
     )
     yield from _fault_line(config)
@@ -256,7 +315,9 @@ def _amplifier(config: RigConfig) -> Checks:
 def _fault_line(config: RigConfig) -> Checks:
     name = config.amplifier.fault_line
     if name is None:
-        yield _unverified("fault line", "there is none: a tripped amplifier shows on its monitor at best")
+        yield _unverified(
+            "fault line", "there is none: a tripped amplifier shows on its monitor at best"
+        )
         return
     line = NiDigitalInput(name)
     with _failures("fault line", line) as failed:
@@ -271,7 +332,9 @@ def _monitors(config: RigConfig) -> Checks:
     amplifier, card = config.amplifier, config.analog_inputs
     if amplifier.voltage_monitor is None or card is None:
         said = "there is none: nothing sees the electrode, and off means that the generator says so"
-        yield _unverified("voltage monitor", said, "wire the amplifier's monitor to an analog input")
+        yield _unverified(
+            "voltage monitor", said, "wire the amplifier's monitor to an analog input"
+        )
         return
     inputs = analog_inputs(card, [amplifier.voltage_monitor])
     with _failures("voltage monitor", inputs) as failed:
@@ -283,7 +346,9 @@ def _monitors(config: RigConfig) -> Checks:
             yield _ok("voltage monitor", said)
         else:
             yield _failed("voltage monitor", said, "something drives it")
-        yield _unverified("monitor scale", "needs a voltage", "compare one low voltage with a probe")
+        yield _unverified(
+            "monitor scale", "needs a voltage", "compare one low voltage with a probe"
+        )
     yield from failed
 
 
@@ -292,7 +357,11 @@ def _electrode_monitors(config: RigConfig) -> Checks:
     for section in config.electrode_monitors:
         name = f"electrode monitor, {section.kind}"
         if not isinstance(section, InstrumentMonitor):
-            yield _unverified(name, "needs a voltage", "a resistor in the finger's place must read as one throughout")
+            yield _unverified(
+                name,
+                "needs a voltage",
+                "a resistor in the finger's place must read as one throughout",
+            )
             continue
         line = ScpiLine(section.transport(), section.reply_timeout_s)
         with _failures(name, line) as failed:
@@ -308,7 +377,9 @@ def _interlock(config: RigConfig) -> Checks:
                 transport.open()
                 identity = _ask(transport, "ID?", 10.0 * timeout_s)
                 if identity != IDENTITY:
-                    raise BadReply(f"{transport.resource} is {identity!r}, not {IDENTITY!r}", "check the port")
+                    raise BadReply(
+                        f"{transport.resource} is {identity!r}, not {IDENTITY!r}", "check the port"
+                    )
                 status = _ask(transport, "STATUS?", 10.0 * timeout_s)
                 if status.startswith("OFF "):
                     yield _ok("interlock", f"{identity}: {status}")
@@ -322,16 +393,22 @@ def _interlock(config: RigConfig) -> Checks:
             said = f"{line}: opening the port may raise the line for a moment: it is left"
             yield _unverified("interlock", said, "a heartbeat interlock box is safer")
         case rig_config.NiInterlock(line=line):
-            yield _unverified("interlock", f"{line}: taking an output may set it, so it is left alone")
+            yield _unverified(
+                "interlock", f"{line}: taking an output may set it, so it is left alone"
+            )
         case _:
             said = (
-                "there is none: the amplifier's state stays unknown, and off means that the generator says so; "
-                "where the computer stops, or driver and watchdog do, the output stays on"
+                "there is none: the amplifier's state stays unknown, and off means that the"
+                " generator says so; where the computer stops, or driver and watchdog do, the"
+                " output stays on"
             )
-            yield _warning("interlock", said, "wire its enable line to an interlock box, where it has one")
+            yield _warning(
+                "interlock", said, "wire its enable line to an interlock box, where it has one"
+            )
 
 
-# --- sensors and stage -------------------------------------------------------------------------------------------
+# --- sensors and stage
+# -------------------------------------------------------------------------------------------
 
 
 def _force_sensor(config: RigConfig) -> Checks:
@@ -341,7 +418,10 @@ def _force_sensor(config: RigConfig) -> Checks:
             with _failures("force sensor", net_ft) as failed:
                 net_ft.open()
                 reading = net_ft.read()
-                said = f"{net_ft.resource}: {reading.normal_force_n:.3f} N down, {reading.lateral_force_n:.3f} N along"
+                said = (
+                    f"{net_ft.resource}: {reading.normal_force_n:.3f} N down,"
+                    f" {reading.lateral_force_n:.3f} N along"
+                )
                 check = _failed if reading.saturated else _ok
                 yield check("force sensor", f"{said}, status {net_ft.status_raw:#010x}")
                 yield _unverified("force scale", "counts and axes", "hang a known weight on it")
@@ -349,12 +429,20 @@ def _force_sensor(config: RigConfig) -> Checks:
         case NiForceSensorConfig() as ni:
             yield from _gauges(config, ni)
         case NoForceSensorConfig() as none:
-            source = "the electrode's current" if config.friction_from_current else f"no reading: {none.load_n:g} N"
+            source = (
+                "the electrode's current"
+                if config.friction_from_current
+                else f"no reading: {none.load_n:g} N"
+            )
             yield _warning(
-                "force sensor", f"none; load and friction from {source}", "docs/live.md says what that holds"
+                "force sensor",
+                f"none; load and friction from {source}",
+                "docs/live.md says what that holds",
             )
         case None:
-            yield _failed("force sensor", "there is none in the rig's file", "add a section [force_sensor]")
+            yield _failed(
+                "force sensor", "there is none in the rig's file", "add a section [force_sensor]"
+            )
         case other:
             yield _unverified("force sensor", f"{other.kind}: how to ask it is not known here")
 
@@ -365,8 +453,13 @@ def _gauges(config: RigConfig, ni: NiForceSensorConfig) -> Checks:
     inputs = analog_inputs(card, ni.gauges)
     with _failures("force sensor", inputs) as failed:
         calibration = AtiCalibration.from_file(Path(ni.calibration_file))
-        said = f"{calibration.serial} ({calibration.part_number}), calibrated: {calibration.calibrated_on}"
-        yield (_warning if calibration.calibrated_on == "unknown" else _ok)("force calibration", said)
+        said = (
+            f"{calibration.serial} ({calibration.part_number}), calibrated:"
+            f" {calibration.calibrated_on}"
+        )
+        yield (_warning if calibration.calibrated_on == "unknown" else _ok)(
+            "force calibration", said
+        )
         inputs.open()
         gauges_v = inputs.latest_v(ni.samples_per_bias)
         said = "gauges at " + ", ".join(f"{v:.3f}" for v in gauges_v.mean(axis=0)) + " V"
@@ -389,7 +482,9 @@ def _stage(config: RigConfig) -> Checks:
         yield _ok("stage", said) if is_one else _failed("stage", said, f"not a {settings.model}")
         where = f"at {1e3 * status.position_m:.2f} mm" if status.homed else "not homed"
         bad = status.motion_error or status.moving
-        how = f"{where}{', moving' if status.moving else ''}{', motion error' if status.motion_error else ''}"
+        moving = ", moving" if status.moving else ""
+        error = ", motion error" if status.motion_error else ""
+        how = f"{where}{moving}{error}"
         yield (_warning if bad else _ok)("stage state", how)
     yield from failed
 
@@ -414,11 +509,15 @@ def _finger_tracker(config: RigConfig, today: datetime.date) -> Checks:
             yield from failed
         case RecordedFingerConfig(file=file):
             there = Path(file).is_file()
-            yield (_ok if there else _failed)("finger tracker", f"plays {file}{'' if there else ': missing'}")
+            yield (_ok if there else _failed)(
+                "finger tracker", f"plays {file}{'' if there else ': missing'}"
+            )
         case StageFingerConfig():
             yield _unverified("finger tracker", "the stage carries the finger: see the stage")
         case NoFingerTracker():
-            yield _unverified("finger tracker", "there is none: nothing can be rendered by position")
+            yield _unverified(
+                "finger tracker", "there is none: nothing can be rendered by position"
+            )
         case other:
             yield _unverified("finger tracker", f"{other.kind}: how to ask it is not known here")
 
@@ -432,7 +531,11 @@ def _touch_calibration(screen: EvdevFingerConfig, today: datetime.date) -> Check
     if calibration.placeholder:
         return _warning(name, "a placeholder", CALIBRATE_TOUCH)
     dated = _dated(name, "measured", screen.measured_at, today)
-    return dated if dated.status is Status.OK else dated._replace(hint=f"{dated.hint} (haptic calibrate-touch)")
+    return (
+        dated
+        if dated.status is Status.OK
+        else dated._replace(hint=f"{dated.hint} (haptic calibrate-touch)")
+    )
 
 
 def _analog_output(config: RigConfig) -> Checks:
@@ -440,18 +543,28 @@ def _analog_output(config: RigConfig) -> Checks:
     if isinstance(given, NoAnalogOutput):
         yield _ok("envelope", "amplitudes go over SCPI; there is no analog output")
         return
-    said = f"{given.kind} output, {given.zero_level_v:g} V for nothing: opening it would put out a level"
-    yield _unverified("envelope", said, "measure Modulation In at low voltage: 0 V may be half the amplitude")
+    said = (
+        f"{given.kind} output, {given.zero_level_v:g} V for nothing: opening it would put out a"
+        " level"
+    )
+    yield _unverified(
+        "envelope", said, "measure Modulation In at low voltage: 0 V may be half the amplitude"
+    )
 
 
-# --- how it is asked ---------------------------------------------------------------------------------------------
+# --- how it is asked
+# ---------------------------------------------------------------------------------------------
 
 
 def _ask(transport: Transport, question: str, timeout_s: float) -> str:
     """Only a question: what does not end with `?` is never sent."""
     if not re.fullmatch(r"[*A-Z:]+\?", question):
         raise ValueError(f"{question!r} is no question")
-    return transport.query(question.encode("ascii") + b"\n", timeout_s).decode("ascii", errors="replace").strip()
+    return (
+        transport.query(question.encode("ascii") + b"\n", timeout_s)
+        .decode("ascii", errors="replace")
+        .strip()
+    )
 
 
 class _Closable(Protocol):
@@ -460,7 +573,9 @@ class _Closable(Protocol):
 
 @contextmanager
 def _failures(name: str, device: _Closable | None = None) -> Iterator[list[Check]]:
-    """Collects what a device's failure comes to, and closes it; the list is empty when all went well."""
+    """Collects what a device's failure comes to, and closes it; the list is empty when all went
+    well.
+    """
     failed: list[Check] = []
     try:
         yield failed

@@ -26,7 +26,8 @@ PARTS = 10  # in which lateness is remembered
 class Lead:
     """How far ahead to write, by how late this machine has let its writer be in the last minutes.
 
-    `fixed_s` stands in for all of that where a rig's file has it. `most_s` is what the output's buffer takes.
+    `fixed_s` stands in for all of that where a rig's file has it. `most_s` is what the output's
+    buffer takes.
     """
 
     def __init__(self, fixed_s: float | None, most_s: float) -> None:
@@ -60,13 +61,14 @@ class Lead:
 class EnvelopeWriter:
     """Brings courses of voltage to the Modulation In of a carrier that goes up to `full_scale_v`.
 
-    `output` is open, with the level that stands for no amplitude as its zero level. Every course is added to the
-    output's stream, straight in voltage squared, which force follows. The stream is kept about `lead_s` long: so late
-    is its end at the electrode, and so late may a `go_on` be. The output's own clock paces it; courses are a sample
-    longer or shorter when need be. Without anything new the last voltage is held. `underruns` counts gaps: the output
-    holds its last voltage meanwhile, or zero after longer ones, and goes on from there at `rise_v_per_s` at most.
-    `drained_s`: how much of the stream was played between the last two writes, in blocks on many devices.
-    All methods raise DeviceError, with the output at zero if it can be.
+    `output` is open, with the level that stands for no amplitude as its zero level. Every course is
+    added to the output's stream, straight in voltage squared, which force follows. The stream is
+    kept about `lead_s` long: so late is its end at the electrode, and so late may a `go_on` be. The
+    output's own clock paces it; courses are a sample longer or shorter when need be. Without
+    anything new the last voltage is held. `underruns` counts gaps: the output holds its last
+    voltage meanwhile, or zero after longer ones, and goes on from there at `rise_v_per_s` at most.
+    `drained_s`: how much of the stream was played between the last two writes, in blocks on many
+    devices. All methods raise DeviceError, with the output at zero if it can be.
     """
 
     def __init__(
@@ -91,10 +93,13 @@ class EnvelopeWriter:
         """Compile what a turn needs."""
         synthesise(np.zeros(3), np.empty(2))
 
-    def go_on(self, course: Course, full_scale_v: float, lead_s: float, may_rise: bool = True) -> bool:
+    def go_on(
+        self, course: Course, full_scale_v: float, lead_s: float, may_rise: bool = True
+    ) -> bool:
         """Add a course; whether the stream has gone on without a gap.
 
-        Nothing is above what it was where it may not rise. Raises HapticError for a course beyond full scale.
+        Nothing is above what it was where it may not rise. Raises HapticError for a course beyond
+        full scale.
         """
         if not may_rise:  # another carrier is on its way: the course may be meant for that
             most_v2 = min(self._power_v2, full_scale_v**2)
@@ -122,7 +127,9 @@ class EnvelopeWriter:
         self._waiting_s = self.drained_s = 0.0
         if not self._resting:
             self._power_v2 = 0.0
-            with suppress(DeviceError):  # it tries again by itself, and without a carrier it does nothing
+            with suppress(
+                DeviceError
+            ):  # it tries again by itself, and without a carrier it does nothing
                 self._output.zero()
                 self._resting = True
 
@@ -141,7 +148,9 @@ class EnvelopeWriter:
             self._catching_up = bool(ends_v2[-1] < wanted_v2[-1])
         envelope_v = np.empty(samples)
         synthesise(np.concatenate(((begin_v2,), ends_v2)), envelope_v)
-        share = np.minimum(envelope_v / full_scale_v, 1.0)  # a root of a square may be larger by rounding
+        share = np.minimum(
+            envelope_v / full_scale_v, 1.0
+        )  # a root of a square may be larger by rounding
         self._resting = False
         self._output.write(self._modulation.full_scale_v * (2.0 * share - 1.0), self._rate_hz)
         self._power_v2 = float(ends_v2[-1])
@@ -154,7 +163,9 @@ class EnvelopeWriter:
         return np.asarray(np.minimum(ends_v2, bound_v**2))
 
     def _length(self, span_s: float, waiting_s: float, lead_s: float) -> int:
-        """How many samples of the stream a course takes; not all that is missing, or a late turn would bend it."""
+        """How many samples of the stream a course takes; not all that is missing, or a late turn
+        would bend it.
+        """
         short_s = lead_s - waiting_s - span_s
         if waiting_s <= 0.0 or abs(short_s) > 0.5 * lead_s:
             return round((lead_s - waiting_s) * self._rate_hz)

@@ -29,7 +29,9 @@ class OffEvidence:
 
     @property
     def output_on(self) -> bool | None:
-        """False only with evidence: generator or enable line say off, and the monitor does not see a voltage."""
+        """False only with evidence: generator or enable line say off, and the monitor does not see
+        a voltage.
+        """
         if self.monitor_v is not None and abs(self.monitor_v) > MONITOR_QUIET_V:
             return True
         if self.generator_off or self.amplifier is AmplifierState.DISABLED:
@@ -37,9 +39,14 @@ class OffEvidence:
         return None if self.generator_off is None else True
 
     def __str__(self) -> str:
-        """For a person."""
-        generator = {True: "generator says off", False: "generator says ON", None: "generator does not answer"}
-        monitor = "no monitor" if self.monitor_v is None else f"monitor reads {self.monitor_v:.3g} V"
+        generator = {
+            True: "generator says off",
+            False: "generator says ON",
+            None: "generator does not answer",
+        }
+        monitor = (
+            "no monitor" if self.monitor_v is None else f"monitor reads {self.monitor_v:.3g} V"
+        )
         return f"{generator[self.generator_off]}, amplifier {self.amplifier.value}, {monitor}"
 
 
@@ -56,12 +63,16 @@ def tried(step: Callable[[], Found], otherwise: Found) -> Found:
 
 
 def switch_off(
-    generator: Generator, amplifier: AnalogAmplifier, settle_s: float, sleep: Callable[[float], None]
+    generator: Generator,
+    amplifier: AnalogAmplifier,
+    settle_s: float,
+    sleep: Callable[[float], None],
 ) -> OffEvidence:
-    """Off, and a look at what came of it: no lock, no check. Never raises: what fails in any way is unknown.
+    """Off, and a look at what came of it: no lock, no check. Never raises: what fails in any way is
+    unknown.
 
-    The enable line goes first, since it is fast, and once more last, for those who raised it meanwhile. A real
-    electrode takes time to discharge: the monitor has `settle_s` to become quiet.
+    The enable line goes first, since it is fast, and once more last, for those who raised it
+    meanwhile. A real electrode takes time to discharge: the monitor has `settle_s` to become quiet.
     """
     tried(amplifier.disable, AmplifierState.UNKNOWN)
     generator_off = tried(generator.off, None)

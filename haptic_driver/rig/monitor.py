@@ -10,7 +10,9 @@ from hw.amplifier.analog import AmplifierState, AnalogAmplifier
 
 
 class _Commanded(NamedTuple):
-    """A voltage, and when it had certainly been told: at the first look after its dialogue, which may stall."""
+    """A voltage, and when it had certainly been told: at the first look after its dialogue, which
+    may stall.
+    """
 
     voltage_v: float
     told_s: float = math.inf
@@ -20,7 +22,9 @@ _ZERO = _Commanded(0.0, -math.inf)
 
 
 def line_contradiction(amplifier: AnalogAmplifier) -> str | None:
-    """Why an amplifier that should be on is not, or that it gives more current than it may; None when all is well."""
+    """Why an amplifier that should be on is not, or that it gives more current than it may; None
+    when all is well.
+    """
     state = amplifier.state
     if state is AmplifierState.TRIPPED:
         return "the amplifier's fault line says fault"
@@ -33,9 +37,11 @@ def line_contradiction(amplifier: AnalogAmplifier) -> str | None:
 
 
 class VoltageCheck:
-    """Compares the voltage monitor with what was commanded within the last `settle_s`, as late as a monitor may be.
+    """Compares the voltage monitor with what was commanded within the last `settle_s`, as late as a
+    monitor may be.
 
-    `modulated`: the amplitude follows an analog output below the set point, so that the monitor may show less.
+    `modulated`: the amplitude follows an analog output below the set point, so that the monitor may
+    show less.
     """
 
     def __init__(self, safety: SafetySettings, modulated: bool) -> None:
@@ -56,14 +62,18 @@ class VoltageCheck:
     def contradiction(self, time_s: float, voltage_v: float | None) -> str | None:
         """What the monitor says against the commands: at once when it reads too much.
 
-        Too little must last, since nobody is hurt by it and a busy computer or instrument may be late with a voltage.
+        Too little must last, since nobody is hurt by it and a busy computer or instrument may be
+        late with a voltage.
         """
         low_v, high_v = self._range_v(time_s)
         if voltage_v is None:
             return None
         low_v = 0.0 if self._modulated else low_v
         tolerance_v = max(self._safety.monitor_tolerance_v, self._safety.monitor_tolerance * high_v)
-        reads = f"the monitor reads {abs(voltage_v):.3g} V where {low_v:.3g}..{high_v:.3g} V were commanded"
+        reads = (
+            f"the monitor reads {abs(voltage_v):.3g} V where {low_v:.3g}..{high_v:.3g} V were"
+            " commanded"
+        )
         if abs(voltage_v) > high_v + tolerance_v:
             return reads
         if abs(voltage_v) >= low_v - tolerance_v:
@@ -75,8 +85,12 @@ class VoltageCheck:
         return None
 
     def _range_v(self, time_s: float) -> tuple[float, float]:
-        """Lowest and highest voltage commanded within `settle_s`, that in force at its beginning included."""
-        told = [one if one.told_s < math.inf else one._replace(told_s=time_s) for one in self._commanded]
+        """Lowest and highest voltage commanded within `settle_s`, that in force at its beginning
+        included.
+        """
+        told = [
+            one if one.told_s < math.inf else one._replace(told_s=time_s) for one in self._commanded
+        ]
         while len(told) > 1 and told[1].told_s <= time_s - self._safety.settle_s:
             del told[0]
         self._commanded = told

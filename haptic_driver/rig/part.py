@@ -1,7 +1,8 @@
 """What sections of a rig's file are made of, and how a kind of part makes itself known.
 
-A package adds a kind by an entry point of one of the groups below that names a `PartKind`; the entry point's name
-is the value of `kind` in a rig's file. A kind is loaded where a rig names it, and by no other rig.
+A package adds a kind by an entry point of one of the groups below that names a `PartKind`; the
+entry point's name is the value of `kind` in a rig's file. A kind is loaded where a rig names it,
+and by no other rig.
 """
 
 from __future__ import annotations
@@ -18,7 +19,13 @@ from pydantic import (
     GetJsonSchemaHandler,
     ValidationError,
 )
-from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, PydanticKnownError, core_schema
+from pydantic_core import (
+    CoreSchema,
+    InitErrorDetails,
+    PydanticCustomError,
+    PydanticKnownError,
+    core_schema,
+)
 
 from haptic_driver.config import Kinds, Section, Within
 from hw import plugins
@@ -40,13 +47,21 @@ NO_WATCHDOG = "none"
 Device = TypeVar("Device")
 
 Volts = Annotated[float, Within(1e-3, 1000.0, "no electrode under a finger is driven with more")]
-DirectVolts = Annotated[float, Within(0.0, 1000.0, "no electrode under a finger is driven with more")]
-LineVolts = Annotated[float, Within(-10.0, 10.0, "inputs and outputs of cards and generators end at 10 V")]
+DirectVolts = Annotated[
+    float, Within(0.0, 1000.0, "no electrode under a finger is driven with more")
+]
+LineVolts = Annotated[
+    float, Within(-10.0, 10.0, "inputs and outputs of cards and generators end at 10 V")
+]
 Hertz = Annotated[float, Within(1e-6, 20e6, "no generator or card here is faster")]
 SampleRate = Annotated[float, Within(1.0, 1e10, "no converter is faster")]
-MonitorHertz = Annotated[float, Within(1.0, 1e9, "a slower monitor shows no carrier, and none is faster")]
+MonitorHertz = Annotated[
+    float, Within(1.0, 1e9, "a slower monitor shows no carrier, and none is faster")
+]
 MonitorNoise = Annotated[float, Within(0.0, 10.0, "monitor lines end at 10 V")]
-LoadNewtons = Annotated[float, Within(1e-3, 20.0, "no fingertip slides under more, and no sensor tells less")]
+LoadNewtons = Annotated[
+    float, Within(1e-3, 20.0, "no fingertip slides under more, and no sensor tells less")
+]
 ForceRange = Annotated[float, Within(0.1, 200.0, "no sensor under a fingertip measures more")]
 Farads = Annotated[float, Within(0.0, 1e-6, "no electrode, panel and wiring have more")]
 Metres = Annotated[float, Within(-2.0, 2.0, "no screen or stage is larger")]
@@ -57,7 +72,9 @@ Port = Annotated[int, Field(ge=1, le=65535)]
 
 def _known_form(resource: str) -> str:
     if resource not in (SIMULATED, NO_WATCHDOG):
-        from hw.transport.resource import make_transport  # noqa: PLC0415 - imports what a real device needs
+        from hw.transport.resource import (  # noqa: PLC0415 - imports what a real device needs
+            make_transport,
+        )
 
         make_transport(resource)
     return resource
@@ -75,12 +92,13 @@ class Vouched(Section):
 
     @property
     def verified(self) -> bool:
-        """Whether somebody does."""
         return bool(self.measured_by.strip()) and self.measured_at is not None
 
 
 class PartSection(Section):
-    """A section whose `kind` says what is there. `files` are keys that name files beside the rig's file."""
+    """A section whose `kind` says what is there. `files` are keys that name files beside the rig's
+    file.
+    """
 
     files: ClassVar[tuple[str, ...]] = ()
     needs_stage: ClassVar[bool] = False
@@ -97,7 +115,9 @@ class PartSection(Section):
         return self.model_dump(include={field.name for field in fields(record)})
 
     def calibration(self) -> str:
-        """Which calibration its figures come from, for whoever reads data later; raises DeviceError."""
+        """Which calibration its figures come from, for whoever reads data later; raises
+        DeviceError.
+        """
         return ""
 
 
@@ -105,7 +125,8 @@ class PartSection(Section):
 class Wiring:
     """What a part may be connected to: the card's inputs, the stage, and the lines of an amplifier.
 
-    `monitor_lines` says what the amplifier's monitors do, `monitor_channels` where on the card voltage and current are.
+    `monitor_lines` says what the amplifier's monitors do, `monitor_channels` where on the card
+    voltage and current are.
     """
 
     inputs: NiAnalogInputs | None = None
@@ -122,8 +143,9 @@ class Wiring:
 class Part(Generic[Device]):
     """A device, not open, and how it is opened and closed.
 
-    `zeroing` makes a force sensor's present load its zero, after `opening`. Where a rig is connected again a finger may
-    press: the device is then asked to `keep_bias(before)` of the one before it.
+    `zeroing` makes a force sensor's present load its zero, after `opening`. Where a rig is
+    connected again a finger may press: the device is then asked to `keep_bias(before)` of the one
+    before it.
     """
 
     device: Device
@@ -134,7 +156,9 @@ class Part(Generic[Device]):
 
 @dataclass(frozen=True)
 class PartKind:
-    """The section that a kind reads, and how its device is made; without `make` it is no device of a real rig."""
+    """The section that a kind reads, and how its device is made; without `make` it is no device of
+    a real rig.
+    """
 
     section: type[PartSection]
     make: Callable[[Any, Wiring], Part[Any]] | None = None
@@ -143,13 +167,19 @@ class PartKind:
 def part_kind(group: str, name: str) -> PartKind:
     """The installed kind of that name; ValueError says what is installed."""
     kind = plugins.load(group, name, group.rpartition(".")[2].removesuffix("s").replace("_", " "))
-    if not isinstance(kind, PartKind) or name not in get_args(kind.section.model_fields["kind"].annotation):
-        raise ValueError(f"{group}: {name!r} names {kind!r}, not a PartKind whose section has this kind")
+    if not isinstance(kind, PartKind) or name not in get_args(
+        kind.section.model_fields["kind"].annotation
+    ):
+        raise ValueError(
+            f"{group}: {name!r} names {kind!r}, not a PartKind whose section has this kind"
+        )
     return kind
 
 
 class KindsOf(Kinds):
-    """The sections of a group's kinds. One that fails at import, exits there or hangs breaks no rig but its own."""
+    """The sections of a group's kinds. One that fails at import, exits there or hangs breaks no rig
+    but its own.
+    """
 
     def __init__(self, group: str) -> None:
         self._group = group
@@ -170,18 +200,26 @@ class KindsOf(Kinds):
         """Whether one of that name is installed; it is not loaded for the answer."""
         return name in plugins.installed(self._group)
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
         """Read a section by its `kind`."""
         return core_schema.no_info_plain_validator_function(self._read)
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
         """Describe the kinds that come with the driver; what else is installed describes itself."""
-        own = [name for name, point in plugins.installed(self._group).items() if _is_own(point.value)]
+        own = [
+            name for name, point in plugins.installed(self._group).items() if _is_own(point.value)
+        ]
         sections = [handler(self[name].__pydantic_core_schema__) for name in sorted(own)]
         return {"oneOf": sections} if len(sections) > 1 else sections[0]
 
     def _read(self, content: object) -> PartSection:
-        """Errors are placed as those of a union with a discriminator are: below the name of the kind."""
+        """Errors are placed as those of a union with a discriminator are: below the name of the
+        kind.
+        """
         name = content.get("kind") if isinstance(content, dict) else getattr(content, "kind", None)
         if name is None:
             raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})

@@ -1,7 +1,8 @@
 """A rig: the one place where device words become signals and back.
 
-Safety in hardware terms: `Rig` says when the output may come on and for how long, `OutputSwitch` (switch.py) how it
-comes on and goes off, evidence.py what it takes to call it off, and monitor.py what trips.
+Safety in hardware terms: `Rig` says when the output may come on and for how long, `OutputSwitch`
+(switch.py) how it comes on and goes off, evidence.py what it takes to call it off, and monitor.py
+what trips.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ class _SetPoint(NamedTuple):
 
 
 def require_verified(config: RigConfig) -> None:
-    """Raise HapticError while a rig's file leaves a safety figure unset; until then nothing comes on."""
+    """Raise HapticError while a rig's file leaves a safety figure unset; until then nothing comes
+    on.
+    """
     if missing := config.unverified:
         raise HapticError(
             "unverified",
@@ -49,21 +52,24 @@ def require_verified(config: RigConfig) -> None:
 
 
 class Rig:
-    """The devices of one rig behind the words that rendering needs: `command`, `hold`, `read_force`, `off`.
+    """The devices of one rig behind the words that rendering needs: `command`, `hold`,
+    `read_force`, `off`.
 
-    Amplitudes go out over SCPI, which is slow: at most one set point per `setpoint_interval_s`, the newest. The output
-    comes on at the generator's minimum and rises by at most `voltage_rise_v_per_s` times that interval per set point;
-    down it goes at once. Times are the caller's clock, one clock for all methods of a rig.
+    Amplitudes go out over SCPI, which is slow: at most one set point per `setpoint_interval_s`, the
+    newest. The output comes on at the generator's minimum and rises by at most
+    `voltage_rise_v_per_s` times that interval per set point; down it goes at once. Times are the
+    caller's clock, one clock for all methods of a rig.
 
-    Every failure of a device switches off first and is then raised as HapticError. A monitor that contradicts the
-    command, a fault line, and an output that is on after being switched off also trip the rig: until `reset_trip` it
-    refuses to come on. `off` may be called from any thread at any time: it waits for no queue, for the lock of a thread
-    that is switching on at most four reply timeouts, and for each device at most that device's own timeouts.
-    `heartbeats` are beaten while the output is on and the caller refreshes it, and never otherwise. Every change of
-    state is logged, kept in `events` (the last 1000), and told to `on_event`.
+    Every failure of a device switches off first and is then raised as HapticError. A monitor that
+    contradicts the command, a fault line, and an output that is on after being switched off also
+    trip the rig: until `reset_trip` it refuses to come on. `off` may be called from any thread at
+    any time: it waits for no queue, for the lock of a thread that is switching on at most four
+    reply timeouts, and for each device at most that device's own timeouts. `heartbeats` are beaten
+    while the output is on and the caller refreshes it, and never otherwise. Every change of state
+    is logged, kept in `events` (the last 1000), and told to `on_event`.
 
-    `modulated`: the amplitude follows the generator's Modulation In; set points are its highest then, and the monitor
-    may show less but never more.
+    `modulated`: the amplitude follows the generator's Modulation In; set points are its highest
+    then, and the monitor may show less but never more.
     """
 
     def __init__(
@@ -84,13 +90,21 @@ class Rig:
         self._force_sensor = force_sensor
         self._heartbeats = tuple(heartbeats)
         self._switch = OutputSwitch(
-            config, generator, amplifier, heartbeats, modulated=modulated, on_event=on_event, sleep=sleep
+            config,
+            generator,
+            amplifier,
+            heartbeats,
+            modulated=modulated,
+            on_event=on_event,
+            sleep=sleep,
         )
         self._states = self._switch.states
         self._interval_s = config.output.setpoint_interval_s
         self._step_v = config.output.voltage_rise_v_per_s * self._interval_s
         self._written: _SetPoint | None = None
-        self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = self._look_at_s = -math.inf
+        self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = (
+            self._look_at_s
+        ) = -math.inf
 
     @property
     def state(self) -> RigState:
@@ -104,7 +118,9 @@ class Rig:
 
     @property
     def carrier(self) -> tuple[float, float]:
-        """Frequency and peak voltage that were written last; NaN and 0 while the output is not on."""
+        """Frequency and peak voltage that were written last; NaN and 0 while the output is not
+        on.
+        """
         if self._written is None or self.state is not RigState.ON:
             return math.nan, 0.0
         return self._written.frequency_hz, self._written.voltage_v
@@ -121,15 +137,22 @@ class Rig:
             self._generator.connect()
         evidence = self.off()
         if evidence.output_on is not False:
-            raise HapticError("not_off", f"connected, but {evidence}", "find what drives the electrode")
+            raise HapticError(
+                "not_off", f"connected, but {evidence}", "find what drives the electrode"
+            )
 
     def command(
-        self, time_s: float, command: DriveCommand, voltage_offset_v: float = 0.0, shape: Shape = Shape.SINE
+        self,
+        time_s: float,
+        command: DriveCommand,
+        voltage_offset_v: float = 0.0,
+        shape: Shape = Shape.SINE,
     ) -> None:
         """Bring `command` to the electrode, now or with the next set points; refreshes the lease.
 
-        A bias rises with the amplitude; for Shape.DC the amplitude is the direct voltage. Raises HapticError: a device
-        failed, a limit is exceeded, the rig is tripped, or it cannot be shown to be off.
+        A bias rises with the amplitude; for Shape.DC the amplitude is the direct voltage. Raises
+        HapticError: a device failed, a limit is exceeded, the rig is tripped, or it cannot be shown
+        to be off.
         """
         self._states.now_s = time_s
         if not command.output_on or command.voltage_v < self._generator.minimum_voltage_v:
@@ -139,7 +162,9 @@ class Rig:
         if self.state is RigState.TRIPPED:
             self._stay_off(time_s)
             raise HapticError(
-                "tripped", f"the rig is tripped: {self._states.trip_reason}", "remove the cause, then reset the trip"
+                "tripped",
+                f"the rig is tripped: {self._states.trip_reason}",
+                "remove the cause, then reset the trip",
             )
         require_verified(self._config)
         with self._safe():
@@ -151,22 +176,27 @@ class Rig:
                     self._write(time_s, command, voltage_offset_v, shape)
 
     def hold(self, time_s: float) -> None:
-        """The caller is alive and wants the output as it is: refreshes the lease, beats, and does what `watch` does."""
+        """The caller is alive and wants the output as it is: refreshes the lease, beats, and does
+        what `watch` does.
+        """
         self.watch(time_s)
         with self._safe():
             if self._switch.may_be_on:
                 self._refresh(time_s)
 
     def watch(self, time_s: float) -> None:
-        """Switch off what is not refreshed, compare monitor and command, look at the fault line, retry a failed off.
+        """Switch off what is not refreshed, compare monitor and command, look at the fault line,
+        retry a failed off.
 
         An output that is off is asked about every second: somebody may have switched it on by hand.
 
-        For whoever watches over the caller; refreshes nothing. Raises HapticError when the rig trips
-        or the output cannot be shown to be off.
+        For whoever watches over the caller; refreshes nothing. Raises HapticError when the rig
+        trips or the output cannot be shown to be off.
         """
         self._states.now_s = time_s
-        if self._switch.is_switching_off:  # another thread, which concludes; silent instruments answer no sooner twice
+        if (
+            self._switch.is_switching_off
+        ):  # another thread, which concludes; silent instruments answer no sooner twice
             return
         self._lapse(time_s)
         if not self._switch.may_be_on:
@@ -189,7 +219,9 @@ class Rig:
         return self._switch.off()
 
     def reset_trip(self) -> None:
-        """Allow the output to come on again; raises HapticError while the reason may still be there."""
+        """Allow the output to come on again; raises HapticError while the reason may still be
+        there.
+        """
         if self.state is RigState.TRIPPED:
             self._switch.reset_trip()
 
@@ -199,16 +231,20 @@ class Rig:
         tried(self._generator.close, None)
         return evidence
 
-    # --- on --------------------------------------------------------------------------------------------------------
+    # --- on
+    # --------------------------------------------------------------------------------------------
 
     def _check_limits(self, command: DriveCommand, voltage_offset_v: float, shape: Shape) -> None:
-        """The rig's own limits for what was asked, before any ramp makes less of it; all are judged by the peak."""
+        """The rig's own limits for what was asked, before any ramp makes less of it; all are judged
+        by the peak.
+        """
         limits, frequency_hz = self._config.limits, command.frequency_hz
         direct_v = abs(voltage_offset_v) + (command.voltage_v if shape is Shape.DC else 0.0)
         if direct_v > limits.direct_voltage_v:
             raise LimitExceeded(
                 f"rig: a direct voltage of {direct_v:g} V is beyond {limits.direct_voltage_v:g} V",
-                "measure what the electrode and a finger bear, and write it down as limits.direct_voltage_v",
+                "measure what the electrode and a finger bear, and write it down as"
+                " limits.direct_voltage_v",
             )
         voltage_v = command.voltage_v + abs(voltage_offset_v)
         low_hz, high_hz = limits.frequency_hz
@@ -221,8 +257,10 @@ class Rig:
         reach_hz = self._config.monitor_reach_hz
         if frequency_hz > reach_hz and voltage_v > MONITOR_QUIET_V:
             raise LimitExceeded(
-                f"rig: the monitors alias {frequency_hz:g} Hz: {voltage_v:g} V there might read as nothing",
-                f"stay at or below {reach_hz:g} Hz, or {MONITOR_QUIET_V:g} V, or raise analog_inputs.sample_rate_hz",
+                f"rig: the monitors alias {frequency_hz:g} Hz: {voltage_v:g} V there might read as"
+                " nothing",
+                f"stay at or below {reach_hz:g} Hz, or {MONITOR_QUIET_V:g} V, or raise"
+                " analog_inputs.sample_rate_hz",
             )
         panel_current_a = 2.0 * math.pi * frequency_hz * voltage_v * limits.panel_capacitance_f
         self._amplifier.check_drive(frequency_hz, voltage_v, panel_current_a)
@@ -231,14 +269,18 @@ class Rig:
         written = self._written
         return written is None or not 0.0 <= time_s - written.time_s < self._interval_s / ROUNDING
 
-    def _write(self, time_s: float, command: DriveCommand, voltage_offset_v: float, shape: Shape) -> None:
+    def _write(
+        self, time_s: float, command: DriveCommand, voltage_offset_v: float, shape: Shape
+    ) -> None:
         """One set point, a bounded step up from the last or from the minimum."""
         if self._switch.may_be_on:
             self._switch.check(time_s)
         else:
             self._written = None
             self._switch.on(command.frequency_hz)
-        before_v = self._generator.minimum_voltage_v if self._written is None else self._written.voltage_v
+        before_v = (
+            self._generator.minimum_voltage_v if self._written is None else self._written.voltage_v
+        )
         voltage_v = min(command.voltage_v, before_v + self._step_v)
         offset_v = voltage_offset_v * voltage_v / command.voltage_v
         self._switch.set_point(command.frequency_hz, voltage_v, offset_v, shape)
@@ -251,10 +293,13 @@ class Rig:
             for heartbeat in self._heartbeats:
                 heartbeat.beat()
 
-    # --- off -------------------------------------------------------------------------------------------------------
+    # --- off
+    # --------------------------------------------------------------------------------------------
 
     def _lapse(self, time_s: float) -> None:
-        """Off when nobody refreshed the output for a lease; the next command starts again from the minimum."""
+        """Off when nobody refreshed the output for a lease; the next command starts again from the
+        minimum.
+        """
         silent_s = time_s - self._refreshed_s
         if self._switch.may_be_on and not silent_s <= self._safety.lease_s * ROUNDING:
             self._states.happens(Happening.LAPSED, f"not refreshed for {silent_s:.3g} s")
@@ -267,20 +312,29 @@ class Rig:
             self._off_for_certain(time_s)
 
     def _look(self, time_s: float) -> None:
-        """See that an output that was switched off still is; what was true once is no evidence for long."""
+        """See that an output that was switched off still is; what was true once is no evidence for
+        long.
+        """
         if self._switch.may_be_on:
             self._look_at_s = -math.inf
         elif not 0.0 < self._look_at_s - time_s <= UNANSWERED_S:
             self._look_at_s = time_s + LOOK_S
             try:
                 self._switch.look()
-            except DeviceError:  # switched off for the night, maybe: the amplifier's line is evidence as well
+            except (
+                DeviceError
+            ):  # switched off for the night, maybe: the amplifier's line is evidence as well
                 self._look_at_s = time_s + UNANSWERED_S
                 self._off_for_certain(time_s)
 
     def _rest(self, time_s: float) -> None:
-        """Have heartbeats hear from us between two touches, too: one that has stopped is known within its period."""
-        if self._states.output.shown_off and not 0.0 <= time_s - self._rested_s < self._safety.beat_interval_s:
+        """Have heartbeats hear from us between two touches, too: one that has stopped is known
+        within its period.
+        """
+        if (
+            self._states.output.shown_off
+            and not 0.0 <= time_s - self._rested_s < self._safety.beat_interval_s
+        ):
             self._rested_s = time_s
             for heartbeat in self._heartbeats:
                 tried(heartbeat.rest, None)
@@ -289,7 +343,11 @@ class Rig:
         self._tried_off_s = time_s
         evidence = self.off()
         if evidence.output_on is not False:
-            raise HapticError("not_off", f"the output may still be on: {evidence}", "switch the amplifier off by hand")
+            raise HapticError(
+                "not_off",
+                f"the output may still be on: {evidence}",
+                "switch the amplifier off by hand",
+            )
 
     @contextmanager
     def _safe(self) -> Iterator[None]:
@@ -303,13 +361,17 @@ class Rig:
             self.off()
         except DeviceError as error:
             evidence = self.off()
-            raise HapticError(error.code, f"{error.message} (output: {evidence})", error.hint) from error
+            raise HapticError(
+                error.code, f"{error.message} (output: {evidence})", error.hint
+            ) from error
         except HapticError:
             raise  # a trip, which has switched off
         except Exception as error:  # of a library that has errors of its own
             evidence = self.off()
             said = f"{type(error).__name__}: {error} (output: {evidence})"
-            raise HapticError("device_error", said, "a fault of the program; look at the log") from error
+            raise HapticError(
+                "device_error", said, "a fault of the program; look at the log"
+            ) from error
         except BaseException:
             self.off()
             raise

@@ -34,16 +34,25 @@ class Slide:
 
 
 def synthetic_slide() -> Slide:
-    """Two strokes of 80 mm, there and back, at up to 50 mm/s under about 0.5 N, with a lift in between."""
+    """Two strokes of 80 mm, there and back, at up to 50 mm/s under about 0.5 N, with a lift in
+    between.
+    """
     time = np.arange(0.0, 6.4, TICK_S)
     there, back = _stroke(time, 0.6, 2.2), _stroke(time, 3.7, 2.2)
-    press = _stroke(time, 0.3, 0.15) - _stroke(time, 2.95, 0.15) + _stroke(time, 3.4, 0.15) - _stroke(time, 6.05, 0.15)
+    press = (
+        _stroke(time, 0.3, 0.15)
+        - _stroke(time, 2.95, 0.15)
+        + _stroke(time, 3.4, 0.15)
+        - _stroke(time, 6.05, 0.15)
+    )
     load = press * (0.50 + 0.06 * np.sin(2.0 * np.pi * 0.9 * time))
     return Slide("synthetic slide", time, 0.080 * (there - back), load)
 
 
 def even_strokes(speed_m_s: float, touches: int = 2) -> Slide:
-    """Touches of 2 s with 0.4 s between them: there and back over up to 85 mm at a speed, under about 0.5 N."""
+    """Touches of 2 s with 0.4 s between them: there and back over up to 85 mm at a speed, under
+    about 0.5 N.
+    """
     touch_s, lift_s, length_m = 2.0, 0.4, 0.085
     count = round((touch_s + lift_s) / TICK_S)
     time = np.asarray(np.arange(touches * count) * TICK_S, dtype=np.float64)
@@ -76,7 +85,9 @@ def _stroke(time: Array, start_s: float, duration_s: float) -> Array:
 
 
 def read_slide(path: Path) -> Slide:
-    """A recorded slide: CSV with `time_s, position_m, normal_force_n`, rising in time; resampled to the tick."""
+    """A recorded slide: CSV with `time_s, position_m, normal_force_n`, rising in time; resampled to
+    the tick.
+    """
     wanted = f"Give a CSV with columns {', '.join(COLUMNS)}, time rising, at least 10 rows"
     with bad_input():
         read = read_table(path, COLUMNS, wanted)
@@ -88,14 +99,19 @@ def read_slide(path: Path) -> Slide:
         where = read.where(int(backwards[0]) + 1)
         raise BadInputError("bad_slide", f"{where}: time_s does not rise", wanted)
     if table[-1, 0] - table[0, 0] < 10 * TICK_S:
-        raise BadInputError("bad_slide", f"{path}: lasts less than {10 * TICK_S:g} s; is time_s in seconds?", wanted)
+        raise BadInputError(
+            "bad_slide", f"{path}: lasts less than {10 * TICK_S:g} s; is time_s in seconds?", wanted
+        )
     if table[-1, 0] - table[0, 0] > 3600.0:
-        raise BadInputError("bad_slide", f"{path}: lasts longer than an hour; is time_s in seconds?", wanted)
+        raise BadInputError(
+            "bad_slide", f"{path}: lasts longer than an hour; is time_s in seconds?", wanted
+        )
     if table[:, 2].max() <= 0.0:
         raise BadInputError(
-            "bad_slide", f"{path}: normal_force_n is never above 0: the finger never touches",
+            "bad_slide",
+            f"{path}: normal_force_n is never above 0: the finger never touches",
             "Give the force that presses on the screen, in N, as positive",
-        )  # fmt: skip
+        )
     time = np.arange(table[0, 0], table[-1, 0], TICK_S)
     position, force = (np.interp(time, table[:, 0], table[:, i]) for i in (1, 2))
     return Slide(path.name, time, position, force)

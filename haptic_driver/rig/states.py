@@ -1,4 +1,6 @@
-"""The states of a rig's output, what moves it from one to another, and the right to raise the voltage."""
+"""The states of a rig's output, what moves it from one to another, and the right to raise the
+voltage.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ class RigState(enum.Enum):
 
 
 class Output(enum.Enum):
-    """The same in more detail: whether it may be on, and whether a trip has been shown to be off."""
+    """The same in more detail: whether it may be on, and whether a trip has been shown to be
+    off.
+    """
 
     OFF = enum.auto()
     STARTING = enum.auto()
@@ -64,13 +68,19 @@ _MOVES = {
     Happening.LAPSED: {_STARTING: _UNKNOWN, _ON: _UNKNOWN},
     Happening.SHOWN_OFF: {_STARTING: _OFF, _ON: _OFF, _UNKNOWN: _OFF, _TRIPPED_UNKNOWN: _TRIPPED},
     Happening.NOT_SHOWN_OFF: {
-        _OFF: _UNKNOWN, _STARTING: _UNKNOWN, _ON: _UNKNOWN, _TRIPPED: _TRIPPED_UNKNOWN
+        _OFF: _UNKNOWN,
+        _STARTING: _UNKNOWN,
+        _ON: _UNKNOWN,
+        _TRIPPED: _TRIPPED_UNKNOWN,
     },
     Happening.TRIPS: {
-        _OFF: _TRIPPED, _STARTING: _TRIPPED_UNKNOWN, _ON: _TRIPPED_UNKNOWN, _UNKNOWN: _TRIPPED_UNKNOWN
+        _OFF: _TRIPPED,
+        _STARTING: _TRIPPED_UNKNOWN,
+        _ON: _TRIPPED_UNKNOWN,
+        _UNKNOWN: _TRIPPED_UNKNOWN,
     },
     Happening.RESET: {_TRIPPED: _OFF},
-}  # fmt: skip
+}
 _SHOWN = {
     _OFF: RigState.OFF,
     _STARTING: RigState.UNKNOWN,
@@ -92,8 +102,9 @@ class RigEvent(NamedTuple):
 class OutputStates:
     """Where the output is. Whatever happens that the table does not know of there changes nothing.
 
-    Every change that `RigState` shows is logged, kept in `events` (the last 1000), and told to `on_event`; starting is
-    told when it is over. `now_s` is the time of the caller's newest command.
+    Every change that `RigState` shows is logged, kept in `events` (the last 1000), and told to
+    `on_event`; starting is told when it is over. `now_s` is the time of the caller's newest
+    command.
     """
 
     def __init__(self, on_event: Callable[[RigEvent], None]) -> None:
@@ -113,7 +124,9 @@ class OutputStates:
         """Move on. The first reason of a trip is kept until it is reset."""
         with self._changing:
             before, self.output = self.output, _MOVES[what].get(self.output, self.output)
-            is_told = self.output is not _STARTING and (not self.events or self.events[-1].state is not self.shown)
+            is_told = self.output is not _STARTING and (
+                not self.events or self.events[-1].state is not self.shown
+            )
             if self.shown is not RigState.TRIPPED:
                 self.trip_reason = None
             elif _SHOWN[before] is not RigState.TRIPPED:

@@ -25,8 +25,9 @@ from hw.generator.settings import ExternalModulation, Shape
 class OutputSwitch:
     """Generator and amplifier as one switch, with the evidence of what it did.
 
-    `on` and `set_point` are for the thread that is `energising`, and end with Withdrawn as soon as anybody calls `off`,
-    which may come from any thread at any time. `heartbeats` rest once the output is shown to be off.
+    `on` and `set_point` are for the thread that is `energising`, and end with Withdrawn as soon as
+    anybody calls `off`, which may come from any thread at any time. `heartbeats` rest once the
+    output is shown to be off.
     """
 
     def __init__(
@@ -65,7 +66,9 @@ class OutputSwitch:
 
     @contextmanager
     def energising(self, wait: bool = True) -> Iterator[bool]:
-        """This thread alone may raise the voltage, until anybody switches off; False where it did not wait for that."""
+        """This thread alone may raise the voltage, until anybody switches off; False where it did
+        not wait for that.
+        """
         free = self._lock.acquire(blocking=wait)
         try:
             if free:
@@ -89,43 +92,63 @@ class OutputSwitch:
             self._trip("the amplifier tripped when it was enabled")
         if amplifier is AmplifierState.DISABLED:
             raise BadReply(
-                "amplifier: its enable line reads low after being raised", "check the line, the interlock, the E-stop"
+                "amplifier: its enable line reads low after being raised",
+                "check the line, the interlock, the E-stop",
             )
         self.states.happens(Happening.CAME_ON, f"commanded, {frequency_hz:g} Hz")
 
     def set_point(
-        self, frequency_hz: float, voltage_v: float, voltage_offset_v: float = 0.0, shape: Shape = Shape.SINE
+        self,
+        frequency_hz: float,
+        voltage_v: float,
+        voltage_offset_v: float = 0.0,
+        shape: Shape = Shape.SINE,
     ) -> None:
-        """Tell the generator."""
         self._permit.check()
         self._voltage.commanded(voltage_v + abs(voltage_offset_v))
-        self._generator.set_point(frequency_hz, voltage_v, voltage_offset_v, shape=shape, modulation=self._modulation)
+        self._generator.set_point(
+            frequency_hz, voltage_v, voltage_offset_v, shape=shape, modulation=self._modulation
+        )
         self._permit.check()
 
     def check(self, time_s: float) -> None:
         """Trip when amplifier or monitors contradict what was commanded."""
         contradiction = line_contradiction(self._amplifier) if self.may_be_on else None
-        contradiction = contradiction or self._voltage.contradiction(time_s, self._amplifier.monitor_voltage_v())
+        contradiction = contradiction or self._voltage.contradiction(
+            time_s, self._amplifier.monitor_voltage_v()
+        )
         if contradiction:
             self._trip(contradiction)
 
     def look(self) -> None:
-        """Trip when the generator says that it is on, though it was switched off: somebody else drives it."""
+        """Trip when the generator says that it is on, though it was switched off: somebody else
+        drives it.
+        """
         if self._generator.is_on():
-            self._trip("the generator's output is on, though it was switched off: somebody else switched it on")
+            self._trip(
+                "the generator's output is on, though it was switched off: somebody else switched"
+                " it on"
+            )
 
     def off(self) -> OffEvidence:
-        """Off at once, from any thread, and what is known of it. Never raises, and always concludes."""
+        """Off at once, from any thread, and what is known of it. Never raises, and always
+        concludes.
+        """
         free, evidence = False, NOTHING_KNOWN
         self._withdrawals.begin()
         try:
             free = self._lock.acquire(blocking=False)
             seen = self._switch_off()
             if not free:
-                # Another thread was switching on; what it did after us is undone once it has noticed.
+                # Another thread was switching on; what it did after us is undone once it has
+                # noticed.
                 free = self._lock.acquire(timeout=self._lock_timeout_s)
                 seen = self._switch_off()
-            evidence = seen if free else replace(seen, generator_off=None, amplifier=AmplifierState.UNKNOWN)
+            evidence = (
+                seen
+                if free
+                else replace(seen, generator_off=None, amplifier=AmplifierState.UNKNOWN)
+            )
         finally:  # Ctrl-C in the middle concludes too: with nothing known
             try:
                 self._conclude(evidence)
@@ -142,15 +165,23 @@ class OutputSwitch:
         reasons += ["the amplifier's fault line says fault"] if self._amplifier.fault else []
         if reasons:
             tripped = f"the rig stays tripped ({self.states.trip_reason})"
-            raise HapticError("trip_remains", f"{tripped}: {'; '.join(reasons)}", "remove the cause first")
+            raise HapticError(
+                "trip_remains", f"{tripped}: {'; '.join(reasons)}", "remove the cause first"
+            )
         self.states.happens(Happening.RESET, "trip reset")
 
     def _trip(self, reason: str) -> None:
-        """Latch, switch off, and raise; not for what an `off` has done, whose own evidence counts."""
+        """Latch, switch off, and raise; not for what an `off` has done, whose own evidence
+        counts.
+        """
         self._permit.check()
         self.states.happens(Happening.TRIPS, reason)
         evidence = self.off()
-        raise HapticError("tripped", f"the rig tripped: {reason} (output: {evidence})", "remove the cause, then reset")
+        raise HapticError(
+            "tripped",
+            f"the rig tripped: {reason} (output: {evidence})",
+            "remove the cause, then reset",
+        )
 
     def _switch_off(self) -> OffEvidence:
         return switch_off(self._generator, self._amplifier, self._settle_s, self._sleep)
@@ -163,5 +194,9 @@ class OutputSwitch:
             for heartbeat in self._heartbeats:
                 tried(heartbeat.rest, None)
         elif evidence.output_on:
-            self.states.happens(Happening.TRIPS, f"the output is on after being switched off: {evidence}")
-        self.states.happens(Happening.SHOWN_OFF if shown else Happening.NOT_SHOWN_OFF, str(evidence))
+            self.states.happens(
+                Happening.TRIPS, f"the output is on after being switched off: {evidence}"
+            )
+        self.states.happens(
+            Happening.SHOWN_OFF if shown else Happening.NOT_SHOWN_OFF, str(evidence)
+        )

@@ -24,9 +24,9 @@ def tick_settings(
 ) -> TickSettings:
     """The stages of one rig, told about a surface and a texture.
 
-    `feedback_latency_s`: from a set point to its effect, for feedback from measured friction; None renders without.
-    `output_latency_s`: by which the finger's position is extrapolated from a tick on; None takes the rig's.
-    `longest_age_s`: up to which a reading is extrapolated to its tick.
+    `feedback_latency_s`: from a set point to its effect, for feedback from measured friction; None
+    renders without. `output_latency_s`: by which the finger's position is extrapolated from a tick
+    on; None takes the rig's. `longest_age_s`: up to which a reading is extrapolated to its tick.
     """
     limits = config.operating_limits()
     controller = ControllerSettings(
@@ -37,7 +37,9 @@ def tick_settings(
         feedback=None if feedback_latency_s is None else FeedbackSettings(feedback_latency_s),
     )
     latency_s = config.output.latency_s if output_latency_s is None else output_latency_s
-    finger = FingerSettings(**config.finger.model_dump(), output_latency_s=latency_s, longest_age_s=longest_age_s)
+    finger = FingerSettings(
+        **config.finger.model_dump(), output_latency_s=latency_s, longest_age_s=longest_age_s
+    )
     return TickSettings(
         finger,
         texture,

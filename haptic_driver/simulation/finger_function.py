@@ -1,4 +1,6 @@
-"""A simulated finger that is any function: its friction, and what it does to the electrode if it says so."""
+"""A simulated finger that is any function: its friction, and what it does to the electrode if it
+says so.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +26,10 @@ GIVEN = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")
 class FingerFunction:
     """A function of arrays [n] `GIVEN`, as a finger's laws of friction and of the electrode.
 
-    It returns the lateral force in N [n], or (lateral_force_n, current_a, electrode_voltage_v), the last two complex
-    peak phasors against the set voltage, stray current included. Without speed it rests; without a load there is none.
-    Whatever it raises, and what is no such answer, is a HapticError.
+    It returns the lateral force in N [n], or (lateral_force_n, current_a, electrode_voltage_v), the
+    last two complex peak phasors against the set voltage, stray current included. Without speed it
+    rests; without a load there is none. Whatever it raises, and what is no such answer, is a
+    HapticError.
     """
 
     function: Callable[..., Any]
@@ -39,7 +42,11 @@ class FingerFunction:
         if not isfinite(force_n):
             if condition[3] == 0.0:
                 return 0.0
-            raise HapticError("function_failed", f"{self.name}: a lateral force of {force_n} N", self._hint(condition))
+            raise HapticError(
+                "function_failed",
+                f"{self.name}: a lateral force of {force_n} N",
+                self._hint(condition),
+            )
         return force_n
 
     def electrode(self, *condition: float) -> ElectrodeState | None:
@@ -57,25 +64,36 @@ class FingerFunction:
         """One answer: a force, or a force, a current and a voltage."""
         if len(condition) > len(GIVEN):
             said = f"{self.name}: knows no bias and no waveform but a sine"
-            raise HapticError("function_failed", said, "Leave voltage_offset_v and waveform out of the plan")
+            raise HapticError(
+                "function_failed", said, "Leave voltage_offset_v and waveform out of the plan"
+            )
         try:
             answer = self.function(*(np.array([value], dtype=np.float64) for value in condition))
             parts = [
-                np.asarray(part, dtype=np.complex128) for part in (answer if isinstance(answer, tuple) else [answer])
+                np.asarray(part, dtype=np.complex128)
+                for part in (answer if isinstance(answer, tuple) else [answer])
             ]
         except Exception as error:
-            raise HapticError("function_failed", f"{self.name}: raised {error!r}", self._hint(condition)) from error
+            raise HapticError(
+                "function_failed", f"{self.name}: raised {error!r}", self._hint(condition)
+            ) from error
         if len(parts) not in (1, 3) or any(part.size != 1 for part in parts):
-            said = f"{self.name}: answered {len(parts)} values of shapes {[part.shape for part in parts]}"
+            said = (
+                f"{self.name}: answered {len(parts)} values of shapes"
+                f" {[part.shape for part in parts]}"
+            )
             hint = (
-                "It returns lateral_force_n, or (lateral_force_n, current_a, electrode_voltage_v), as long as its input"
+                "It returns lateral_force_n, or (lateral_force_n, current_a, electrode_voltage_v),"
+                " as long as its input"
             )
             raise HapticError("function_failed", said, hint)
         return [part.ravel()[0] for part in parts]
 
     @staticmethod
     def _hint(condition: tuple[float, ...]) -> str:
-        given = ", ".join(f"{name} = {value:g}" for name, value in zip(GIVEN, condition, strict=True))
+        given = ", ".join(
+            f"{name} = {value:g}" for name, value in zip(GIVEN, condition, strict=True)
+        )
         return f"It was called with {given}, as arrays"
 
 
@@ -84,11 +102,15 @@ def load_finger(name: str) -> FingerFunction:
     module_name, _, function_name = name.rpartition(":")
     hint = "Give module:function or file.py:function"
     try:
-        module = _load_file(module_name) if module_name.endswith(".py") else _load_module(module_name)
+        module = (
+            _load_file(module_name) if module_name.endswith(".py") else _load_module(module_name)
+        )
         function = getattr(module, function_name)
         source = inspect.getsource(module)
     except Exception as error:
-        raise BadInputError("bad_function", f"--finger {name}: cannot be loaded ({error!r})", hint) from error
+        raise BadInputError(
+            "bad_function", f"--finger {name}: cannot be loaded ({error!r})", hint
+        ) from error
     if not callable(function):
         raise BadInputError("bad_function", f"--finger {name}: is not a function", hint)
     return FingerFunction(function, f"--finger {name}", source)

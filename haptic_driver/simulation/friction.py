@@ -1,4 +1,6 @@
-"""A simulated finger: its model's friction and electrode current, with the effects that a configuration hides."""
+"""A simulated finger: its model's friction and electrode current, with the effects that a
+configuration hides.
+"""
 
 from __future__ import annotations
 
@@ -27,13 +29,15 @@ HIGHEST_SPEED_M_S = 10.0  # that the model is asked about
 TIME_STEP_S = 0.05  # effects of time see it in steps this long
 
 FrictionLaw = Callable[..., float]
-"""(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s) -> lateral force in N that would be there after long.
+"""(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s) -> lateral force in N that would be
+there after long.
 
 Under a bias or another waveform than a sine it is also given (voltage_offset_v, waveform).
 """
 
 ElectrodeLaw = Callable[..., ElectrodeState | None]
-"""The same inputs -> what is at the electrode, stray current included, against the set voltage; None where not known.
+"""The same inputs -> what is at the electrode, stray current included, against the set voltage;
+None where not known.
 
 Without a load there is no finger, without speed it rests.
 """
@@ -48,31 +52,54 @@ def friction_of(model: TouchModel) -> FrictionLaw:
         return float(model.cof(_condition(*condition))[0])
 
     def friction_n(
-        frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float,
-        voltage_offset_v: float = 0.0, waveform: str = "sine",
-    ) -> float:  # fmt: skip
+        frequency_hz: float,
+        voltage_v: float,
+        normal_force_n: float,
+        speed_m_s: float,
+        time_s: float,
+        voltage_offset_v: float = 0.0,
+        waveform: str = "sine",
+    ) -> float:
         load_n = max(normal_force_n, LEAST_FORCE_N)
         seen_s = TIME_STEP_S * round(time_s / TIME_STEP_S) if ages else 0.0
         speed_m_s = min(abs(speed_m_s), HIGHEST_SPEED_M_S)
-        return cof(frequency_hz, voltage_v, load_n, speed_m_s, seen_s, voltage_offset_v, waveform) * normal_force_n
+        return (
+            cof(frequency_hz, voltage_v, load_n, speed_m_s, seen_s, voltage_offset_v, waveform)
+            * normal_force_n
+        )
 
     return friction_n
 
 
 def electrode_of(model: TouchModel, stray_capacitance_f: float = 0.0) -> ElectrodeLaw:
-    """What the model says of the electrode, with more stray capacitance than the model's own in parallel."""
+    """What the model says of the electrode, with more stray capacitance than the model's own in
+    parallel.
+    """
 
     def state(
-        frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float,
-        voltage_offset_v: float = 0.0, waveform: str = "sine",
-    ) -> ElectrodeState:  # fmt: skip
+        frequency_hz: float,
+        voltage_v: float,
+        normal_force_n: float,
+        speed_m_s: float,
+        time_s: float,
+        voltage_offset_v: float = 0.0,
+        waveform: str = "sine",
+    ) -> ElectrodeState:
         finger = "none" if normal_force_n <= 0.0 else "resting" if speed_m_s == 0.0 else "sliding"
         condition = _condition(
-            frequency_hz, voltage_v, max(normal_force_n, LEAST_FORCE_N), min(abs(speed_m_s), HIGHEST_SPEED_M_S), time_s,
-            voltage_offset_v, waveform,
-        )  # fmt: skip
+            frequency_hz,
+            voltage_v,
+            max(normal_force_n, LEAST_FORCE_N),
+            min(abs(speed_m_s), HIGHEST_SPEED_M_S),
+            time_s,
+            voltage_offset_v,
+            waveform,
+        )
         answer = model.predict(replace(condition, finger=np.array([finger])))
-        voltage, current = complex(answer.electrode_voltage_v[0]), complex(answer.electrode_current_a[0])
+        voltage, current = (
+            complex(answer.electrode_voltage_v[0]),
+            complex(answer.electrode_current_a[0]),
+        )
         stray_a = 2j * np.pi * frequency_hz * stray_capacitance_f * voltage
         return ElectrodeState(frequency_hz, voltage, current + stray_a, direct_v=voltage_offset_v)
 
@@ -80,21 +107,33 @@ def electrode_of(model: TouchModel, stray_capacitance_f: float = 0.0) -> Electro
 
 
 def _condition(
-    frequency_hz: float, voltage_v: float, load_n: float, speed_m_s: float, time_s: float, offset_v: float,
+    frequency_hz: float,
+    voltage_v: float,
+    load_n: float,
+    speed_m_s: float,
+    time_s: float,
+    offset_v: float,
     waveform: str,
-) -> Conditions:  # fmt: skip
+) -> Conditions:
     f, v, n, s, t, offset, wave = (
-        np.array([x]) for x in (frequency_hz, voltage_v, load_n, speed_m_s, time_s, offset_v, waveform)
+        np.array([x])
+        for x in (frequency_hz, voltage_v, load_n, speed_m_s, time_s, offset_v, waveform)
     )
     return Conditions(f, v, n, speed_m_s=s, time_s=t, voltage_offset_v=offset, waveform=wave)
 
 
 def surface_friction(file: SurfaceFile, limits: OperatingLimits) -> FrictionLaw:
-    """The same from a surface of the finger's model: a thousand times faster, for a finger in real time."""
+    """The same from a surface of the finger's model: a thousand times faster, for a finger in real
+    time.
+    """
     surface = ready_for_lookup(file, limits)
 
     def friction_n(
-        frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float, time_s: float
+        frequency_hz: float,
+        voltage_v: float,
+        normal_force_n: float,
+        speed_m_s: float,
+        time_s: float,
     ) -> float:
         load_n = max(normal_force_n, LEAST_FORCE_N)
         cof = cof_at(surface, frequency_hz, voltage_v, load_n)
@@ -109,20 +148,28 @@ def surface_friction(file: SurfaceFile, limits: OperatingLimits) -> FrictionLaw:
 
 
 def with_hidden(model: TouchModel, hide: Mapping[str, Mapping[str, float]]) -> TouchModel:
-    """`model` with effects switched on that its file does not tell of; BadInputError names what is wrong."""
+    """`model` with effects switched on that its file does not tell of; BadInputError names what is
+    wrong.
+    """
     hidden: dict[str, dict[str, Parameter]] = {}
     for name, values in hide.items():
         if name not in BY_NAME:
-            raise BadInputError("bad_hide", f"hide: there is no effect '{name}'", nearest(name, list(BY_NAME)))
+            raise BadInputError(
+                "bad_hide", f"hide: there is no effect '{name}'", nearest(name, list(BY_NAME))
+            )
         known = [p.name for p in BY_NAME[name].parameters()]
         for key in values:
             if key not in known:
-                raise BadInputError("bad_hide", f"hide: {name} has no parameter '{key}'", nearest(key, known))
+                raise BadInputError(
+                    "bad_hide", f"hide: {name} has no parameter '{key}'", nearest(key, known)
+                )
         asked = BY_NAME[name].asked(values)
         for p in asked:
             if not p.low <= values.get(p.name, np.nan) <= p.high:
                 what = f"hide: {name}.{p.name} is {values.get(p.name, 'missing')}"
-                raise BadInputError("bad_hide", what, f"Give a number in {p.low:g}..{p.high:g} {p.unit}")
+                raise BadInputError(
+                    "bad_hide", what, f"Give a number in {p.low:g}..{p.high:g} {p.unit}"
+                )
         hidden[name] = {p.name: Parameter(float(values[p.name]), p.unit, "hidden") for p in asked}
     switched_on = {**model.description.effect_parameters, **hidden}
     return TouchModel(replace(model.description, effect_parameters=switched_on)) if hide else model

@@ -1,6 +1,7 @@
 """The simulated instruments of a rig, wired to one another and to the finger that feels them.
 
-Driver, limits and safety are those of a real rig: what is simulated lies beyond the wires. Time passes in steps.
+Driver, limits and safety are those of a real rig: what is simulated lies beyond the wires. Time
+passes in steps.
 """
 
 from __future__ import annotations
@@ -27,15 +28,17 @@ SCALE = NetFtScale(counts_per_n=1e6, counts_per_n_m=1e6)  # of the force sensor
 
 
 class SimulatedInstruments(RunningTogether):
-    """Generator, amplifier, force sensor and finger; a card too, wired to Modulation In, where the rig's file has one.
+    """Generator, amplifier, force sensor and finger; a card too, wired to Modulation In, where the
+    rig's file has one.
 
-    Generator and force sensor answer over their own wires inside a `with` block; the amplifier's lines are its own
-    methods. `friction` is the finger's, `finger_gain` multiplies it. `contact` is in series with the amplifier's enable
-    line. `wrap` may put something between the generator and its socket, such as faults. `on_drive` hears (frequency_hz,
-    voltage_v) whenever what is at the electrode may have changed. Without `force_rate_hz` the force sensor sends by
-    `force_box.emit` alone, pressing along -z and sliding along x. `card` stands in for one of this process alone.
-    `time_s` is what a card plays by; it may be set to that of a clock before time passes. The finger's law has the time
-    since the touch, or that of the plant without `ages_from_touch`.
+    Generator and force sensor answer over their own wires inside a `with` block; the amplifier's
+    lines are its own methods. `friction` is the finger's, `finger_gain` multiplies it. `contact` is
+    in series with the amplifier's enable line. `wrap` may put something between the generator and
+    its socket, such as faults. `on_drive` hears (frequency_hz, voltage_v) whenever what is at the
+    electrode may have changed. Without `force_rate_hz` the force sensor sends by `force_box.emit`
+    alone, pressing along -z and sliding along x. `card` stands in for one of this process alone.
+    `time_s` is what a card plays by; it may be set to that of a clock before time passes. The
+    finger's law has the time since the touch, or that of the plant without `ages_from_touch`.
     """
 
     def __init__(
@@ -106,7 +109,9 @@ class SimulatedInstruments(RunningTogether):
             return 0.0, output.offset_v, 0.0, output.shape.value
         return output.frequency_hz, output.amplitude_v, output.offset_v, output.shape.value
 
-    def _lateral_n(self, frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float) -> float:
+    def _lateral_n(
+        self, frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float
+    ) -> float:
         """The finger's friction; voltages without bias are told by their peak alone."""
         told: tuple[float | str, ...] = ()
         if voltage_v > 0.0:
@@ -116,7 +121,9 @@ class SimulatedInstruments(RunningTogether):
         law, time_s = self._friction, self.plant.time_s
         if self.ages_from_touch:
             time_s -= self.plant.touched_s
-        return self.finger_gain * law(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s, *told)
+        return self.finger_gain * law(
+            frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s, *told
+        )
 
     def _drive(self, output: TerminalOutput) -> None:
         """What the generator does between steps."""
@@ -131,8 +138,12 @@ class SimulatedInstruments(RunningTogether):
         return lateral_n, 0.0, -normal_n, 0.0, 0.0, 0.0
 
 
-def simulated_amplifier(config: RigConfig, contact: Callable[[], bool] = lambda: True) -> SimulatedAmplifier:
-    """The amplifier as the rig's file describes it, with a contact in series with its enable line."""
+def simulated_amplifier(
+    config: RigConfig, contact: Callable[[], bool] = lambda: True
+) -> SimulatedAmplifier:
+    """The amplifier as the rig's file describes it, with a contact in series with its enable
+    line.
+    """
     amplifier = config.amplifier
     return SimulatedAmplifier(
         amplifier.gain_v_per_v,
@@ -145,6 +156,8 @@ def simulated_amplifier(config: RigConfig, contact: Callable[[], bool] = lambda:
 def simulated_generator(config: RigConfig, listener: Listener) -> SimulatedGenerator:
     """The generator that drives it; `listener` hears also what it does between steps."""
     simulation, modulation = config.simulation, config.waveform_generator.modulation_input
-    latency = GeneratorLatency(amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s)
+    latency = GeneratorLatency(
+        amplitude_s=simulation.amplitude_latency_s, frequency_s=simulation.frequency_latency_s
+    )
     highest = 1.0 if modulation is None else modulation.amplitude_at_full_scale
     return config.generator_kind().simulator(latency, listener=listener, am_full_scale=highest)

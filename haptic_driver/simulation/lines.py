@@ -1,10 +1,11 @@
-"""What simulated instruments and control must agree on: scales, and the lines of the amplifier as text over TCP.
+"""What simulated instruments and control must agree on: scales, and the lines of the amplifier as
+text over TCP.
 
 ENABLE 0|1, ENABLE?   the enable line       0 or 1, its level
 VOLTAGE?              the voltage monitor   V at its output
-ELECTRODE? f          an electrode monitor  at f Hz: real, imaginary part and 1 sigma of the voltage, V, and of
-                      the current, A
-GAIN x                how much more friction than its model the finger has; a knob of the simulation, not of a rig
+ELECTRODE? f          an electrode monitor  at f Hz: real, imaginary part and 1 sigma of the
+                      voltage, V, and of the current, A
+GAIN x                how much more friction than its model the finger has; of simulations alone
 """
 
 from __future__ import annotations
@@ -20,7 +21,13 @@ from hw.monitor.contract import ElectrodeReading
 from hw.transport.contract import Transport
 
 REPLY_TIMEOUT_S = 1.0
-PANEL = Panel(x_counts_per_m=100e3, y_counts_per_m=-100e3, x_origin_raw=50, y_origin_raw=6050, report_rate_hz=250.0)
+PANEL = Panel(
+    x_counts_per_m=100e3,
+    y_counts_per_m=-100e3,
+    x_origin_raw=50,
+    y_origin_raw=6050,
+    report_rate_hz=250.0,
+)
 SCREEN = TouchCalibration(  # counts of PANEL to metres, exact by construction
     ((1e-5, 0.0, -50e-5), (0.0, -1e-5, 6050e-5)), datetime.date(2024, 1, 1), placeholder=False
 )
@@ -30,7 +37,9 @@ class LinesServer:
     """Answers for the lines of the simulated amplifier, and for the finger's gain."""
 
     def __init__(
-        self, instruments: SimulatedInstruments, electrode: Callable[[float], ElectrodeReading | None]
+        self,
+        instruments: SimulatedInstruments,
+        electrode: Callable[[float], ElectrodeReading | None],
     ) -> None:
         self._instruments, self._electrode = instruments, electrode
 
@@ -58,7 +67,9 @@ class LinesServer:
 
 
 class Lines:
-    """Control's end: `write` and `read` are the enable line (a digital output), `read_v` the voltage monitor."""
+    """Control's end: `write` and `read` are the enable line (a digital output), `read_v` the
+    voltage monitor.
+    """
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
@@ -76,16 +87,21 @@ class Lines:
         return self._ask(b"VOLTAGE?")[0]
 
     def read_electrode(self, frequency_hz: float) -> ElectrodeReading:
-        """What the electrode monitors read at a carrier that one of them tells. Raises DeviceError."""
-        v_real, v_imaginary, v_std, i_real, i_imaginary, i_std = self._ask(b"ELECTRODE? %.9g" % frequency_hz, 6)
-        return ElectrodeReading(complex(v_real, v_imaginary), v_std, complex(i_real, i_imaginary), i_std)
+        """What the electrode monitors read at a carrier that one of them tells. Raises
+        DeviceError.
+        """
+        v_real, v_imaginary, v_std, i_real, i_imaginary, i_std = self._ask(
+            b"ELECTRODE? %.9g" % frequency_hz, 6
+        )
+        return ElectrodeReading(
+            complex(v_real, v_imaginary), v_std, complex(i_real, i_imaginary), i_std
+        )
 
     def set_gain(self, gain: float) -> None:
         """Give the simulated finger `gain` times the friction of its model. Raises DeviceError."""
         self._ask(b"GAIN %.9g" % gain)
 
     def close(self) -> None:
-        """Hang up."""
         self._transport.close()
 
     def _ask(self, line: bytes, count: int = 1) -> list[float]:

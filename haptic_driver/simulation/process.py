@@ -1,12 +1,15 @@
-"""The simulated instruments of a rig in a process of their own: real bytes on loopback, the model's physics behind.
+"""The simulated instruments of a rig in a process of their own: real bytes on loopback, the model's
+physics behind.
 
-    python -m haptic_driver.simulation.process RIG MODEL [--record FILE] [--finger module:function] [--slide FILE]
+    python -m haptic_driver.simulation.process RIG MODEL [--record FILE] [--finger module:function]
+    [--slide FILE]
 
-says its endpoints on standard output, as one JSON line, once it serves. It ends on SIGTERM, or a while after its
-standard input closes: instruments outlive a driver that dies, so that whoever else watches can switch them off.
-`--finger` is a finger of your own, as `haptic measure` takes one; `--slide` is what it does, again and again, as
-`haptic demo --trace` takes it. `--record` keeps what really was at the electrode: a
-line `time_s frequency_hz voltage_v` for every change, on CLOCK_MONOTONIC.
+says its endpoints on standard output, as one JSON line, once it serves. It ends on SIGTERM, or a
+while after its standard input closes: instruments outlive a driver that dies, so that whoever else
+watches can switch them off. `--finger` is a finger of your own, as `haptic measure` takes one;
+`--slide` is what it does, again and again, as `haptic demo --trace` takes it. `--record` keeps what
+really was at the electrode: a line `time_s frequency_hz voltage_v` for every change, on
+CLOCK_MONOTONIC.
 """
 
 from __future__ import annotations
@@ -28,7 +31,13 @@ from haptic_driver.processes.real_time import Metronome
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.slide import TICK_S, Slide, read_slide, synthetic_slide
 from haptic_driver.simulation.finger_function import load_finger
-from haptic_driver.simulation.friction import ElectrodeLaw, FrictionLaw, electrode_of, surface_friction, with_hidden
+from haptic_driver.simulation.friction import (
+    ElectrodeLaw,
+    FrictionLaw,
+    electrode_of,
+    surface_friction,
+    with_hidden,
+)
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.lines import PANEL, LinesServer
 from haptic_driver.simulation.rig import electrode_monitors
@@ -53,7 +62,8 @@ TOUCH_N = 0.02  # from this force on the screen feels the finger
 
 
 class SlidingFinger(RunningTogether):
-    """The simulated instruments, served, and a finger that repeats `slide` for ever; a touch screen tells where it is.
+    """The simulated instruments, served, and a finger that repeats `slide` for ever; a touch screen
+    tells where it is.
 
     Serves inside a `with` block; `step` lets time pass.
     """
@@ -71,14 +81,18 @@ class SlidingFinger(RunningTogether):
         card, self._card = CardMemory.create()
         self._stepping = threading.RLock()
         self._began_s = time.monotonic()
-        self.instruments = SimulatedInstruments(config, friction, wrap=self._up_to_date, on_drive=on_drive, card=card)
+        self.instruments = SimulatedInstruments(
+            config, friction, wrap=self._up_to_date, on_drive=on_drive, card=card
+        )
         self.instruments.time_s = self._began_s
         self._slide = slide or synthetic_slide()
         self._speed_m_s = self._slide.speed_m_s
         self._screen = SimulatedTouchScreen(PANEL, clock=lambda: self.instruments.time_s)
         self._config, self._electrode = config, electrode
         self._monitors = electrode_monitors(config, self._electrode_state)
-        self._lines_server = TcpServer(self._up_to_date(LinesServer(self.instruments, self._read_electrode)))
+        self._lines_server = TcpServer(
+            self._up_to_date(LinesServer(self.instruments, self._read_electrode))
+        )
         self._touch_server = _TouchServer(self._screen)
         super().__init__(
             *([closing(recording)] if recording else []),
@@ -89,7 +103,6 @@ class SlidingFinger(RunningTogether):
 
     @property
     def endpoints(self) -> dict[str, str]:
-        """Where everything is."""
         force_box = self.instruments.force_box
         always = {
             "waveform_generator": self.instruments.generator_server.resource,
@@ -101,10 +114,12 @@ class SlidingFinger(RunningTogether):
         return always if self.instruments.card is None else always | {"analog_output": here}
 
     def catch_up(self) -> None:
-        """Let the time pass that has passed: the finger moves on, the outputs act on it, the sensors tell.
+        """Let the time pass that has passed: the finger moves on, the outputs act on it, the
+        sensors tell.
 
-        What a busy machine missed has happened all the same, in steps as short as ever up to a limit. Whoever asks an
-        instrument is answered for the present, and not for when this process last had its turn.
+        What a busy machine missed has happened all the same, in steps as short as ever up to a
+        limit. Whoever asks an instrument is answered for the present, and not for when this process
+        last had its turn.
         """
         with self._stepping:
             missed = int((time.monotonic() - self.instruments.time_s) / STEP_S + ROUNDING)
@@ -132,14 +147,18 @@ class SlidingFinger(RunningTogether):
     def _read_electrode(self, frequency_hz: float) -> ElectrodeReading | None:
         """What the first monitor that tells this carrier reads."""
         i = self._config.electrode_monitor(frequency_hz)
-        return None if i is None else self._monitors[i].read(frequency_hz, self.instruments.voltage_v)
+        return (
+            None if i is None else self._monitors[i].read(frequency_hz, self.instruments.voltage_v)
+        )
 
     def _electrode_state(self) -> ElectrodeState | None:
         instruments, plant = self.instruments, self.instruments.plant
         frequency_hz, voltage_v, *_ = instruments.stimulus()
         if self._electrode is None:
             return None
-        return self._electrode(frequency_hz, voltage_v, plant.normal_force_n, instruments.speed_m_s, plant.time_s)
+        return self._electrode(
+            frequency_hz, voltage_v, plant.normal_force_n, instruments.speed_m_s, plant.time_s
+        )
 
 
 class _UpToDate:
@@ -203,15 +222,15 @@ class _TouchServer:
             self._client = None
 
     def close(self) -> None:
-        """Hang up."""
         self._listener.close()
         if self._client is not None:
             self._client.close()
 
 
 def main() -> None:
-    """Run the process."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("rig")
     parser.add_argument("model")
     parser.add_argument("--record", type=Path)

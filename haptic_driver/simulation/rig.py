@@ -1,4 +1,6 @@
-"""A rig on simulated instruments whose time passes in steps: what every demo and measurement in simulation runs on."""
+"""A rig on simulated instruments whose time passes in steps: what every demo and measurement in
+simulation runs on.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,13 @@ from haptic_driver.rig.devices import build_rig
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
 from haptic_driver.rig.parts.electrode_monitors import SimulatedElectrodeMonitorConfig
-from haptic_driver.simulation.friction import ElectrodeLaw, FrictionLaw, electrode_of, friction_of, with_hidden
+from haptic_driver.simulation.friction import (
+    ElectrodeLaw,
+    FrictionLaw,
+    electrode_of,
+    friction_of,
+    with_hidden,
+)
 from haptic_driver.simulation.instruments import SCALE, SINE_WITHOUT_BIAS, SimulatedInstruments
 from hw.analog.output import AnalogOutput
 from hw.analog.simulated_output import SimulatedAnalogOutput
@@ -30,19 +38,22 @@ from hw.transport.tcp import TcpTransport
 from model.touch_model import TouchModel
 
 RESEND_S = 0.05
-TIMEOUT_S = 60.0  # of instruments that are there: simulated time stands still meanwhile, whatever the machine does
+# of instruments that are there: simulated time stands still meanwhile, whatever the machine does
+TIMEOUT_S = 60.0
 
 
 class SimulatedRig:
     """A rig and its instruments, connected over loopback inside a `with` block.
 
-    `rig` is what a driver sees, `instruments` what lies behind; `instruments.amplifier` keeps the record of what really
-    was at the electrode. `friction` and `electrode`: any functions instead of the model's with the effects that the
-    rig's configuration hides; friction without the other leaves nothing to read at the electrode. `wrap`: see
-    `SimulatedInstruments`. `through` may put something around the driver's transport, such as a wire log.
-    `reply_timeout_s`: how long the driver waits for the generator, in place of the configuration's, which is meant for
-    real time. `touch_gain` multiplies the current of the model's touch, beside the stray one. With `envelope` the
-    generator's amplitude follows the analog output of a rig that has one; `analog_output` is its driver's end.
+    `rig` is what a driver sees, `instruments` what lies behind; `instruments.amplifier` keeps the
+    record of what really was at the electrode. `friction` and `electrode`: any functions instead of
+    the model's with the effects that the rig's configuration hides; friction without the other
+    leaves nothing to read at the electrode. `wrap`: see `SimulatedInstruments`. `through` may put
+    something around the driver's transport, such as a wire log. `reply_timeout_s`: how long the
+    driver waits for the generator, in place of the configuration's, which is meant for real time.
+    `touch_gain` multiplies the current of the model's touch, beside the stray one. With `envelope`
+    the generator's amplitude follows the analog output of a rig that has one; `analog_output` is
+    its driver's end.
     """
 
     def __init__(
@@ -56,13 +67,20 @@ class SimulatedRig:
         reply_timeout_s: float = TIMEOUT_S,
         envelope: bool = False,
     ) -> None:
-        generator = config.waveform_generator.model_copy(update={"reply_timeout_s": reply_timeout_s})
+        generator = config.waveform_generator.model_copy(
+            update={"reply_timeout_s": reply_timeout_s}
+        )
         config = config.model_copy(update={"waveform_generator": generator})
-        finger, stray_f = with_hidden(model, config.simulation.hide), config.simulation.stray_capacitance_f
+        finger, stray_f = (
+            with_hidden(model, config.simulation.hide),
+            config.simulation.stray_capacitance_f,
+        )
         self.instruments = SimulatedInstruments(config, friction or friction_of(finger), wrap=wrap)
         self.amplifier = self.instruments.amplifier
         self._electrode = electrode if friction else electrode_of(finger, stray_f)
-        self._stray_f = None if friction else stray_f + finger.description.values.stray_capacitance_f
+        self._stray_f = (
+            None if friction else stray_f + finger.description.values.stray_capacitance_f
+        )
         self.touch_gain = 1.0
         self._seen: ElectrodeState | None = None  # what the monitors look at
         self.config, self._monitors = config, electrode_monitors(config, lambda: self._seen)
@@ -70,14 +88,18 @@ class SimulatedRig:
         transport = TcpTransport.from_resource(self.instruments.generator_server.resource)
         self._force = _SteppedForceSensor(self.instruments)
         lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
-        self.rig = build_rig(config, through(transport), self._force, lines, modulated=self.analog_output is not None)
+        self.rig = build_rig(
+            config, through(transport), self._force, lines, modulated=self.analog_output is not None
+        )
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let `dt_s` pass with the finger pressing and sliding so; the rig's outputs act on it."""
         self.instruments.step(dt_s, normal_force_n, speed_m_s)
 
     def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
-        """What the first monitor that tells this carrier reads now; None without one, or where nothing is known."""
+        """What the first monitor that tells this carrier reads now; None without one, or where
+        nothing is known.
+        """
         i = self.config.electrode_monitor(frequency_hz)
         self._seen = None if i is None else self._electrode_state()
         if i is None or self._seen is None:
@@ -102,7 +124,13 @@ class SimulatedRig:
         instruments, plant = self.instruments, self.instruments.plant
         frequency_hz, voltage_v, *bias = instruments.stimulus()
         told = () if tuple(bias) == SINE_WITHOUT_BIAS else bias
-        condition = frequency_hz, voltage_v, plant.normal_force_n, instruments.speed_m_s, plant.time_s
+        condition = (
+            frequency_hz,
+            voltage_v,
+            plant.normal_force_n,
+            instruments.speed_m_s,
+            plant.time_s,
+        )
         state = self._electrode(*condition, *told)
         if state is None or self._stray_f is None:
             return state
@@ -110,7 +138,6 @@ class SimulatedRig:
         return state._replace(current_a=stray_a + self.touch_gain * (state.current_a - stray_a))
 
     def __enter__(self) -> Self:
-        """Serve the instruments."""
         with ExitStack() as started:  # nothing is left serving where the next one does not start
             started.enter_context(self.instruments)
             started.callback(self._force.box.close)
@@ -127,30 +154,42 @@ class SimulatedRig:
         self._started.close()
 
 
-def electrode_monitors(config: RigConfig, state: Callable[[], ElectrodeState | None]) -> list[ElectrodeMonitor]:
+def electrode_monitors(
+    config: RigConfig, state: Callable[[], ElectrodeState | None]
+) -> list[ElectrodeMonitor]:
     """The drivers of what reads the electrode, on the simulated amplifier's monitor lines."""
     amplifier = config.amplifier
-    lines, noise_v = amplifier.monitor_lines(), (amplifier.voltage_monitor_noise_v, amplifier.current_monitor_noise_v)
+    lines, noise_v = (
+        amplifier.monitor_lines(),
+        (amplifier.voltage_monitor_noise_v, amplifier.current_monitor_noise_v),
+    )
     simulated = SimulatedLines(state, lines, noise_v, config.simulation.seed)
     monitors: list[ElectrodeMonitor] = []
     for section in config.electrode_monitors:
-        assert isinstance(section, SimulatedElectrodeMonitorConfig)  # or the file would have been refused
-        inputs = SimulatedInputs(simulated, section.sample_rate_hz, section.range_v, section.resolution_v)
+        assert isinstance(
+            section, SimulatedElectrodeMonitorConfig
+        )  # or the file would have been refused
+        inputs = SimulatedInputs(
+            simulated, section.sample_rate_hz, section.range_v, section.resolution_v
+        )
         monitors.append(SampledMonitor(inputs, lines, section.sampling()))
     return monitors
 
 
 class _SteppedForceSensor:
-    """The Net F/T box, which is made to send whenever it is read; times are those of the simulation."""
+    """The Net F/T box, which is made to send whenever it is read; times are those of the
+    simulation.
+    """
 
     def __init__(self, instruments: SimulatedInstruments) -> None:
         self._instruments = instruments
         server = instruments.force_box
-        settings = NetFtSettings(server.host, SCALE, ForceAxes("-z", "x"), port=server.port, timeout_s=TIMEOUT_S)
+        settings = NetFtSettings(
+            server.host, SCALE, ForceAxes("-z", "x"), port=server.port, timeout_s=TIMEOUT_S
+        )
         self.box = NetFt(settings)
 
     def read(self) -> ForceReading:
-        """The forces now."""
         heard, until_s, sent_s = self.box.counters.accepted, time.monotonic() + TIMEOUT_S, -math.inf
         reading: ForceReading | None = None
         while reading is None:
@@ -163,7 +202,9 @@ class _SteppedForceSensor:
             if now_s - sent_s > RESEND_S:  # a busy machine loses datagrams, and is late with them
                 self._instruments.force_box.emit(1)
                 sent_s = now_s
-            with suppress(DeviceTimeout):  # nothing yet, or stale by the machine's clock, not the simulation's
+            with suppress(
+                DeviceTimeout
+            ):  # nothing yet, or stale by the machine's clock, not the simulation's
                 newest = self.box.read()
                 reading = newest if self.box.counters.accepted > heard else None
         return reading._replace(time_s=self._instruments.plant.time_s)

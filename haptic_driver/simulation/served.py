@@ -1,10 +1,13 @@
-"""A whole simulated rig on loopback for other people's software: every instrument by its own dialogue, in real time.
+"""A whole simulated rig on loopback for other people's software: every instrument by its own
+dialogue, in real time.
 
 waveform_generator         TCP, as the LAN socket of a 33220A
 waveform_generator_serial  the same instrument on a pseudo-terminal
-interlock, interlock_tcp   the heartbeat interlock box of `hw.safety.interlock`, in series with the amplifier's enable
+interlock, interlock_tcp   the heartbeat interlock box of `hw.safety.interlock`, in series with
+                           the amplifier's enable
 stage                      an LTS150 on a pseudo-terminal; it carries the finger
-force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N, pressing along -z, sliding along x
+force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N, pressing along
+                           -z, sliding along x
 """
 
 from __future__ import annotations
@@ -34,17 +37,21 @@ REPLY_S = 0.1  # of the interlock box, which shares its processor with everythin
 class ServedRig(RunningTogether):
     """The simulated instruments of a rig, served between entering and leaving a `with` block.
 
-    Nothing but the stage moves by itself: call `advance` with the time that has passed. `generator_port` 0 is any free
-    port. The enable line is the interlock's contact: without beats the amplifier is off. The finger is lifted, so that
-    the force sensor can take its bias, until the stage moves for the first time; then it presses.
+    Nothing but the stage moves by itself: call `advance` with the time that has passed.
+    `generator_port` 0 is any free port. The enable line is the interlock's contact: without beats
+    the amplifier is off. The finger is lifted, so that the force sensor can take its bias, until
+    the stage moves for the first time; then it presses.
     """
 
     def __init__(self, config: RigConfig, model: TouchModel, *, generator_port: int = 0) -> None:
         self.interlock = SimulatedInterlock()
         self.instruments = SimulatedInstruments(
-            config, friction_of(with_hidden(model, config.simulation.hide)),
-            contact=lambda: self.interlock.closed, force_rate_hz=FORCE_RATE_HZ, generator_port=generator_port,
-        )  # fmt: skip
+            config,
+            friction_of(with_hidden(model, config.simulation.hide)),
+            contact=lambda: self.interlock.closed,
+            force_rate_hz=FORCE_RATE_HZ,
+            generator_port=generator_port,
+        )
         self.amplifier, self.generator = self.instruments.amplifier, self.instruments.generator
         self.amplifier.write(True)
         self.stage = SimulatedLts150(time.monotonic, start_mm=START_MM)
@@ -55,7 +62,11 @@ class ServedRig(RunningTogether):
         self._interlock_serial = SerialServer(self.interlock, framed=False)
         self._stage_serial = SerialServer(self.stage, framed=False)
         super().__init__(
-            self.instruments, self._generator_serial, self._interlock_tcp, self._interlock_serial, self._stage_serial
+            self.instruments,
+            self._generator_serial,
+            self._interlock_tcp,
+            self._interlock_serial,
+            self._stage_serial,
         )
 
     @property
@@ -71,7 +82,9 @@ class ServedRig(RunningTogether):
         }
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` pass: settings reach the terminals, the stage has moved the finger, friction follows."""
+        """Let `dt_s` pass: settings reach the terminals, the stage has moved the finger, friction
+        follows.
+        """
         before_mm, self._position_mm = self._position_mm, self.stage.position_mm
         speed_m_s = abs(self._position_mm - before_mm) * 1e-3 / dt_s
         speed_m_s = SPEED_STEP_M_S * round(speed_m_s / SPEED_STEP_M_S)
@@ -80,24 +93,38 @@ class ServedRig(RunningTogether):
 
 
 def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
-    """`config` as the file of a real rig would say it whose devices are those served at `endpoints`."""
+    """`config` as the file of a real rig would say it whose devices are those served at
+    `endpoints`.
+    """
     host, port = endpoints["force_sensor"].split(":")
     generator = endpoints["waveform_generator"]
     return config.model_copy(
         update={
             "simulated": False,
             "electrode_monitors": [],
-            "waveform_generator": config.waveform_generator.model_copy(update={"resource": generator}),
-            "interlock": InterlockBox(kind="box", resource=endpoints["interlock"], reply_timeout_s=REPLY_S),
+            "waveform_generator": config.waveform_generator.model_copy(
+                update={"resource": generator}
+            ),
+            "interlock": InterlockBox(
+                kind="box", resource=endpoints["interlock"], reply_timeout_s=REPLY_S
+            ),
             "watchdog": WatchdogConfig(generator=generator, interlock=endpoints["interlock_tcp"]),
             "force_sensor": NetFtForceSensorConfig(
-                kind="net_ft", host=host, port=int(port), **SCALE._asdict(),
-                normal_axis="-z", lateral_axis="x",
+                kind="net_ft",
+                host=host,
+                port=int(port),
+                **SCALE._asdict(),
+                normal_axis="-z",
+                lateral_axis="x",
             ),
             "stage": StageConfig(
-                resource=endpoints["stage"], travel_m=[0.0, 0.15], velocity_m_s=0.02, acceleration_m_s2=0.02,
-                velocity_limit_m_s=0.05, acceleration_limit_m_s2=0.05,
+                resource=endpoints["stage"],
+                travel_m=[0.0, 0.15],
+                velocity_m_s=0.02,
+                acceleration_m_s2=0.02,
+                velocity_limit_m_s=0.05,
+                acceleration_limit_m_s2=0.05,
             ),
             "finger_tracker": StageFingerConfig(kind="stage", origin_m=[0.0, 0.03]),
         }
-    )  # fmt: skip
+    )

@@ -23,11 +23,11 @@ LEAST_STROKE_TICKS = 20
 class SlideRecord:
     """One rendered slide: arrays [n], one entry per tick.
 
-    `samples` are what the daemon's recordings hold, of dtype SAMPLE. `voltage_v` and `frequency_hz` are what the
-    simulated amplifier and generator really put out, `lowest_voltage_v` what an output that is on has at least;
-    `saturated` is where the force sensor was;
-    `rejections` is how often the safety gate said no, `off` what was known about the output after the end.
-    `reach_hz`: how fast the rig's output can follow a texture. `noise_n`: of one reading of the force sensor.
+    `samples` are what the daemon's recordings hold, of dtype SAMPLE. `voltage_v` and `frequency_hz`
+    are what the simulated amplifier and generator really put out, `lowest_voltage_v` what an output
+    that is on has at least; `saturated` is where the force sensor was; `rejections` is how often
+    the safety gate said no, `off` what was known about the output after the end. `reach_hz`: how
+    fast the rig's output can follow a texture. `noise_n`: of one reading of the force sensor.
     """
 
     slide: Slide
@@ -62,7 +62,8 @@ class SlideRecord:
     def measured_cof(self) -> Array:
         """Friction felt, forces averaged over 10 ms; NaN where it is unknown."""
         lateral_n, normal_n = (
-            moving_average(np.abs(self.samples[name]), AVERAGE_TICKS) for name in ("lateral_force_n", "normal_force_n")
+            moving_average(np.abs(self.samples[name]), AVERAGE_TICKS)
+            for name in ("lateral_force_n", "normal_force_n")
         )
         known = np.isfinite(self.samples["measured_cof"])
         return np.where(known, lateral_n / np.where(known, normal_n, 1.0), np.nan)
@@ -70,10 +71,12 @@ class SlideRecord:
 
 @dataclass(frozen=True)
 class Score:
-    """How well one slide was rendered, and what else counts; see `haptic demo --json` for the names.
+    """How well one slide was rendered, and what else counts; see `haptic demo --json` for the
+    names.
 
     While the force sensor is saturated (`saturated_time_s`) friction is unknown, and is not judged.
-    `output_on_without_contact_s`: with more than the lowest voltage that an output has while it is on.
+    `output_on_without_contact_s`: with more than the lowest voltage that an output has while it is
+    on.
     """
 
     fidelity: Fidelity
@@ -84,9 +87,10 @@ class Score:
 
 
 def score(record: SlideRecord, perception: Perception | None = None) -> Score:
-    """Judge a record."""
     samples = record.samples
-    felt = fidelity_of_samples(samples, perception or load_perception(), record.reach_hz, record.noise_n)
+    felt = fidelity_of_samples(
+        samples, perception or load_perception(), record.reach_hz, record.noise_n
+    )
     more = record.voltage_v > 1.01 * record.lowest_voltage_v
     return Score(
         fidelity=felt,

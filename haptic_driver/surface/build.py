@@ -28,7 +28,9 @@ CORRECTION_FREQUENCIES = 25
 CORRECTION_SPEEDS_M_S = SPEED_REFERENCE_M_S * 25.0 ** np.linspace(-1.0, 1.0, 15)
 REFERENCE = CORRECTION_SPEEDS_M_S.size // 2  # the speed at which surfaces are solved
 CORRECTION_VOLTAGES = np.array([0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0])  # of the highest
-LEAST_RISE = 1e-9  # of friction without voltage: a smaller one is rounding, and there is nothing to correct
+LEAST_RISE = (
+    1e-9  # of friction without voltage: a smaller one is rounding, and there is nothing to correct
+)
 
 
 @dataclass(frozen=True)
@@ -47,20 +49,30 @@ class SurfaceAxes:
     def __post_init__(self) -> None:
         """Refuse axes that cannot carry a surface."""
         if not 1e-2 <= self.frequency_low_hz < self.frequency_high_hz <= 1e8:
-            raise BadInputError("bad_axes", "frequency axis is not rising within 0.01..1e8 Hz", "For example 1 to 1e6")
+            raise BadInputError(
+                "bad_axes",
+                "frequency axis is not rising within 0.01..1e8 Hz",
+                "For example 1 to 1e6",
+            )
         if not 0.0 < self.voltage_high_v <= 5e3:
             said = f"highest voltage {self.voltage_high_v:g} V is not in 0..5000 V"
             raise BadInputError("bad_axes", said, "For example 150")
         if not 1e-3 <= self.normal_force_low_n < self.normal_force_high_n <= 50.0:
             hint = "For example 0.1 to 2"
-            raise BadInputError("bad_axes", "normal force axis is not rising within 0.001..50 N", hint)
+            raise BadInputError(
+                "bad_axes", "normal force axis is not rising within 0.001..50 N", hint
+            )
         counts = {name: value for name, value in vars(self).items() if name.endswith("_count")}
         for name, count in counts.items():
             if count < 4:
-                raise BadInputError("bad_axes", f"{name} = {count} is too few points", "Give at least 4 per axis")
+                raise BadInputError(
+                    "bad_axes", f"{name} = {count} is too few points", "Give at least 4 per axis"
+                )
         if prod(counts.values()) > MOST_POINTS:
             listed = " x ".join(f"{count} ({name})" for name, count in counts.items())
-            raise BadInputError("bad_axes", f"{listed} are too many points", f"Give at most {MOST_POINTS:g} in all")
+            raise BadInputError(
+                "bad_axes", f"{listed} are too many points", f"Give at most {MOST_POINTS:g} in all"
+            )
 
     @property
     def frequency_hz(self) -> Array:
@@ -75,11 +87,15 @@ class SurfaceAxes:
     @property
     def normal_force_n(self) -> Array:
         """[n], evenly spaced in the logarithm."""
-        return np.geomspace(self.normal_force_low_n, self.normal_force_high_n, self.normal_force_count)
+        return np.geomspace(
+            self.normal_force_low_n, self.normal_force_high_n, self.normal_force_count
+        )
 
 
 def axes_within(description: ModelDescription, axes: SurfaceAxes | None = None) -> SurfaceAxes:
-    """The part of the axes (the usual ones by default) for which a model answers: a learned effect has a range."""
+    """The part of the axes (the usual ones by default) for which a model answers: a learned effect
+    has a range.
+    """
     axes = axes or SurfaceAxes()
     if description.learned_form is None:
         return axes
@@ -90,14 +106,18 @@ def axes_within(description: ModelDescription, axes: SurfaceAxes | None = None) 
         axes,
         frequency_low_hz=max(axes.frequency_low_hz, frequency[0]),
         frequency_high_hz=min(axes.frequency_high_hz, frequency[1]),
-        voltage_high_v=min(axes.voltage_high_v, ranges.get("voltage_v", (0.0, axes.voltage_high_v))[1]),
+        voltage_high_v=min(
+            axes.voltage_high_v, ranges.get("voltage_v", (0.0, axes.voltage_high_v))[1]
+        ),
         normal_force_low_n=max(axes.normal_force_low_n, load[0]),
         normal_force_high_n=min(axes.normal_force_high_n, load[1]),
     )
     known_v, unknown_v = 0.0, within.voltage_high_v
     if not _outside(description, within):
         return within
-    for _ in range(VOLTAGE_HALVINGS):  # an effect of the drive makes more of the voltage before the learned one sees it
+    for _ in range(
+        VOLTAGE_HALVINGS
+    ):  # an effect of the drive makes more of the voltage before the learned one sees it
         middle_v = 0.5 * (known_v + unknown_v)
         if _outside(description, replace(within, voltage_high_v=middle_v)):
             unknown_v = middle_v
@@ -120,20 +140,27 @@ def build_surface(
 ) -> SurfaceFile:
     """Solve the model on every point of the axes; `with_interval` adds how far friction may be off.
 
-    `limits` only mark `within_limits`, the rig applies its own. A quarter of a second of one core, half a second with
-    the slowest effects, twice as much again with an interval (`benchmarks/surface_build.py`); a new roughness shape
-    needs a gap table first, a second, once. Without `axes` the usual ones, as far as the model goes; BadInputError
-    where those given reach beyond what a learned effect was learned from.
+    `limits` only mark `within_limits`, the rig applies its own. A quarter of a second of one core,
+    half a second with the slowest effects, twice as much again with an interval
+    (`benchmarks/surface_build.py`); a new roughness shape needs a gap table first, a second, once.
+    Without `axes` the usual ones, as far as the model goes; BadInputError where those given reach
+    beyond what a learned effect was learned from.
     """
     axes = axes or axes_within(description)
     f, v, n = axes.frequency_hz, axes.voltage_v, axes.normal_force_n
     if outside := _outside(description, axes):
-        hint = "Build within its range, measure there and diagnose again, or remove [effects.learned]"
-        raise BadInputError("outside_range", f"model '{description.name}' has learned nothing at {outside}", hint)
+        hint = (
+            "Build within its range, measure there and diagnose again, or remove [effects.learned]"
+        )
+        raise BadInputError(
+            "outside_range", f"model '{description.name}' has learned nothing at {outside}", hint
+        )
     touch = TouchModel(description)
     stuck_a_per_v, electrode_gain = worst_case(description, f, v)
     if not (np.isfinite(stuck_a_per_v).all() and np.isfinite(electrode_gain).all()):
-        said = f"model '{description.name}' gives no finite current or voltage somewhere on these axes"
+        said = (
+            f"model '{description.name}' gives no finite current or voltage somewhere on these axes"
+        )
         raise BadInputError("not_finite", said, "look at its effects, a learned one first")
     solved = touch.surface(f, v, n)
     interval = None
@@ -162,8 +189,10 @@ def build_surface(
             "model": description.provenance(),
             "model_hash": description.content_hash,
             "gap_table_hash": touch.table.content_hash,
-            "limits": asdict(limits)
-            | {"contact_current_a_rms": [list(point) for point in limits.contact_current_a_rms]},
+            "limits": (
+                asdict(limits)
+                | {"contact_current_a_rms": [list(point) for point in limits.contact_current_a_rms]}
+            ),
             "waveform": "sine",
             **({} if interval is None else {"uncertainty": uncertainty.provenance(description)}),
             **_programs(),
@@ -175,23 +204,33 @@ def build_surface(
 
 
 def _pulled_in_at_other_speeds(touch: TouchModel, f: Array, v: Array, n: Array) -> Mask | bool:
-    """Where the contact pulls in at a speed at which a finger may be, though not at the usual one."""
+    """Where the contact pulls in at a speed at which a finger may be, though not at the usual
+    one.
+    """
     if not needs(touch.description, "speed_m_s"):
         return False
-    found = [touch.pulled_in_at(f, v, n, speed) for speed in CORRECTION_SPEEDS_M_S[[0, -1]].tolist()]
+    found = [
+        touch.pulled_in_at(f, v, n, speed) for speed in CORRECTION_SPEEDS_M_S[[0, -1]].tolist()
+    ]
     return np.asarray(found[0] | found[1])
 
 
 def is_of(surface: SurfaceFile, description: ModelDescription) -> bool:
     """Whether a surface was solved from just this model, the words about it included."""
     about = surface.provenance
-    return about.get("model_hash") == description.content_hash and about["model"] == description.provenance()
+    return (
+        about.get("model_hash") == description.content_hash
+        and about["model"] == description.provenance()
+    )
 
 
 @cache
 def _programs() -> dict[str, str]:
     names = ("haptic-driver", "numpy", "scipy")
-    return {"program": f"haptic-driver {version(names[0])}", **{name: version(name) for name in names[1:]}}
+    return {
+        "program": f"haptic-driver {version(names[0])}",
+        **{name: version(name) for name in names[1:]},
+    }
 
 
 def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
@@ -202,7 +241,11 @@ def _correction(touch: TouchModel, axes: SurfaceAxes) -> Correction | None:
     n = axes.normal_force_n
     voltage = np.concatenate([[0.0], CORRECTION_VOLTAGES * axes.voltage_high_v])
 
-    speeds = CORRECTION_SPEEDS_M_S if needs(touch.description, "speed_m_s") else np.array([SPEED_REFERENCE_M_S])
+    speeds = (
+        CORRECTION_SPEEDS_M_S
+        if needs(touch.description, "speed_m_s")
+        else np.array([SPEED_REFERENCE_M_S])
+    )
     cof = touch.cof_at_speeds(f, voltage, n, speeds).transpose(0, 3, 1, 2)  # [f, n, s, v]
     cof = np.broadcast_to(cof, (f.size, n.size, CORRECTION_SPEEDS_M_S.size, voltage.size))
     off, rise = cof[0, :, :, 0], cof[:, :, :, 1:] - cof[:, :, :, :1]

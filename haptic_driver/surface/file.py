@@ -1,12 +1,14 @@
-"""The lookup surface as a file: HDF5, readable from MATLAB, with full provenance and a content hash.
+"""The lookup surface as a file: HDF5, readable from MATLAB, with full provenance and a content
+hash.
 
-Datasets `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]; `cof`, `electrostatic_force_n`, `current_rms_a` and
-the masks `pulled_in`, `within_theory`, `within_limits` [f, v, n]; `slew_v_per_s` [f, v]; per volt that is set,
-for the worst load and time, `stuck_current_a_per_v` (A rms) and `electrode_gain` [f, v], which a reader works out anew
-from the model in the provenance; where speed or time matter, the fields of `render/correction.py` as `correction_*`;
-where the model's uncertainty was carried along, `cof_low` and `cof_high` [f, v, n], between which friction lies with
-68 % probability.
-Attributes are strings and floats only (MATLAB's h5readatt fails on integers).
+Datasets `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]; `cof`, `electrostatic_force_n`,
+`current_rms_a` and the masks `pulled_in`, `within_theory`, `within_limits` [f, v, n];
+`slew_v_per_s` [f, v]; per volt that is set, for the worst load and time, `stuck_current_a_per_v` (A
+rms) and `electrode_gain` [f, v], which a reader works out anew from the model in the provenance;
+where speed or time matter, the fields of `render/correction.py` as `correction_*`; where the
+model's uncertainty was carried along, `cof_low` and `cof_high` [f, v, n], between which friction
+lies with 68 % probability. Attributes are strings and floats only (MATLAB's h5readatt fails on
+integers).
 """
 
 from __future__ import annotations
@@ -36,15 +38,22 @@ from model.support.interpolation import linear_weights, polynomial_weights
 
 FORMAT = "haptic-driver surface"
 FORMAT_VERSION = 2.0  # those before have no worst case by which a voltage could be judged
-CORRECTION, COF = "correction_", "cof_"  # before the names of a correction's datasets, and of an interval's
+CORRECTION, COF = (
+    "correction_",
+    "cof_",
+)  # before the names of a correction's datasets, and of an interval's
 SAME = 1e-6  # between two machines
-ROUNDING = 1e-9  # kept clear of a limit, so that its own check by another path never fails by rounding
+ROUNDING = (
+    1e-9  # kept clear of a limit, so that its own check by another path never fails by rounding
+)
 FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force
 FORCE_LEVELS = 5  # nearest, that a polynomial between them goes through
 
 
 class CofInterval(NamedTuple):
-    """Friction [f, v, n] at the ends of a 68 % interval; infinite where the contact may have pulled in."""
+    """Friction [f, v, n] at the ends of a 68 % interval; infinite where the contact may have pulled
+    in.
+    """
 
     low: Array
     high: Array
@@ -52,7 +61,9 @@ class CofInterval(NamedTuple):
 
 @dataclass(frozen=True)
 class SurfaceFile:
-    """Everything a surface file holds; see the module for shapes. `provenance` is what a reader needs to redo it."""
+    """Everything a surface file holds; see the module for shapes. `provenance` is what a reader
+    needs to redo it.
+    """
 
     frequency_hz: Array
     voltage_v: Array
@@ -85,7 +96,9 @@ class SurfaceFile:
         return digest.hexdigest()
 
     def to_xarray(self) -> Any:
-        """An xarray Dataset over frequency, voltage and load, masks too; HapticError where xarray is not installed."""
+        """An xarray Dataset over frequency, voltage and load, masks too; HapticError where xarray
+        is not installed.
+        """
         ends = {} if self.cof_interval is None else self.cof_interval._asdict()
         values = {name: getattr(self, name) for name in _REQUIRED if name not in _AXES}
         values |= {f"{COF}{name}": end for name, end in ends.items()}
@@ -93,11 +106,15 @@ class SurfaceFile:
         return labelled.dataset({name: getattr(self, name) for name in _AXES}, values, about)
 
     def to_frame(self) -> Any:
-        """A pandas DataFrame, one row per point of the grid; HapticError where pandas or xarray is not installed."""
+        """A pandas DataFrame, one row per point of the grid; HapticError where pandas or xarray is
+        not installed.
+        """
         return self.to_xarray().to_dataframe().reset_index()
 
     def section(self, normal_force_n: float) -> tuple[Array, Mask]:
-        """Friction [f, v] under one load of the surface's range, and what the limits allow on both sides of it."""
+        """Friction [f, v] under one load of the surface's range, and what the limits allow on both
+        sides of it.
+        """
         nodes = self.normal_force_n
         above = int(np.clip(np.searchsorted(nodes, normal_force_n), 1, nodes.size - 1))
         cof = _cof_under(self, np.array([normal_force_n]))
@@ -112,13 +129,19 @@ class SurfaceFile:
     @cached_property
     def worst_case(self) -> WorstCase:
         """What finger and electrode get at most, for whatever judges voltages."""
-        return WorstCase.of(self.frequency_hz, self.voltage_v, self.stuck_current_a_per_v, self.electrode_gain)
+        return WorstCase.of(
+            self.frequency_hz, self.voltage_v, self.stuck_current_a_per_v, self.electrode_gain
+        )
 
     def _datasets(self) -> dict[str, NDArray[Any]]:
         own = {name: getattr(self, name) for name in _REQUIRED}
         more = {} if self.correction is None else self.correction._asdict()
         ends = {} if self.cof_interval is None else self.cof_interval._asdict()
-        return own | {f"{CORRECTION}{name}": x for name, x in more.items()} | {f"{COF}{k}": x for k, x in ends.items()}
+        return (
+            own
+            | {f"{CORRECTION}{name}": x for name, x in more.items()}
+            | {f"{COF}{k}": x for k, x in ends.items()}
+        )
 
     def write(self, path: Path) -> None:
         """Write all or nothing; HapticError says why not."""
@@ -130,59 +153,94 @@ class SurfaceFile:
             file.attrs["content_hash"] = self.content_hash
             file.attrs["provenance"] = json.dumps(self.provenance)
             for name, values in self._datasets().items():
-                file.create_dataset(name, data=values.astype(np.uint8) if values.dtype == bool else values)
+                file.create_dataset(
+                    name, data=values.astype(np.uint8) if values.dtype == bool else values
+                )
 
 
 _AXES = ("frequency_hz", "voltage_v", "normal_force_n")
-_REQUIRED = [f.name for f in fields(SurfaceFile) if f.name not in ("provenance", "correction", "cof_interval")]
+_REQUIRED = [
+    f.name
+    for f in fields(SurfaceFile)
+    if f.name not in ("provenance", "correction", "cof_interval")
+]
 
 
 def read_surface(path: Path) -> SurfaceFile:
-    """Read and verify a surface file; BadInputError for a missing, damaged, foreign or newer one."""
+    """Read and verify a surface file; BadInputError for a missing, damaged, foreign or newer
+    one.
+    """
     import h5py  # noqa: PLC0415
 
     rebuild = "Build a new one with: haptic surface build --out surface.h5"
     if not os.path.isfile(path):
-        said = "is a folder, not a surface file" if os.path.isdir(path) else "there is no such surface file"
+        said = (
+            "is a folder, not a surface file"
+            if os.path.isdir(path)
+            else "there is no such surface file"
+        )
         raise BadInputError("surface_not_found", f"{path}: {said}", rebuild)
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
-                raise BadInputError("surface_foreign", f"{path}: is HDF5 but not a haptic-driver surface", rebuild)
+                raise BadInputError(
+                    "surface_foreign", f"{path}: is HDF5 but not a haptic-driver surface", rebuild
+                )
             version = float(file.attrs["format_version"])
             if version != FORMAT_VERSION:
                 raise BadInputError(
-                    "surface_version", f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}", rebuild
+                    "surface_version",
+                    f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}",
+                    rebuild,
                 )
             arrays = {name: file[name][...] for name in _REQUIRED}
             corrected = f"{CORRECTION}off_factor" in file
-            more = {name: file[f"{CORRECTION}{name}"][...] for name in Correction._fields} if corrected else {}
+            more = (
+                {name: file[f"{CORRECTION}{name}"][...] for name in Correction._fields}
+                if corrected
+                else {}
+            )
             bounded = f"{COF}low" in file
-            ends = {name: file[f"{COF}{name}"][...] for name in CofInterval._fields} if bounded else {}
+            ends = (
+                {name: file[f"{COF}{name}"][...] for name in CofInterval._fields} if bounded else {}
+            )
             provenance = json.loads(file.attrs["provenance"])
             stored_hash = str(file.attrs["content_hash"])
         masks = ("pulled_in", "within_theory", "within_limits")
         surface = SurfaceFile(
-            **{n: a.astype(bool) if n in masks else a.astype(np.float64) for n, a in arrays.items()},
+            **{
+                n: a.astype(bool) if n in masks else a.astype(np.float64) for n, a in arrays.items()
+            },
             provenance=provenance,
             correction=Correction(**more) if corrected else None,
             cof_interval=CofInterval(**ends) if bounded else None,
         )
         intact = surface.content_hash == stored_hash
     except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise BadInputError("surface_corrupt", f"{path}: not a readable surface file ({error})", rebuild) from error
+        raise BadInputError(
+            "surface_corrupt", f"{path}: not a readable surface file ({error})", rebuild
+        ) from error
     if not intact:
         raise BadInputError(
-            "surface_corrupt", f"{path}: its content does not match its hash; the file is damaged", rebuild
+            "surface_corrupt",
+            f"{path}: its content does not match its hash; the file is damaged",
+            rebuild,
         )
     try:
         model = ModelDescription.of(surface.provenance["model"])
         worst = worst_case(model, surface.frequency_hz, surface.voltage_v)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        said = f"it names no model by which its limits could be checked ({type(error).__name__}: {error})"
+        said = (
+            f"it names no model by which its limits could be checked ({type(error).__name__}:"
+            f" {error})"
+        )
         raise BadInputError("surface_corrupt", f"{path}: {said}", rebuild) from error
-    if not np.allclose(worst, (surface.stuck_current_a_per_v, surface.electrode_gain), rtol=SAME, atol=0.0):
-        said = "its worst case is not that of the model which it names, and limits are judged by that"
+    if not np.allclose(
+        worst, (surface.stuck_current_a_per_v, surface.electrode_gain), rtol=SAME, atol=0.0
+    ):
+        said = (
+            "its worst case is not that of the model which it names, and limits are judged by that"
+        )
         raise BadInputError("surface_corrupt", f"{path}: {said}", rebuild)
     return surface
 
@@ -205,13 +263,17 @@ def cof_interval_at(
 def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
     """The surface as the controller reads it: finer along normal force, the rig's limits applied.
 
-    A forbidden point ends the voltage range of its row, so nothing beyond the first of them is ever offered.
+    A forbidden point ends the voltage range of its row, so nothing beyond the first of them is ever
+    offered.
     """
     nodes = file.normal_force_n
     force = np.geomspace(nodes[0], nodes[-1], (nodes.size - 1) * FORCE_REFINEMENT + 1)
     known = _cof_under(file, force)
     if not np.isfinite(known).any():
-        said = f"by model '{file.provenance['model']['name']}' the finger sticks to the screen without any voltage"
+        said = (
+            f"by model '{file.provenance['model']['name']}' the finger sticks to the screen without"
+            " any voltage"
+        )
         raise BadInputError("no_equilibrium", said, "look at its effects: the contact pulls in")
     current = _refined(file.current_rms_a, file, force)
     cof = np.where(np.isfinite(known), known, np.nanmax(known))
@@ -220,7 +282,10 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
     below = np.maximum(above - 1, 0)
     sound = file.within_theory & ~file.pulled_in
     sound = sound[:, :, above] & sound[:, :, below] & np.isfinite(known) & np.isfinite(current)
-    sound &= np.nan_to_num(current) <= limits.contact_current_limit_a_rms(file.frequency_hz)[:, None, None]
+    sound &= (
+        np.nan_to_num(current)
+        <= limits.contact_current_limit_a_rms(file.frequency_hz)[:, None, None]
+    )
     last_sound = np.where(sound.all(axis=1), sound.shape[1], np.argmin(sound, axis=1)) - 1
     allowed_v = limits.highest_within_v(file.worst_case) * (1.0 - ROUNDING)
     limit_v = np.minimum(allowed_v[:, None], file.voltage_v[np.maximum(last_sound, 0)])
@@ -239,7 +304,8 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
 def _cof_under(file: SurfaceFile, force: Array) -> Array:
     """Friction [f, v, n] under other loads.
 
-    What is refined is friction without voltage, and its rise times F_n/V^2, which is smooth where friction is not.
+    What is refined is friction without voltage, and its rise times F_n/V^2, which is smooth where
+    friction is not.
     """
     nodes = file.normal_force_n
     off = file.cof[:, :1]
@@ -249,8 +315,12 @@ def _cof_under(file: SurfaceFile, force: Array) -> Array:
 
 
 def _refined(values: Array, file: SurfaceFile, force: Array) -> Array:
-    """`values` [f, v, n] on the finer normal forces: polynomials of log(values) over log force; 0 at V = 0."""
-    with np.errstate(divide="ignore", invalid="ignore"):  # where voltage does nothing, or less than that
+    """`values` [f, v, n] on the finer normal forces: polynomials of log(values) over log force; 0
+    at V = 0.
+    """
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # where voltage does nothing, or less than that
         scaled = np.log(values[:, 1:])
     known = np.asarray(np.isfinite(scaled).all(axis=2))
     weights = polynomial_weights(np.log(file.normal_force_n), np.log(force), FORCE_LEVELS)

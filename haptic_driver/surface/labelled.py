@@ -1,4 +1,6 @@
-"""Arrays with their names and units, for pandas and xarray: packages that are asked for only here."""
+"""Arrays with their names and units, for pandas and xarray: packages that are asked for only
+here.
+"""
 
 from __future__ import annotations
 
@@ -41,14 +43,18 @@ def frame(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
 
 
 def dataset(axes: Mapping[str, Any], variables: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
-    """An xarray Dataset over `axes` in their order; a variable of fewer dimensions lies along the first ones.
+    """An xarray Dataset over `axes` in their order; a variable of fewer dimensions lies along the
+    first ones.
 
     Every variable has the attribute `units`. HapticError where xarray is not installed.
     """
     xarray = optional("xarray", "tables", "to_xarray")
     dimensions = list(axes)
     return xarray.Dataset(
-        {name: (dimensions[: values.ndim], values, {"units": unit_of(name)}) for name, values in variables.items()},
+        {
+            name: (dimensions[: values.ndim], values, {"units": unit_of(name)})
+            for name, values in variables.items()
+        },
         coords={name: (name, values, {"units": unit_of(name)}) for name, values in axes.items()},
         attrs=dict(about),
     )

@@ -12,13 +12,19 @@ from model.touch_model import TouchModel
 
 CORRECTION_TIMES_S = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 60)])
 LOADS_N = np.geomspace(0.01, 50.0, 9)  # of any finger, wherever a surface's axis ends
-NEXT_TO_NOTHING = 1e-3  # of the first step of voltage: stands for 0 V, where what is per volt has a limit
+NEXT_TO_NOTHING = (
+    1e-3  # of the first step of voltage: stands for 0 V, where what is per volt has a limit
+)
 
 
-def worst_case(description: ModelDescription, frequency_hz: Array, voltage_v: Array) -> tuple[Array, Array]:
-    """Worst-case finger current (A rms) and peak voltage at the electrode [f, v], each per volt that is set.
+def worst_case(
+    description: ModelDescription, frequency_hz: Array, voltage_v: Array
+) -> tuple[Array, Array]:
+    """Worst-case finger current (A rms) and peak voltage at the electrode [f, v], each per volt
+    that is set.
 
-    Neither depends on the finger's speed: a stuck finger has none, and what the amplifier does comes before it.
+    Neither depends on the finger's speed: a stuck finger has none, and what the amplifier does
+    comes before it.
     """
     touch = TouchModel(description)
     set_v = np.concatenate([[NEXT_TO_NOTHING * voltage_v[1]], voltage_v[1:]])
@@ -26,15 +32,21 @@ def worst_case(description: ModelDescription, frequency_hz: Array, voltage_v: Ar
     f, v = frequency_hz[:, None, None], set_v[:, None]
     for time_s in CORRECTION_TIMES_S if _changes_with_time(description) else (0.0,):
         with np.errstate(over="ignore", invalid="ignore"):  # who asks looks whether it is finite
-            stuck, electrode = touch.worst_case(sines(f, v, LOADS_N, SPEED_REFERENCE_M_S, float(time_s)))
+            stuck, electrode = touch.worst_case(
+                sines(f, v, LOADS_N, SPEED_REFERENCE_M_S, float(time_s))
+            )
         stuck_a = np.maximum(stuck_a, stuck.max(axis=2))
         electrode_v = np.maximum(electrode_v, electrode.max(axis=2))
     return stuck_a / set_v, electrode_v / set_v
 
 
 def _changes_with_time(description: ModelDescription) -> bool:
-    """Whether current or voltage may change with time; what acts on friction alone changes neither."""
-    return any("time_s" in effect.needs and effect.stage != "friction" for effect in description.effects)
+    """Whether current or voltage may change with time; what acts on friction alone changes
+    neither.
+    """
+    return any(
+        "time_s" in effect.needs and effect.stage != "friction" for effect in description.effects
+    )
 
 
 def needs(description: ModelDescription, what: str) -> bool:

@@ -16,8 +16,8 @@ from haptic_driver.textures.bands import BANDS, EDGES_HZ
 from haptic_driver.textures.process import reflections
 
 TEXTURE_COF = (0.01, 5.0)  # what a file may say; the upper end is beyond any finger's
-# The finest detail that reaches a finger: its distance per tick of 1 ms at 100 mm/s. The friction of skin itself
-# follows to 13.8 Hz per mm/s (arXiv 2505.11162), that is to 0.07 mm.
+# The finest detail that reaches a finger: its distance per tick of 1 ms at 100 mm/s. The friction
+# of skin itself follows to 13.8 Hz per mm/s (arXiv 2505.11162), that is to 0.07 mm.
 FINEST_MM = 0.1
 SHORTEST_PERIOD_MM = 2.0 * FINEST_MM
 LEAST_WAVES = 4  # of the lowest frequency in a spectrum's tile: so many that each band has one
@@ -37,12 +37,15 @@ OriginMm = Annotated[list[OffsetMm], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
 Shape = Annotated[float, Field(ge=0.1, le=100.0, allow_inf_nan=False)]
 Coefficients = Annotated[
-    list[Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]], Field(min_length=1, max_length=100)
+    list[Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]],
+    Field(min_length=1, max_length=100),
 ]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
 
 
-_FOR_BOTH_AXES = BeforeValidator(lambda pitch_mm: pitch_mm if isinstance(pitch_mm, list) else [pitch_mm, pitch_mm])
+_FOR_BOTH_AXES = BeforeValidator(
+    lambda pitch_mm: pitch_mm if isinstance(pitch_mm, list) else [pitch_mm, pitch_mm]
+)
 PitchMm = Annotated[list[LengthMm], _FOR_BOTH_AXES, Field(min_length=2, max_length=2)]
 FileName = Annotated[str, Field(min_length=1)]
 
@@ -64,7 +67,9 @@ def require_swing(mean_cof: float, amplitude_cof: float) -> None:
     low, high = mean_cof - amplitude_cof, mean_cof + amplitude_cof
     if low < TEXTURE_COF[0] or high > TEXTURE_COF[1]:
         lowest, highest = TEXTURE_COF
-        raise ValueError(f"mean_cof and amplitude_cof reach {low:g} to {high:g}, outside {lowest} to {highest}")
+        raise ValueError(
+            f"mean_cof and amplitude_cof reach {low:g} to {high:g}, outside {lowest} to {highest}"
+        )
 
 
 class GratingDescription(_Description):
@@ -90,17 +95,23 @@ class GratingDescription(_Description):
         shorter_mm = self.period_mm * min(self.share(), 1.0 - self.share())
         if self.wave == "square" and shorter_mm < SHORTEST_PERIOD_MM:
             raise ValueError(
-                f"keys 'duty' and 'period_mm' make a part of {shorter_mm:g} mm, less than {SHORTEST_PERIOD_MM:g} mm"
+                f"keys 'duty' and 'period_mm' make a part of {shorter_mm:g} mm, less than"
+                f" {SHORTEST_PERIOD_MM:g} mm"
             )
         return self
 
     def share(self) -> float:
         """`duty`, or what it is where nobody says: half a period high, a whole period rising."""
-        return self.duty if self.duty is not None else {"sine": 0.5, "square": 0.5, "sawtooth": 1.0}[self.wave]
+        return (
+            self.duty
+            if self.duty is not None
+            else {"sine": 0.5, "square": 0.5, "sawtooth": 1.0}[self.wave]
+        )
 
 
 class NoiseDescription(_Description):
-    """Waves of every direction and of lengths between two limits, with random phases; a tile that has no seam.
+    """Waves of every direction and of lengths between two limits, with random phases; a tile that
+    has no seam.
 
     `stretch`: how much longer everything is along y than along x.
     """
@@ -120,12 +131,14 @@ class NoiseDescription(_Description):
         require_swing(self.mean_cof, self.amplitude_cof)
         if not self.shortest_mm < self.longest_mm <= self.tile_mm / 2.0:
             raise ValueError(
-                f"shortest_mm {self.shortest_mm:g}, longest_mm {self.longest_mm:g} and half of tile_mm "
-                f"{self.tile_mm:g} do not increase in that order"
+                f"shortest_mm {self.shortest_mm:g}, longest_mm {self.longest_mm:g} and half of"
+                f" tile_mm {self.tile_mm:g} do not increase in that order"
             )
         if self.pixels() > LARGEST_NOISE_PIXELS:
             most_mm = LARGEST_NOISE_PIXELS * self.shortest_mm / SAMPLES_PER_WAVE
-            raise ValueError(f"key 'tile_mm': at most {most_mm:.4g} for a shortest_mm of {self.shortest_mm:g}")
+            raise ValueError(
+                f"key 'tile_mm': at most {most_mm:.4g} for a shortest_mm of {self.shortest_mm:g}"
+            )
         return self
 
     def pixels(self) -> int:
@@ -134,7 +147,8 @@ class NoiseDescription(_Description):
 
 
 class ProcessDescription(Checked, strict=True):
-    """The spectrum at one speed and load: that of y[n] + ar[0] y[n-1] + ... = noise[n] + ma[0] noise[n-1] + ...
+    """The spectrum at one speed and load: that of y[n] + ar[0] y[n-1] + ... = noise[n] + ma[0]
+    noise[n-1] + ...
 
     Either side must die away: all zeros of both polynomials lie inside the unit circle.
     """
@@ -154,22 +168,28 @@ class ProcessDescription(Checked, strict=True):
 
 
 class SpectrumDescription(_Description):
-    """Waves along a direction whose spectrum, for a finger at a speed, is given in the nine bands from 12.5 to 800 Hz.
+    """Waves along a direction whose spectrum, for a finger at a speed, is given in the nine bands
+    from 12.5 to 800 Hz.
 
-    In one of four ways: the friction (rms) of each band; the friction of all of them, shared out by a beta
-    distribution over the logarithm of frequency; or that of a process y[n] + ar[0] y[n-1] + ... = noise; or such
-    processes for several speeds and loads, between which the texture changes with the finger.
-    `perceptual_gain` multiplies all waves; `invert_finger` each by what a usual finger loses of it.
+    In one of four ways: the friction (rms) of each band; the friction of all of them, shared out by
+    a beta distribution over the logarithm of frequency; or that of a process y[n] + ar[0] y[n-1] +
+    ... = noise; or such processes for several speeds and loads, between which the texture changes
+    with the finger. `perceptual_gain` multiplies all waves; `invert_finger` each by what a usual
+    finger loses of it.
     """
 
     kind: Literal["spectrum"]
     mean_cof: Cof
-    band_cof_rms: Annotated[list[AmplitudeCof], Field(min_length=BANDS, max_length=BANDS)] | None = None
+    band_cof_rms: (
+        Annotated[list[AmplitudeCof], Field(min_length=BANDS, max_length=BANDS)] | None
+    ) = None
     cof_rms: AmplitudeCof | None = None
     beta: Annotated[list[Shape], Field(min_length=2, max_length=2)] | None = None
     ar: Coefficients | None = None
     ma: Coefficients | None = None
-    process: Annotated[list[ProcessDescription], Field(min_length=1, max_length=MOST_PROCESSES)] | None = None
+    process: (
+        Annotated[list[ProcessDescription], Field(min_length=1, max_length=MOST_PROCESSES)] | None
+    ) = None
     rate_hz: Annotated[float, Field(ge=100.0, le=100e3, allow_inf_nan=False)] | None = None
     speed_mm_s: Annotated[float, Field(ge=LOWEST_SPEED_MM_S, le=1000.0, allow_inf_nan=False)] = 50.0
     normal_force_n: Annotated[float, Field(gt=0.0, le=20.0, allow_inf_nan=False)] = 0.5
@@ -181,16 +201,23 @@ class SpectrumDescription(_Description):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
-        forms = [name for name in ("band_cof_rms", "beta", "ar", "process") if getattr(self, name) is not None]
+        forms = [
+            name
+            for name in ("band_cof_rms", "beta", "ar", "process")
+            if getattr(self, name) is not None
+        ]
         if len(forms) != 1:
             raise ValueError(
-                f"a spectrum has one of band_cof_rms, beta, ar and process, not {', '.join(forms) or 'none'}"
+                "a spectrum has one of band_cof_rms, beta, ar and process, not"
+                f" {', '.join(forms) or 'none'}"
             )
         form = forms[0]
         if (self.cof_rms is not None) != (form in ("beta", "ar")):
             raise ValueError("key 'cof_rms' goes together with beta or ar, and with nothing else")
         if (self.rate_hz is not None) != (form in ("ar", "process")):
-            raise ValueError("key 'rate_hz' goes together with ar or process, and with nothing else")
+            raise ValueError(
+                "key 'rate_hz' goes together with ar or process, and with nothing else"
+            )
         if self.ma is not None and form != "ar":
             raise ValueError("key 'ma' goes together with ar, and with nothing else")
         if len({(len(one.ar), len(one.ma or [])) for one in self.process or []}) > 1:
@@ -198,23 +225,28 @@ class SpectrumDescription(_Description):
         least_mm = LEAST_WAVES * self.speed_mm_s / float(EDGES_HZ[0])
         most_mm = (LONGEST_TABLE_ROWS - 1) * self.finest_mm() / SAMPLES_PER_WAVE
         if not least_mm <= self.tile_mm <= most_mm:
-            raise ValueError(f"key 'tile_mm': {least_mm:.4g} to {most_mm:.4g} for a speed_mm_s of {self.speed_mm_s:g}")
+            raise ValueError(
+                f"key 'tile_mm': {least_mm:.4g} to {most_mm:.4g} for a speed_mm_s of"
+                f" {self.speed_mm_s:g}"
+            )
         return self
 
     def speeds_mm_s(self) -> tuple[float, float]:
-        """The lowest and the highest speed that have waves of their own: the tile is too short for higher ones."""
+        """The lowest and the highest speed that have waves of their own: the tile is too short for
+        higher ones.
+        """
         if self.process is None:
             return self.speed_mm_s, self.speed_mm_s
         given = [one.speed_mm_s for one in self.process]
-        highest = min(max(*given, LOWEST_SPEED_MM_S), self.tile_mm * float(EDGES_HZ[0]) / LEAST_WAVES)
+        highest = min(
+            max(*given, LOWEST_SPEED_MM_S), self.tile_mm * float(EDGES_HZ[0]) / LEAST_WAVES
+        )
         return min(max(min(given), LOWEST_SPEED_MM_S), highest), highest
 
     def finest_mm(self) -> float:
-        """The shortest wave."""
         return max(self.speeds_mm_s()[0] / float(EDGES_HZ[-1]), FINEST_WAVE_MM)
 
     def points(self) -> int:
-        """Of the tile."""
         return math.ceil(SAMPLES_PER_WAVE * self.tile_mm / self.finest_mm())
 
 
@@ -236,8 +268,8 @@ class ProfileDescription(_Located):
 class MapDescription(_Located):
     """A picture of friction.
 
-    `pitch_mm` is one number, or one each for x and y. With `cof_black` and `cof_white` the file holds 0 to 1 of full
-    scale; without them, an array file holds cof itself.
+    `pitch_mm` is one number, or one each for x and y. With `cof_black` and `cof_white` the file
+    holds 0 to 1 of full scale; without them, an array file holds cof itself.
     """
 
     kind: Literal["map"]
@@ -265,7 +297,9 @@ class MapDescription(_Located):
 
 
 class HjifDescription(_Located):
-    """The friction of an MPEG .hjif file; `cof_low` and `cof_high` are what its amplitudes 0 and 1 mean."""
+    """The friction of an MPEG .hjif file; `cof_low` and `cof_high` are what its amplitudes 0 and 1
+    mean.
+    """
 
     kind: Literal["hjif"]
     cof_low: Cof
@@ -315,7 +349,10 @@ TextureDescription = (
 )
 Description = TextureDescription | ScriptDescription
 
-SCRIPT_HINT = "columns: time_s (rising), cof or texture, and optional label and interpolation (hold, linear, cosine)"
+SCRIPT_HINT = (
+    "columns: time_s (rising), cof or texture, and optional label and interpolation (hold, linear,"
+    " cosine)"
+)
 
 
 class _TextureFile(RootModel[Annotated[Description, Field(discriminator="kind")]]):
@@ -323,7 +360,9 @@ class _TextureFile(RootModel[Annotated[Description, Field(discriminator="kind")]
 
 
 def parse(content: dict[str, Any], path: Path) -> Description:
-    """The description in a texture file's content; `path` is for the error, which names every key at fault."""
+    """The description in a texture file's content; `path` is for the error, which names every key
+    at fault.
+    """
     return config.parse(_TextureFile, content, str(path), "bad_texture").root
 
 

@@ -1,4 +1,6 @@
-"""Reading the files a texture is made of: pictures, arrays and tables -> numbers, or an error that says where."""
+"""Reading the files a texture is made of: pictures, arrays and tables -> numbers, or an error that
+says where.
+"""
 
 from __future__ import annotations
 
@@ -30,12 +32,30 @@ PROFILE_HINT = "Begin with the line: position_mm,cof"
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_GREY = 0  # colour type of the PNG specification, section 11.2.1
 # What Pillow and numpy raise on damaged files, found by feeding them such files.
-PNG_DAMAGE = (OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error, Image.DecompressionBombError)
-NPY_DAMAGE = (OSError, ValueError, SyntaxError, EOFError, tokenize.TokenError, zipfile.BadZipFile, MemoryError)
+PNG_DAMAGE = (
+    OSError,
+    ValueError,
+    SyntaxError,
+    EOFError,
+    struct.error,
+    zlib.error,
+    Image.DecompressionBombError,
+)
+NPY_DAMAGE = (
+    OSError,
+    ValueError,
+    SyntaxError,
+    EOFError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    MemoryError,
+)
 
 
 def read_map(path: Path) -> Array:
-    """Rows and columns of a map: 0 to 1 of full scale from PNG, the numbers themselves from .npy and .csv."""
+    """Rows and columns of a map: 0 to 1 of full scale from PNG, the numbers themselves from .npy
+    and .csv.
+    """
     readers = {".png": read_png, ".npy": read_npy, ".csv": read_grid}
     reader = readers.get(path.suffix.lower())
     if reader is None:
@@ -52,14 +72,20 @@ def read_png(path: Path) -> Array:
     width, height, bits, colour_type = struct.unpack(">IIBB", content[16:26])
     _require_map_size(path, height, width)
     if bits == 16 and colour_type != PNG_GREY:
-        raise _bad_image(path, "is a 16-bit picture with colour or alpha", "save it as 16-bit greyscale without alpha")
+        raise _bad_image(
+            path,
+            "is a 16-bit picture with colour or alpha",
+            "save it as 16-bit greyscale without alpha",
+        )
     try:
         with Image.open(io.BytesIO(content), formats=["PNG"]) as image:
             _require_map_size(path, image.height, image.width)  # of another header, further on
             image.load()
             return _grey_16_bit(image, path) if bits == 16 else _grey_8_bit(image, path)
     except PNG_DAMAGE as error:
-        raise _bad_image(path, f"is damaged: {error}", "save it again from the program that made it") from None
+        raise _bad_image(
+            path, f"is damaged: {error}", "save it again from the program that made it"
+        ) from None
 
 
 def _grey_16_bit(image: Image.Image, path: Path) -> Array:
@@ -98,14 +124,19 @@ def read_npy(path: Path) -> Array:
         _require_npy_size(path, content)
         loaded = np.load(io.BytesIO(content), allow_pickle=False)
     except NPY_DAMAGE as error:
-        raise BadInputError("bad_map", f"{path} is not a numpy array: {error}", "write it with numpy.save") from None
+        raise BadInputError(
+            "bad_map", f"{path} is not a numpy array: {error}", "write it with numpy.save"
+        ) from None
     return np.asarray(loaded, dtype=float)
 
 
 def _require_npy_size(path: Path, content: bytes) -> None:
     """By the header, before anything is made of that size (NEP 1)."""
     file = io.BytesIO(content)
-    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    read_header = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
     version = np.lib.format.read_magic(file)
     if version not in read_header:
         raise ValueError(f"format version {version}")
@@ -136,19 +167,30 @@ def read_grid(path: Path) -> Array:
 
 def require_cof(path: Path, cof: Array) -> None:
     """Refuse a map with a value that is no coefficient of friction."""
-    _require_values(path, cof, *TEXTURE_COF, "with cof_black and cof_white a map holds 0 to 1 of full scale")
+    _require_values(
+        path, cof, *TEXTURE_COF, "with cof_black and cof_white a map holds 0 to 1 of full scale"
+    )
 
 
 def require_shares(path: Path, shares: Array) -> None:
     """Refuse a map with a value outside 0 to 1."""
-    _require_values(path, shares, 0.0, 1.0, "divide by full scale, or drop cof_black and cof_white if it holds cof")
+    _require_values(
+        path,
+        shares,
+        0.0,
+        1.0,
+        "divide by full scale, or drop cof_black and cof_white if it holds cof",
+    )
 
 
 def _require_values(path: Path, values: Array, low: float, high: float, hint: str) -> None:
     bad = ~((values >= low) & (values <= high))  # NaN is outside every range
     if bad.any():
         row, column = _first(bad)
-        said = f"{path}: {values[row, column]:g} at row {row}, column {column} is outside {low} to {high}"
+        said = (
+            f"{path}: {values[row, column]:g} at row {row}, column {column} is outside {low} to"
+            f" {high}"
+        )
         raise BadInputError("bad_map", said, hint)
 
 
@@ -162,12 +204,19 @@ def _require_map_size(path: Path, rows: int, columns: int) -> None:
     if rows * columns == 0:
         raise BadInputError("bad_map", f"{path} is empty", "give at least one pixel")
     if rows * columns > LARGEST_MAP_PIXELS:
-        said = f"{path} has {columns} x {rows} pixels, more than {LARGEST_MAP_PIXELS // 1_000_000} million"
-        raise BadInputError("map_too_large", said, "scale it down, or cut out the part that is touched")
+        said = (
+            f"{path} has {columns} x {rows} pixels, more than {LARGEST_MAP_PIXELS // 1_000_000}"
+            " million"
+        )
+        raise BadInputError(
+            "map_too_large", said, "scale it down, or cut out the part that is touched"
+        )
 
 
 def read_profile(path: Path) -> tuple[list[float], list[float]]:
-    """Positions in metres and frictions of a CSV file with columns position_mm or position_m, and cof."""
+    """Positions in metres and frictions of a CSV file with columns position_mm or position_m, and
+    cof.
+    """
     with bad_input():
         table = read_table(path, ["cof"], PROFILE_HINT, LONGEST_TABLE_ROWS)
         in_mm = "position_mm" in table.columns and "position_m" not in table.columns

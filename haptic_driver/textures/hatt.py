@@ -1,7 +1,8 @@
-"""Processes of a texture model of the Penn Haptic Texture Toolkit (Culbertson, Delgado and Kuchenbecker 2014).
+"""Processes of a texture model of the Penn Haptic Texture Toolkit (Culbertson, Delgado and
+Kuchenbecker 2014).
 
-A file has models of the acceleration of a tool, ARMA processes, each for a speed and a force. The toolkit's files are
-for research only and not redistributable: none is here.
+A file has models of the acceleration of a tool, ARMA processes, each for a speed and a force. The
+toolkit's files are for research only and not redistributable: none is here.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ HINT = "Give a file Models_NAME.xml of the Penn Haptic Texture Toolkit"
 
 
 class Process(NamedTuple):
-    """One model: noise of `variance`, in (m/s^2)^2, through a filter of coefficients `ar`, `ma`, without leading 1."""
+    """One model: noise of `variance`, in (m/s^2)^2, through a filter of coefficients `ar`, `ma`,
+    without leading 1.
+    """
 
     speed_mm_s: float
     normal_force_n: float
@@ -44,12 +47,21 @@ class Models(NamedTuple):
     processes: list[Process]
 
     def described(self, cof_rms: float) -> list[dict[str, Any]]:
-        """Tables `process` of a texture's file; the model that vibrates most in the nine bands has this friction."""
+        """Tables `process` of a texture's file; the model that vibrates most in the nine bands has
+        this friction.
+        """
         frequency_hz = np.arange(EDGES_HZ[0], EDGES_HZ[-1], 0.1)
-        powers = [one.variance * power(frequency_hz, self.rate_hz, one.ar, one.ma).sum() for one in self.processes]
+        powers = [
+            one.variance * power(frequency_hz, self.rate_hz, one.ar, one.ma).sum()
+            for one in self.processes
+        ]
         shares = np.sqrt(powers / np.max(powers)).tolist()
         return [
-            {"speed_mm_s": one.speed_mm_s, "normal_force_n": one.normal_force_n, "cof_rms": cof_rms * share}
+            {
+                "speed_mm_s": one.speed_mm_s,
+                "normal_force_n": one.normal_force_n,
+                "cof_rms": cof_rms * share,
+            }
             | {name: side.tolist() for name, side in (("ar", one.ar), ("ma", one.ma)) if side.size}
             for one, share in zip(self.processes, shares, strict=True)
         ]
@@ -66,7 +78,10 @@ def read(path: Path) -> Models:
         raise _refused(path, f"is not XML: {error}") from None
     found = root.findall("model")
     if root.tag != "modelSet" or not 0 < len(found) <= MOST_MODELS:
-        raise _refused(path, f"has {len(found)} models in <{root.tag[:40]}>, not 1 to {MOST_MODELS} in <modelSet>")
+        raise _refused(
+            path,
+            f"has {len(found)} models in <{root.tag[:40]}>, not 1 to {MOST_MODELS} in <modelSet>",
+        )
     models = [_model(f"{path}: model {i + 1}", model) for i, model in enumerate(found)]
     if len({(one.ar.size, one.ma.size) for one in models}) > 1:
         raise _refused(path, "has models of different orders")
@@ -79,9 +94,11 @@ def read(path: Path) -> Models:
 
 
 def polynomial(lsf_rad: Array) -> Array:
-    """Coefficients [p] of a filter from its line spectral frequencies [p], which increase in 0 to pi; no leading 1.
+    """Coefficients [p] of a filter from its line spectral frequencies [p], which increase in 0 to
+    pi; no leading 1.
 
-    Itakura 1975: the filter is half the sum of a symmetric and an antisymmetric polynomial with zeros on the circle.
+    Itakura 1975: the filter is half the sum of a symmetric and an antisymmetric polynomial with
+    zeros on the circle.
     """
     symmetric, antisymmetric = (
         np.poly(np.exp(1j * np.concatenate([w, -w]))).real for w in (lsf_rad[::2], lsf_rad[1::2])
@@ -89,7 +106,10 @@ def polynomial(lsf_rad: Array) -> Array:
     if lsf_rad.size % 2:
         antisymmetric = np.convolve(antisymmetric, [1.0, 0.0, -1.0])
     else:
-        symmetric, antisymmetric = np.convolve(symmetric, [1.0, 1.0]), np.convolve(antisymmetric, [1.0, -1.0])
+        symmetric, antisymmetric = (
+            np.convolve(symmetric, [1.0, 1.0]),
+            np.convolve(antisymmetric, [1.0, -1.0]),
+        )
     return 0.5 * (symmetric + antisymmetric)[1:-1]
 
 
@@ -97,11 +117,16 @@ def _model(where: str, model: ElementTree.Element) -> Process:
     feedback, excitation = _frequencies(where, model, "ARlsf"), _frequencies(where, model, "MAlsf")
     if not feedback.size:
         raise _refused(where, "has no ARlsf")
-    variance, gain = _number(where, model, "var"), _number(where, model, "gain", 1.0) if excitation.size else 1.0
+    variance, gain = (
+        _number(where, model, "var"),
+        _number(where, model, "gain", 1.0) if excitation.size else 1.0,
+    )
     speed_mm_s, force_n = _number(where, model, "speedMod"), _number(where, model, "forceMod")
     if variance < 0.0 or speed_mm_s < 0.0 or force_n < 0.0:
         raise _refused(where, "has a var, speedMod or forceMod below 0")
-    return Process(speed_mm_s, force_n, gain**2 * variance, polynomial(feedback), polynomial(excitation))
+    return Process(
+        speed_mm_s, force_n, gain**2 * variance, polynomial(feedback), polynomial(excitation)
+    )
 
 
 def _frequencies(where: str, model: ElementTree.Element, name: str) -> Array:
@@ -114,7 +139,9 @@ def _frequencies(where: str, model: ElementTree.Element, name: str) -> Array:
     return np.array(values)
 
 
-def _number(where: str, parent: ElementTree.Element, name: str, default: float | None = None) -> float:
+def _number(
+    where: str, parent: ElementTree.Element, name: str, default: float | None = None
+) -> float:
     text = parent.findtext(name)
     if text is None and default is not None:
         return default

@@ -31,7 +31,9 @@ LONGEST_NAME_BYTES = 240  # file systems allow 255, the suffix included
 
 
 class Loaded(NamedTuple):
-    """What a name or a file stands for. `path` is the file that says so, `kind` and `description` as it says."""
+    """What a name or a file stands for. `path` is the file that says so, `kind` and `description`
+    as it says.
+    """
 
     target: Target
     kind: str
@@ -40,7 +42,9 @@ class Loaded(NamedTuple):
 
 
 def texture_names(search: Sequence[Path]) -> list[str]:
-    """The names of all textures in the folders searched, sorted; those that would not show as they are stay out."""
+    """The names of all textures in the folders searched, sorted; those that would not show as they
+    are stay out.
+    """
     found = {path.stem for folder in search if folder.is_dir() for path in folder.glob("*.toml")}
     return sorted(filter(str.isprintable, found))
 
@@ -57,7 +61,8 @@ def script_names(search: Sequence[Path]) -> list[str]:
 
 
 def load_texture(name_or_path: str, search: Sequence[Path]) -> Texture:
-    """A texture by its name in the folders searched (the first that has it), or by the path of a .toml or .csv file.
+    """A texture by its name in the folders searched (the first that has it), or by the path of a
+    .toml or .csv file.
 
     A .csv file is a profile along x. The files that a .toml file names lie relative to it.
     """
@@ -69,12 +74,16 @@ def load_texture(name_or_path: str, search: Sequence[Path]) -> Texture:
 
 
 def load(name_or_path: str, search: Sequence[Path]) -> Loaded:
-    """A texture or a script; names and paths as of `load_texture`. A .csv file with a column time_s is a script."""
+    """A texture or a script; names and paths as of `load_texture`. A .csv file with a column time_s
+    is a script.
+    """
     return _load(name_or_path, search, in_script=False)
 
 
 def _load(name_or_path: str, search: Sequence[Path], in_script: bool) -> Loaded:
-    """What `load` does; `in_script` refuses a script before it is read, so that scripts in a circle end."""
+    """What `load` does; `in_script` refuses a script before it is read, so that scripts in a circle
+    end.
+    """
     path = Path(name_or_path)
     if any(len(part.encode("utf-8", "surrogatepass")) > LONGEST_NAME_BYTES for part in path.parts):
         raise _unknown(f"{name_or_path[:20]}...", search)
@@ -91,23 +100,38 @@ def _load(name_or_path: str, search: Sequence[Path], in_script: bool) -> Loaded:
 def _load_file(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     suffix = path.suffix.lower()
     if not path.is_file() and suffix in (".toml", ".csv", ""):
-        raise BadInputError("file_not_found", f"texture file {path} does not exist", _named_hint(path.stem, search))
+        raise BadInputError(
+            "file_not_found", f"texture file {path} does not exist", _named_hint(path.stem, search)
+        )
     if suffix == ".toml":
         return _load_toml(path, search, in_script)
     if suffix == ".csv":
         if script.is_script(path):
             if in_script:
                 raise _nested(path)
-            return Loaded(script.read(path, lambda name: _step_texture(name, path, search)), "script", "", path)
+            return Loaded(
+                script.read(path, lambda name: _step_texture(name, path, search)),
+                "script",
+                "",
+                path,
+            )
         return Loaded(Profile(*files.read_profile(path)), "profile", "", path)
     if suffix == ".hmpg":
         hjif.read(path)  # refuses it
     if suffix in EXAMPLES:
-        said = f"{path} alone does not say which friction{' and which size' if suffix != '.hjif' else ''} it means"
-        hint = f"write a .toml file beside it and give that instead:\n{EXAMPLES[suffix].format(file=path.name)}"
+        said = (
+            f"{path} alone does not say which"
+            f" friction{' and which size' if suffix != '.hjif' else ''} it means"
+        )
+        hint = (
+            "write a .toml file beside it and give that"
+            f" instead:\n{EXAMPLES[suffix].format(file=path.name)}"
+        )
         raise BadInputError("texture_needs_scale", said, hint)
     said = f"{path} is not a texture file"
-    raise BadInputError("bad_texture", said, f"give a .toml or .csv file; {_named_hint(path.stem, search)}")
+    raise BadInputError(
+        "bad_texture", said, f"give a .toml or .csv file; {_named_hint(path.stem, search)}"
+    )
 
 
 def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
@@ -137,7 +161,9 @@ def _build_texture(described: description.TextureDescription, path: Path) -> Tex
             texture = formulas.grating(described)
         case description.NoiseDescription():
             pitch_m = described.tile_mm * 1e-3 / described.pixels()
-            tile = FrictionMap(formulas.noise(described), pitch_m, described.stretch * pitch_m, "tile")
+            tile = FrictionMap(
+                formulas.noise(described), pitch_m, described.stretch * pitch_m, "tile"
+            )
             texture = _placed(tile, [0.0, 0.0], described.rotation_deg)
         case description.SpectrumDescription():
             texture = spectrum.spectrum(described, str(path))
@@ -156,7 +182,9 @@ def _build_texture(described: description.TextureDescription, path: Path) -> Tex
 
 
 def _step_texture(name: str, script_path: Path, search: Sequence[Path]) -> Texture:
-    """A texture named in a script: a file beside it, or a name beside it or in the folders searched."""
+    """A texture named in a script: a file beside it, or a name beside it or in the folders
+    searched.
+    """
     beside = script_path.parent / name
     if beside.suffix and beside.is_file():
         name = str(beside)
@@ -166,7 +194,9 @@ def _step_texture(name: str, script_path: Path, search: Sequence[Path]) -> Textu
 
 
 def _nested(path: Path) -> BadInputError:
-    return BadInputError("bad_script", f"{path} is a script itself", "a step of a script is a cof or a texture")
+    return BadInputError(
+        "bad_script", f"{path} is a script itself", "a step of a script is a cof or a texture"
+    )
 
 
 def _placed(texture: Texture, origin_mm: list[float], rotation_deg: float) -> Texture:
@@ -179,8 +209,13 @@ def _placed(texture: Texture, origin_mm: list[float], rotation_deg: float) -> Te
 def _build_map(described: description.MapDescription, path: Path) -> FrictionMap:
     scale = described.scale()
     if scale is None and path.suffix.lower() == ".png":
-        said = f"{path} does not say which friction it means without the keys 'cof_black' and 'cof_white'"
-        raise BadInputError("texture_needs_scale", said, "add for example: cof_black = 0.55, cof_white = 0.70")
+        said = (
+            f"{path} does not say which friction it means without the keys 'cof_black' and"
+            " 'cof_white'"
+        )
+        raise BadInputError(
+            "texture_needs_scale", said, "add for example: cof_black = 0.55, cof_white = 0.70"
+        )
     values = files.read_map(path)
     if scale is None:
         files.require_cof(path, values)
@@ -192,7 +227,9 @@ def _build_map(described: description.MapDescription, path: Path) -> FrictionMap
 
 
 def _unknown(name: str, search: Sequence[Path]) -> BadInputError:
-    return BadInputError("unknown_texture", f"there is no texture '{name}'", _named_hint(name, search))
+    return BadInputError(
+        "unknown_texture", f"there is no texture '{name}'", _named_hint(name, search)
+    )
 
 
 def _named_hint(name: str, search: Sequence[Path]) -> str:

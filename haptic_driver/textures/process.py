@@ -1,7 +1,9 @@
-"""Processes y[n] + ar[0] y[n-1] + ... = noise[n] + ma[0] noise[n-1] + ...: their spectrum, and what lies between two.
+"""Processes y[n] + ar[0] y[n-1] + ... = noise[n] + ma[0] noise[n-1] + ...: their spectrum, and what
+lies between two.
 
-Coefficients may not be averaged: what comes out can grow without end. Reflection coefficients may: a process dies away
-exactly when all of them lie between -1 and 1 (Markel and Gray, Linear Prediction of Speech, 1976).
+Coefficients may not be averaged: what comes out can grow without end. Reflection coefficients may:
+a process dies away exactly when all of them lie between -1 and 1 (Markel and Gray, Linear
+Prediction of Speech, 1976).
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ from haptic_driver.signals import Array
 
 
 def reflections(coefficients: Sequence[float] | Array) -> Array:
-    """The reflection coefficients [n] of a polynomial 1, c[0], ..., c[n-1], by stepping down; NaN beyond one of 1."""
+    """The reflection coefficients [n] of a polynomial 1, c[0], ..., c[n-1], by stepping down; NaN
+    beyond one of 1.
+    """
     left, found = np.asarray(coefficients, float), []
     while left.size:
         found.append(left[-1])
@@ -32,7 +36,12 @@ def coefficients(reflected: Array) -> Array:
     return found
 
 
-def power(frequency_hz: Array, rate_hz: float, ar: Sequence[float] | Array, ma: Sequence[float] | Array = ()) -> Array:
+def power(
+    frequency_hz: Array,
+    rate_hz: float,
+    ar: Sequence[float] | Array,
+    ma: Sequence[float] | Array = (),
+) -> Array:
     """Of the waves [n] in a process driven by noise of power 1; none above half its rate."""
     turn = np.exp(-1j * math.tau * frequency_hz / rate_hz)
     loud, quiet = (np.abs(np.polyval([*side[::-1], 1.0], turn)) ** 2 for side in (ma, ar))

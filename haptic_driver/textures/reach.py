@@ -21,7 +21,8 @@ SAME = 1e-9  # of friction
 class Demand(NamedTuple):
     """Friction asked for, against what is reachable; shares of the screen, and of a script's time.
 
-    `share_nothing` asks for nothing. `steps_felt`: how many just noticeable steps lie between lowest and highest.
+    `share_nothing` asks for nothing. `steps_felt`: how many just noticeable steps lie between
+    lowest and highest.
     """
 
     cof_low: float
@@ -33,8 +34,12 @@ class Demand(NamedTuple):
     flags: tuple[str, ...]
 
 
-def demand(target: Target, reachable_cof: tuple[float, float], screen_m: tuple[float, float] = SCREEN_M) -> Demand:
-    """What a texture or script asks for on a screen with a corner at 0, 0, against the lowest and highest friction."""
+def demand(
+    target: Target, reachable_cof: tuple[float, float], screen_m: tuple[float, float] = SCREEN_M
+) -> Demand:
+    """What a texture or script asks for on a screen with a corner at 0, 0, against the lowest and
+    highest friction.
+    """
     cof = np.asarray(target_values(target, screen_m)).ravel()
     asked = np.isfinite(cof)
     low, high = target.bounds()
@@ -54,7 +59,9 @@ def demand(target: Target, reachable_cof: tuple[float, float], screen_m: tuple[f
 
 
 def target_values(target: Target, screen_m: tuple[float, float]) -> Array:
-    """Friction [y, x] over a screen, or for a script [place, time] over its time at places spread over the screen."""
+    """Friction [y, x] over a screen, or for a script [place, time] over its time at places spread
+    over the screen.
+    """
     if isinstance(target, Script):
         return _script_values(target, screen_m)
     assert isinstance(target, Texture)
@@ -62,14 +69,18 @@ def target_values(target: Target, screen_m: tuple[float, float]) -> Array:
     return target.cof_at(x_m[None, :], y_m[:, None])
 
 
-def screen_grid(points: tuple[int, int], screen_m: tuple[float, float] = SCREEN_M) -> tuple[Array, Array]:
+def screen_grid(
+    points: tuple[int, int], screen_m: tuple[float, float] = SCREEN_M
+) -> tuple[Array, Array]:
     """So many x and y, spread evenly over a screen: the middles of its cells."""
     x_m, y_m = (s * (np.arange(n) + 0.5) / n for s, n in zip(screen_m, points, strict=True))
     return x_m, y_m
 
 
 def _script_values(script: Script, screen_m: tuple[float, float]) -> Array:
-    times_s = np.linspace(script.start_s + script.steps[0].time_s, script.end_s, SCRIPT_TIMES, endpoint=False)
+    times_s = np.linspace(
+        script.start_s + script.steps[0].time_s, script.end_s, SCRIPT_TIMES, endpoint=False
+    )
     places = np.random.default_rng(1).random((SCRIPT_PLACES, 2)) * screen_m
     return np.array(
         [

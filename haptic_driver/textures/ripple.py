@@ -16,7 +16,8 @@ from haptic_driver.textures.bands import EDGES_HZ
 
 
 class Ripple(NamedTuple):
-    """The ripple of one carrier: where it lies among the bands of `bands.py`, and whether it is felt.
+    """The ripple of one carrier: where it lies among the bands of `bands.py`, and whether it is
+    felt.
 
     `band_hz`: the edges of the band in which it lies, None below and above them.
     """
@@ -27,7 +28,6 @@ class Ripple(NamedTuple):
     felt: bool
 
     def __str__(self) -> str:
-        """For a person."""
         where = f"{self.place} the bands"
         if self.band_hz is not None:
             where = f"in the band of {self.band_hz[0]:.3g} to {self.band_hz[1]:.3g} Hz"

@@ -37,11 +37,17 @@ def build(described: ScriptDescription, path: Path, load: Callable[[str], Textur
         return read(path.parent / described.file, load, described.interpolation)
     assert described.step is not None  # the description has the one or the other
     where = [f"{path}, step {number + 1}" for number in range(len(described.step))]
-    return _script(path, list(zip(where, described.step, strict=True)), load, described.interpolation)
+    return _script(
+        path, list(zip(where, described.step, strict=True)), load, described.interpolation
+    )
 
 
-def read(path: Path, load: Callable[[str], Texture], interpolation: Interpolation = "hold") -> Script:
-    """The script in a CSV file with columns time_s, cof or texture, and if you like label and interpolation."""
+def read(
+    path: Path, load: Callable[[str], Texture], interpolation: Interpolation = "hold"
+) -> Script:
+    """The script in a CSV file with columns time_s, cof or texture, and if you like label and
+    interpolation.
+    """
     with bad_input():
         table = read_table(path, ["time_s"], SCRIPT_HINT, LONGEST_TABLE_ROWS)
     for name in table.columns:
@@ -64,7 +70,9 @@ def _script(
     interpolation: Interpolation,
 ) -> Script:
     if len(steps) < 2:
-        raise BadInputError("bad_script", f"{path}: fewer than two steps", "the last step says when the script ends")
+        raise BadInputError(
+            "bad_script", f"{path}: fewer than two steps", "the last step says when the script ends"
+        )
     for (_, before), (where, step) in pairwise(steps):
         if step.time_s <= before.time_s:
             said = f"{where}: time_s {step.time_s:g} comes after {before.time_s:g}"
@@ -72,7 +80,12 @@ def _script(
     load_once = cache(load)
     return Script(
         tuple(
-            Step(step.time_s, _texture(where, step, load_once), step.interpolation or interpolation, step.label)
+            Step(
+                step.time_s,
+                _texture(where, step, load_once),
+                step.interpolation or interpolation,
+                step.label,
+            )
             for where, step in steps
         )
     )

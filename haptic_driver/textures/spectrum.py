@@ -1,7 +1,9 @@
-"""A texture in a few numbers: a spectrum of friction at a speed -> waves along a line, with random phases.
+"""A texture in a few numbers: a spectrum of friction at a speed -> waves along a line, with random
+phases.
 
-Waves lie on the surface: at twice the speed every frequency doubles, as with a real one. Where a file has processes for
-several speeds and loads, every wave keeps its place and phase, and only its height goes with speed and load.
+Waves lie on the surface: at twice the speed every frequency doubles, as with a real one. Where a
+file has processes for several speeds and loads, every wave keeps its place and phase, and only its
+height goes with speed and load.
 """
 
 from __future__ import annotations
@@ -14,7 +16,12 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Waves
 from haptic_driver.signals import Array
 from haptic_driver.textures.bands import BANDS, EDGES_HZ, FINGER_LAG_M
-from haptic_driver.textures.description import FINEST_WAVE_MM, TEXTURE_COF, ProcessDescription, SpectrumDescription
+from haptic_driver.textures.description import (
+    FINEST_WAVE_MM,
+    TEXTURE_COF,
+    ProcessDescription,
+    SpectrumDescription,
+)
 from haptic_driver.textures.formulas import random_phases_rad
 from haptic_driver.textures.process import coefficients, power, reflections
 
@@ -24,7 +31,8 @@ FAR = 10.0  # times the largest speed and load
 
 
 def spectrum(described: SpectrumDescription, where: str) -> Waves:
-    """One tile for each speed and load; it holds every wave a whole number of times, so that it repeats without a seam.
+    """One tile for each speed and load; it holds every wave a whole number of times, so that it
+    repeats without a seam.
 
     `where` names the file in the error: BadInputError where friction leaves what a texture may say.
     """
@@ -36,27 +44,48 @@ def spectrum(described: SpectrumDescription, where: str) -> Waves:
         forces_n = [one.normal_force_n for one in described.process]
         speeds = np.unique(np.geomspace(lowest, highest, SPEEDS)).tolist()
         loads = np.unique(np.linspace(min(forces_n), max(forces_n), LOADS)).tolist()
-        spectra = _between(described, described.process, [(speed, load) for speed in speeds for load in loads])
+        spectra = _between(
+            described, described.process, [(speed, load) for speed in speeds for load in loads]
+        )
     count = described.points()
     cof = np.array([_tile(one, count) for one in spectra]).reshape(len(speeds), len(loads), count)
     if not (cof.min() >= TEXTURE_COF[0] and cof.max() <= TEXTURE_COF[1]):  # nor NaN
-        said = f"{where}: friction goes from {cof.min():.3g} to {cof.max():.3g}, outside {TEXTURE_COF}"
-        raise BadInputError("bad_texture", said, "Lower perceptual_gain, or what the spectrum asks for")
+        said = (
+            f"{where}: friction goes from {cof.min():.3g} to {cof.max():.3g}, outside {TEXTURE_COF}"
+        )
+        raise BadInputError(
+            "bad_texture", said, "Lower perceptual_gain, or what the spectrum asks for"
+        )
     direction_rad = math.radians(described.direction_deg)
-    return Waves(cof, 1e-3 * np.array(speeds), np.array(loads), 1e-3 * described.tile_mm, direction_rad, usual)
+    return Waves(
+        cof,
+        1e-3 * np.array(speeds),
+        np.array(loads),
+        1e-3 * described.tile_mm,
+        direction_rad,
+        usual,
+    )
 
 
 def _between(
-    described: SpectrumDescription, processes: list[ProcessDescription], wanted: list[tuple[float, float]]
+    described: SpectrumDescription,
+    processes: list[ProcessDescription],
+    wanted: list[tuple[float, float]],
 ) -> list[SpectrumDescription]:
-    """A spectrum of one process for each speed and load wanted: linear between those of a file, by triangles.
+    """A spectrum of one process for each speed and load wanted: linear between those of a file, by
+    triangles.
 
     Far beyond all of them the nearest one holds, so that every place has three around it.
     """
-    from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator  # noqa: PLC0415  (slow to import)
+    from scipy.interpolate import (  # noqa: PLC0415  (slow to import)
+        LinearNDInterpolator,
+        NearestNDInterpolator,
+    )
 
     order = len(processes[0].ar)
-    numbers = np.array([[one.cof_rms, *reflections(one.ar), *reflections(one.ma or [])] for one in processes])
+    numbers = np.array(
+        [[one.cof_rms, *reflections(one.ar), *reflections(one.ma or [])] for one in processes]
+    )
     places = np.array([(one.speed_mm_s, one.normal_force_n) for one in processes])
     size = np.maximum(places.max(axis=0), 1e-3)
     corners = np.array([(speed, load) for speed in (-FAR, FAR) for load in (-FAR, FAR)])
@@ -87,7 +116,9 @@ def _tile(described: SpectrumDescription, count: int) -> Array:
     frequency_hz = waves * speed_mm_s / tile_mm
     amplitude = np.zeros(waves.size)
     heard = frequency_hz >= EDGES_HZ[0]
-    amplitude[heard] = described.perceptual_gain * np.sqrt(2.0 * _mean_squares(described, frequency_hz[heard]))
+    amplitude[heard] = described.perceptual_gain * np.sqrt(
+        2.0 * _mean_squares(described, frequency_hz[heard])
+    )
     if described.invert_finger:
         amplitude *= np.hypot(1.0, math.tau * FINGER_LAG_M * waves / (1e-3 * tile_mm))
     amplitude[waves * FINEST_WAVE_MM > tile_mm] = 0.0
@@ -98,16 +129,22 @@ def _tile(described: SpectrumDescription, count: int) -> Array:
 
 
 def _mean_squares(described: SpectrumDescription, frequency_hz: Array) -> Array:
-    """Of each wave [n], without gains; they sum up to what the description says of all nine bands."""
+    """Of each wave [n], without gains; they sum up to what the description says of all nine
+    bands.
+    """
     if described.band_cof_rms is not None:
         band = np.clip(np.searchsorted(EDGES_HZ, frequency_hz, side="right") - 1, 0, BANDS - 1)
-        return np.asarray((np.square(described.band_cof_rms) / np.bincount(band, minlength=BANDS))[band])
+        return np.asarray(
+            (np.square(described.band_cof_rms) / np.bincount(band, minlength=BANDS))[band]
+        )
     assert described.cof_rms is not None  # the description has the one or the other
     if described.beta is not None:
         a, b = described.beta
         place = np.log(frequency_hz / EDGES_HZ[0]) / math.log(EDGES_HZ[-1] / EDGES_HZ[0])
         place = np.clip(place, EDGE, 1.0 - EDGE)
-        weight = place ** (a - 1.0) * (1.0 - place) ** (b - 1.0) / frequency_hz  # over the logarithm of frequency
+        weight = (
+            place ** (a - 1.0) * (1.0 - place) ** (b - 1.0) / frequency_hz
+        )  # over the logarithm of frequency
     else:
         assert described.ar is not None
         assert described.rate_hz is not None

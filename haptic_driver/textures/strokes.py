@@ -1,4 +1,6 @@
-"""Measured strokes over a surface -> friction over position: what a texture's profile is made of."""
+"""Measured strokes over a surface -> friction over position: what a texture's profile is made
+of.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +22,22 @@ LONGEST_STROKE_ROWS = 300_000  # five minutes at 1 kHz
 LEAST_LOAD_N = 0.02  # below, friction would be the ratio of two noises
 LEAST_PLACES = 10
 SPEED_WINDOW_S = 0.020  # as wide as a touch screen's two samples
-POSITIONS_M = {"position_m": 1.0, "position_mm": 1e-3, "position_um": 1e-6}  # columns, and their unit
+POSITIONS_M = {
+    "position_m": 1.0,
+    "position_mm": 1e-3,
+    "position_um": 1e-6,
+}  # columns, and their unit
 COLUMNS = [*POSITIONS_M, "normal_force_n", "lateral_force_n", "time_s"]
 WANTED = (
-    "Columns: position_mm (or position_m), normal_force_n, lateral_force_n, and time_s if there is one; where they "
-    "have other names: --column position_mm=NAME"
+    "Columns: position_mm (or position_m), normal_force_n, lateral_force_n, and time_s if there is"
+    " one; where they have other names: --column position_mm=NAME"
 )
 
 
 class Strokes(NamedTuple):
-    """A finger's strokes: arrays [n]. `lateral_force_n` of either sign, NaN where unknown; `speed_m_s` if known."""
+    """A finger's strokes: arrays [n]. `lateral_force_n` of either sign, NaN where unknown;
+    `speed_m_s` if known.
+    """
 
     position_m: Array
     normal_force_n: Array
@@ -40,8 +48,8 @@ class Strokes(NamedTuple):
 class Felt(NamedTuple):
     """Friction [n] over increasing positions.
 
-    `share_used`: of the rows, those that slide in contact; `widest_gap_m`: the longest way without any of them;
-    `speed_m_s`: the median of theirs, NaN where unknown.
+    `share_used`: of the rows, those that slide in contact; `widest_gap_m`: the longest way without
+    any of them; `speed_m_s`: the median of theirs, NaN where unknown.
     """
 
     position_m: Array
@@ -52,25 +60,32 @@ class Felt(NamedTuple):
 
 
 def read_strokes(path: Path, names: Mapping[str, str]) -> Strokes:
-    """The strokes in a CSV file; `names` says how a column is called there, by the name that it has here."""
+    """The strokes in a CSV file; `names` says how a column is called there, by the name that it has
+    here.
+    """
     for wanted in names:
         if wanted not in COLUMNS:
             raise BadInputError(
-                "bad_column", f"--column {wanted}=...: not a column that is read", nearest(wanted, COLUMNS)
+                "bad_column",
+                f"--column {wanted}=...: not a column that is read",
+                nearest(wanted, COLUMNS),
             )
     with bad_input():
         table = read_table(path, [], WANTED, LONGEST_STROKE_ROWS)
         given = [wanted for wanted in COLUMNS if wanted in names or wanted in table.columns]
         position = next((column for column in POSITIONS_M if column in given), "position_mm")
         position_m, normal_n, lateral_n = (
-            _column(table, column, names) for column in (position, "normal_force_n", "lateral_force_n")
+            _column(table, column, names)
+            for column in (position, "normal_force_n", "lateral_force_n")
         )
         time_s = _column(table, "time_s", names) if "time_s" in given else None
     position_m *= POSITIONS_M[position]
     if time_s is None:
         return Strokes(position_m, normal_n, lateral_n, None)
     for row in (1 + np.flatnonzero(np.diff(time_s) <= 0.0)).tolist():
-        raise BadInputError("bad_strokes", f"{table.where(row)}: time_s does not rise", "Sort the rows by time")
+        raise BadInputError(
+            "bad_strokes", f"{table.where(row)}: time_s does not rise", "Sort the rows by time"
+        )
     return Strokes(position_m, normal_n, lateral_n, _speed_m_s(time_s, position_m))
 
 
@@ -82,38 +97,54 @@ def _column(table: Table, wanted: str, names: Mapping[str, str]) -> Array:
 
 def _speed_m_s(time_s: Array, position_m: Array) -> Array:
     """Over a window: from row to row, a position in steps would be at rest and then jump."""
-    before_s, after_s = (np.clip(time_s + s, time_s[0], time_s[-1]) for s in (-SPEED_WINDOW_S / 2, SPEED_WINDOW_S / 2))
+    before_s, after_s = (
+        np.clip(time_s + s, time_s[0], time_s[-1])
+        for s in (-SPEED_WINDOW_S / 2, SPEED_WINDOW_S / 2)
+    )
     way_m = np.interp(after_s, time_s, position_m) - np.interp(before_s, time_s, position_m)
     return way_m / np.maximum(after_s - before_s, 1e-9)
 
 
 def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Felt:
-    """Friction of sliding contact in places `pitch_m` wide: the sum of lateral forces over the sum of loads.
+    """Friction of sliding contact in places `pitch_m` wide: the sum of lateral forces over the sum
+    of loads.
 
-    Strokes to either side count alike, so that a sensor's offset cancels where there are as many of both; where no
-    speed is known, every row in contact counts. Places where nobody slid are left out, and where a stroke begins or
-    turns the way over which the skin only stretches. `where` names the source in errors: BadInputError where too little
-    slides, or what it gives is no friction.
+    Strokes to either side count alike, so that a sensor's offset cancels where there are as many of
+    both; where no speed is known, every row in contact counts. Places where nobody slid are left
+    out, and where a stroke begins or turns the way over which the skin only stretches. `where`
+    names the source in errors: BadInputError where too little slides, or what it gives is no
+    friction.
     """
-    usable = (strokes.normal_force_n >= LEAST_LOAD_N) & np.isfinite(strokes.lateral_force_n + strokes.position_m)
+    usable = (strokes.normal_force_n >= LEAST_LOAD_N) & np.isfinite(
+        strokes.lateral_force_n + strokes.position_m
+    )
     if strokes.speed_m_s is not None:
         usable &= np.abs(strokes.speed_m_s) >= SLIDING_M_S
     usable &= _settled(strokes, usable)
     position_m, load_n, lateral_n = (column[usable] for column in strokes[:3])
-    places = _places(position_m, pitch_m, f"{where}: {position_m.size} of {usable.size} rows slide in contact")
+    places = _places(
+        position_m, pitch_m, f"{where}: {position_m.size} of {usable.size} rows slide in contact"
+    )
     count = np.bincount(places)
     felt = count > 0
     along_m = np.bincount(places, position_m)[felt] / count[felt]
     cof = np.bincount(places, np.abs(lateral_n))[felt] / np.bincount(places, load_n)[felt]
     for place in np.flatnonzero(~((cof >= TEXTURE_COF[0]) & (cof <= TEXTURE_COF[1]))).tolist():
-        said = f"{where}: friction is {cof[place]:.3g} at {1e3 * along_m[place]:.4g} mm, outside {TEXTURE_COF}"
+        said = (
+            f"{where}: friction is {cof[place]:.3g} at {1e3 * along_m[place]:.4g} mm, outside"
+            f" {TEXTURE_COF}"
+        )
         raise BadInputError("bad_strokes", said, "Are both forces in N, and their zeros right?")
-    speed_m_s = np.nan if strokes.speed_m_s is None else float(np.median(np.abs(strokes.speed_m_s[usable])))
+    speed_m_s = (
+        np.nan if strokes.speed_m_s is None else float(np.median(np.abs(strokes.speed_m_s[usable])))
+    )
     return Felt(along_m, cof, float(usable.mean()), float(np.diff(along_m).max()), speed_m_s)
 
 
 def _settled(strokes: Strokes, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rows [n] that lie a little beyond where the finger set out or turned, which the lateral force tells."""
+    """Rows [n] that lie a little beyond where the finger set out or turned, which the lateral force
+    tells.
+    """
     side = np.where(usable, np.sign(strokes.lateral_force_n), 0.0)
     begins = np.where(np.diff(side, prepend=0.0) != 0.0, np.arange(side.size), 0)
     way_m = np.abs(strokes.position_m - strokes.position_m[np.maximum.accumulate(begins)])
@@ -121,16 +152,21 @@ def _settled(strokes: Strokes, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _places(position_m: Array, pitch_m: float, said: str) -> NDArray[np.intp]:
-    """The place of each row, from 0; `said` begins the error where there are too few of them, or too many."""
+    """The place of each row, from 0; `said` begins the error where there are too few of them, or
+    too many.
+    """
     length_m = float(np.ptp(position_m)) if position_m.size else 0.0
     if length_m < LEAST_PLACES * pitch_m:
         hint = (
-            f"Record strokes of at least {1e3 * LEAST_PLACES * pitch_m:g} mm, pressed with more than "
-            f"{LEAST_LOAD_N:g} N and faster than {1e3 * SLIDING_M_S:g} mm/s"
+            f"Record strokes of at least {1e3 * LEAST_PLACES * pitch_m:g} mm, pressed with more"
+            f" than {LEAST_LOAD_N:g} N and faster than {1e3 * SLIDING_M_S:g} mm/s"
         )
         raise BadInputError("bad_strokes", f"{said}, over {1e3 * length_m:.3g} mm", hint)
     if length_m > (LONGEST_TABLE_ROWS - 2) * pitch_m:  # and a header
-        hint = f"Are positions in the unit that their column says? Or give a --pitch-mm above {1e3 * pitch_m:g}"
+        hint = (
+            "Are positions in the unit that their column says? Or give a --pitch-mm above"
+            f" {1e3 * pitch_m:g}"
+        )
         raise BadInputError("bad_strokes", f"{said}, over {1e3 * length_m:.4g} mm", hint)
     places: NDArray[np.intp] = np.floor((position_m - position_m.min()) / pitch_m).astype(np.intp)
     return places

@@ -1,4 +1,6 @@
-"""Textures as they are seen: friction averaged over the cells of a grid, as fine as a screen shows it."""
+"""Textures as they are seen: friction averaged over the cells of a grid, as fine as a screen shows
+it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ STRIP_SAMPLES = 1 << 18  # at a time: what a strip of a picture takes in memory
 
 
 class Grid(NamedTuple):
-    """Square cells of `pitch_m` from the corner with the smallest x and y on: `columns` along +x, `rows` along +y."""
+    """Square cells of `pitch_m` from the corner with the smallest x and y on: `columns` along +x,
+    `rows` along +y.
+    """
 
     x_m: float
     y_m: float
@@ -25,10 +29,11 @@ class Grid(NamedTuple):
 
 
 def cell_means(texture: Texture, grid: Grid) -> FloatArray:
-    """Mean friction [row, column] of each cell; NaN where a texture asks for nothing anywhere in it.
+    """Mean friction [row, column] of each cell; NaN where a texture asks for nothing anywhere in
+    it.
 
-    Samples are jittered inside their part of a cell, along x and along y alike: what is finer than they are turns into
-    grain, not into a moire that nobody would feel.
+    Samples are jittered inside their part of a cell, along x and along y alike: what is finer than
+    they are turns into grain, not into a moire that nobody would feel.
     """
     per_side = min(ceil(grid.pitch_m / FINE_M), MOST_PER_SIDE)
     x_m = grid.x_m + grid.pitch_m * _spread(grid.columns, per_side, seed=1)

@@ -21,7 +21,16 @@ from haptic_driver.textures.description import FINEST_MM
 LARGEST_WAV_BYTES = 64 << 20
 LONGEST_M = 0.5  # of the surface; it repeats after that
 LEAST_PERIODS = 4  # of the lowest frequency kept, in the whole
-WAV_DAMAGE = (ValueError, EOFError, struct.error, OSError, UnboundLocalError, ZeroDivisionError, MemoryError, TypeError)
+WAV_DAMAGE = (
+    ValueError,
+    EOFError,
+    struct.error,
+    OSError,
+    UnboundLocalError,
+    ZeroDivisionError,
+    MemoryError,
+    TypeError,
+)
 
 
 class Vibration(NamedTuple):
@@ -41,13 +50,19 @@ def read_wav(path: Path) -> Vibration:
             warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of chunks that are no sound
             rate_hz, samples = wavfile.read(io.BytesIO(content))
     except WAV_DAMAGE as error:
-        raise BadInputError("bad_wav", f"{path} is no sound file: {error}", "Export it as WAV, PCM or float") from None
+        raise BadInputError(
+            "bad_wav", f"{path} is no sound file: {error}", "Export it as WAV, PCM or float"
+        ) from None
     if samples.ndim != 1:
         said = f"{path} has {samples.shape[1]} channels"
-        raise BadInputError("bad_wav", said, "Export the one across the surface, or their sum, as a mono file")
+        raise BadInputError(
+            "bad_wav", said, "Export the one across the surface, or their sum, as a mono file"
+        )
     if not rate_hz > 0 or not np.all(np.isfinite(samples)):
         raise BadInputError(
-            "bad_wav", f"{path} has a rate of {rate_hz} Hz, or samples that are no numbers", "Export it anew"
+            "bad_wav",
+            f"{path} has a rate of {rate_hz} Hz, or samples that are no numbers",
+            "Export it anew",
         )
     return Vibration(samples.astype(float), float(rate_hz))
 
@@ -57,22 +72,31 @@ def along_the_way(
 ) -> tuple[Array, Array]:
     """Positions in m and friction [n] of a tile of surface that gives this vibration at this speed.
 
-    The tile is at most `LONGEST_M` long and ends as it began. Detail finer than `FINEST_MM` is averaged away, what is
-    left has `amplitude_cof` as its largest deviation from the mean. BadInputError where it is too short or silent.
+    The tile is at most `LONGEST_M` long and ends as it began. Detail finer than `FINEST_MM` is
+    averaged away, what is left has `amplitude_cof` as its largest deviation from the mean.
+    BadInputError where it is too short or silent.
     """
     per_sample_m = speed_m_s / vibration.rate_hz
     pitch_m = max(FINEST_MM * 1e-3, per_sample_m)
     samples = vibration.samples[: round(LONGEST_M / per_sample_m)]
     count = int(samples.size * per_sample_m / pitch_m)
     if count < 2 * LEAST_PERIODS:
-        said = f"{where}: {1e3 * samples.size * per_sample_m:.3g} mm of surface at {speed_m_s:g} m/s"
+        said = (
+            f"{where}: {1e3 * samples.size * per_sample_m:.3g} mm of surface at {speed_m_s:g} m/s"
+        )
         raise BadInputError("too_short", said, "Record for longer, or check --speed: it is in m/s")
     edges = np.linspace(0.0, samples.size, count + 1)
-    sums = np.interp(edges, np.arange(samples.size + 1), np.concatenate([[0.0], np.cumsum(samples - samples.mean())]))
+    sums = np.interp(
+        edges,
+        np.arange(samples.size + 1),
+        np.concatenate([[0.0], np.cumsum(samples - samples.mean())]),
+    )
     felt = np.diff(sums)
     felt -= felt.mean()
     if not np.abs(felt).max() > 1e-12 * max(float(np.abs(samples).max()), 1e-300):
-        said = f"{where}: nothing is left of it coarser than {1e3 * pitch_m:g} mm at {speed_m_s:g} m/s"
+        said = (
+            f"{where}: nothing is left of it coarser than {1e3 * pitch_m:g} mm at {speed_m_s:g} m/s"
+        )
         raise BadInputError("silent", said, "Give a file that is not silent, or a higher --speed")
     cof = mean_cof + amplitude_cof * felt / np.abs(felt).max()
     position_m = samples.size * per_sample_m * (np.arange(count + 1) + 0.5) / count

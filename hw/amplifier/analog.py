@@ -24,9 +24,10 @@ class AmplifierState(enum.Enum):
 class AmplifierSettings:
     """What the amplifier is and may do, as measured or from its data sheet.
 
-    Voltages and currents are peak values at the electrode; `voltage_monitor_v_per_v` is volts at the monitor
-    output per volt at the electrode (0.01 for 1 V per 100 V), `current_monitor_v_per_a` likewise per ampere.
-    `fault_level` is the level of the fault line that means a fault. Raises ValueError unless all figures are > 0.
+    Voltages and currents are peak values at the electrode; `voltage_monitor_v_per_v` is volts at
+    the monitor output per volt at the electrode (0.01 for 1 V per 100 V), `current_monitor_v_per_a`
+    likewise per ampere. `fault_level` is the level of the fault line that means a fault. Raises
+    ValueError unless all figures are > 0.
     """
 
     gain_v_per_v: float
@@ -47,8 +48,8 @@ class AmplifierSettings:
 class AnalogAmplifier:
     """An amplifier with an optional enable line, fault line, voltage monitor and current monitor.
 
-    A line that is absent or cannot be read makes what it would tell unknown: None, or AmplifierState.UNKNOWN.
-    Each method takes at most the timeouts of the lines it uses.
+    A line that is absent or cannot be read makes what it would tell unknown: None, or
+    AmplifierState.UNKNOWN. Each method takes at most the timeouts of the lines it uses.
     """
 
     def __init__(
@@ -70,8 +71,9 @@ class AnalogAmplifier:
     def state(self) -> AmplifierState:
         """What the lines say now; never raises.
 
-        A low enable line is DISABLED whatever the others say. Otherwise a fault is TRIPPED: it may or may not
-        have taken the voltage away. A high enable line is ENABLED unless a fault line is there and dead.
+        A low enable line is DISABLED whatever the others say. Otherwise a fault is TRIPPED: it may
+        or may not have taken the voltage away. A high enable line is ENABLED unless a fault line is
+        there and dead.
         """
         enabled = _level(self._enable_line)
         if enabled is False:
@@ -90,7 +92,9 @@ class AnalogAmplifier:
         return None if level is None else level is self.settings.fault_level
 
     def enable(self) -> AmplifierState:
-        """Raise the enable line, if there is one, and return the state read back. Raises DeviceError."""
+        """Raise the enable line, if there is one, and return the state read back. Raises
+        DeviceError.
+        """
         if self._enable_line is not None:
             self._enable_line.write(True)
         return self.state
@@ -106,26 +110,37 @@ class AnalogAmplifier:
         return self.state
 
     def monitor_voltage_v(self) -> float | None:
-        """Return the voltage at the electrode by the monitor, V; None when absent or unreadable. Never raises."""
+        """Return the voltage at the electrode by the monitor, V; None when absent or unreadable.
+        Never raises.
+        """
         return _scaled(self._voltage_monitor, self.settings.voltage_monitor_v_per_v)
 
     def monitor_current_a(self) -> float | None:
-        """Return the output current by the monitor, A; None when absent or unreadable. Never raises."""
+        """Return the output current by the monitor, A; None when absent or unreadable. Never
+        raises.
+        """
         return _scaled(self._current_monitor, self.settings.current_monitor_v_per_a)
 
     def check_drive(self, frequency_hz: float, voltage_v: float, current_peak_a: float) -> None:
-        """Raise LimitExceeded unless the amplifier can follow a sine of peak `voltage_v` and `current_peak_a`.
+        """Raise LimitExceeded unless the amplifier can follow a sine of peak `voltage_v` and
+        `current_peak_a`.
 
         The slew rate of a sine is 2 pi f V.
         """
         for what, value, limit, unit in (
             ("voltage", voltage_v, self.settings.voltage_limit_v, "V"),
             ("current", current_peak_a, self.settings.current_limit_a, "A"),
-            ("slew rate", 2.0 * math.pi * frequency_hz * voltage_v, self.settings.slew_limit_v_per_s, "V/s"),
+            (
+                "slew rate",
+                2.0 * math.pi * frequency_hz * voltage_v,
+                self.settings.slew_limit_v_per_s,
+                "V/s",
+            ),
         ):
             if not abs(value) <= limit:
                 raise LimitExceeded(
-                    f"amplifier: a peak {what} of {value:g} {unit} is beyond its limit of {limit:g} {unit}",
+                    f"amplifier: a peak {what} of {value:g} {unit} is beyond its limit of {limit:g}"
+                    f" {unit}",
                     "lower the voltage or the frequency",
                 )
 

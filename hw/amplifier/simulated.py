@@ -11,10 +11,10 @@ from hw.generator.contract import TerminalOutput
 class SimulatedAmplifier:
     """Turns what the generator puts out into the voltage at the electrode.
 
-    Itself the far end of an amplifier's lines: `write` and `read` are the enable line (a digital output), `read_v`
-    is the voltage monitor (an analog input). `interlock`, if given, is a contact in series with the enable line. Its
-    history does not forget: `max_voltage_v` is the highest peak ever at the electrode, `output_on_s` the time with any
-    voltage on it. Thread-safe.
+    Itself the far end of an amplifier's lines: `write` and `read` are the enable line (a digital
+    output), `read_v` is the voltage monitor (an analog input). `interlock`, if given, is a contact
+    in series with the enable line. Its history does not forget: `max_voltage_v` is the highest peak
+    ever at the electrode, `output_on_s` the time with any voltage on it. Thread-safe.
     """
 
     def __init__(
@@ -44,7 +44,9 @@ class SimulatedAmplifier:
 
     @property
     def output(self) -> TerminalOutput:
-        """What is at the electrode now: the generator's output, amplified, and smaller where that would clip."""
+        """What is at the electrode now: the generator's output, amplified, and smaller where that
+        would clip.
+        """
         peak_v = self._input.amplitude_v + abs(self._input.offset_v)
         gain = self.voltage_v / peak_v if peak_v > 0.0 else 0.0
         amplitude_v, offset_v = gain * self._input.amplitude_v, gain * self._input.offset_v
@@ -57,7 +59,9 @@ class SimulatedAmplifier:
             return self._note()
 
     def step(self, dt_s: float, output: TerminalOutput) -> float:
-        """Hold the generator's output for `dt_s` of simulated time; return the peak voltage at the electrode."""
+        """Hold the generator's output for `dt_s` of simulated time; return the peak voltage at the
+        electrode.
+        """
         voltage_v = self.drive(output)
         with self._lock:
             self.output_on_s += dt_s if voltage_v > 0.0 else 0.0

@@ -1,6 +1,8 @@
-"""What single lines between devices can do; drivers are written against these, cards and boxes supply them.
+"""What single lines between devices can do; drivers are written against these, cards and boxes
+supply them.
 
-Every method raises DeviceError when the line is dead, and returns or raises within the line's own timeout.
+Every method raises DeviceError when the line is dead, and returns or raises within the line's own
+timeout.
 """
 
 from __future__ import annotations
@@ -16,7 +18,9 @@ class DigitalInput(Protocol):
 
 
 class DigitalOutput(DigitalInput, Protocol):
-    """One digital line that can be set; `read` returns the level on the line, not the level last asked for."""
+    """One digital line that can be set; `read` returns the level on the line, not the level last
+    asked for.
+    """
 
     def write(self, value: bool, /) -> None:
         """Set the line."""
@@ -33,7 +37,11 @@ class Heartbeat(Protocol):
     """Something apart that switches the output off when it is no longer beaten."""
 
     def beat(self) -> None:
-        """Say that the output is still wanted; raises DeviceError once that can no longer be had."""
+        """Say that the output is still wanted; raises DeviceError once that can no longer be
+        had.
+        """
 
     def rest(self) -> None:
-        """Say that the output is known to be off, so that beats may stop; may be said again and again. Never raises."""
+        """Say that the output is known to be off, so that beats may stop; may be said again and
+        again. Never raises.
+        """

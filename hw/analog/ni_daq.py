@@ -1,7 +1,8 @@
-"""National Instruments cards through nidaqmx: analog inputs, digital lines, a hardware-timed analog output.
+"""National Instruments cards through nidaqmx: analog inputs, digital lines, a hardware-timed analog
+output.
 
-Names are NI-DAQmx's: "Dev1/ai0", "Dev1/port0/line0", "Dev1/ao0". Facts about tasks, buffers and markers are from the
-nidaqmx 1.7.0 package's own documentation; nothing here was run on a card.
+Names are NI-DAQmx's: "Dev1/ai0", "Dev1/port0/line0", "Dev1/ao0". Facts about tasks, buffers and
+markers are from the nidaqmx 1.7.0 package's own documentation; nothing here was run on a card.
 """
 
 from __future__ import annotations
@@ -21,8 +22,18 @@ from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array, OutputUn
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, InstrumentRejected
 
 TERMINALS = ("DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT")
-_NOT_IN_TIME = {-200284, -200292, -200293}  # samples not yet available, not yet writable, no more space
-_RAN_DRY = {-200290, -200291, -200621, -200018, -200016}  # no regeneration; buffer, FIFO and DAC underflow
+_NOT_IN_TIME = {
+    -200284,
+    -200292,
+    -200293,
+}  # samples not yet available, not yet writable, no more space
+_RAN_DRY = {
+    -200290,
+    -200291,
+    -200621,
+    -200018,
+    -200016,
+}  # no regeneration; buffer, FIFO and DAC underflow
 _POLL_S = 1e-3
 
 
@@ -47,15 +58,22 @@ def _daqmx(resource: str) -> Iterator[Any]:
     except (nidaqmx.errors.DaqNotFoundError, nidaqmx.errors.DaqNotSupportedError) as error:
         raise DeviceDisconnected(
             f"{resource}: the NI-DAQmx driver is not installed on this machine",
-            "install NI-DAQmx for this operating system; recent versions have dropped old cards such as the E Series",
+            "install NI-DAQmx for this operating system; recent versions have dropped old cards"
+            " such as the E Series",
         ) from error
     except nidaqmx.errors.DaqError as error:
         message = " ".join(str(error).split())
         if error.error_code in _RAN_DRY:
-            raise OutputUnderrun(f"{resource} ran out of samples ({message})", "write sooner") from error
+            raise OutputUnderrun(
+                f"{resource} ran out of samples ({message})", "write sooner"
+            ) from error
         if error.error_code in _NOT_IN_TIME:
-            raise DeviceTimeout(f"{resource} was not ready in time ({message})", "check the card's clock") from error
-        raise InstrumentRejected(f"{resource}: {message}", "compare the rig's file with NI MAX") from error
+            raise DeviceTimeout(
+                f"{resource} was not ready in time ({message})", "check the card's clock"
+            ) from error
+        raise InstrumentRejected(
+            f"{resource}: {message}", "compare the rig's file with NI MAX"
+        ) from error
     except nidaqmx.errors.Error as error:
         raise DeviceError(f"{resource}: {error}", "update NI-DAQmx") from error
 
@@ -69,9 +87,9 @@ def _clear(task: Any) -> None:
 class NiAnalogInputs:
     """Several inputs of one card, sampled together and for ever; readers take the newest samples.
 
-    One task for all of them, since a card has one clock for its inputs: a second task would be refused. Six gauges in
-    DIFF leave two of eight channels for monitors. The channels share one converter, so they are skewed by up to a
-    sample. Thread-safe.
+    One task for all of them, since a card has one clock for its inputs: a second task would be
+    refused. Six gauges in DIFF leave two of eight channels for monitors. The channels share one
+    converter, so they are skewed by up to a sample. Thread-safe.
     """
 
     def __init__(
@@ -141,10 +159,12 @@ class NiAnalogInputs:
                 self._task = None
 
     def latest_v(self, count: int) -> Array:
-        """Return the newest `count` samples of all channels, shape (count, channels), V, oldest first.
+        """Return the newest `count` samples of all channels, shape (count, channels), V, oldest
+        first.
 
-        Raises DeviceTimeout when the card has not sampled for `timeout_s`, however many old samples it holds;
-        DeviceDisconnected when not open; ValueError for more samples than the buffer keeps.
+        Raises DeviceTimeout when the card has not sampled for `timeout_s`, however many old samples
+        it holds; DeviceDisconnected when not open; ValueError for more samples than the buffer
+        keeps.
         """
         if not 1 <= count <= self._buffer_samples:
             raise ValueError(f"count must be 1..{self._buffer_samples}, not {count}")
@@ -157,29 +177,42 @@ class NiAnalogInputs:
                 data = self._task.read(number_of_samples_per_channel=count, timeout=self._timeout_s)
         samples_v = np.asarray(data, dtype=np.float64).reshape(len(self._channels), -1)
         if samples_v.shape[1] != count:
-            raise DeviceTimeout(f"{self.resource} gave {samples_v.shape[1]} of {count} samples", "check its clock")
+            raise DeviceTimeout(
+                f"{self.resource} gave {samples_v.shape[1]} of {count} samples", "check its clock"
+            )
         return samples_v.T
 
     def columns(self, channels: Sequence[str]) -> NiColumns:
-        """Some of the channels by name, e.g. a sensor's gauges. Raises ValueError for one that is not sampled."""
+        """Some of the channels by name, e.g. a sensor's gauges. Raises ValueError for one that is
+        not sampled.
+        """
         return NiColumns(self, self.places(channels))
 
     def places(self, channels: Sequence[str]) -> list[int]:
-        """Where channels stand in the order of conversion. Raises ValueError for one that is not sampled."""
+        """Where channels stand in the order of conversion. Raises ValueError for one that is not
+        sampled.
+        """
         missing = [channel for channel in channels if channel not in self._channels]
         if missing:
-            raise ValueError(f"{', '.join(missing)} not among the sampled channels {', '.join(self._channels)}")
+            raise ValueError(
+                f"{', '.join(missing)} not among the sampled channels {', '.join(self._channels)}"
+            )
         return [self._channels.index(channel) for channel in channels]
 
     def _wait_for(self, count: int) -> None:
-        """Wait until `count` samples are there and the card has sampled since the last look, or within `timeout_s`."""
+        """Wait until `count` samples are there and the card has sampled since the last look, or
+        within `timeout_s`.
+        """
         deadline_s = self._clock() + self._timeout_s
-        stalled = self._clock() - self._advanced_s > self._timeout_s  # or nobody looked: what is there may be old
+        stalled = (
+            self._clock() - self._advanced_s > self._timeout_s
+        )  # or nobody looked: what is there may be old
         first = total = int(self._task.in_stream.total_samp_per_chan_acquired)
         while total < count or (stalled and total == first):
             if self._clock() >= deadline_s:
                 raise DeviceTimeout(
-                    f"{self.resource} has not sampled for {self._timeout_s:g} s ({total} samples so far)",
+                    f"{self.resource} has not sampled for {self._timeout_s:g} s ({total} samples so"
+                    " far)",
                     "check the card's clock and power; then reopen it",
                 )
             self._sleep(_POLL_S)
@@ -201,10 +234,11 @@ class NiColumns:
 
 
 class NiAnalogInput:
-    """One channel as an analog input: the mean of its newest samples, or with `peak` the largest magnitude.
+    """One channel as an analog input: the mean of its newest samples, or with `peak` the largest
+    magnitude.
 
-    A monitor of an alternating voltage needs `peak` over at least a period of the carrier: its mean is zero whatever
-    the voltage is.
+    A monitor of an alternating voltage needs `peak` over at least a period of the carrier: its mean
+    is zero whatever the voltage is.
     """
 
     def __init__(self, inputs: NiAnalogInputs, channel: str, *, samples: int, peak: bool) -> None:
@@ -270,7 +304,9 @@ class NiDigitalInput(_NiLine):
 
 
 class NiDigitalOutput(_NiLine):
-    """One digital output, such as an enable line; what is read back is the card's port, not the far end of the wire."""
+    """One digital output, such as an enable line; what is read back is the card's port, not the far
+    end of the wire.
+    """
 
     def write(self, value: bool, /) -> None:
         """Set the line. Raises DeviceError."""
@@ -284,8 +320,8 @@ class NiDigitalOutput(_NiLine):
 class NiAnalogOutput(AnalogOutput):
     """One output of a card, streamed by its sample clock without repeating old samples.
 
-    A card keeps its last sample when a stream runs dry and its last level when the process dies; the watch thread
-    puts it to zero in the first case, nothing here can in the second.
+    A card keeps its last sample when a stream runs dry and its last level when the process dies;
+    the watch thread puts it to zero in the first case, nothing here can in the second.
     """
 
     def __init__(
@@ -344,7 +380,10 @@ class NiAnalogOutput(AnalogOutput):
     def _buffered_samples(self) -> int:
         try:
             with _daqmx(self.resource):
-                return max(0, (self._written or 0) - int(self._task.out_stream.total_samp_per_chan_generated))
+                return max(
+                    0,
+                    (self._written or 0) - int(self._task.out_stream.total_samp_per_chan_generated),
+                )
         except OutputUnderrun:
             return 0
 

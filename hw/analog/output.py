@@ -1,4 +1,6 @@
-"""Analog output for envelopes: a level that is held or a stream of samples, never longer than someone asks for it."""
+"""Analog output for envelopes: a level that is held or a stream of samples, never longer than
+someone asks for it.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +33,12 @@ class OutputUnderrun(DeviceError):  # noqa: N818 - named as its siblings in hw.e
 class AnalogOutputSettings:
     """What the output may do, in volts at its terminal. Raises ValueError for what cannot be.
 
-    `zero_level_v` is the level that means no voltage at the electrode. It is NOT always 0 V: external AM of the
-    33220A's class takes -5 V..+5 V for 0..100 %, so that 0 V, or an open input, is half the amplitude (stated for
-    sibling instruments, not verified on the 33220A).
-    No more than `buffer_s` may wait in the buffer, which bounds the delay. A held level other than zero ends after
-    `lease_s` unless held again. A stream that runs dry stays at its last sample for `gap_s`, in which it may go on.
-    No call takes much longer than `timeout_s`.
+    `zero_level_v` is the level that means no voltage at the electrode. It is NOT always 0 V:
+    external AM of the 33220A's class takes -5 V..+5 V for 0..100 %, so that 0 V, or an open input,
+    is half the amplitude (stated for sibling instruments, not verified on the 33220A). No more than
+    `buffer_s` may wait in the buffer, which bounds the delay. A held level other than zero ends
+    after `lease_s` unless held again. A stream that runs dry stays at its last sample for `gap_s`,
+    in which it may go on. No call takes much longer than `timeout_s`.
     """
 
     low_v: float
@@ -52,26 +54,34 @@ class AnalogOutputSettings:
         """Refuse what cannot be an output."""
         for name in ("sample_rate_limit_hz", "buffer_s", "lease_s", "timeout_s", "gap_s"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise ValueError(f"analog output {name} must be a finite number > 0, not {getattr(self, name)!r}")
-        if not (-math.inf < self.low_v <= self.zero_level_v <= self.high_v < math.inf and self.low_v < self.high_v):
+                raise ValueError(
+                    f"analog output {name} must be a finite number > 0, not {getattr(self, name)!r}"
+                )
+        if not (
+            -math.inf < self.low_v <= self.zero_level_v <= self.high_v < math.inf
+            and self.low_v < self.high_v
+        ):
             raise ValueError(
-                f"analog output needs low <= zero level <= high, not {self.low_v}, {self.zero_level_v}, {self.high_v} V"
+                f"analog output needs low <= zero level <= high, not {self.low_v},"
+                f" {self.zero_level_v}, {self.high_v} V"
             )
 
 
 class AnalogOutput(ABC):
     """One analog output between `open` and `close`; both leave it at its zero level. Thread-safe.
 
-    `write` streams, `hold` keeps a level, `zero` ends either. What is not refreshed ends: a stream some time after its
-    samples have run out (at once when the last one is the zero level), a held level with its lease. The output then
-    goes to zero and the next `write`, `hold` or `check` raises OutputUnderrun, once. A stream that is written to
-    within `gap_s` of its end goes on from its last sample, where the device stays meanwhile; `gaps` counts these.
-    While zero is not known to have been reached it is tried again, and they keep raising what the device says. A
-    thread sees to all that, unless `watched` is False and someone else calls `check`: a loop that writes anyway, or
-    simulated time. It ends with the process: when that dies, what remains at the terminal is the device's affair, and
-    switching off is the watchdog's.
+    `write` streams, `hold` keeps a level, `zero` ends either. What is not refreshed ends: a stream
+    some time after its samples have run out (at once when the last one is the zero level), a held
+    level with its lease. The output then goes to zero and the next `write`, `hold` or `check`
+    raises OutputUnderrun, once. A stream that is written to within `gap_s` of its end goes on from
+    its last sample, where the device stays meanwhile; `gaps` counts these. While zero is not known
+    to have been reached it is tried again, and they keep raising what the device says. A thread
+    sees to all that, unless `watched` is False and someone else calls `check`: a loop that writes
+    anyway, or simulated time. It ends with the process: when that dies, what remains at the
+    terminal is the device's affair, and switching off is the watchdog's.
 
-    Implementations supply the underscored methods at the end; all run under the lock and raise DeviceError.
+    Implementations supply the underscored methods at the end; all run under the lock and raise
+    DeviceError.
     """
 
     def __init__(
@@ -99,7 +109,9 @@ class AnalogOutput(ABC):
 
     @property
     def level_v(self) -> float | None:
-        """The level held at the terminal as far as is known; None while streaming, when closed or after a failure."""
+        """The level held at the terminal as far as is known; None while streaming, when closed or
+        after a failure.
+        """
         return self._last_v if self._is_open and self._rate_hz is None else None
 
     @property
@@ -122,15 +134,19 @@ class AnalogOutput(ABC):
                 self._disconnect()
                 raise
             if self.watched:
-                self._watcher = threading.Thread(target=self._watch, name=f"watch {self.resource}", daemon=True)
+                self._watcher = threading.Thread(
+                    target=self._watch, name=f"watch {self.resource}", daemon=True
+                )
                 self._watcher.start()
 
     def write(self, envelope_v: ArrayLike, sample_rate_hz: float) -> None:
-        """Append a block to the stream, starting it when there is none. Does not wait for the samples to be played.
+        """Append a block to the stream, starting it when there is none. Does not wait for the
+        samples to be played.
 
-        Raises LimitExceeded, with the stream going on, for a sample or rate out of range, another rate than the
-        stream's, or more than fits the buffer (see `buffered_s`); OutputUnderrun when the output fell to zero since
-        the last call, with nothing written; DeviceError, after going to zero, when the device fails.
+        Raises LimitExceeded, with the stream going on, for a sample or rate out of range, another
+        rate than the stream's, or more than fits the buffer (see `buffered_s`); OutputUnderrun when
+        the output fell to zero since the last call, with nothing written; DeviceError, after going
+        to zero, when the device fails.
         """
         block_v = _checked(self.resource, self.settings, envelope_v)
         with self._exclusive():
@@ -140,8 +156,8 @@ class AnalogOutput(ABC):
             waiting = 0 if self._rate_hz is None else self._buffered_samples()
             if (waiting + block_v.size) / sample_rate_hz > self.settings.buffer_s * (1.0 + 1e-9):
                 raise LimitExceeded(
-                    f"{self.resource}: {block_v.size} samples more than the {waiting} waiting do not fit its buffer of "
-                    f"{self.settings.buffer_s:g} s",
+                    f"{self.resource}: {block_v.size} samples more than the {waiting} waiting do"
+                    f" not fit its buffer of {self.settings.buffer_s:g} s",
                     "write smaller blocks, or later",
                 )
             with self._zero_on_failure():
@@ -149,14 +165,17 @@ class AnalogOutput(ABC):
                     self._append(block_v)
                 else:  # none yet, or one that has just run dry
                     self.gaps += self._rate_hz is not None
-                    self._last_v = None  # unknown until done: an interrupt must not leave a stream that nobody watches
+                    # unknown until done: an interrupt must not leave a stream that nobody watches
+                    self._last_v = None
                     self._wake.set()  # a stream that goes on is looked at before it ends anyway
                     self._start(block_v, sample_rate_hz)
                 self._rate_hz, self._last_v = sample_rate_hz, float(block_v[-1])
                 self._dry_s = self._clock() + (waiting + block_v.size) / sample_rate_hz
 
     def hold(self, level_v: float) -> None:
-        """Hold a level from now on, in place of a stream, for `lease_s`; at zero for ever. Raises as `write` does."""
+        """Hold a level from now on, in place of a stream, for `lease_s`; at zero for ever. Raises
+        as `write` does.
+        """
         level = float(_checked(self.resource, self.settings, [level_v])[0])
         with self._exclusive():
             self._check_open()
@@ -166,13 +185,17 @@ class AnalogOutput(ABC):
                 self._hold(level)
 
     def zero(self) -> None:
-        """Go to the zero level now, whatever is waiting. Raises DeviceError when that is not known to have happened."""
+        """Go to the zero level now, whatever is waiting. Raises DeviceError when that is not known
+        to have happened.
+        """
         with self._exclusive():
             self._check_open()
             self._go_to_zero()
 
     def check(self) -> None:
-        """Raise what happened since the last call: OutputUnderrun, or the device's failure. Never waits for samples."""
+        """Raise what happened since the last call: OutputUnderrun, or the device's failure. Never
+        waits for samples.
+        """
         with self._exclusive():
             self._expire()
             failure, self._failure = self._failure, None
@@ -195,7 +218,6 @@ class AnalogOutput(ABC):
                 self._wake.set()
 
     def __enter__(self) -> Self:
-        """Open."""
         self.open()
         return self
 
@@ -231,7 +253,9 @@ class AnalogOutput(ABC):
         self._hold(self.settings.zero_level_v)
 
     def _expire(self) -> None:
-        """Go to zero when what is at the output was not refreshed; keep what happened for `check`. Never raises."""
+        """Go to zero when what is at the output was not refreshed; keep what happened for `check`.
+        Never raises.
+        """
         if not self._is_open:
             return
         try:
@@ -239,7 +263,11 @@ class AnalogOutput(ABC):
                 if self._last_v is None:
                     self._fall_to_zero(None)  # failed before: try again
                 elif self._clock() > self._lease_end_s:
-                    self._fall_to_zero(self._underrun(f"held {self._last_v:g} V beyond {self.settings.lease_s:g} s"))
+                    self._fall_to_zero(
+                        self._underrun(
+                            f"held {self._last_v:g} V beyond {self.settings.lease_s:g} s"
+                        )
+                    )
             elif self._buffered_samples() == 0:
                 if self._last_v == self.settings.zero_level_v:
                     self._fall_to_zero(None)
@@ -253,11 +281,15 @@ class AnalogOutput(ABC):
             self._go_to_zero()
         except DeviceError as error:
             before = "" if why is None else f"; before that: {why.message}"
-            why = type(error)(f"{error.message}; the output is NOT known to be at zero{before}", error.hint)
+            why = type(error)(
+                f"{error.message}; the output is NOT known to be at zero{before}", error.hint
+            )
         self._failure = self._failure or why
 
     def _underrun(self, what: str) -> OutputUnderrun:
-        return OutputUnderrun(f"{self.resource} {what} and went to zero", "refresh it sooner, or buffer more")
+        return OutputUnderrun(
+            f"{self.resource} {what} and went to zero", "refresh it sooner, or buffer more"
+        )
 
     @contextmanager
     def _zero_on_failure(self) -> Iterator[None]:
@@ -271,7 +303,9 @@ class AnalogOutput(ABC):
     @contextmanager
     def _exclusive(self) -> Iterator[None]:
         if not self._lock.acquire(timeout=self.settings.timeout_s):
-            raise DeviceTimeout(f"{self.resource} has been busy for {self.settings.timeout_s:g} s", "try again")
+            raise DeviceTimeout(
+                f"{self.resource} has been busy for {self.settings.timeout_s:g} s", "try again"
+            )
         try:
             yield
         finally:
@@ -282,7 +316,10 @@ class AnalogOutput(ABC):
             busy = self._last_v is None or self._rate_hz is not None or self._lease_end_s < math.inf
             self._wake.wait(self._next_look_s() if busy else None)
             self._wake.clear()
-            with suppress(DeviceTimeout), self._exclusive():  # busy: whoever is in there checks as well
+            with (
+                suppress(DeviceTimeout),
+                self._exclusive(),
+            ):  # busy: whoever is in there checks as well
                 self._expire()
 
     def _next_look_s(self) -> float:
@@ -313,11 +350,15 @@ class AnalogOutput(ABC):
 
     @abstractmethod
     def _buffered_samples(self) -> int:
-        """Samples of the stream that are still to be played; 0 also when the device says that it ran dry."""
+        """Samples of the stream that are still to be played; 0 also when the device says that it
+        ran dry.
+        """
 
 
 def _checked(resource: str, settings: AnalogOutputSettings, values_v: ArrayLike) -> Array:
-    block_v = np.array(values_v, dtype=np.float64)  # a copy: the device may read it after the caller has moved on
+    block_v = np.array(
+        values_v, dtype=np.float64
+    )  # a copy: the device may read it after the caller has moved on
     if block_v.ndim != 1 or block_v.size == 0:
         raise LimitExceeded(
             f"{resource}: an envelope is one row of samples, not of shape {block_v.shape}",

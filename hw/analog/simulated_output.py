@@ -1,7 +1,8 @@
 """The analog output of a simulated card: a buffer in memory that plays by the clock alone.
 
-No process has to run for it to play, as none has for a real card: what is at the terminal follows from what was
-written and from the time. Whoever simulates the rest of the rig, in this process or in another, looks at the memory.
+No process has to run for it to play, as none has for a real card: what is at the terminal follows
+from what was written and from the time. Whoever simulates the rest of the rig, in this process or
+in another, looks at the memory.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ _ATTEMPTS = 100  # at a header that a writer keeps changing
 
 
 class _Told(NamedTuple):
-    """What the card was told last: samples from `start_s` on where `rate_hz` is not 0, else a level."""
+    """What the card was told last: samples from `start_s` on where `rate_hz` is not 0, else a
+    level.
+    """
 
     rate_hz: float
     start_s: float
@@ -33,10 +36,12 @@ class _Told(NamedTuple):
 
 
 class CardMemory:
-    """The card itself: one writer, the driver's end; any number of readers, who see what the terminal has.
+    """The card itself: one writer, the driver's end; any number of readers, who see what the
+    terminal has.
 
-    Sample k of a stream is at the terminal from k sample periods after its start on. A stream that has run dry stays
-    at its last sample, as a real card's does. Without `memory` the card is of this process alone.
+    Sample k of a stream is at the terminal from k sample periods after its start on. A stream that
+    has run dry stays at its last sample, as a real card's does. Without `memory` the card is of
+    this process alone.
     """
 
     _HEADER = struct.Struct("=dddQ")
@@ -62,7 +67,9 @@ class CardMemory:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
         except OSError as error:
-            raise DeviceDisconnected(f"the simulated card is gone ({error})", "restart the simulation") from error
+            raise DeviceDisconnected(
+                f"the simulated card is gone ({error})", "restart the simulation"
+            ) from error
         try:
             return cls(memoryview(mmap.mmap(descriptor, cls.SIZE)))
         finally:
@@ -93,7 +100,9 @@ class CardMemory:
         return max(told.written - self._place(told, at_s), 0) if told.rate_hz else 0
 
     def terminal_v(self, from_s: float, to_s: float) -> float:
-        """The mean level at the terminal between two times, V; at the first one where both are the same."""
+        """The mean level at the terminal between two times, V; at the first one where both are the
+        same.
+        """
         told = self._newest()
         if not told.rate_hz:
             return told.level_v
@@ -114,7 +123,9 @@ class CardMemory:
         self._sequence[0] += 1
 
     def _newest(self) -> _Told:
-        """What the card was told; what it was told before where a writer was killed in the middle of telling."""
+        """What the card was told; what it was told before where a writer was killed in the middle
+        of telling.
+        """
         for _ in range(_ATTEMPTS):
             before = self._sequence[0]
             told = _Told(*self._HEADER.unpack(self._header))

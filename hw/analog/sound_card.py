@@ -1,9 +1,10 @@
 """A sound card as analog output, through sounddevice and PortAudio.
 
-Almost every sound card is AC-coupled: a high-pass of some hertz stands before its socket. A held level fades to
-nothing within a fraction of a second, and a streamed envelope loses its mean and swings below its lowest sample. Such a
-card can carry only what has no slow part. Level, coupling and polarity differ from card to card and with its volume
-control: measure them, at the socket, with the volume fixed.
+Almost every sound card is AC-coupled: a high-pass of some hertz stands before its socket. A held
+level fades to nothing within a fraction of a second, and a streamed envelope loses its mean and
+swings below its lowest sample. Such a card can carry only what has no slow part. Level, coupling
+and polarity differ from card to card and with its volume control: measure them, at the socket, with
+the volume fixed.
 """
 
 from __future__ import annotations
@@ -30,16 +31,20 @@ def load_sounddevice() -> ModuleType:
         return import_module("sounddevice")
     except ImportError as error:
         raise DeviceError(
-            f"sound cards need the Python package sounddevice ({error})", "pip install 'haptic-driver[sound]'"
+            f"sound cards need the Python package sounddevice ({error})",
+            "pip install 'haptic-driver[sound]'",
         ) from error
     except OSError as error:  # raised by sounddevice itself
         raise DeviceError(
-            f"sounddevice finds no PortAudio ({error})", "install the library: libportaudio2 on Debian and Ubuntu"
+            f"sounddevice finds no PortAudio ({error})",
+            "install the library: libportaudio2 on Debian and Ubuntu",
         ) from error
 
 
 class SoundSettings(NamedTuple):
-    """`full_scale_v`: measured at the socket for a sample of 1.0; `dc_coupled`: whether a level stays."""
+    """`full_scale_v`: measured at the socket for a sample of 1.0; `dc_coupled`: whether a level
+    stays.
+    """
 
     sample_rate_hz: float
     full_scale_v: float
@@ -51,8 +56,8 @@ class SoundSettings(NamedTuple):
 class SoundCardOutput(AnalogOutput):
     """One channel of a sound card at a fixed sample rate; other channels stay silent.
 
-    Without DC coupling only 0 V can be held or be the zero level, and what is streamed arrives without its slow part.
-    A new level or block is heard after the card's latency of `latency_s`.
+    Without DC coupling only 0 V can be held or be the zero level, and what is streamed arrives
+    without its slow part. A new level or block is heard after the card's latency of `latency_s`.
     """
 
     def __init__(
@@ -64,11 +69,20 @@ class SoundCardOutput(AnalogOutput):
         clock: Callable[[], float] = time.monotonic,
         watch: bool = True,
     ) -> None:
-        super().__init__(f"sound card {'default' if device is None else device}", settings, clock=clock, watch=watch)
+        super().__init__(
+            f"sound card {'default' if device is None else device}",
+            settings,
+            clock=clock,
+            watch=watch,
+        )
         if not sound.full_scale_v >= max(abs(settings.low_v), abs(settings.high_v)):
-            raise ValueError(f"{self.resource}: limits beyond its full scale of {sound.full_scale_v:g} V")
+            raise ValueError(
+                f"{self.resource}: limits beyond its full scale of {sound.full_scale_v:g} V"
+            )
         if not sound.dc_coupled and settings.zero_level_v != 0.0:
-            raise ValueError(f"{self.resource} is AC-coupled and cannot rest at {settings.zero_level_v:g} V")
+            raise ValueError(
+                f"{self.resource} is AC-coupled and cannot rest at {settings.zero_level_v:g} V"
+            )
         self._device = device
         self._sound = sound
         self._stream: Any = None
@@ -78,10 +92,13 @@ class SoundCardOutput(AnalogOutput):
         self._late = False
 
     def hold(self, level_v: float) -> None:
-        """Hold a level, as every analog output does; LimitExceeded for other than 0 V without DC coupling."""
+        """Hold a level, as every analog output does; LimitExceeded for other than 0 V without DC
+        coupling.
+        """
         if level_v != 0.0 and not self._sound.dc_coupled:
             raise LimitExceeded(
-                f"{self.resource} is AC-coupled and cannot hold {level_v:g} V", "use a DC-coupled output"
+                f"{self.resource} is AC-coupled and cannot hold {level_v:g} V",
+                "use a DC-coupled output",
             )
         super().hold(level_v)
 
@@ -89,7 +106,8 @@ class SoundCardOutput(AnalogOutput):
         super()._check_rate(sample_rate_hz)
         if sample_rate_hz != self._sound.sample_rate_hz:
             raise LimitExceeded(
-                f"{self.resource} plays at {self._sound.sample_rate_hz:g} samples/s, not {sample_rate_hz:g}",
+                f"{self.resource} plays at {self._sound.sample_rate_hz:g} samples/s, not"
+                f" {sample_rate_hz:g}",
                 "write at its rate",
             )
 
@@ -139,7 +157,9 @@ class SoundCardOutput(AnalogOutput):
     def _check_running(self) -> None:
         with self._portaudio():
             if self._stream is None or not self._stream.active:
-                raise DeviceDisconnected(f"{self.resource} has stopped", "check that it is plugged in, and reopen it")
+                raise DeviceDisconnected(
+                    f"{self.resource} has stopped", "check that it is plugged in, and reopen it"
+                )
 
     def _play(self, outdata: NDArray[np.float32], frames: int, time_info: Any, status: Any) -> None:
         """PortAudio's callback: the queue, then the resting level. Runs on PortAudio's thread."""
@@ -168,4 +188,6 @@ class SoundCardOutput(AnalogOutput):
         try:
             yield sounddevice
         except (sounddevice.PortAudioError, ValueError) as error:  # ValueError: no such device
-            raise InstrumentRejected(f"{self.resource}: {error}", "list devices with python -m sounddevice") from error
+            raise InstrumentRejected(
+                f"{self.resource}: {error}", "list devices with python -m sounddevice"
+            ) from error

@@ -1,4 +1,6 @@
-"""A simulated touch screen: writes the kernel's `struct input_event` to a file, as an event device gives them."""
+"""A simulated touch screen: writes the kernel's `struct input_event` to a file, as an event device
+gives them.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ Event = tuple[tuple[int, int], int]  # ((type, code), value)
 
 @dataclass(frozen=True)
 class Panel:
-    """The panel's geometry: counts per metre along each axis, counts at the origin; a mirrored axis counts down."""
+    """The panel's geometry: counts per metre along each axis, counts at the origin; a mirrored axis
+    counts down.
+    """
 
     x_counts_per_m: float = 20e3
     y_counts_per_m: float = -20e3
@@ -37,9 +41,10 @@ class Panel:
 class SimulatedTouchScreen:
     """One panel for one finger.
 
-    Like the kernel it sends only what changed, and no report in which nothing did; reports come at the panel's own
-    rate. `descriptor` is where a tracker reads; close it there, and `output`, where this writes, when it has ended.
-    When nobody reads, the buffer runs over, and the reader learns of it.
+    Like the kernel it sends only what changed, and no report in which nothing did; reports come at
+    the panel's own rate. `descriptor` is where a tracker reads; close it there, and `output`, where
+    this writes, when it has ended. When nobody reads, the buffer runs over, and the reader learns
+    of it.
     """
 
     def __init__(self, panel: Panel, *, clock: Callable[[], float]) -> None:
@@ -52,7 +57,9 @@ class SimulatedTouchScreen:
         os.set_blocking(self.output, False)
 
     def put(self, x_m: float, y_m: float) -> None:
-        """Touch, or slide to, a place on the screen; reported when the panel's next report is due."""
+        """Touch, or slide to, a place on the screen; reported when the panel's next report is
+        due.
+        """
         now_s = self._clock()
         if now_s >= self._next_report_s:
             self._next_report_s = now_s + 1.0 / self._panel.report_rate_hz
@@ -64,7 +71,9 @@ class SimulatedTouchScreen:
             self._report([(BTN_TOUCH, 0)])
 
     def repeat(self) -> None:
-        """Say again all that holds, for a reader that has just come; it would ask the kernel for it instead."""
+        """Say again all that holds, for a reader that has just come; it would ask the kernel for it
+        instead.
+        """
         if self._sent:
             self._write([*self._sent.items(), (SYN_REPORT, 0)])
 
@@ -82,7 +91,10 @@ class SimulatedTouchScreen:
             events = [(SYN_DROPPED, 0), *events]
         stamp = divmod(round(1e6 * self._clock()), 1_000_000)
         try:
-            os.write(self.output, b"".join(_INPUT_EVENT.pack(*stamp, *code, value) for code, value in events))
+            os.write(
+                self.output,
+                b"".join(_INPUT_EVENT.pack(*stamp, *code, value) for code, value in events),
+            )
             self._ran_over = False
         except BlockingIOError:
             self._ran_over = True

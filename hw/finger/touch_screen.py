@@ -1,4 +1,6 @@
-"""A touch screen by its event device (Linux evdev): from the kernel's events to where a finger is, in metres."""
+"""A touch screen by its event device (Linux evdev): from the kernel's events to where a finger is,
+in metres.
+"""
 
 from __future__ import annotations
 
@@ -42,10 +44,12 @@ class RawTouch(NamedTuple):
 
 @dataclass(frozen=True)
 class TouchCalibration:
-    """From raw counts to metres on the screen: (x, y) = `matrix_m` @ (x_raw, y_raw, 1), 2x3, metres per count.
+    """From raw counts to metres on the screen: (x, y) = `matrix_m` @ (x_raw, y_raw, 1), 2x3, metres
+    per count.
 
-    `residual_m` is the root mean square distance left by the fit; None where nothing was left over to judge by.
-    `placeholder` marks numbers that were never measured on this screen. Raises ValueError when no map of a plane.
+    `residual_m` is the root mean square distance left by the fit; None where nothing was left over
+    to judge by. `placeholder` marks numbers that were never measured on this screen. Raises
+    ValueError when no map of a plane.
     """
 
     matrix_m: tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -58,7 +62,9 @@ class TouchCalibration:
         (a, b, c), (d, e, f) = self.matrix_m
         size = math.hypot(a, b) * math.hypot(d, e)
         if not all(map(math.isfinite, (a, b, c, d, e, f))) or abs(a * e - b * d) <= 1e-6 * size:
-            raise ValueError(f"touch calibration {self.matrix_m} maps the screen onto a line or holds no numbers")
+            raise ValueError(
+                f"touch calibration {self.matrix_m} maps the screen onto a line or holds no numbers"
+            )
 
     def apply(self, x_raw: float, y_raw: float) -> tuple[float, float]:
         """Return the position in metres."""
@@ -67,14 +73,17 @@ class TouchCalibration:
 
 
 def fit_calibration(raw: Array, position_m: Array, measured_on: datetime.date) -> TouchCalibration:
-    """Least-squares calibration from points touched, `raw` [n, 2] in counts, at places known, `position_m` [n, 2].
+    """Least-squares calibration from points touched, `raw` [n, 2] in counts, at places known,
+    `position_m` [n, 2].
 
-    Needs three points or more that are not on a line; from four on, the residual says how well they agree. Raises
-    ValueError.
+    Needs three points or more that are not on a line; from four on, the residual says how well they
+    agree. Raises ValueError.
     """
     raw, position_m = np.asarray(raw, dtype=np.float64), np.asarray(position_m, dtype=np.float64)
     if raw.ndim != 2 or raw.shape[1:] != (2,) or raw.shape != position_m.shape or len(raw) < 3:
-        raise ValueError(f"give [n, 2] of each, n at least 3; got {raw.shape} and {position_m.shape}")
+        raise ValueError(
+            f"give [n, 2] of each, n at least 3; got {raw.shape} and {position_m.shape}"
+        )
     if not (np.isfinite(raw).all() and np.isfinite(position_m).all()):
         raise ValueError("calibration points must be numbers")
     centre = raw.mean(axis=0)
@@ -87,12 +96,16 @@ def fit_calibration(raw: Array, position_m: Array, measured_on: datetime.date) -
     matrix = np.column_stack([slope, fitted[2] - slope @ centre])
     residual_m = float(np.sqrt(np.mean(np.sum((design @ fitted - position_m) ** 2, axis=1))))
     rows = [(float(a), float(b), float(c)) for a, b, c in matrix]
-    return TouchCalibration((rows[0], rows[1]), measured_on, False, residual_m if len(raw) > 3 else None)
+    return TouchCalibration(
+        (rows[0], rows[1]), measured_on, False, residual_m if len(raw) > 3 else None
+    )
 
 
 @dataclass
 class _Contact:
-    """What is known of one finger; the kernel sends only what changes, so a place may stay unknown for a while."""
+    """What is known of one finger; the kernel sends only what changes, so a place may stay unknown
+    for a while.
+    """
 
     down: bool
     x_raw: int | None = None
@@ -107,10 +120,11 @@ class _Contact:
 class TouchEvents:
     """Follows one finger through the kernel's touch events.
 
-    `current_slot` asks a screen with slots (protocol B) which one events belong to; None is for a screen that knows
-    one finger only. Of several fingers it follows one until that one lifts, then reports the lift, then goes on with
-    the next in slot order. After the kernel has dropped events nothing is believed until it is said again: a touch
-    may be missed for a while (on a screen without slots until the next one) but is never made up.
+    `current_slot` asks a screen with slots (protocol B) which one events belong to; None is for a
+    screen that knows one finger only. Of several fingers it follows one until that one lifts, then
+    reports the lift, then goes on with the next in slot order. After the kernel has dropped events
+    nothing is believed until it is said again: a touch may be missed for a while (on a screen
+    without slots until the next one) but is never made up.
     """
 
     def __init__(self, current_slot: Callable[[], int] | None) -> None:
@@ -123,7 +137,9 @@ class TouchEvents:
         self._unfinished = b""
 
     def feed(self, data: bytes) -> RawTouch | None:
-        """Take bytes of `struct input_event`, cut anywhere; return the last report with a known place."""
+        """Take bytes of `struct input_event`, cut anywhere; return the last report with a known
+        place.
+        """
         data = self._unfinished + data
         whole = len(data) - len(data) % _EVENT.size
         self._unfinished = data[whole:]
@@ -166,7 +182,9 @@ class TouchEvents:
         if self._dropping:
             return self._forget(time_s)
         if not self._is_down(self._followed) and not self._touched:
-            self._followed = min((slot for slot in self._fingers if self._is_down(slot)), default=self._followed)
+            self._followed = min(
+                (slot for slot in self._fingers if self._is_down(slot)), default=self._followed
+            )
         finger = self._fingers.get(self._followed)
         report = finger.report(time_s) if finger else None
         self._touched = report is not None and report.touching
@@ -190,8 +208,9 @@ class TouchEvents:
 class TouchReports:
     """The reports of a touch screen in its counts, read without waiting.
 
-    `descriptor` gives `struct input_event`, stamped with CLOCK_MONOTONIC. `span_raw` is the range of each axis in
-    counts, None where unknown. `name` is for messages; `close` is called once, to hang up.
+    `descriptor` gives `struct input_event`, stamped with CLOCK_MONOTONIC. `span_raw` is the range
+    of each axis in counts, None where unknown. `name` is for messages; `close` is called once, to
+    hang up.
     """
 
     def __init__(
@@ -213,7 +232,9 @@ class TouchReports:
         os.set_blocking(descriptor, False)
 
     def read(self) -> RawTouch:
-        """Return the newest report; before the first one its time is -inf. Raises DeviceDisconnected."""
+        """Return the newest report; before the first one its time is -inf. Raises
+        DeviceDisconnected.
+        """
         if not self._is_open:
             raise DeviceDisconnected(f"{self._name} is closed", "open it again")
         try:
@@ -246,8 +267,8 @@ class TouchReports:
 class TouchScreen:
     """A touch screen as a finger tracker: its reports in metres.
 
-    A finger at rest causes no events, so after `still_after_s` without any (several report intervals of the screen) a
-    reading says that the place is true now.
+    A finger at rest causes no events, so after `still_after_s` without any (several report
+    intervals of the screen) a reading says that the place is true now.
     """
 
     def __init__(
@@ -265,12 +286,18 @@ class TouchScreen:
         self._told_s = -math.inf
 
     def read(self) -> FingerReading:
-        """Return the newest reading; times never go back. Raises DeviceDisconnected when the screen is gone."""
+        """Return the newest reading; times never go back. Raises DeviceDisconnected when the screen
+        is gone.
+        """
         touch, now_s = self._reports.read(), self._clock()
-        self._told_s = max(self._told_s, now_s if now_s - touch.time_s > self._still_after_s else touch.time_s)
+        self._told_s = max(
+            self._told_s, now_s if now_s - touch.time_s > self._still_after_s else touch.time_s
+        )
         if touch.time_s == -math.inf:
             return FingerReading(self._told_s, math.nan, math.nan, False)
-        return FingerReading(self._told_s, *self.calibration.apply(touch.x_raw, touch.y_raw), touch.touching)
+        return FingerReading(
+            self._told_s, *self.calibration.apply(touch.x_raw, touch.y_raw), touch.touching
+        )
 
     def close(self) -> None:
         """Hang up; does nothing when already closed."""
@@ -278,7 +305,9 @@ class TouchScreen:
 
 
 class EvdevTouchScreen:
-    """The touch screen at the event device `path`, as a finger tracker between `open` and `close`."""
+    """The touch screen at the event device `path`, as a finger tracker between `open` and
+    `close`.
+    """
 
     def __init__(self, path: str, calibration: TouchCalibration) -> None:
         self.calibration = calibration
@@ -291,7 +320,9 @@ class EvdevTouchScreen:
             self._screen = TouchScreen(open_touch_reports(self._path), self.calibration)
 
     def read(self) -> FingerReading:
-        """Return the newest reading, as `TouchScreen.read`. Raises DeviceDisconnected when not open."""
+        """Return the newest reading, as `TouchScreen.read`. Raises DeviceDisconnected when not
+        open.
+        """
         if self._screen is None:
             raise DeviceDisconnected(f"{self._path} is not open", "call open() first")
         return self._screen.read()
@@ -314,7 +345,8 @@ def open_touch_reports(path: str) -> TouchReports:
         import evdev  # noqa: PLC0415 - optional
     except ImportError as error:
         raise DeviceError(
-            "a touch screen needs the package evdev (Linux only)", "pip install 'haptic-driver[touch]'"
+            "a touch screen needs the package evdev (Linux only)",
+            "pip install 'haptic-driver[touch]'",
         ) from error
     try:
         with ExitStack() as on_failure:
@@ -323,7 +355,9 @@ def open_touch_reports(path: str) -> TouchReports:
             fcntl.ioctl(device.fd, _SET_CLOCK, struct.pack("@i", time.CLOCK_MONOTONIC))
             has_slots = _has_slots(device, path)
             events = TouchEvents((lambda: int(device.absinfo(_SLOT).value)) if has_slots else None)
-            x, y = (device.absinfo(code) for code in ((_SLOT_X, _SLOT_Y) if has_slots else (_X, _Y)))
+            x, y = (
+                device.absinfo(code) for code in ((_SLOT_X, _SLOT_Y) if has_slots else (_X, _Y))
+            )
             on_failure.pop_all()
     except OSError as error:
         raise DeviceDisconnected(
@@ -331,16 +365,24 @@ def open_touch_reports(path: str) -> TouchReports:
             "check the path under /dev/input/by-id, and that you may read it (group input)",
         ) from error
     return TouchReports(
-        device.fd, events, name=path, close=device.close, span_raw=(int(x.max - x.min), int(y.max - y.min))
+        device.fd,
+        events,
+        name=path,
+        close=device.close,
+        span_raw=(int(x.max - x.min), int(y.max - y.min)),
     )
 
 
 def _has_slots(device: Any, path: str) -> bool:
-    """Whether an evdev device tells fingers apart by slots, or knows one only; BadReply for no touch screen."""
+    """Whether an evdev device tells fingers apart by slots, or knows one only; BadReply for no
+    touch screen.
+    """
     can = device.capabilities(absinfo=False)
     axes = set(can.get(_ABSOLUTE, []))
     if {_SLOT, _SLOT_X, _SLOT_Y, _SLOT_CONTACT} <= axes:
         return True
     if {_X, _Y} <= axes and _KEY_TOUCH in can.get(_KEY, []):
         return False
-    raise BadReply(f"{path} is {device.name!r}, which is no touch screen", "choose another event device")
+    raise BadReply(
+        f"{path} is {device.name!r}, which is no touch screen", "choose another event device"
+    )

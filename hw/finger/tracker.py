@@ -1,4 +1,6 @@
-"""Where the finger is on the touch screen: what every tracker tells; a finger on a stage, and a recorded one."""
+"""Where the finger is on the touch screen: what every tracker tells; a finger on a stage, and a
+recorded one.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ Array = NDArray[np.float64]
 
 
 class FingerReading(NamedTuple):
-    """One reading: when the position was true (CLOCK_MONOTONIC), the position in screen coordinates, and touch.
+    """One reading: when the position was true (CLOCK_MONOTONIC), the position in screen
+    coordinates, and touch.
 
     Before the first touch the position is NaN; after a lift it is the last one.
     """
@@ -38,11 +41,13 @@ class FingerTracker(Protocol):
 
 
 class StageFinger(Running):
-    """A finger carried by a stage: its position on a line across the screen, polled in a thread of its own.
+    """A finger carried by a stage: its position on a line across the screen, polled in a thread of
+    its own.
 
-    `origin_m` is the place on the screen at stage position 0, `direction` the unit vector of a move forward.
-    `touching` says only that the position is known (the stage is homed): contact is for the force sensor to tell.
-    Runs between `start` and `close`, or inside a `with` block. The stage stays connected and is not stopped.
+    `origin_m` is the place on the screen at stage position 0, `direction` the unit vector of a move
+    forward. `touching` says only that the position is known (the stage is homed): contact is for
+    the force sensor to tell. Runs between `start` and `close`, or inside a `with` block. The stage
+    stays connected and is not stopped.
     """
 
     def __init__(
@@ -72,21 +77,27 @@ class StageFinger(Running):
         self._thread.start()
 
     def close(self) -> None:
-        """Stop asking."""
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def read(self) -> FingerReading:
-        """Return the newest position. Raises what ended the polling, and DeviceTimeout when the newest is too old."""
+        """Return the newest position. Raises what ended the polling, and DeviceTimeout when the
+        newest is too old.
+        """
         if self._error is not None:
             raise type(self._error)(self._error.message, self._error.hint) from self._error
         status = self._newest
         if status is None or self._clock() - status.time_s > self._stale_after_s:
-            raise DeviceTimeout(f"the stage has told no position for {self._stale_after_s:g} s", "start it; try again")
+            raise DeviceTimeout(
+                f"the stage has told no position for {self._stale_after_s:g} s",
+                "start it; try again",
+            )
         if not status.homed:
             return FingerReading(status.time_s, math.nan, math.nan, False)
-        x_m, y_m = (o + d * status.position_m for o, d in zip(self._origin_m, self._direction, strict=True))
+        x_m, y_m = (
+            o + d * status.position_m for o, d in zip(self._origin_m, self._direction, strict=True)
+        )
         return FingerReading(status.time_s, x_m, y_m, True)
 
     def _poll(self) -> None:
@@ -99,10 +110,11 @@ class StageFinger(Running):
 
 
 class RecordedFinger:
-    """A slide played back in real time from the first reading on; arrays [n], times rising, positions in metres.
+    """A slide played back in real time from the first reading on; arrays [n], times rising,
+    positions in metres.
 
-    Each reading is the newest recorded sample, with its time moved to `clock`. After the end the finger has lifted
-    at the last place. Raises ValueError for arrays that are no recording.
+    Each reading is the newest recorded sample, with its time moved to `clock`. After the end the
+    finger has lifted at the last place. Raises ValueError for arrays that are no recording.
     """
 
     def __init__(
@@ -132,4 +144,6 @@ class RecordedFinger:
         x_m, y_m, touching = (column[i] for column in self._columns)
         if now_s - self._began_s > self._time_s[-1]:
             return FingerReading(now_s, float(x_m), float(y_m), False)
-        return FingerReading(self._began_s + float(self._time_s[i]), float(x_m), float(y_m), bool(touching))
+        return FingerReading(
+            self._began_s + float(self._time_s[i]), float(x_m), float(y_m), bool(touching)
+        )

@@ -1,7 +1,8 @@
 """ATI Net F/T box: forces as UDP records, in ATI's Raw Data Transfer (RDT) protocol.
 
-Request `>HHI`: 0x1234, command, count. Record `>IIIiiiiii`: RDT sequence, F/T sequence, status, Fx..Tz in counts
-(CameronDevine/NetFT and netft/pyNetFT). Nothing is acknowledged and nothing is authenticated.
+Request `>HHI`: 0x1234, command, count. Record `>IIIiiiiii`: RDT sequence, F/T sequence, status,
+Fx..Tz in counts (CameronDevine/NetFT and netft/pyNetFT). Nothing is acknowledged and nothing is
+authenticated.
 """
 
 from __future__ import annotations
@@ -54,10 +55,11 @@ class NetFtScale(NamedTuple):
 class NetFtSettings:
     """Where the box is and how to read it.
 
-    A reading is at most `timeout_s` old, and no call waits much longer than that. Status bits outside
-    `ignored_status` mark a reading as not to be trusted (the bits' meaning is not verified, so by default all do).
-    `f_t_sequence_advances` False accepts records whose F/T sequence stands still (not verified for every box).
-    `bias_tolerance_n` is what may remain on each axis after a software bias.
+    A reading is at most `timeout_s` old, and no call waits much longer than that. Status bits
+    outside `ignored_status` mark a reading as not to be trusted (the bits' meaning is not verified,
+    so by default all do). `f_t_sequence_advances` False accepts records whose F/T sequence stands
+    still (not verified for every box). `bias_tolerance_n` is what may remain on each axis after a
+    software bias.
     """
 
     host: str
@@ -74,12 +76,17 @@ class NetFtSettings:
         """Refuse what cannot be; raises ValueError."""
         positive = (*self.scale, self.timeout_s, self.bias_tolerance_n, self.bias_timeout_s)
         if not (all(0.0 < value < math.inf for value in positive) and 0 < self.port < 1 << 16):
-            raise ValueError(f"counts, timeouts and tolerance must be > 0 and finite and the port 1..65535: {self}")
+            raise ValueError(
+                "counts, timeouts and tolerance must be > 0 and finite and the port 1..65535:"
+                f" {self}"
+            )
 
 
 @dataclass
 class RdtCounters:
-    """What arrived; `missed` are sequence numbers that were not there when their successors came."""
+    """What arrived; `missed` are sequence numbers that were not there when their successors
+    came.
+    """
 
     accepted: int = 0
     missed: int = 0
@@ -91,14 +98,18 @@ class RdtCounters:
 
     def __str__(self) -> str:
         """For a person: what there was of it."""
-        counted = [(field.name.replace("_", " "), getattr(self, field.name)) for field in fields(self)]
+        counted = [
+            (field.name.replace("_", " "), getattr(self, field.name)) for field in fields(self)
+        ]
         return ", ".join(f"{name} {count}" for name, count in counted if count) or "nothing came"
 
 
 class NetFt:
     """A force sensor behind a Net F/T box, streaming between `open` and `close`. Thread-safe."""
 
-    def __init__(self, settings: NetFtSettings, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, settings: NetFtSettings, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.resource = f"Net F/T {settings.host}:{settings.port}"
         self.counters = RdtCounters()
         self.status_raw = 0
@@ -140,13 +151,17 @@ class NetFt:
         return self._settings.axes.reading(self.read_wrench())
 
     def read_wrench(self) -> Wrench:
-        """Return the newest record, at most `timeout_s` old; the same one, with its own time, until the next comes.
+        """Return the newest record, at most `timeout_s` old; the same one, with its own time, until
+        the next comes.
 
         Raises DeviceTimeout when there is none, DeviceDisconnected when not open.
         """
         with self._lock:
             self._look()
-            if self._newest is None or self._clock() - self._newest.time_s > self._settings.timeout_s:
+            if (
+                self._newest is None
+                or self._clock() - self._newest.time_s > self._settings.timeout_s
+            ):
                 self._newest = None
                 return self._await(lambda wrench: True, self._settings.timeout_s)
             return self._newest
@@ -162,19 +177,25 @@ class NetFt:
             self._send(Command.BIAS)
             tolerance_n = self._settings.bias_tolerance_n
             try:
-                self._await(lambda wrench: max(map(abs, wrench.force_n)) <= tolerance_n, self._settings.bias_timeout_s)
+                self._await(
+                    lambda wrench: max(map(abs, wrench.force_n)) <= tolerance_n,
+                    self._settings.bias_timeout_s,
+                )
             except DeviceTimeout:
                 if self._newest is None:
                     raise
                 raise BadReply(
-                    f"{self.resource} still reads {self._newest.force_n} N after its bias was taken",
+                    f"{self.resource} still reads {self._newest.force_n} N after its bias was"
+                    " taken",
                     "leave the sensor unloaded and still; then take the bias again",
                 ) from None
 
     def keep_bias(self, before: NetFt) -> None:
-        """Go on with the bias that the box itself keeps as long as it has power: somebody may press it now.
+        """Go on with the bias that the box itself keeps as long as it has power: somebody may press
+        it now.
 
-        Raises DeviceError where its F/T sequence began anew since `before` was read: it was off, and its bias is lost.
+        Raises DeviceError where its F/T sequence began anew since `before` was read: it was off,
+        and its bias is lost.
         """
         with self._lock:
             assert self._sequences is not None  # both have been open
@@ -193,9 +214,13 @@ class NetFt:
 
     def _resolve(self) -> tuple[str, int]:
         try:
-            found = socket.getaddrinfo(self._settings.host, self._settings.port, socket.AF_INET, socket.SOCK_DGRAM)
+            found = socket.getaddrinfo(
+                self._settings.host, self._settings.port, socket.AF_INET, socket.SOCK_DGRAM
+            )
         except (OSError, UnicodeError) as error:
-            raise DeviceDisconnected(f"{self.resource}: no such host ({error})", "check the address") from error
+            raise DeviceDisconnected(
+                f"{self.resource}: no such host ({error})", "check the address"
+            ) from error
         host, port = found[0][4][:2]
         return str(host), int(port)
 
@@ -231,8 +256,8 @@ class NetFt:
     def _look(self) -> None:
         """Take in what has arrived.
 
-        A full buffer drops the newest records and keeps the oldest; when no one has looked for longer than
-        `timeout_s`, what is there may be that old, and is counted but not believed.
+        A full buffer drops the newest records and keeps the oldest; when no one has looked for
+        longer than `timeout_s`, what is there may be that old, and is counted but not believed.
         """
         connection = self._opened()
         believed = self._clock() - self._looked_s <= self._settings.timeout_s
@@ -252,9 +277,11 @@ class NetFt:
         self._looked_s = self._clock()
 
     def _time_s(self, told: list[tuple[int, int, bytes]]) -> float:
-        """When the kernel took a record in, which may be long before anybody looks; now where it does not say.
+        """When the kernel took a record in, which may be long before anybody looks; now where it
+        does not say.
 
-        The kernel tells it by the clock of the day, which may be set meanwhile: times never go back for that.
+        The kernel tells it by the clock of the day, which may be set meanwhile: times never go back
+        for that.
         """
         now_s = self._clock()
         for level, kind, content in told:
@@ -276,7 +303,9 @@ class NetFt:
         tx, ty, tz = (count / scale.counts_per_n_m for count in counts[3:])
         faulty = status & ~self._settings.ignored_status != 0
         self._arrived_s = max(self._arrived_s, arrived_s)
-        self._newest = Wrench(self._arrived_s, (fx, fy, fz), (tx, ty, tz), faulty) if believed else None
+        self._newest = (
+            Wrench(self._arrived_s, (fx, fy, fz), (tx, ty, tz), faulty) if believed else None
+        )
 
     def _advances(self, rdt_sequence: int, f_t_sequence: int) -> bool:
         """Count what is wrong with the record's place in the stream; False when it is no news."""
@@ -297,7 +326,9 @@ class NetFt:
         return True
 
     def _stop(self) -> None:
-        """Ask for the end of the stream, again while records keep coming, since a request may be lost."""
+        """Ask for the end of the stream, again while records keep coming, since a request may be
+        lost.
+        """
         if self._socket is None:
             return
         with suppress(DeviceDisconnected):

@@ -26,9 +26,10 @@ BAD_STATUS_RAW = 0x80020000
 class NetFtServer(Running):
     """One box on 127.0.0.1, serving the latest client that asked for a stream.
 
-    Requests: 0 stop, 2 stream (count 0: endless), 0x41 reset latch, 0x42 software bias; others and malformed ones are
-    ignored, as nothing is ever acknowledged. Streams at `rate_hz`, or, when that is None, one record at the request and
-    then by `emit`. Forces end at `range_n`, with the bad status. Answers from `start` to `close`, or in a `with` block.
+    Requests: 0 stop, 2 stream (count 0: endless), 0x41 reset latch, 0x42 software bias; others and
+    malformed ones are ignored, as nothing is ever acknowledged. Streams at `rate_hz`, or, when that
+    is None, one record at the request and then by `emit`. Forces end at `range_n`, with the bad
+    status. Answers from `start` to `close`, or in a `with` block.
     """
 
     def __init__(
@@ -55,10 +56,11 @@ class NetFtServer(Running):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self.host, self.port = "127.0.0.1", int(self._socket.getsockname()[1])
-        self._thread = threading.Thread(target=self._serve, name=f"serve Net F/T {self.port}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, name=f"serve Net F/T {self.port}", daemon=True
+        )
 
     def start(self) -> None:
-        """Begin to answer."""
         self._thread.start()
 
     def close(self) -> None:
@@ -77,7 +79,11 @@ class NetFtServer(Running):
     def _serve(self) -> None:
         due_s = time.monotonic()
         while not self._closing.is_set():
-            pause_s = _POLL_S if self._period_s is None else min(max(due_s - time.monotonic(), 1e-4), _POLL_S)
+            pause_s = (
+                _POLL_S
+                if self._period_s is None
+                else min(max(due_s - time.monotonic(), 1e-4), _POLL_S)
+            )
             self._socket.settimeout(pause_s)
             with suppress(TimeoutError, ConnectionError):
                 request, client = self._socket.recvfrom(64)
@@ -121,7 +127,9 @@ class NetFtServer(Running):
         forces = (max(-self._range_n, min(value, self._range_n)) for value in wrench[:3])
         counts = (
             max(-_COUNT_END, min(round((value - bias) * scale), _COUNT_END))
-            for value, bias, scale in zip((*forces, *wrench[3:]), self._bias, self._scale, strict=True)
+            for value, bias, scale in zip(
+                (*forces, *wrench[3:]), self._bias, self._scale, strict=True
+            )
         )
         return _RECORD.pack(self._rdt_sequence, self._f_t_sequence, status, *counts)
 

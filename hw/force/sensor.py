@@ -15,10 +15,11 @@ from hw.force.ati_calibration import Array, AtiCalibration
 
 
 class ForceReading(NamedTuple):
-    """One reading: time on the sensor's clock, force pressing on the screen (> 0), force along the sliding direction.
+    """One reading: time on the sensor's clock, force pressing on the screen (> 0), force along the
+    sliding direction.
 
-    `saturated` is True when a channel was at the end of its range, or the sensor reported a fault of its own: the
-    numbers are not to be trusted.
+    `saturated` is True when a channel was at the end of its range, or the sensor reported a fault
+    of its own: the numbers are not to be trusted.
     """
 
     time_s: float
@@ -36,7 +37,9 @@ class ForceSensor(Protocol):
 
 @dataclass(frozen=True)
 class NoForceSensor:
-    """Nothing that measures force: the load is taken for `load_n`, the lateral force stays unknown (NaN)."""
+    """Nothing that measures force: the load is taken for `load_n`, the lateral force stays unknown
+    (NaN).
+    """
 
     load_n: float
     clock: Callable[[], float] = time.monotonic
@@ -47,7 +50,9 @@ class NoForceSensor:
 
 
 class Wrench(NamedTuple):
-    """What a six-axis sensor feels in its own axes: (Fx, Fy, Fz) in N, (Tx, Ty, Tz) in N m; `saturated` as above."""
+    """What a six-axis sensor feels in its own axes: (Fx, Fy, Fz) in N, (Tx, Ty, Tz) in N m;
+    `saturated` as above.
+    """
 
     time_s: float
     force_n: tuple[float, float, float]
@@ -57,7 +62,8 @@ class Wrench(NamedTuple):
 
 @dataclass(frozen=True)
 class ForceAxes:
-    """How the sensor is mounted: the signed axes ("x", "-z") whose force is > 0 when pressing and along the slide.
+    """How the sensor is mounted: the signed axes ("x", "-z") whose force is > 0 when pressing and
+    along the slide.
 
     Raises ValueError for anything else and for the same axis twice.
     """
@@ -71,7 +77,9 @@ class ForceAxes:
             if axis.lstrip("+-") not in ("x", "y", "z") or len(axis) > 2:
                 raise ValueError(f"{name} axis must be one of x, y, z, -x, -y, -z, not {axis!r}")
         if self.normal[-1] == self.lateral[-1]:
-            raise ValueError(f"normal and lateral axis must differ, not {self.normal!r} and {self.lateral!r}")
+            raise ValueError(
+                f"normal and lateral axis must differ, not {self.normal!r} and {self.lateral!r}"
+            )
 
     def reading(self, wrench: Wrench) -> ForceReading:
         """`wrench` seen from the screen."""
@@ -93,8 +101,9 @@ class GaugeSource(Protocol):
 class GaugeForceSensor:
     """An ATI transducer whose gauges are read by an analog input card.
 
-    A reading is the mean of the newest `samples_per_reading` samples: one step of a 16-bit card is some mN. Saturation
-    is looked for in every sample, before the mean hides it. Nothing is read before `take_bias`.
+    A reading is the mean of the newest `samples_per_reading` samples: one step of a 16-bit card is
+    some mN. Saturation is looked for in every sample, before the mean hides it. Nothing is read
+    before `take_bias`.
     """
 
     def __init__(
@@ -116,28 +125,36 @@ class GaugeForceSensor:
         self._bias_v: Array | None = None
 
     def take_bias(self) -> Array:
-        """Take the unloaded gauges as zero; return their mean, V. Raises DeviceError when a gauge is saturated."""
+        """Take the unloaded gauges as zero; return their mean, V. Raises DeviceError when a gauge
+        is saturated.
+        """
         gauges_v = self._gauges.latest_v(self._samples_per_bias)
         if self._calibration.saturated(gauges_v):
             raise DeviceError(
-                f"force sensor {self._calibration.serial}: a gauge is at the end of its range without load",
+                f"force sensor {self._calibration.serial}: a gauge is at the end of its range"
+                " without load",
                 "unload the sensor and check its cable and power; then take the bias again",
             )
         self._bias_v = gauges_v.mean(axis=0)
         return self._bias_v
 
     def keep_bias(self, before: GaugeForceSensor) -> None:
-        """Go on with the bias of the same transducer, connected before: somebody may press it now."""
+        """Go on with the bias of the same transducer, connected before: somebody may press it
+        now.
+        """
         self._bias_v = before._bias_v
 
     def read_wrench(self) -> Wrench:
         """Return force and torque now. Raises DeviceError, also when no bias was taken."""
         if self._bias_v is None:
             raise DeviceError(
-                f"force sensor {self._calibration.serial}: no bias was taken", "unload the sensor and take the bias"
+                f"force sensor {self._calibration.serial}: no bias was taken",
+                "unload the sensor and take the bias",
             )
         gauges_v = self._gauges.latest_v(self._samples_per_reading)
-        fx, fy, fz, tx, ty, tz = (float(x) for x in self._calibration.wrench(gauges_v.mean(axis=0), self._bias_v))
+        fx, fy, fz, tx, ty, tz = (
+            float(x) for x in self._calibration.wrench(gauges_v.mean(axis=0), self._bias_v)
+        )
         saturated = self._calibration.saturated(gauges_v) or self._calibration.overloaded(
             np.array([fx, fy, fz, tx, ty, tz])
         )

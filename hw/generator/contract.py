@@ -1,6 +1,7 @@
 """What a rig asks of a waveform generator, and how a kind of generator makes itself known.
 
-A package adds a kind by an entry point of the group `haptic_driver.generators` that names a `GeneratorKind`.
+A package adds a kind by an entry point of the group `haptic_driver.generators` that names a
+`GeneratorKind`.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ WHAT = "waveform generator"
 
 
 class GeneratorReport(NamedTuple):
-    """What a generator says of itself; `programmed` is for a person, `load_open`: volts are into an open circuit."""
+    """What a generator says of itself; `programmed` is for a person, `load_open`: volts are into an
+    open circuit.
+    """
 
     identity: str
     serial_number: str
@@ -33,10 +36,12 @@ class GeneratorReport(NamedTuple):
 
 
 class Generator(Protocol):
-    """All that a rig uses. Voltages are peak volts at the electrode. `hw.generator.driver` has most of it ready.
+    """All that a rig uses. Voltages are peak volts at the electrode. `hw.generator.driver` has most
+    of it ready.
 
-    `off` and `close` return what is known, never raise DeviceError: True, it says off; False, it says on; None, it
-    does not say. All else raises DeviceError and leaves the output off, or as it was where nothing was sent.
+    `off` and `close` return what is known, never raise DeviceError: True, it says off; False, it
+    says on; None, it does not say. All else raises DeviceError and leaves the output off, or as it
+    was where nothing was sent.
     """
 
     @property
@@ -44,10 +49,14 @@ class Generator(Protocol):
         """The lowest voltage that can be set; below it, the output is switched off."""
 
     def identify(self) -> GeneratorReport:
-        """Open, and only ask: nothing is set, switched or emptied. BadReply for another instrument."""
+        """Open, and only ask: nothing is set, switched or emptied. BadReply for another
+        instrument.
+        """
 
     def connect(self) -> None:
-        """Open, reset, and set up a sine of minimum amplitude with the output off, all of it read back."""
+        """Open, reset, and set up a sine of minimum amplitude with the output off, all of it read
+        back.
+        """
 
     def set_point(
         self,
@@ -58,9 +67,11 @@ class Generator(Protocol):
         shape: Shape = Shape.SINE,
         modulation: ExternalModulation | None = None,
     ) -> None:
-        """Set what goes out and read it back; LimitExceeded, with nothing sent, for what `settings` does not allow.
+        """Set what goes out and read it back; LimitExceeded, with nothing sent, for what `settings`
+        does not allow.
 
-        For Shape.DC `voltage_v` is the voltage itself. A kind without other `shapes` makes sines without offset.
+        For Shape.DC `voltage_v` is the voltage itself. A kind without other `shapes` makes sines
+        without offset.
         """
 
     def set_output(self, on: bool) -> None:
@@ -93,7 +104,8 @@ class TerminalOutput(NamedTuple):
 class GeneratorLatency:
     """Simulated time from a command to its effect at the terminals, by what the command changes.
 
-    The defaults are of the size in the 33220A's data sheet (5988-8544EN, from memory: low confidence).
+    The defaults are of the size in the 33220A's data sheet (5988-8544EN, from memory: low
+    confidence).
     """
 
     amplitude_s: float = 0.030
@@ -103,7 +115,9 @@ class GeneratorLatency:
 
 
 class SimulatedGenerator(Protocol):
-    """A generator as bytes in, bytes out, with its own clock; thread-safe. `hw.generator.terminals` has the latter."""
+    """A generator as bytes in, bytes out, with its own clock; thread-safe. `hw.generator.terminals`
+    has the latter.
+    """
 
     def handle(self, data: bytes) -> bytes:
         """Carry out complete messages and return their answers."""
@@ -124,24 +138,30 @@ Listener = Callable[[TerminalOutput], object]
 class MakeSimulator(Protocol):
     """Makes a simulated generator.
 
-    `listener` is called at each change at the terminals; `am_full_scale` is the amplitude at + full scale of
-    Modulation In as a multiple of the one programmed.
+    `listener` is called at each change at the terminals; `am_full_scale` is the amplitude at + full
+    scale of Modulation In as a multiple of the one programmed.
     """
 
     def __call__(
-        self, latency: GeneratorLatency, *, listener: Listener | None = None, am_full_scale: float = 1.0
+        self,
+        latency: GeneratorLatency,
+        *,
+        listener: Listener | None = None,
+        am_full_scale: float = 1.0,
     ) -> SimulatedGenerator:
         """Make one."""
 
 
 @dataclass(frozen=True)
 class GeneratorKind:
-    """One kind of generator: driver, simulator, and what the watchdog says to it over a connection of its own.
+    """One kind of generator: driver, simulator, and what the watchdog says to it over a connection
+    of its own.
 
-    `switch_off` answers nothing; the answer to `ask_off` matches `off_answers`, whose group `off` tells off from on.
-    Amplitudes are into an open circuit. `limits_itself`: the driver sets a voltage limit of the instrument's own. One
-    whose `shapes` hold direct voltages makes offsets too. `relay_interval_s`: its output is switched on at most so
-    often, to spare the relay; no data sheet states how many switchings one lasts (unverified).
+    `switch_off` answers nothing; the answer to `ask_off` matches `off_answers`, whose group `off`
+    tells off from on. Amplitudes are into an open circuit. `limits_itself`: the driver sets a
+    voltage limit of the instrument's own. One whose `shapes` hold direct voltages makes offsets
+    too. `relay_interval_s`: its output is switched on at most so often, to spare the relay; no data
+    sheet states how many switchings one lasts (unverified).
     """
 
     make: Callable[[Transport, GeneratorSettings], Generator]

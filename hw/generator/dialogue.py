@@ -1,4 +1,6 @@
-"""Lines to a generator and answers from it: every message passes the last gate, every answer is checked."""
+"""Lines to a generator and answers from it: every message passes the last gate, every answer is
+checked.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,10 @@ NOT_WHOLE = "the answer is garbled or the settings were changed at the front pan
 # By code only: the texts differ between firmwares.
 _HINTS = {
     -211: "set the trigger source and arm the burst before triggering",
-    -221: "two settings contradict each other and the instrument moved one; ask for less, or in another order",
+    -221: (
+        "two settings contradict each other and the instrument moved one; ask for less, or in"
+        " another order"
+    ),
     -222: "a value was out of range and the instrument clipped it; check the requested values",
     -350: "more errors came than the instrument can keep; send *CLS and look for the first one",
 }
@@ -34,8 +39,8 @@ _HINTS_BY_CLASS = {
 class GeneratorDialogue:
     """The dialogue with one instrument, line by line; raises DeviceError, nothing else.
 
-    Whatever fails, `gate` forgets what it believed. No other thread comes between the exchanges of one method;
-    `undisturbed` lends the transport for several.
+    Whatever fails, `gate` forgets what it believed. No other thread comes between the exchanges of
+    one method; `undisturbed` lends the transport for several.
     """
 
     def __init__(self, transport: Transport, gate: OutputGate, reply_timeout_s: float) -> None:
@@ -49,11 +54,9 @@ class GeneratorDialogue:
         return self._transport.resource
 
     def open(self) -> None:
-        """Connect."""
         self._transport.open()
 
     def close(self) -> None:
-        """Hang up."""
         self._transport.close()
 
     @contextmanager
@@ -95,7 +98,9 @@ class GeneratorDialogue:
 
 
 class ScpiDialogue(GeneratorDialogue):
-    """The dialogue where one line holds several commands, and errors wait in a queue (`SYST:ERR?`)."""
+    """The dialogue where one line holds several commands, and errors wait in a queue
+    (`SYST:ERR?`).
+    """
 
     def ask(self, commands: Sequence[str], count: int) -> list[str]:
         """Send commands as one line and return the `count` fields of its one answer line."""
@@ -108,17 +113,23 @@ class ScpiDialogue(GeneratorDialogue):
         return fields
 
     def command(self, commands: Sequence[str], queries: Sequence[str]) -> list[str]:
-        """Send commands, queries and the question for errors as one line; return the answers to the queries.
+        """Send commands, queries and the question for errors as one line; return the answers to the
+        queries.
 
-        Raises InstrumentRejected with all errors in the instrument's queue, a clipped value (-222) among them.
+        Raises InstrumentRejected with all errors in the instrument's queue, a clipped value (-222)
+        among them.
         """
         with self.undisturbed():
             *answers, error = self.ask([*commands, *queries, "SYST:ERR?"], len(queries) + 1)
             code = self._error_code(error)
             if code != 0:
                 raise InstrumentRejected(
-                    f"{self.resource} rejected {';'.join(commands)!r}: {', '.join(self._errors(error))}",
-                    _HINTS.get(code) or _HINTS_BY_CLASS.get(-code // 100, "look at the instrument: it reports a fault"),
+                    f"{self.resource} rejected {';'.join(commands)!r}:"
+                    f" {', '.join(self._errors(error))}",
+                    _HINTS.get(code)
+                    or _HINTS_BY_CLASS.get(
+                        -code // 100, "look at the instrument: it reports a fault"
+                    ),
                 )
         return answers
 
@@ -129,7 +140,9 @@ class ScpiDialogue(GeneratorDialogue):
         return text == "1"
 
     def _errors(self, first: str) -> list[str]:
-        """Return `first` and empty the instrument's queue behind it, so that no later command is blamed."""
+        """Return `first` and empty the instrument's queue behind it, so that no later command is
+        blamed.
+        """
         errors = [first]
         while len(errors) <= _ERROR_QUEUE_LENGTH:
             (error,) = self.ask(["SYST:ERR?"], 1)
@@ -148,4 +161,6 @@ class ScpiDialogue(GeneratorDialogue):
 def _line(commands: Sequence[str]) -> str:
     """Join commands so that each is looked up from the root of the command tree."""
     first, *others = commands
-    return first + "".join(f";{command}" if command.startswith("*") else f";:{command}" for command in others)
+    return first + "".join(
+        f";{command}" if command.startswith("*") else f";:{command}" for command in others
+    )

@@ -25,11 +25,12 @@ class Programmed(NamedTuple):
 
 
 class GeneratorDriver(ABC):
-    """Driver of one generator that feeds a high-impedance amplifier; a subclass speaks the instrument's dialect.
+    """Driver of one generator that feeds a high-impedance amplifier; a subclass speaks the
+    instrument's dialect.
 
-    Voltages are peak volts at the electrode. After a failed exchange nothing is believed any more, and the next
-    command sets up everything again with the amplitude at its minimum. Safe to call from several threads. Every
-    method raises DeviceError unless it says otherwise.
+    Voltages are peak volts at the electrode. After a failed exchange nothing is believed any more,
+    and the next command sets up everything again with the amplitude at its minimum. Safe to call
+    from several threads. Every method raises DeviceError unless it says otherwise.
     """
 
     model: ClassVar[re.Pattern[str]]  # of the second field of *IDN?
@@ -46,18 +47,26 @@ class GeneratorDriver(ABC):
 
     @abstractmethod
     def _ask_state(self) -> tuple[bool, bool, str]:
-        """Only ask: whether the output is on, whether levels are for an open circuit, and what is set, in words."""
+        """Only ask: whether the output is on, whether levels are for an open circuit, and what is
+        set, in words.
+        """
 
     @abstractmethod
     def _reset(self) -> None:
-        """Output off, then everything as it leaves the factory; raises BadReply unless it says off."""
+        """Output off, then everything as it leaves the factory; raises BadReply unless it says
+        off.
+        """
 
     @abstractmethod
     def _set_up(self) -> None:
-        """Make it `_base()`, with levels in volts into an open circuit; the output stays as it is, or goes off."""
+        """Make it `_base()`, with levels in volts into an open circuit; the output stays as it is,
+        or goes off.
+        """
 
     def _change_waveform(self, wanted: Programmed) -> None:
-        """Go to `_base()` with the output off, and from there to shape and modulation; where there are several."""
+        """Go to `_base()` with the output off, and from there to shape and modulation; where there
+        are several.
+        """
         raise NotImplementedError
 
     @abstractmethod
@@ -73,7 +82,9 @@ class GeneratorDriver(ABC):
 
     @abstractmethod
     def _switch(self, on: bool) -> bool:
-        """Switch the output, and whether it is on then; raises InstrumentRejected where the instrument tells."""
+        """Switch the output, and whether it is on then; raises InstrumentRejected where the
+        instrument tells.
+        """
 
     @abstractmethod
     def _try_off(self, *, levels: bool) -> bool:
@@ -81,7 +92,9 @@ class GeneratorDriver(ABC):
 
     @property
     def minimum_voltage_v(self) -> float:
-        """The lowest peak of a sine at the electrode that can be set; below it, switch the output off."""
+        """The lowest peak of a sine at the electrode that can be set; below it, switch the output
+        off.
+        """
         return 0.5 * self.amplitude_low_vpp * self.settings.volts_per_volt
 
     def identify(self) -> GeneratorReport:
@@ -92,7 +105,9 @@ class GeneratorDriver(ABC):
             return GeneratorReport(f"{maker} {model}", serial_number, firmware, *self._ask_state())
 
     def connect(self) -> None:
-        """Open, check the identity, switch off, reset, and set up a sine of minimum amplitude with the output off."""
+        """Open, check the identity, switch off, reset, and set up a sine of minimum amplitude with
+        the output off.
+        """
         self._dialogue.open()
         with self._forgetting_on_failure():
             self._check_identity()
@@ -115,10 +130,11 @@ class GeneratorDriver(ABC):
     ) -> None:
         """Set what goes out; leaves the output on or off as it is, and sends only what changed.
 
-        `voltage_v` is the amplitude, under modulation at its highest; for Shape.DC it is the voltage, and the
-        frequency is ignored. No step in between is above the larger of both peaks. Another shape or modulation is set
-        up with the output off. Raises LimitExceeded, with nothing sent, for values that are not finite, outside
-        `settings`, or outside what the generator can make (see `minimum_voltage_v`).
+        `voltage_v` is the amplitude, under modulation at its highest; for Shape.DC it is the
+        voltage, and the frequency is ignored. No step in between is above the larger of both peaks.
+        Another shape or modulation is set up with the output off. Raises LimitExceeded, with
+        nothing sent, for values that are not finite, outside `settings`, or outside what the
+        generator can make (see `minimum_voltage_v`).
         """
         wanted = self._wanted(frequency_hz, voltage_v, voltage_offset_v, shape, modulation)
         with self._forgetting_on_failure():
@@ -136,7 +152,9 @@ class GeneratorDriver(ABC):
                 self.set_output(True)
 
     def set_output(self, on: bool) -> None:
-        """Switch the output and read it back; what is set up, and is read back first, goes out when `on`."""
+        """Switch the output and read it back; what is set up, and is read back first, goes out when
+        `on`.
+        """
         with self._forgetting_on_failure():
             if on:
                 believed = self._believe()
@@ -149,10 +167,11 @@ class GeneratorDriver(ABC):
             return self._ask_output()
 
     def off(self) -> bool | None:
-        """Levels to their minimum, output off, and ask whether it is off; at second try the output alone.
+        """Levels to their minimum, output off, and ask whether it is off; at second try the output
+        alone.
 
-        Returns True: the instrument says off. False: it says on. None: it does not say. Never raises
-        DeviceError; takes at most about four reply timeouts.
+        Returns True: the instrument says off. False: it says on. None: it does not say. Never
+        raises DeviceError; takes at most about four reply timeouts.
         """
         evidence = None
         for levels in (True, False):
@@ -167,14 +186,18 @@ class GeneratorDriver(ABC):
         return evidence
 
     def close(self) -> bool | None:
-        """Switch off as `off` does, hang up, and return the evidence of `off`. Never raises DeviceError."""
+        """Switch off as `off` does, hang up, and return the evidence of `off`. Never raises
+        DeviceError.
+        """
         evidence = self.off()
         self._dialogue.close()
         return evidence
 
     def _base(self) -> Programmed:
         """From here every waveform and modulation can be reached without a conflict."""
-        return Programmed(Shape.SINE, None, self.settings.frequency_low_hz, self.amplitude_low_vpp, 0.0)
+        return Programmed(
+            Shape.SINE, None, self.settings.frequency_low_hz, self.amplitude_low_vpp, 0.0
+        )
 
     def _believe(self) -> Programmed:
         """What the instrument holds; set up anew where nothing is believed."""
@@ -203,41 +226,64 @@ class GeneratorDriver(ABC):
         )
         for what, value, low, high in (
             ("Hz", frequency_hz, settings.frequency_low_hz, settings.frequency_high_hz),
-            ("V at the electrode", voltage_v, 0.0 if is_dc else self.minimum_voltage_v * factor, limit_v),
+            (
+                "V at the electrode",
+                voltage_v,
+                0.0 if is_dc else self.minimum_voltage_v * factor,
+                limit_v,
+            ),
             ("V at the electrode, offset included,", peak_v, 0.0, limit_v),
             (
                 "V to be programmed before modulation takes its part",
-                programmed_v, 0.0, limit_v if self.limits_itself else highest_v,
+                programmed_v,
+                0.0,
+                limit_v if self.limits_itself else highest_v,
             ),
-        ):  # fmt: skip
+        ):
             if not low <= value <= high:
                 raise LimitExceeded(
-                    f"{self._dialogue.resource}: {value:g} {what} is outside {low:g}..{high:g}; nothing was sent",
+                    f"{self._dialogue.resource}: {value:g} {what} is outside {low:g}..{high:g};"
+                    " nothing was sent",
                     "stay within the limits; for zero volts switch the output off",
                 )
         if is_dc:
             return Programmed(
-                shape, modulation, frequency_hz, self.amplitude_low_vpp, (voltage_v + voltage_offset_v) / gain
+                shape,
+                modulation,
+                frequency_hz,
+                self.amplitude_low_vpp,
+                (voltage_v + voltage_offset_v) / gain,
             )
         amplitude_vpp = max(2.0 * voltage_v / gain / factor, self.amplitude_low_vpp)
         return Programmed(shape, modulation, frequency_hz, amplitude_vpp, voltage_offset_v / gain)
 
     def _modulation_factor(self, shape: Shape, modulation: ExternalModulation | None) -> float:
-        """Return the highest amplitude under modulation over the one programmed; raises LimitExceeded."""
+        """Return the highest amplitude under modulation over the one programmed; raises
+        LimitExceeded.
+        """
         measured = self.settings.modulation_input
         if shape not in self.shapes or (modulation is not None and not self.external_modulation):
-            what = f"makes no {shape.value}" if shape not in self.shapes else "is not modulated by this driver"
-            raise LimitExceeded(f"{self._dialogue.resource} {what}; nothing was sent", "use another generator")
+            what = (
+                f"makes no {shape.value}"
+                if shape not in self.shapes
+                else "is not modulated by this driver"
+            )
+            raise LimitExceeded(
+                f"{self._dialogue.resource} {what}; nothing was sent", "use another generator"
+            )
         if modulation is None:
             return 1.0
         if measured is None:
             raise LimitExceeded(
-                f"{self._dialogue.resource}: what modulation does to the amplitude is not set; nothing was sent",
+                f"{self._dialogue.resource}: what modulation does to the amplitude is not set;"
+                " nothing was sent",
                 "measure Modulation In and set modulation_input",
             )
         if shape is Shape.DC:
             raise LimitExceeded(
-                f"{self._dialogue.resource}: modulation needs a waveform that swings; nothing was sent", "use a sine"
+                f"{self._dialogue.resource}: modulation needs a waveform that swings; nothing was"
+                " sent",
+                "use a sine",
             )
         return measured.amplitude_at_full_scale
 
@@ -247,7 +293,8 @@ class GeneratorDriver(ABC):
         fields = [text.strip() for text in (identity + ",,,").split(",")[:4]]
         if not self.model.fullmatch(fields[1]):
             raise self._dialogue.bad_reply(
-                f"is {identity!r}, not a {self.model.pattern}", "check address and model in the configuration"
+                f"is {identity!r}, not a {self.model.pattern}",
+                "check address and model in the configuration",
             )
         return fields
 
@@ -270,14 +317,18 @@ class GeneratorDriver(ABC):
 
 
 def near(value: float, wanted: float, share: float, least: float = 0.0) -> bool:
-    """Whether `value` differs from `wanted` by at most a share of it, or by `least`, whichever is more."""
+    """Whether `value` differs from `wanted` by at most a share of it, or by `least`, whichever is
+    more.
+    """
     return abs(value - wanted) <= max(share * abs(wanted), least)
 
 
 def steps(old: Programmed, new: Programmed) -> list[tuple[str, float]]:
-    """Return the fields to set from `old` to `new`: a falling amplitude goes before all else, a rising one after.
+    """Return the fields to set from `old` to `new`: a falling amplitude goes before all else, a
+    rising one after.
 
-    So no step is above the larger of both peaks, nor conflicts with the instrument's limit on their sum.
+    So no step is above the larger of both peaks, nor conflicts with the instrument's limit on their
+    sum.
     """
     changed = [("offset_v", new.offset_v)] if new.offset_v != old.offset_v else []
     if new.frequency_hz != old.frequency_hz and new.shape is not Shape.DC:

@@ -1,4 +1,6 @@
-"""From what a simulated generator holds to what is at its terminals: latency, Modulation In, the output's switch."""
+"""From what a simulated generator holds to what is at its terminals: latency, Modulation In, the
+output's switch.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,11 @@ _MODULATION_FULL_SCALE_V = 5.0
 
 @dataclass(frozen=True)
 class Signal:
-    """What a generator holds; levels are the source's electromotive force, whatever load is programmed.
+    """What a generator holds; levels are the source's electromotive force, whatever load is
+    programmed.
 
-    `modulated`: the amplitude follows Modulation In, by `depth`; `silent`: only the offset goes out.
+    `modulated`: the amplitude follows Modulation In, by `depth`; `silent`: only the offset goes
+    out.
     """
 
     function: str
@@ -31,10 +35,11 @@ class Signal:
 class Terminals:
     """Brings a signal to open terminals.
 
-    Settings arrive after `latency` of simulated time, in the order in which they were sent; switching off does not
-    queue behind the others. `listener` is called at each change. `am_full_scale` is the amplitude at + full scale of
-    Modulation In and full depth, as a multiple of the one programmed (whether it is 1 or 2 is to be measured on a real
-    instrument). Not thread-safe: the instrument holds its lock.
+    Settings arrive after `latency` of simulated time, in the order in which they were sent;
+    switching off does not queue behind the others. `listener` is called at each change.
+    `am_full_scale` is the amplitude at + full scale of Modulation In and full depth, as a multiple
+    of the one programmed (whether it is 1 or 2 is to be measured on a real instrument). Not
+    thread-safe: the instrument holds its lock.
     """
 
     def __init__(
@@ -63,7 +68,9 @@ class Terminals:
 
     def put(self, signal: Signal) -> None:
         """Send on its way, as one change, what differs from the signal before."""
-        names = [name for name in self._latency_s if getattr(signal, name) != getattr(self._sent, name)]
+        names = [
+            name for name in self._latency_s if getattr(signal, name) != getattr(self._sent, name)
+        ]
         changed = {name: getattr(signal, name) for name in names}
         self._sent = signal
         if changed.get("on") is False:
@@ -93,8 +100,17 @@ class Terminals:
         if not signal.on:
             return TerminalOutput(signal.frequency_hz, 0.0, 0.0, False)
         half_v = 0.0 if signal.silent else 0.5 * signal.emf_vpp * self._envelope(signal)
-        high_v, low_v = (min(max(signal.emf_offset_v + v, -self._peak_v), self._peak_v) for v in (half_v, -half_v))
-        return TerminalOutput(signal.frequency_hz, 0.5 * (high_v - low_v), 0.5 * (high_v + low_v), True, _shape(signal))
+        high_v, low_v = (
+            min(max(signal.emf_offset_v + v, -self._peak_v), self._peak_v)
+            for v in (half_v, -half_v)
+        )
+        return TerminalOutput(
+            signal.frequency_hz,
+            0.5 * (high_v - low_v),
+            0.5 * (high_v + low_v),
+            True,
+            _shape(signal),
+        )
 
     def _envelope(self, signal: Signal) -> float:
         """Share of the programmed amplitude that is there now."""

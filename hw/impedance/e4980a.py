@@ -1,7 +1,8 @@
-"""Keysight's E4980A (and AL) LCR meter: drives the electrode itself, in place of the amplifier, and tells impedance.
+"""Keysight's E4980A (and AL) LCR meter: drives the electrode itself, in place of the amplifier, and
+tells impedance.
 
-Commands are those of its User's Guide; never tried on an instrument. It has no switch for its signal: a level of 0 V is
-off.
+Commands are those of its User's Guide; never tried on an instrument. It has no switch for its
+signal: a level of 0 V is off.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ MODEL = re.compile(r"E4980AL?")
 
 @dataclass(frozen=True)
 class LcrMeter:
-    """What it may do: peak volts at the electrode, carriers; `accuracy` is a share of |Z| (0.05 % basic)."""
+    """What it may do: peak volts at the electrode, carriers; `accuracy` is a share of |Z| (0.05 %
+    basic).
+    """
 
     voltage_limit_v: float = 2.0 * sqrt(2.0)
     lowest_hz: float = 20.0
@@ -31,7 +34,9 @@ class LcrMeter:
 
 
 class E4980A:
-    """The meter on the electrode; its own source's phase is zero, since impedance is all that it tells."""
+    """The meter on the electrode; its own source's phase is zero, since impedance is all that it
+    tells.
+    """
 
     drives = True
 
@@ -48,9 +53,16 @@ class E4980A:
         """Connect, no voltage, and set up what does not change; raises DeviceError."""
         self._line.open(MODEL)
         self._line.tell(
-            "*RST", ":VOLT:LEV 0", ":BIAS:STAT 0", ":FUNC:IMP:TYPE RX", ":APER LONG", ":TRIG:SOUR BUS",
-            ":INIT:CONT ON", ":AMPL:ALC 0", ":FUNC:SMON:VAC 1",
-        )  # fmt: skip
+            "*RST",
+            ":VOLT:LEV 0",
+            ":BIAS:STAT 0",
+            ":FUNC:IMP:TYPE RX",
+            ":APER LONG",
+            ":TRIG:SOUR BUS",
+            ":INIT:CONT ON",
+            ":AMPL:ALC 0",
+            ":FUNC:SMON:VAC 1",
+        )
         self.off()
 
     def close(self) -> None:
@@ -65,20 +77,29 @@ class E4980A:
         self._line.tell(":VOLT:LEV 0")
         level_v = self._line.numbers(":VOLT:LEV?", 1)[0]
         if level_v != 0.0:
-            raise BadReply(f"LCR meter: holds {level_v:g} V after 0 V were set", "take it off the electrode")
+            raise BadReply(
+                f"LCR meter: holds {level_v:g} V after 0 V were set", "take it off the electrode"
+            )
 
-    def read(self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing) -> ElectrodeReading:
+    def read(
+        self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing
+    ) -> ElectrodeReading:
         """See `ElectrodeMonitor`: voltage and current while the meter drives the electrode."""
         low_hz, high_hz = self.frequency_range_hz
-        if not (low_hz <= frequency_hz <= high_hz and 0.0 < voltage_v <= self._meter.voltage_limit_v):
+        if not (
+            low_hz <= frequency_hz <= high_hz and 0.0 < voltage_v <= self._meter.voltage_limit_v
+        ):
             raise LimitExceeded(
-                f"LCR meter: {voltage_v:g} V at {frequency_hz:g} Hz is beyond {self._meter.voltage_limit_v:g} V or "
-                f"outside {low_hz:g}..{high_hz:g} Hz; nothing was sent",
+                f"LCR meter: {voltage_v:g} V at {frequency_hz:g} Hz is beyond"
+                f" {self._meter.voltage_limit_v:g} V or outside {low_hz:g}..{high_hz:g} Hz; nothing"
+                " was sent",
                 "stay within what the rig's file allows it",
             )
         alive()
         try:
-            self._line.tell(f":FREQ:CW {frequency_hz:.9g}", f":VOLT:LEV {voltage_v / sqrt(2.0):.6g}")
+            self._line.tell(
+                f":FREQ:CW {frequency_hz:.9g}", f":VOLT:LEV {voltage_v / sqrt(2.0):.6g}"
+            )
             self._line.tell(":TRIG:IMM")  # not *TRG, which answers by itself
             self._line.numbers("*OPC?", 1)
             resistance, reactance, status, *_ = self._line.numbers(":FETC:IMP:FORM?", 3)
@@ -87,7 +108,10 @@ class E4980A:
             self.off()
         impedance = complex(resistance, reactance)
         if status != 0.0 or impedance == 0.0 or not rms_v > 0.0:
-            raise BadReply(f"LCR meter: status {status:g}, Z {impedance}, {rms_v:g} V", "is the electrode wired to it?")
+            raise BadReply(
+                f"LCR meter: status {status:g}, Z {impedance}, {rms_v:g} V",
+                "is the electrode wired to it?",
+            )
         peak_v = sqrt(2.0) * rms_v
         current_a = peak_v / impedance
         std_a = self._meter.accuracy * hypot(current_a.real, current_a.imag)

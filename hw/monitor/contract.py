@@ -1,4 +1,6 @@
-"""What a reading of the electrode's voltage and current is, and what an instrument that gives one can do."""
+"""What a reading of the electrode's voltage and current is, and what an instrument that gives one
+can do.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +10,13 @@ from typing import NamedTuple, Protocol
 
 
 class ElectrodeReading(NamedTuple):
-    """Voltage and current at the electrode at one frequency: peak phasors, and standard deviations of each part.
+    """Voltage and current at the electrode at one frequency: peak phasors, and standard deviations
+    of each part.
 
-    Phases count from the generator's output if `referenced`, else from the electrode's voltage, whose own phase then is
-    0 and means nothing. A phase's own standard deviation is NaN where it is that of a part over the amount. `second_a`
-    and `third_a` are the current's harmonics, peak; NaN where they cannot be told.
+    Phases count from the generator's output if `referenced`, else from the electrode's voltage,
+    whose own phase then is 0 and means nothing. A phase's own standard deviation is NaN where it is
+    that of a part over the amount. `second_a` and `third_a` are the current's harmonics, peak; NaN
+    where they cannot be told.
     """
 
     voltage_v: complex
@@ -31,7 +35,9 @@ def nothing() -> None:
 
 
 class ElectrodeMonitor(Protocol):
-    """An instrument that reads the electrode. `drives`: it is a source of its own, wired in place of the amplifier."""
+    """An instrument that reads the electrode. `drives`: it is a source of its own, wired in place
+    of the amplifier.
+    """
 
     drives: bool
 
@@ -39,9 +45,12 @@ class ElectrodeMonitor(Protocol):
     def frequency_range_hz(self) -> tuple[float, float]:
         """The lowest and the highest carrier that it tells."""
 
-    def read(self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing) -> ElectrodeReading:
-        """What is there now, under a carrier of `frequency_hz` and peak `voltage_v`; raises DeviceError.
+    def read(
+        self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing
+    ) -> ElectrodeReading:
+        """What is there now, under a carrier of `frequency_hz` and peak `voltage_v`; raises
+        DeviceError.
 
-        `alive` is called between parts of what takes long. One that drives puts that voltage on the electrode, and
-        takes it off again before it returns or raises.
+        `alive` is called between parts of what takes long. One that drives puts that voltage on the
+        electrode, and takes it off again before it returns or raises.
         """

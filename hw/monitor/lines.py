@@ -1,4 +1,6 @@
-"""The monitor lines of an amplifier: what they make of voltage and current, and back from a sampled record of both."""
+"""The monitor lines of an amplifier: what they make of voltage and current, and back from a sampled
+record of both.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,13 @@ from typing import Protocol
 
 import numpy as np
 
-from hw.analog.demodulation import HARMONICS, ComplexArray, demodulate, highest_carrier_hz, whole_periods
+from hw.analog.demodulation import (
+    HARMONICS,
+    ComplexArray,
+    demodulate,
+    highest_carrier_hz,
+    whole_periods,
+)
 from hw.analog.output import Array
 from hw.errors import LimitExceeded
 from hw.monitor.contract import ElectrodeReading, nothing
@@ -17,7 +25,9 @@ from hw.monitor.contract import ElectrodeReading, nothing
 
 @dataclass(frozen=True)
 class MonitorLines:
-    """What the lines do: volts per volt and per ampere, and the corner of a first-order low-pass each."""
+    """What the lines do: volts per volt and per ampere, and the corner of a first-order low-pass
+    each.
+    """
 
     voltage_v_per_v: float
     current_v_per_a: float
@@ -35,7 +45,8 @@ class MonitorLines:
 class Record:
     """Both lines, and the generator's output where it is sampled too [n, 2 or 3], V.
 
-    `resolution_v` is the converter's step. `lags_s` is how much later than the first each channel is sampled.
+    `resolution_v` is the converter's step. `lags_s` is how much later than the first each channel
+    is sampled.
     """
 
     samples_v: Array
@@ -47,8 +58,9 @@ class Record:
 def electrode_reading(record: Record, lines: MonitorLines, frequency_hz: float) -> ElectrodeReading:
     """Phasors at the electrode from what was sampled on its lines.
 
-    Where too little noise spreads the converter's step, its error counts as one that every period repeats, as it does
-    where a period is a whole number of samples. ValueError for a carrier that the record cannot tell, see `demodulate`.
+    Where too little noise spreads the converter's step, its error counts as one that every period
+    repeats, as it does where a period is a whole number of samples. ValueError for a carrier that
+    the record cannot tell, see `demodulate`.
     """
     found = demodulate(record.samples_v, record.sample_rate_hz, frequency_hz)
     channels = record.samples_v.shape[1]
@@ -68,21 +80,30 @@ def electrode_reading(record: Record, lines: MonitorLines, frequency_hz: float) 
         std = np.hypot(std, np.abs(electrode[0]) * noise_v[2] / np.abs(zero))
     voltage_v, current_a = electrode[0] * np.conj(zero) / np.abs(zero)
     return ElectrodeReading(
-        complex(voltage_v), float(std[0]), complex(current_a), float(std[1]),
-        abs(electrode[1, 1]), abs(electrode[2, 1]), referenced=channels > 2,
-    )  # fmt: skip
+        complex(voltage_v),
+        float(std[0]),
+        complex(current_a),
+        float(std[1]),
+        abs(electrode[1, 1]),
+        abs(electrode[2, 1]),
+        referenced=channels > 2,
+    )
 
 
 class SampledInputs(Protocol):
     """Channels that are sampled all the time."""
 
     def latest_v(self, count: int) -> Array:
-        """Return the newest `count` samples of all channels (count, channels), V; raises DeviceError."""
+        """Return the newest `count` samples of all channels (count, channels), V; raises
+        DeviceError.
+        """
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """How channels are sampled; a record lasts `record_s`, or one period where that is longer and in `buffer_s`."""
+    """How channels are sampled; a record lasts `record_s`, or one period where that is longer and
+    in `buffer_s`.
+    """
 
     sample_rate_hz: float
     record_s: float
@@ -92,7 +113,9 @@ class Sampling:
 
 
 class SampledMonitor:
-    """Monitor lines on inputs that sample all the time, such as a card's: voltage, current, maybe the generator."""
+    """Monitor lines on inputs that sample all the time, such as a card's: voltage, current, maybe
+    the generator.
+    """
 
     drives = False
 
@@ -104,15 +127,22 @@ class SampledMonitor:
         """One period in the buffer, and what does not alias."""
         return 1.0 / self._sampling.buffer_s, highest_carrier_hz(self._sampling.sample_rate_hz)
 
-    def read(self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing) -> ElectrodeReading:
-        """See `ElectrodeMonitor`."""
+    def read(
+        self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing
+    ) -> ElectrodeReading:
         low_hz, high_hz = self.frequency_range_hz
         if not low_hz <= frequency_hz <= high_hz:
             raise LimitExceeded(
-                f"monitors: {frequency_hz:g} Hz is outside {low_hz:g}..{high_hz:g} Hz, what the card tells",
+                f"monitors: {frequency_hz:g} Hz is outside {low_hz:g}..{high_hz:g} Hz, what the"
+                " card tells",
                 "read it with a faster monitor, or let the sweep end there",
             )
         sampling = self._sampling
         count = whole_periods(frequency_hz, sampling.sample_rate_hz, sampling.record_s)
-        record = Record(self._inputs.latest_v(count), sampling.sample_rate_hz, sampling.resolution_v, sampling.lags_s)
+        record = Record(
+            self._inputs.latest_v(count),
+            sampling.sample_rate_hz,
+            sampling.resolution_v,
+            sampling.lags_s,
+        )
         return electrode_reading(record, self._lines, frequency_hz)

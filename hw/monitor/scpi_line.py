@@ -1,4 +1,6 @@
-"""Lines to an instrument that only reads, and answers from it: text, numbers, and blocks of bytes (IEEE 488.2)."""
+"""Lines to an instrument that only reads, and answers from it: text, numbers, and blocks of bytes
+(IEEE 488.2).
+"""
 
 from __future__ import annotations
 
@@ -27,23 +29,31 @@ class ScpiLine:
         self._transport.open()
         identity = self.ask("*IDN?")
         if not model.fullmatch((identity + ",,").split(",")[1].strip()):
-            raise self._bad(f"is {identity!r}, not a {model.pattern}", "check address and kind in the rig's file")
+            raise self._bad(
+                f"is {identity!r}, not a {model.pattern}",
+                "check address and kind in the rig's file",
+            )
         return identity
 
     def close(self) -> None:
-        """Hang up."""
         self._transport.close()
 
     def tell(self, *lines: str) -> None:
-        """Send commands, then ask whether the instrument took them all; InstrumentRejected says what it did not."""
+        """Send commands, then ask whether the instrument took them all; InstrumentRejected says
+        what it did not.
+        """
         for line in lines:
             self._transport.write(line.encode("ascii") + b"\n")
         errors: list[str] = []
-        while len(errors) < _MOST_ERRORS and not re.match(r"[+-]?0,", error := self.ask(":SYST:ERR?")):
+        while len(errors) < _MOST_ERRORS and not re.match(
+            r"[+-]?0,", error := self.ask(":SYST:ERR?")
+        ):
             errors.append(error)
         if errors:
             said = f"{self._transport.resource} refused {'; '.join(lines)}: {', '.join(errors)}"
-            raise InstrumentRejected(said, "look at the instrument; is it the model of the rig's file?")
+            raise InstrumentRejected(
+                said, "look at the instrument; is it the model of the rig's file?"
+            )
 
     def ask(self, line: str) -> str:
         """The line that answers."""
@@ -58,7 +68,9 @@ class ScpiLine:
         except ValueError:
             found = []
         if len(found) != count:
-            raise self._bad(f"answered {answer[:60]!r} to {line}, not {count} numbers", "connect again")
+            raise self._bad(
+                f"answered {answer[:60]!r} to {line}, not {count} numbers", "connect again"
+            )
         return found
 
     def block(self, line: str) -> bytes:

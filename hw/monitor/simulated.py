@@ -1,4 +1,6 @@
-"""Simulated monitor lines: what an amplifier's outputs show of an electrode, with their bandwidth and their noise."""
+"""Simulated monitor lines: what an amplifier's outputs show of an electrode, with their bandwidth
+and their noise.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,18 @@ class ElectrodeState(NamedTuple):
 
 
 class SimulatedLines:
-    """Both monitor lines and the generator's output as signals; `noise_v` is their standard deviation per sample.
+    """Both monitor lines and the generator's output as signals; `noise_v` is their standard
+    deviation per sample.
 
     The generator runs on its own: every look at it finds another phase.
     """
 
     def __init__(
-        self, state: Callable[[], ElectrodeState | None], lines: MonitorLines, noise_v: tuple[float, float], seed: int
+        self,
+        state: Callable[[], ElectrodeState | None],
+        lines: MonitorLines,
+        noise_v: tuple[float, float],
+        seed: int,
     ) -> None:
         self._state, self._lines, self._noise_v = state, lines, noise_v
         self._random = np.random.default_rng(seed)
@@ -54,13 +61,18 @@ class SimulatedLines:
 class SimulatedInputs:
     """A card that samples the lines: clips at its range and rounds to its step."""
 
-    def __init__(self, lines: SimulatedLines, sample_rate_hz: float, range_v: float, resolution_v: float) -> None:
+    def __init__(
+        self, lines: SimulatedLines, sample_rate_hz: float, range_v: float, resolution_v: float
+    ) -> None:
         self._lines, self._sample_rate_hz = lines, sample_rate_hz
         self._range_v, self._resolution_v = range_v, resolution_v
 
     def latest_v(self, count: int) -> Array:
-        """See `hw.monitor.lines.SampledInputs`."""
         signals = self._lines.signals_v(np.arange(count) / self._sample_rate_hz)
         return np.asarray(
-            np.clip(np.round(signals / self._resolution_v) * self._resolution_v, -self._range_v, self._range_v)
+            np.clip(
+                np.round(signals / self._resolution_v) * self._resolution_v,
+                -self._range_v,
+                self._range_v,
+            )
         )

@@ -22,20 +22,32 @@ class SimulatedInfiniiVision:
         self._lines = lines
         self._random = np.random.default_rng(seed)
         self._scpi = ScpiEngine(
-            "KEYSIGHT TECHNOLOGIES,DSO-X 3024T,SIM00001,07.50", reset=self._reset, executed=lambda: None
+            "KEYSIGHT TECHNOLOGIES,DSO-X 3024T,SIM00001,07.50",
+            reset=self._reset,
+            executed=lambda: None,
         )
         self._reset()
         number, word = self._number, self._word
         for n in (1, 2):
-            self._scpi.command(f"CHANnel{n}:RANGe", number(f"range{n}", RANGE_V), self._ask(f"range{n}"))
+            self._scpi.command(
+                f"CHANnel{n}:RANGe", number(f"range{n}", RANGE_V), self._ask(f"range{n}")
+            )
             for name in ("DISPlay", "COUPling", "OFFSet"):
                 self._scpi.command(f"CHANnel{n}:{name}", word(f"{name}{n}"))
         self._scpi.command("TIMebase:RANGe", number("window", (1e-8, 500.0)), self._ask("window"))
         for header in (
-            "TIMebase:REFerence", "ACQuire:TYPE", "TRIGger:MODE", "TRIGger[:EDGE]:SOURce", "TRIGger[:EDGE]:SLOPe",
-            "TRIGger:SWEep", "WAVeform:FORMat", "WAVeform:BYTeorder", "WAVeform:UNSigned", "WAVeform:POINts:MODE",
+            "TIMebase:REFerence",
+            "ACQuire:TYPE",
+            "TRIGger:MODE",
+            "TRIGger[:EDGE]:SOURce",
+            "TRIGger[:EDGE]:SLOPe",
+            "TRIGger:SWEep",
+            "WAVeform:FORMat",
+            "WAVeform:BYTeorder",
+            "WAVeform:UNSigned",
+            "WAVeform:POINts:MODE",
             "WAVeform:SOURce",
-        ):  # fmt: skip
+        ):
             self._scpi.command(header, word(header))
         self._scpi.command("DIGitize", lambda _: self._digitize())
         self._scpi.command("WAVeform:PREamble", query=lambda _: self._preamble())
@@ -76,7 +88,9 @@ class SimulatedInfiniiVision:
         """One sweep from the trigger on: the generator's sine rises through zero at time 0."""
         if self._words.get("TRIGger[:EDGE]:SOURce") != "EXT":
             raise ScpiError(-221)
-        self._record = self._lines.signals_v(np.arange(float(POINTS)) * self._dt_s, start_phase_rad=-0.5 * pi)[:, :2]
+        self._record = self._lines.signals_v(
+            np.arange(float(POINTS)) * self._dt_s, start_phase_rad=-0.5 * pi
+        )[:, :2]
 
     def _channel(self) -> tuple[int, float]:
         n = int(self._words.get("WAVeform:SOURce", "CHAN1")[-1])
@@ -92,6 +106,8 @@ class SimulatedInfiniiVision:
             raise ScpiError(-221)
         i, range_v = self._channel()
         signal = self._record[:, i] + NOISE_SHARE * range_v * self._random.standard_normal(POINTS)
-        words = np.clip(np.round(signal / range_v * 4096.0) * 16.0 + 32768.0, 16.0, 65520.0).astype(">u2")
+        words = np.clip(np.round(signal / range_v * 4096.0) * 16.0 + 32768.0, 16.0, 65520.0).astype(
+            ">u2"
+        )
         data = words.tobytes().decode("latin-1")
         return f"#8{len(data):08d}{data}"

@@ -1,11 +1,13 @@
-"""Enable lines that reach the amplifier over a serial port: a heartbeat interlock box, or the port's own RTS or DTR.
+"""Enable lines that reach the amplifier over a serial port: a heartbeat interlock box, or the
+port's own RTS or DTR.
 
-The box holds a contact in the amplifier's enable line closed for as long as it is told to, anew, all the time. It
-needs no trust in the computer: a program that crashes or hangs, a cable pulled out and a computer without power all
-look like silence. Its firmware is a few lines on any microcontroller; `simulated_interlock.py` is a complete one.
+The box holds a contact in the amplifier's enable line closed for as long as it is told to, anew,
+all the time. It needs no trust in the computer: a program that crashes or hangs, a cable pulled out
+and a computer without power all look like silence. Its firmware is a few lines on any
+microcontroller; `simulated_interlock.py` is a complete one.
 
-Line protocol (115200 baud, 8 data bits, no parity, 1 stop bit; ASCII, lines end with a line feed, a carriage return
-before it is ignored). The host asks, the box answers each line with one line:
+Line protocol (115200 baud, 8 data bits, no parity, 1 stop bit; ASCII, lines end with a line feed, a
+carriage return before it is ignored). The host asks, the box answers each line with one line:
 
     ID?          HAPTIC-INTERLOCK 1               what it is, version of this protocol
     BEAT n       status                           n counts 0..255 and starts again at 0
@@ -19,10 +21,11 @@ before it is ignored). The host asks, the box answers each line with one line:
                  SILENT     no beat for 200 ms
                  SEQUENCE   a beat was lost, repeated or out of order
 
-Beats are edges, not levels: only a number one above the last is a beat, so a host that repeats itself (a stuck buffer,
-a level that stays high) is not alive. The contact opens by the box's own clock 200 ms after the last beat, without
-being asked, and at once at a wrong number. It stays open until ENABLE, which closes it only within 200 ms of a beat;
-while it is open any number is taken as the new start.
+Beats are edges, not levels: only a number one above the last is a beat, so a host that repeats
+itself (a stuck buffer, a level that stays high) is not alive. The contact opens by the box's own
+clock 200 ms after the last beat, without being asked, and at once at a wrong number. It stays open
+until ENABLE, which closes it only within 200 ms of a beat; while it is open any number is taken as
+the new start.
 """
 
 from __future__ import annotations
@@ -42,7 +45,9 @@ BEATS = 256
 
 _INPUTS = {"rts": "cts", "dtr": "dsr"}  # what a loop-back wire brings a modem line back to
 
-_STATUS = re.compile(r"(?P<contact>ON|OFF) (?P<reason>OK|DISABLED|SILENT|SEQUENCE) (?P<beat>\d{1,3})")
+_STATUS = re.compile(
+    r"(?P<contact>ON|OFF) (?P<reason>OK|DISABLED|SILENT|SEQUENCE) (?P<beat>\d{1,3})"
+)
 
 
 class InterlockStatus(NamedTuple):
@@ -56,9 +61,9 @@ class InterlockStatus(NamedTuple):
 class HeartbeatInterlock:
     """Driver of the box: an enable line (a digital output) that must be beaten while it is high.
 
-    `beat` belongs in the loop that is to be supervised, at least every 100 ms; a thread that beats by itself would
-    supervise nothing. Every method but `rest` and `close` raises DeviceError; each takes at most one reply timeout,
-    and as long again to wait for another thread.
+    `beat` belongs in the loop that is to be supervised, at least every 100 ms; a thread that beats
+    by itself would supervise nothing. Every method but `rest` and `close` raises DeviceError; each
+    takes at most one reply timeout, and as long again to wait for another thread.
     """
 
     def __init__(self, transport: Transport, *, reply_timeout_s: float = 0.05) -> None:
@@ -74,7 +79,8 @@ class HeartbeatInterlock:
         if identity != IDENTITY:
             self._transport.mark_dirty()
             raise BadReply(
-                f"{self._transport.resource} is {identity!r}, not {IDENTITY!r}", "check the port in the configuration"
+                f"{self._transport.resource} is {identity!r}, not {IDENTITY!r}",
+                "check the port in the configuration",
             )
         self.write(False)
 
@@ -83,14 +89,17 @@ class HeartbeatInterlock:
         return self._status("STATUS?")
 
     def beat(self) -> None:
-        """Tell the box that the output is still wanted; BadReply when it has opened a contact that is to be closed."""
+        """Tell the box that the output is still wanted; BadReply when it has opened a contact that
+        is to be closed.
+        """
         with self._transport.exchange(self._reply_timeout_s):
             number = self._next_beat
             self._next_beat = (number + 1) % BEATS
             status = self._status(f"BEAT {number}")
         if status.beat != number:
             raise BadReply(
-                f"{self._transport.resource} took beat {status.beat} where {number} was sent", "check its cable"
+                f"{self._transport.resource} took beat {status.beat} where {number} was sent",
+                "check its cable",
             )
         if self._closed and not status.closed:
             raise BadReply(
@@ -109,8 +118,9 @@ class HeartbeatInterlock:
         status = self._status("ENABLE" if value else "DISABLE")
         if status.closed is not value:
             raise BadReply(
-                f"{self._transport.resource} has its contact {'closed' if status.closed else 'open'} "
-                f"({status.reason.lower()}) after being told otherwise",
+                f"{self._transport.resource} has its contact"
+                f" {'closed' if status.closed else 'open'} ({status.reason.lower()}) after being"
+                " told otherwise",
                 "beat it every 50 ms; look at the box",
             )
         self._closed = value
@@ -131,7 +141,8 @@ class HeartbeatInterlock:
         if match is None or (match["contact"] == "ON") is not (match["reason"] == "OK"):
             self._transport.mark_dirty()
             raise BadReply(
-                f"{self._transport.resource} answered {reply!r} to {line!r}", "check its cable and baud rate"
+                f"{self._transport.resource} answered {reply!r} to {line!r}",
+                "check its cable and baud rate",
             )
         return InterlockStatus(match["contact"] == "ON", match["reason"], int(match["beat"]))
 
@@ -144,10 +155,11 @@ class HeartbeatInterlock:
 class ModemLine:
     """RTS or DTR of a serial port as an enable line (a digital output).
 
-    The port knows only what it was told; the level itself can be read where a wire brings it back to an input
-    (RTS to CTS, DTR to DSR): say so with `looped_back`. Without that wire `read` raises DeviceError, so that the
-    state is unknown and never "off". Traps, all outside this program: many systems raise both lines for a moment when
-    a port is opened, and some leave them up when the program dies. A level is no heartbeat; prefer the box.
+    The port knows only what it was told; the level itself can be read where a wire brings it back
+    to an input (RTS to CTS, DTR to DSR): say so with `looped_back`. Without that wire `read` raises
+    DeviceError, so that the state is unknown and never "off". Traps, all outside this program: many
+    systems raise both lines for a moment when a port is opened, and some leave them up when the
+    program dies. A level is no heartbeat; prefer the box.
     """
 
     def __init__(self, port: str, line: Literal["rts", "dtr"], *, looped_back: bool) -> None:
@@ -169,7 +181,8 @@ class ModemLine:
             connection.open()
         except (OSError, ValueError) as error:  # SerialException is an OSError
             raise DeviceDisconnected(
-                f"{self.resource}: the port cannot be opened ({error})", "check the port's name and permissions"
+                f"{self.resource}: the port cannot be opened ({error})",
+                "check the port's name and permissions",
             ) from error
         self._serial = connection
 
@@ -183,7 +196,8 @@ class ModemLine:
         if not self._looped_back:
             raise DeviceError(
                 f"{self.resource}: its level cannot be read back",
-                f"wire {self._line.upper()} to {_INPUTS[self._line].upper()} and configure looped_back",
+                f"wire {self._line.upper()} to {_INPUTS[self._line].upper()} and configure"
+                " looped_back",
             )
         with self._lock, self._port_errors():
             return bool(getattr(self._connected(), _INPUTS[self._line]))
@@ -208,5 +222,6 @@ class ModemLine:
             yield
         except OSError as error:
             raise DeviceDisconnected(
-                f"{self.resource} was lost ({error})", "check the adapter; a pseudo-terminal has no such line"
+                f"{self.resource} was lost ({error})",
+                "check the adapter; a pseudo-terminal has no such line",
             ) from error

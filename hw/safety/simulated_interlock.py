@@ -1,4 +1,6 @@
-"""The heartbeat interlock box of `hw.safety.interlock`, as bytes in, bytes out, with a clock of its own."""
+"""The heartbeat interlock box of `hw.safety.interlock`, as bytes in, bytes out, with a clock of its
+own.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ SILENCE_S = 0.2
 
 
 class SimulatedInterlock:
-    """The firmware of the box. `closed` is its contact, now. `clock` may be simulated. Thread-safe."""
+    """The firmware of the box. `closed` is its contact, now. `clock` may be simulated.
+    Thread-safe.
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock

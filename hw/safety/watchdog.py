@@ -1,19 +1,24 @@
-"""A process of its own that switches the output off when the driver dies, over connections of its own.
+"""A process of its own that switches the output off when the driver dies, over connections of its
+own.
 
-`atexit`, signal handlers and `finally` do not run after SIGKILL, a crash of the interpreter or a hang; this does. The
-driver beats over a pipe. When beats stop for `period_s`, or the pipe closes (however the driver ended), the watchdog
-switches the generator off in the words of its kind, opens the interlock's contact if it is told of one, reads both
-back, and tries again until there is evidence or `give_up_s` have passed. A driver that was only kept waiting by a busy
-machine may beat again once there is evidence; otherwise the watchdog ends, and its exit status says what it knows. It
-can do nothing against a computer without power or an instrument that is cut off: that is what the interlock box is for.
+`atexit`, signal handlers and `finally` do not run after SIGKILL, a crash of the interpreter or a
+hang; this does. The driver beats over a pipe. When beats stop for `period_s`, or the pipe closes
+(however the driver ended), the watchdog switches the generator off in the words of its kind, opens
+the interlock's contact if it is told of one, reads both back, and tries again until there is
+evidence or `give_up_s` have passed. A driver that was only kept waiting by a busy machine may beat
+again once there is evidence; otherwise the watchdog ends, and its exit status says what it knows.
+It can do nothing against a computer without power or an instrument that is cut off: that is what
+the interlock box is for.
 
-From when it is ready it starts nothing more: its threads, connections and words are there. Its log waits for nobody.
+From when it is ready it starts nothing more: its threads, connections and words are there. Its log
+waits for nobody.
 
-    python -m hw.safety.watchdog --generator TCPIP::192.168.0.5::5025::SOCKET [--model M] [--interlock I] ...
+    python -m hw.safety.watchdog --generator TCPIP::192.168.0.5::5025::SOCKET [--model M]
+    [--interlock I] ...
 
-reads beats from its standard input: `b` (the output is wanted), `r` (rest: it is known to be off, do not wait for
-beats). It counts from the first beat. Standard output gets one line, `ready` or why not, and then `h` whenever it has
-heard, `s` when it begins to switch off, `d` when it has.
+reads beats from its standard input: `b` (the output is wanted), `r` (rest: it is known to be off,
+do not wait for beats). It counts from the first beat. Standard output gets one line, `ready` or why
+not, and then `h` whenever it has heard, `s` when it begins to switch off, `d` when it has.
 """
 
 from __future__ import annotations
@@ -44,9 +49,13 @@ BEAT, REST = b"b", b"r"
 READY = "ready"
 HEARD, SWITCHING, DONE = b"h", b"s", b"d"
 CLOSED = "the pipe is closed"
-FEWEST_UNANSWERED = 3  # beats, before silence is its own and not that of a machine that let nobody run
+FEWEST_UNANSWERED = (
+    3  # beats, before silence is its own and not that of a machine that let nobody run
+)
 LAST_LOOK = 0.1  # of the period
-ASKED_AT_START = 4  # times: nothing is on yet, and a busy machine's late answer is no reason to go without
+ASKED_AT_START = (
+    4  # times: nothing is on yet, and a busy machine's late answer is no reason to go without
+)
 PRIORITY = 1  # of SCHED_FIFO, where that is granted: before all that is not in real time
 _END_S = 10.0  # for the process to be scheduled and to end; it switches off meanwhile
 _log = logging.getLogger("hw.safety.watchdog")
@@ -63,13 +72,17 @@ class Outcome(enum.IntEnum):
 
 @dataclass(frozen=True)
 class WatchdogSettings:
-    """What it switches off, and when. Resources as `make_transport` takes them; `interlock` may be absent.
+    """What it switches off, and when. Resources as `make_transport` takes them; `interlock` may be
+    absent.
 
-    `model` is the generator's kind, see `hw.generator.contract`; `visa_backend` as `make_transport` takes it.
+    `model` is the generator's kind, see `hw.generator.contract`; `visa_backend` as `make_transport`
+    takes it.
 
-    A serial port or USB device cannot be shared with the driver: give the watchdog resources of its own.
+    A serial port or USB device cannot be shared with the driver: give the watchdog resources of its
+    own.
 
-    `give_up_s`: how long it goes on trying without evidence. Raises ValueError for times that are not > 0.
+    `give_up_s`: how long it goes on trying without evidence. Raises ValueError for times that are
+    not > 0.
     """
 
     generator: str
@@ -85,20 +98,24 @@ class WatchdogSettings:
         """Refuse what cannot be a setting."""
         for name in ("period_s", "reply_timeout_s", "retry_s", "give_up_s"):
             if not 0.0 < getattr(self, name) < float("inf"):
-                raise ValueError(f"watchdog {name} must be a finite number > 0, not {getattr(self, name)!r}")
+                raise ValueError(
+                    f"watchdog {name} must be a finite number > 0, not {getattr(self, name)!r}"
+                )
 
     def arguments(self) -> list[str]:
         """The command line that says the same."""
-        given = {name.removesuffix("_s").replace("_", "-"): value for name, value in vars(self).items()}
+        given = {
+            name.removesuffix("_s").replace("_", "-"): value for name, value in vars(self).items()
+        }
         return [f"--{name}={value}" for name, value in given.items() if value is not None]
 
 
 class Watchdog(Running):
     """The driver's side: starts the process and beats it; a heartbeat for `Rig`.
 
-    The process is in a group of its own and ignores SIGINT, SIGTERM and SIGHUP, so that what ends the driver does
-    not end it too; it is in the driver's session, since Linux shares a busy processor among sessions first. `beat`
-    never waits.
+    The process is in a group of its own and ignores SIGINT, SIGTERM and SIGHUP, so that what ends
+    the driver does not end it too; it is in the driver's session, since Linux shares a busy
+    processor among sessions first. `beat` never waits.
     """
 
     def __init__(self, settings: WatchdogSettings) -> None:
@@ -143,8 +160,9 @@ class Watchdog(Running):
     def beat(self) -> None:
         """Say that the output is still wanted.
 
-        Raises SwitchedOff when it has switched off for want of beats and listens again, and another DeviceError once
-        it has ended or has not answered for a period: it is killed then, since it watches nothing.
+        Raises SwitchedOff when it has switched off for want of beats and listens again, and another
+        DeviceError once it has ended or has not answered for a period: it is killed then, since it
+        watches nothing.
         """
         if self._process is None:
             raise DeviceDisconnected("watchdog: it is not running", "start it before switching on")
@@ -152,19 +170,30 @@ class Watchdog(Running):
         status = self._process.poll()
         if status is not None:
             raise DeviceDisconnected(
-                f"watchdog: it has ended ({_describe(status)})", "find out why beats stopped; then start it again"
+                f"watchdog: it has ended ({_describe(status)})",
+                "find out why beats stopped; then start it again",
             )
         if went_off:
-            raise SwitchedOff("watchdog: it switched off, since it was not beaten in time", "the machine is too busy")
-        if len(self._unanswered) >= FEWEST_UNANSWERED and now_s - self._unanswered[0] > self.settings.period_s:
+            raise SwitchedOff(
+                "watchdog: it switched off, since it was not beaten in time",
+                "the machine is too busy",
+            )
+        if (
+            len(self._unanswered) >= FEWEST_UNANSWERED
+            and now_s - self._unanswered[0] > self.settings.period_s
+        ):
             self._process.kill()
-            raise DeviceTimeout("watchdog: it does not answer, and is ended", "find out what stopped it")
+            raise DeviceTimeout(
+                "watchdog: it does not answer, and is ended", "find out what stopped it"
+            )
         try:
             os.write(_pipe(self._process), BEAT)
         except BlockingIOError as error:
             raise DeviceTimeout("watchdog: it does not take beats", "restart the driver") from error
         except OSError as error:
-            raise DeviceDisconnected(f"watchdog: its pipe is broken ({error})", "start it again") from error
+            raise DeviceDisconnected(
+                f"watchdog: its pipe is broken ({error})", "start it again"
+            ) from error
         self._unanswered.append(now_s)
 
     def _hear(self, process: subprocess.Popen[bytes]) -> bool:
@@ -174,7 +203,9 @@ class Watchdog(Running):
         went_off = self._switching or SWITCHING in said
         if said:
             self._unanswered = []
-            self._switching = said.rfind(SWITCHING) > said.rfind(DONE) or (self._switching and DONE not in said)
+            self._switching = said.rfind(SWITCHING) > said.rfind(DONE) or (
+                self._switching and DONE not in said
+            )
         return went_off
 
     def rest(self) -> None:
@@ -183,19 +214,25 @@ class Watchdog(Running):
             self._hear(self._process)  # that it has switched off is no news any more
             with suppress(OSError):
                 os.write(_pipe(self._process), REST)
-                self._unanswered.append(time.monotonic())  # stopped while it rests, the next beats tell
+                self._unanswered.append(
+                    time.monotonic()
+                )  # stopped while it rests, the next beats tell
 
     def close(self) -> bool | None:
-        """Let it switch off and end; return whether the output is off (None: unknown). Never raises.
+        """Let it switch off and end; return whether the output is off (None: unknown). Never
+        raises.
 
-        Takes at most `give_up_s`, a few reply timeouts, and what a busy machine needs to end a process.
+        Takes at most `give_up_s`, a few reply timeouts, and what a busy machine needs to end a
+        process.
         """
         process, self._process = self._process, None
         if process is None:
             return None
         try:
             # closes its input, which makes it switch off
-            process.communicate(timeout=self.settings.give_up_s + 10.0 * self.settings.reply_timeout_s + _END_S)
+            process.communicate(
+                timeout=self.settings.give_up_s + 10.0 * self.settings.reply_timeout_s + _END_S
+            )
         except subprocess.TimeoutExpired:
             return None
         return {Outcome.OFF.value: True, Outcome.ON.value: False}.get(process.returncode)
@@ -222,17 +259,24 @@ def _describe(status: int) -> str:
     return Outcome(status).name.lower() if status in set(Outcome) else f"status {status}"
 
 
-# --- the process itself ------------------------------------------------------------------------------------------
+# --- the process itself
+# ------------------------------------------------------------------------------------------
 
 
 class _Instrument:
-    """A connection of the watchdog's own and the lines it knows to say; `answers` tells off from on.
+    """A connection of the watchdog's own and the lines it knows to say; `answers` tells off from
+    on.
 
     All but the last line of `off` answer nothing.
     """
 
     def __init__(
-        self, transport: Transport, timeout_s: float, ask: bytes, off: Sequence[bytes], answers: re.Pattern[bytes]
+        self,
+        transport: Transport,
+        timeout_s: float,
+        ask: bytes,
+        off: Sequence[bytes],
+        answers: re.Pattern[bytes],
     ) -> None:
         self.resource = transport.resource
         self._transport = transport
@@ -257,7 +301,9 @@ class _Instrument:
                 for command in commands:
                     self._transport.write(command)
                 reply = self._transport.query(question, self._timeout_s)
-        except Exception as error:  # whatever it is, the other instrument and the next attempt must not suffer
+        except (
+            Exception
+        ) as error:  # whatever it is, the other instrument and the next attempt must not suffer
             said = str(error)
             _log.warning("%s", said if self.resource in said else f"{self.resource}: {said}")
             self._transport.close()
@@ -277,7 +323,11 @@ def _instruments(settings: WatchdogSettings) -> list[_Instrument]:
     found = [_Instrument(transport, timeout_s, kind.ask_off, off, kind.off_answers)]
     if settings.interlock is not None:
         said = re.compile(rb"(?P<off>OFF) [A-Z]+ \d+|ON OK \d+")
-        found.append(_Instrument(make_transport(settings.interlock), timeout_s, b"STATUS?\n", [b"DISABLE\n"], said))
+        found.append(
+            _Instrument(
+                make_transport(settings.interlock), timeout_s, b"STATUS?\n", [b"DISABLE\n"], said
+            )
+        )
     return found
 
 
@@ -286,13 +336,17 @@ def _answers(instrument: _Instrument) -> bool:
     return any(instrument.ask() is not None for _ in range(ASKED_AT_START))
 
 
-def wait_for_silence(beats: queue.Queue[bytes], period_s: float, heard: Callable[[], None] = lambda: None) -> str:
-    """Return, in words, why there are no more beats; `beats` gives BEAT, REST, or nothing at the end of the pipe.
+def wait_for_silence(
+    beats: queue.Queue[bytes], period_s: float, heard: Callable[[], None] = lambda: None
+) -> str:
+    """Return, in words, why there are no more beats; `beats` gives BEAT, REST, or nothing at the
+    end of the pipe.
 
     `heard` is called for each.
 
-    The last tenth of the period is waited for apart: when a busy machine has let this process sleep for longer than its
-    driver was silent, whoever listens has time to hand over the beats that came meanwhile.
+    The last tenth of the period is waited for apart: when a busy machine has let this process sleep
+    for longer than its driver was silent, whoever listens has time to hand over the beats that came
+    meanwhile.
     """
     timeout_s = None
     while True:
@@ -310,7 +364,9 @@ def wait_for_silence(beats: queue.Queue[bytes], period_s: float, heard: Callable
 
 
 class Hand:
-    """A thread that switches one instrument off whenever it is asked to; it is there from the start."""
+    """A thread that switches one instrument off whenever it is asked to; it is there from the
+    start.
+    """
 
     def __init__(self, instrument: _Instrument) -> None:
         self._instrument = instrument
@@ -336,7 +392,8 @@ class Hand:
 
 
 def switch_off(hands: Sequence[Hand], settings: WatchdogSettings) -> Outcome:
-    """Switch all off at the same time, again and again until all say so or time is up; what is known at the end.
+    """Switch all off at the same time, again and again until all say so or time is up; what is
+    known at the end.
 
     One that says off is evidence, as each of them alone takes the voltage away.
     """
@@ -358,17 +415,26 @@ def switch_off(hands: Sequence[Hand], settings: WatchdogSettings) -> Outcome:
 def main(arguments: Sequence[str] | None = None) -> Outcome:
     """Run the process; the outcome is its exit status."""
     settings = _parse(arguments)
-    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTTOU"):  # the last where its terminal stops who writes unasked
+    for name in (
+        "SIGINT",
+        "SIGTERM",
+        "SIGHUP",
+        "SIGTTOU",
+    ):  # the last where its terminal stops who writes unasked
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     log = DroppingHandler()
-    logging.basicConfig(format="%(asctime)s watchdog: %(message)s", level=logging.INFO, handlers=[log])
+    logging.basicConfig(
+        format="%(asctime)s watchdog: %(message)s", level=logging.INFO, handlers=[log]
+    )
     instruments = _instruments(settings)
     silent = [instrument.resource for instrument in instruments if not _answers(instrument)]
     if silent:
         print(f"{', '.join(silent)} does not answer", flush=True)
         return Outcome.NOT_STARTED
-    with suppress(OSError, AttributeError):  # it has little to do, and must not wait for a machine that has too much
+    with suppress(
+        OSError, AttributeError
+    ):  # it has little to do, and must not wait for a machine that has too much
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     hands = [Hand(instrument) for instrument in instruments]
     print(READY, flush=True)
@@ -408,19 +474,33 @@ def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
     parser = argparse.ArgumentParser(
         prog="python -m hw.safety.watchdog", description="Switch off when the driver dies."
     )
-    parser.add_argument("--generator", required=True, help="its resource, e.g. TCPIP::host::5025::SOCKET")
+    parser.add_argument(
+        "--generator", required=True, help="its resource, e.g. TCPIP::host::5025::SOCKET"
+    )
     parser.add_argument("--model", default=WatchdogSettings.model, help="the generator's kind")
-    parser.add_argument("--visa-backend", default=WatchdogSettings.visa_backend, help="what pyvisa calls its library")
+    parser.add_argument(
+        "--visa-backend",
+        default=WatchdogSettings.visa_backend,
+        help="what pyvisa calls its library",
+    )
     parser.add_argument("--interlock", help="resource of a heartbeat interlock box")
     for name in ("period", "reply-timeout", "retry", "give-up"):
         default = getattr(WatchdogSettings, f"{name.replace('-', '_')}_s")
-        parser.add_argument(f"--{name}", type=float, default=default, metavar="S", help=f"seconds; {default:g}")
+        parser.add_argument(
+            f"--{name}", type=float, default=default, metavar="S", help=f"seconds; {default:g}"
+        )
     given = parser.parse_args(arguments)
     try:
         settings = WatchdogSettings(
-            given.generator, given.interlock, given.model, given.visa_backend,
-            given.period, given.reply_timeout, given.retry, given.give_up,
-        )  # fmt: skip
+            given.generator,
+            given.interlock,
+            given.model,
+            given.visa_backend,
+            given.period,
+            given.reply_timeout,
+            given.retry,
+            given.give_up,
+        )
         generator_kind(settings.model)
         for resource in filter(None, (settings.generator, settings.interlock)):
             make_transport(resource)

@@ -1,4 +1,6 @@
-"""Cuts a stream of bytes into messages, as an instrument without message bounds on its link does."""
+"""Cuts a stream of bytes into messages, as an instrument without message bounds on its link
+does.
+"""
 
 from __future__ import annotations
 

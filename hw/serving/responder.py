@@ -9,7 +9,9 @@ class Responder(Protocol):
     """An instrument as bytes in, bytes out."""
 
     def handle(self, data: bytes) -> bytes:
-        """Carry out complete messages and return their answers; raise ConnectionError to hang up."""
+        """Carry out complete messages and return their answers; raise ConnectionError to hang
+        up.
+        """
 
 
 class Disconnect(ConnectionError):  # noqa: N818 - an event, not an error, on this side

@@ -1,4 +1,6 @@
-"""Serves a simulated instrument on a pseudo-terminal, which other programs open like a serial port."""
+"""Serves a simulated instrument on a pseudo-terminal, which other programs open like a serial
+port.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,10 @@ _CHUNK_BYTES = 1 << 16
 class SerialServer(Running):
     r"""One instrument on one pseudo-terminal; no baud rate, no modem lines.
 
-    `path` stays while the server lives, also over a simulated unplugging; `terminal` is the device behind it at
-    present. Messages end with `\n`; with `framed=False` the instrument gets bytes as they come and finds its
-    messages itself. It answers between `start` and `close`, or inside a `with` block.
+    `path` stays while the server lives, also over a simulated unplugging; `terminal` is the device
+    behind it at present. Messages end with `\n`; with `framed=False` the instrument gets bytes as
+    they come and finds its messages itself. It answers between `start` and `close`, or inside a
+    `with` block.
     """
 
     def __init__(self, core: Responder, *, framed: bool = True) -> None:
@@ -33,7 +36,9 @@ class SerialServer(Running):
         self.resource = f"ASRL{self.path}::INSTR"
         self._wake_read, self._wake_write = os.pipe()
         self._plug_in()
-        self._thread = threading.Thread(target=self._serve, name=f"serve {self.resource}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, name=f"serve {self.resource}", daemon=True
+        )
 
     @property
     def terminal(self) -> str:
@@ -41,7 +46,6 @@ class SerialServer(Running):
         return str(Path(self.path).resolve())
 
     def start(self) -> None:
-        """Begin to answer."""
         self._thread.start()
 
     def close(self) -> None:
@@ -56,7 +60,8 @@ class SerialServer(Running):
         self._folder.cleanup()
 
     def _plug_in(self) -> None:
-        # The terminal's own end stays open here, so that the controller sees no end of file between two clients.
+        # The terminal's own end stays open here, so that the controller sees no end of file between
+        # two clients.
         import tty  # noqa: PLC0415 - not on Windows
 
         self._controller, self._terminal = os.openpty()

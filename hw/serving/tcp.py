@@ -17,10 +17,11 @@ _POLL_S = 0.05
 
 
 class TcpServer(Running):
-    r"""One instrument on 127.0.0.1, any number of connections, a thread each; messages end with `\n`.
+    r"""One instrument on 127.0.0.1, any number of connections, a thread each; messages end with
+    `\n`.
 
-    The port is bound when the object is made (`port` 0: a free one); it answers between `start` and `close`,
-    or inside a `with` block.
+    The port is bound when the object is made (`port` 0: a free one); it answers between `start` and
+    `close`, or inside a `with` block.
     """
 
     def __init__(self, core: Responder, port: int = 0) -> None:
@@ -28,11 +29,13 @@ class TcpServer(Running):
         self.host, self.port = "127.0.0.1", int(self._server.server_address[1])
         self.resource = f"TCPIP::{self.host}::{self.port}::SOCKET"
         self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(_POLL_S,), name=f"serve {self.resource}", daemon=True
+            target=self._server.serve_forever,
+            args=(_POLL_S,),
+            name=f"serve {self.resource}",
+            daemon=True,
         )
 
     def start(self) -> None:
-        """Begin to answer."""
         self._thread.start()
 
     def close(self) -> None:
@@ -54,8 +57,11 @@ class _Server(socketserver.ThreadingTCPServer):
         super().__init__(("127.0.0.1", port), _Connection)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        # A daemon, so that a server left open never keeps the interpreter alive; `hang_up` waits for it.
-        thread = threading.Thread(target=self.process_request_thread, args=(request, client_address), daemon=True)
+        # A daemon, so that a server left open never keeps the interpreter alive; `hang_up` waits
+        # for it.
+        thread = threading.Thread(
+            target=self.process_request_thread, args=(request, client_address), daemon=True
+        )
         with self._lock:
             self._connections[request] = thread
         thread.start()

@@ -1,8 +1,10 @@
-"""The Thorlabs APT protocol as bytes: the messages that a one-channel stepper stage needs, counts as on the wire.
+"""The Thorlabs APT protocol as bytes: the messages that a one-channel stepper stage needs, counts
+as on the wire.
 
-A message is 6 bytes, `<HBBBB` id, two parameters, destination, source; or, with bit 7 of the destination set,
-`<HHBB` id, data length, destination, source, and the data. There is no checksum. Source: Thorlabs APT
-Communications Protocol; the test compares every message with the package thorlabs-apt-protocol.
+A message is 6 bytes, `<HBBBB` id, two parameters, destination, source; or, with bit 7 of the
+destination set, `<HHBB` id, data length, destination, source, and the data. There is no checksum.
+Source: Thorlabs APT Communications Protocol; the test compares every message with the package
+thorlabs-apt-protocol.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ _MOTION_STATUS = struct.Struct("<HiiI")  # channel, position, encoder, status bi
 _VELOCITY = struct.Struct("<Hiii")  # channel, minimum velocity, acceleration, maximum velocity
 _CHANNEL_AND_COUNTS = struct.Struct("<Hi")
 _CHANNEL_AND_BITS = struct.Struct("<HI")
-_INFO = struct.Struct("<I8sH4B60xHHH")  # serial, model, type, firmware, hardware version, modification, channels
+_INFO = struct.Struct(
+    "<I8sH4B60xHHH"
+)  # serial, model, type, firmware, hardware version, modification, channels
 
 
 class Message(enum.IntEnum):
@@ -70,7 +74,9 @@ DATA_BYTES = {
 
 
 class StatusBit(enum.IntFlag):
-    """Bits of the status word. Libraries disagree on which of a pair is forward, so none is named for a direction."""
+    """Bits of the status word. Libraries disagree on which of a pair is forward, so none is named
+    for a direction.
+    """
 
     MOVING = 0x0030
     JOGGING = 0x00C0
@@ -91,7 +97,9 @@ class StopMode(enum.IntEnum):
 
 
 class Frame(NamedTuple):
-    """One message; `data` is None for the short form, whose two parameters are `parameter_1` and `parameter_2`."""
+    """One message; `data` is None for the short form, whose two parameters are `parameter_1` and
+    `parameter_2`.
+    """
 
     message: Message
     parameter_1: int = 0
@@ -100,7 +108,9 @@ class Frame(NamedTuple):
 
 
 class Info(NamedTuple):
-    """Answer to REQUEST_INFO; `model` as printed in the instrument, `firmware` as major.minor.interim."""
+    """Answer to REQUEST_INFO; `model` as printed in the instrument, `firmware` as
+    major.minor.interim.
+    """
 
     serial_number: int
     model: str
@@ -124,8 +134,13 @@ class Velocity(NamedTuple):
 def encode(frame: Frame, *, destination: int = USB_UNIT, source: int = HOST) -> bytes:
     """Return the bytes of one message; from the host to the USB unit unless told otherwise."""
     if frame.data is None:
-        return struct.pack("<HBBBB", frame.message, frame.parameter_1, frame.parameter_2, destination, source)
-    return struct.pack("<HHBB", frame.message, len(frame.data), destination | _HAS_DATA, source) + frame.data
+        return struct.pack(
+            "<HBBBB", frame.message, frame.parameter_1, frame.parameter_2, destination, source
+        )
+    return (
+        struct.pack("<HHBB", frame.message, len(frame.data), destination | _HAS_DATA, source)
+        + frame.data
+    )
 
 
 def on_channel(message: Message, parameter_2: int = 0) -> Frame:
@@ -140,12 +155,17 @@ def with_counts(message: Message, counts_raw: int) -> Frame:
 
 def with_velocity(message: Message, velocity: Velocity) -> Frame:
     """SET_VELOCITY or VELOCITY."""
-    return Frame(message, data=_VELOCITY.pack(CHANNEL, 0, velocity.acceleration_raw, velocity.velocity_raw))
+    return Frame(
+        message, data=_VELOCITY.pack(CHANNEL, 0, velocity.acceleration_raw, velocity.velocity_raw)
+    )
 
 
 def with_status(message: Message, status: Status) -> Frame:
     """STATUS, MOVE_COMPLETED or STOPPED; the encoder is said to agree with the position."""
-    return Frame(message, data=_MOTION_STATUS.pack(CHANNEL, status.position_raw, status.position_raw, status.bits))
+    return Frame(
+        message,
+        data=_MOTION_STATUS.pack(CHANNEL, status.position_raw, status.position_raw, status.bits),
+    )
 
 
 def with_status_bits(bits: StatusBit) -> Frame:
@@ -154,10 +174,15 @@ def with_status_bits(bits: StatusBit) -> Frame:
 
 
 def with_info(info: Info) -> Frame:
-    """INFO of an instrument with one channel; the type word 16 says brushless or stepper controller."""
+    """INFO of an instrument with one channel; the type word 16 says brushless or stepper
+    controller.
+    """
     major, minor, interim = (int(part) for part in info.firmware.split("."))
     model = info.model.encode("ascii")
-    return Frame(Message.INFO, data=_INFO.pack(info.serial_number, model, 16, interim, minor, major, 0, 1, 0, 1))
+    return Frame(
+        Message.INFO,
+        data=_INFO.pack(info.serial_number, model, 16, interim, minor, major, 0, 1, 0, 1),
+    )
 
 
 def read_counts(frame: Frame) -> int:
@@ -185,10 +210,11 @@ def read_info(frame: Frame) -> Info:
 
 
 class Decoder:
-    """Finds messages to one address in a stream of bytes that may be split, or hold garbage, anywhere.
+    """Finds messages to one address in a stream of bytes that may be split, or hold garbage,
+    anywhere.
 
-    A header counts only with a known id, its right length, and the right addresses; whatever else comes is
-    skipped byte by byte.
+    A header counts only with a known id, its right length, and the right addresses; whatever else
+    comes is skipped byte by byte.
     """
 
     def __init__(self, *, destination: int = HOST, source: int = USB_UNIT) -> None:
@@ -198,7 +224,9 @@ class Decoder:
 
     @property
     def missing_bytes(self) -> int:
-        """How many bytes it takes, at least, until another message can be complete; always > 0 after `feed`."""
+        """How many bytes it takes, at least, until another message can be complete; always > 0
+        after `feed`.
+        """
         if len(self._received) < HEADER_BYTES:
             return HEADER_BYTES - len(self._received)
         return HEADER_BYTES + self._data_bytes(self._received) - len(self._received)
@@ -224,7 +252,10 @@ class Decoder:
         expected = DATA_BYTES.get(_message(data))
         if expected is None:
             return data[4] == self._destination
-        return data[4] == self._destination | _HAS_DATA and int.from_bytes(data[2:4], "little") == expected
+        return (
+            data[4] == self._destination | _HAS_DATA
+            and int.from_bytes(data[2:4], "little") == expected
+        )
 
     @staticmethod
     def _data_bytes(data: bytearray) -> int:

@@ -11,7 +11,8 @@ from typing import NamedTuple
 from hw.stage import apt
 from hw.stage.apt import Frame, Message, StatusBit
 
-# The simulator's own table, in millimetres like the data sheet; the driver's limits are not used here.
+# The simulator's own table, in millimetres like the data sheet; the driver's limits are not used
+# here.
 COUNTS_PER_MM = 409_600
 VELOCITY_COUNTS_PER_MM_S = 21_987_328
 ACCELERATION_COUNTS_PER_MM_S2 = 4506.08
@@ -51,7 +52,6 @@ class _Motion:
         return abs(self.way_mm) / peak + peak / self.acceleration_mm_s2 if self.way_mm else 0.0
 
     def position_mm(self, time_s: float) -> float:
-        """Where it is."""
         elapsed_s = min(max(time_s - self.start_s, 0.0), self.duration_s)
         half_s, ramp_s = 0.5 * self.duration_s, self._peak_mm_s / self.acceleration_mm_s2
         near_s = min(elapsed_s, self.duration_s - elapsed_s)  # it is symmetric in time
@@ -76,9 +76,10 @@ class _Speed(NamedTuple):
 class SimulatedLts150:
     """One stage, as a responder for any transport. Thread-safe.
 
-    It starts somewhere on its travel, not homed, with its counter at 0 there and automatic status messages on, as
-    after power-up. Moves beyond the travel end at the travel; velocity and acceleration are clipped to the table.
-    A responder cannot speak first, so messages that it sends unasked come ahead of the next answer.
+    It starts somewhere on its travel, not homed, with its counter at 0 there and automatic status
+    messages on, as after power-up. Moves beyond the travel end at the travel; velocity and
+    acceleration are clipped to the table. A responder cannot speak first, so messages that it sends
+    unasked come ahead of the next answer.
     """
 
     clock: Callable[[], float]
@@ -87,7 +88,6 @@ class SimulatedLts150:
     model: str = "LTS150"
 
     def __post_init__(self) -> None:
-        """As after power-up."""
         self._lock = threading.Lock()
         self._decoder = apt.Decoder(destination=apt.USB_UNIT, source=apt.HOST)
         self._rest_mm = self.start_mm
@@ -116,7 +116,9 @@ class SimulatedLts150:
             answers = self._unasked()
             for frame in self._decoder.feed(data):
                 answers += self._carry_out(frame)
-        return b"".join(apt.encode(frame, destination=apt.HOST, source=apt.USB_UNIT) for frame in answers)
+        return b"".join(
+            apt.encode(frame, destination=apt.HOST, source=apt.USB_UNIT) for frame in answers
+        )
 
     def _unasked(self) -> list[Frame]:
         frames = self._advance()
@@ -144,7 +146,9 @@ class SimulatedLts150:
             case Message.SET_VELOCITY:
                 self._set_velocity(apt.read_velocity(frame))
             case Message.MOVE_HOME:
-                self._move(0.0, _Speed(HOMING_VELOCITY_MM_S, self._speed.acceleration_mm_s2), Message.HOMED)
+                self._move(
+                    0.0, _Speed(HOMING_VELOCITY_MM_S, self._speed.acceleration_mm_s2), Message.HOMED
+                )
             case Message.MOVE_ABSOLUTE:
                 target_mm = self._counter_zero_mm + apt.read_counts(frame) / COUNTS_PER_MM
                 self._move(target_mm, self._speed, Message.MOVE_COMPLETED)
@@ -177,7 +181,9 @@ class SimulatedLts150:
         start_mm = here_mm - math.copysign(slowing_mm, motion.way_mm)
         peak_mm_s = math.sqrt(2.0 * motion.acceleration_mm_s2 * slowing_mm) or motion.velocity_mm_s
         start_s = now_s - peak_mm_s / motion.acceleration_mm_s2 if slowing_mm else now_s
-        self._motion = _Motion(start_s, start_mm, end_mm, peak_mm_s, motion.acceleration_mm_s2, Message.STOPPED)
+        self._motion = _Motion(
+            start_s, start_mm, end_mm, peak_mm_s, motion.acceleration_mm_s2, Message.STOPPED
+        )
 
     def _advance(self) -> list[Frame]:
         """End the motion that has ended by now, and announce it."""

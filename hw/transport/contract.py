@@ -11,7 +11,9 @@ from typing import NamedTuple
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
 
-CHUNK_BYTES = 1 << 16  # what is asked of a link at a time while the length of the answer is not known
+CHUNK_BYTES = (
+    1 << 16
+)  # what is asked of a link at a time while the length of the answer is not known
 
 
 class Bounds(NamedTuple):
@@ -28,14 +30,14 @@ NO_OTHER_BOUNDS = Bounds()
 class Transport(ABC):
     """Bytes to and from one instrument, one dialogue at a time.
 
-    One re-entrant lock is held over a whole query; `exchange` lends it to a caller who needs several
-    queries undisturbed. Deadlines are monotonic. A query that did not end cleanly (timeout, disconnect,
-    bytes too many) leaves the transport `dirty`, and the next write first calls `clear`: a late answer is
-    never given to the next question.
+    One re-entrant lock is held over a whole query; `exchange` lends it to a caller who needs
+    several queries undisturbed. Deadlines are monotonic. A query that did not end cleanly (timeout,
+    disconnect, bytes too many) leaves the transport `dirty`, and the next write first calls
+    `clear`: a late answer is never given to the next question.
 
-    Implementations supply `_connect`, `_disconnect`, `_send`, `_receive` and `_discard_input`, and `_reset`
-    where a fresh connection is not the way to start again; all run under the lock, and `deadline_s` is on the
-    scale of `clock`.
+    Implementations supply `_connect`, `_disconnect`, `_send`, `_receive` and `_discard_input`, and
+    `_reset` where a fresh connection is not the way to start again; all run under the lock, and
+    `deadline_s` is on the scale of `clock`.
     """
 
     _check_first = "that it is on and not busy"  # of a timeout's hint
@@ -142,7 +144,8 @@ class Transport(ABC):
 
     @abstractmethod
     def _receive(self, deadline_s: float, count: int) -> bytes:
-        """Wait for at least one byte; raises DeviceTimeout or DeviceDisconnected, never returns none.
+        """Wait for at least one byte; raises DeviceTimeout or DeviceDisconnected, never returns
+        none.
 
         A link must not wait for more than `count` bytes; it may return more when it has them.
         """
@@ -193,7 +196,9 @@ class Transport(ABC):
         return remaining_s
 
     def _timeout(self, what: str) -> DeviceTimeout:
-        return DeviceTimeout(f"{self.resource} {what} in time", f"check {self._check_first}; then try again")
+        return DeviceTimeout(
+            f"{self.resource} {what} in time", f"check {self._check_first}; then try again"
+        )
 
     def _not_connected(self) -> DeviceDisconnected:
         return DeviceDisconnected(f"{self.resource} is not connected", "clear or open it again")
@@ -209,7 +214,8 @@ class Transport(ABC):
 
 
 class _Dialogue:
-    """Holds a transport's lock; whatever ends the block early (an interrupt too) leaves the transport dirty.
+    """Holds a transport's lock; whatever ends the block early (an interrupt too) leaves the
+    transport dirty.
 
     A class, because a generator as context manager costs a query over loopback a tenth of its time.
     """

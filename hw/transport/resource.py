@@ -37,11 +37,12 @@ def make_transport(
     rtscts: bool = False,
     marker: Marker | None = None,
 ) -> Transport:
-    """Return a transport to `resource`, by our own link where there is one, else through VISA; not yet open.
+    """Return a transport to `resource`, by our own link where there is one, else through VISA; not
+    yet open.
 
-    `visa:` before a resource sends it through VISA in any case. `visa_backend` is what pyvisa calls its library,
-    `baud_rate` and `rtscts` (flow control) concern our serial ports and `marker` serial lines either way. Raises
-    ValueError for a name of no known form.
+    `visa:` before a resource sends it through VISA in any case. `visa_backend` is what pyvisa calls
+    its library, `baud_rate` and `rtscts` (flow control) concern our serial ports and `marker`
+    serial lines either way. Raises ValueError for a name of no known form.
     """
     name = resource.strip()
     through_visa = name.lower().startswith(_VISA_PREFIX)

@@ -19,7 +19,6 @@ class Running(ABC):
         """End; also what never began."""
 
     def __enter__(self) -> Self:
-        """Start."""
         self.start()
         return self
 
@@ -29,19 +28,19 @@ class Running(ABC):
 
 
 class RunningTogether(Running):
-    """Starts several one after the other, and closes them in reverse; also those before one that does not start."""
+    """Starts several one after the other, and closes them in reverse; also those before one that
+    does not start.
+    """
 
     def __init__(self, *parts: AbstractContextManager[object]) -> None:
         self._parts = parts
         self._started = ExitStack()
 
     def start(self) -> None:
-        """Start all."""
         with ExitStack() as started:
             for part in self._parts:
                 started.enter_context(part)
             self._started = started.pop_all()
 
     def close(self) -> None:
-        """Close all."""
         self._started.close()

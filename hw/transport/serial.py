@@ -1,4 +1,6 @@
-"""A serial port, through pyserial: interlock boxes, motor controllers, anything behind USB-to-serial."""
+"""A serial port, through pyserial: interlock boxes, motor controllers, anything behind
+USB-to-serial.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +19,12 @@ _NO_SUCH_LINE = (errno.ENOTTY, errno.EINVAL)
 class SerialTransport(Transport):
     """Transport over one serial port, 8N1, held exclusively.
 
-    A line has no connection to drop, so a late answer can only be waited out. Clearing reads until nothing has
-    come for `settle_s` (several tries of less time each add up); an answer later than that would be given to the
-    next question. With a `marker` that cannot happen: a question with an answer of its own is asked, and everything
-    before that answer is dropped.
-    Closing a port drops RTS and DTR, so clearing keeps it open while it works. `rts` and `dtr` are the levels
-    at opening (some systems pulse both for an instant); with `rtscts` the port itself drives RTS.
+    A line has no connection to drop, so a late answer can only be waited out. Clearing reads until
+    nothing has come for `settle_s` (several tries of less time each add up); an answer later than
+    that would be given to the next question. With a `marker` that cannot happen: a question with an
+    answer of its own is asked, and everything before that answer is dropped. Closing a port drops
+    RTS and DTR, so clearing keeps it open while it works. `rts` and `dtr` are the levels at opening
+    (some systems pulse both for an instant); with `rtscts` the port itself drives RTS.
     """
 
     _check_first = "power, cable and baud rate"
@@ -47,7 +49,9 @@ class SerialTransport(Transport):
         self._quiet_since_s: float | None = None  # while settling, over several tries
 
     def set_rts(self, high: bool) -> bool:
-        """Drive RTS; False where the port has no such line (a pseudo-terminal). Raises DeviceDisconnected."""
+        """Drive RTS; False where the port has no such line (a pseudo-terminal). Raises
+        DeviceDisconnected.
+        """
         with self._lock:
             self._check_open()
             try:
@@ -88,7 +92,8 @@ class SerialTransport(Transport):
             )
 
     def _settle(self, deadline_s: float) -> None:
-        """Read until the line has been quiet for `settle_s`; raises DeviceTimeout when the deadline is before that.
+        """Read until the line has been quiet for `settle_s`; raises DeviceTimeout when the deadline
+        is before that.
 
         A question may have less time than `settle_s`: what it waited then counts for the next one.
         """
@@ -143,5 +148,6 @@ class SerialTransport(Transport):
         """Give the port up and say why; a port that failed once is opened afresh."""
         self._disconnect()
         return DeviceDisconnected(
-            f"{self.resource} {what} ({error})", "check the cable, the port's name, your permission and other programs"
+            f"{self.resource} {what} ({error})",
+            "check the cable, the port's name, your permission and other programs",
         )

@@ -12,14 +12,17 @@ from contextlib import suppress
 from hw.errors import DeviceDisconnected
 from hw.transport.contract import CHUNK_BYTES, NO_OTHER_BOUNDS, Bounds, Transport
 
-_RESOURCE = re.compile(r"TCPIP\d*::(?P<host>\[[\da-f:.]+\]|[^:]+)::(?P<port>\d{1,5})::SOCKET", re.IGNORECASE)
+_RESOURCE = re.compile(
+    r"TCPIP\d*::(?P<host>\[[\da-f:.]+\]|[^:]+)::(?P<port>\d{1,5})::SOCKET", re.IGNORECASE
+)
 
 
 class TcpTransport(Transport):
-    """Transport over one TCP connection; clearing means reconnecting, since a stream has no message bounds.
+    """Transport over one TCP connection; clearing means reconnecting, since a stream has no message
+    bounds.
 
-    The socket never blocks: waiting is a `poll` with the time that is left. A socket with a timeout of its own
-    costs system calls of its own per query.
+    The socket never blocks: waiting is a `poll` with the time that is left. A socket with a timeout
+    of its own costs system calls of its own per query.
     """
 
     def __init__(
@@ -36,17 +39,25 @@ class TcpTransport(Transport):
 
     @classmethod
     def from_resource(cls, resource: str) -> TcpTransport:
-        """Build from `TCPIP::host::port::SOCKET`, port 1..65535; raises ValueError for anything else."""
+        """Build from `TCPIP::host::port::SOCKET`, port 1..65535; raises ValueError for anything
+        else.
+        """
         match = _RESOURCE.fullmatch(resource.strip())
         if match is None:
             raise ValueError(f"{resource!r} is not of the form TCPIP::host::port::SOCKET")
-        if not 0 < int(match["port"]) < 1 << 16:  # the system would take it modulo 65536: another port
-            raise ValueError(f"the port of {resource!r} must be 1..65535 in TCPIP::host::port::SOCKET")
+        if (
+            not 0 < int(match["port"]) < 1 << 16
+        ):  # the system would take it modulo 65536: another port
+            raise ValueError(
+                f"the port of {resource!r} must be 1..65535 in TCPIP::host::port::SOCKET"
+            )
         return cls(match["host"], int(match["port"]))
 
     def _connect(self, deadline_s: float) -> None:
         try:
-            connection = socket.create_connection(self._address, timeout=self._remaining_s(deadline_s))
+            connection = socket.create_connection(
+                self._address, timeout=self._remaining_s(deadline_s)
+            )
         except TimeoutError:
             raise self._timeout("could not be reached") from None
         except (OSError, UnicodeError) as error:  # UnicodeError: no such name can exist

@@ -1,4 +1,6 @@
-"""USBTMC instruments, through pyusb: the host side of the USB Test and Measurement Class, revision 1.0."""
+"""USBTMC instruments, through pyusb: the host side of the USB Test and Measurement Class, revision
+1.0.
+"""
 
 from __future__ import annotations
 
@@ -44,11 +46,13 @@ _CHECK_INTERVAL_S = 0.02
 
 
 class UsbTmcTransport(Transport):
-    """Transport over one USBTMC interface; clearing is the device clear of the class, which drops late answers.
+    """Transport over one USBTMC interface; clearing is the device clear of the class, which drops
+    late answers.
 
-    Messages go out in transfers of at most 64 KiB; an answer is requested transfer by transfer until its end of
-    message. TermChar is not used. Replies with a wrong tag, size or kind are refused as BadReply. `backend` is a
-    pyusb back end, None for the system's libusb. Padding beyond the three bytes the class allows counts as wrong.
+    Messages go out in transfers of at most 64 KiB; an answer is requested transfer by transfer
+    until its end of message. TermChar is not used. Replies with a wrong tag, size or kind are
+    refused as BadReply. `backend` is a pyusb back end, None for the system's libusb. Padding beyond
+    the three bytes the class allows counts as wrong.
     """
 
     def __init__(
@@ -62,7 +66,9 @@ class UsbTmcTransport(Transport):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         serial_part = "" if serial_number is None else f"::{serial_number}"
-        super().__init__(f"USB0::0x{vendor_id:04X}::0x{product_id:04X}{serial_part}::INSTR", bounds=bounds)
+        super().__init__(
+            f"USB0::0x{vendor_id:04X}::0x{product_id:04X}{serial_part}::INSTR", bounds=bounds
+        )
         self._ids = {"idVendor": vendor_id, "idProduct": product_id}
         self._serial_number = serial_number
         self._backend = backend
@@ -73,16 +79,22 @@ class UsbTmcTransport(Transport):
 
     @classmethod
     def from_resource(cls, resource: str, *, backend: Any = None) -> UsbTmcTransport:
-        """Build from `USB0::vendor::product[::serial][::interface]::INSTR`, ids decimal or 0x...; or ValueError.
+        """Build from `USB0::vendor::product[::serial][::interface]::INSTR`, ids decimal or 0x...;
+        or ValueError.
 
         `0957` without its 0x is refused rather than guessed at: it is not decimal.
         """
         match = _RESOURCE.fullmatch(resource.strip())
         if match is None:
-            raise ValueError(f"{resource!r} is not of the form USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR")
-        return cls(int(match["vendor"], 0), int(match["product"], 0), match["serial"], backend=backend)
+            raise ValueError(
+                f"{resource!r} is not of the form USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR"
+            )
+        return cls(
+            int(match["vendor"], 0), int(match["product"], 0), match["serial"], backend=backend
+        )
 
-    # --- finding and claiming ------------------------------------------------------------------------------
+    # --- finding and claiming
+    # ------------------------------------------------------------------------------
 
     def _connect(self, deadline_s: float) -> None:
         device = _find(self._ids, self._serial_number, self._backend, self.resource)
@@ -103,9 +115,13 @@ class UsbTmcTransport(Transport):
         except usb.core.USBError:
             device.set_configuration()
             configuration = device.get_active_configuration()
-        interface = usb.util.find_descriptor(configuration, bInterfaceClass=_CLASS, bInterfaceSubClass=_SUBCLASS)
+        interface = usb.util.find_descriptor(
+            configuration, bInterfaceClass=_CLASS, bInterfaceSubClass=_SUBCLASS
+        )
         if interface is None:
-            raise BadReply(f"{self.resource} has no USBTMC interface", "check the ids in the configuration")
+            raise BadReply(
+                f"{self.resource} has no USBTMC interface", "check the ids in the configuration"
+            )
         self._interface = interface.bInterfaceNumber
         with suppress(NotImplementedError):  # systems without kernel drivers to detach
             if device.is_kernel_driver_active(self._interface):
@@ -130,13 +146,16 @@ class UsbTmcTransport(Transport):
             self._device = None
         self._interrupted = None
 
-    # --- messages ------------------------------------------------------------------------------------------
+    # --- messages
+    # ------------------------------------------------------------------------------------------
 
     def _send(self, data: bytes, deadline_s: float) -> None:
         for start in range(0, len(data), _MAX_PAYLOAD_BYTES):
             part = data[start : start + _MAX_PAYLOAD_BYTES]
             last = start + len(part) == len(data)
-            self._write_transfer(_DEV_DEP_MSG_OUT, len(part), _END_OF_MESSAGE * last, part, deadline_s)
+            self._write_transfer(
+                _DEV_DEP_MSG_OUT, len(part), _END_OF_MESSAGE * last, part, deadline_s
+            )
 
     def _receive(self, deadline_s: float, count: int) -> bytes:
         """Return one whole message."""
@@ -148,14 +167,19 @@ class UsbTmcTransport(Transport):
                 return bytes(message)
             if len(message) > self._bounds.max_reply_bytes:
                 raise BadReply(
-                    f"{self.resource} sent {len(message)} bytes without an end of message", "clear or switch it off"
+                    f"{self.resource} sent {len(message)} bytes without an end of message",
+                    "clear or switch it off",
                 )
 
     def _discard_input(self) -> None:
-        """Nothing comes unasked: a device sends only what was requested, and a new message cancels an old answer."""
+        """Nothing comes unasked: a device sends only what was requested, and a new message cancels
+        an old answer.
+        """
         self._check_connected()
 
-    def _write_transfer(self, kind: int, size: int, attributes: int, payload: bytes, deadline_s: float) -> None:
+    def _write_transfer(
+        self, kind: int, size: int, attributes: int, payload: bytes, deadline_s: float
+    ) -> None:
         self._check_connected()
         self._tag = self._tag % 255 + 1
         header = _HEADER.pack(kind, self._tag, ~self._tag & 0xFF, size, attributes)
@@ -172,7 +196,8 @@ class UsbTmcTransport(Transport):
     def _read_transfer(self, deadline_s: float) -> tuple[bytes, bool]:
         """Request one transfer; return its payload and whether it ends the message."""
         self._write_transfer(_DEV_DEP_MSG_IN, _MAX_PAYLOAD_BYTES, 0, b"", deadline_s)
-        # One packet more than fits, so that the short packet that ends a full transfer is taken with it.
+        # One packet more than fits, so that the short packet that ends a full transfer is taken
+        # with it.
         room = _HEADER.size + _MAX_PAYLOAD_BYTES + self._bulk_in.wMaxPacketSize
         try:
             reply = self._bulk_in.read(room, self._remaining_ms(deadline_s)).tobytes()
@@ -195,10 +220,13 @@ class UsbTmcTransport(Transport):
             raise self._bad(f"{len(reply)} bytes that announce a payload of {size}")
         return reply[_HEADER.size : _HEADER.size + size], bool(attributes & _END_OF_MESSAGE)
 
-    # --- starting again ------------------------------------------------------------------------------------
+    # --- starting again
+    # ------------------------------------------------------------------------------------
 
     def _reset(self, deadline_s: float) -> None:
-        """Abort what was interrupted, then clear the device; a device that does not clear is claimed afresh."""
+        """Abort what was interrupted, then clear the device; a device that does not clear is
+        claimed afresh.
+        """
         if self._device is not None:
             try:
                 if self._interrupted is not None:
@@ -211,16 +239,24 @@ class UsbTmcTransport(Transport):
         self._connect(deadline_s)
 
     def _abort_bulk_out(self, deadline_s: float) -> None:
-        status = self._control(_TO_ENDPOINT, _INITIATE_ABORT_BULK_OUT, self._tag, self._bulk_out, 2, deadline_s)[0]
+        status = self._control(
+            _TO_ENDPOINT, _INITIATE_ABORT_BULK_OUT, self._tag, self._bulk_out, 2, deadline_s
+        )[0]
         if status == _SUCCESS:
-            self._wait_while_pending(_TO_ENDPOINT, _CHECK_ABORT_BULK_OUT, self._bulk_out, 8, deadline_s)
+            self._wait_while_pending(
+                _TO_ENDPOINT, _CHECK_ABORT_BULK_OUT, self._bulk_out, 8, deadline_s
+            )
         self._bulk_out.clear_halt()
 
     def _abort_bulk_in(self, deadline_s: float) -> None:
-        status = self._control(_TO_ENDPOINT, _INITIATE_ABORT_BULK_IN, self._tag, self._bulk_in, 2, deadline_s)[0]
+        status = self._control(
+            _TO_ENDPOINT, _INITIATE_ABORT_BULK_IN, self._tag, self._bulk_in, 2, deadline_s
+        )[0]
         if status == _SUCCESS:
             self._drain(deadline_s)
-            self._wait_while_pending(_TO_ENDPOINT, _CHECK_ABORT_BULK_IN, self._bulk_in, 8, deadline_s)
+            self._wait_while_pending(
+                _TO_ENDPOINT, _CHECK_ABORT_BULK_IN, self._bulk_in, 8, deadline_s
+            )
 
     def _device_clear(self, deadline_s: float) -> None:
         status = self._control(_TO_INTERFACE, _INITIATE_CLEAR, 0, self._interface, 1, deadline_s)[0]
@@ -230,8 +266,12 @@ class UsbTmcTransport(Transport):
         self._bulk_out.clear_halt()
         self._interrupted = None
 
-    def _wait_while_pending(self, kind: int, request: int, target: Any, size: int, deadline_s: float) -> None:
-        """Poll a split request until it is done, draining Bulk-IN while the device has bytes there (bit 0)."""
+    def _wait_while_pending(
+        self, kind: int, request: int, target: Any, size: int, deadline_s: float
+    ) -> None:
+        """Poll a split request until it is done, draining Bulk-IN while the device has bytes there
+        (bit 0).
+        """
         for _ in range(_CHECKS):
             status, flags = self._control(kind, request, 0, target, size, deadline_s)[:2]
             if status != _PENDING:
@@ -249,10 +289,15 @@ class UsbTmcTransport(Transport):
                 return
         raise self._bad("packets without end")
 
-    # --- control requests ----------------------------------------------------------------------------------
+    # --- control requests
+    # ----------------------------------------------------------------------------------
 
-    def _control(self, kind: int, request: int, value: int, target: Any, size: int, deadline_s: float) -> bytes:
-        """Send a class request to an endpoint or, by its number, to an interface; return exactly `size` bytes."""
+    def _control(
+        self, kind: int, request: int, value: int, target: Any, size: int, deadline_s: float
+    ) -> bytes:
+        """Send a class request to an endpoint or, by its number, to an interface; return exactly
+        `size` bytes.
+        """
         index = target if isinstance(target, int) else target.bEndpointAddress
         reply: bytes = self._device.ctrl_transfer(
             kind, request, value, index, size, self._remaining_ms(deadline_s)
@@ -261,7 +306,8 @@ class UsbTmcTransport(Transport):
             raise self._bad(f"{len(reply)} bytes instead of {size} to request {request}")
         return reply
 
-    # --- errors --------------------------------------------------------------------------------------------
+    # --- errors
+    # --------------------------------------------------------------------------------------------
 
     def _check_connected(self) -> None:
         if self._device is None:
@@ -277,11 +323,15 @@ class UsbTmcTransport(Transport):
             raise self._bad(f"a refusal or more than was asked for ({error})") from error
         self._disconnect()
         raise DeviceDisconnected(
-            f"{self.resource} {what} ({error})", "check power, cable, your permission and other programs"
+            f"{self.resource} {what} ({error})",
+            "check power, cable, your permission and other programs",
         ) from error
 
     def _bad(self, what: str) -> BadReply:
-        return BadReply(f"{self.resource} sent {what}", "clear it; if this recurs, update its firmware or use LAN")
+        return BadReply(
+            f"{self.resource} sent {what}",
+            "clear it; if this recurs, update its firmware or use LAN",
+        )
 
 
 def _find(ids: dict[str, int], serial_number: str | None, backend: Any, resource: str) -> Any:

@@ -1,4 +1,6 @@
-"""Instruments through VISA: GPIB, VXI-11, HiSLIP, and whatever else the VISA library of a lab can reach."""
+"""Instruments through VISA: GPIB, VXI-11, HiSLIP, and whatever else the VISA library of a lab can
+reach.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +22,24 @@ from hw.transport.marker import Marker, Resynchroniser
 
 # pyvisa-py moves at most this much per system call on a socket
 _SOCKET_BLOCK_BYTES = 4096
-# A read on a socket of pyvisa-py spins until its timeout when the peer has hung up, so it is given short ones.
+# A read on a socket of pyvisa-py spins until its timeout when the peer has hung up, so it is given
+# short ones.
 _SOCKET_SLICE_S = 0.1
-_CLOSE_TIMEOUT_S = 0.25  # a live link closes in milliseconds; pyvisa-py waits up to 14 s for a dead one of VXI-11
+_CLOSE_TIMEOUT_S = (
+    0.25  # a live link closes in milliseconds; pyvisa-py waits up to 14 s for a dead one of VXI-11
+)
 
 
 class VisaTransport(Transport):
-    r"""Transport over one VISA session. `backend` is what pyvisa calls the library: `@py`, `@ivi`, or a path.
+    r"""Transport over one VISA session. `backend` is what pyvisa calls the library: `@py`, `@ivi`,
+    or a path.
 
-    Answers must end with `\n` on sockets and serial ports. Clearing closes the session and opens another one,
-    after a device clear where the interface has one. A serial line carries late answers over from one session
-    to the next: give a `marker` (see SerialTransport). pyvisa-py opens closed sockets, spins on dead ones, gives
-    late answers to the next question, and lets any exception through; all of it is seen to here. What a library
-    does not bound (opening, clearing, closing) is given up in time, and ends in a thread of its own.
+    Answers must end with `\n` on sockets and serial ports. Clearing closes the session and opens
+    another one, after a device clear where the interface has one. A serial line carries late
+    answers over from one session to the next: give a `marker` (see SerialTransport). pyvisa-py
+    opens closed sockets, spins on dead ones, gives late answers to the next question, and lets any
+    exception through; all of it is seen to here. What a library does not bound (opening, clearing,
+    closing) is given up in time, and ends in a thread of its own.
     """
 
     def __init__(
@@ -59,9 +66,12 @@ class VisaTransport(Transport):
             ) from error
         try:
             session = _in_time(
-                lambda: manager.open_resource(self.resource, open_timeout=self._remaining_ms(deadline_s)),
-                self._remaining_s(deadline_s), too_late=_close,
-            )  # fmt: skip
+                lambda: manager.open_resource(
+                    self.resource, open_timeout=self._remaining_ms(deadline_s)
+                ),
+                self._remaining_s(deadline_s),
+                too_late=_close,
+            )
         except DeviceError:
             raise
         except Exception as error:
@@ -83,8 +93,13 @@ class VisaTransport(Transport):
     def _set_terminations(self) -> None:
         attributes = {}
         if self._kind == "SOCKET":
-            attributes = {ResourceAttribute.termchar: ord("\n"), ResourceAttribute.termchar_enabled: True}
-            if self._socket is not None:  # hand over what has come when nothing more does, instead of losing it
+            attributes = {
+                ResourceAttribute.termchar: ord("\n"),
+                ResourceAttribute.termchar_enabled: True,
+            }
+            if (
+                self._socket is not None
+            ):  # hand over what has come when nothing more does, instead of losing it
                 attributes[ResourceAttribute.suppress_end_enabled] = False
                 self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         elif self._is_serial:
@@ -106,7 +121,9 @@ class VisaTransport(Transport):
         if self._session is not None and self._kind == "INSTR" and not self._is_serial:
             with suppress(Exception):  # a fresh session follows
                 self._session.timeout = self._remaining_ms(deadline_s)
-                _in_time(self._session.clear, 0.5 * self._remaining_s(deadline_s))  # the rest is for opening
+                _in_time(
+                    self._session.clear, 0.5 * self._remaining_s(deadline_s)
+                )  # the rest is for opening
         super()._reset(deadline_s)
         if self._resynchronise is not None:
             self._resynchronise(
@@ -129,7 +146,10 @@ class VisaTransport(Transport):
 
     def _wait_writable(self, deadline_s: float) -> None:
         """pyvisa-py waits for ever for a peer that does not read."""
-        if self._socket is not None and not select.select([], [self._socket], [], self._remaining_s(deadline_s))[1]:
+        if (
+            self._socket is not None
+            and not select.select([], [self._socket], [], self._remaining_s(deadline_s))[1]
+        ):
             raise self._timeout("did not take the command")
 
     def _receive(self, deadline_s: float, count: int) -> bytes:
@@ -153,7 +173,9 @@ class VisaTransport(Transport):
 
     def _check_peer(self) -> None:
         assert self._socket is not None
-        if select.select([self._socket], [], [], 0)[0] and not self._socket.recv(1, socket.MSG_PEEK):
+        if select.select([self._socket], [], [], 0)[0] and not self._socket.recv(
+            1, socket.MSG_PEEK
+        ):
             raise ConnectionError("closed by the peer")
 
     def _discard_input(self) -> None:
@@ -206,8 +228,12 @@ def _close(session: Any) -> None:
     session.close()
 
 
-def _in_time(work: Callable[[], Any], timeout_s: float, too_late: Callable[[Any], None] = lambda made: None) -> Any:
-    """What `work` makes in a thread of its own; TimeoutError when it takes longer, `too_late` gets it then."""
+def _in_time(
+    work: Callable[[], Any], timeout_s: float, too_late: Callable[[Any], None] = lambda made: None
+) -> Any:
+    """What `work` makes in a thread of its own; TimeoutError when it takes longer, `too_late` gets
+    it then.
+    """
     doing: Future[Any] = Future()
 
     def run() -> None:

@@ -1,1 +1,3 @@
-"""What a solved model is good for: calibration, uncertainty and sensitivity, spectra of force and current."""
+"""What a solved model is good for: calibration, uncertainty and sensitivity, spectra of force and
+current.
+"""

@@ -1,7 +1,9 @@
-"""One finger's own numbers from its measured friction: a fit with priors, and what the data could and could not say.
+"""One finger's own numbers from its measured friction: a fit with priors, and what the data could
+and could not say.
 
-The fit is that of the diagnosis (`diagnosis/fit.py`), with nothing to name: parameters in prior units, session gains
-and noise scale integrated out, a Gaussian posterior around the most probable finger.
+The fit is that of the diagnosis (`diagnosis/fit.py`), with nothing to name: parameters in prior
+units, session gains and noise scale integrated out, a Gaussian posterior around the most probable
+finger.
 """
 
 from __future__ import annotations
@@ -23,11 +25,18 @@ from model.diagnosis.space import FINGER, GAP_OFFSET, Nuisance, Predictor
 from model.diagnosis.witness import FRICTION
 from model.effects import Effect
 from model.parameters import SPECIFICATION, Parameter
-from model.reporting.model_file import dielectric_entry, fitted_effects, fitted_nuisances, model_text, program
+from model.reporting.model_file import (
+    dielectric_entry,
+    fitted_effects,
+    fitted_nuisances,
+    model_text,
+    program,
+)
 from model.support.arrays import Array
 from model.support.errors import ModelError, nearest
 
-OPTIONAL = (  # known of a screen or hidden behind the others, so fitted only where asked for; spreads judged
+# known of a screen or hidden behind the others, so fitted only where asked for; spreads judged
+OPTIONAL = (
     Nuisance("contact_area_m2", 0.10),
     Nuisance("skin_modulus_pa", 0.30),
     Nuisance("insulator_thickness_m", 0.10),
@@ -40,8 +49,13 @@ LEAST_ROWS = 8
 STARTS = (0.0, 1.5, -1.5)  # prior units, of all parameters but friction without voltage
 CORRELATED = 0.9
 FAR = 3.0  # prior units
-BARELY_LEARNT = 0.9  # posterior over prior standard deviation from which the data said next to nothing
-INTERVALS = {"68 %": float(ndtri(0.84)), "95 %": float(ndtri(0.975))}  # half-widths in standard deviations
+BARELY_LEARNT = (
+    0.9  # posterior over prior standard deviation from which the data said next to nothing
+)
+INTERVALS = {
+    "68 %": float(ndtri(0.84)),
+    "95 %": float(ndtri(0.975)),
+}  # half-widths in standard deviations
 
 
 class FittedParameter(NamedTuple):
@@ -63,8 +77,8 @@ class FittedParameter(NamedTuple):
 class Calibration:
     """A finger fitted to its data.
 
-    `residual` [n] whitened (standard normal where the model fits); `correlated` names pairs that the data hardly tell
-    apart, with their correlation; `warnings` say in words what not to rely on.
+    `residual` [n] whitened (standard normal where the model fits); `correlated` names pairs that
+    the data hardly tell apart, with their correlation; `warnings` say in words what not to rely on.
     """
 
     model: ModelDescription
@@ -94,28 +108,35 @@ def calibrate(
     kinds: Sequence[type[Effect]] = (),
     same_finger: bool = False,
 ) -> Calibration:
-    """Fit the finger's parameters, those of `also` (names of `OPTIONAL`) and of effects of `kinds` to its data.
+    """Fit the finger's parameters, those of `also` (names of `OPTIONAL`) and of effects of `kinds`
+    to its data.
 
-    The priors are centred on the model's own values; with `same_finger`, what a finger keeps (`KEPT`) is believed as
-    far as the model says, and so are the rows' errors: where age has widened them, their scatter tells no scale. An
-    effect to fit that the model has on begins anew. Of the data only friction is used. ModelError where they cannot
-    carry a fit.
+    The priors are centred on the model's own values; with `same_finger`, what a finger keeps
+    (`KEPT`) is believed as far as the model says, and so are the rows' errors: where age has
+    widened them, their scatter tells no scale. An effect to fit that the model has on begins anew.
+    Of the data only friction is used. ModelError where they cannot carry a fit.
     """
     data = data.subset(data.of(FRICTION))
     free = (*FINGER, *(_optional(name) for name in also))
     if same_finger:
         free = tuple(_as_known(n, description.parameters[n.name]) for n in free)
     fitted = {kind.name for kind in kinds}
-    others = {name: values for name, values in description.effect_parameters.items() if name not in fitted}
+    others = {
+        name: values for name, values in description.effect_parameters.items() if name not in fitted
+    }
     description = replace(description, effect_parameters=others)
     noise = noise_of(data)
     if data.count < LEAST_ROWS or not data.driven.any():
         raise ModelError(
-            f"{data.count} rows, {int(data.driven.sum())} of them with voltage, are too few to calibrate a finger",
+            f"{data.count} rows, {int(data.driven.sum())} of them with voltage, are too few to"
+            " calibrate a finger",
             f"Give at least {LEAST_ROWS} rows, with and without voltage",
         )
     if noise is None:
-        raise ModelError("the noise of the data is not known", "Give a column cof_std, or measure settings repeatedly")
+        raise ModelError(
+            "the noise of the data is not known",
+            "Give a column cof_std, or measure settings repeatedly",
+        )
     problem = Problem(Predictor(description, data, free), data.observed, noise)
     unmoved = np.zeros(problem.predictor.size(kinds) - len(free))
     starts = [np.array([0.0 if n.name == "cof_off" else x for n in free]) for x in STARTS]
@@ -149,7 +170,9 @@ def _optional(name: str) -> Nuisance:
             return known
     names = [n.name for n in OPTIONAL]
     if name in (n.name for n in FINGER):
-        raise ModelError(f"parameter '{name}' is fitted in any case", f"Choose among {', '.join(names)}")
+        raise ModelError(
+            f"parameter '{name}' is fitted in any case", f"Choose among {', '.join(names)}"
+        )
     raise ModelError(f"parameter '{name}' cannot be calibrated", nearest(name, names))
 
 
@@ -195,20 +218,31 @@ def _warnings(
         for p in parameters
         if p.learnt > BARELY_LEARNT
     ]
-    said += [f"{a} and {b} are known only together (correlation {r:+.2f})" for a, b, r in correlated]
+    said += [
+        f"{a} and {b} are known only together (correlation {r:+.2f})" for a, b, r in correlated
+    ]
     far = np.abs(fit.vector[: len(parameters)]) > FAR
-    said += [f"{p.name} lies far outside its prior" for p, is_far in zip(parameters, far, strict=True) if is_far]
+    said += [
+        f"{p.name} lies far outside its prior"
+        for p, is_far in zip(parameters, far, strict=True)
+        if is_far
+    ]
     if data.driven.all():
-        said.append("no row is without voltage: friction without voltage follows from the model alone")
+        said.append(
+            "no row is without voltage: friction without voltage follows from the model alone"
+        )
     if fit.chi2 > data.count + 4.0 * np.sqrt(2.0 * data.count):
         said.append("the model does not fit: see `haptic diagnose` for what is missing")
     return said
 
 
-def _model(description: ModelDescription, data: Measurements, free: Sequence[Nuisance], fit: Fit) -> ModelDescription:
+def _model(
+    description: ModelDescription, data: Measurements, free: Sequence[Nuisance], fit: Fit
+) -> ModelDescription:
     """The model with this finger: values with one standard deviation each, to first order.
 
-    The numbers held in the fit lose theirs: the data fix what they do together with the fitted ones.
+    The numbers held in the fit lose theirs: the data fix what they do together with the fitted
+    ones.
     """
     source = f"calibrated, data sha256 {data.content_hash[:16]}"
     held = {name: replace(p, std=None) for name, p in description.parameters.items()}
@@ -221,8 +255,12 @@ def _model(description: ModelDescription, data: Measurements, free: Sequence[Nui
     )
 
 
-def write_calibration(found: Calibration, parent: ModelDescription, path: Path, data_name: str) -> None:
-    """Write the finger's model to `path`, atomically; a user's own dielectric table goes into a folder beside it."""
+def write_calibration(
+    found: Calibration, parent: ModelDescription, path: Path, data_name: str
+) -> None:
+    """Write the finger's model to `path`, atomically; a user's own dielectric table goes into a
+    folder beside it.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     origin: dict[str, float | int | str] = {
         "data": data_name,
@@ -233,5 +271,8 @@ def write_calibration(found: Calibration, parent: ModelDescription, path: Path, 
         "program": program(),
     }
     part = path.with_name(f"{path.name}.part")
-    part.write_text(model_text(found.model, dielectric_entry(found.model, path.parent), origin), encoding="utf-8")
+    part.write_text(
+        model_text(found.model, dielectric_entry(found.model, path.parent), origin),
+        encoding="utf-8",
+    )
     part.replace(path)

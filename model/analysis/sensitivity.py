@@ -1,8 +1,9 @@
-"""Which uncertain number matters where: Sobol indices of the electrostatic force at chosen conditions.
+"""Which uncertain number matters where: Sobol indices of the electrostatic force at chosen
+conditions.
 
-Each number of `uncertainty.uncertain_numbers` is drawn from its own spread; the first-order index is the share of the
-variance of log(force) that one number explains by itself, the total index that with all its interactions
-(Saltelli et al. 2010, Comput. Phys. Commun. 181:259).
+Each number of `uncertainty.uncertain_numbers` is drawn from its own spread; the first-order index
+is the share of the variance of log(force) that one number explains by itself, the total index that
+with all its interactions (Saltelli et al. 2010, Comput. Phys. Commun. 181:259).
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ Function = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Sobol indices [condition, number]; `relative_std` [condition] of the force's logarithm over all draws."""
+    """Sobol indices [condition, number]; `relative_std` [condition] of the force's logarithm over
+    all draws.
+    """
 
     names: tuple[str, ...]
     conditions: tuple[str, ...]
@@ -39,7 +42,9 @@ class Sensitivity:
     relative_std: Array
 
 
-def sobol(function: Function, dimensions: int, draws: int = DRAWS, seed: int = 0) -> tuple[Array, Array]:
+def sobol(
+    function: Function, dimensions: int, draws: int = DRAWS, seed: int = 0
+) -> tuple[Array, Array]:
     """First-order and total indices [output, dimension] of a function of standard normal numbers.
 
     `function` takes [m, dimensions] and gives [m, outputs].
@@ -52,7 +57,9 @@ def sobol(function: Function, dimensions: int, draws: int = DRAWS, seed: int = 0
         mixed = a.copy()
         mixed[:, i] = b[:, i]
         f_ab.append(function(mixed).T)
-    found = sobol_indices(func={"f_A": function(a).T, "f_B": function(b).T, "f_AB": np.stack(f_ab)}, n=draws)
+    found = sobol_indices(
+        func={"f_A": function(a).T, "f_B": function(b).T, "f_AB": np.stack(f_ab)}, n=draws
+    )
     shape = (-1, dimensions)
     return np.reshape(found.first_order, shape), np.reshape(found.total_order, shape)
 
@@ -60,9 +67,13 @@ def sobol(function: Function, dimensions: int, draws: int = DRAWS, seed: int = 0
 def force_sensitivity(
     description: ModelDescription, conditions: Conditions, draws: int = DRAWS, seed: int = 0
 ) -> Sensitivity:
-    """Indices of log(force) at every condition; ModelError where the force of some draw does not exist."""
+    """Indices of log(force) at every condition; ModelError where the force of some draw does not
+    exist.
+    """
     if description.is_published:
-        raise ModelError("the equations as printed have no sensitivity of their own", "Use variant 'corrected'")
+        raise ModelError(
+            "the equations as printed have no sensitivity of their own", "Use variant 'corrected'"
+        )
     names = [n.name for n in uncertain_numbers(description) if n.name != "cof_off"]
     function = _log_force(description, names, conditions)
     first, total = sobol(function, len(names), draws, seed)
@@ -70,7 +81,9 @@ def force_sensitivity(
     return Sensitivity(tuple(names), _labels(conditions), first, total, spread.std(axis=0))
 
 
-def _log_force(description: ModelDescription, names: Sequence[str], conditions: Conditions) -> Function:
+def _log_force(
+    description: ModelDescription, names: Sequence[str], conditions: Conditions
+) -> Function:
     numbers = tuple(n for n in uncertain_numbers(description) if n.name in names)
     table, drive = TouchModel(description).table, conditions.drive()
 
@@ -80,17 +93,25 @@ def _log_force(description: ModelDescription, names: Sequence[str], conditions: 
         touch = prepare(p, model.dielectric, model.effects, drive)
         p_e = solver.solve(table, touch.circuit)[0].reshape(touch.shape)
         if not np.isfinite(p_e).all():
-            raise ModelError("the contact pulls in for some of the drawn numbers", "Give a lower voltage")
+            raise ModelError(
+                "the contact pulls in for some of the drawn numbers", "Give a lower voltage"
+            )
         if not (p_e > 0.0).all():
-            raise ModelError("nothing attracts the finger under some condition", "Give a voltage above 0")
+            raise ModelError(
+                "nothing attracts the finger under some condition", "Give a voltage above 0"
+            )
         return np.asarray(np.log(p_e * p.contact_area_m2))
 
     def log_force(x: Array) -> Array:
-        return np.concatenate([some(x[i : i + ROWS_AT_ONCE]) for i in range(0, len(x), ROWS_AT_ONCE)])
+        return np.concatenate(
+            [some(x[i : i + ROWS_AT_ONCE]) for i in range(0, len(x), ROWS_AT_ONCE)]
+        )
 
     return log_force
 
 
 def _labels(conditions: Conditions) -> tuple[str, ...]:
-    rows = zip(conditions.frequency_hz, conditions.voltage_v, conditions.normal_force_n, strict=True)
+    rows = zip(
+        conditions.frequency_hz, conditions.voltage_v, conditions.normal_force_n, strict=True
+    )
     return tuple(f"{f:g} Hz, {v:g} V, {n:g} N" for f, v, n in rows)

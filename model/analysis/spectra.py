@@ -1,9 +1,11 @@
-"""Drives beyond the sine: the spectrum of the force, impedance and current of the touch, where the force turns steep.
+"""Drives beyond the sine: the spectrum of the force, impedance and current of the touch, where the
+force turns steep.
 
 A drive is a sum of tones, direct voltage among them. Each tone k has its own field in every gap u,
-E_k(u) = V_k/(a_k u + b_k); the pressure eps0/2 <E^2>_u has lines at the sums and differences of the tones. The contact
-is taken to rest under the time mean of the pressure, as in the closed loop of `pressure`: it does not follow the
-force's own pulsation, which is a judgement and not a measurement.
+E_k(u) = V_k/(a_k u + b_k); the pressure eps0/2 <E^2>_u has lines at the sums and differences of the
+tones. The contact is taken to rest under the time mean of the pressure, as in the closed loop of
+`pressure`: it does not follow the force's own pulsation, which is a judgement and not a
+measurement.
 """
 
 from __future__ import annotations
@@ -31,15 +33,23 @@ SAME_LINE_HZ = 1e-6
 
 @dataclass(frozen=True)
 class Tones:
-    """A drive as the real part of sum V_k exp(j 2 pi f_k t); `amplitude_v` complex [k], at 0 Hz the real mean."""
+    """A drive as the real part of sum V_k exp(j 2 pi f_k t); `amplitude_v` complex [k], at 0 Hz the
+    real mean.
+    """
 
     frequency_hz: Array
     amplitude_v: ComplexArray
 
     def __post_init__(self) -> None:
         """Refuse two tones of one frequency: they are one."""
-        if np.unique(self.frequency_hz).size != np.size(self.frequency_hz) or np.min(self.frequency_hz) < 0.0:
-            raise ModelError("the tones of a drive need frequencies of their own, none negative", "Add them up first")
+        if (
+            np.unique(self.frequency_hz).size != np.size(self.frequency_hz)
+            or np.min(self.frequency_hz) < 0.0
+        ):
+            raise ModelError(
+                "the tones of a drive need frequencies of their own, none negative",
+                "Add them up first",
+            )
 
     @property
     def mean_square_v2(self) -> Array:
@@ -66,12 +76,19 @@ def square(frequency_hz: float, voltage_v: float, harmonics: int = SQUARE_HARMON
     return Tones(np.asarray(order * frequency_hz), amplitude_v)
 
 
-def amplitude_modulated(carrier_hz: float, voltage_v: float, modulation_hz: float, depth: float) -> Tones:
+def amplitude_modulated(
+    carrier_hz: float, voltage_v: float, modulation_hz: float, depth: float
+) -> Tones:
     """`voltage_v` (1 + depth cos(2 pi f_m t)) on a carrier: the carrier and its two sidebands."""
     if not 0.0 < modulation_hz < carrier_hz:
-        raise ModelError(f"modulation at {modulation_hz:g} Hz is not below the carrier's {carrier_hz:g} Hz", "Lower it")
+        raise ModelError(
+            f"modulation at {modulation_hz:g} Hz is not below the carrier's {carrier_hz:g} Hz",
+            "Lower it",
+        )
     side = 0.5 * depth * voltage_v
-    return _tones({carrier_hz - modulation_hz: side, carrier_hz: voltage_v, carrier_hz + modulation_hz: side})
+    return _tones(
+        {carrier_hz - modulation_hz: side, carrier_hz: voltage_v, carrier_hz + modulation_hz: side}
+    )
 
 
 def _tones(amplitude_v: dict[float, float]) -> Tones:
@@ -81,7 +98,9 @@ def _tones(amplitude_v: dict[float, float]) -> Tones:
 
 @dataclass(frozen=True)
 class ForceSpectrum:
-    """Lines [m] of the electrostatic force: the real part of sum F_m exp(j 2 pi f_m t), F_m `force_n`; 0 Hz first."""
+    """Lines [m] of the electrostatic force: the real part of sum F_m exp(j 2 pi f_m t), F_m
+    `force_n`; 0 Hz first.
+    """
 
     frequency_hz: Array
     force_n: ComplexArray
@@ -95,16 +114,23 @@ class ForceSpectrum:
 def force_spectrum(
     model: TouchModel, tones: Tones, normal_force_n: float, speed_m_s: float = SPEED_REFERENCE_M_S
 ) -> ForceSpectrum:
-    """Every line of the force that `tones` exert under a load; ModelError where the contact pulls in.
+    """Every line of the force that `tones` exert under a load; ModelError where the contact pulls
+    in.
 
     Effects that know a drive only by one mean square are refused (`knows_one_tone_only`).
     """
     _, circuit = _one_touch(model, tones, normal_force_n, speed_m_s)
     field, mass = _field_per_v(model, circuit, _total_pressure_pa(model, circuit))
-    left = np.sqrt(circuit.mean_square_v2[0] / np.where(tones.mean_square_v2 > 0.0, tones.mean_square_v2, 1.0))
-    field = field * (tones.amplitude_v * left)[:, None]  # `left`: of each amplitude, by effects on the drive
+    left = np.sqrt(
+        circuit.mean_square_v2[0] / np.where(tones.mean_square_v2 > 0.0, tones.mean_square_v2, 1.0)
+    )
+    field = (
+        field * (tones.amplitude_v * left)[:, None]
+    )  # `left`: of each amplitude, by effects on the drive
     f = tones.frequency_hz
-    both = np.where(f == 0.0, 1.0, 0.5)  # cos^2 has mean 1/2; a steady field squared has no other line
+    both = np.where(
+        f == 0.0, 1.0, 0.5
+    )  # cos^2 has mean 1/2; a steady field squared has no other line
     half = 0.5 * EPS0 * model.description.values.contact_area_m2
     lines = [(0.0, complex(half * np.sum(both * (np.abs(field) ** 2 @ mass))))]
     for i in range(f.size):
@@ -113,7 +139,12 @@ def force_spectrum(
         for j in range(i):
             steady = 2.0 if min(f[i], f[j]) == 0.0 else 1.0
             high, low = (i, j) if f[i] > f[j] else (j, i)
-            lines.append((f[high] - f[low], half * steady * complex((field[high] * field[low].conj()) @ mass)))
+            lines.append(
+                (
+                    f[high] - f[low],
+                    half * steady * complex((field[high] * field[low].conj()) @ mass),
+                )
+            )
             if steady == 1.0:
                 lines.append((f[high] + f[low], half * complex((field[high] * field[low]) @ mass)))
     return _summed(lines)
@@ -133,14 +164,24 @@ def _summed(lines: list[tuple[float, complex]]) -> ForceSpectrum:
     return ForceSpectrum(np.array(frequencies), np.array(forces))
 
 
-def impedance(model: TouchModel, frequency_hz: Array, normal_force_n: float, stuck: bool = False) -> ComplexArray:
-    """Impedance [f] in ohm of a sliding finger at small voltage, or with no gap anywhere (`stuck`)."""
-    tones = Tones(np.asarray(frequency_hz, dtype=float), np.zeros(np.size(frequency_hz), dtype=complex))
+def impedance(
+    model: TouchModel, frequency_hz: Array, normal_force_n: float, stuck: bool = False
+) -> ComplexArray:
+    """Impedance [f] in ohm of a sliding finger at small voltage, or with no gap anywhere
+    (`stuck`).
+    """
+    tones = Tones(
+        np.asarray(frequency_hz, dtype=float), np.zeros(np.size(frequency_hz), dtype=complex)
+    )
     touch, circuit = _one_touch(model, tones, normal_force_n, SPEED_REFERENCE_M_S)
     jw_eps0 = 1j * touch.omega[:, 0] * EPS0
     area = model.description.values.contact_area_m2
     unattracted_pa = circuit.load_pa + circuit.added_pa
-    per_m = stuck_admittance_per_m(circuit) if stuck else sliding_admittance_per_m(model.table, circuit, unattracted_pa)
+    per_m = (
+        stuck_admittance_per_m(circuit)
+        if stuck
+        else sliding_admittance_per_m(model.table, circuit, unattracted_pa)
+    )
     return np.asarray(1.0 / (area * jw_eps0 * per_m[0]))
 
 
@@ -154,9 +195,11 @@ def _total_pressure_pa(model: TouchModel, circuit: GapCircuit) -> Array:
 
 @dataclass(frozen=True)
 class Steepness:
-    """`exponent` [f, v, n]: d ln(force)/d ln(voltage), 2 where the gaps do not give way, NaN at 0 V and past pull-in.
+    """`exponent` [f, v, n]: d ln(force)/d ln(voltage), 2 where the gaps do not give way, NaN at 0 V
+    and past pull-in.
 
-    `pull_in_v` [f, n]: lowest voltage of the axis at which the contact has pulled in, NaN where it never does.
+    `pull_in_v` [f, n]: lowest voltage of the axis at which the contact has pulled in, NaN where it
+    never does.
     """
 
     frequency_hz: Array
@@ -166,12 +209,16 @@ class Steepness:
     pull_in_v: Array
 
 
-def steepness(model: TouchModel, frequency_hz: Array, voltage_v: Array, normal_force_n: Array) -> Steepness:
+def steepness(
+    model: TouchModel, frequency_hz: Array, voltage_v: Array, normal_force_n: Array
+) -> Steepness:
     """Where the force turns steep, for a sine; `voltage_v` evenly spaced from 0."""
     solved = model.surface(frequency_hz, voltage_v, normal_force_n)
     with np.errstate(divide="ignore", invalid="ignore"):
         per_square = np.log(solved.electrostatic_force_n[:, 1:] / voltage_v[1:, None] ** 2)
-        slope = np.gradient(per_square, np.log(voltage_v[1:]), axis=1)  # of what is left when the square is taken out
+        slope = np.gradient(
+            per_square, np.log(voltage_v[1:]), axis=1
+        )  # of what is left when the square is taken out
     exponent = np.full(solved.cof.shape, np.nan)
     exponent[:, 1:] = 2.0 + slope
     pulled_in = solved.pulled_in
@@ -182,12 +229,20 @@ def steepness(model: TouchModel, frequency_hz: Array, voltage_v: Array, normal_f
 def _one_touch(
     model: TouchModel, tones: Tones, normal_force_n: float, speed_m_s: float
 ) -> tuple[PreparedTouch, GapCircuit]:
-    """The tones as touches of their own [k], and as the branches [1, k] of the one touch they make together."""
+    """The tones as touches of their own [k], and as the branches [1, k] of the one touch they make
+    together.
+    """
     if model.description.is_published:
-        raise ModelError("the equations as printed know no drive but the sine", "Use a model of variant 'corrected'")
+        raise ModelError(
+            "the equations as printed know no drive but the sine",
+            "Use a model of variant 'corrected'",
+        )
     for effect in model.description.effects:
         if effect.knows_one_tone_only:
-            raise ModelError(f"effect '{effect.name}' is not formulated for several tones", "Leave it out of the model")
+            raise ModelError(
+                f"effect '{effect.name}' is not formulated for several tones",
+                "Leave it out of the model",
+            )
     steady = tones.frequency_hz == 0.0
     drive = Drive(
         frequency_hz=tones.frequency_hz,
@@ -205,8 +260,12 @@ def _one_touch(
     return touch, together
 
 
-def _field_per_v(model: TouchModel, circuit: GapCircuit, pressure_pa: Array) -> tuple[ComplexArray, Array]:
-    """E/V [k, u] of each tone in each gap, 1/m, and P(u) du [u] by the gap table's own distributions."""
+def _field_per_v(
+    model: TouchModel, circuit: GapCircuit, pressure_pa: Array
+) -> tuple[ComplexArray, Array]:
+    """E/V [k, u] of each tone in each gap, 1/m, and P(u) du [u] by the gap table's own
+    distributions.
+    """
     a = 1.0 + (circuit.bypass_per_m[0] + circuit.leak_per_m_pa[0] * pressure_pa) * circuit.h_m[0]
     gap_m = gap_nodes() * circuit.length_scale_m[0] + circuit.gap_shift_m[0]
     field = 1.0 / (a[:, None] * gap_m + (circuit.k_gap[0] * circuit.h_m[0])[:, None])

@@ -1,9 +1,10 @@
-"""How far a model's answers may be off: its numbers' own uncertainty and the contact theory's, carried to friction.
+"""How far a model's answers may be off: its numbers' own uncertainty and the contact theory's,
+carried to friction.
 
-Every number of a model file that has a `std` is uncertain by it; where the file is silent, the finger's own numbers
-are uncertain by the spread between fingers (`FINGER` of the diagnosis). The numbers are taken as independent of one
-another, log-normal where they are positive by nature. Those that shape the roughness (Hurst exponent, wavenumbers,
-gamma) are held.
+Every number of a model file that has a `std` is uncertain by it; where the file is silent, the
+finger's own numbers are uncertain by the spread between fingers (`FINGER` of the diagnosis). The
+numbers are taken as independent of one another, log-normal where they are positive by nature. Those
+that shape the roughness (Hurst exponent, wavenumbers, gamma) are held.
 """
 
 from __future__ import annotations
@@ -31,9 +32,16 @@ INTERVAL = (0.16, 0.84)  # one standard deviation each way, were friction normal
 DRAWS = 64
 DRAWS_AT_ONE = 512  # condition; they cost little there
 SEED = 0
-MOST_FREQUENCIES = MOST_VOLTAGES = 25  # at which draws are solved; the interval's width is smooth between them
+MOST_FREQUENCIES = MOST_VOLTAGES = (
+    25  # at which draws are solved; the interval's width is smooth between them
+)
 MOST_THEORY_ERROR = 0.6  # of the logarithm of pressure, either way
-SHAPE_OF_ROUGHNESS = ("hurst_exponent", "roll_off_wavenumber_per_m", "cut_off_wavenumber_per_m", "contact_gamma")
+SHAPE_OF_ROUGHNESS = (
+    "hurst_exponent",
+    "roll_off_wavenumber_per_m",
+    "cut_off_wavenumber_per_m",
+    "contact_gamma",
+)
 # Between subjects and sites, judged from the scatter of skin's dielectric data; unverified.
 SKIN_PERMITTIVITY, SKIN_CONDUCTIVITY = "skin_permittivity", "skin_conductivity"
 SKIN_LOG_STD = {SKIN_PERMITTIVITY: 0.2, SKIN_CONDUCTIVITY: 0.4}
@@ -41,9 +49,11 @@ SKIN_LOG_STD = {SKIN_PERMITTIVITY: 0.2, SKIN_CONDUCTIVITY: 0.4}
 
 @dataclass(frozen=True)
 class ScaledDielectric:
-    """A data set with its permittivity and its total conductivity multiplied by a factor each, at every frequency.
+    """A data set with its permittivity and its total conductivity multiplied by a factor each, at
+    every frequency.
 
-    It stands for another person's skin; where the two factors differ it is not causal, as no data scatter is.
+    It stands for another person's skin; where the two factors differ it is not causal, as no data
+    scatter is.
     """
 
     base: Dielectric
@@ -63,14 +73,17 @@ class ScaledDielectric:
     def permittivity(self, frequency_hz: Array) -> ComplexArray:
         """See `Dielectric`; factors broadcast against the frequencies."""
         k = self.base.permittivity(frequency_hz)
-        return np.asarray(k.real * self.permittivity_factor + 1j * k.imag * self.conductivity_factor)
+        return np.asarray(
+            k.real * self.permittivity_factor + 1j * k.imag * self.conductivity_factor
+        )
 
 
 @dataclass(frozen=True)
 class Uncertain:
     """One number that is known within a spread.
 
-    `name` is a parameter's, `effect.parameter`, or one of `SKIN_LOG_STD`; `std` is of the logarithm if `logarithmic`.
+    `name` is a parameter's, `effect.parameter`, or one of `SKIN_LOG_STD`; `std` is of the logarithm
+    if `logarithmic`.
     """
 
     name: str
@@ -81,13 +94,17 @@ class Uncertain:
     high: float
 
     def at(self, x: Values) -> Values:
-        """The value `x` standard deviations from the model's, kept within the file's range; any shape."""
+        """The value `x` standard deviations from the model's, kept within the file's range; any
+        shape.
+        """
         value = self.value * np.exp(self.std * x) if self.logarithmic else self.value + self.std * x
         return np.clip(value, self.low, self.high)
 
 
 def uncertain_numbers(description: ModelDescription) -> tuple[Uncertain, ...]:
-    """Every number of the model that is uncertain, the finger and the screen first, then skin data and effects."""
+    """Every number of the model that is uncertain, the finger and the screen first, then skin data
+    and effects.
+    """
     between_fingers = {n.name: n.log_std for n in FINGER if n.name != "cof_off"}
     found = []
     for name, p in description.parameters.items():
@@ -95,23 +112,33 @@ def uncertain_numbers(description: ModelDescription) -> tuple[Uncertain, ...]:
         if std > 0.0 and name not in SHAPE_OF_ROUGHNESS:
             low, high = SPECIFICATION[name]["low"], SPECIFICATION[name]["high"]
             found.append(_uncertain(name, p.value, std, p.value > 0.0, low, high))
-    found += [Uncertain(name, 1.0, log_std, True, 0.0, np.inf) for name, log_std in SKIN_LOG_STD.items()]
+    found += [
+        Uncertain(name, 1.0, log_std, True, 0.0, np.inf) for name, log_std in SKIN_LOG_STD.items()
+    ]
     for effect, values in description.effect_parameters.items():
         for known_as in description.kinds[effect].parameters_in(values):
             p = values[known_as.name]
             if p.std:
                 logarithmic = known_as.scale == "log" and p.value > 0.0
                 full_name = f"{effect}.{known_as.name}"
-                found.append(_uncertain(full_name, p.value, p.std, logarithmic, known_as.low, known_as.high))
+                found.append(
+                    _uncertain(full_name, p.value, p.std, logarithmic, known_as.low, known_as.high)
+                )
     return tuple(found)
 
 
-def _uncertain(name: str, value: float, std: float, logarithmic: bool, low: float, high: float) -> Uncertain:
+def _uncertain(
+    name: str, value: float, std: float, logarithmic: bool, low: float, high: float
+) -> Uncertain:
     return Uncertain(name, value, std / value if logarithmic else std, logarithmic, low, high)
 
 
-def varied(description: ModelDescription, numbers: tuple[Uncertain, ...], x: Any) -> ModelDescription:
-    """The model with `numbers` [d] at `x` [d, ...] standard deviations: values of shape [...], as a fit has them."""
+def varied(
+    description: ModelDescription, numbers: tuple[Uncertain, ...], x: Any
+) -> ModelDescription:
+    """The model with `numbers` [d] at `x` [d, ...] standard deviations: values of shape [...], as a
+    fit has them.
+    """
     values = {number.name: number.at(x_i) for number, x_i in zip(numbers, x, strict=True)}
 
     def changed(entries: dict[str, Parameter], prefix: str = "") -> dict[str, Parameter]:
@@ -122,15 +149,17 @@ def varied(description: ModelDescription, numbers: tuple[Uncertain, ...], x: Any
         description,
         dielectric=ScaledDielectric(description.dielectric, *factors),
         parameters=changed(description.parameters),
-        effect_parameters={e: changed(p, f"{e}.") for e, p in description.effect_parameters.items()},
+        effect_parameters={
+            e: changed(p, f"{e}.") for e, p in description.effect_parameters.items()
+        },
     )
 
 
 def normal_draws(count: int, dimensions: int, seed: int) -> Array:
     """Standard normal numbers [count, dimensions] that fill their space evenly: a Latin hypercube.
 
-    In each dimension one in the middle of every `count`-th part of the probability; McKay, Beckman and Conover,
-    Technometrics 21 (1979) 239.
+    In each dimension one in the middle of every `count`-th part of the probability; McKay, Beckman
+    and Conover, Technometrics 21 (1979) 239.
     """
     middles = np.array([NormalDist().inv_cdf((i + 0.5) / count) for i in range(count)])
     return np.random.default_rng(seed).permuted(np.tile(middles, (dimensions, 1)), axis=1).T
@@ -145,11 +174,12 @@ def cof_interval(
     draws: int = DRAWS,
     seed: int = SEED,
 ) -> tuple[Array, Array]:
-    """Friction at both ends of `INTERVAL` at every point [f, v, n] of a surface, whose friction is `own_cof`.
+    """Friction at both ends of `INTERVAL` at every point [f, v, n] of a surface, whose friction is
+    `own_cof`.
 
-    Infinite where so high a friction means that the contact may have pulled in. Solved on some of the frequencies and
-    voltages (from 0); what is interpolated is the ratio to `own_cof`. ModelError for the equations as printed, whose
-    error is not one of their numbers.
+    Infinite where so high a friction means that the contact may have pulled in. Solved on some of
+    the frequencies and voltages (from 0); what is interpolated is the ratio to `own_cof`.
+    ModelError for the equations as printed, whose error is not one of their numbers.
     """
     f, v = _thinned(frequency_hz, MOST_FREQUENCIES), np.linspace(0.0, voltage_v[-1], MOST_VOLTAGES)
     drive = sines(f[:, None, None], v[:, None], normal_force_n, SPEED_REFERENCE_M_S, 0.0)
@@ -164,22 +194,37 @@ def cof_interval_at(
 ) -> tuple[float, float]:
     """The same under one condition, where more draws are solved."""
     f, v, n = (np.array([x]) for x in (frequency_hz, voltage_v, normal_force_n))
-    _, ends = _base_and_ends(description, sines(f, v, n, SPEED_REFERENCE_M_S, 0.0), DRAWS_AT_ONE, SEED)
+    _, ends = _base_and_ends(
+        description, sines(f, v, n, SPEED_REFERENCE_M_S, 0.0), DRAWS_AT_ONE, SEED
+    )
     return float(ends[0, 0]), float(ends[1, 0])
 
 
-def _base_and_ends(description: ModelDescription, drive: Drive, draws: int, seed: int) -> tuple[Array, Array]:
-    """Friction of the model itself [...] and at both ends of `INTERVAL` [2, ...], all draws solved at once."""
+def _base_and_ends(
+    description: ModelDescription, drive: Drive, draws: int, seed: int
+) -> tuple[Array, Array]:
+    """Friction of the model itself [...] and at both ends of `INTERVAL` [2, ...], all draws solved
+    at once.
+    """
     if description.is_published:
-        raise ModelError("the equations as printed have no uncertainty to carry", "Use a model of variant 'corrected'")
+        raise ModelError(
+            "the equations as printed have no uncertainty to carry",
+            "Use a model of variant 'corrected'",
+        )
     base, numbers = TouchModel(description).answer(drive), uncertain_numbers(description)
-    x = normal_draws(draws, len(numbers) + 1, seed).T.reshape(len(numbers) + 1, draws, *[1] * base.cof.ndim)
+    x = normal_draws(draws, len(numbers) + 1, seed).T.reshape(
+        len(numbers) + 1, draws, *[1] * base.cof.ndim
+    )
     theory = theory_error(description, drive, base.electrostatic_force_n)
-    gain = np.exp(np.clip(theory * x[-1], -MOST_THEORY_ERROR, MOST_THEORY_ERROR))  # of the pressure per squared volt
+    gain = np.exp(
+        np.clip(theory * x[-1], -MOST_THEORY_ERROR, MOST_THEORY_ERROR)
+    )  # of the pressure per squared volt
     drawn = varied(description, numbers, x[:-1])
     drive = replace(drive, voltage_v=drive.voltage_v * np.ones_like(x[-1]))
     touch = prepare(drawn.values, drawn.dielectric, drawn.effects, drive)
-    circuit = touch.circuit._replace(mean_square_v2=touch.circuit.mean_square_v2 * gain.reshape(-1, 1))
+    circuit = touch.circuit._replace(
+        mean_square_v2=touch.circuit.mean_square_v2 * gain.reshape(-1, 1)
+    )
     p_e, _ = solver.solve(TouchModel(description).table, circuit)
     found = cof(description.friction_law, drawn.values, touch, p_e, drive.normal_force_n)
     found = np.where(np.isnan(found), np.inf, found)
@@ -187,17 +232,36 @@ def _base_and_ends(description: ModelDescription, drive: Drive, draws: int, seed
 
 
 def provenance(description: ModelDescription) -> dict[str, Any]:
-    """What an interval was made from, as JSON can hold it: spreads of the logarithm where they are of it."""
-    numbers = {u.name: {"std": u.std, "of_logarithm": u.logarithmic} for u in uncertain_numbers(description)}
-    return {"interval": list(INTERVAL), "draws": DRAWS, "seed": SEED, "theory": "theory_log_std", "numbers": numbers}
+    """What an interval was made from, as JSON can hold it: spreads of the logarithm where they are
+    of it.
+    """
+    numbers = {
+        u.name: {"std": u.std, "of_logarithm": u.logarithmic}
+        for u in uncertain_numbers(description)
+    }
+    return {
+        "interval": list(INTERVAL),
+        "draws": DRAWS,
+        "seed": SEED,
+        "theory": "theory_log_std",
+        "numbers": numbers,
+    }
 
 
 def theory_error(description: ModelDescription, drive: Drive, force_n: Array) -> Array:
-    """One standard deviation of log(pressure) that the contact theory leaves, where `force_n` acts; of its shape."""
+    """One standard deviation of log(pressure) that the contact theory leaves, where `force_n` acts;
+    of its shape.
+    """
     p = description.values
     circuit = prepare(p, description.dielectric, description.effects, drive).circuit
-    pressure_pa = circuit.load_pa + np.nan_to_num(force_n.ravel()) / p.contact_area_m2 + circuit.added_pa
-    a = 1.0 + (circuit.bypass_per_m[:, 0] + circuit.leak_per_m_pa[:, 0] * pressure_pa) * circuit.h_m[:, 0]
+    pressure_pa = (
+        circuit.load_pa + np.nan_to_num(force_n.ravel()) / p.contact_area_m2 + circuit.added_pa
+    )
+    a = (
+        1.0
+        + (circuit.bypass_per_m[:, 0] + circuit.leak_per_m_pa[:, 0] * pressure_pa)
+        * circuit.h_m[:, 0]
+    )
     std = theory_log_std(
         pressure_pa,
         np.abs(circuit.k_gap[:, 0] * circuit.h_m[:, 0] / a + circuit.gap_shift_m),
@@ -214,10 +278,14 @@ def _thinned(values: Array, most: int) -> Array:
 
 
 def _interpolated(ratio: Array, by_frequency: Array, by_voltage: Array) -> Array:
-    """`ratio` [f, v, n] by weights [m, f], [k, v]: [m, k, n], linear in the logarithm; infinite where a used one is."""
+    """`ratio` [f, v, n] by weights [m, f], [k, v]: [m, k, n], linear in the logarithm; infinite
+    where a used one is.
+    """
 
     def at(values: Array) -> Array:
-        return np.asarray(np.einsum("mf,kv,fvn->mkn", by_frequency, by_voltage, values, optimize=True))
+        return np.asarray(
+            np.einsum("mf,kv,fvn->mkn", by_frequency, by_voltage, values, optimize=True)
+        )
 
     known = np.isfinite(ratio)
     return np.where(at(1.0 - known) > 0.0, np.inf, np.exp(at(np.log(np.where(known, ratio, 1.0)))))

@@ -1,1 +1,3 @@
-"""What is contact: rough skin on a flat screen, the distribution of its gaps, and the integrals over them."""
+"""What is contact: rough skin on a flat screen, the distribution of its gaps, and the integrals
+over them.
+"""

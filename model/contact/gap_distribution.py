@@ -1,11 +1,11 @@
 """Persson's contact of a rough finger with a flat screen: real area and distribution of gaps.
 
-Equations (41)-(49) of AliAbbasi et al. 2022, dimensionless (see `roughness`). A pressure `p_hat` is in units of
-Y* q0 h_rms, a gap in units of h_rms.
+Equations (41)-(49) of AliAbbasi et al. 2022, dimensionless (see `roughness`). A pressure `p_hat` is
+in units of Y* q0 h_rms, a gap in units of h_rms.
 
-The mass of -A'(zeta) lies at zeta -> 1 (A/A0 is 0.008 at zeta = 1.1 for a light touch) and the smallest gaps at
-zeta -> zeta1, so the magnification runs on a logistic grid that resolves both ends. The derivative in (44) is taken
-under the integral, never by differences.
+The mass of -A'(zeta) lies at zeta -> 1 (A/A0 is 0.008 at zeta = 1.1 for a light touch) and the
+smallest gaps at zeta -> zeta1, so the magnification runs on a logistic grid that resolves both
+ends. The derivative in (44) is taken under the integral, never by differences.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ ZETA_STEP = 0.1  # of the logistic variable; halving it moves no gap integral by
 class GapDistribution:
     """Gaps of one contact as a mixture of folded normals, one per magnification (48).
 
-    `weight` [n]: share of the nominal area that leaves contact at each magnification (sums to 1 - `area_ratio`);
-    `separation` [n]: u1 of (44); `spread` [n]: h_rms(zeta) of (49). Lengths in units of h_rms.
+    `weight` [n]: share of the nominal area that leaves contact at each magnification (sums to 1 -
+    `area_ratio`); `separation` [n]: u1 of (44); `spread` [n]: h_rms(zeta) of (49). Lengths in units
+    of h_rms.
     """
 
     area_ratio: float
@@ -52,19 +53,25 @@ def area_ratio(shape: SelfAffineShape, p_hat: Array | float) -> Array:
     return np.asarray(erf(np.asarray(p_hat) / shape.full_contact))
 
 
-def gap_distribution(shape: SelfAffineShape, p_hat: float, step: float = ZETA_STEP) -> GapDistribution:
+def gap_distribution(
+    shape: SelfAffineShape, p_hat: float, step: float = ZETA_STEP
+) -> GapDistribution:
     """The distribution of gaps (48) under the pressure `p_hat` > 0.
 
-    `step` is the spacing of the magnification grid; the rule is the trapezoid rule in a logistic variable, which
-    converges exponentially for these integrands.
+    `step` is the spacing of the magnification grid; the rule is the trapezoid rule in a logistic
+    variable, which converges exponentially for these integrands.
     """
     zeta, dzeta_dt, remaining = _magnifications(shape, step)
     moment = shape.moment3(zeta)
     y = p_hat / np.sqrt(shape.hurst * moment)
     leaving = y < X_NEGLIGIBLE  # below, the contact is still complete and nothing leaves it
-    zeta, dzeta_dt, remaining, moment, y = (v[leaving] for v in (zeta, dzeta_dt, remaining, moment, y))
+    zeta, dzeta_dt, remaining, moment, y = (
+        v[leaving] for v in (zeta, dzeta_dt, remaining, moment, y)
+    )
     area = erf(y)
-    area_slope = -np.exp(-y * y) / sqrt(pi) * y * zeta ** (1.0 - 2.0 * shape.hurst) / moment  # A'(zeta) < 0
+    area_slope = (
+        -np.exp(-y * y) / sqrt(pi) * y * zeta ** (1.0 - 2.0 * shape.hurst) / moment
+    )  # A'(zeta) < 0
     two_h = 2.0 * shape.hurst
     spread = np.sqrt(zeta**-two_h * -np.expm1(two_h * np.log1p(-remaining / shape.zeta1)))
     return GapDistribution(
@@ -85,20 +92,26 @@ def _magnifications(shape: SelfAffineShape, step: float) -> tuple[Array, Array, 
 
 
 def mean_gap(shape: SelfAffineShape, p_hat: float) -> float:
-    """Mean separation of the whole contact: (45) at zeta = 1, where nothing has left contact yet."""
+    """Mean separation of the whole contact: (45) at zeta = 1, where nothing has left contact
+    yet.
+    """
     if shape.full_contact <= p_hat / X_NEGLIGIBLE:
         return 0.0  # pressed flat
     return float(_SeparationRule.at(shape, np.ones(1), np.array([p_hat])).mean()[0])
 
 
-def _separations(shape: SelfAffineShape, p_hat: float, zeta: Array, area: Array, area_slope: Array) -> Array:
+def _separations(
+    shape: SelfAffineShape, p_hat: float, zeta: Array, area: Array, area_slope: Array
+) -> Array:
     """u1 of (44) at each magnification; 0 where the surfaces touch at every smaller scale."""
     k, h = 2.0 - 2.0 * shape.hurst, shape.hurst
     p_zeta = p_hat / area
     open_ = h * (shape.zeta1**k - zeta**k) / k > (p_zeta / X_NEGLIGIBLE) ** 2
     rule = _SeparationRule.at(shape, zeta[open_], p_zeta[open_])
     separation = np.zeros_like(zeta)
-    separation[open_] = rule.mean() + rule.by_pressure() + rule.by_scale() * (area / area_slope)[open_]
+    separation[open_] = (
+        rule.mean() + rule.by_pressure() + rule.by_scale() * (area / area_slope)[open_]
+    )
     return separation
 
 
@@ -106,8 +119,9 @@ def _separations(shape: SelfAffineShape, p_hat: float, zeta: Array, area: Array,
 class _SeparationRule:
     """Gauss-Legendre rule for (45) and its derivative, in log S.
 
-    With S = (s q0 h_rms)^-2 as variable, x^(2-2H) = zeta^(2-2H) + (2-2H) S/H and x0 = p(zeta)/sqrt(S):
-    u = 1/sqrt(pi) int_0^S1 dS S^-1/2 I(x0)/x, whose derivative by zeta has three parts: p(zeta), x and the limit S1.
+    With S = (s q0 h_rms)^-2 as variable, x^(2-2H) = zeta^(2-2H) + (2-2H) S/H and x0 =
+    p(zeta)/sqrt(S): u = 1/sqrt(pi) int_0^S1 dS S^-1/2 I(x0)/x, whose derivative by zeta has three
+    parts: p(zeta), x and the limit S1.
     """
 
     shape: SelfAffineShape
@@ -137,7 +151,9 @@ class _SeparationRule:
 
     def by_pressure(self) -> Array:
         """Part of u' A/A' that comes through p(zeta) = p A0/A."""
-        return np.asarray(np.sum(self.weight / self.x * _inner_integrand(self.shape.gamma, self.x0), axis=1))
+        return np.asarray(
+            np.sum(self.weight / self.x * _inner_integrand(self.shape.gamma, self.x0), axis=1)
+        )
 
     def by_scale(self) -> Array:
         """Part of u' that comes through x and through the limit S1."""
@@ -159,13 +175,19 @@ def _inner_integrand(gamma: float, x: Array) -> Array:
 
 
 def _inner_integral(gamma: float, x0: Array) -> Array:
-    """I(x0) = int_x0^inf [gamma + 3(1-gamma) erf^2(x)] exp(-x^2)/x dx, the inner integral of (45)."""
-    return np.asarray(gamma * 0.5 * exp1(x0 * x0) + 3.0 * (1.0 - gamma) * _erf_squared_tail()(np.log(x0)))
+    """I(x0) = int_x0^inf [gamma + 3(1-gamma) erf^2(x)] exp(-x^2)/x dx, the inner integral of
+    (45).
+    """
+    return np.asarray(
+        gamma * 0.5 * exp1(x0 * x0) + 3.0 * (1.0 - gamma) * _erf_squared_tail()(np.log(x0))
+    )
 
 
 @lru_cache(maxsize=1)
 def _erf_squared_tail() -> CubicSpline:
-    """int_x0^inf erf^2(x) exp(-x^2)/x dx as a function of log x0; clamped outside the grid by its own limits."""
+    """int_x0^inf erf^2(x) exp(-x^2)/x dx as a function of log x0; clamped outside the grid by its
+    own limits.
+    """
     grid = np.linspace(np.log(1e-12), np.log(12.0), 6001)
     x = np.exp(grid)
     antiderivative = CubicSpline(grid, erf(x) ** 2 * np.exp(-x * x)).antiderivative()

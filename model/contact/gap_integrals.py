@@ -1,6 +1,8 @@
-"""The gap integrals where compiled code needs them: K^, L^, and what a limit of the field leaves of K^.
+"""The gap integrals where compiled code needs them: K^, L^, and what a limit of the field leaves of
+K^.
 
-Between the nodes of the table everything is cubic. What K^ and L^ are stands in `gap_table`, which makes the table.
+Between the nodes of the table everything is cubic. What K^ and L^ are stands in `gap_table`, which
+makes the table.
 """
 
 from __future__ import annotations
@@ -38,20 +40,26 @@ class TableArrays(NamedTuple):
 def k_hat(table: TableArrays, p_hat: float, z_hat: complex) -> float:
     """K^ at one point, by local cubic interpolation on four nodes per axis.
 
-    3e-5 of the direct quadrature (4e-4 near the highest pressures, where hardly a gap is left). Beyond the lengths of
-    the table its limits hold: K ~ 1/|z| below (P is constant there), K ~ 1/|z|^2 and L ~ 1/z above; beyond its
-    pressures the nearest. K(conj z) = K(z), L(conj z) = conj L(z).
+    3e-5 of the direct quadrature (4e-4 near the highest pressures, where hardly a gap is left).
+    Beyond the lengths of the table its limits hold: K ~ 1/|z| below (P is constant there), K ~
+    1/|z|^2 and L ~ 1/z above; beyond its pressures the nearest. K(conj z) = K(z), L(conj z) = conj
+    L(z).
     """
     log_z, angle = polar(z_hat)
     below, above = max(LOG_Z_AXIS[0] - log_z, 0.0), max(log_z - LOG_Z_AXIS[1], 0.0)
-    return float(np.exp(interpolated(table.log_k, math.log(p_hat), log_z, abs(angle)) + below - 2.0 * above))
+    return float(
+        np.exp(interpolated(table.log_k, math.log(p_hat), log_z, abs(angle)) + below - 2.0 * above)
+    )
 
 
 @kernel
 def l_hat(table: TableArrays, p_hat: float, z_hat: complex) -> complex:
     """L^ at one point, likewise."""
     log_z, angle = polar(z_hat)
-    found = np.exp(interpolated(table.log_l, math.log(p_hat), log_z, abs(angle)) - max(log_z - LOG_Z_AXIS[1], 0.0))
+    found = np.exp(
+        interpolated(table.log_l, math.log(p_hat), log_z, abs(angle))
+        - max(log_z - LOG_Z_AXIS[1], 0.0)
+    )
     return complex(found) if angle >= 0.0 else complex(found.conjugate())
 
 
@@ -78,7 +86,9 @@ def interpolated(values: NDArray[Any], log_p: float, log_z: float, angle: float)
 
 @kernel
 def stencil(x: float, axis: tuple[float, float, int]) -> tuple[int, Four]:
-    """The first of the four nodes around `x` on an axis and their Lagrange weights; beyond an end those of the end."""
+    """The first of the four nodes around `x` on an axis and their Lagrange weights; beyond an end
+    those of the end.
+    """
     low, high, count = axis
     position = (min(max(x, low), high) - low) / (high - low) * (count - 1)
     first = min(max(int(position) - 1, 0), count - 4)
@@ -89,9 +99,11 @@ def stencil(x: float, axis: tuple[float, float, int]) -> tuple[int, Four]:
 
 @kernel_of_sums
 def kept_share(table: TableArrays, p_hat: float, z_hat: complex, closest_square: float) -> float:
-    """Share of K^ that is left where the local field cannot exceed a limit, which it meets at a certain |u + z|^2.
+    """Share of K^ that is left where the local field cannot exceed a limit, which it meets at a
+    certain |u + z|^2.
 
-    Where the limit ends the integrand has a kink in log u, for which the trapezoid rule is corrected (Euler-Maclaurin).
+    Where the limit ends the integrand has a kink in log u, for which the trapezoid rule is
+    corrected (Euler-Maclaurin).
     """
     row, weights = stencil(math.log(p_hat), LOG_P_AXIS)
     x, y_square, limit = z_hat.real, z_hat.imag * z_hat.imag, 1.0 / closest_square
@@ -123,10 +135,20 @@ def _gap_below(u: float) -> int:
 @kernel
 def _four_rows(values: Array, row: int, start: int) -> Rows:
     """Four rows of the table from a column on, for a loop that runs on vectors."""
-    return values[row, start:], values[row + 1, start:], values[row + 2, start:], values[row + 3, start:]
+    return (
+        values[row, start:],
+        values[row + 1, start:],
+        values[row + 2, start:],
+        values[row + 3, start:],
+    )
 
 
 @kernel
 def _at_pressure(rows: Rows, weights: Four, m: int) -> float:
     """A column at a pressure between four rows."""
-    return float(weights[0] * rows[0][m] + weights[1] * rows[1][m] + weights[2] * rows[2][m] + weights[3] * rows[3][m])
+    return float(
+        weights[0] * rows[0][m]
+        + weights[1] * rows[1][m]
+        + weights[2] * rows[2][m]
+        + weights[3] * rows[3][m]
+    )

@@ -1,13 +1,15 @@
 """The two gap integrals of electroadhesion, tabulated once for every finger of one roughness shape.
 
-With z = b/a (a complex length that holds insulator, skin and leakage) the electrical side needs only
+With z = b/a (a complex length that holds insulator, skin and leakage) the electrical side needs
+only
 
     K(p, z) = int P(u; p) / |u + z|^2 du      (pressure)
     L(p, z) = int P(u; p) / (u + z) du        (current)
 
-and roughness only scales them: K = K^(p/(Y* q0 h_rms), z/h_rms) / h_rms^2 and L likewise with 1/h_rms. The table
-holds log K^, log |L^| and arg L^ over (log p^, log |z^|, arg z^ in 0..90 degrees); one exists per
-(H, q1/q0, gamma) and is kept on disk under the hash of these numbers and of its grid.
+and roughness only scales them: K = K^(p/(Y* q0 h_rms), z/h_rms) / h_rms^2 and L likewise with
+1/h_rms. The table holds log K^, log |L^| and arg L^ over (log p^, log |z^|, arg z^ in 0..90
+degrees); one exists per (H, q1/q0, gamma) and is kept on disk under the hash of these numbers and
+of its grid.
 """
 
 from __future__ import annotations
@@ -26,7 +28,13 @@ from numpy.typing import NDArray
 
 from model.contact import resolution
 from model.contact.gap_integrals import TableArrays
-from model.contact.resolution import ANGLE_AXIS, LOG_P_AXIS, LOG_U_AXIS, LOG_Z_AXIS, MAGNIFICATION_STEP
+from model.contact.resolution import (
+    ANGLE_AXIS,
+    LOG_P_AXIS,
+    LOG_U_AXIS,
+    LOG_Z_AXIS,
+    MAGNIFICATION_STEP,
+)
 from model.contact.roughness import SelfAffineShape
 from model.support.arrays import Array
 from model.support.cache import cache_dir
@@ -58,7 +66,9 @@ class GapTable:
 
 @lru_cache(maxsize=8)
 def gap_table(shape: SelfAffineShape, folder: Path | None = None) -> GapTable:
-    """The table for `shape`: from the cache when it is there, else built (under a second) and cached."""
+    """The table for `shape`: from the cache when it is there, else built (under a second) and
+    cached.
+    """
     path = (folder or cache_dir()) / f"gap-table-{_key(shape)}.npz"
     table = _read(shape, path)
     if table is None:
@@ -80,36 +90,51 @@ def build_table(shape: SelfAffineShape) -> GapTable:
 
 
 def gap_nodes() -> Array:
-    """Gaps u [n_u] in units of h_rms at which distributions are kept, evenly spaced in the logarithm."""
+    """Gaps u [n_u] in units of h_rms at which distributions are kept, evenly spaced in the
+    logarithm.
+    """
     return np.asarray(np.exp(np.arange(*LOG_U_AXIS)))
 
 
-def gap_mass(shape: SelfAffineShape, p_hat: float, magnification_step: float = MAGNIFICATION_STEP) -> Array:
+def gap_mass(
+    shape: SelfAffineShape, p_hat: float, magnification_step: float = MAGNIFICATION_STEP
+) -> Array:
     """P(u) du [n_u] under one pressure: weights of the trapezoid rule in log u."""
-    from model.contact.gap_distribution import gap_distribution  # noqa: PLC0415 - scipy is slow to import, tables are kept
+    from model.contact.gap_distribution import (  # noqa: PLC0415 - scipy is slow to import, tables are kept
+        gap_distribution,
+    )
 
     u = gap_nodes()
     return gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]
 
 
-def integrals_of(mass: Array, z_hat: NDArray[np.complex128]) -> tuple[Array, NDArray[np.complex128]]:
-    """K^ and L^ of one distribution of gaps at the complex lengths `z_hat` (any shape), by direct quadrature.
+def integrals_of(
+    mass: Array, z_hat: NDArray[np.complex128]
+) -> tuple[Array, NDArray[np.complex128]]:
+    """K^ and L^ of one distribution of gaps at the complex lengths `z_hat` (any shape), by direct
+    quadrature.
 
-    Trapezoid rule in log u: the integrand is analytic in a strip of half-width pi/2 around the axis.
+    Trapezoid rule in log u: the integrand is analytic in a strip of half-width pi/2 around the
+    axis.
     """
     u = gap_nodes()
     x, y = z_hat.real.ravel(), z_hat.imag.ravel()
     inverse_square = 1.0 / ((u + x[:, None]) ** 2 + (y * y)[:, None])
     k_hat = inverse_square @ mass
-    l_hat = inverse_square @ (mass * u) + z_hat.conj().ravel() * k_hat  # 1/(u+z) = (u + conj z)/|u+z|^2
+    l_hat = (
+        inverse_square @ (mass * u) + z_hat.conj().ravel() * k_hat
+    )  # 1/(u+z) = (u + conj z)/|u+z|^2
     return k_hat.reshape(z_hat.shape), l_hat.reshape(z_hat.shape)
 
 
 def logarithms(k_hat: Array, l_hat: NDArray[np.complex128]) -> Array:
-    """log K^, log |L^|, arg L^ along a last axis; a finite floor where the skin is pressed flat and no gap is left."""
+    """log K^, log |L^|, arg L^ along a last axis; a finite floor where the skin is pressed flat and
+    no gap is left.
+    """
     tiny = np.finfo(np.float64).tiny
     return np.stack(
-        [np.log(np.maximum(k_hat, tiny)), np.log(np.maximum(np.abs(l_hat), tiny)), np.angle(l_hat)], axis=-1
+        [np.log(np.maximum(k_hat, tiny)), np.log(np.maximum(np.abs(l_hat), tiny)), np.angle(l_hat)],
+        axis=-1,
     )
 
 
@@ -133,7 +158,11 @@ def _read(shape: SelfAffineShape, path: Path) -> GapTable | None:
         return None
     shapes = (LOG_P_AXIS[2], LOG_Z_AXIS[2], ANGLE_AXIS[2], 3), (LOG_P_AXIS[2], gap_nodes().size)
     for numbers, expected in zip((values, mass), shapes, strict=True):
-        if numbers.dtype != np.float64 or numbers.shape != expected or not np.isfinite(numbers).all():
+        if (
+            numbers.dtype != np.float64
+            or numbers.shape != expected
+            or not np.isfinite(numbers).all()
+        ):
             return None
     return GapTable(shape, values, mass) if checksum == _checksum(values, mass) else None
 
@@ -147,13 +176,20 @@ def _checksum(*arrays: Array) -> str:
 
 
 def _write(path: Path, table: GapTable) -> None:
-    """Atomically, so that two processes may build at once; a cache that cannot be written is done without."""
+    """Atomically, so that two processes may build at once; a cache that cannot be written is done
+    without.
+    """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with part.open("wb") as stream:
-                np.savez(stream, values=table.values, mass=table.mass, checksum=_checksum(table.values, table.mass))
+                np.savez(
+                    stream,
+                    values=table.values,
+                    mass=table.mass,
+                    checksum=_checksum(table.values, table.mass),
+                )
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)

@@ -1,11 +1,13 @@
-"""How far Persson's contact theory is from a boundary-element solution of the same contact: one table, one function.
+"""How far Persson's contact theory is from a boundary-element solution of the same contact: one
+table, one function.
 
-`LOG_STD` is |log(solver/theory)| of K = integral of P/(u + h)^2 over the gaps, to which the electrostatic pressure is
-proportional, from docs/validation.md: random self-affine surfaces (H 0.71, h_rms 20 um, q0 1e3 1/m, q1/q0 = 32, Y*
-13.33 MPa; tamaas, Polonsky-Keer); the largest of the rms at the finest grid, the same extrapolated to points without
-size, and an earlier comparison of four surfaces; not below 0.05, the scatter between surfaces. A fingerpad is rough
-over more scales than any solver resolves (q1/q0 = 1e7 in Table I): for a finger this is a judged error, not a measured
-one.
+`LOG_STD` is |log(solver/theory)| of K = integral of P/(u + h)^2 over the gaps, to which the
+electrostatic pressure is proportional, from docs/validation.md: random self-affine surfaces (H
+0.71, h_rms 20 um, q0 1e3 1/m, q1/q0 = 32, Y* 13.33 MPa; tamaas, Polonsky-Keer); the largest of the
+rms at the finest grid, the same extrapolated to points without size, and an earlier comparison of
+four surfaces; not below 0.05, the scatter between surfaces. A fingerpad is rough over more scales
+than any solver resolves (q1/q0 = 1e7 in Table I): for a finger this is a judged error, not a
+measured one.
 """
 
 from __future__ import annotations
@@ -33,11 +35,13 @@ def theory_log_std(
     pressure_scale_pa: Values = PRESSURE_SCALE_PA,
     length_scale_m: Values = LENGTH_SCALE_M,
 ) -> Array:
-    """One standard deviation of log(electrostatic pressure) that the contact theory leaves; everything broadcasts.
+    """One standard deviation of log(electrostatic pressure) that the contact theory leaves;
+    everything broadcasts.
 
-    `pressure_pa` is the total pressure on the contact, `gap_length_m` the electrical length |z| (or |h|) added to each
-    gap. The scales are Y* q0 h_rms and h_rms of the finger in question: the theory knows a contact by p/(Y* q0 h_rms)
-    and z/h_rms alone. Linear in the logarithms; outside the compared range the nearest compared value holds.
+    `pressure_pa` is the total pressure on the contact, `gap_length_m` the electrical length |z| (or
+    |h|) added to each gap. The scales are Y* q0 h_rms and h_rms of the finger in question: the
+    theory knows a contact by p/(Y* q0 h_rms) and z/h_rms alone. Linear in the logarithms; outside
+    the compared range the nearest compared value holds.
     """
     p = np.asarray(pressure_pa, dtype=np.float64) * PRESSURE_SCALE_PA / pressure_scale_pa
     length = np.asarray(gap_length_m, dtype=np.float64) * LENGTH_SCALE_M / length_scale_m

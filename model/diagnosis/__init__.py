@@ -1,1 +1,3 @@
-"""Where data and model disagree, which effect is missing, proof on unseen data, and the next experiment."""
+"""Where data and model disagree, which effect is missing, proof on unseen data, and the next
+experiment.
+"""

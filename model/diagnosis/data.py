@@ -1,7 +1,7 @@
 """Measured data as the workflow reads them, checked before anything is fitted.
 
-A file has a row per condition and repeat; a data set has one per condition, repeat and witness: friction, the
-electrode's current and voltage, and their phases.
+A file has a row per condition and repeat; a data set has one per condition, repeat and witness:
+friction, the electrode's current and voltage, and their phases.
 """
 
 from __future__ import annotations
@@ -16,7 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.conditions import FINGERS, WAVEFORMS, Conditions
-from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, WITNESSES, Witness, observed, stated_std
+from model.diagnosis.witness import (
+    CURRENT,
+    CURRENT_PHASE,
+    FRICTION,
+    VOLTAGE,
+    WITNESSES,
+    Witness,
+    observed,
+    stated_std,
+)
 from model.effects.interventions import BY_INTERVENTION, NOTHING, removed
 from model.support.arrays import Array, Mask
 from model.support.errors import ModelError, nearest
@@ -42,8 +51,9 @@ RANGES = {
     **{witness.column: witness.range for witness in WITNESSES},
 }
 WANTED = (
-    f"Give a CSV with columns {', '.join(REQUIRED)}, cof; optional cof_std, speed_m_s, time_s, session, trial; of the "
-    "electrode current_a, current_phase_rad, electrode_voltage_v, electrode_voltage_phase_rad, finger"
+    f"Give a CSV with columns {', '.join(REQUIRED)}, cof; optional cof_std, speed_m_s, time_s,"
+    " session, trial; of the electrode current_a, current_phase_rad, electrode_voltage_v,"
+    " electrode_voltage_phase_rad, finger"
 )
 
 
@@ -52,14 +62,16 @@ PHASES = [i for i, witness in enumerate(WITNESSES) if witness.is_phase]
 
 @dataclass(frozen=True)
 class Measurements:
-    """A data set of n observations: `columns` [n] as floats, `session` [n] as numbers of `session_names`.
+    """A data set of n observations: `columns` [n] as floats, `session` [n] as numbers of
+    `session_names`.
 
-    Optional columns that the file does not have are absent from `columns`. `effects_on` [n]: the observations in which
-    an effect under test is on; None for all of them. `witness` [n]: which of `WITNESSES` is observed, None for friction
-    throughout; `row` [n] of the file, None where each has its own; `finger` [n] as in `Conditions`; `intervention` [n]:
-    what somebody had done at the rig, see `model.effects.interventions`, None for nothing anywhere. `left_out`: rows of
-    spectra that the file itself marks as in contradiction with Kramers and Kronig. `least_cof_std`: relative; what of
-    friction is known no better from row to row, whatever the scatter says.
+    Optional columns that the file does not have are absent from `columns`. `effects_on` [n]: the
+    observations in which an effect under test is on; None for all of them. `witness` [n]: which of
+    `WITNESSES` is observed, None for friction throughout; `row` [n] of the file, None where each
+    has its own; `finger` [n] as in `Conditions`; `intervention` [n]: what somebody had done at the
+    rig, see `model.effects.interventions`, None for nothing anywhere. `left_out`: rows of spectra
+    that the file itself marks as in contradiction with Kramers and Kronig. `least_cof_std`:
+    relative; what of friction is known no better from row to row, whatever the scatter says.
     """
 
     columns: dict[str, Array]
@@ -77,7 +89,6 @@ class Measurements:
 
     @property
     def count(self) -> int:
-        """Number of observations."""
         return int(self.session.size)
 
     @property
@@ -87,7 +98,11 @@ class Measurements:
 
     def of(self, witness: int) -> Mask:
         """The observations of one witness, by its place in `WITNESSES`."""
-        return np.full(self.count, witness == FRICTION) if self.witness is None else self.witness == witness
+        return (
+            np.full(self.count, witness == FRICTION)
+            if self.witness is None
+            else self.witness == witness
+        )
 
     @property
     def witnesses(self) -> list[int]:
@@ -113,13 +128,19 @@ class Measurements:
         values = np.empty(self.count)
         for i in self.witnesses:
             mine = self.of(i)
-            values[mine] = say(WITNESSES[i], {name: column[mine] for name, column in self.columns.items()})
+            values[mine] = say(
+                WITNESSES[i], {name: column[mine] for name, column in self.columns.items()}
+            )
         return values
 
     @property
     def is_phase(self) -> Mask:
         """Observations [n] that are angles."""
-        return np.isin(self.witness, PHASES) if self.witness is not None else np.zeros(self.count, bool)
+        return (
+            np.isin(self.witness, PHASES)
+            if self.witness is not None
+            else np.zeros(self.count, bool)
+        )
 
     def against(self, witness: int) -> Mask:
         """Of the observations of one witness, those that are compared with another of the same row.
@@ -127,14 +148,24 @@ class Measurements:
         Where a voltage is measured without its phase, the current's phase counts from that voltage.
         """
         mine, known = self.of(witness), WITNESSES[witness]
-        others = [known.against, *([WITNESSES[VOLTAGE].column] if known.is_phase else [])] if known.against else []
+        others = (
+            [known.against, *([WITNESSES[VOLTAGE].column] if known.is_phase else [])]
+            if known.against
+            else []
+        )
         told = [np.isfinite(self.columns[name][mine]) for name in others if name in self.columns]
         return np.asarray(np.any([np.zeros(int(mine.sum()), bool), *told], axis=0))
 
     @property
     def group(self) -> NDArray[np.intp]:
-        """A number per observation, equal for those of one session and witness, which share a gain."""
-        return self.session if self.witness is None else self.session + len(self.session_names) * self.witness
+        """A number per observation, equal for those of one session and witness, which share a
+        gain.
+        """
+        return (
+            self.session
+            if self.witness is None
+            else self.session + len(self.session_names) * self.witness
+        )
 
     @property
     def has_effects_off(self) -> bool:
@@ -156,12 +187,13 @@ class Measurements:
 
     @property
     def driven(self) -> Mask:
-        """Rows with voltage."""
         bias = self.columns.get("voltage_offset_v", np.zeros(self.count))
         return np.asarray((self.columns["voltage_v"] != 0.0) | (bias != 0.0))
 
     def varies(self, name: str) -> bool:
-        """Whether a column is there and takes more than one value (frequency: where driven; speed: where sliding)."""
+        """Whether a column is there and takes more than one value (frequency: where driven; speed:
+        where sliding).
+        """
         if name not in self.columns:
             return False
         chosen = {"frequency_hz": self.driven, "speed_m_s": self.sliding}
@@ -187,12 +219,24 @@ class Measurements:
         chosen: dict[str, Any] = {
             name: None if values is None else values[rows]
             for name, values in vars(self).items()
-            if name in ("session", "waveform", "effects_on", "witness", "row", "finger", "intervention")
+            if name
+            in (
+                "session",
+                "waveform",
+                "effects_on",
+                "witness",
+                "row",
+                "finger",
+                "intervention",
+            )
         }
-        return replace(self, columns={name: values[rows] for name, values in self.columns.items()}, **chosen)
+        return replace(
+            self, columns={name: values[rows] for name, values in self.columns.items()}, **chosen
+        )
 
     def replicate_groups(self, apart: bool = True, sessions_apart: bool = True) -> NDArray[np.intp]:
-        """A number per observation, equal for the same session and settings; time and repeat do not count.
+        """A number per observation, equal for the same session and settings; time and repeat do not
+        count.
 
         `apart`: each witness has groups of its own; `sessions_apart`: each session.
         """
@@ -221,7 +265,9 @@ def read_measurements(path: Path) -> Measurements:
         ignored |= waveform == "dc"
     finger = _words(table, "finger", FINGERS)
     columns = {"voltage_v": voltage, "frequency_hz": _column(table, "frequency_hz", ignored)}
-    columns["normal_force_n"] = _column(table, "normal_force_n", None if finger is None else finger == "none")
+    columns["normal_force_n"] = _column(
+        table, "normal_force_n", None if finger is None else finger == "none"
+    )
     held = None if finger is None else finger != "sliding"
     for name in OPTIONAL:
         if _says(table, name):
@@ -233,7 +279,13 @@ def read_measurements(path: Path) -> Measurements:
     names, session = np.unique([name or "1" for name in sessions], return_inverse=True)
     done = _words(table, "intervention", (NOTHING, *BY_INTERVENTION))
     rows = Measurements(
-        columns, session.ravel(), tuple(map(str, names)), waveform, table.content_hash, finger=finger, intervention=done
+        columns,
+        session.ravel(),
+        tuple(map(str, names)),
+        waveform,
+        table.content_hash,
+        finger=finger,
+        intervention=done,
     )
     found = _observations(table, rows)
     if found.row is None or not _says(table, "kramers_kronig"):
@@ -247,7 +299,9 @@ def _observations(table: Table, rows: Measurements) -> Measurements:
     given = [witness for witness in WITNESSES if _says(table, witness.column)]
     if not given:
         table.require(WITNESSES[FRICTION].column)
-        raise ModelError(f"{table.path}: no row says anything of friction, current or voltage", WANTED)
+        raise ModelError(
+            f"{table.path}: no row says anything of friction, current or voltage", WANTED
+        )
     columns = dict(rows.columns)
     for name in [name for witness in given for name in (witness.column, witness.std)]:
         if _says(table, name):
@@ -257,7 +311,10 @@ def _observations(table: Table, rows: Measurements) -> Measurements:
     silent = np.all([np.isnan(columns[witness.column]) for witness in given], axis=0)
     if silent.any():
         i = int(np.argmax(silent))
-        said = f"{table.where(i)}: {given[0].column} is '', not a number, and no other witness speaks there"
+        said = (
+            f"{table.where(i)}: {given[0].column} is '', not a number, and no other witness speaks"
+            " there"
+        )
         raise ModelError(said, WANTED, "not_a_number")
     if given == [WITNESSES[FRICTION]]:
         return replace(rows, columns=columns)
@@ -266,7 +323,9 @@ def _observations(table: Table, rows: Measurements) -> Measurements:
     if wrong.any():
         said = f"{table.where(int(np.argmax(wrong)))}: has a cof, but its finger does not slide"
         raise ModelError(said, "Leave cof empty there: friction is kinetic")
-    alternating = (rows.columns["voltage_v"] != 0.0) & (True if rows.waveform is None else rows.waveform != "dc")
+    alternating = (rows.columns["voltage_v"] != 0.0) & (
+        True if rows.waveform is None else rows.waveform != "dc"
+    )
     there = {
         i: np.isfinite(columns[witness.column]) & (alternating | (i == FRICTION))
         for i, witness in enumerate(WITNESSES)
@@ -276,14 +335,18 @@ def _observations(table: Table, rows: Measurements) -> Measurements:
 
 
 def stacked(rows: Measurements, there: Mapping[int, Mask]) -> Measurements:
-    """One observation per row and witness where that is there; those of one witness stand together."""
+    """One observation per row and witness where that is there; those of one witness stand
+    together.
+    """
     row = np.concatenate([np.flatnonzero(mask) for mask in there.values()])
     witness = np.concatenate([np.full(int(mask.sum()), i, np.intp) for i, mask in there.items()])
     return replace(rows.subset(row), witness=witness, row=row)
 
 
 def _check_stated(table: Table, columns: dict[str, Array], witness: Witness) -> None:
-    """ModelError where a standard deviation stands without its value, or friction's in some rows only."""
+    """ModelError where a standard deviation stands without its value, or friction's in some rows
+    only.
+    """
     if witness.std not in columns:
         return
     has, states = np.isfinite(columns[witness.column]), np.isfinite(columns[witness.std])
@@ -294,14 +357,17 @@ def _check_stated(table: Table, columns: dict[str, Array], witness: Witness) -> 
         i = int(np.argmax(wrong))
         lacks = witness.std if has[i] else witness.column
         said = f"{table.where(i)}: {lacks} is '', not a number"
-        raise ModelError(said, f"Give {witness.column} and {witness.std} in the same rows", "not_a_number")
+        raise ModelError(
+            said, f"Give {witness.column} and {witness.std} in the same rows", "not_a_number"
+        )
 
 
 def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
-    """Several data sets as one, each with its file's name; the sessions of one are never those of another.
+    """Several data sets as one, each with its file's name; the sessions of one are never those of
+    another.
 
-    ModelError where one has a condition that another lacks: what a row does not say cannot be made up. Witnesses may
-    differ, and a standard deviation may be missing with its witness.
+    ModelError where one has a condition that another lacks: what a row does not say cannot be made
+    up. Witnesses may differ, and a standard deviation may be missing with its witness.
     """
     if len(parts) == 1:
         return parts[0][1]
@@ -317,7 +383,8 @@ def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
     for number, (_, data) in enumerate(parts, start=1):
         sessions.append(data.session + len(names))
         rows.append(
-            (np.arange(data.count) if data.row is None else data.row) + sum(d.rows for _, d in parts[: number - 1])
+            (np.arange(data.count) if data.row is None else data.row)
+            + sum(d.rows for _, d in parts[: number - 1])
         )
         names += [f"file {number}, {session}" for session in data.session_names]
     hashes = "".join(data.content_hash for _, data in parts)
@@ -326,19 +393,27 @@ def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
     one_witness = all(data.witness is None for data in sets)
     return Measurements(
         {
-            name: np.concatenate([data.columns.get(name, np.full(data.count, np.nan)) for data in sets])
+            name: np.concatenate(
+                [data.columns.get(name, np.full(data.count, np.nan)) for data in sets]
+            )
             for name in every
         },
         np.concatenate(sessions),
         tuple(names),
         _said([data.waveform for data in sets], [data.count for data in sets], "sine"),
         hashlib.sha256(hashes.encode()).hexdigest(),
-        witness=None
-        if one_witness
-        else np.concatenate([np.zeros(d.count, np.intp) if d.witness is None else d.witness for d in sets]),
+        witness=(
+            None
+            if one_witness
+            else np.concatenate(
+                [np.zeros(d.count, np.intp) if d.witness is None else d.witness for d in sets]
+            )
+        ),
         row=None if one_witness else np.concatenate(rows),
         finger=_said([data.finger for data in sets], [data.count for data in sets], "sliding"),
-        intervention=_said([data.intervention for data in sets], [data.count for data in sets], NOTHING),
+        intervention=_said(
+            [data.intervention for data in sets], [data.count for data in sets], NOTHING
+        ),
         left_out=sum(data.left_out for data in sets),
     )
 
@@ -356,7 +431,10 @@ def _said(
     if all(said is None for said in words):
         return None
     return np.concatenate(
-        [np.full(count, where_unsaid) if said is None else said for said, count in zip(words, counts, strict=True)]
+        [
+            np.full(count, where_unsaid) if said is None else said
+            for said, count in zip(words, counts, strict=True)
+        ]
     )
 
 
@@ -372,12 +450,18 @@ def _words(table: Table, column: str, known: tuple[str, ...]) -> NDArray[np.str_
     names = [name.lower() or known[0] for name in table.text(column)]
     for i, name in enumerate(names):
         if name not in known:
-            raise ModelError(f"{table.where(i)}: {column} '{name}' is unknown", nearest(name, list(known)))
+            raise ModelError(
+                f"{table.where(i)}: {column} '{name}' is unknown", nearest(name, list(known))
+            )
     return np.array(names)
 
 
-def _column(table: Table, name: str, ignored: Mask | None = None, where_empty: float | None = None) -> Array:
-    """One column [n] within its range; 0 in the rows `ignored`, `where_empty`, if given, in empty cells."""
+def _column(
+    table: Table, name: str, ignored: Mask | None = None, where_empty: float | None = None
+) -> Array:
+    """One column [n] within its range; 0 in the rows `ignored`, `where_empty`, if given, in empty
+    cells.
+    """
     values = table.numbers(name, where_empty, ignored)
     low, high, unit = RANGES.get(name, (-np.inf, np.inf, ""))
     outside = ~((values >= low) & (values <= high)) & ~np.isnan(values)

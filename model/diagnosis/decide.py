@@ -34,7 +34,6 @@ class Decision(NamedTuple):
 
 
 def decide(found: Posterior) -> Decision:
-    """The rule."""
     named = tuple(n for n, p in found.inclusion.items() if p >= SURE and n not in WITHOUT_NAME)
     if named:
         group: dict[str, list[str]] = {name: [] for name in named}
@@ -131,7 +130,6 @@ class Verdict:
 
     @property
     def reason(self) -> str:
-        """In words."""
         off = "; its form is not quite the catalogue's" if form_is_off(self.chosen) else ""
         return self.decision.reason + off
 

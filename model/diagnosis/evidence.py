@@ -1,4 +1,6 @@
-"""The catch-all rival: the base model plus a smooth discrepancy of unknown shape, and evidences on one footing."""
+"""The catch-all rival: the base model plus a smooth discrepancy of unknown shape, and evidences on
+one footing.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,8 @@ class Evidence:
 
 
 def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
-    """Evidence of a fitted model, linear around its most probable parameters; `forms` [n, m]: ways its form may be off.
+    """Evidence of a fitted model, linear around its most probable parameters; `forms` [n, m]: ways
+    its form may be off.
 
     Each witness apart first.
 
@@ -55,9 +58,13 @@ def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
         return Evidence(exact, scale, 0.0, at_bend=exact, exact=exact)
 
     def by_bend(form: Array, bends: Sequence[float]) -> Array:
-        return np.array([_by_scale(target, np.hstack([fit.jacobian, bend * form]), noise) for bend in bends])
+        return np.array(
+            [_by_scale(target, np.hstack([fit.jacobian, bend * form]), noise) for bend in bends]
+        )
 
-    off = np.array([by_bend(form, errors) for form, errors in zip(forms, FORM_ERRORS, strict=False)])
+    off = np.array(
+        [by_bend(form, errors) for form, errors in zip(forms, FORM_ERRORS, strict=False)]
+    )
     each = logsumexp(off, axis=2)
     total = float(np.logaddexp(np.log(EXACT) + exact, np.log1p(-EXACT) + _mean(each)))
     found = Evidence(total, scale, 0.0, at_bend=exact, exact=exact)
@@ -65,15 +72,20 @@ def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
         return found
     way, bend = np.unravel_index(np.argmax(each), each.shape)
     scale = float(SCALES[np.argmax(off[way, bend])])
-    return replace(found, scale=scale, bend=FORM_ERRORS[way][bend], way=int(way), at_bend=float(each.max()))
+    return replace(
+        found, scale=scale, bend=FORM_ERRORS[way][bend], way=int(way), at_bend=float(each.max())
+    )
 
 
 def _mean(logs: Array) -> float:
     return float(logsumexp(logs) - np.log(logs.size))
 
 
-def evidence_beside(fit: Fit, noise: Noise, discrepancy: list[Array], bent: Array, alone: Evidence) -> Evidence:
-    """The same with a discrepancy of unknown shape beside the model; `bent` [n, m]: what its form is off.
+def evidence_beside(
+    fit: Fit, noise: Noise, discrepancy: list[Array], bent: Array, alone: Evidence
+) -> Evidence:
+    """The same with a discrepancy of unknown shape beside the model; `bent` [n, m]: what its form
+    is off.
 
     By what the discrepancy adds to a form that is off by that, so that all forms count in both.
     """
@@ -88,7 +100,9 @@ def evidence_beside(fit: Fit, noise: Noise, discrepancy: list[Array], bent: Arra
     term, amplitude, scale = np.unravel_index(np.argmax(logs), logs.shape)
     per_term = logsumexp(logs, axis=(1, 2)) - np.log(len(AMPLITUDES))
     adds = float(logsumexp(per_term + np.log(_shares(len(discrepancy))))) - alone.at_bend
-    return Evidence(alone.log_evidence + adds, float(SCALES[scale]), AMPLITUDES[amplitude], int(term))
+    return Evidence(
+        alone.log_evidence + adds, float(SCALES[scale]), AMPLITUDES[amplitude], int(term)
+    )
 
 
 def _shares(count: int) -> Array:
@@ -103,7 +117,9 @@ def log_marginal(target: Array, spread: Array, noise: Noise) -> float:
 
 def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
     """log N(target; 0, s^2 + spread spread') + log prior weight of each noise scale s."""
-    square, directions = np.linalg.eigh(spread.T @ spread)  # of the singular values: half the work of a decomposition
+    square, directions = np.linalg.eigh(
+        spread.T @ spread
+    )  # of the singular values: half the work of a decomposition
     kept = square > ROUNDING * square[-1]
     square = square[kept]
     along = (directions[:, kept].T @ (spread.T @ target)) ** 2 / square
@@ -111,23 +127,28 @@ def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
     s2 = SCALES[:, None] ** 2
     total = s2 + square
     free = target.size - noise.sure - square.size
-    log_likelihood = -0.5 * (np.sum(np.log(total) + along / total, axis=1) + free * np.log(s2[:, 0]) + rest / s2[:, 0])
+    log_likelihood = -0.5 * (
+        np.sum(np.log(total) + along / total, axis=1) + free * np.log(s2[:, 0]) + rest / s2[:, 0]
+    )
     half = 0.5 * noise.degrees
     log_prior = half * np.log(half) - gammaln(half) - 2.0 * half * np.log(SCALES) - half / SCALES**2
     return np.asarray(log_likelihood + log_prior + np.log(2.0 * np.log(SCALES[1] / SCALES[0])))
 
 
 def remaining(fit: Fit, scale: float, loose: Array) -> Array:
-    """What a model leaves that may be off by `loose` [n, m], whitened, in standard deviations of the noise [n]."""
+    """What a model leaves that may be off by `loose` [n, m], whitened, in standard deviations of
+    the noise [n].
+    """
     target, spread, weights = _posterior(fit, scale, loose)
     return np.asarray((target - spread @ weights) / scale)
 
 
 def explained(fit: Fit, scale: float, loose: Array, signatures: Array) -> Array:
-    """How much of what such a model leaves each of some `signatures` [m, n] explains, in chi^2 [m]: the score test.
+    """How much of what such a model leaves each of some `signatures` [m, n] explains, in chi^2 [m]:
+    the score test.
 
-    None where it would have to be negative. What parameters and what is loose could take up of a signature does not
-    count, as far as their priors let them.
+    None where it would have to be negative. What parameters and what is loose could take up of a
+    signature does not count, as far as their priors let them.
     """
     target, spread, _ = _posterior(fit, scale, loose)
     beyond = signatures - (spread @ _weights(spread, scale, signatures.T)).T
@@ -136,13 +157,17 @@ def explained(fit: Fit, scale: float, loose: Array, signatures: Array) -> Array:
 
 
 def _posterior(fit: Fit, scale: float, loose: Array) -> tuple[Array, Array, Array]:
-    """Target [n], directions [n, k] of the parameters and of what is loose, and their posterior mean weights [k]."""
+    """Target [n], directions [n, k] of the parameters and of what is loose, and their posterior
+    mean weights [k].
+    """
     spread = np.concatenate([fit.jacobian, loose], axis=1)
     target = fit.residual + fit.jacobian @ fit.vector
     return target, spread, _weights(spread, scale, target)
 
 
 def _weights(spread: Array, scale: float, values: Array) -> Array:
-    """Posterior mean weights [k] or [k, m] of directions [n, k] that explain `values` [n] or [n, m]."""
+    """Posterior mean weights [k] or [k, m] of directions [n, k] that explain `values` [n] or [n,
+    m].
+    """
     inner = spread.T @ spread / scale**2 + np.eye(spread.shape[1])
     return np.asarray(np.linalg.solve(inner, spread.T @ values / scale**2))

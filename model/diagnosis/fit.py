@@ -35,8 +35,9 @@ BAD = 1e3  # stands for a residual that the model cannot give, in standard devia
 class Fit:
     """A model at its most probable parameters.
 
-    `vector` [k] in prior units; `residual` [n] and `jacobian` [n, k] whitened, the latter of the prediction;
-    `covariance` [k, k] of the vector; `log_evidence` up to a constant that all models of one data set share.
+    `vector` [k] in prior units; `residual` [n] and `jacobian` [n, k] whitened, the latter of the
+    prediction; `covariance` [k, k] of the vector; `log_evidence` up to a constant that all models
+    of one data set share.
     """
 
     kinds: tuple[type[Effect], ...]
@@ -50,8 +51,9 @@ class Fit:
 
 
 class _Nearby(NamedTuple):
-    """What is linear about vectors [m, k]: their residuals [m, n], Jacobians [m, n, k] without what stays at its end,
-    weight of chi^2 [m, 1], gradient of the posterior [m, k], and steps [m, 3, k] by damped normal matrices.
+    """What is linear about vectors [m, k]: their residuals [m, n], Jacobians [m, n, k] without what
+    stays at its end, weight of chi^2 [m, 1], gradient of the posterior [m, k], and steps [m, 3, k]
+    by damped normal matrices.
     """
 
     vectors: Array
@@ -75,10 +77,13 @@ class _Nearby(NamedTuple):
 class Problem:
     """One data set with its noise: what every fit shares.
 
-    `loose` [n, m]: whitened directions in which predictions may be off besides, each with weights of unit variance.
+    `loose` [n, m]: whitened directions in which predictions may be off besides, each with weights
+    of unit variance.
     """
 
-    def __init__(self, predictor: Predictor, observed: Array, noise: Noise, loose: Array | None = None) -> None:
+    def __init__(
+        self, predictor: Predictor, observed: Array, noise: Noise, loose: Array | None = None
+    ) -> None:
         self.predictor = predictor
         self.observed = observed
         self.noise = noise
@@ -98,7 +103,9 @@ class Problem:
 
     @cached_property
     def smooth_in_drive(self) -> dict[str, Array]:
-        """Smooth functions of frequency and of amplitude where there is voltage, the same for all witnesses [n, m]."""
+        """Smooth functions of frequency and of amplitude where there is voltage, the same for all
+        witnesses [n, m].
+        """
         return {name: self._smooth_where_driven(name) for name in ("frequency_hz", "voltage_v")}
 
     def _smooth_where_driven(self, name: str) -> Array:
@@ -108,7 +115,9 @@ class Problem:
         return roots(standardised(data, name, decades=True)[:, None]) * data.driven[:, None]
 
     def whitened(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
-        """Whitened residuals [m, n] of parameter vectors [m, k]; unsolvable rows are far off, never NaN."""
+        """Whitened residuals [m, n] of parameter vectors [m, k]; unsolvable rows are far off, never
+        NaN.
+        """
         raw = self.predictor.less(self.observed, self.predictor.predicted(kinds, vectors))
         raw = np.where(np.isfinite(raw), raw, BAD * self.noise.own_std)
         white = self.noise.whiten(raw.T).T
@@ -122,7 +131,8 @@ class Problem:
         return Problem(self.predictor, self.observed, self.noise, loose)
 
     def whole(self, fit: Fit) -> Fit:
-        """A fit of what is loosened, about which this problem is linear: residuals and Jacobian are whole.
+        """A fit of what is loosened, about which this problem is linear: residuals and Jacobian are
+        whole.
 
         Its chi^2 and scale stay those of what is left.
         """
@@ -130,27 +140,42 @@ class Problem:
         return replace(fit, residual=residuals[0], jacobian=jacobians[0])
 
     def refitted(self, fit: Fit, loose: Array) -> Fit:
-        """`fit` moved to where it is most probable if predictions may be off by `loose` [n, m] as well."""
+        """`fit` moved to where it is most probable if predictions may be off by `loose` [n, m] as
+        well.
+        """
         return self.whole(self.loosened(loose).fit(fit.kinds, fit.vector))
 
     def cost(self, chi2: Array | float, vectors: Array) -> Array:
         """-log posterior of parameter vectors, scale integrated out."""
         nu, n = self.noise.degrees, self.observed.size - self.noise.sure
-        return np.asarray(0.5 * (n + nu) * np.log1p(np.asarray(chi2) / nu) + 0.5 * np.sum(np.square(vectors), axis=-1))
+        return np.asarray(
+            0.5 * (n + nu) * np.log1p(np.asarray(chi2) / nu)
+            + 0.5 * np.sum(np.square(vectors), axis=-1)
+        )
 
     def linearised(self, kinds: Sequence[type[Effect]], vectors: Array) -> tuple[Array, Array]:
-        """Residuals [m, n] and Jacobians of the prediction [m, n, k] at vectors [m, k], whitened, in one call."""
-        steps = np.where(vectors > 0.0, -STEP, STEP)  # inwards: what lies beyond the farthest is flat
+        """Residuals [m, n] and Jacobians of the prediction [m, n, k] at vectors [m, k], whitened,
+        in one call.
+        """
+        steps = np.where(
+            vectors > 0.0, -STEP, STEP
+        )  # inwards: what lies beyond the farthest is flat
         m, k = vectors.shape
-        stepped = vectors[:, None] + np.eye(k + 1, k, -1) * steps[:, None]  # as it is, then each parameter in turn
+        stepped = (
+            vectors[:, None] + np.eye(k + 1, k, -1) * steps[:, None]
+        )  # as it is, then each parameter in turn
         residuals = self.whitened(kinds, stepped.reshape(-1, k)).reshape(m, k + 1, -1)
-        return residuals[:, 0], -np.swapaxes((residuals[:, 1:] - residuals[:, :1]) / steps[:, :, None], 1, 2)
+        return residuals[:, 0], -np.swapaxes(
+            (residuals[:, 1:] - residuals[:, :1]) / steps[:, :, None], 1, 2
+        )
 
     def fit(self, kinds: Sequence[type[Effect]], start: Array, iterations: int = ITERATIONS) -> Fit:
         """Damped Gauss-Newton from one start."""
         return self.fits(kinds, start[None], iterations)[0]
 
-    def fits(self, kinds: Sequence[type[Effect]], starts: Array, iterations: int = ITERATIONS) -> list[Fit]:
+    def fits(
+        self, kinds: Sequence[type[Effect]], starts: Array, iterations: int = ITERATIONS
+    ) -> list[Fit]:
         """Damped Gauss-Newton from each of some starts [m, k], a step of all at a time."""
         vectors = np.clip(starts, -FARTHEST, FARTHEST)
         residuals, jacobians = self.linearised(kinds, vectors)
@@ -169,38 +194,65 @@ class Problem:
                 vectors[moved], costs[moved] = found[better], found_costs[better]
                 residuals[moved], jacobians[moved] = self.linearised(kinds, vectors[moved])
             going = going[~(better & (gain < TOLERANCE)) & (damping[going] < 1e8)]
-        return [self._finish(tuple(kinds), *fit) for fit in zip(vectors, residuals, jacobians, strict=True)]
+        return [
+            self._finish(tuple(kinds), *fit)
+            for fit in zip(vectors, residuals, jacobians, strict=True)
+        ]
 
-    def _nearby(self, vectors: Array, residuals: Array, jacobians: Array, damping: Array) -> _Nearby:
+    def _nearby(
+        self, vectors: Array, residuals: Array, jacobians: Array, damping: Array
+    ) -> _Nearby:
         """What is linear about each of some vectors."""
         nu, n = self.noise.degrees, self.observed.size - self.noise.sure
         weight = (n + nu) / (nu + np.sum(residuals**2, axis=1))[:, None]
         gradient = weight * np.einsum("mnk,mn->mk", jacobians, residuals) - vectors
-        free = ~((np.abs(vectors) >= FARTHEST) & (gradient * vectors > 0.0))  # what is at its end stays there
+        free = ~(
+            (np.abs(vectors) >= FARTHEST) & (gradient * vectors > 0.0)
+        )  # what is at its end stays there
         jacobians = jacobians * free[:, None]
-        normal = weight[..., None] * np.swapaxes(jacobians, 1, 2) @ jacobians + np.eye(vectors.shape[1])
+        normal = weight[..., None] * np.swapaxes(jacobians, 1, 2) @ jacobians + np.eye(
+            vectors.shape[1]
+        )
         dampings = damping[:, None] * DAMPINGS
-        damped = normal[:, None] + dampings[..., None, None] * (normal * np.eye(vectors.shape[1]))[:, None]
+        damped = (
+            normal[:, None]
+            + dampings[..., None, None] * (normal * np.eye(vectors.shape[1]))[:, None]
+        )
         steps = np.linalg.solve(damped, (gradient * free)[:, None, :, None])[..., 0]
         return _Nearby(vectors, residuals, jacobians, weight, gradient, dampings, damped, steps)
 
-    def _best_step(self, kinds: Sequence[type[Effect]], near: _Nearby) -> tuple[Array, Array, Array]:
+    def _best_step(
+        self, kinds: Sequence[type[Effect]], near: _Nearby
+    ) -> tuple[Array, Array, Array]:
         """The best vectors [m, k] that the steps lead to, their costs [m] and dampings [m]."""
         m, count, k = near.steps.shape
         start = near.vectors[:, None]
         trials = np.clip(start + near.steps, -FARTHEST, FARTHEST)
         residuals = self.whitened(kinds, trials.reshape(-1, k)).reshape(m, count, -1)
-        # Valleys bend: what a step found beside what is linear in it says where along the valley it should end.
-        bent = near.residuals[:, None] - (trials - start) @ np.swapaxes(near.jacobians, 1, 2) - residuals
-        aside = np.linalg.solve(near.damped, -(near.weight[..., None] * (bent @ near.jacobians))[..., None])[..., 0]
+        # Valleys bend: what a step found beside what is linear in it says where along the valley it
+        # should end.
+        bent = (
+            near.residuals[:, None]
+            - (trials - start) @ np.swapaxes(near.jacobians, 1, 2)
+            - residuals
+        )
+        aside = np.linalg.solve(
+            near.damped, -(near.weight[..., None] * (bent @ near.jacobians))[..., None]
+        )[..., 0]
         corrected = np.clip(trials + aside, -FARTHEST, FARTHEST)
         after = self.whitened(kinds, corrected.reshape(-1, k)).reshape(m, count, -1)
         trials, residuals = np.hstack([trials, corrected]), np.hstack([residuals, after])
         costs = self.cost(np.sum(residuals**2, axis=2), trials)
         each, best = np.arange(m), np.argmin(costs, axis=1)
-        return trials[each, best], costs[each, best], np.clip(near.dampings[each, best % count], 1e-9, 1e6)
+        return (
+            trials[each, best],
+            costs[each, best],
+            np.clip(near.dampings[each, best % count], 1e-9, 1e6),
+        )
 
-    def _finish(self, kinds: tuple[type[Effect], ...], vector: Array, residual: Array, jacobian: Array) -> Fit:
+    def _finish(
+        self, kinds: tuple[type[Effect], ...], vector: Array, residual: Array, jacobian: Array
+    ) -> Fit:
         nu, n = self.noise.degrees, self.observed.size - self.noise.sure
         chi2 = float(residual @ residual)
         scale2 = (nu + chi2) / (n + nu)
@@ -211,9 +263,11 @@ class Problem:
         return Fit(kinds, vector, residual, jacobian, covariance, chi2, scale2, log_evidence)
 
     def best_fit(self, kinds: Sequence[type[Effect]], base: Array, starts: Sequence[float]) -> Fit:
-        """The best of several starts: from `base`, the last effect's first parameter at each of `starts`.
+        """The best of several starts: from `base`, the last effect's first parameter at each of
+        `starts`.
 
-        Effects of three parameters have valleys that do not meet: they start from another last parameter as well.
+        Effects of three parameters have valleys that do not meet: they start from another last
+        parameter as well.
         """
         count = len(kinds[-1].parameters())
         pairs = list(product(starts, (0.0, OTHER_VALLEY) if count > MOST_IN_ONE_VALLEY else (0.0,)))
@@ -221,8 +275,12 @@ class Problem:
         from_each[:, : base.size] = base[: from_each.shape[1]]
         for start, (value, last) in zip(from_each, pairs, strict=True):
             start[-count], start[-1] = value, last if count > 1 else value
-        begun = sorted(self.fits(kinds, from_each, FIRST_ITERATIONS), key=lambda fit: -fit.log_evidence)
+        begun = sorted(
+            self.fits(kinds, from_each, FIRST_ITERATIONS), key=lambda fit: -fit.log_evidence
+        )
         best = self.fit(kinds, begun[0].vector)
-        others = [fit for fit in begun[1:] if np.linalg.norm(fit.vector - best.vector) > SAME_VALLEY]
+        others = [
+            fit for fit in begun[1:] if np.linalg.norm(fit.vector - best.vector) > SAME_VALLEY
+        ]
         kept = [best, *(self.fit(kinds, fit.vector) for fit in others[: STARTS_KEPT - 1])]
         return max(kept, key=lambda fit: fit.log_evidence)

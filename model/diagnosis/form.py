@@ -1,16 +1,16 @@
 """What a form may be off: no finger or device has quite the catalogue's.
 
-An effect's signature is what it adds to the prediction. Its form may be off in two ways, as far as the effect does
-something at all, which tells both from a discrepancy of unknown shape:
+An effect's signature is what it adds to the prediction. Its form may be off in two ways, as far as
+the effect does something at all, which tells both from a discrepancy of unknown shape:
 
-Each witness apart: a smooth share of the signature of unknown shape, a Gaussian process over each input that varies,
-times the signature's size. Where the signature grows faster than the effect's strength, the size is what that share of
-the strength would change, up to twice as much.
+Each witness apart: a smooth share of the signature of unknown shape, a Gaussian process over each
+input that varies, times the signature's size. Where the signature grows faster than the effect's
+strength, the size is what that share of the strength would change, up to twice as much.
 
-All witnesses together: the effect's strength depends smoothly on what it `bends_with`, in amount and in phase; what
-that changes follows from the model. On frequency, as an element's may whose circuit the catalogue does not know; an
-amplifier's gain on the amplitude as well, since spectra are taken at a few volts. Where other strengths do, the
-catalogue has an effect for that.
+All witnesses together: the effect's strength depends smoothly on what it `bends_with`, in amount
+and in phase; what that changes follows from the model. On frequency, as an element's may whose
+circuit the catalogue does not know; an amplifier's gain on the amplitude as well, since spectra are
+taken at a few volts. Where other strengths do, the catalogue has an effect for that.
 """
 
 from __future__ import annotations
@@ -26,12 +26,18 @@ from model.effects.base import EffectParameter
 from model.support.arrays import Array
 
 STEP = 1e-3  # of an effect's strength
-MOST_BY_STRENGTH = 2.0  # times the signature, as of a square: what sets in suddenly could else look like much
-COMPLEX = ((CURRENT, CURRENT_PHASE), (VOLTAGE, VOLTAGE_PHASE))  # of one number: what is off in either shows in both
+MOST_BY_STRENGTH = (
+    2.0  # times the signature, as of a square: what sets in suddenly could else look like much
+)
+COMPLEX = (
+    (CURRENT, CURRENT_PHASE),
+    (VOLTAGE, VOLTAGE_PHASE),
+)  # of one number: what is off in either shows in both
 
 
 def form_terms(problem: Problem, fit: Fit) -> list[Array]:
-    """What the forms of a fitted model's effects may be off, whitened [n, k], per unit of their signatures or strength.
+    """What the forms of a fitted model's effects may be off, whitened [n, k], per unit of their
+    signatures or strength.
 
     First each witness apart, then all together; none where no effect does anything.
     """
@@ -50,20 +56,26 @@ def form_terms(problem: Problem, fit: Fit) -> list[Array]:
 
 
 def _size_and_change(problem: Problem, fit: Fit, i: int, whole: Array) -> tuple[Array, Array]:
-    """Size of the i-th effect's signature, or of what its strength changes where that is more, up to twice as much [n].
+    """Size of the i-th effect's signature, or of what its strength changes where that is more, up
+    to twice as much [n].
 
-    And what its strength changes [n], up to twice the signature; `whole` [n]: what all effects predict.
+    And what its strength changes [n], up to twice the signature; `whole` [n]: what all effects
+    predict.
     """
     data, predictor = problem.predictor.data, problem.predictor
     signature = _size(data, predictor.less(whole, _without(problem, fit, i)))
     change = np.nan_to_num(predictor.less(_stronger(problem, fit, i), whole) / STEP)
     by_strength = _size(data, change)
-    change = change * np.minimum(1.0, MOST_BY_STRENGTH * signature / np.maximum(by_strength, 1e-300))
+    change = change * np.minimum(
+        1.0, MOST_BY_STRENGTH * signature / np.maximum(by_strength, 1e-300)
+    )
     return np.clip(by_strength, signature, MOST_BY_STRENGTH * signature), change
 
 
 def _turned(data: Measurements, change: Array) -> Array:
-    """Changes of complex numbers, as logarithm and angle, a quarter turn on [n]; 0 for others, and of half a number."""
+    """Changes of complex numbers, as logarithm and angle, a quarter turn on [n]; 0 for others, and
+    of half a number.
+    """
     turned = np.zeros(change.size)
     if data.witness is None or data.row is None:
         return turned
@@ -90,7 +102,9 @@ def _stronger(problem: Problem, fit: Fit, i: int) -> Array:
 
 
 def _strength(parameter: EffectParameter, x: float) -> float:
-    """How far a parameter is from where its effect is off; in logarithms 1 where that is at no value."""
+    """How far a parameter is from where its effect is off; in logarithms 1 where that is at no
+    value.
+    """
     value = float(parameter.from_normal(x))
     if parameter.scale == "linear":
         return value - parameter.off

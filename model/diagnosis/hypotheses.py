@@ -45,7 +45,8 @@ class Candidate:
     """One model, fitted: its own evidence, and with a discrepancy of unknown shape beside it.
 
     `bent` [n, m]: what its form may be off, whitened, as far as the data ask for it; `around`: the
-    most probable parameters with that, which evidences are linear about. `fit` is of the exact form.
+    most probable parameters with that, which evidences are linear about. `fit` is of the exact
+    form.
     """
 
     kinds: Kinds
@@ -57,7 +58,9 @@ class Candidate:
 
     @cached_property
     def beside_discrepancy(self) -> Evidence:
-        """Evidence with a discrepancy of unknown shape beside the effects; worked out when asked for."""
+        """Evidence with a discrepancy of unknown shape beside the effects; worked out when asked
+        for.
+        """
         return self._beside()
 
     @property
@@ -67,16 +70,16 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """The names joined."""
         return "+".join(self.names)
 
 
 class Evidences(NamedTuple):
     """log evidence of every hypothesis about one data set.
 
-    `alone`: of none, of each effect that can be tested, and of the pairs that were fitted, by names.
-    `unseen`: of that part of an effect's prior that leaves no trace. `beside`: of none, of the best
-    single effect and of the best pair with a discrepancy of unknown shape. `outside`: of what is not of the touch.
+    `alone`: of none, of each effect that can be tested, and of the pairs that were fitted, by
+    names. `unseen`: of that part of an effect's prior that leaves no trace. `beside`: of none, of
+    the best single effect and of the best pair with a discrepancy of unknown shape. `outside`: of
+    what is not of the touch.
     """
 
     alone: dict[tuple[str, ...], float]
@@ -219,7 +222,8 @@ def with_one_more(problem: Problem, first: Candidate, more: Kinds) -> Candidate:
 
 
 def _beside(problem: Problem, first: Candidate, singles: list[Candidate]) -> list[Promise]:
-    """What each other effect promises beside `first` by the score test, where it is worth its prior.
+    """What each other effect promises beside `first` by the score test, where it is worth its
+    prior.
 
     The test asks how much of what `first` leaves a signature explains at its best strength.
     """
@@ -279,7 +283,8 @@ def _drawn(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array
 
 
 def force_sensor(problem: Problem, base: Candidate) -> float:
-    """log evidence of a force sensor whose lateral reading has its zero off and a share of the load.
+    """log evidence of a force sensor whose lateral reading has its zero off and a share of the
+    load.
 
     Friction that it reads depends on load much as by a law of friction, and no other witness sees
     either. Linear about the base model; -inf where friction has but one load.

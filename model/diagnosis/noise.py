@@ -1,4 +1,6 @@
-"""What is known about the noise before any fit: each row's own, what sessions share, and how far to trust both."""
+"""What is known about the noise before any fit: each row's own, what sessions share, and how far to
+trust both.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, WITNESSES
 from model.support.arrays import Array, ComplexArray
 
 SESSION_GAIN_STD = WITNESSES[FRICTION].gain_std
-LOOSE_DEGREES = 6.0  # worth of the stated noise where no replicates check it: a scale known to about 30 %
+LOOSE_DEGREES = (
+    6.0  # worth of the stated noise where no replicates check it: a scale known to about 30 %
+)
 MOST_DEGREES = 200.0
 USUAL_STRAY_F = 300e-12  # where no open circuit tells
 LONG_AFTER = 10.0  # times the usual time between replicates
@@ -24,13 +28,15 @@ AREA_STD = 0.03  # of the logarithm of the touch's area, from session to session
 
 @dataclass(frozen=True)
 class Noise:
-    """Covariance of what is observed: diag(`own_std`^2) + gains of sessions + AR(1), up to one unknown scale.
+    """Covariance of what is observed: diag(`own_std`^2) + gains of sessions + AR(1), up to one
+    unknown scale.
 
-    The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `source` says where the noise comes
-    from, `replicate_degrees` how many replicates checked it; `correlation` and `inflation` are what it was asked to be.
-    `whiten` takes residuals [n] or [n, k] to unit variance. `blocks`: what shares no noise with the rest, each by its
-    numbers; all together where there are none. `sure`: how many are said to be better than any model is; what
-    is left of them says nothing about the scale.
+    The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `source` says
+    where the noise comes from, `replicate_degrees` how many replicates checked it; `correlation`
+    and `inflation` are what it was asked to be. `whiten` takes residuals [n] or [n, k] to unit
+    variance. `blocks`: what shares no noise with the rest, each by its numbers; all together where
+    there are none. `sure`: how many are said to be better than any model is; what is left of them
+    says nothing about the scale.
     """
 
     own_std: Array
@@ -46,7 +52,9 @@ class Noise:
 
     @property
     def log_determinant(self) -> float:
-        """Half the log determinant of the covariance: what evidences under two noises differ by besides the fit."""
+        """Half the log determinant of the covariance: what evidences under two noises differ by
+        besides the fit.
+        """
         return float(np.sum(np.log(np.diag(self.lower))))
 
     def whiten(self, values: Array) -> Array:
@@ -66,7 +74,9 @@ class Noise:
 
 @dataclass(frozen=True)
 class _Own:
-    """Standard deviations of one witness's observations [n], where they come from, and the replicates that checked."""
+    """Standard deviations of one witness's observations [n], where they come from, and the
+    replicates that checked.
+    """
 
     std: Array
     source: str
@@ -74,10 +84,14 @@ class _Own:
     warnings: tuple[str, ...] = ()
 
 
-def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | None = None) -> Noise | None:
-    """The noise model of a data set; None where nothing says how noisy friction is, be it stated or replicates.
+def noise_of(
+    data: Measurements, correlation: float = 0.0, inflation: Array | None = None
+) -> Noise | None:
+    """The noise model of a data set; None where nothing says how noisy friction is, be it stated or
+    replicates.
 
-    `correlation`: of neighbouring rows in a session, in order of measurement. `inflation` [n]: of single rows' noise.
+    `correlation`: of neighbouring rows in a session, in order of measurement. `inflation` [n]: of
+    single rows' noise.
     """
     inflation = np.ones(data.count) if inflation is None else inflation
     own_std, found = np.empty(data.count), []
@@ -118,12 +132,16 @@ def noise_of(data: Measurements, correlation: float = 0.0, inflation: Array | No
 
 
 def _least_std(data: Measurements) -> Array:
-    """What no model is better than [n]: what one is off at a setting is off in every session that reads it."""
+    """What no model is better than [n]: what one is off at a setting is off in every session that
+    reads it.
+    """
     least = np.array([witness.least_std for witness in WITNESSES])
     least[FRICTION] = data.least_cof_std
     setting = data.replicate_groups(sessions_apart=False)
     sessions = np.bincount(np.unique(np.stack([setting, data.session]), axis=1)[0])
-    return np.asarray(least[FRICTION if data.witness is None else data.witness] * np.sqrt(sessions[setting]))
+    return np.asarray(
+        least[FRICTION if data.witness is None else data.witness] * np.sqrt(sessions[setting])
+    )
 
 
 def _response_std(data: Measurements, least_std: Array) -> Array:
@@ -140,8 +158,8 @@ def _response_std(data: Measurements, least_std: Array) -> Array:
 def shared_std(data: Measurements) -> Array:
     """Standard deviations [n, 2] of what the observations of a session and witness share.
 
-    The witness's own gain, and in the current the area of the touch, which presses anew in each session: of that the
-    current beside the touch has nothing.
+    The witness's own gain, and in the current the area of the touch, which presses anew in each
+    session: of that the current beside the touch has nothing.
     """
     gains = np.array([witness.gain_std for witness in WITNESSES])
     if data.witness is None:
@@ -152,12 +170,16 @@ def shared_std(data: Measurements) -> Array:
 
 
 def touch_share(data: Measurements) -> ComplexArray:
-    """Of the current of each row [n], what flows through the touch rather than beside it, as open circuits tell it."""
+    """Of the current of each row [n], what flows through the touch rather than beside it, as open
+    circuits tell it.
+    """
     c, nothing = data.columns, np.full(data.count, np.nan)
     is_open = np.zeros(data.count, bool) if data.finger is None else data.finger == "none"
     voltage_v = c.get("electrode_voltage_v", nothing)
     voltage_v = np.where(np.isfinite(voltage_v), voltage_v, c["voltage_v"])
-    lead_rad = c.get("current_phase_rad", nothing) - np.nan_to_num(c.get("electrode_voltage_phase_rad", nothing))
+    lead_rad = c.get("current_phase_rad", nothing) - np.nan_to_num(
+        c.get("electrode_voltage_phase_rad", nothing)
+    )
     lead_rad = np.where(np.isfinite(lead_rad), lead_rad, 0.5 * np.pi)
     with np.errstate(divide="ignore", invalid="ignore"):
         capacitance_f = c.get("current_a", nothing) / (2.0 * np.pi * c["frequency_hz"] * voltage_v)
@@ -183,7 +205,10 @@ def _own_noise(data: Measurements, witness: int, inflation: Array) -> _Own | Non
     scatter, degrees = _replicate_scatter(data, values, std)
     ratio, warnings = float(np.sqrt(scatter)), []
     if not 1.0 / 1.3 < ratio < 1.3:
-        warnings.append(f"replicates scatter {ratio:.2f} times as much as {known.std} says; their scatter is used")
+        warnings.append(
+            f"replicates scatter {ratio:.2f} times as much as {known.std} says; their scatter is"
+            " used"
+        )
         source = f"{known.std}, scaled to the replicates"
     return _Own(std * ratio, source, degrees, tuple(warnings))
 
@@ -202,7 +227,9 @@ def _usual(usual_std: float | None, data: Measurements, inflation: Array) -> _Ow
 
 
 def _replicate_scatter(data: Measurements, values: Array, std: Array) -> tuple[float, int]:
-    """Pooled variance within groups of replicates, in units of `std` squared, and its degrees of freedom."""
+    """Pooled variance within groups of replicates, in units of `std` squared, and its degrees of
+    freedom.
+    """
     group = _close_in_time(data, data.replicate_groups())
     weight = std**-2
     means = np.bincount(group, values * weight) / np.bincount(group, weight)
@@ -212,7 +239,9 @@ def _replicate_scatter(data: Measurements, values: Array, std: Array) -> tuple[f
 
 
 def _close_in_time(data: Measurements, group: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Groups of replicates [n], split where one comes long after the others: what drifts meanwhile is no noise."""
+    """Groups of replicates [n], split where one comes long after the others: what drifts meanwhile
+    is no noise.
+    """
     time_s, later = data.columns.get("time_s"), np.zeros(data.count, np.intp)
     if time_s is None:
         return group
@@ -224,7 +253,9 @@ def _close_in_time(data: Measurements, group: NDArray[np.intp]) -> NDArray[np.in
 
 
 def rows_in_order(data: Measurements) -> list[NDArray[np.intp]]:
-    """The rows of each session and witness in order of measurement: by `time_s`, or as in the file."""
+    """The rows of each session and witness in order of measurement: by `time_s`, or as in the
+    file.
+    """
     time = data.columns.get("time_s", np.arange(data.count, dtype=float))
     groups = (np.flatnonzero(data.group == g) for g in np.unique(data.group))
     return [rows[np.argsort(time[rows], kind="stable")] for rows in groups]

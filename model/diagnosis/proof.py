@@ -1,4 +1,6 @@
-"""Proof on data that no fit has seen: the effect is chosen anew in every fold and judged on what was left out."""
+"""Proof on data that no fit has seen: the effect is chosen anew in every fold and judged on what
+was left out.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,12 @@ Kinds = tuple[type[Effect], ...]
 
 @dataclass(frozen=True)
 class Proof:
-    """What held-out data say: mean squared error in units of the noise, per point, before and after.
+    """What held-out data say: mean squared error in units of the noise, per point, before and
+    after.
 
-    `gap_closed`: share of the base model's excess over the noise that disappears, with a 95 % interval over folds;
-    `inclusion`: share of folds in which the same effects were chosen again. NaN where nothing could be held out.
+    `gap_closed`: share of the base model's excess over the noise that disappears, with a 95 %
+    interval over folds; `inclusion`: share of folds in which the same effects were chosen again.
+    NaN where nothing could be held out.
     """
 
     by: str
@@ -60,16 +64,19 @@ def prove(
     seed: int,
     progress: Callable[[str], None],
 ) -> Proof:
-    """Leave out sessions where there are three or more, else blocks of settings; errors in units of `scale` x noise.
+    """Leave out sessions where there are three or more, else blocks of settings; errors in units of
+    `scale` x noise.
 
-    The chosen model and `rivals` are chosen among anew in each fold. A fold that leaves no noise to fit by, or hardly
-    a row to judge, is left out.
+    The chosen model and `rivals` are chosen among anew in each fold. A fold that leaves no noise to
+    fit by, or hardly a row to judge, is left out.
     """
     contenders = [chosen, *[r for r in rivals if r.kinds != chosen.kinds]]
 
     def select(problem: Problem, _: Fit) -> list[Selected]:
         fits = [problem.fit(c.kinds, c.fit.vector) for c in contenders]
-        scores = [evidence(f, problem.noise).log_evidence + LOG_PRIOR_EACH * len(f.kinds) for f in fits]
+        scores = [
+            evidence(f, problem.noise).log_evidence + LOG_PRIOR_EACH * len(f.kinds) for f in fits
+        ]
         best = fits[int(np.argmax(scores))]
         return [Selected(best, best.kinds == chosen.kinds)]
 
@@ -86,13 +93,17 @@ def held_out(
     seed: int,
     progress: Callable[[str], None],
 ) -> list[Proof]:
-    """Proofs of the models that `select` makes, without the fold in question, of a problem and its base model's fit.
+    """Proofs of the models that `select` makes, without the fold in question, of a problem and its
+    base model's fit.
 
     As many and in the same order in every fold; base models are fitted from `start`.
     """
     by, fold = _folds(data, seed)
     free = nuisances(description, data)
-    names = [data.session_names[i] if by == "session" else f"block {i + 1}" for i in range(fold.max() + 1)]
+    names = [
+        data.session_names[i] if by == "session" else f"block {i + 1}"
+        for i in range(fold.max() + 1)
+    ]
     judged, before, after, kept, weights = [], [], [], [], []
     for i in range(fold.max() + 1):
         progress(f"held out: {names[i]}")
@@ -112,7 +123,11 @@ def held_out(
         weights.append(outside.count)
     if not before:
         nothing = np.empty(0)
-        return [Proof(by, (), nothing, nothing, float("nan"), (float("nan"), float("nan")), float("nan"))]
+        return [
+            Proof(
+                by, (), nothing, nothing, float("nan"), (float("nan"), float("nan")), float("nan")
+            )
+        ]
     w = np.array(weights, dtype=float)
     draws = np.random.default_rng(seed).integers(0, w.size, (BOOTSTRAPS, w.size))
     return [
@@ -122,7 +137,13 @@ def held_out(
 
 
 def _proof(
-    by: str, folds: tuple[str, ...], a: Array, b: Array, w: Array, draws: NDArray[np.int64], inclusion: float
+    by: str,
+    folds: tuple[str, ...],
+    a: Array,
+    b: Array,
+    w: Array,
+    draws: NDArray[np.int64],
+    inclusion: float,
 ) -> Proof:
     closed = [_closed(a[d], b[d], w[d]) for d in draws]
     finite = np.array([c for c in closed if np.isfinite(c)])
@@ -138,8 +159,12 @@ def _folds(data: Measurements, seed: int) -> tuple[str, NDArray[np.intp]]:
     return "block", shuffled[group]
 
 
-def _error(outer: Predictor, data: Measurements, kinds: Kinds, vector: Array, own_std: Array) -> float:
-    """Mean squared held-out residual in units of the noise, the held-out sessions' own gains removed."""
+def _error(
+    outer: Predictor, data: Measurements, kinds: Kinds, vector: Array, own_std: Array
+) -> float:
+    """Mean squared held-out residual in units of the noise, the held-out sessions' own gains
+    removed.
+    """
     residual = outer.less(data.observed, outer.predicted(kinds, vector[None])[0])
     weight = 1.0 / own_std**2
     groups = np.unique(data.group)

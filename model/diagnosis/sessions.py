@@ -1,6 +1,7 @@
 """Sessions that are unlike the others: noisier, or with an effect that the others do not have.
 
-Sessions are compared by one witness, friction where there is any: those that only sweep are no worse for being unlike.
+Sessions are compared by one witness, friction where there is any: those that only sweep are no
+worse for being unlike.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ SMOOTH = 30  # directions of the discrepancy in which sessions are compared
 
 
 def unlike_sessions(data: Measurements, left: Array) -> dict[int, float]:
-    """Sessions whose whitened residuals `left` [n] are larger than usual, and how many times larger.
+    """Sessions whose whitened residuals `left` [n] are larger than usual, and how many times
+    larger.
 
-    Usual is the median session, so that it does not matter how many are unlike while they are fewer than half; each is
-    judged by an F test, the largest first.
+    Usual is the median session, so that it does not matter how many are unlike while they are fewer
+    than half; each is judged by an F test, the largest first.
     """
     compared = _compared(data)
     numbers = [int(s) for s in np.unique(data.session[compared])]
@@ -34,17 +36,23 @@ def unlike_sessions(data: Measurements, left: Array) -> dict[int, float]:
     square = {s: float(np.mean(left[compared & (data.session == s)] ** 2)) for s in numbers}
     usual = float(np.median(list(square.values())))
     largest = sorted(numbers, key=lambda s: -square[s])[: (len(numbers) - 1) // 2]
-    p = {s: float(fdtrc(rows[s], int(compared.sum()) - rows[s], square[s] / usual)) for s in largest}
+    p = {
+        s: float(fdtrc(rows[s], int(compared.sum()) - rows[s], square[s] / usual)) for s in largest
+    }
     return {s: float(np.sqrt(square[s] / usual)) for s in largest if p[s] < UNLIKE_P / len(numbers)}
 
 
-def split_sessions(data: Measurements, noise: Noise, fit: Fit, discrepancy: Array) -> tuple[Mask, Mask] | None:
-    """Rows [n] of sessions whose smooth discrepancy from the base model differs from that of the rest, and of the rest.
+def split_sessions(
+    data: Measurements, noise: Noise, fit: Fit, discrepancy: Array
+) -> tuple[Mask, Mask] | None:
+    """Rows [n] of sessions whose smooth discrepancy from the base model differs from that of the
+    rest, and of the rest.
 
     None if none differ; sessions that are not compared belong to both.
 
-    Sessions are ordered along the direction in which their discrepancies differ most and cut in two at every place; a
-    discrepancy for each part must beat one for all by the number of possible cuts and LOG_ODDS.
+    Sessions are ordered along the direction in which their discrepancies differ most and cut in two
+    at every place; a discrepancy for each part must beat one for all by the number of possible cuts
+    and LOG_ODDS.
     """
     compared = _compared(data)
     session = data.session[compared]
@@ -57,7 +65,11 @@ def split_sessions(data: Measurements, noise: Noise, fit: Fit, discrepancy: Arra
     smooth = discrepancy[compared] @ directions[:SMOOTH].T
 
     def weight(part: Mask | None) -> float:
-        parts = smooth if part is None else np.concatenate([smooth * part[:, None], smooth * ~part[:, None]], axis=1)
+        parts = (
+            smooth
+            if part is None
+            else np.concatenate([smooth * part[:, None], smooth * ~part[:, None]], axis=1)
+        )
         spreads = [np.concatenate([jacobian, a * parts], axis=1) for a in AMPLITUDES]
         return float(logsumexp([log_marginal(target, spread, noise) for spread in spreads]))
 
@@ -79,9 +91,13 @@ def _compared(data: Measurements) -> Mask:
 
 
 def _pattern(smooth: Array, residual: Array, rows: Mask) -> Array:
-    """What one session says of the discrepancy: its weights, pulled to zero where the session has little to say."""
+    """What one session says of the discrepancy: its weights, pulled to zero where the session has
+    little to say.
+    """
     part = AMPLITUDES[-1] * smooth[rows]
-    return np.asarray(np.linalg.solve(part.T @ part + np.eye(part.shape[1]), part.T @ residual[rows]))
+    return np.asarray(
+        np.linalg.solve(part.T @ part + np.eye(part.shape[1]), part.T @ residual[rows])
+    )
 
 
 def inflation(data: Measurements, unlike: dict[int, float]) -> Array:

@@ -1,6 +1,7 @@
 """What every hypothesis is fitted to: rows, noise and sessions, as far as the residuals ask for it.
 
-Outliers count for less, neighbours may be correlated, and an effect may be on in some sessions only.
+Outliers count for less, neighbours may be correlated, and an effect may be on in some sessions
+only.
 """
 
 from __future__ import annotations

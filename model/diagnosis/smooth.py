@@ -1,9 +1,10 @@
-"""Smooth functions of the inputs, of unknown shape: what a discrepancy may look like, or a form be off by.
+"""Smooth functions of the inputs, of unknown shape: what a discrepancy may look like, or a form be
+off by.
 
-Gaussian processes with squared-exponential kernels over the inputs that vary. A discrepancy of log friction has three
-terms per input: of the force (each row as far as its friction is the force's), of friction while there is voltage, and
-of friction always; and terms of frequency together with each of voltage, time and speed. Every other witness has terms
-of its own, likewise.
+Gaussian processes with squared-exponential kernels over the inputs that vary. A discrepancy of log
+friction has three terms per input: of the force (each row as far as its friction is the force's),
+of friction while there is voltage, and of friction always; and terms of frequency together with
+each of voltage, time and speed. Every other witness has terms of its own, likewise.
 """
 
 from __future__ import annotations
@@ -18,18 +19,32 @@ from model.support.arrays import Array
 LENGTH = 0.8  # of the kernel, in standardised inputs
 MOST_DISTINCT = 220
 GRID = 0.05  # in standardised inputs
-FAINT = 1e-3  # of the noise: what is smaller in a direction at the largest amplitude counts as nothing
+FAINT = (
+    1e-3  # of the noise: what is smaller in a direction at the largest amplitude counts as nothing
+)
 NEGLIGIBLE = 1e-7  # eigenvalues of a kernel below this share of the largest
 LOG_INPUTS = ("frequency_hz", "normal_force_n", "speed_m_s")
 INPUTS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")
 
 
 def standardised(data: Measurements, name: str, decades: bool = False) -> Array:
-    """One input [n] to zero mean and unit spread; as a logarithm where it is known, or said, to span `decades`."""
+    """One input [n] to zero mean and unit spread; as a logarithm where it is known, or said, to
+    span `decades`.
+    """
     values = data.columns[name]
-    rows = data.driven if name in ("frequency_hz", "voltage_v") else data.sliding if name == "speed_m_s" else None
+    rows = (
+        data.driven
+        if name in ("frequency_hz", "voltage_v")
+        else data.sliding
+        if name == "speed_m_s"
+        else None
+    )
     rows = np.ones(data.count, bool) if rows is None else rows
-    x = np.log(np.where(rows, np.maximum(values, 1e-12), 1.0)) if decades or name in LOG_INPUTS else values
+    x = (
+        np.log(np.where(rows, np.maximum(values, 1e-12), 1.0))
+        if decades or name in LOG_INPUTS
+        else values
+    )
     x = np.where(rows, x, 0.0)
     centre, spread = x[rows].mean(), x[rows].std()
     return np.asarray(np.where(rows, (x - centre) / (spread if spread > 0 else 1.0), 0.0))
@@ -38,7 +53,8 @@ def standardised(data: Measurements, name: str, decades: bool = False) -> Array:
 def discrepancy_terms(data: Measurements, force: Array) -> list[Array]:
     """Features F [n, m] of every term; F F' is its kernel at unit amplitude.
 
-    `force` [n]: how far each row's friction is the force's; a force that drifts shows in proportion to it.
+    `force` [n]: how far each row's friction is the force's; a force that drifts shows in proportion
+    to it.
     """
     parts = []
     for witness in data.witnesses:
@@ -52,7 +68,9 @@ def discrepancy_terms(data: Measurements, force: Array) -> list[Array]:
 
 
 def smooth_terms(data: Measurements) -> Array:
-    """F [n, m] of smooth functions of each input, each witness apart; F F' is the kernel at unit amplitude."""
+    """F [n, m] of smooth functions of each input, each witness apart; F F' is the kernel at unit
+    amplitude.
+    """
     parts = []
     for witness in data.witnesses:
         mine = data.of(witness)
@@ -66,13 +84,17 @@ def smooth_terms(data: Measurements) -> Array:
 
 
 def compressed(together: Array) -> Array:
-    """G [n, k] with G G' = F F' but for what no amplitude would show: many terms share their directions."""
+    """G [n, k] with G G' = F F' but for what no amplitude would show: many terms share their
+    directions.
+    """
     square, directions = np.linalg.eigh(together.T @ together)
     return np.asarray(together @ directions[:, square > (FAINT / AMPLITUDES[-1]) ** 2])
 
 
 def _terms(data: Measurements, shown: list[Array]) -> list[Array]:
-    """The terms of one witness's observations, each as far as it is `shown` [n] there: first by what is driven."""
+    """The terms of one witness's observations, each as far as it is `shown` [n] there: first by
+    what is driven.
+    """
     inputs = {name: standardised(data, name) for name in INPUTS if data.varies(name)}
     parts = []
     for name, x in inputs.items():
@@ -89,7 +111,9 @@ def _terms(data: Measurements, shown: list[Array]) -> list[Array]:
 def roots(x: Array) -> Array:
     """F [n, m] with F F' = exp(-|x - x'|^2/(2 LENGTH^2)), from the distinct rows of `x` alone."""
     distinct, row = np.unique(np.round(x, 9), axis=0, return_inverse=True)
-    if len(distinct) > MOST_DISTINCT:  # e.g. a time of its own for every row: a grid represents a smooth function
+    if (
+        len(distinct) > MOST_DISTINCT
+    ):  # e.g. a time of its own for every row: a grid represents a smooth function
         distinct, row = np.unique(np.round(x / GRID) * GRID, axis=0, return_inverse=True)
     square = np.sum((distinct[:, None, :] - distinct[None, :, :]) ** 2, axis=2)
     values, vectors = np.linalg.eigh(np.exp(-0.5 * square / LENGTH**2))

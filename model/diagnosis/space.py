@@ -1,4 +1,6 @@
-"""Where fits happen: nuisance and effect parameters as one vector in units of their priors' standard deviations."""
+"""Where fits happen: nuisance and effect parameters as one vector in units of their priors'
+standard deviations.
+"""
 
 from __future__ import annotations
 
@@ -29,20 +31,26 @@ FARTHEST = 6.0  # prior units
 class Nuisance:
     """A parameter of the base model that differs between fingers, around the model's own value.
 
-    Its logarithm is log_std sinh(tail x)/tail for x in prior units, standard normal: with a tail of 0.45 a finger three
-    log_std off is at x = 2.5 and one six off at x = 3.8. Fingers far from the reference are common, and a normal
-    prior would rather name an effect than believe in one.
+    Its logarithm is log_std sinh(tail x)/tail for x in prior units, standard normal: with a tail of
+    0.45 a finger three log_std off is at x = 2.5 and one six off at x = 3.8. Fingers far from the
+    reference are common, and a normal prior would rather name an effect than believe in one.
     """
 
     name: str
     log_std: float
     tail: float = 0.2
     farthest: float = 6.0  # prior units; seven and a half log_std with this tail
-    added: float | None = None  # median of what is added to the model's own value, for what is zero there
+    added: float | None = (
+        None  # median of what is added to the model's own value, for what is zero there
+    )
 
     def log_factor(self, x: Array) -> Array:
         """Log of the factor on the model's own value, at `x` in prior units."""
-        return np.asarray(self.log_std / self.tail * np.sinh(self.tail * np.clip(x, -self.farthest, self.farthest)))
+        return np.asarray(
+            self.log_std
+            / self.tail
+            * np.sinh(self.tail * np.clip(x, -self.farthest, self.farthest))
+        )
 
     def value(self, own: float, x: Array) -> Array:
         """The parameter at `x` in prior units, around the model's `own`."""
@@ -50,9 +58,15 @@ class Nuisance:
         return np.asarray(own * factor if self.added is None else own + self.added * factor)
 
     def slope(self, own: float, x: float) -> float:
-        """Derivative of `value`: turns a standard deviation in prior units into one of the parameter."""
+        """Derivative of `value`: turns a standard deviation in prior units into one of the
+        parameter.
+        """
         varies = own if self.added is None else self.added
-        return float(varies * np.exp(self.log_factor(np.asarray(x)))) * self.log_std * cosh(self.tail * x)
+        return (
+            float(varies * np.exp(self.log_factor(np.asarray(x))))
+            * self.log_std
+            * cosh(self.tail * x)
+        )
 
     def in_std(self, x: float) -> float:
         """`x` as a number of log_std."""
@@ -65,13 +79,15 @@ FINGER = (
     Nuisance("skin_thickness_m", 0.20),
     Nuisance("leak_scale", log(1.5)),
 )
-# Dust, sebum or a protective film of some 10 nm is no effect worth a name, and 0.3 um changes force as much as one.
+# Dust, sebum or a protective film of some 10 nm is no effect worth a name, and 0.3 um changes force
+# as much as one.
 GAP_OFFSET = Nuisance("gap_offset_m", 2.0, tail=0.01, added=3e-9)
 NUISANCES = (*FINGER, GAP_OFFSET)
 AREA = Nuisance("contact_area_m2", 0.15)
 # Leads and electrodes have 10 to 1000 pF.
 STRAY = Nuisance("stray_capacitance_f", 1.5, tail=0.01, added=1e-10)
-# A finger that comes changes the field that goes past it: an open circuit tells C_stray within 1 % (two of this).
+# A finger that comes changes the field that goes past it: an open circuit tells C_stray within 1 %
+# (two of this).
 OPEN = Nuisance("open_circuit", 0.005, tail=0.01)
 REST = Nuisance("rest_softening", 0.8, tail=0.01)
 
@@ -91,21 +107,33 @@ def nuisances(description: ModelDescription, data: Measurements) -> tuple[Nuisan
 def _as_known(description: ModelDescription, usual: Nuisance) -> Nuisance:
     """A parameter as well known as the model file says; as usual where it does not."""
     own = description.parameters[usual.name]
-    return Nuisance(usual.name, own.std / own.value, tail=0.01) if own.value > 0.0 and own.std else usual
+    return (
+        Nuisance(usual.name, own.std / own.value, tail=0.01)
+        if own.value > 0.0 and own.std
+        else usual
+    )
 
 
 class Predictor:
-    """The model on one data set's conditions: parameter vectors in, what every witness should say out.
+    """The model on one data set's conditions: parameter vectors in, what every witness should say
+    out.
 
-    Observations with equal conditions are solved once. `effects` of the description are always on; those asked for are
-    on where the data set says so. `free`: what a vector begins with, by default what the data can show.
+    Observations with equal conditions are solved once. `effects` of the description are always on;
+    those asked for are on where the data set says so. `free`: what a vector begins with, by default
+    what the data can show.
     """
 
     def __init__(
-        self, description: ModelDescription, data: Measurements, free: Sequence[Nuisance] | None = None
+        self,
+        description: ModelDescription,
+        data: Measurements,
+        free: Sequence[Nuisance] | None = None,
     ) -> None:
         if description.is_published:
-            raise ModelError("the equations as printed cannot be fitted to data", "Use a model of variant 'corrected'")
+            raise ModelError(
+                "the equations as printed cannot be fitted to data",
+                "Use a model of variant 'corrected'",
+            )
         self.description = description
         self.free = nuisances(description, data) if free is None else tuple(free)
         self.data = data
@@ -115,7 +143,9 @@ class Predictor:
         self._table = TouchModel(description).table
         drive = data.conditions().drive()
         fields = [np.broadcast_to(np.asarray(v, float), data.count) for v in vars(drive).values()]
-        _, first, self._row = np.unique(np.stack(fields, axis=1), axis=0, return_index=True, return_inverse=True)
+        _, first, self._row = np.unique(
+            np.stack(fields, axis=1), axis=0, return_index=True, return_inverse=True
+        )
         self._row = self._row.ravel()
         pick = {
             name: value[first] if np.ndim(value) and np.size(value) > 1 else value
@@ -128,28 +158,43 @@ class Predictor:
         return len(self.free) + sum(len(kind.parameters()) for kind in kinds)
 
     def force_share(self) -> Array:
-        """How far each row's friction is the electrostatic force's [n]: what it lacks without it, the most being 1."""
+        """How far each row's friction is the electrostatic force's [n]: what it lacks without it,
+        the most being 1.
+        """
         parameters, _ = self.decode((), np.zeros((1, len(self.free))))
         gains = [DriveGainError(1.0)], [DriveGainError(0.0)]
-        log_cof, without = (self._friction(parameters, *self._pressed(parameters, gain))[FRICTION][0] for gain in gains)
-        share = np.nan_to_num(-np.expm1(without - log_cof))[self._row]  # 0 where the model says nothing
+        log_cof, without = (
+            self._friction(parameters, *self._pressed(parameters, gain))[FRICTION][0]
+            for gain in gains
+        )
+        share = np.nan_to_num(-np.expm1(without - log_cof))[
+            self._row
+        ]  # 0 where the model says nothing
         share = np.where(self.data.of(FRICTION) & self.data.driven, share, 0.0)
         return np.asarray(share / max(np.abs(share).max(initial=0.0), 1e-300))
 
     def less(self, values: Array, predicted: Array) -> Array:
-        """What observed `values` [n] have over `predicted` ones [..., n]; angles within half a turn."""
+        """What observed `values` [n] have over `predicted` ones [..., n]; angles within half a
+        turn.
+        """
         difference = values - predicted
         if not self._is_phase.any():
             return difference
-        return np.where(self._is_phase, np.remainder(difference + np.pi, 2.0 * np.pi) - np.pi, difference)
+        return np.where(
+            self._is_phase, np.remainder(difference + np.pi, 2.0 * np.pi) - np.pi, difference
+        )
 
     def predicted(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
-        """As observed [m, n], for parameter vectors [m, k]: nuisances first, then each effect's parameters in order."""
+        """As observed [m, n], for parameter vectors [m, k]: nuisances first, then each effect's
+        parameters in order.
+        """
         parameters, effects = self.decode(kinds, vectors)
         if not (kinds and self.data.has_effects_off):
             return self._solve(parameters, effects, len(vectors))
         on = np.array([self.data.with_effect(kind.name) for kind in kinds])
-        together = 2 ** np.arange(len(kinds)) @ on  # a number for which effects are on together, per observation
+        together = (
+            2 ** np.arange(len(kinds)) @ on
+        )  # a number for which effects are on together, per observation
         predicted = np.empty((len(vectors), self._row.size))
         for number in np.unique(together):
             here = together == number
@@ -160,24 +205,39 @@ class Predictor:
     def _solve(self, parameters: TouchParameters, effects: list[Effect], count: int) -> Array:
         touch, p_e = self._pressed(parameters, effects)
         electrical = any(witness != FRICTION for witness, _ in self._witnesses)
-        answers = self._friction(parameters, touch, p_e) | (self._electrode(touch, p_e) if electrical else {})
+        answers = self._friction(parameters, touch, p_e) | (
+            self._electrode(touch, p_e) if electrical else {}
+        )
         predicted = np.empty((count, self._row.size))
         for (witness, mine), against in zip(self._witnesses, self._against, strict=True):
-            here = np.broadcast_to(answers[witness], (count, answers[witness].shape[-1]))[:, self._row[mine]]
+            here = np.broadcast_to(answers[witness], (count, answers[witness].shape[-1]))[
+                :, self._row[mine]
+            ]
             if against.any():
                 other = VOLTAGE if witness == CURRENT else VOLTAGE_PHASE
-                there = np.broadcast_to(answers[other], (count, answers[other].shape[-1]))[:, self._row[mine]]
+                there = np.broadcast_to(answers[other], (count, answers[other].shape[-1]))[
+                    :, self._row[mine]
+                ]
                 here = here - np.where(against, there, 0.0)
             predicted[:, mine] = here
         return predicted
 
-    def _pressed(self, parameters: TouchParameters, effects: Sequence[Effect]) -> tuple[PreparedTouch, Array]:
+    def _pressed(
+        self, parameters: TouchParameters, effects: Sequence[Effect]
+    ) -> tuple[PreparedTouch, Array]:
         """The touch, and the electrostatic pressure on it in Pa."""
-        touch = prepare(parameters, self.description.dielectric, (*self.description.effects, *effects), self._drive)
+        touch = prepare(
+            parameters,
+            self.description.dielectric,
+            (*self.description.effects, *effects),
+            self._drive,
+        )
         p_e_pa, _ = solver.solve(self._table, touch.circuit)
         return touch, p_e_pa
 
-    def _friction(self, parameters: TouchParameters, touch: PreparedTouch, p_e_pa: Array) -> dict[int, Array]:
+    def _friction(
+        self, parameters: TouchParameters, touch: PreparedTouch, p_e_pa: Array
+    ) -> dict[int, Array]:
         law, load_n = self.description.friction_law, self._drive.normal_force_n
         with np.errstate(invalid="ignore", divide="ignore"):
             return {FRICTION: np.log(cof(law, parameters, touch, p_e_pa, load_n))}
@@ -195,7 +255,9 @@ class Predictor:
                 VOLTAGE_PHASE: np.angle(voltage_v),
             }
 
-    def decode(self, kinds: Sequence[type[Effect]], vectors: Array) -> tuple[TouchParameters, list[Effect]]:
+    def decode(
+        self, kinds: Sequence[type[Effect]], vectors: Array
+    ) -> tuple[TouchParameters, list[Effect]]:
         """Parameters and effects as columns [m, 1]."""
         columns = np.asarray(vectors, dtype=np.float64).T[:, :, None]
         values = self.description.values
@@ -207,6 +269,8 @@ class Predictor:
         for kind in kinds:
             known = kind.parameters()
             given = columns[position : position + len(known)]
-            effects.append(kind(**{p.name: p.from_normal(x) for p, x in zip(known, given, strict=True)}))
+            effects.append(
+                kind(**{p.name: p.from_normal(x) for p, x in zip(known, given, strict=True)})
+            )
             position += len(known)
         return replace(values, **changed), effects

@@ -1,4 +1,6 @@
-"""Where data and model disagree: contiguous regions of the inputs whose residuals lean one way, with family-wise p."""
+"""Where data and model disagree: contiguous regions of the inputs whose residuals lean one way,
+with family-wise p.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,13 @@ from model.diagnosis.witness import FRICTION
 from model.support.arrays import Array, Mask
 
 PAIRS = (
-    ("frequency_hz", "voltage_v"), ("frequency_hz", "normal_force_n"), ("frequency_hz", "speed_m_s"),
-    ("voltage_v", "speed_m_s"), ("voltage_v", "normal_force_n"), ("frequency_hz", "time_s"),
-)  # fmt: skip
+    ("frequency_hz", "voltage_v"),
+    ("frequency_hz", "normal_force_n"),
+    ("frequency_hz", "speed_m_s"),
+    ("voltage_v", "speed_m_s"),
+    ("voltage_v", "normal_force_n"),
+    ("frequency_hz", "time_s"),
+)
 BINS = {"frequency_hz": 8}
 OTHER_BINS = 5
 FEWEST = 6  # rows inside and outside of a region
@@ -30,7 +36,9 @@ ALARM = 0.01
 
 @dataclass(frozen=True)
 class Region:
-    """A contiguous range of one input, or of two, in one witness; `sign` +1 where that exceeds the model's."""
+    """A contiguous range of one input, or of two, in one witness; `sign` +1 where that exceeds the
+    model's.
+    """
 
     axes: tuple[str, ...]
     low: tuple[float, ...]
@@ -49,7 +57,9 @@ class Region:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Everything the residuals of one fit say: regions, and tests of smooth lack of fit and of order in time."""
+    """Everything the residuals of one fit say: regions, and tests of smooth lack of fit and of
+    order in time.
+    """
 
     regions: tuple[Region, ...]
     lack_of_fit_p: float
@@ -67,12 +77,20 @@ class Disagreement:
         return [region for region in self.regions if region.p_value < ALARM]
 
 
-def disagreement(data: Measurements, noise: Noise, fit: Fit, bent: Array, seed: int) -> Disagreement:
-    """Scan the residuals of `fit`; what its form may be off by, `bent` [n, m], is no lack of fit."""
+def disagreement(
+    data: Measurements, noise: Noise, fit: Fit, bent: Array, seed: int
+) -> Disagreement:
+    """Scan the residuals of `fit`; what its form may be off by, `bent` [n, m], is no lack of
+    fit.
+    """
     residual = fit.residual / np.sqrt(fit.scale2)
     tangent = qr(fit.jacobian, mode="economic")[0]
     boxes = _boxes(data)
-    regions = _scan(data, noise, residual, tangent, boxes, fit, np.random.default_rng(seed)) if boxes else ()
+    regions = (
+        _scan(data, noise, residual, tangent, boxes, fit, np.random.default_rng(seed))
+        if boxes
+        else ()
+    )
     correlation, order_p = neighbour_correlation(data, residual)
     lack_of_fit_p = _lack_of_fit(data, noise, residual, tangent, bent / np.sqrt(fit.scale2))
     return Disagreement(tuple(regions), lack_of_fit_p, order_p, correlation)
@@ -88,7 +106,9 @@ class _Box:
 
 
 def _boxes(data: Measurements) -> list[_Box]:
-    """Contiguous ranges of bins of each input, and of the pairs, in each witness; every set of rows once."""
+    """Contiguous ranges of bins of each input, and of the pairs, in each witness; every set of rows
+    once.
+    """
     boxes: list[_Box] = []
     for witness in data.witnesses:
         mine = data.of(witness)
@@ -108,10 +128,18 @@ def _boxes(data: Measurements) -> list[_Box]:
 
 def _ranges_of(data: Measurements) -> list[_Box]:
     ranges = {name: _ranges(data, name) for name in INPUTS if data.varies(name)}
-    boxes = [_Box((name,), (low,), (high,), rows) for name, items in ranges.items() for low, high, rows in items]
+    boxes = [
+        _Box((name,), (low,), (high,), rows)
+        for name, items in ranges.items()
+        for low, high, rows in items
+    ]
     for a, b in PAIRS:
         if a in ranges and b in ranges:
-            boxes += [_Box((a, b), (la, lb), (ha, hb), ra & rb) for la, ha, ra in ranges[a] for lb, hb, rb in ranges[b]]
+            boxes += [
+                _Box((a, b), (la, lb), (ha, hb), ra & rb)
+                for la, ha, ra in ranges[a]
+                for lb, hb, rb in ranges[b]
+            ]
     return boxes
 
 
@@ -162,15 +190,21 @@ def _scan(
         box = boxes[best]
         error = float(raw[box.rows].mean())
         count = int(box.rows.sum())
-        regions.append(Region(box.axes, box.low, box.high, count, float(z[best]), p, error, box.witness))
+        regions.append(
+            Region(box.axes, box.low, box.high, count, float(z[best]), p, error, box.witness)
+        )
         left = left - z[best] * directions[:, best]
         if p > 0.2:
             break
     return regions
 
 
-def _lack_of_fit(data: Measurements, noise: Noise, residual: Array, tangent: Array, bent: Array) -> float:
-    """p of a smooth (quadratic) pattern in the inputs that the model's own parameters cannot make."""
+def _lack_of_fit(
+    data: Measurements, noise: Noise, residual: Array, tangent: Array, bent: Array
+) -> float:
+    """p of a smooth (quadratic) pattern in the inputs that the model's own parameters cannot
+    make.
+    """
     columns = []
     for witness in data.witnesses:
         mine = data.of(witness)

@@ -1,7 +1,8 @@
 """What bears witness to the touch: friction, and the voltage and the current at the electrode.
 
-Amounts are compared as logarithms, phases in rad. A current beside a measured voltage of the electrode is taken against
-that, so that what the amplifier does cancels: the voltage's own witnesses tell of it.
+Amounts are compared as logarithms, phases in rad. A current beside a measured voltage of the
+electrode is taken against that, so that what the amplifier does cancels: the voltage's own
+witnesses tell of it.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ import numpy as np
 
 from model.support.arrays import Array
 
-# Relative, or rad; judged: no monitor's response is known better over decades of frequency, and a finger of the blind
-# generator with nothing hidden is unexplained where its current is believed to 1e-4, but not with this.
+# Relative, or rad; judged: no monitor's response is known better over decades of frequency, and a
+# finger of the blind generator with nothing hidden is unexplained where its current is believed to
+# 1e-4, but not with this.
 LEAST_STD = 3e-3
 
 
@@ -21,11 +23,12 @@ LEAST_STD = 3e-3
 class Witness:
     """One column of a data file that the model predicts.
 
-    `std` is the column of its standard deviation; `usual_std` (relative, or rad) stands for it where neither that nor
-    replicates say it. `gain_std` is what all rows of a session share: electrodes, washing and
-    posture for friction, the monitors' gain and delay for the others. `against` is a column that it is compared with
-    where that is measured in the same row. `least_std` (relative, or rad) is what no rig, or no model of a touch, is
-    better than from row to row, whatever its instrument resolves.
+    `std` is the column of its standard deviation; `usual_std` (relative, or rad) stands for it
+    where neither that nor replicates say it. `gain_std` is what all rows of a session share:
+    electrodes, washing and posture for friction, the monitors' gain and delay for the others.
+    `against` is a column that it is compared with where that is measured in the same row.
+    `least_std` (relative, or rad) is what no rig, or no model of a touch, is better than from row
+    to row, whatever its instrument resolves.
     """
 
     column: str
@@ -66,7 +69,12 @@ WITNESSES = (
         range=(-10.0, 10.0, "rad"),
     ),
     Witness(
-        "electrode_voltage_v", "electrode_voltage_std_v", "electrode's voltage", 0.01, 0.01, range=(1e-6, 1e4, "V")
+        "electrode_voltage_v",
+        "electrode_voltage_std_v",
+        "electrode's voltage",
+        0.01,
+        0.01,
+        range=(1e-6, 1e4, "V"),
     ),
     Witness(
         "electrode_voltage_phase_rad",
@@ -83,7 +91,9 @@ BY_COLUMN = {witness.column: witness for witness in WITNESSES}
 
 
 def observed(witness: Witness, columns: dict[str, Array]) -> Array:
-    """Rows [n] of one witness as they are compared: logarithms, or rad, less what they are taken against."""
+    """Rows [n] of one witness as they are compared: logarithms, or rad, less what they are taken
+    against.
+    """
     values = columns[witness.column]
     value = values if witness.is_phase else np.log(values)
     if witness.against not in columns:

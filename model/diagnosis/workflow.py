@@ -74,7 +74,6 @@ class Diagnosis:
 
     @property
     def name(self) -> str:
-        """The verdict's name."""
         return "not_testable" if self.findings is None else self.findings.verdict.verdict
 
 

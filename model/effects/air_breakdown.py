@@ -19,15 +19,16 @@ class AirBreakdown(Effect):
     stage = "pressure"
     physics = "air breaks down in the smallest gaps"
     signature = (
-        "force saturates at high voltage, most where the gaps are smallest; the current follows the pressure only, "
-        "pulses of discharges are not modelled"
+        "force saturates at high voltage, most where the gaps are smallest; the current follows the"
+        " pressure only, pulses of discharges are not modelled"
     )
-    check = "sweep the voltage: friction rises linearly at the end; look for light and a smell of ozone"
+    check = (
+        "sweep the voltage: friction rises linearly at the end; look for light and a smell of ozone"
+    )
     knows_one_tone_only = True
 
     breakdown_field_v_per_m: float = log_parameter("V/m", 1e8, 3.5, (1e4, 1e12), off=float("inf"))
 
     def contact(self, contact: Contact, parameters: TouchParameters, drive: Drive) -> Contact:
-        """See `Effect`."""
         limit = np.minimum(contact.field_limit_v_per_m, self.breakdown_field_v_per_m)
         return replace(contact, field_limit_v_per_m=limit)

@@ -24,18 +24,20 @@ class AmplifierBandwidth(Effect):
     stage = "drive"
     physics = "the amplifier's bandwidth limits the voltage at high frequency"
     signature = (
-        "force falls at high frequency, by the same share at every voltage and load; so does the electrode's voltage, "
-        "which lags, and the current with it: their ratio stays"
+        "force falls at high frequency, by the same share at every voltage and load; so does the"
+        " electrode's voltage, which lags, and the current with it: their ratio stays"
     )
-    check = "measure the electrode at 1 kHz and 100 kHz with a high-impedance probe; swap the amplifier"
+    check = (
+        "measure the electrode at 1 kHz and 100 kHz with a high-impedance probe; swap the amplifier"
+    )
     removed_by = ("other_amplifier",)
 
-    # Two standard deviations: from 500 Hz, of piezo amplifiers under load, to 80 MHz, whose phase spectra still see.
+    # Two standard deviations: from 500 Hz, of piezo amplifiers under load, to 80 MHz, whose phase
+    # spectra still see.
     cutoff_hz: float = log_parameter("Hz", 2e5, 20.0, (1.0, 1e9), off=float("inf"))
     order: float = log_parameter("1", 1.3, 1.6, (0.5, 6.0), off=1.0)
 
     def drive(self, drive: Drive) -> Drive:
-        """See `Effect`."""
         roll_off = (drive.frequency_hz / self.cutoff_hz) ** (2.0 * self.order)
         lag_rad = minimum_phase_lag_rad(drive.frequency_hz / self.cutoff_hz, self.order)
         return replace(
@@ -46,14 +48,18 @@ class AmplifierBandwidth(Effect):
 
 
 def minimum_phase_lag_rad(x: Values, order: Values) -> Array:
-    """Lag in rad of the minimum-phase filter of gain 1/sqrt(1 + x^(2 order)) at x = f/f_c; any shapes, any real order.
+    """Lag in rad of the minimum-phase filter of gain 1/sqrt(1 + x^(2 order)) at x = f/f_c; any
+    shapes, any real order.
 
-    Bode's relation, (1/pi) int -d ln|g|/du ln coth|u/2| du over u = ln(f'/f), where the slope is order times the
-    logistic function of 2 order (ln x + u); Butterworth's phase exactly where the order is whole.
+    Bode's relation, (1/pi) int -d ln|g|/du ln coth|u/2| du over u = ln(f'/f), where the slope is
+    order times the logistic function of 2 order (ln x + u); Butterworth's phase exactly where the
+    order is whole.
     """
     with np.errstate(divide="ignore"):
         at = 2.0 * np.log(x)
-    at, order = np.broadcast_arrays(np.asarray(at, float)[..., None], np.asarray(order, float)[..., None])
+    at, order = np.broadcast_arrays(
+        np.asarray(at, float)[..., None], np.asarray(order, float)[..., None]
+    )
     slopes = _logistic(order * (at + 2.0 * _NODES)) + _logistic(order * (at - 2.0 * _NODES))
     return np.asarray(order[..., 0] / np.pi * (slopes @ _WEIGHTS))
 

@@ -1,8 +1,9 @@
 """What an effect is: one file, one small frozen record, entering the chain at one place.
 
-An effect overrides the method of the stage where it enters; every other stage passes through unchanged. Its fields are
-its parameters: floats, or arrays that broadcast against the conditions. Each carries its unit, bounds, prior, and the
-value at which the effect is off and the base model comes back.
+An effect overrides the method of the stage where it enters; every other stage passes through
+unchanged. Its fields are its parameters: floats, or arrays that broadcast against the conditions.
+Each carries its unit, bounds, prior, and the value at which the effect is off and the base model
+comes back.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ MECHANICAL: tuple[Stage, ...] = ("friction", "contact")  # what the drive does n
 class EffectParameter:
     """Unit, prior, bounds and off value of one parameter.
 
-    The prior is normal: on a linear scale around `median`, on a log scale of the logarithm, with standard deviation
-    `std` (natural log units). Unless a file says otherwise its numbers are judged, not measured.
+    The prior is normal: on a linear scale around `median`, on a log scale of the logarithm, with
+    standard deviation `std` (natural log units). Unless a file says otherwise its numbers are
+    judged, not measured.
     """
 
     name: str
@@ -41,26 +43,47 @@ class EffectParameter:
     off: float
 
     def from_normal(self, x: Values) -> Values:
-        """The value that lies `x` prior standard deviations from the median, kept within the bounds."""
+        """The value that lies `x` prior standard deviations from the median, kept within the
+        bounds.
+        """
         away = self.std * x
-        value = self.median * np.exp(np.clip(away, -80.0, 80.0)) if self.scale == "log" else self.median + away
+        value = (
+            self.median * np.exp(np.clip(away, -80.0, 80.0))
+            if self.scale == "log"
+            else self.median + away
+        )
         return np.clip(value, self.low, self.high)
 
 
 def log_parameter(
-    unit: str, median: float, factor: float, bounds: tuple[float, float], off: float, usual: Any = MISSING
+    unit: str,
+    median: float,
+    factor: float,
+    bounds: tuple[float, float],
+    off: float,
+    usual: Any = MISSING,
 ) -> Any:
-    """A positive parameter known to a `factor` (one standard deviation); `usual` where a file does not say it."""
+    """A positive parameter known to a `factor` (one standard deviation); `usual` where a file does
+    not say it.
+    """
     return _parameter("log", unit, median, float(np.log(factor)), bounds, off, usual)
 
 
-def linear_parameter(unit: str, median: float, std: float, bounds: tuple[float, float], off: float) -> Any:
+def linear_parameter(
+    unit: str, median: float, std: float, bounds: tuple[float, float], off: float
+) -> Any:
     """A parameter of either sign."""
     return _parameter("linear", unit, median, std, bounds, off)
 
 
 def _parameter(
-    scale: Scale, unit: str, median: float, std: float, bounds: tuple[float, float], off: float, usual: Any = MISSING
+    scale: Scale,
+    unit: str,
+    median: float,
+    std: float,
+    bounds: tuple[float, float],
+    off: float,
+    usual: Any = MISSING,
 ) -> Any:
     known = {"scale": scale, "unit": unit, "median": median, "std": std, "off": off}
     return field(default=usual, metadata=known | dict(zip(("low", "high"), bounds, strict=True)))
@@ -112,7 +135,9 @@ class Effect:
 
     @classmethod
     def bends_with(cls) -> tuple[str, ...]:
-        """On what of the drive its strength may depend where the catalogue's does not, without being another effect."""
+        """On what of the drive its strength may depend where the catalogue's does not, without
+        being another effect.
+        """
         return () if cls.stage in MECHANICAL else ("frequency_hz",)
 
     @classmethod

@@ -16,12 +16,14 @@ class CapillaryAdhesion(Effect):
     name = "capillary_adhesion"
     stage = "load"
     physics = "capillary bridges add to the load"
-    signature = "more friction at light load without voltage too; more current at light load, as under more load"
+    signature = (
+        "more friction at light load without voltage too; more current at light load, as under more"
+        " load"
+    )
     check = "wipe the finger dry; measure friction without voltage against load"
     removed_by = ("dry_air",)
 
     pressure_pa: float = log_parameter("Pa", 400.0, 3.0, (1e-3, 1e7), off=0.0)
 
     def contact(self, contact: Contact, parameters: TouchParameters, drive: Drive) -> Contact:
-        """See `Effect`."""
         return replace(contact, added_pressure_pa=contact.added_pressure_pa + self.pressure_pa)

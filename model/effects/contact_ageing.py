@@ -17,7 +17,10 @@ class ContactAgeing(Effect):
     name = "contact_ageing"
     stage = "friction"
     physics = "the contact softens, moistens or wears in over time"
-    source = "finger pads on glass under occlusion, several-fold: 10.1007/s11249-011-9828-0; ranges unverified"
+    source = (
+        "finger pads on glass under occlusion, several-fold: 10.1007/s11249-011-9828-0; ranges"
+        " unverified"
+    )
     signature = "friction without voltage drifts along the measurement; no trace in the current"
     check = "repeat the first condition at the end"
     needs = ("time_s",)
@@ -26,6 +29,5 @@ class ContactAgeing(Effect):
     time_constant_s: float = log_parameter("s", 60.0, 5.0, (1e-3, 1e7), off=1.0)
 
     def friction(self, friction: Friction, drive: Drive) -> Friction:
-        """See `Effect`."""
         factor = 1.0 - self.share * np.exp(-np.maximum(drive.time_s, 0.0) / self.time_constant_s)
         return replace(friction, cof_off_factor=friction.cof_off_factor * factor)

@@ -16,8 +16,8 @@ class DriveGainError(Effect):
     stage = "drive"
     physics = "the drive chain has another gain than configured"
     signature = (
-        "force scales by one factor at every frequency; friction without voltage is right; the electrode's voltage and "
-        "the current scale by it too, without a phase"
+        "force scales by one factor at every frequency; friction without voltage is right; the"
+        " electrode's voltage and the current scale by it too, without a phase"
     )
     check = "measure the electrode at 100 Hz with a high-impedance probe; read OUTP:LOAD?"
     removed_by = ("other_amplifier",)
@@ -30,7 +30,8 @@ class DriveGainError(Effect):
         return ("frequency_hz", "voltage_v")
 
     def drive(self, drive: Drive) -> Drive:
-        """See `Effect`."""
         return replace(
-            drive, voltage_v=self.gain * drive.voltage_v, voltage_offset_v=self.gain * drive.voltage_offset_v
+            drive,
+            voltage_v=self.gain * drive.voltage_v,
+            voltage_offset_v=self.gain * drive.voltage_offset_v,
         )

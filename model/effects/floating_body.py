@@ -18,16 +18,16 @@ class FloatingBody(Effect):
     stage = "stack"
     physics = "the body floats on its capacitance to ground"
     signature = (
-        "force falls at every frequency, least where leakage already limits it; less current, closer to 90 degrees, "
-        "most at low frequency"
+        "force falls at every frequency, least where leakage already limits it; less current,"
+        " closer to 90 degrees, most at low frequency"
     )
     check = "put on a grounding strap"
     removed_by = ("strap",)
 
-    # Two standard deviations: from 14 pF, of a hand alone, to 18 nF, of a body on grounded things, which spectra see.
+    # Two standard deviations: from 14 pF, of a hand alone, to 18 nF, of a body on grounded things,
+    # which spectra see.
     body_capacitance_f: float = log_parameter("F", 5e-10, 6.0, (1e-14, 1e-2), off=float("inf"))
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
-        """See `Effect`."""
         length_m = EPS0 * parameters.contact_area_m2 / self.body_capacitance_f
         return replace(branch, series_length_m=branch.series_length_m + length_m)

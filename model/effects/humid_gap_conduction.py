@@ -18,7 +18,8 @@ class HumidGapConduction(Effect):
     stage = "air gap"
     physics = "moist air and surface films conduct through the gap"
     signature = (
-        "less force at low frequency, most for wide gaps and light loads; there more current, in phase with the voltage"
+        "less force at low frequency, most for wide gaps and light loads; there more current, in"
+        " phase with the voltage"
     )
     check = "blow dry air over the screen; change the room's humidity"
     removed_by = ("dry_air",)
@@ -26,6 +27,5 @@ class HumidGapConduction(Effect):
     gap_conductivity_s_per_m: float = log_parameter("S/m", 3e-9, 10.0, (1e-16, 1e2), off=0.0)
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
-        """See `Effect`."""
         conduction = self.gap_conductivity_s_per_m / (1j * branch.omega * EPS0)
         return replace(branch, k_gap=branch.k_gap + conduction)

@@ -19,11 +19,12 @@ class JohnsenRahbek(Effect):
     physics = "the insulator leaks charge to its surface"
     source = "Johnsen and Rahbek 1923; range unverified"
     signature = "more force at low frequency; there more current, in phase with the voltage"
-    check = "hold a steady voltage: attraction grows over seconds; measure the insulator's resistance"
+    check = (
+        "hold a steady voltage: attraction grows over seconds; measure the insulator's resistance"
+    )
 
     insulator_conductivity_s_per_m: float = log_parameter("S/m", 1e-9, 10.0, (1e-16, 1e-2), off=0.0)
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
-        """See `Effect`."""
         conduction = self.insulator_conductivity_s_per_m / (1j * branch.omega * EPS0)
         return replace(branch, k_insulator=branch.k_insulator + conduction)

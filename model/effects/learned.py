@@ -1,9 +1,11 @@
-"""What no effect of the catalogue explains: an empirical term at one place of the chain, under no physical name.
+"""What no effect of the catalogue explains: an empirical term at one place of the chain, under no
+physical name.
 
-The logarithm of one quantity of the chain is shifted by g(inputs): a sum of natural cubic splines over one input or a
-pair of them, or of short formulas, one per input. A spline's parameters are its values at the nodes, so that a model
-file can be read; between nodes the term is as smooth as they are far apart. It is known where it was measured: outside
-that range it is held at the nearest end, and who asks for more has to ask `outside` first.
+The logarithm of one quantity of the chain is shifted by g(inputs): a sum of natural cubic splines
+over one input or a pair of them, or of short formulas, one per input. A spline's parameters are its
+values at the nodes, so that a model file can be read; between nodes the term is as smooth as they
+are far apart. It is known where it was measured: outside that range it is held at the nearest end,
+and who asks for more has to ask `outside` first.
 """
 
 from __future__ import annotations
@@ -23,7 +25,13 @@ from model.touch import Branch, Contact, Drive, Friction
 
 LEARNED = "learned"
 LOG_INPUTS = ("frequency_hz", "normal_force_n", "speed_m_s")
-UNITS = {"frequency_hz": "Hz", "voltage_v": "V", "normal_force_n": "N", "speed_m_s": "m/s", "time_s": "s"}
+UNITS = {
+    "frequency_hz": "Hz",
+    "voltage_v": "V",
+    "normal_force_n": "N",
+    "speed_m_s": "m/s",
+    "time_s": "s",
+}
 INPUTS = tuple(UNITS)
 NEEDED = ("speed_m_s", "time_s")  # optional columns
 Shape = Literal["spline", "power", "saturation", "step"]
@@ -31,7 +39,9 @@ SHAPES: tuple[Shape, ...] = ("spline", "power", "saturation", "step")
 
 
 class Quantity(NamedTuple):
-    """What a term may multiply: its place in the chain, the inputs that can reach it there, whether it has a phase."""
+    """What a term may multiply: its place in the chain, the inputs that can reach it there, whether
+    it has a phase.
+    """
 
     place: Stage
     words: str
@@ -42,17 +52,22 @@ class Quantity(NamedTuple):
 ELECTRIC = ("frequency_hz", "voltage_v", "time_s")
 QUANTITIES: dict[str, Quantity] = {
     "friction": Quantity("friction", "friction as the sensor reads it", INPUTS),
-    "skin_stiffness": Quantity("contact", "stiffness of the rough contact", ("normal_force_n", "speed_m_s", "time_s")),
+    "skin_stiffness": Quantity(
+        "contact", "stiffness of the rough contact", ("normal_force_n", "speed_m_s", "time_s")
+    ),
     "gap_field": Quantity("air gap", "field in the gap's air", INPUTS),
     "gap_permittivity": Quantity("air gap", "admittance of the gap's air", INPUTS, has_phase=True),
-    "series_impedance": Quantity("stack", "impedance of insulator and skin", ELECTRIC, has_phase=True),
+    "series_impedance": Quantity(
+        "stack", "impedance of insulator and skin", ELECTRIC, has_phase=True
+    ),
     "voltage": Quantity("drive", "voltage at the electrode", ELECTRIC, has_phase=True),
 }
 
 
 @dataclass(frozen=True)
 class Term:
-    """One summand: its inputs, one or two, and the nodes of each in SI units, whose ends are the range measured.
+    """One summand: its inputs, one or two, and the nodes of each in SI units, whose ends are the
+    range measured.
 
     `amplitude`: one prior standard deviation of what it adds to log(quantity).
     """
@@ -66,8 +81,8 @@ class Term:
 class LearnedForm:
     """Which quantity is learned, as which shape of which inputs.
 
-    `with_phase`: its phase is shifted likewise; `lowest_voltage_v` measured: below it what depends on frequency fades
-    out as the force does, for without voltage there is no frequency.
+    `with_phase`: its phase is shifted likewise; `lowest_voltage_v` measured: below it what depends
+    on frequency fades out as the force does, for without voltage there is no frequency.
     """
 
     acts_on: str
@@ -80,38 +95,57 @@ class LearnedForm:
     def of(cls, given: Mapping[str, Any]) -> LearnedForm:
         """The form again, from what `asdict` made of it, also after JSON."""
         terms = [
-            Term(tuple(term["inputs"]), tuple(map(tuple, term["nodes"])), term["amplitude"]) for term in given["terms"]
+            Term(tuple(term["inputs"]), tuple(map(tuple, term["nodes"])), term["amplitude"])
+            for term in given["terms"]
         ]
         return cls(**{**given, "terms": tuple(terms)})
 
     @property
     def place(self) -> Stage:
-        """Of the chain."""
         return QUANTITIES[self.acts_on].place
 
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Of every input, low and high; voltages from 0, where voltage does nothing."""
-        found = {name: (n[0], n[-1]) for t in self.terms for name, n in zip(t.inputs, t.nodes, strict=True)}
-        return {name: (0.0 if name == "voltage_v" else low, high) for name, (low, high) in found.items()}
+        found = {
+            name: (n[0], n[-1])
+            for t in self.terms
+            for name, n in zip(t.inputs, t.nodes, strict=True)
+        }
+        return {
+            name: (0.0 if name == "voltage_v" else low, high) for name, (low, high) in found.items()
+        }
 
     def outside(self, drive: Drive) -> str:
-        """Which setting of a drive lies outside the range measured, in words; empty where none does.
+        """Which setting of a drive lies outside the range measured, in words; empty where none
+        does.
 
-        Speed and time do not count: fingers slide as they do, and the term is held at the nearest end.
+        Speed and time do not count: fingers slide as they do, and the term is held at the nearest
+        end.
         """
         for name, (low, high) in self.ranges.items():
             if name in NEEDED:
                 continue
-            asked = np.broadcast_to(getattr(drive, name), np.broadcast_shapes(*map(np.shape, vars(drive).values())))
-            asked = asked[np.broadcast_to(drive.voltage_v, asked.shape) > 0.0] if name == "frequency_hz" else asked
+            asked = np.broadcast_to(
+                getattr(drive, name), np.broadcast_shapes(*map(np.shape, vars(drive).values()))
+            )
+            asked = (
+                asked[np.broadcast_to(drive.voltage_v, asked.shape) > 0.0]
+                if name == "frequency_hz"
+                else asked
+            )
             slack = 1e-9 * max(abs(low), abs(high))
             if np.any((asked < low - slack) | (asked > high + slack)):
-                return f"{name} {asked.min():g}..{asked.max():g} {UNITS[name]} (learned from {low:g} to {high:g})"
+                return (
+                    f"{name} {asked.min():g}..{asked.max():g} {UNITS[name]} (learned from {low:g}"
+                    f" to {high:g})"
+                )
         return ""
 
     def weights(self, drive: Drive) -> list[Array]:
-        """What each value at a node counts in g under a drive, in the order of the parameters; shapes broadcast."""
+        """What each value at a node counts in g under a drive, in the order of the parameters;
+        shapes broadcast.
+        """
         found = []
         for term in self.terms:
             first, *second = (
@@ -134,7 +168,11 @@ class LearnedForm:
     def formula(self, term: Term, values: list[Values], drive: Drive) -> Values:
         """One input's power, saturation or step, as a logarithm."""
         name, (low, high) = term.inputs[0], term.nodes[0]
-        x = np.exp(scaled(name, drive, (low, high))) if name in LOG_INPUTS else scaled(name, drive, (low, high)) - low
+        x = (
+            np.exp(scaled(name, drive, (low, high)))
+            if name in LOG_INPUTS
+            else scaled(name, drive, (low, high)) - low
+        )
         usual = middle(name, (low, high))
         if self.shape == "power":
             return values[0] * np.log(np.maximum(x, 1e-3 * usual) / usual)
@@ -149,19 +187,27 @@ def scaled(name: str, drive: Drive, nodes: tuple[float, ...]) -> Array:
 
 
 def scaled_nodes(name: str, nodes: tuple[float, ...]) -> Array:
-    """The nodes likewise."""
     return np.log(nodes) if name in LOG_INPUTS else np.asarray(nodes)
 
 
 def middle(name: str, nodes: tuple[float, ...]) -> float:
-    """Of an input's range, as its formulas count it: from 0 up, where it is no logarithm from its low end."""
-    return float(np.sqrt(nodes[0] * nodes[-1])) if name in LOG_INPUTS else 0.5 * (nodes[-1] - nodes[0])
+    """Of an input's range, as its formulas count it: from 0 up, where it is no logarithm from its
+    low end.
+    """
+    return (
+        float(np.sqrt(nodes[0] * nodes[-1])) if name in LOG_INPUTS else 0.5 * (nodes[-1] - nodes[0])
+    )
 
 
 def spline_weights(x: Array, nodes: Array) -> Array:
-    """W [..., m] such that W @ y is the natural cubic spline through (nodes, y) [m >= 2] at `x` [...] between them."""
+    """W [..., m] such that W @ y is the natural cubic spline through (nodes, y) [m >= 2] at `x`
+    [...] between them.
+    """
     h, m = np.diff(nodes), nodes.size
-    bend, inner = np.zeros((m, m)), np.arange(1, m - 1)  # from values to second derivatives, none at both ends
+    bend, inner = (
+        np.zeros((m, m)),
+        np.arange(1, m - 1),
+    )  # from values to second derivatives, none at both ends
     if m > 2:
         left, right = np.zeros((m - 2, m - 2)), np.zeros((m - 2, m))
         rows = np.arange(m - 2)
@@ -174,12 +220,18 @@ def spline_weights(x: Array, nodes: Array) -> Array:
     b = ((x - nodes[i]) / h[i])[..., None]
     a, sixth = 1.0 - b, np.square(h[i])[..., None] / 6.0
     values = np.eye(m)
-    return a * values[i] + b * values[i + 1] + sixth * ((a**3 - a) * bend[i] + (b**3 - b) * bend[i + 1])
+    return (
+        a * values[i]
+        + b * values[i + 1]
+        + sixth * ((a**3 - a) * bend[i] + (b**3 - b) * bend[i + 1])
+    )
 
 
 @dataclass(frozen=True)
 class Learned(Effect):
-    """An empirical term; `learned_kind` makes the class whose fields are the parameters of one form."""
+    """An empirical term; `learned_kind` makes the class whose fields are the parameters of one
+    form.
+    """
 
     name = LEARNED
     physics = "an empirical term, learned from data that no effect of the catalogue explains"
@@ -194,24 +246,27 @@ class Learned(Effect):
         if self.form.shape == "spline":
             weights = self.form.weights(drive)
             log, phase = (
-                sum(w * y for w, y in zip(weights, y_s, strict=False)) for y_s in (values, values[len(weights) :])
+                sum(w * y for w, y in zip(weights, y_s, strict=False))
+                for y_s in (values, values[len(weights) :])
             )
             return log + 1j * phase if self.form.with_phase else log
         each, factors = len(values) // len(self.form.terms), []
         for i, term in enumerate(self.form.terms):
-            factors.append(self.form.share(term, drive) * self.form.formula(term, values[i * each :], drive))
+            factors.append(
+                self.form.share(term, drive) * self.form.formula(term, values[i * each :], drive)
+            )
         return np.asarray(sum(factors))
 
     def drive(self, drive: Drive) -> Drive:
-        """See `Effect`."""
         if self.form.acts_on != "voltage":
             return drive
         g = self._log_factor(drive)
         phase = drive.voltage_phase_rad + np.imag(g)
-        return replace(drive, voltage_v=drive.voltage_v * np.exp(np.real(g)), voltage_phase_rad=phase)
+        return replace(
+            drive, voltage_v=drive.voltage_v * np.exp(np.real(g)), voltage_phase_rad=phase
+        )
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
-        """See `Effect`."""
         if self.form.acts_on not in ("series_impedance", "gap_permittivity", "gap_field"):
             return branch
         factor = np.exp(self._log_factor(drive))
@@ -219,19 +274,23 @@ class Learned(Effect):
             return replace(branch, field_gain=branch.field_gain * factor)
         if self.form.acts_on == "gap_permittivity":
             return replace(branch, k_gap=branch.k_gap * factor)
-        return replace(branch, series_length_m=branch.series_length_m + branch.h_m(parameters) * (factor - 1.0))
+        return replace(
+            branch, series_length_m=branch.series_length_m + branch.h_m(parameters) * (factor - 1.0)
+        )
 
     def contact(self, contact: Contact, parameters: TouchParameters, drive: Drive) -> Contact:
-        """See `Effect`."""
         if self.form.acts_on != "skin_stiffness":
             return contact
-        return replace(contact, modulus_factor=contact.modulus_factor * np.exp(self._log_factor(drive)))
+        return replace(
+            contact, modulus_factor=contact.modulus_factor * np.exp(self._log_factor(drive))
+        )
 
     def friction(self, friction: Friction, drive: Drive) -> Friction:
-        """See `Effect`."""
         if self.form.acts_on != "friction":
             return friction
-        return replace(friction, cof_off_factor=friction.cof_off_factor * np.exp(self._log_factor(drive)))
+        return replace(
+            friction, cof_off_factor=friction.cof_off_factor * np.exp(self._log_factor(drive))
+        )
 
 
 @cache
@@ -242,15 +301,24 @@ def learned_kind(form: LearnedForm) -> type[Learned]:
     for term in form.terms:
         if form.shape == "spline":
             grid = product(*(range(len(nodes)) for nodes in term.nodes))
-            names = ["_".join(f"{n}_{i}" for n, i in zip(term.inputs, at, strict=True)) for at in grid]
+            names = [
+                "_".join(f"{n}_{i}" for n, i in zip(term.inputs, at, strict=True)) for at in grid
+            ]
             entries += [(name, float, _value("1", term.amplitude)) for name in names]
             phases += [(f"{name}_rad", float, _value("rad", term.amplitude)) for name in names]
         else:
-            entries += [(f"{term.inputs[0]}_{name}", float, p) for name, p in _of_formula(form.shape, term).items()]
+            entries += [
+                (f"{term.inputs[0]}_{name}", float, p)
+                for name, p in _of_formula(form.shape, term).items()
+            ]
     entries += phases if form.with_phase else []
     needs = tuple(name for name in NEEDED if any(name in term.inputs for term in form.terms))
     return make_dataclass(
-        "Learned", entries, bases=(Learned,), frozen=True, namespace={"form": form, "stage": form.place, "needs": needs}
+        "Learned",
+        entries,
+        bases=(Learned,),
+        frozen=True,
+        namespace={"form": form, "stage": form.place, "needs": needs},
     )
 
 

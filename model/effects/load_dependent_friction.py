@@ -22,5 +22,4 @@ class LoadDependentFriction(Effect):
     exponent: float = linear_parameter("1", 1.0, 0.12, (0.2, 2.0), off=1.0)
 
     def friction(self, friction: Friction, drive: Drive) -> Friction:
-        """See `Effect`."""
         return replace(friction, load_exponent=friction.load_exponent * self.exponent)

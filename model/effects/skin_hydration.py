@@ -18,15 +18,14 @@ class SkinHydration(Effect):
     physics = "the stratum corneum holds more (w > 0) or less water"
     source = "Bjorklund 2013, PMC3686338, for the two factors"
     signature = (
-        "less force at low frequency (more leakage), more force at high frequency; more current, closer to the "
-        "voltage's phase"
+        "less force at low frequency (more leakage), more force at high frequency; more current,"
+        " closer to the voltage's phase"
     )
     check = "measure skin hydration (corneometer); wait or wash and dry the finger"
 
     wetness: float = linear_parameter("1", 0.0, 0.5, (-4.0, 4.0), off=0.0)
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
-        """See `Effect`."""
         skin = branch.k_skin
         wet = skin.real * 1.5**self.wetness + 1j * skin.imag * 14.0**self.wetness
         return replace(branch, k_skin=wet)

@@ -19,7 +19,9 @@ class SpeedDependentGap(Effect):
     stage = "air gap"
     physics = "sliding lifts the skin off the screen"
     source = "Shultz 2018: the gap's impedance rises 100 to 1000 % when sliding; ranges unverified"
-    signature = "less force at higher speed, at every frequency; less current there, but for the leak"
+    signature = (
+        "less force at higher speed, at every frequency; less current there, but for the leak"
+    )
     check = "repeat at 5 and 50 mm/s"
     needs = ("speed_m_s",)
 
@@ -27,6 +29,5 @@ class SpeedDependentGap(Effect):
     speed_scale_m_s: float = log_parameter("m/s", 0.02, 2.5, (1e-5, 10.0), off=1.0)
 
     def contact(self, contact: Contact, parameters: TouchParameters, drive: Drive) -> Contact:
-        """See `Effect`."""
         lift_m = self.lift_m * -np.expm1(-drive.speed_m_s / self.speed_scale_m_s)
         return replace(contact, gap_shift_m=contact.gap_shift_m + lift_m)

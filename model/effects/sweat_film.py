@@ -16,9 +16,10 @@ from model.touch import Branch, Drive
 class SweatFilm(Effect):
     """A share phi of the gap has k = 80 + sigma_s/(j w eps0); how it lies there is a parameter.
 
-    Films between air and skin are in series with the air, columns from skin to screen in parallel with it. In between,
-    k^m = (1 - phi) k_air^m + phi k_sweat^m with m = -1 (series) to 1 (parallel), Lichtenecker's rule; the field in the
-    air is (k/k_air)^((1 - m)/2) times the mean field of the gap, exact at both ends.
+    Films between air and skin are in series with the air, columns from skin to screen in parallel
+    with it. In between, k^m = (1 - phi) k_air^m + phi k_sweat^m with m = -1 (series) to 1
+    (parallel), Lichtenecker's rule; the field in the air is (k/k_air)^((1 - m)/2) times the mean
+    field of the gap, exact at both ends.
     """
 
     name = "sweat_film"
@@ -26,8 +27,8 @@ class SweatFilm(Effect):
     physics = "sweat fills a share of the air gap"
     source = "starting point of the catalogue; ranges unverified; mixing after Lichtenecker"
     signature = (
-        "columns of sweat: less force, most at low frequency; films: narrower gaps, more force; more current either "
-        "way, for columns in phase with the voltage"
+        "columns of sweat: less force, most at low frequency; films: narrower gaps, more force;"
+        " more current either way, for columns in phase with the voltage"
     )
     check = "wipe the finger dry and repeat at once"
     removed_by = ("wipe",)
@@ -40,9 +41,10 @@ class SweatFilm(Effect):
     arrangement: float = linear_parameter("1", 0.0, 1.0, (-1.0, 1.0), off=1.0)
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
-        """See `Effect`."""
         sweat = 80.0 + self.sweat_conductivity_s_per_m / (1j * branch.omega * EPS0)
-        m = np.where(np.abs(self.arrangement) < 1e-3, 1e-3, self.arrangement)  # stands for the rule's limit at 0
+        m = np.where(
+            np.abs(self.arrangement) < 1e-3, 1e-3, self.arrangement
+        )  # stands for the rule's limit at 0
         air = branch.k_gap
         mixed = air * (1.0 + self.share * ((sweat / air) ** m - 1.0)) ** (1.0 / m)
         gain = (mixed / air) ** (0.5 * (1.0 - self.arrangement))

@@ -21,7 +21,8 @@ class TrappedCharge(Effect):
     stage = "pressure"
     physics = "charge is trapped on the screen's surface"
     signature = (
-        "attraction that remains without voltage; polarity of a bias matters; the current follows the pressure only"
+        "attraction that remains without voltage; polarity of a bias matters; the current follows"
+        " the pressure only"
     )
     check = "wipe the screen with a grounded damp cloth; reverse a steady voltage"
     removed_by = ("discharge",)
@@ -36,7 +37,8 @@ class TrappedCharge(Effect):
         return ()
 
     def drive(self, drive: Drive) -> Drive:
-        """See `Effect`."""
         driven = (drive.voltage_v != 0.0) | (drive.voltage_offset_v != 0.0)
-        acting = np.where(driven, self.surface_voltage_v, self.surface_voltage_v * np.sqrt(self.share_at_rest))
+        acting = np.where(
+            driven, self.surface_voltage_v, self.surface_voltage_v * np.sqrt(self.share_at_rest)
+        )
         return replace(drive, surface_voltage_v=acting)

@@ -24,6 +24,5 @@ class VelocityDependentFriction(Effect):
     exponent: float = linear_parameter("1", 0.0, 0.15, (-2.0, 2.0), off=0.0)
 
     def friction(self, friction: Friction, drive: Drive) -> Friction:
-        """See `Effect`."""
         factor = (np.maximum(drive.speed_m_s, 1e-6) / SPEED_REFERENCE_M_S) ** self.exponent
         return replace(friction, cof_off_factor=friction.cof_off_factor * factor)

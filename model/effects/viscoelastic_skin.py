@@ -19,7 +19,8 @@ class ViscoelasticSkin(Effect):
     stage = "contact"
     physics = "skin is viscoelastic"
     signature = (
-        "less attraction at higher speed, friction without voltage unchanged; less current at higher speed, leak too"
+        "less attraction at higher speed, friction without voltage unchanged; less current at"
+        " higher speed, leak too"
     )
     check = "repeat at 5 and 50 mm/s, with and without voltage"
     needs = ("speed_m_s",)
@@ -27,6 +28,5 @@ class ViscoelasticSkin(Effect):
     exponent: float = linear_parameter("1", 0.0, 0.2, (-3.0, 3.0), off=0.0)
 
     def contact(self, contact: Contact, parameters: TouchParameters, drive: Drive) -> Contact:
-        """See `Effect`."""
         factor = (np.maximum(drive.speed_m_s, 1e-6) / SPEED_REFERENCE_M_S) ** self.exponent
         return replace(contact, modulus_factor=contact.modulus_factor * factor)

@@ -1,1 +1,3 @@
-"""What is electric: layers of insulator, gap and skin, the circuit they make, charges over time, current."""
+"""What is electric: layers of insulator, gap and skin, the circuit they make, charges over time,
+current.
+"""

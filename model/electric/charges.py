@@ -1,9 +1,9 @@
 """Charges at the interfaces insulator-air and air-skin over time.
 
-Equations (4)-(17) of AliAbbasi et al. 2022 with (15) mended (docs/errata.md) and absolute permittivities. A transient
-needs constants: permittivity and conductivity of the skin are those at one stated frequency. The contact leak, where
-it is wanted, conducts beside the air of each gap as in `layers`; without it (the default) these are the paper's
-equations.
+Equations (4)-(17) of AliAbbasi et al. 2022 with (15) mended (docs/errata.md) and absolute
+permittivities. A transient needs constants: permittivity and conductivity of the skin are those at
+one stated frequency. The contact leak, where it is wanted, conducts beside the air of each gap as
+in `layers`; without it (the default) these are the paper's equations.
 """
 
 from __future__ import annotations
@@ -39,7 +39,9 @@ class Layers:
 
     @property
     def relative(self) -> Layers:
-        """With relative permittivities, as (4)-(26) are printed where the laws have absolute ones (slip 6)."""
+        """With relative permittivities, as (4)-(26) are printed where the laws have absolute ones
+        (slip 6).
+        """
         names = [name for name in vars(self) if "permittivity" in name]
         return replace(self, **{name: getattr(self, name) / EPS0 for name in names})
 
@@ -76,18 +78,27 @@ class Coefficients:
     f: Values
 
     def response(self, s_per_s: Values) -> tuple[Values, Values]:
-        """rho1 and rho2 per volt, C/(m^2 V), at the complex frequency s: (18)-(19); s = j w gives the AC phasors."""
+        """rho1 and rho2 per volt, C/(m^2 V), at the complex frequency s: (18)-(19); s = j w gives
+        the AC phasors.
+        """
         determinant = (s_per_s + self.e) * (s_per_s + self.a) - self.d * self.b
         rho1 = (-self.c * (s_per_s + self.e) + self.f * self.b) / determinant
         rho2 = (-self.f * (s_per_s + self.a) + self.c * self.d) / determinant
         return rho1, rho2
 
 
-def constant_layers(parameters: TouchParameters, dielectric: Dielectric, dielectric_at_hz: Values) -> Layers:
-    """The layers with the skin's permittivity and total conductivity at `dielectric_at_hz`, whatever is driven."""
+def constant_layers(
+    parameters: TouchParameters, dielectric: Dielectric, dielectric_at_hz: Values
+) -> Layers:
+    """The layers with the skin's permittivity and total conductivity at `dielectric_at_hz`,
+    whatever is driven.
+    """
     p, at = parameters, np.asarray(dielectric_at_hz, dtype=np.float64)
     if not (np.isfinite(at) & (at > 0.0)).all():
-        raise ModelError(f"dielectric_at_hz = {dielectric_at_hz:g} is no frequency", "Give a number above 0 in Hz")
+        raise ModelError(
+            f"dielectric_at_hz = {dielectric_at_hz:g} is no frequency",
+            "Give a number above 0 in Hz",
+        )
     k_skin = dielectric.permittivity(at)
     return Layers(
         insulator_thickness_m=p.insulator_thickness_m,
@@ -104,7 +115,8 @@ def constant_layers(parameters: TouchParameters, dielectric: Dielectric, dielect
 def coefficients(layers: Layers, gap_m: Values) -> Coefficients:
     """(14)-(15), the latter mended, for gaps of any shape.
 
-    With elastances L = d/eps, rates r = sigma/eps and S their sum, D1/eps1 = Dg/eps_g = D2/eps2 = S.
+    With elastances L = d/eps, rates r = sigma/eps and S their sum, D1/eps1 = Dg/eps_g = D2/eps2 =
+    S.
     """
     l1, lg, l2 = layers.elastances(gap_m)
     r1, rg, r2 = layers.relaxation_rates_per_s(gap_m)
@@ -120,19 +132,26 @@ def coefficients(layers: Layers, gap_m: Values) -> Coefficients:
 
 
 def simulate(layers: Layers, gap_m: Array, time_s: Array, voltage_v: Array) -> tuple[Array, Array]:
-    """rho1 and rho2 in C/m^2 [t, n] of n gaps under any voltage, from neutral layers at `time_s[0]`.
+    """rho1 and rho2 in C/m^2 [t, n] of n gaps under any voltage, from neutral layers at
+    `time_s[0]`.
 
-    `gap_m` [n] >= 0, `time_s` [t] rising, `voltage_v` [t] linear in between (its first value is applied at once). Exact
-    for such a voltage at any step: the two modes of (16)-(17) are lags with real rates, each integrated in closed form.
+    `gap_m` [n] >= 0, `time_s` [t] rising, `voltage_v` [t] linear in between (its first value is
+    applied at once). Exact for such a voltage at any step: the two modes of (16)-(17) are lags with
+    real rates, each integrated in closed form.
     """
-    gap, time, voltage = (np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (gap_m, time_s, voltage_v))
+    gap, time, voltage = (
+        np.atleast_1d(np.asarray(x, dtype=np.float64)) for x in (gap_m, time_s, voltage_v)
+    )
     rising = time.ndim == 1 and bool(np.all(np.diff(time) > 0.0))
     if not rising or voltage.shape != time.shape or not np.all(np.isfinite(voltage)):
         raise ModelError(
-            "time_s and voltage_v do not describe a voltage", "Give two columns of one length, time rising"
+            "time_s and voltage_v do not describe a voltage",
+            "Give two columns of one length, time rising",
         )
     if gap.ndim != 1 or not np.all(gap >= 0.0):
-        raise ModelError("gap_m is not a list of gaps", "Give one or more lengths of 0 or more in m")
+        raise ModelError(
+            "gap_m is not a list of gaps", "Give one or more lengths of 0 or more in m"
+        )
     slow, fast = _modes(coefficients(layers, gap))
     lag_slow, lag_fast = (_lag(mode.rate_per_s, time, voltage) for mode in (slow, fast))
     rho1, rho2 = (-(slow.drive[i] * lag_slow + fast.drive[i] * lag_fast) for i in (0, 1))
@@ -148,9 +167,11 @@ class _Mode:
 
 
 def _modes(k: Coefficients) -> tuple[_Mode, _Mode]:
-    """The slow and the fast mode; both rates are real and not negative, as in every network of R and C.
+    """The slow and the fast mode; both rates are real and not negative, as in every network of R
+    and C.
 
-    Differences are formed so that the slow mode keeps its digits beside a fast one 1e7 times its rate.
+    Differences are formed so that the slow mode keeps its digits beside a fast one 1e7 times its
+    rate.
     """
     theta = np.sqrt((0.5 * (k.a - k.e)) ** 2 + k.b * k.d)
     fast = 0.5 * (k.a + k.e) + theta
@@ -170,7 +191,9 @@ def _modes(k: Coefficients) -> tuple[_Mode, _Mode]:
 
 def _ratio(numerator: Array, denominator: Array) -> Array:
     """Quotient, 0 where the denominator is 0, as without any conduction."""
-    return np.divide(numerator, denominator, out=np.zeros_like(denominator), where=denominator > 0.0)
+    return np.divide(
+        numerator, denominator, out=np.zeros_like(denominator), where=denominator > 0.0
+    )
 
 
 def _lag(rate_per_s: Array, time_s: Array, voltage_v: Array) -> Array:

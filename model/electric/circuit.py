@@ -1,4 +1,6 @@
-"""The circuit that a gap sees: everything electrical behind and beside it, as one complex length."""
+"""The circuit that a gap sees: everything electrical behind and beside it, as one complex
+length.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +11,14 @@ from model.support.compiled import kernel
 
 
 class GapCircuit(NamedTuple):
-    """Touches [n] as the closed loop sees them, each with `c` branches; everything already broadcast.
+    """Touches [n] as the closed loop sees them, each with `c` branches; everything already
+    broadcast.
 
-    `pressure_scale_pa` Y* q0 h_rms and `length_scale_m` h_rms [n]; per branch [n, c] the complex length `h_m`, `k_gap`,
-    the admittance beside the gap over j w eps0, as `bypass_per_m` + `leak_per_m_pa` p, `mean_square_v2` and its
-    `crest_square` (peak over mean square); `gap_shift_m`, `load_pa` (normal force over area), `added_pa` (other
-    attraction) and `field_limit_v_per_m` [n].
+    `pressure_scale_pa` Y* q0 h_rms and `length_scale_m` h_rms [n]; per branch [n, c] the complex
+    length `h_m`, `k_gap`, the admittance beside the gap over j w eps0, as `bypass_per_m` +
+    `leak_per_m_pa` p, `mean_square_v2` and its `crest_square` (peak over mean square);
+    `gap_shift_m`, `load_pa` (normal force over area), `added_pa` (other attraction) and
+    `field_limit_v_per_m` [n].
     """
 
     pressure_scale_pa: Array
@@ -43,7 +47,9 @@ def squared(x: complex) -> float:
 
 @kernel
 def divider(circuit: GapCircuit, i: int, c: int, p: float) -> tuple[complex, complex, complex]:
-    """The stack at the total pressure `p`: leak beside the gap beta, 1/a with a = 1 + beta h, and its length z."""
+    """The stack at the total pressure `p`: leak beside the gap beta, 1/a with a = 1 + beta h, and
+    its length z.
+    """
     beta = circuit.bypass_per_m[i, c] + circuit.leak_per_m_pa[i, c] * p
     per_a = 1.0 / (1.0 + beta * circuit.h_m[i, c])
     return beta, per_a, circuit.k_gap[i, c] * circuit.h_m[i, c] * per_a + circuit.gap_shift_m[i]

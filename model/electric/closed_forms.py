@@ -35,7 +35,9 @@ class ClosedForm:
         k, t = self.coefficients, np.asarray(time_s)
         half = 0.5 * (k.a + k.e)
         theta = np.sqrt((0.5 * (k.a - k.e)) ** 2 + k.b * k.d)
-        slow = np.exp(-t * (k.a * k.e - k.b * k.d) / (half + theta))  # e^(-t half) cosh, sinh would overflow
+        slow = np.exp(
+            -t * (k.a * k.e - k.b * k.d) / (half + theta)
+        )  # e^(-t half) cosh, sinh would overflow
         fast = np.exp(-t * (half + theta))
         cosh, sinh_by_theta = 0.5 * (slow + fast), 0.5 * (slow - fast) / theta
         cos, sin = np.cos(self.omega * t), np.sin(self.omega * t)
@@ -47,14 +49,32 @@ class ClosedForm:
 
 
 def closed_form(k: Coefficients, frequency_hz: Values, *, printed: bool = False) -> ClosedForm:
-    """Appendix B for coefficients (16)-(17) and a frequency in Hz; `printed` leaves lambda and delta as they stand."""
+    """Appendix B for coefficients (16)-(17) and a frequency in Hz; `printed` leaves lambda and
+    delta as they stand.
+    """
     a, b, c, d, e, f = k.a, k.b, k.c, k.d, k.e, k.f
     w = 2.0 * pi * frequency_hz
     psi = w**4 + (a**2 + e**2 + 2 * b * d) * w**2 + (a * e - b * d) ** 2
-    eta = ((a * c + b * f) * w**2 + a * c * e**2 + d * f * b**2 - a * b * e * f - b * c * d * e) / psi
-    kappa = ((c * d + e * f) * w**2 + b * c * d**2 + e * f * a**2 - a * b * d * f - a * c * d * e) / psi
-    lambda_ = (c * a * e - c * b * d) * w**2 + c * a * e**3 - c * b * d * e**2 - f * a * b * e**2 - f * b * e * a**2
-    delta = (f * a * e - f * b * d) * w**2 + f * e * a**3 - f * b * d * a**2 - c * d * e * a**2 - c * a * d * e**2
+    eta = (
+        (a * c + b * f) * w**2 + a * c * e**2 + d * f * b**2 - a * b * e * f - b * c * d * e
+    ) / psi
+    kappa = (
+        (c * d + e * f) * w**2 + b * c * d**2 + e * f * a**2 - a * b * d * f - a * c * d * e
+    ) / psi
+    lambda_ = (
+        (c * a * e - c * b * d) * w**2
+        + c * a * e**3
+        - c * b * d * e**2
+        - f * a * b * e**2
+        - f * b * e * a**2
+    )
+    delta = (
+        (f * a * e - f * b * d) * w**2
+        + f * e * a**3
+        - f * b * d * a**2
+        - c * d * e * a**2
+        - c * a * d * e**2
+    )
     if not printed:
         lambda_ = lambda_ + b * d * (a * b * f + a * c * e - b * c * d + b * e * f)
         delta = delta + b * d * (a * c * d + a * e * f - b * d * f + c * d * e)

@@ -1,8 +1,10 @@
-"""Current through the finger, which safety limits are about, and through the electrode, which instruments see.
+"""Current through the finger, which safety limits are about, and through the electrode, which
+instruments see.
 
-Per area J(u) = (j w eps0 k_g/u + alpha) E(u) u, averaged over the gaps; the worst case (stuck or wet finger) is u -> 0
-everywhere, where only insulator and skin limit it. The electrode's current is a phasor, counts the real contact
-(u = 0, some 1e-4 of the area and up to 1 % of the current) as well, and what flows beside the finger.
+Per area J(u) = (j w eps0 k_g/u + alpha) E(u) u, averaged over the gaps; the worst case (stuck or
+wet finger) is u -> 0 everywhere, where only insulator and skin limit it. The electrode's current is
+a phasor, counts the real contact (u = 0, some 1e-4 of the area and up to 1 % of the current) as
+well, and what flows beside the finger.
 """
 
 from __future__ import annotations
@@ -19,8 +21,11 @@ from model.support.arrays import Array, ComplexArray, Values
 from model.support.compiled import in_slices, kernel
 
 
-def sliding_admittance_per_m(table: GapTable, circuit: GapCircuit, total_pressure_pa: Array) -> ComplexArray:
-    """Current density over j w eps0 V of each touch and branch [n, c], 1/m; NaN where the pressure [n] is.
+def sliding_admittance_per_m(
+    table: GapTable, circuit: GapCircuit, total_pressure_pa: Array
+) -> ComplexArray:
+    """Current density over j w eps0 V of each touch and branch [n, c], 1/m; NaN where the pressure
+    [n] is.
 
     With z = k_g h/a: (beta/a)(1 - A_real/A0) + (k_g/a^2) L(p, z), beta = alpha/(j w eps0).
     """
@@ -28,14 +33,20 @@ def sliding_admittance_per_m(table: GapTable, circuit: GapCircuit, total_pressur
     result = np.empty(circuit.h_m.shape, dtype=np.complex128)
 
     def work(which: slice) -> None:
-        _admittance(table.arrays, circuit.rows(which), total_pressure_pa[which], full_hat, result[which])
+        _admittance(
+            table.arrays, circuit.rows(which), total_pressure_pa[which], full_hat, result[which]
+        )
 
     in_slices(work, total_pressure_pa.size)
     return result
 
 
-def contact_admittance_per_m(table: GapTable, circuit: GapCircuit, total_pressure_pa: Array) -> ComplexArray:
-    """The share of the real contact in it, where the gap is 0, for the alternating branch of each touch [n], 1/m."""
+def contact_admittance_per_m(
+    table: GapTable, circuit: GapCircuit, total_pressure_pa: Array
+) -> ComplexArray:
+    """The share of the real contact in it, where the gap is 0, for the alternating branch of each
+    touch [n], 1/m.
+    """
     result = np.empty(total_pressure_pa.shape, dtype=np.complex128)
     _contact_admittance(circuit, total_pressure_pa, table.shape.full_contact, result)
     return result
@@ -46,16 +57,25 @@ def stuck_admittance_per_m(circuit: GapCircuit) -> ComplexArray:
     return np.asarray(1.0 / circuit.h_m)
 
 
-def current_rms_a(admittance_per_m: ComplexArray, omega: Array, rms_v: Array, area_m2: float) -> Array:
-    """rms current in A of each touch [n] from its branches [n, c], whose currents differ in frequency."""
+def current_rms_a(
+    admittance_per_m: ComplexArray, omega: Array, rms_v: Array, area_m2: float
+) -> Array:
+    """rms current in A of each touch [n] from its branches [n, c], whose currents differ in
+    frequency.
+    """
     branches = area_m2 * EPS0 * omega * np.abs(admittance_per_m) * rms_v
     return np.asarray(np.sqrt(np.sum(branches**2, axis=1)))
 
 
 def electrode_current_a(
-    admittance_per_m: ComplexArray, omega: Array, electrode_v: ComplexArray, area_m2: Values, stray_f: Values
+    admittance_per_m: ComplexArray,
+    omega: Array,
+    electrode_v: ComplexArray,
+    area_m2: Values,
+    stray_f: Values,
 ) -> ComplexArray:
-    """Peak phasor in A of the electrode's current, I = j w (eps0 A0 <J>/(j w eps0 V) + C_stray) V_e; all broadcast.
+    """Peak phasor in A of the electrode's current, I = j w (eps0 A0 <J>/(j w eps0 V) + C_stray)
+    V_e; all broadcast.
 
     The stray capacitance lies between electrode and ground, before any series resistance.
     """
@@ -63,7 +83,9 @@ def electrode_current_a(
 
 
 @kernel
-def _contact_admittance(circuit: GapCircuit, pressure: Array, full_hat: float, result: ComplexArray) -> None:
+def _contact_admittance(
+    circuit: GapCircuit, pressure: Array, full_hat: float, result: ComplexArray
+) -> None:
     for i in range(pressure.size):
         beta, per_a, z = divider(circuit, i, 0, pressure[i])
         share = math.erf(pressure[i] / circuit.pressure_scale_pa[i] / full_hat)  # of the area, (42)

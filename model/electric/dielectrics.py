@@ -1,8 +1,8 @@
 """Dielectric data of skin: a pluggable, named input.
 
 A set gives the complex relative permittivity k = eps' - j eps'' with the conduction included once,
-eps'' = sigma_total/(w eps0). The paper adopts Yamamoto & Yamamoto 1976, whose digits are not public: no set here is
-theirs.
+eps'' = sigma_total/(w eps0). The paper adopts Yamamoto & Yamamoto 1976, whose digits are not
+public: no set here is theirs.
 """
 
 from __future__ import annotations
@@ -53,7 +53,6 @@ class ColeCole:
     conductivity_s_per_m: float
 
     def permittivity(self, frequency_hz: Array) -> ComplexArray:
-        """See `Dielectric`."""
         jw = 2j * pi * np.asarray(frequency_hz, dtype=np.float64)
         k = self.eps_inf + self.conductivity_s_per_m / (jw * EPS0)
         for strength, tau_s, a in self.terms:
@@ -73,15 +72,18 @@ class PowerLaw:
     source: str = "surrogate: a causal power law, not measured data"
 
     def permittivity(self, frequency_hz: Array) -> ComplexArray:
-        """See `Dielectric`."""
         f = np.asarray(frequency_hz, dtype=np.float64)
         conduction = self.conductivity_s_per_m / (2j * pi * f * EPS0)
-        return np.asarray(self.eps_inf + self.amplitude * (1j * f / 250.0) ** -self.exponent + conduction)
+        return np.asarray(
+            self.eps_inf + self.amplitude * (1j * f / 250.0) ** -self.exponent + conduction
+        )
 
 
 @dataclass(frozen=True)
 class Tabulated:
-    """A user's own data: eps' and total conductivity at given frequencies, interpolated in logarithms."""
+    """A user's own data: eps' and total conductivity at given frequencies, interpolated in
+    logarithms.
+    """
 
     name: str
     source: str
@@ -107,9 +109,17 @@ GABRIEL_DRY = ColeCole(
 )
 GABRIEL_WET = ColeCole(
     name="gabriel_wet",
-    source="Gabriel et al. 1996, Phys. Med. Biol. 41:2271, wet skin; third relaxation time and sigma unverified",
+    source=(
+        "Gabriel et al. 1996, Phys. Med. Biol. 41:2271, wet skin; third relaxation time and sigma"
+        " unverified"
+    ),
     eps_inf=4.0,
-    terms=((39.0, 7.958e-12, 0.10), (280.0, 79.577e-9, 0.0), (3e4, 1.592e-6, 0.16), (3e4, 1.592e-3, 0.20)),
+    terms=(
+        (39.0, 7.958e-12, 0.10),
+        (280.0, 79.577e-9, 0.0),
+        (3e4, 1.592e-6, 0.16),
+        (3e4, 1.592e-3, 0.20),
+    ),
     conductivity_s_per_m=4e-4,
 )
 NAMED: dict[str, Dielectric] = {d.name: d for d in (GABRIEL_DRY, GABRIEL_WET)}
@@ -118,14 +128,21 @@ NAMED: dict[str, Dielectric] = {d.name: d for d in (GABRIEL_DRY, GABRIEL_WET)}
 def named(name: str) -> Dielectric:
     """The shipped set of that name; ModelError with the nearest name otherwise."""
     if name not in NAMED:
-        raise ModelError(f"there is no dielectric set '{name}'", nearest(name, [*NAMED, "power_law", "csv"]))
+        raise ModelError(
+            f"there is no dielectric set '{name}'", nearest(name, [*NAMED, "power_law", "csv"])
+        )
     return NAMED[name]
 
 
 def read_csv(path: Path) -> Tabulated:
-    """A set from columns `frequency_hz, eps_real, conductivity_s_per_m`; ModelError says which line is wrong."""
+    """A set from columns `frequency_hz, eps_real, conductivity_s_per_m`; ModelError says which line
+    is wrong.
+    """
     columns = ("frequency_hz", "eps_real", "conductivity_s_per_m")
-    wanted = f"Wanted: columns {', '.join(columns)}; at least 2 rows, frequencies rising, all values positive"
+    wanted = (
+        f"Wanted: columns {', '.join(columns)}; at least 2 rows, frequencies rising, all values"
+        " positive"
+    )
     table = read_table(path, columns, wanted)
     frequency, eps_real, conductivity = (table.numbers(name) for name in columns)
     positive = bool(np.all(np.stack([frequency, eps_real, conductivity]) > 0.0))

@@ -1,1 +1,3 @@
-"""Figures 4 to 8 of AliAbbasi et al. 2022 from the model: numbers, the facts that its text states, pictures."""
+"""Figures 4 to 8 of AliAbbasi et al. 2022 from the model: numbers, the facts that its text states,
+pictures.
+"""

@@ -1,8 +1,9 @@
-"""The curves of the paper's figures 4-8 as arrays, by the corrected equations and by the printed ones.
+"""The curves of the paper's figures 4-8 as arrays, by the corrected equations and by the printed
+ones.
 
-The conditions are those of the paper's text: 75 V, 0.5 N, ten frequencies from 1 Hz to 1 MHz, direct voltages of 50 to
-300 V, +-50 % of four parameters. The printed equations are `published` (relative permittivities where the print has
-them); what they cannot answer is NaN.
+The conditions are those of the paper's text: 75 V, 0.5 N, ten frequencies from 1 Hz to 1 MHz,
+direct voltages of 50 to 300 V, +-50 % of four parameters. The printed equations are `published`
+(relative permittivities where the print has them); what they cannot answer is NaN.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ VOLTAGE_V = 75.0
 NORMAL_FORCE_N = 0.5
 STEP_V = (50.0, 75.0, 100.0, 150.0, 200.0, 300.0)  # Fig. 5
 VOLTAGES_V = np.unique(np.concatenate([np.linspace(0.0, 300.0, 61), STEP_V]))  # Fig. 4
-DIELECTRIC_AT_HZ = 1.0  # of the skin under a direct voltage; the print's constants change with the frequency (slip 7)
+# of the skin under a direct voltage; the print's constants change with the frequency (slip 7)
+DIELECTRIC_AT_HZ = 1.0
 STEP_TIME_S = np.concatenate([[0.0], np.geomspace(1e-7, 1e5, 241)])
 PRINTED_TIME_S = np.geomspace(1e5, 1e16, 221)  # relative permittivities make seconds of 1/eps0 s
 CHANGED = {
@@ -47,18 +49,27 @@ ELASTICITY_STEP = 0.01  # of the central difference; halving it moves no elastic
 
 
 def variants(description: ModelDescription) -> dict[str, TouchModel]:
-    """The same finger by the corrected and by the printed equations; ModelError for what has no corrected form."""
+    """The same finger by the corrected and by the printed equations; ModelError for what has no
+    corrected form.
+    """
     if description.is_published or description.effects:
         raise ModelError(
-            f"model '{description.name}' is not the plain corrected model that the figures compare with the print",
-            "Give a model with variant 'corrected' and without effects, such as 'reference' or 'table1'",
+            f"model '{description.name}' is not the plain corrected model that the figures compare"
+            " with the print",
+            "Give a model with variant 'corrected' and without effects, such as 'reference' or"
+            " 'table1'",
         )
-    return {"corrected": TouchModel(description), "published": TouchModel(as_published(description))}
+    return {
+        "corrected": TouchModel(description),
+        "published": TouchModel(as_published(description)),
+    }
 
 
 @dataclass(frozen=True)
 class Touching:
-    """Answers for conditions of one shape; NaN where there is none. `pressure_pa` is the electrostatic part p_e."""
+    """Answers for conditions of one shape; NaN where there is none. `pressure_pa` is the
+    electrostatic part p_e.
+    """
 
     force_n: Array
     cof: Array
@@ -67,17 +78,35 @@ class Touching:
     area_ratio: Array
 
 
-def touching(model: TouchModel, frequency_hz: Array, voltage_v: Array | float = VOLTAGE_V) -> Touching:
-    """Solve sines that broadcast, at the paper's normal force, with the contact that each leaves."""
-    f, v = np.broadcast_arrays(np.asarray(frequency_hz, dtype=np.float64), np.asarray(voltage_v, dtype=np.float64))
+def touching(
+    model: TouchModel, frequency_hz: Array, voltage_v: Array | float = VOLTAGE_V
+) -> Touching:
+    """Solve sines that broadcast, at the paper's normal force, with the contact that each
+    leaves.
+    """
+    f, v = np.broadcast_arrays(
+        np.asarray(frequency_hz, dtype=np.float64), np.asarray(voltage_v, dtype=np.float64)
+    )
     conditions = Conditions(f.ravel(), v.ravel(), np.full(f.size, NORMAL_FORCE_N))
     found, p = model.predict(conditions), model.description.values
     pressure_pa = found.electrostatic_force_n / p.contact_area_m2
-    if model.description.is_published:  # whose force is not the pressure times the nominal area (30)
-        pressure_pa = solve_published(model.description, model.table, conditions.drive()).pressure_pa
+    if (
+        model.description.is_published
+    ):  # whose force is not the pressure times the nominal area (30)
+        pressure_pa = solve_published(
+            model.description, model.table, conditions.drive()
+        ).pressure_pa
     p_hat = _total_pressure_pa(p, pressure_pa) / p.pressure_scale_pa
-    gap_m = p.roughness_rms_m * np.array([mean_gap(model.table.shape, x) if x > 0.0 else np.nan for x in p_hat])
-    columns = (found.electrostatic_force_n, found.cof, pressure_pa, gap_m, area_ratio(model.table.shape, p_hat))
+    gap_m = p.roughness_rms_m * np.array(
+        [mean_gap(model.table.shape, x) if x > 0.0 else np.nan for x in p_hat]
+    )
+    columns = (
+        found.electrostatic_force_n,
+        found.cof,
+        pressure_pa,
+        gap_m,
+        area_ratio(model.table.shape, p_hat),
+    )
     return Touching(*(np.asarray(c).reshape(f.shape) for c in columns))
 
 
@@ -103,7 +132,9 @@ def loss_tangent(dielectric: Dielectric, frequency_hz: Array = SWEEP_HZ) -> Arra
 
 @dataclass(frozen=True)
 class Charges:
-    """Charge densities in C/m^2 at insulator-air (1) and air-skin (2); `at` is time in s or frequency in Hz."""
+    """Charge densities in C/m^2 at insulator-air (1) and air-skin (2); `at` is time in s or
+    frequency in Hz.
+    """
 
     at: Array
     rho1_c_per_m2: Array
@@ -111,10 +142,12 @@ class Charges:
 
 
 def charges_after_step(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
-    """Fig. 5: [time, voltage] after each of `STEP_V` is switched on, by variant, without contact leakage.
+    """Fig. 5: [time, voltage] after each of `STEP_V` is switched on, by variant, without contact
+    leakage.
 
-    The gap is the mean of Fig. 4(b) at 1 Hz and that voltage, the skin's constants are those at 1 Hz. The print's
-    permittivities are relative: its charges are multiplied by eps0 here, its time is left as it comes out.
+    The gap is the mean of Fig. 4(b) at 1 Hz and that voltage, the skin's constants are those at 1
+    Hz. The print's permittivities are relative: its charges are multiplied by eps0 here, its time
+    is left as it comes out.
     """
     volts = np.array(STEP_V)
     at_hz = np.full(volts.shape, DIELECTRIC_AT_HZ)
@@ -124,7 +157,9 @@ def charges_after_step(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
     step = np.ones_like(STEP_TIME_S)
     rho1, rho2 = simulate(layers, gaps["corrected"], STEP_TIME_S, step)
     coefficients_as_printed = printed_coefficients(layers.relative, gaps["published"])
-    printed = closed_form(coefficients_as_printed, 0.0, printed=True).charges(PRINTED_TIME_S[:, None])
+    printed = closed_form(coefficients_as_printed, 0.0, printed=True).charges(
+        PRINTED_TIME_S[:, None]
+    )
     return {
         "corrected": Charges(STEP_TIME_S, rho1 * volts, rho2 * volts),
         "published": Charges(PRINTED_TIME_S, EPS0 * printed[0] * volts, EPS0 * printed[1] * volts),
@@ -132,19 +167,27 @@ def charges_after_step(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
 
 
 def steady_charges(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
-    """Fig. 6: amplitudes [frequency] over `SWEEP_HZ` at 75 V and the mean gap there; also `with_leak`, corrected.
+    """Fig. 6: amplitudes [frequency] over `SWEEP_HZ` at 75 V and the mean gap there; also
+    `with_leak`, corrected.
 
-    `with_leak` has the contact conductance beside the gap, as the force has it; the paper's charges have none.
+    `with_leak` has the contact conductance beside the gap, as the force has it; the paper's charges
+    have none.
     """
     solved = against_frequency(models)
-    p, dielectric = models["corrected"].description.values, models["corrected"].description.dielectric
+    p, dielectric = (
+        models["corrected"].description.values,
+        models["corrected"].description.dielectric,
+    )
     layers = constant_layers(p, dielectric, SWEEP_HZ)
     leak = leak_conductance_per_pa(p, layers.skin_conductivity_s_per_m)
     leaking = replace(
-        layers, contact_conductance_s_per_m2=leak * _total_pressure_pa(p, solved["corrected"].pressure_pa)
+        layers,
+        contact_conductance_s_per_m2=leak * _total_pressure_pa(p, solved["corrected"].pressure_pa),
     )
     gap = {name: found.mean_gap_m for name, found in solved.items()}
-    printed = printed_coefficients(complex_layers(models["published"].description, SWEEP_HZ), gap["published"])
+    printed = printed_coefficients(
+        complex_layers(models["published"].description, SWEEP_HZ), gap["published"]
+    )
     systems = {
         "corrected": (coefficients(layers, gap["corrected"]), 1.0),
         "published": (printed, EPS0),
@@ -159,7 +202,9 @@ def steady_charges(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Fig. 8 for one parameter: forces [frequency] at 50 %, 100 % and 150 % of it, and d ln F/d ln x at 100 %."""
+    """Fig. 8 for one parameter: forces [frequency] at 50 %, 100 % and 150 % of it, and d ln F/d ln
+    x at 100 %.
+    """
 
     frequency_hz: Array
     lower_n: Array

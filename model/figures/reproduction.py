@@ -1,4 +1,6 @@
-"""One folder with the paper's figures: a picture and CSV tables of each, and the facts that the text states."""
+"""One folder with the paper's figures: a picture and CSV tables of each, and the facts that the
+text states.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ Columns = dict[str, Sequence[float] | Sequence[str] | Array]  # of one table, eq
 
 @dataclass(frozen=True)
 class Reproduced:
-    """`tables` by file name and the drawn figure of one of the paper's figures, with the facts about it."""
+    """`tables` by file name and the drawn figure of one of the paper's figures, with the facts
+    about it.
+    """
 
     tables: dict[str, Columns]
     figure: Figure
@@ -66,7 +70,9 @@ def figure6(models: Mapping[str, TouchModel]) -> Reproduced:
     for name, charges in found.items():
         columns[f"insulator_air_{name}_c_per_m2"] = charges.rho1_c_per_m2
         columns[f"air_skin_{name}_c_per_m2"] = charges.rho2_c_per_m2
-    return Reproduced({"figure-6.csv": columns}, drawing.figure6(found), facts.of_steady_charges(found))
+    return Reproduced(
+        {"figure-6.csv": columns}, drawing.figure6(found), facts.of_steady_charges(found)
+    )
 
 
 def figure7(models: Mapping[str, TouchModel]) -> Reproduced:
@@ -76,7 +82,11 @@ def figure7(models: Mapping[str, TouchModel]) -> Reproduced:
     tangent = numbers.loss_tangent(description.dielectric)
     columns: Columns = {"frequency_hz": numbers.SWEEP_HZ, "loss_tangent": tangent}
     for name, found in solved.items():
-        columns |= {f"electrostatic_force_{name}_n": found.force_n, f"cof_{name}": found.cof, **_contact(found, name)}
+        columns |= {
+            f"electrostatic_force_{name}_n": found.force_n,
+            f"cof_{name}": found.cof,
+            **_contact(found, name),
+        }
     stated = facts.of_force(solved, description.dielectric, description.values.cof_off)
     return Reproduced({"figure-7.csv": columns}, drawing.figure7(solved, tangent), stated)
 
@@ -84,12 +94,18 @@ def figure7(models: Mapping[str, TouchModel]) -> Reproduced:
 def figure8(models: Mapping[str, TouchModel]) -> Reproduced:
     """Four parameters changed by half, and elasticities."""
     found = {name: numbers.sensitivities(model) for name, model in models.items()}
-    parts = [_changes(name, parameter, s) for name, each in found.items() for parameter, s in each.items()]
+    parts = [
+        _changes(name, parameter, s)
+        for name, each in found.items()
+        for parameter, s in each.items()
+    ]
     elasticities: Columns = {"frequency_hz": numbers.PAPER_HZ}
     for name, each in found.items():
         elasticities |= {f"{parameter}_{name}": s.elasticity for parameter, s in each.items()}
     tables: dict[str, Columns] = {
-        "figure-8.csv": {column: [x for part in parts for x in part[column]] for column in parts[0]},
+        "figure-8.csv": {
+            column: [x for part in parts for x in part[column]] for column in parts[0]
+        },
         "figure-8-elasticities.csv": elasticities,
     }
     return Reproduced(tables, drawing.figure8(found), facts.of_sensitivity(found))
@@ -117,17 +133,28 @@ def _contact(found: Touching, name: str) -> Columns:
 
 
 FIGURES: dict[int, Callable[[Mapping[str, TouchModel]], Reproduced]] = {
-    4: figure4, 5: figure5, 6: figure6, 7: figure7, 8: figure8,
-}  # fmt: skip
+    4: figure4,
+    5: figure5,
+    6: figure6,
+    7: figure7,
+    8: figure8,
+}
 
 
 def reproduce(
-    description: ModelDescription, wanted: Sequence[int], folder: Path, tell: Callable[[str], None] = lambda _: None
+    description: ModelDescription,
+    wanted: Sequence[int],
+    folder: Path,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[Path], list[Fact]]:
-    """Write the `wanted` figures into `folder` and return the files and facts; OSError where it cannot be written."""
+    """Write the `wanted` figures into `folder` and return the files and facts; OSError where it
+    cannot be written.
+    """
     unknown = [number for number in wanted if number not in FIGURES]
     if unknown:
-        raise ModelError(f"figure {unknown[0]} is not computed by the model", "Give one of 4, 5, 6, 7, 8")
+        raise ModelError(
+            f"figure {unknown[0]} is not computed by the model", "Give one of 4, 5, 6, 7, 8"
+        )
     models = numbers.variants(description)
     folder.mkdir(parents=True, exist_ok=True)
     files: list[Path] = []
@@ -143,7 +170,9 @@ def reproduce(
         stated += made.facts
     if stated:
         files.append(folder / "facts.csv")
-        _write({key: [asdict(fact)[key] for fact in stated] for key in asdict(stated[0])}, files[-1])
+        _write(
+            {key: [asdict(fact)[key] for fact in stated] for key in asdict(stated[0])}, files[-1]
+        )
     return files, stated
 
 
@@ -152,7 +181,10 @@ def _write(columns: Columns, path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(written_cells(columns))
-        writer.writerows(written_cells(_text(value) for value in row) for row in zip(*columns.values(), strict=True))
+        writer.writerows(
+            written_cells(_text(value) for value in row)
+            for row in zip(*columns.values(), strict=True)
+        )
 
 
 def _text(value: object) -> str:

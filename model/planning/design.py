@@ -1,7 +1,8 @@
-"""Which measurements tell the leading models apart soonest: blocks of settings, chosen one after the other.
+"""Which measurements tell the leading models apart soonest: blocks of settings, chosen one after
+the other.
 
-What may hide a difference (`model.planning.told`): both models' parameters, as far as the data so far leave
-them free, and the gains of the sessions to come. A block's cost is its time.
+What may hide a difference (`model.planning.told`): both models' parameters, as far as the data so
+far leave them free, and the gains of the sessions to come. A block's cost is its time.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ USUAL_STD = 0.03  # of a witness that has said nothing so far, where nothing is 
 
 @dataclass(frozen=True)
 class Pool:
-    """What may be measured: `observations` [n] to come, each of one of B blocks; what each of those takes.
+    """What may be measured: `observations` [n] to come, each of one of B blocks; what each of those
+    takes.
 
     `repeats`: how often every observation is made.
     """
@@ -57,9 +59,11 @@ class Pool:
 
 
 class Design(NamedTuple):
-    """The blocks to measure, in the order of their use, and what even the whole pool could do for each pair.
+    """The blocks to measure, in the order of their use, and what even the whole pool could do for
+    each pair.
 
-    `reach` is the expected separation, chi^2, of the first model from each other one, were everything measured.
+    `reach` is the expected separation, chi^2, of the first model from each other one, were
+    everything measured.
     """
 
     choices: tuple[Choice, ...]
@@ -74,12 +78,14 @@ def design(
     stubborn: Collection[frozenset[str]] = (),
     enough: float = APART,
 ) -> Design:
-    """At most `most` blocks that together take at most `most_s`, those that tell most per second first.
+    """At most `most` blocks that together take at most `most_s`, those that tell most per second
+    first.
 
     Of each pair counts what is told up to `enough`, in chi^2.
 
-    `stubborn` are pairs that settings were to tell apart before and did not: a rival bends further than its linear
-    neighbourhood says. Of these an intervention is expected to tell, where the pool has one, and nothing else.
+    `stubborn` are pairs that settings were to tell apart before and did not: a rival bends further
+    than its linear neighbourhood says. Of these an intervention is expected to tell, where the pool
+    has one, and nothing else.
     """
     findings = diagnosis.findings
     if findings is None:
@@ -100,9 +106,9 @@ def design_for_unseen(
 ) -> Design:
     """The blocks that would show most of what the data so far could not, where nothing shows.
 
-    Of each effect of the catalogue, or of `only` these, some draws of its prior are taken that leave no trace so far
-    and that some block would show, and where more blocks are left, that the whole pool would; the faintest of them
-    included. Finger and gains may hide them.
+    Of each effect of the catalogue, or of `only` these, some draws of its prior are taken that
+    leave no trace so far and that some block would show, and where more blocks are left, that the
+    whole pool would; the faintest of them included. Finger and gains may hide them.
     """
     findings = diagnosis.findings
     if findings is None:
@@ -119,14 +125,18 @@ def design_for_unseen(
 
 
 class _Unseen(NamedTuple):
-    """The base model with an effect that may be there unseen: draws of its prior [m], told so far and by each block."""
+    """The base model with an effect that may be there unseen: draws of its prior [m], told so far
+    and by each block.
+    """
 
     names: tuple[str, str]
     so_far: Told
     blocks: Told
 
     def shown(self, reach_of: Callable[[Told, Told], Array]) -> list[Pair]:
-        """Some of the draws that can be made to show, from the faintest on; they weigh as many as they stand for."""
+        """Some of the draws that can be made to show, from the faintest on; they weigh as many as
+        they stand for.
+        """
         reach = reach_of(self.so_far, self.blocks)
         shown = np.argsort(reach)[np.count_nonzero(reach < SHOWS) :]
         return [
@@ -136,20 +146,30 @@ class _Unseen(NamedTuple):
                 Told(self.blocks.normal, self.blocks.moment[:, i], self.blocks.square[:, i]),
                 Told(self.so_far.normal, self.so_far.moment[i], self.so_far.square[i]),
             )
-            for i in shown[np.unique(np.linspace(0, shown.size - 1, min(FAINT, shown.size)).astype(int))]
+            for i in shown[
+                np.unique(np.linspace(0, shown.size - 1, min(FAINT, shown.size)).astype(int))
+            ]
         ]
 
 
-def _unseen(findings: Findings, kinds: Sequence[type[Effect]], pool: Pool, own_std: Array) -> list[_Unseen]:
+def _unseen(
+    findings: Findings, kinds: Sequence[type[Effect]], pool: Pool, own_std: Array
+) -> list[_Unseen]:
     """Each of these effects as it may be there unseen.
 
-    The base model's parameters and gains may hide an effect, but in the data so far and in those to come alike.
+    The base model's parameters and gains may hide an effect, but in the data so far and in those to
+    come alike.
     """
     problem, data, base = findings.problem, pool.observations, findings.hypotheses.base
     predictor = Predictor(problem.predictor.description, data, problem.predictor.free)
-    inside, scale = np.abs(base.fit.vector) < FARTHEST, np.sqrt(base.fit.scale2)  # what is at its end stays there
+    inside, scale = (
+        np.abs(base.fit.vector) < FARTHEST,
+        np.sqrt(base.fit.scale2),
+    )  # what is at its end stays there
     here, slopes = _mean_and_slopes(predictor, base, base.fit.vector)
-    sure = np.where(np.isfinite(here) & np.all(np.isfinite(slopes), axis=1), 1.0 / (own_std * scale), 0.0)
+    sure = np.where(
+        np.isfinite(here) & np.all(np.isfinite(slopes), axis=1), 1.0 / (own_std * scale), 0.0
+    )
     gains = _session_gains(data)
     hides = sure[:, None] * np.nan_to_num(np.hstack([gains, slopes[:, inside]]))
     hid = np.pad(base.fit.jacobian[:, inside] / scale, ((0, 0), (gains.shape[1], 0)))
@@ -164,15 +184,23 @@ def _unseen(findings: Findings, kinds: Sequence[type[Effect]], pool: Pool, own_s
     return found
 
 
-def _mean_and_spread(predictor: Predictor, candidate: Candidate, vector: Array) -> tuple[Array, Array]:
-    """What a model predicts at a vector [n], and columns [n, k] of what the data leave free in its parameters."""
+def _mean_and_spread(
+    predictor: Predictor, candidate: Candidate, vector: Array
+) -> tuple[Array, Array]:
+    """What a model predicts at a vector [n], and columns [n, k] of what the data leave free in its
+    parameters.
+    """
     mean, slopes = _mean_and_slopes(predictor, candidate, vector)
     return mean, slopes @ np.linalg.cholesky(candidate.fit.covariance + 1e-12 * np.eye(vector.size))
 
 
-def _mean_and_slopes(predictor: Predictor, candidate: Candidate, vector: Array) -> tuple[Array, Array]:
+def _mean_and_slopes(
+    predictor: Predictor, candidate: Candidate, vector: Array
+) -> tuple[Array, Array]:
     """What a model predicts at a vector [n], and how it changes with the vector [n, k]."""
-    values = predictor.predicted(candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
+    values = predictor.predicted(
+        candidate.kinds, np.vstack([vector, vector + STEP * np.eye(vector.size)])
+    )
     return values[0], (values[1:] - values[0]).T / STEP
 
 
@@ -186,7 +214,9 @@ def _of_interventions(pool: Pool) -> NDArray[np.bool_]:
 
 
 def leading(findings: Findings) -> list[tuple[Candidate, float]]:
-    """The models to tell apart with their probabilities: the chosen, what it is confused with, then the likeliest."""
+    """The models to tell apart with their probabilities: the chosen, what it is confused with, then
+    the likeliest.
+    """
     verdict, found = findings.verdict, findings.hypotheses
     probability = verdict.posterior.shares
     alike = {name for names in verdict.group.values() for name in names}
@@ -197,18 +227,23 @@ def leading(findings: Findings) -> list[tuple[Candidate, float]]:
     return [chosen, *((c, probability[c.name]) for c in fitted[: MODELS - 1])]
 
 
-def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool: Pool, own_std: Array) -> list[Pair]:
+def _pairs(
+    findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool: Pool, own_std: Array
+) -> list[Pair]:
     """Every two models, weighed by the product of their probabilities.
 
-    Beside the first, each other one is what it would be if the data so far were what the first says they are: what it
-    can imitate there and in the pool, it is not to be told from by anything measured.
+    Beside the first, each other one is what it would be if the data so far were what the first says
+    they are: what it can imitate there and in the pool, it is not to be told from by anything
+    measured.
     """
     problem, data, first = findings.problem, pool.observations, leaders[0][0]
     predictor = Predictor(problem.predictor.description, data, problem.predictor.free)
     std = own_std * np.sqrt(findings.verdict.chosen.fit.scale2)
     means, spreads = [], []
     for candidate, _ in leaders:
-        vector = (candidate.fit if candidate is first else imitate(problem, first.fit, candidate)).vector
+        vector = (
+            candidate.fit if candidate is first else imitate(problem, first.fit, candidate)
+        ).vector
         mean, spread = _mean_and_spread(predictor, candidate, vector)
         means.append(mean)
         spreads.append(spread)
@@ -220,12 +255,15 @@ def _pairs(findings: Findings, leaders: Sequence[tuple[Candidate, float]], pool:
         difference = np.nan_to_num(predictor.less(means[i], means[j]))
         spread = np.nan_to_num(np.concatenate([gains, spreads[i], spreads[j]], axis=1))
         blocks = by_block(sure * difference, sure[:, None] * spread, pool.block, pool.cost_s.size)
-        pairs.append(Pair((leaders[i][0].name, leaders[j][0].name), weight, blocks, nothing(spread.shape[1])))
+        pairs.append(
+            Pair((leaders[i][0].name, leaders[j][0].name), weight, blocks, nothing(spread.shape[1]))
+        )
     return pairs
 
 
 def _own_std(findings: Findings, before: Measurements, pool: Pool) -> Array:
-    """Noise of observations to come: the median of that witness's so far, or what is usual of such an instrument.
+    """Noise of observations to come: the median of that witness's so far, or what is usual of such
+    an instrument.
 
     Of the mean of all readings.
     """

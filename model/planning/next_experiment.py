@@ -1,4 +1,5 @@
-"""What to measure next: the few settings at which the leading models differ most, beside what stays unknown.
+"""What to measure next: the few settings at which the leading models differ most, beside what stays
+unknown.
 
 Friction at one setting each, in one new session; `model.planning.design` chooses.
 """
@@ -35,14 +36,18 @@ PRESENT_LEVELS = 12  # of frequency that a data set may add to the 1-2-5 steps
 STEPS_HZ = (*(m * 10.0**e for e in range(6) for m in (1, 2, 5)), 1e6)
 
 
-def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: int = 6) -> list[dict[str, Any]]:
-    """At most `most` settings, best first; where no setting tells the two leading models apart, physical checks.
+def next_experiments(
+    diagnosis: Diagnosis, description: ModelDescription, most: int = 6
+) -> list[dict[str, Any]]:
+    """At most `most` settings, best first; where no setting tells the two leading models apart,
+    physical checks.
 
-    `kind` is `setting` or `check`, `purpose` says in words what it is for. `separation` is what a setting adds, in
-    chi^2, to the models' expected difference, given the settings before it; `lambda_now` and `lambda_after` are what
-    is left of one leading model's prediction when the other is fitted: now, and with all proposed settings measured
-    (refitted, not extrapolated); `lambda_enough` makes a name. Without an explanation, the settings repeat where data
-    and model disagree most.
+    `kind` is `setting` or `check`, `purpose` says in words what it is for. `separation` is what a
+    setting adds, in chi^2, to the models' expected difference, given the settings before it;
+    `lambda_now` and `lambda_after` are what is left of one leading model's prediction when the
+    other is fitted: now, and with all proposed settings measured (refitted, not extrapolated);
+    `lambda_enough` makes a name. Without an explanation, the settings repeat where data and model
+    disagree most.
     """
     findings = diagnosis.findings
     if findings is None:
@@ -70,11 +75,19 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription, most: 
     choices = design(diagnosis, pool, most, float(most)).choices
     if choices:
         chosen = settings.subset(np.array(sorted(choice.block for choice in choices)))
-        common["lambda_after"] = separation(_extended(diagnosis.data, description, problem, chosen), first, second)
+        common["lambda_after"] = separation(
+            _extended(diagnosis.data, description, problem, chosen), first, second
+        )
     if common["lambda_after"] < ALIKE:
         return [] if diagnosis.name == "no_discrepancy" else _checks((first, second), common)
     return [
-        {"kind": "setting", **_setting(settings, choice.block), "repeats": REPEATS, "separation": choice.gain, **common}
+        {
+            "kind": "setting",
+            **_setting(settings, choice.block),
+            "repeats": REPEATS,
+            "separation": choice.gain,
+            **common,
+        }
         for choice in choices
     ]
 
@@ -88,15 +101,22 @@ def _repeats(data: Measurements, scan: Disagreement, most: int) -> list[dict[str
             inside &= (data.columns[axis] >= low) & (data.columns[axis] <= high)
             inside &= data.driven if axis == "frequency_hz" else True
         rows = np.flatnonzero(inside)
-        row = int(rows[np.lexsort([data.columns[axis][rows] for axis in region.axes])][rows.size // 2])
+        row = int(
+            rows[np.lexsort([data.columns[axis][rows] for axis in region.axes])][rows.size // 2]
+        )
         names = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s")
-        here = Measurements({n: data.columns[n] for n in names if n in data.columns}, data.session, (), None, "")
+        here = Measurements(
+            {n: data.columns[n] for n in names if n in data.columns}, data.session, (), None, ""
+        )
         found.append(
             {
                 "kind": "setting",
                 **_setting(here, row),
                 "repeats": REPEATS,
-                "purpose": "shows whether the disagreement comes back in a new session, and with another finger",
+                "purpose": (
+                    "shows whether the disagreement comes back in a new session, and with another"
+                    " finger"
+                ),
             }
         )
     return found
@@ -107,7 +127,9 @@ def _settings(data: Measurements, leaders: Sequence[Candidate]) -> Measurements:
     c = data.columns
     driven = data.driven
     needs = {need for candidate in leaders for kind in candidate.kinds for need in kind.needs}
-    present = np.unique(c["frequency_hz"][driven & (c["frequency_hz"] > 0.0)])  # 0 where it is ignored
+    present = np.unique(
+        c["frequency_hz"][driven & (c["frequency_hz"] > 0.0)]
+    )  # 0 where it is ignored
     frequencies = sorted({*STEPS_HZ, *(present.tolist() if present.size <= PRESENT_LEVELS else ())})
     voltages = [v for v in _levels(c["voltage_v"][driven]) if v > 0.0]
     axes: dict[str, list[float]] = {"normal_force_n": _beyond(_levels(c["normal_force_n"]), 1.5)}
@@ -115,7 +137,10 @@ def _settings(data: Measurements, leaders: Sequence[Candidate]) -> Measurements:
         speeds = _levels(c["speed_m_s"])
         axes["speed_m_s"] = _beyond(speeds, 2.0) if speeds[0] > 0.0 else speeds
     if "time_s" in needs:
-        axes["time_s"] = [float(t) for t in np.unique([c["time_s"].min(), np.median(c["time_s"]), c["time_s"].max()])]
+        axes["time_s"] = [
+            float(t)
+            for t in np.unique([c["time_s"].min(), np.median(c["time_s"]), c["time_s"].max()])
+        ]
     rest = list(product(*axes.values()))
     rows = [(f, v, *others) for f in frequencies for v in voltages for others in rest]
     rows += [(UNDRIVEN_HZ, 0.0, *others) for others in rest]
@@ -125,7 +150,9 @@ def _settings(data: Measurements, leaders: Sequence[Candidate]) -> Measurements:
 
 
 def _levels(values: Array) -> list[float]:
-    """The distinct values where they are few, else quantiles; lowest and highest included, to three digits inside."""
+    """The distinct values where they are few, else quantiles; lowest and highest included, to three
+    digits inside.
+    """
     distinct = np.unique(values)
     if distinct.size <= MOST_LEVELS:
         return [float(v) for v in distinct]
@@ -138,38 +165,65 @@ def _beyond(levels: list[float], factor: float) -> list[float]:
     return [float(f"{levels[0] / factor:.2g}"), *levels, float(f"{levels[-1] * factor:.2g}")]
 
 
-def _extended(data: Measurements, description: ModelDescription, problem: Problem, chosen: Measurements) -> Problem:
-    """The data's problem with the chosen settings measured, `REPEATS` times each, in a new session."""
+def _extended(
+    data: Measurements, description: ModelDescription, problem: Problem, chosen: Measurements
+) -> Problem:
+    """The data's problem with the chosen settings measured, `REPEATS` times each, in a new
+    session.
+    """
     noise, count = problem.noise, chosen.count
     usual = {"voltage_offset_v": 0.0}
     both = {
-        name: np.concatenate([values, chosen.columns.get(name, np.full(count, usual.get(name, np.median(values))))])
+        name: np.concatenate(
+            [values, chosen.columns.get(name, np.full(count, usual.get(name, np.median(values))))]
+        )
         for name, values in data.columns.items()
         if name in (*chosen.columns, *AGAINST, "voltage_offset_v", "time_s")
     }
     session = np.concatenate([data.session, np.full(count, len(data.session_names))])
-    waveform = None if data.waveform is None else np.concatenate([data.waveform, np.full(count, "sine")])
-    effects_on = None if data.effects_on is None else np.concatenate([data.effects_on, np.ones(count, bool)])
-    witness = None if data.witness is None else np.concatenate([data.witness, np.full(count, FRICTION)])
-    finger = None if data.finger is None else np.concatenate([data.finger, np.full(count, "sliding")])
+    waveform = (
+        None if data.waveform is None else np.concatenate([data.waveform, np.full(count, "sine")])
+    )
+    effects_on = (
+        None if data.effects_on is None else np.concatenate([data.effects_on, np.ones(count, bool)])
+    )
+    witness = (
+        None if data.witness is None else np.concatenate([data.witness, np.full(count, FRICTION)])
+    )
+    finger = (
+        None if data.finger is None else np.concatenate([data.finger, np.full(count, "sliding")])
+    )
     extended = Measurements(
-        both, session, (*data.session_names, "next"), waveform, "", effects_on, witness=witness, finger=finger
+        both,
+        session,
+        (*data.session_names, "next"),
+        waveform,
+        "",
+        effects_on,
+        witness=witness,
+        finger=finger,
     )
     own_std = np.full(count, np.median(noise.own_std[data.of(FRICTION)]) / np.sqrt(REPEATS))
     lower = np.zeros((extended.count, extended.count))
     lower[: data.count, : data.count] = noise.lower
-    lower[data.count :, data.count :] = cholesky(np.diag(own_std**2) + SESSION_GAIN_STD**2, lower=True)
+    lower[data.count :, data.count :] = cholesky(
+        np.diag(own_std**2) + SESSION_GAIN_STD**2, lower=True
+    )
     wider = replace(
         noise,
         own_std=np.concatenate([noise.own_std, own_std]),
         lower=lower,
         blocks=(*noise.blocks, np.arange(data.count, extended.count)),
     )
-    return Problem(Predictor(description, extended, problem.predictor.free), np.zeros(extended.count), wider)
+    return Problem(
+        Predictor(description, extended, problem.predictor.free), np.zeros(extended.count), wider
+    )
 
 
 def _setting(settings: Measurements, index: int) -> dict[str, float | None]:
-    found: dict[str, float | None] = {name: float(values[index]) for name, values in settings.columns.items()}
+    found: dict[str, float | None] = {
+        name: float(values[index]) for name, values in settings.columns.items()
+    }
     if found["voltage_v"] == 0.0:
         found["frequency_hz"] = None
     return found

@@ -1,7 +1,9 @@
-"""What a plan could tell apart, before anything is measured: every effect held against every other one.
+"""What a plan could tell apart, before anything is measured: every effect held against every other
+one.
 
-An effect of the wanted strength predicts what each row would say, without noise; each other effect, and none, is then
-fitted to that. What it cannot imitate, in chi^2, is lambda_ij: `design` says which measurements raise it.
+An effect of the wanted strength predicts what each row would say, without noise; each other effect,
+and none, is then fitted to that. What it cannot imitate, in chi^2, is lambda_ij: `design` says
+which measurements raise it.
 """
 
 from __future__ import annotations
@@ -23,15 +25,18 @@ from model.planning.separation import APART
 from model.support.arrays import Array
 from model.support.errors import ModelError
 
-FAR = 10.0 * APART  # a rival that a single step of its fit would leave farther than this does not come near
+FAR = (
+    10.0 * APART
+)  # a rival that a single step of its fit would leave farther than this does not come near
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """`separation` [n, n + 1], chi^2: true effect by row; the last column is the model without any effect.
+    """`separation` [n, n + 1], chi^2: true effect by row; the last column is the model without any
+    effect.
 
-    A rival that does not come near is left where a few steps of its fit ended: the true value is no higher, and was
-    not worth more. The diagonal is infinite.
+    A rival that does not come near is left where a few steps of its fit ended: the true value is no
+    higher, and was not worth more. The diagonal is infinite.
     """
 
     names: tuple[str, ...]
@@ -42,7 +47,9 @@ class Resolution:
         return float(self.separation[i, -1])
 
     def alike(self, i: int) -> list[str]:
-        """What could stand for the i-th effect, the likest first; `none` where it would leave no trace."""
+        """What could stand for the i-th effect, the likest first; `none` where it would leave no
+        trace.
+        """
         order = np.argsort(self.separation[i], kind="stable")
         return [(*self.names, NONE)[j] for j in order if self.separation[i, j] < APART]
 
@@ -53,15 +60,19 @@ def resolution(
     strength: float = 0.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Resolution:
-    """Separation of every two effects in `data`, whose observed values do not matter and whose noise must be stated.
+    """Separation of every two effects in `data`, whose observed values do not matter and whose
+    noise must be stated.
 
-    `strength`: of the true effect, in standard deviations of its prior beyond the usual one. What leaves no trace is
-    held against nothing else. ModelError where no effect could be seen in such data.
+    `strength`: of the true effect, in standard deviations of its prior beyond the usual one. What
+    leaves no trace is held against nothing else. ModelError where no effect could be seen in such
+    data.
     """
     kinds = testable_effects(data, description.effects)
     noise = noise_of(data)
     if noise is None or not kinds:
-        raise ModelError("no effect could be seen in these settings", "Vary frequency, voltage, load or speed")
+        raise ModelError(
+            "no effect could be seen in these settings", "Vary frequency, voltage, load or speed"
+        )
     predictor = Predictor(description, data)
     found = np.full((len(kinds), len(kinds) + 1), np.inf)
     for i, kind in enumerate(kinds):
@@ -80,14 +91,18 @@ def resolution(
 
 
 def _usual(kind: type[Effect], stronger: float) -> float:
-    """The first parameter in prior units: its median, or a standard deviation off where that is no effect at all."""
+    """The first parameter in prior units: its median, or a standard deviation off where that is no
+    effect at all.
+    """
     first = kind.parameters()[0]
     if first.off == np.inf:
         return -stronger
     return stronger + (1.0 if first.from_normal(0.0) == first.off else 0.0)
 
 
-def _seen(description: ModelDescription, data: Measurements, prediction: Array, noise: Noise) -> Problem:
+def _seen(
+    description: ModelDescription, data: Measurements, prediction: Array, noise: Noise
+) -> Problem:
     """What would be seen: without the rows that the true effect leaves without an equilibrium."""
     if data.count < noise.own_std.size:
         fewer = noise_of(data)

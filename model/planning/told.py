@@ -1,8 +1,10 @@
-"""Which blocks of observations tell models apart soonest, of arrays alone: what a block is worth, and a greedy choice.
+"""Which blocks of observations tell models apart soonest, of arrays alone: what a block is worth,
+and a greedy choice.
 
-Box and Hill's and Hunter and Reiner's discrimination (Technometrics 9, 1967, 57; 7, 1965, 307): how far two models'
-predictions differ, in standard deviations, once everything that is uncertain has been bent to hide it. Pairs count by
-the product of their probabilities, up to what makes a name; a block counts by what it adds per cost.
+Box and Hill's and Hunter and Reiner's discrimination (Technometrics 9, 1967, 57; 7, 1965, 307): how
+far two models' predictions differ, in standard deviations, once everything that is uncertain has
+been bent to hide it. Pairs count by the product of their probabilities, up to what makes a name; a
+block counts by what it adds per cost.
 """
 
 from __future__ import annotations
@@ -17,8 +19,11 @@ from numpy.typing import NDArray
 
 from model.support.arrays import Array
 
-LEAST_WEIGHT = 1e-3  # of the first model and any other, beside the weightiest pair: each rival deserves a test
-LEAST_GAIN = 0.16  # chi^2, of the mean of all pairs: a block that adds less is not worth its cost; 16 shows an effect
+LEAST_WEIGHT = (
+    1e-3  # of the first model and any other, beside the weightiest pair: each rival deserves a test
+)
+# chi^2, of the mean of all pairs: a block that adds less is not worth its cost; 16 shows an effect
+LEAST_GAIN = 0.16
 
 
 class Choice(NamedTuple):
@@ -31,7 +36,8 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True)
 class Told:
-    """What measurements tell of one pair of models: the normal equations of everything that could hide a difference.
+    """What measurements tell of one pair of models: the normal equations of everything that could
+    hide a difference.
 
     `normal` [..., k, k], `moment` [..., k], `square` [...]; in standard deviations.
     """
@@ -41,7 +47,6 @@ class Told:
     square: Array
 
     def __add__(self, more: Told) -> Told:
-        """Both together."""
         return Told(self.normal + more.normal, self.moment + more.moment, self.square + more.square)
 
     def __getitem__(self, which: int | NDArray[np.intp]) -> Told:
@@ -64,28 +69,41 @@ class Told:
 
 
 def nothing(size: int) -> Told:
-    """What is told before anything is measured: every uncertain quantity has its standard deviation of 1."""
+    """What is told before anything is measured: every uncertain quantity has its standard deviation
+    of 1.
+    """
     return Told(np.eye(size), np.zeros(size), np.zeros(()))
 
 
 def told_by(difference: Array, spread: Array) -> Told:
-    """What n observations tell of a pair, `difference` [n], or of m [m, n]; `spread` [n, k] as for `by_block`."""
+    """What n observations tell of a pair, `difference` [n], or of m [m, n]; `spread` [n, k] as for
+    `by_block`.
+    """
     return Told(spread.T @ spread, difference @ spread, np.sum(difference**2, axis=-1))
 
 
 def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: int) -> Told:
     """What each of `count` blocks tells of a pair, or of m.
 
-    `difference` [n] of the predictions, or [m, n], and `spread` [n, k], what may hide it, a column per uncertain
-    quantity moved by its own standard deviation; both in standard deviations of the noise. `block` [n] says whose each
-    observation is.
+    `difference` [n] of the predictions, or [m, n], and `spread` [n, k], what may hide it, a column
+    per uncertain quantity moved by its own standard deviation; both in standard deviations of the
+    noise. `block` [n] says whose each observation is.
     """
-    each = [told_by(difference[..., here], spread[here]) for here in (block == b for b in range(count))]
-    return Told(*(np.array(part) for part in zip(*((t.normal, t.moment, t.square) for t in each), strict=True)))
+    each = [
+        told_by(difference[..., here], spread[here]) for here in (block == b for b in range(count))
+    ]
+    return Told(
+        *(
+            np.array(part)
+            for part in zip(*((t.normal, t.moment, t.square) for t in each), strict=True)
+        )
+    )
 
 
 def most_by_one(so_far: Told, blocks: Told) -> Array:
-    """The separation of m pairs [m] with that block which tells most of each; `blocks` as `by_block` gives them."""
+    """The separation of m pairs [m] with that block which tells most of each; `blocks` as
+    `by_block` gives them.
+    """
     moment = so_far.moment + blocks.moment
     hidden = np.linalg.solve(so_far.normal + blocks.normal, np.swapaxes(moment, 1, 2))
     chi2 = so_far.square + blocks.square - np.sum(moment * np.swapaxes(hidden, 1, 2), axis=2)
@@ -99,7 +117,8 @@ def by_all(so_far: Told, blocks: Told) -> Array:
 
 @dataclass
 class Pair:
-    """Two models, what they weigh, what each block would tell of them, and what the blocks chosen so far have told.
+    """Two models, what they weigh, what each block would tell of them, and what the blocks chosen
+    so far have told.
 
     `told` begins with what data have told already, or `nothing`.
     """
@@ -127,7 +146,10 @@ class Pair:
 
 def weights(probabilities: Sequence[float]) -> dict[tuple[int, int], float]:
     """What every two models weigh, the first of all with each other one at least a little."""
-    products = {(i, j): probabilities[i] * probabilities[j] for i, j in combinations(range(len(probabilities)), 2)}
+    products = {
+        (i, j): probabilities[i] * probabilities[j]
+        for i, j in combinations(range(len(probabilities)), 2)
+    }
     floor = LEAST_WEIGHT * max(products.values(), default=1.0) or 1.0
     return {(i, j): max(weight, floor if i == 0 else 0.0) for (i, j), weight in products.items()}
 
@@ -141,10 +163,12 @@ def choose(
     least: float = LEAST_GAIN,
     first: Sequence[Choice] = (),
 ) -> list[Choice]:
-    """At most `most` of the blocks, that together cost at most `most_cost`, those that tell most per cost first.
+    """At most `most` of the blocks, that together cost at most `most_cost`, those that tell most
+    per cost first.
 
-    `cost` [blocks]; of each pair counts what is told up to `enough`, in chi^2. A block that adds less than `least`, of
-    the pairs' weighted mean, is not chosen. It begins with what was chosen `first`, for other pairs.
+    `cost` [blocks]; of each pair counts what is told up to `enough`, in chi^2. A block that adds
+    less than `least`, of the pairs' weighted mean, is not chosen. It begins with what was chosen
+    `first`, for other pairs.
     """
     left, choices = set(range(cost.size)) - {choice.block for choice in first}, list(first)
     most_cost -= float(sum(cost[choice.block] for choice in first))

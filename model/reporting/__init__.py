@@ -1,1 +1,3 @@
-"""What a diagnosis says to people and programs: the report, its page and pictures, the corrected model."""
+"""What a diagnosis says to people and programs: the report, its page and pictures, the corrected
+model.
+"""

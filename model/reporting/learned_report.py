@@ -5,11 +5,25 @@ from __future__ import annotations
 from typing import Any
 
 from model.diagnosis.learned import LearnedTerm
-from model.effects.learned import LEARNED, LOG_INPUTS, NEEDED, QUANTITIES, UNITS, LearnedForm, middle
+from model.effects.learned import (
+    LEARNED,
+    LOG_INPUTS,
+    NEEDED,
+    QUANTITIES,
+    UNITS,
+    LearnedForm,
+    middle,
+)
 from model.parameters import Parameter
 from model.reporting.model_file import fitted_effects
 
-SHORT = {"frequency_hz": "f", "voltage_v": "V", "normal_force_n": "N", "speed_m_s": "v", "time_s": "t"}
+SHORT = {
+    "frequency_hz": "f",
+    "voltage_v": "V",
+    "normal_force_n": "N",
+    "speed_m_s": "v",
+    "time_s": "t",
+}
 
 
 def learned_record(found: LearnedTerm) -> dict[str, Any]:
@@ -34,14 +48,27 @@ def learned_record(found: LearnedTerm) -> dict[str, Any]:
 
 def _words(found: LearnedTerm) -> list[str]:
     form, others = found.form, [place for place in found.alike if place != found.form.place]
-    place = f"The discrepancy acts at this place of the chain: {form.place} ({QUANTITIES[form.acts_on].words})"
+    place = (
+        f"The discrepancy acts at this place of the chain: {form.place}"
+        f" ({QUANTITIES[form.acts_on].words})"
+    )
     alike = f"; these data cannot tell that from {' or '.join(others)}." if others else "."
     inputs = " and of ".join(" with ".join(term.inputs) for term in form.terms)
     shape = "a smooth term" if form.shape == "spline" else f"a short formula, {_formula(found)},"
-    ends = [f"{name} {low:g} to {high:g} {UNITS[name]}" for name, (low, high) in form.ranges.items()]
-    closed, low, high = (f"{min(x, 1.0):.0%}" for x in (found.proof.gap_closed, *found.proof.interval))
-    proof = f"On data left out of the fit it closes {closed} of the gap (95 % interval {low} to {high})"
-    kept = "; it is in model.toml as effect learned." if found.is_proved else ", too little to be put into model.toml."
+    ends = [
+        f"{name} {low:g} to {high:g} {UNITS[name]}" for name, (low, high) in form.ranges.items()
+    ]
+    closed, low, high = (
+        f"{min(x, 1.0):.0%}" for x in (found.proof.gap_closed, *found.proof.interval)
+    )
+    proof = (
+        f"On data left out of the fit it closes {closed} of the gap (95 % interval {low} to {high})"
+    )
+    kept = (
+        "; it is in model.toml as effect learned."
+        if found.is_proved
+        else ", too little to be put into model.toml."
+    )
     return [
         place + alike,
         f"It is described by {shape} of {inputs}.",
@@ -76,7 +103,11 @@ def _factor(form: LearnedForm, i: int, values: dict[str, Parameter]) -> str:
         for key in ("exponent", "amount", "scale", "steepness")
         if f"{name}_{key}" in values
     }
-    x = SHORT[name] if name in LOG_INPUTS or low == 0.0 else f"({SHORT[name]} - {low:.3g} {UNITS[name]})"
+    x = (
+        SHORT[name]
+        if name in LOG_INPUTS or low == 0.0
+        else f"({SHORT[name]} - {low:.3g} {UNITS[name]})"
+    )
     if form.shape == "power":
         return f"({x}/{middle(name, (low, high)):.3g} {UNITS[name]})^{own['exponent']:.3g}"
     steepness = f"^{own['steepness']:.3g}" if form.shape == "step" else ""

@@ -1,4 +1,6 @@
-"""The corrected model as a file that the simulator loads: fitted finger, named effects, and their origin."""
+"""The corrected model as a file that the simulator loads: fitted finger, named effects, and their
+origin.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,8 @@ def program() -> str:
 def fitted_nuisances(
     description: ModelDescription, fit: Fit, free: Sequence[Nuisance], source: str = ""
 ) -> dict[str, Parameter]:
-    """The finger's own parameters as fitted, with one standard deviation to first order, within a file's ranges.
+    """The finger's own parameters as fitted, with one standard deviation to first order, within a
+    file's ranges.
 
     `free`: those with which the fit's vector begins.
     """
@@ -68,8 +71,12 @@ def fitted_effects(fit: Fit, source: str = "") -> dict[str, dict[str, Parameter]
     return found
 
 
-def fitted_model(diagnosis: Diagnosis, description: ModelDescription, source_name: str) -> ModelDescription:
-    """The input model with the fitted finger and the effects that were named or learned; unchanged without a fit."""
+def fitted_model(
+    diagnosis: Diagnosis, description: ModelDescription, source_name: str
+) -> ModelDescription:
+    """The input model with the fitted finger and the effects that were named or learned; unchanged
+    without a fit.
+    """
     if diagnosis.findings is None:
         return description
     findings = diagnosis.findings
@@ -82,21 +89,27 @@ def fitted_model(diagnosis: Diagnosis, description: ModelDescription, source_nam
         description,
         name="+".join([own_name, *effects]) if effects else f"{own_name}-fitted",
         about=f"{description.name}, fitted to {data}: {diagnosis.name}",
-        parameters=description.parameters | fitted_nuisances(description, fit, free, f"fit to {data}"),
+        parameters=description.parameters
+        | fitted_nuisances(description, fit, free, f"fit to {data}"),
         effect_parameters=description.effect_parameters | effects,
         learned_form=description.learned_form if learned is None else learned.form,
     )
 
 
-def write_model(diagnosis: Diagnosis, description: ModelDescription, path: Path, source_name: str) -> ModelDescription:
+def write_model(
+    diagnosis: Diagnosis, description: ModelDescription, path: Path, source_name: str
+) -> ModelDescription:
     """Write the corrected model to `path`, and return it.
 
-    An older, different file of that name is kept as `<stem>-1.toml`, `-2`, ... in order of age. A user's own dielectric
-    table is copied into a folder beside the file. ModelError where the dielectric set cannot be written to a file.
+    An older, different file of that name is kept as `<stem>-1.toml`, `-2`, ... in order of age. A
+    user's own dielectric table is copied into a folder beside the file. ModelError where the
+    dielectric set cannot be written to a file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     model = fitted_model(diagnosis, description, source_name)
-    text = model_text(model, dielectric_entry(model, path.parent), _origin(diagnosis, description, source_name))
+    text = model_text(
+        model, dielectric_entry(model, path.parent), _origin(diagnosis, description, source_name)
+    )
     if path.exists():
         if _without_date(path.read_bytes()) == _without_date(text.encode()):
             return model
@@ -107,10 +120,15 @@ def write_model(diagnosis: Diagnosis, description: ModelDescription, path: Path,
     return model
 
 
-def model_text(model: ModelDescription, dielectric: Mapping[str, Scalar], origin: Mapping[str, Scalar]) -> str:
+def model_text(
+    model: ModelDescription, dielectric: Mapping[str, Scalar], origin: Mapping[str, Scalar]
+) -> str:
     """A model as TOML that `read_model` reads back to the same physics."""
     lines = [
-        "# Fitted to data; [origin] says by what and to which. Values in SI units, std is one standard deviation.",
+        (
+            "# Fitted to data; [origin] says by what and to which. Values in SI units, std is one"
+            " standard deviation."
+        ),
         f"name = {_toml(model.name)}",
         f"about = {_toml(model.about)}",
         f"variant = {_toml(model.variant)}",
@@ -136,7 +154,11 @@ def _parameters(values: Mapping[str, Parameter]) -> list[str]:
 
 
 def _parameter(parameter: Parameter) -> str:
-    std = "" if parameter.std is None or not np.isfinite(parameter.std) else f", std = {_toml(parameter.std)}"
+    std = (
+        ""
+        if parameter.std is None or not np.isfinite(parameter.std)
+        else f", std = {_toml(parameter.std)}"
+    )
     source = f", source = {_toml(parameter.source)}" if parameter.source else ""
     return f"{{ value = {_toml(parameter.value)}{std}{source} }}"
 
@@ -150,7 +172,9 @@ def _toml(value: Scalar) -> str:
 
 
 def dielectric_entry(model: ModelDescription, folder: Path) -> dict[str, Scalar]:
-    """The `[dielectric]` table of a model file in `folder`; a table of values is copied there. Raises ModelError."""
+    """The `[dielectric]` table of a model file in `folder`; a table of values is copied there.
+    Raises ModelError.
+    """
     chosen = model.dielectric
     if isinstance(chosen, PowerLaw):
         return {"set": "power_law", **{name: float(getattr(chosen, name)) for name in POWER_LAW}}
@@ -158,16 +182,26 @@ def dielectric_entry(model: ModelDescription, folder: Path) -> dict[str, Scalar]
         return {"set": "csv", "file": _write_table(chosen, folder)}
     if NAMED.get(chosen.name) == chosen:
         return {"set": chosen.name}
-    raise ModelError(f"dielectric set '{chosen.name}' cannot be written to a model file", "Tabulate it as a CSV file")
+    raise ModelError(
+        f"dielectric set '{chosen.name}' cannot be written to a model file",
+        "Tabulate it as a CSV file",
+    )
 
 
 def _write_table(table: Tabulated, folder: Path) -> str:
-    """Copy a dielectric table to a place of its own under `folder`; the file keeps its name, which is part of it."""
+    """Copy a dielectric table to a place of its own under `folder`; the file keeps its name, which
+    is part of it.
+    """
     columns = zip(table.frequency_hz, table.eps_real, table.conductivity_s_per_m, strict=True)
-    rows = ["frequency_hz,eps_real,conductivity_s_per_m", *(",".join(repr(float(v)) for v in row) for row in columns)]
+    rows = [
+        "frequency_hz,eps_real,conductivity_s_per_m",
+        *(",".join(repr(float(v)) for v in row) for row in columns),
+    ]
     text = "\n".join([*rows, ""])
     given = re.fullmatch(r"user's table (.+)", table.source)
-    name = Path(given[1]).name if given and Path(given[1]).stem == table.name else f"{table.name}.csv"
+    name = (
+        Path(given[1]).name if given and Path(given[1]).stem == table.name else f"{table.name}.csv"
+    )
     number = 0
     while True:
         relative = Path(f"{TABLES}-{number}" if number else TABLES) / name
@@ -181,7 +215,9 @@ def _write_table(table: Tabulated, folder: Path) -> str:
         number += 1
 
 
-def _origin(diagnosis: Diagnosis, description: ModelDescription, source_name: str) -> dict[str, Scalar]:
+def _origin(
+    diagnosis: Diagnosis, description: ModelDescription, source_name: str
+) -> dict[str, Scalar]:
     origin: dict[str, Scalar] = {
         "data": Path(source_name).name,
         "data_sha256": diagnosis.data.content_hash,
@@ -217,7 +253,10 @@ def _keep(path: Path) -> None:
     number = 1
     while True:
         try:
-            with path.with_name(f"{path.stem}-{number}{path.suffix}").open("xb") as kept, path.open("rb") as old:
+            with (
+                path.with_name(f"{path.stem}-{number}{path.suffix}").open("xb") as kept,
+                path.open("rb") as old,
+            ):
                 shutil.copyfileobj(old, kept)
         except FileExistsError:
             number += 1

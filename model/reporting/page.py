@@ -42,16 +42,30 @@ def sentence(content: Mapping[str, Any]) -> str:
         verb = "is" if len(names) == 1 else "are"
         text = f"{_upper(_and(names))} {verb} missing from the model: probability {probability}"
         closed = content["fit"]["gap_closed"]
-        return text + ("." if closed is None else f"; adding {'it' if verb == 'is' else 'them'} {_closed(closed)}.")
+        return text + (
+            "."
+            if closed is None
+            else f"; adding {'it' if verb == 'is' else 'them'} {_closed(closed)}."
+        )
     if content["verdict"] == "ambiguous":
         members = [words(n) for n in content["checks"]]
         if len(members) > 1:
-            return f"One of these is missing from the model, and these data cannot tell which: {_and(members, 'or')}."
-        return f"Something may be missing from the model; {_and(names)} leads with probability {probability}."
+            return (
+                "One of these is missing from the model, and these data cannot tell which:"
+                f" {_and(members, 'or')}."
+            )
+        return (
+            f"Something may be missing from the model; {_and(names)} leads with probability"
+            f" {probability}."
+        )
     if content["verdict"] == "unexplained":
-        text = "The data disagree with the model, and no effect that this program knows explains how"
+        text = (
+            "The data disagree with the model, and no effect that this program knows explains how"
+        )
         closed = content["fit"]["gap_closed"]
-        return text + (f"; a learned term {_closed(closed)}." if names and closed is not None else ".")
+        return text + (
+            f"; a learned term {_closed(closed)}." if names and closed is not None else "."
+        )
     return f"These data cannot test the model: {'; '.join(content['reasons'])}."
 
 
@@ -59,7 +73,10 @@ def _closed(share: float) -> str:
     percent = 100.0 * share
     if percent <= 0.0:
         return "closes nothing of the gap on data left out of the fit"
-    return f"closes {'all' if percent >= 99.5 else f'{percent:.0f} %'} of the gap on data left out of the fit"
+    return (
+        f"closes {'all' if percent >= 99.5 else f'{percent:.0f} %'} of the gap on data left out of"
+        " the fit"
+    )
 
 
 def _meaning(content: Mapping[str, Any]) -> str:
@@ -68,19 +85,30 @@ def _meaning(content: Mapping[str, Any]) -> str:
     if content["verdict"] == "ambiguous":
         if steps and steps[0]["kind"] == "setting":
             return "The settings under “What to measure next” tell the leading two apart."
-        return "No setting of frequency, voltage, load or speed tells them apart; the physical checks below do."
+        return (
+            "No setting of frequency, voltage, load or speed tells them apart; the physical checks"
+            " below do."
+        )
     if content["verdict"] == "unexplained":
         return (
-            "Something happens that the catalogue does not contain, or not in this form. No name is given because none "
-            "is earned; the regions below show where to look."
+            "Something happens that the catalogue does not contain, or not in this form. No name is"
+            " given because none is earned; the regions below show where to look."
         )
     if content["verdict"] == "not_testable":
         advice = (
-            "Give cof_std, or measure every setting at least twice. " if content["data"]["noise_source"] is None else ""
+            "Give cof_std, or measure every setting at least twice. "
+            if content["data"]["noise_source"] is None
+            else ""
         )
-        return advice + "Nothing was fitted; the probabilities in report.json are those held before any data."
+        return (
+            advice
+            + "Nothing was fitted; the probabilities in report.json are those held before any data."
+        )
     if content["verdict"] == "effect_found" and not content["adequate"]:
-        return "The effect is needed, but something of another shape remains beside it: see the residuals."
+        return (
+            "The effect is needed, but something of another shape remains beside it: see the"
+            " residuals."
+        )
     return ""
 
 
@@ -94,7 +122,10 @@ def write_html(content: Mapping[str, Any], drawn: Mapping[str, bytes], path: Pat
         ("Parameters before and after", _before_after(content)),
         ("Proof on data left out of the fit", _proof(content, drawn)),
         ("What to measure next", _next(content)),
-        ("Physical checks at the rig", _list([f"{_upper(words(n))}: {c}" for n, c in content["checks"].items()])),
+        (
+            "Physical checks at the rig",
+            _list([f"{_upper(words(n))}: {c}" for n, c in content["checks"].items()]),
+        ),
         ("Where this comes from", _provenance(content)),
     ]
     page = PAGE.substitute(
@@ -118,7 +149,8 @@ def _audit(content: Mapping[str, Any]) -> str:
         repeats = data["replicate_degrees_of_freedom"]
         checked = f", checked by {repeats} repeats" if repeats else ""
         each = [
-            f"{BY_COLUMN[name].words} {f'{std:.2g} rad' if BY_COLUMN[name].is_phase else f'{100.0 * std:.2g} %'}"
+            f"{BY_COLUMN[name].words}"
+            f" {f'{std:.2g} rad' if BY_COLUMN[name].is_phase else f'{100.0 * std:.2g} %'}"
             for name, std in data["noise_std"].items()
         ]
         text += f"Noise of one row: {_and(each)} (from {data['noise_source']}{checked})."
@@ -141,17 +173,24 @@ def _where(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
         [
             " and ".join(_range(r)),
             str(r["rows"]),
-            f"{r['mean_error_rad']:+.3f} rad"
-            if r["mean_error_rad"] is not None
-            else f"{100.0 * r['mean_relative_error']:+.1f} %",
+            (
+                f"{r['mean_error_rad']:+.3f} rad"
+                if r["mean_error_rad"] is not None
+                else f"{100.0 * r['mean_relative_error']:+.1f} %"
+            ),
             f"{BY_COLUMN[r['witness']].words}: {'more' if r['sign'] > 0 else 'less'}",
-            f"{r['p_value']:.2g}" + (" (least possible)" if r["p_value"] <= 1.0 / (DRAWS + 1.0) + 1e-9 else ""),
+            f"{r['p_value']:.2g}"
+            + (" (least possible)" if r["p_value"] <= 1.0 / (DRAWS + 1.0) + 1e-9 else ""),
         ]
         for r in certain
     ]
     head = ["region", "rows", "measured − predicted", "measured is", "probability by chance"]
-    pictured = _image(drawn, "spectrum", "The electrode's current over frequency, measured and predicted")
-    pictured += _image(drawn, "residual_map", "Residuals over frequency and voltage, before and after")
+    pictured = _image(
+        drawn, "spectrum", "The electrode's current over frequency, measured and predicted"
+    )
+    pictured += _image(
+        drawn, "residual_map", "Residuals over frequency and voltage, before and after"
+    )
     pictured += _image(drawn, "residual_over_time", "Residuals over time, before and after")
     return f"<p>{escape(lead)}</p>{_rows(head, rows)}{pictured}"
 
@@ -160,11 +199,15 @@ def _range(region: Mapping[str, Any]) -> list[str]:
     def listed(value: Any) -> list[Any]:
         return list(value) if isinstance(value, list) else [value]
 
-    triples = zip(listed(region["axis"]), listed(region["low"]), listed(region["high"]), strict=True)
+    triples = zip(
+        listed(region["axis"]), listed(region["low"]), listed(region["high"]), strict=True
+    )
     found = []
     for axis, low, high in triples:
         name, unit = AXIS_WORDS.get(axis, (axis, ""))
-        found.append(f"{name} {_plain(low)}{'' if low == high else f' to {_plain(high)}'} {unit}".rstrip())
+        found.append(
+            f"{name} {_plain(low)}{'' if low == high else f' to {_plain(high)}'} {unit}".rstrip()
+        )
     return found
 
 
@@ -214,13 +257,31 @@ def _plain(value: float, digits: int = 4) -> str:
 def _before_after(content: Mapping[str, Any]) -> str:
     rows = []
     for p in content["parameters"]:
-        fits = [cell for fit in (p["before"], p["after"]) for cell in (_measured(fit), _signed(fit["drift"]))]
+        fits = [
+            cell
+            for fit in (p["before"], p["after"])
+            for cell in (_measured(fit), _signed(fit["drift"]))
+        ]
         rows.append([p["name"], _plain(p["model"]), *fits, _unit(p)])
     for e in content["effects"]:
-        for name, p in e["parameters"].items() if e["name"] != LEARNED else ():  # values at nodes: in model.toml
+        for name, p in (
+            e["parameters"].items() if e["name"] != LEARNED else ()
+        ):  # values at nodes: in model.toml
             rows.append([f"{words(e['name'])}: {name}", "off", "", "", _measured(p), "", _unit(p)])
-    head = ["parameter", "in the model", "fitted, as given", "drift", "fitted, with the effect", "drift", "unit"]
-    note = '<p class="quiet">Drift: in standard deviations of what is expected between fingers.</p>' if rows else ""
+    head = [
+        "parameter",
+        "in the model",
+        "fitted, as given",
+        "drift",
+        "fitted, with the effect",
+        "drift",
+        "unit",
+    ]
+    note = (
+        '<p class="quiet">Drift: in standard deviations of what is expected between fingers.</p>'
+        if rows
+        else ""
+    )
     return _rows(head, rows) + note
 
 
@@ -233,14 +294,24 @@ def _proof(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
     if held is None:
         return ""
     fit = content["fit"]["held_out_chi2_per_point"]
-    text = f"Squared error per point, in units of the noise: {_figure(fit['before'])} with the model as given"
+    text = (
+        f"Squared error per point, in units of the noise: {_figure(fit['before'])} with the model"
+        " as given"
+    )
     if content["effects"]:
-        text += f", {_figure(fit['after'])} with the effect chosen anew without the {held['by']} in question"
+        text += (
+            f", {_figure(fit['after'])} with the effect chosen anew without the {held['by']} in"
+            " question"
+        )
     text += " (noise alone: 1). "
     low, high = content["fit"]["gap_closed_interval"]
     if content["effects"] and content["fit"]["gap_closed"] is not None:
         text += f"Gap closed: {_share(content['fit']['gap_closed'])}"
-        text += f" (95 % interval {_share(low)} to {_share(high)})" if low is not None and high is not None else ""
+        text += (
+            f" (95 % interval {_share(low)} to {_share(high)})"
+            if low is not None and high is not None
+            else ""
+        )
         text += f"; the same choice in {_share(held['chosen_again'])} of the {held['by']}s. "
     rival = held["best_rival"]
     if rival is not None and content["effects"] and rival.get("gap_closed") is not None:
@@ -255,7 +326,10 @@ def _next(content: Mapping[str, Any]) -> str:
     settings = [s for s in steps if s["kind"] == "setting"]
     if not settings:
         best, enough = _figure(steps[0]["lambda_after"]), steps[0]["lambda_enough"]
-        none = f"No setting within reach {steps[0]['purpose']} (separation at best {best}, {enough:.0f} needed)."
+        none = (
+            f"No setting within reach {steps[0]['purpose']} (separation at best {best},"
+            f" {enough:.0f} needed)."
+        )
         return f"<p>{escape(none)} See the physical checks below.</p>"
     axes = [a for a in AXIS_WORDS if a in settings[0]]
     head = ["", *(", ".join(AXIS_WORDS[a]) for a in axes), "readings"]
@@ -267,9 +341,13 @@ def _next(content: Mapping[str, Any]) -> str:
     if "lambda_now" in settings[0]:
         now, after, enough = (settings[0][f"lambda_{when}"] for when in ("now", "after", "enough"))
         lead += (
-            f" These data already do (separation {_figure(now)}, {enough:.0f} is enough); the settings confirm it."
+            f" These data already do (separation {_figure(now)}, {enough:.0f} is enough); the"
+            " settings confirm it."
             if now >= enough
-            else f" Their separation: now {_figure(now)}, then {_figure(after)}; {enough:.0f} is enough for a name."
+            else (
+                f" Their separation: now {_figure(now)}, then {_figure(after)}; {enough:.0f} is"
+                " enough for a name."
+            )
         )
     return f"<p>{escape(lead)}</p>{_rows(head, rows)}"
 
@@ -279,7 +357,10 @@ def _provenance(content: Mapping[str, Any]) -> str:
     items = [
         f"Data: {content['data'].get('file') or 'not named'}, sha256 {content['data']['hash']}",
         f"Model: {parent['name']}, {parent['hash']}; written to {Path(content['model']).name}",
-        f"Seed {content['seed']}; {versions['program']}, numpy {versions['numpy']}, scipy {versions['scipy']}",
+        (
+            f"Seed {content['seed']}; {versions['program']}, numpy {versions['numpy']}, scipy"
+            f" {versions['scipy']}"
+        ),
     ]
     return _list(items)
 
@@ -292,7 +373,9 @@ def _rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     if not rows:
         return ""
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
     return f'<div class="wide"><table><tr>{top}</tr>{body}</table></div>'
 
 
@@ -303,7 +386,10 @@ def _image(drawn: Mapping[str, bytes], name: str, alternative: str) -> str:
     svg = drawn[name]
     width = round(PIXELS * float(svg.partition(b'width="')[2].partition(b"pt")[0]))
     source = base64.b64encode(svg).decode()
-    return f'<img alt="{escape(alternative)}" style="width:{width}px" src="data:image/svg+xml;base64,{source}">'
+    return (
+        f'<img alt="{escape(alternative)}" style="width:{width}px"'
+        f' src="data:image/svg+xml;base64,{source}">'
+    )
 
 
 def _upper(text: str) -> str:
@@ -311,7 +397,9 @@ def _upper(text: str) -> str:
 
 
 def _and(items: Sequence[str], word: str = "and") -> str:
-    return f" {word} ".join(items) if len(items) < 3 else f"{', '.join(items[:-1])} {word} {items[-1]}"
+    return (
+        f" {word} ".join(items) if len(items) < 3 else f"{', '.join(items[:-1])} {word} {items[-1]}"
+    )
 
 
 def _probability(value: float | None) -> str:

@@ -41,7 +41,10 @@ AXES = {
     "voltage_offset_v": "bias, V",
 }
 DRIVEN_ONLY = ("frequency_hz",)
-MOST_CELLS, MOST_RANGES = 12, 8  # along one side of a map: levels, or ranges where there are more levels
+MOST_CELLS, MOST_RANGES = (
+    12,
+    8,
+)  # along one side of a map: levels, or ranges where there are more levels
 MOST_BARS = 8
 LEAST_BAR = 1e-4
 LONGEST_NAME = 24
@@ -58,7 +61,10 @@ def pictures(diagnosis: Diagnosis) -> dict[str, bytes]:
     drawn = {
         "residual_map": residual_map(data, found) if friction else None,
         "residual_over_time": residual_over_time(data, found) if friction else None,
-        **{f"fingerprint{'' if w == FRICTION else f'_{w}'}": fingerprint(data, found, w) for w in data.witnesses},
+        **{
+            f"fingerprint{'' if w == FRICTION else f'_{w}'}": fingerprint(data, found, w)
+            for w in data.witnesses
+        },
         "spectrum": spectrum(data, found),
         "probabilities": probability_bars(found),
         "held_out": held_out(found),
@@ -66,15 +72,21 @@ def pictures(diagnosis: Diagnosis) -> dict[str, bytes]:
     return {name: _svg(figure) for name, figure in drawn.items() if figure is not None}
 
 
-def residual_percent(problem: Problem, fit: Fit, data: Measurements, witness: int = FRICTION) -> Array:
+def residual_percent(
+    problem: Problem, fit: Fit, data: Measurements, witness: int = FRICTION
+) -> Array:
     """Measured against predicted for one witness, in percent, without what sessions share.
 
     Of a phase, hundredths of a rad.
     """
-    raw = problem.predictor.less(problem.observed, problem.predictor.predicted(fit.kinds, fit.vector[None])[0])
+    raw = problem.predictor.less(
+        problem.observed, problem.predictor.predicted(fit.kinds, fit.vector[None])[0]
+    )
     raw = np.where(np.isfinite(raw), raw, 0.0)
     weighed = solve_triangular(problem.noise.lower.T, problem.noise.whiten(raw), lower=False)
-    shared = [std * np.bincount(data.group, std * weighed)[data.group] for std in shared_std(data).T]
+    shared = [
+        std * np.bincount(data.group, std * weighed)[data.group] for std in shared_std(data).T
+    ]
     return percent(raw - np.sum(shared, axis=0), witness)[data.of(witness)]
 
 
@@ -84,16 +96,22 @@ def percent(difference: Array, witness: int) -> Array:
 
 
 def _before_after(data: Measurements, found: Findings) -> list[tuple[str, str, Array]]:
-    """Title, colour and residuals of the base model, and of the chosen one where it has an effect."""
+    """Title, colour and residuals of the base model, and of the chosen one where it has an
+    effect.
+    """
     models = [("model as given", BEFORE, found.hypotheses.base.fit)]
     chosen = found.chosen
     if chosen.kinds:
         models.append((f"with {words(chosen.name)}", AFTER, chosen.fit))
-    return [(title, colour, residual_percent(found.problem, fit, data)) for title, colour, fit in models]
+    return [
+        (title, colour, residual_percent(found.problem, fit, data)) for title, colour, fit in models
+    ]
 
 
 def residual_map(data: Measurements, found: Findings) -> Figure:
-    """Mean residual over frequency and voltage, before and after, with the regions that disagree outlined."""
+    """Mean residual over frequency and voltage, before and after, with the regions that disagree
+    outlined.
+    """
     panels = _before_after(data, found)
     data = data.subset(data.of(FRICTION))
     columns, frequency_names = _cells(data.columns["frequency_hz"], data.driven)
@@ -104,7 +122,9 @@ def residual_map(data: Measurements, found: Findings) -> Figure:
     height = 2.5 + 0.42 * (len(voltage_names) + quiet)
     figure, axes = _side_by_side(len(panels), max(8.2, 5.9 * len(panels) + 0.4), height)
     for ax, (title, colour, values), means in zip(axes, panels, maps, strict=True):
-        ax.pcolormesh(means, cmap="RdBu_r", vmin=-limit, vmax=limit, edgecolors="white", linewidth=1.5)
+        ax.pcolormesh(
+            means, cmap="RdBu_r", vmin=-limit, vmax=limit, edgecolors="white", linewidth=1.5
+        )
         _write_cells(ax, means, limit, 0.0)
         if quiet:
             still = np.array([[float(np.mean(values[~data.driven]))]])
@@ -125,15 +145,24 @@ def residual_map(data: Measurements, found: Findings) -> Figure:
         _outline(axes[0], region, data, columns, rows, quiet)
     scale = ScalarMappable(Normalize(-limit, limit), "RdBu_r")
     figure.colorbar(scale, ax=axes, label="measured minus\npredicted, % of friction", aspect=12)
-    note = "outlined: disagrees beyond chance" if shown else "no region of this map stands out beyond chance"
+    note = (
+        "outlined: disagrees beyond chance"
+        if shown
+        else "no region of this map stands out beyond chance"
+    )
     if regions and not shown:
-        note = f"the disagreement lies along {AXES[regions[0].axes[-1]].split(',')[0]}, see the fingerprint"
+        note = (
+            f"the disagreement lies along {AXES[regions[0].axes[-1]].split(',')[0]}, see the"
+            " fingerprint"
+        )
     figure.suptitle(f"Where measured and predicted friction differ\n({note})", fontsize=11)
     return figure
 
 
 def _side_by_side(panels: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
-    figure, axes = plt.subplots(1, panels, figsize=(width, height), sharey=True, squeeze=False, layout="constrained")
+    figure, axes = plt.subplots(
+        1, panels, figsize=(width, height), sharey=True, squeeze=False, layout="constrained"
+    )
     return figure, axes[0].tolist()
 
 
@@ -146,7 +175,9 @@ def _cells(values: Array, allowed: Mask) -> tuple[Array, list[str]]:
         groups = [g for g in np.array_split(levels, MOST_RANGES) if g.size]
     edges = np.array([g[0] for g in groups])
     cell = np.where(allowed, np.searchsorted(edges, values, side="right") - 1, -1)
-    return cell, [_short(g[0]) if g.size == 1 else f"{_short(g[0])}–\n{_short(g[-1])}" for g in groups]
+    return cell, [
+        _short(g[0]) if g.size == 1 else f"{_short(g[0])}–\n{_short(g[-1])}" for g in groups
+    ]
 
 
 def _short(value: float) -> str:
@@ -167,17 +198,37 @@ def _means(values: Array, allowed: Mask, rows: Array, columns: Array) -> Array:
 def _write_cells(ax: Axes, means: Array, limit: float, bottom: float, width: float = 1.0) -> None:
     for (i, j), value in np.ndenumerate(means):
         if np.isfinite(value):
-            text = f"{value:+.0f}" if abs(value) >= 9.95 else "0" if abs(value) < 0.05 else f"{value:+.1f}"
+            text = (
+                f"{value:+.0f}"
+                if abs(value) >= 9.95
+                else "0"
+                if abs(value) < 0.05
+                else f"{value:+.1f}"
+            )
             colour = "white" if abs(value) > 0.6 * limit else DATA
-            ax.text((j + 0.5) * width, bottom + i + 0.5, text, ha="center", va="center", fontsize=8, color=colour)
+            ax.text(
+                (j + 0.5) * width,
+                bottom + i + 0.5,
+                text,
+                ha="center",
+                va="center",
+                fontsize=8,
+                color=colour,
+            )
 
 
-def _outline(ax: Axes, region: Region, data: Measurements, columns: Array, rows: Array, quiet: bool) -> None:
-    """A frame around the cells of one region; the whole height or width along an input that it leaves open."""
+def _outline(
+    ax: Axes, region: Region, data: Measurements, columns: Array, rows: Array, quiet: bool
+) -> None:
+    """A frame around the cells of one region; the whole height or width along an input that it
+    leaves open.
+    """
     span = {"frequency_hz": (0, int(columns.max()) + 1), "voltage_v": (0, int(rows.max()) + 1)}
     for axis, low, high in zip(region.axes, region.low, region.high, strict=True):
         values = data.columns[axis]
-        cell = (columns if axis == "frequency_hz" else rows)[(values >= low) & (values <= high) & data.driven]
+        cell = (columns if axis == "frequency_hz" else rows)[
+            (values >= low) & (values <= high) & data.driven
+        ]
         if cell.size:
             span[axis] = (int(cell.min()), int(cell.max()) + 1)
     (left, right), (low_row, high_row) = span["frequency_hz"], span["voltage_v"]
@@ -195,24 +246,42 @@ def _outline(ax: Axes, region: Region, data: Measurements, columns: Array, rows:
 
 
 def residual_over_time(data: Measurements, found: Findings) -> Figure | None:
-    """Residual against time, one colour per session, with what is smooth in it; None without `time_s`."""
+    """Residual against time, one colour per session, with what is smooth in it; None without
+    `time_s`.
+    """
     if not data.varies("time_s"):
         return None
     panels = _before_after(data, found)
     data = data.subset(data.of(FRICTION))
     figure, axes = _side_by_side(len(panels), max(8.2, 5.6 * len(panels)), 3.6)
-    groups = [(f"session {_literal(name)}", data.session == i) for i, name in enumerate(data.session_names)]
+    groups = [
+        (f"session {_literal(name)}", data.session == i)
+        for i, name in enumerate(data.session_names)
+    ]
     if len(groups) > MOST_BARS:
         groups = [("all sessions", np.ones(data.count, bool))]
     colours = plt.get_cmap("viridis")(np.linspace(0.05, 0.85, len(groups)))
     time = data.columns["time_s"]
-    unit, scale = ("h", 3600.0) if np.ptp(time) > 2e4 else ("min", 60.0) if np.ptp(time) > 600.0 else ("s", 1.0)
+    unit, scale = (
+        ("h", 3600.0)
+        if np.ptp(time) > 2e4
+        else ("min", 60.0)
+        if np.ptp(time) > 600.0
+        else ("s", 1.0)
+    )
     for ax, (title, title_colour, values) in zip(axes, panels, strict=True):
         for (name, inside), colour in zip(groups, colours, strict=True):
             rows = np.flatnonzero(inside)
             rows = rows[np.argsort(time[rows], kind="stable")]
             ax.plot(time[rows] / scale, values[rows], ".", ms=3.5, color=colour, alpha=0.55)
-            ax.plot(time[rows] / scale, _running_median(values[rows]), "-", lw=1.8, color=colour, label=name)
+            ax.plot(
+                time[rows] / scale,
+                _running_median(values[rows]),
+                "-",
+                lw=1.8,
+                color=colour,
+                label=name,
+            )
         ax.axhline(0.0, color=DATA, lw=0.8)
         ax.set_title(title, color=title_colour, fontweight="bold")
         ax.set_xlabel(f"time, {unit}")
@@ -225,11 +294,15 @@ def residual_over_time(data: Measurements, found: Findings) -> Figure | None:
 
 def _running_median(values: Array) -> Array:
     half = max(2, values.size // 12)
-    return np.array([np.median(values[max(0, i - half) : i + half + 1]) for i in range(values.size)])
+    return np.array(
+        [np.median(values[max(0, i - half) : i + half + 1]) for i in range(values.size)]
+    )
 
 
 def fingerprint(data: Measurements, found: Findings, witness: int = FRICTION) -> Figure | None:
-    """Over every input that varies: what a witness shows, and what each leading candidate would make of the model."""
+    """Over every input that varies: what a witness shows, and what each leading candidate would
+    make of the model.
+    """
     problem, base, mine = found.problem, found.hypotheses.base, data.of(witness)
     known, names = WITNESSES[witness], [name for name in AXES if data.subset(mine).varies(name)]
     if not names:
@@ -237,7 +310,9 @@ def fingerprint(data: Measurements, found: Findings, witness: int = FRICTION) ->
     residual = residual_percent(problem, base.fit, data, witness)
     error = 100.0 * problem.noise.own_std[mine] * base.beside_discrepancy.scale
     shown = [base, *leaders(found)]
-    predicted = [problem.predictor.predicted(model.kinds, model.fit.vector[None])[0] for model in shown]
+    predicted = [
+        problem.predictor.predicted(model.kinds, model.fit.vector[None])[0] for model in shown
+    ]
     changes = [
         (words(model.name), percent(problem.predictor.less(one, predicted[0]), witness)[mine])
         for model, one in zip(shown[1:], predicted[1:], strict=True)
@@ -246,7 +321,9 @@ def fingerprint(data: Measurements, found: Findings, witness: int = FRICTION) ->
     wide = min(len(names), 3)
     high = -(-len(names) // wide)
     size = (4.1 * wide + 0.6, 3.3 * high + 0.9)
-    figure, axes = plt.subplots(high, wide, figsize=size, sharey=True, squeeze=False, layout="constrained")
+    figure, axes = plt.subplots(
+        high, wide, figsize=size, sharey=True, squeeze=False, layout="constrained"
+    )
     for ax, name in zip(axes.flat, names, strict=False):
         _profile(ax, data, name, residual, error, changes)
     for ax in axes.flat[len(names) :]:
@@ -256,8 +333,8 @@ def fingerprint(data: Measurements, found: Findings, witness: int = FRICTION) ->
     handles, labels = axes[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(handles), frameon=False)
     figure.suptitle(
-        f"Fingerprint{'' if witness == FRICTION else f' in the {known.words}'}: what the data show (points), and what "
-        "each candidate, fitted to them, would make (lines)",
+        f"Fingerprint{'' if witness == FRICTION else f' in the {known.words}'}: what the data show"
+        " (points), and what each candidate, fitted to them, would make (lines)",
         fontsize=11,
     )
     return figure
@@ -274,7 +351,12 @@ def leaders(found: Findings, most: int = 3) -> list[Candidate]:
 
 
 def _profile(
-    ax: Axes, data: Measurements, name: str, residual: Array, error: Array, changes: Sequence[tuple[str, Array]]
+    ax: Axes,
+    data: Measurements,
+    name: str,
+    residual: Array,
+    error: Array,
+    changes: Sequence[tuple[str, Array]],
 ) -> None:
     allowed = data.driven if name in DRIVEN_ONLY else np.ones(data.count, bool)
     values = data.columns[name]
@@ -287,7 +369,9 @@ def _profile(
     for i, ((label, change), colour) in enumerate(zip(changes, LEADING, strict=False)):
         line = [change[cell == i].mean() for i in cells]
         ax.plot(at, line, "-" if i == 0 else "--", color=colour, lw=2.4 - 0.5 * i, label=label)
-    ax.errorbar(at, mean, bar, fmt="o", ms=5, color=DATA, capsize=2.5, lw=1.2, label="measured, ± noise")
+    ax.errorbar(
+        at, mean, bar, fmt="o", ms=5, color=DATA, capsize=2.5, lw=1.2, label="measured, ± noise"
+    )
     if name in LOG_INPUTS and at.min() > 0.0:
         ax.set_xscale("log")
         if at.max() < 30.0 * at.min():
@@ -298,7 +382,9 @@ def _profile(
 
 
 def probability_bars(found: Findings) -> Figure:
-    """The most probable candidates on a logarithmic scale, with none and unknown always among them."""
+    """The most probable candidates on a logarithmic scale, with none and unknown always among
+    them.
+    """
     verdict, untestable = found.verdict, found.hypotheses.untestable
     probabilities = verdict.posterior.inclusion
     ranked = sorted(probabilities, key=lambda name: -probabilities[name])
@@ -310,18 +396,39 @@ def probability_bars(found: Findings) -> Figure:
     for i, name in enumerate(shown):
         p = probabilities[name]
         colour = (
-            QUIET if name in (NONE, UNKNOWN) else AFTER if name in named else "#7fb2d6" if name in alike else "#c9d6df"
+            QUIET
+            if name in (NONE, UNKNOWN)
+            else AFTER
+            if name in named
+            else "#7fb2d6"
+            if name in alike
+            else "#c9d6df"
         )
         hatch = "////" if name == UNKNOWN else None
-        ax.barh(i, max(p, LEAST_BAR), left=0.0, color=colour, hatch=hatch, edgecolor="white", height=0.72)
+        ax.barh(
+            i,
+            max(p, LEAST_BAR),
+            left=0.0,
+            color=colour,
+            hatch=hatch,
+            edgecolor="white",
+            height=0.72,
+        )
         text = f"{p:.3f}" if p >= 0.001 else f"{p:.0e}" if p >= LEAST_BAR else "below 0.0001"
         if p > 0.999 and len(ranked) > 1:
             text = "above 0.999"
         ax.text(max(p, LEAST_BAR) * 1.12, i, text, va="center", fontsize=9, color=DATA, bbox=PLATE)
     ax.axvline(SURE, color=BEFORE, lw=1.2, ls=":")
     ax.text(SURE, -0.75, "needed for a name", color=BEFORE, fontsize=8, ha="right", va="center")
-    ax.set_yticks(range(len(shown)), [words(name) + _mark(name, named, alike, untestable) for name in shown])
-    ax.set(xscale="log", xlim=(0.5 * LEAST_BAR, 4.0), ylim=(len(shown) - 0.5, -1.1), xlabel="probability (logarithmic)")
+    ax.set_yticks(
+        range(len(shown)), [words(name) + _mark(name, named, alike, untestable) for name in shown]
+    )
+    ax.set(
+        xscale="log",
+        xlim=(0.5 * LEAST_BAR, 4.0),
+        ylim=(len(shown) - 0.5, -1.1),
+        xlabel="probability (logarithmic)",
+    )
     ax.set_xticks([1e-4, 1e-3, 1e-2, 1e-1, 1.0], ["0.0001", "0.001", "0.01", "0.1", "1"])
     ax.spines[["top", "right"]].set_visible(False)
     ax.set_title("Which effect is missing?", fontsize=11)
@@ -335,22 +442,38 @@ def _mark(name: str, named: set[str], alike: set[str], untestable: Sequence[str]
 
 
 def held_out(found: Findings) -> Figure | None:
-    """Squared error on data that no fit has seen, fold by fold, before and after; noise alone gives 1."""
+    """Squared error on data that no fit has seen, fold by fold, before and after; noise alone gives
+    1.
+    """
     proof, chosen = found.proof, found.chosen
     if not proof.before.size:
         return None
     count = proof.before.size
-    figure, ax = plt.subplots(figsize=(min(max(6.4, 1.3 * count + 2.4), 16.0), 3.6), layout="constrained")
+    figure, ax = plt.subplots(
+        figsize=(min(max(6.4, 1.3 * count + 2.4), 16.0), 3.6), layout="constrained"
+    )
     at = np.arange(count)
     both: list[tuple[str, Array, str, float]] = [("model as given", proof.before, BEFORE, -0.19)]
     if chosen.kinds:
-        both.append((f"with the effect chosen anew ({words(chosen.name)})", proof.after, AFTER, 0.19))
+        both.append(
+            (f"with the effect chosen anew ({words(chosen.name)})", proof.after, AFTER, 0.19)
+        )
     for label, values, colour, shift in both:
         place = at + (shift if len(both) > 1 else 0.0)
         ax.bar(place, values, 0.36, color=colour, label=label)
         for x, value in zip(place, values, strict=True):
             text = f"{value:.0f}" if value >= 9.95 else f"{value:.2f}"
-            ax.text(x, value, text, ha="center", va="bottom", fontsize=8, color=DATA, bbox=PLATE, zorder=4)
+            ax.text(
+                x,
+                value,
+                text,
+                ha="center",
+                va="bottom",
+                fontsize=8,
+                color=DATA,
+                bbox=PLATE,
+                zorder=4,
+            )
     ax.axhline(1.0, color=DATA, lw=1.4, ls="--", label="noise alone")
     top = max(1.2, *(float(np.nanmax(values)) for _, values, _, _ in both))
     if top > 20.0:
@@ -363,13 +486,17 @@ def held_out(found: Findings) -> Figure | None:
     ax.grid(alpha=0.25, axis="y")
     ax.set_axisbelow(True)
     ax.legend(frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    figure.suptitle(f"Proof: error on each {proof.by} while it was left out of the fit", fontsize=11)
+    figure.suptitle(
+        f"Proof: error on each {proof.by} while it was left out of the fit", fontsize=11
+    )
     return figure
 
 
 def _literal(text: str) -> str:
     """A name out of a file as it stands: not taken for a formula, and not too long."""
-    return (text if len(text) <= LONGEST_NAME else text[: LONGEST_NAME - 1] + "…").replace("$", r"\$")
+    return (text if len(text) <= LONGEST_NAME else text[: LONGEST_NAME - 1] + "…").replace(
+        "$", r"\$"
+    )
 
 
 def _svg(figure: Figure) -> bytes:

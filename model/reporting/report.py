@@ -1,4 +1,6 @@
-"""What a diagnosis says, as JSON can hold it; and the folder with everything that a run leaves behind."""
+"""What a diagnosis says, as JSON can hold it; and the folder with everything that a run leaves
+behind.
+"""
 
 from __future__ import annotations
 
@@ -34,9 +36,12 @@ CANDIDATES = 8  # listed with their fits
 def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str) -> Record:
     """The whole report as JSON can hold it: finite numbers, null where there is none.
 
-    Keys `verdict` to `seed` are the public contract of `haptic diagnose --json`; the rest is for the curious.
+    Keys `verdict` to `seed` are the public contract of `haptic diagnose --json`; the rest is for
+    the curious.
     """
-    tested = {} if diagnosis.findings is None else _tested(diagnosis, diagnosis.findings, description)
+    tested = (
+        {} if diagnosis.findings is None else _tested(diagnosis, diagnosis.findings, description)
+    )
     content = {
         "verdict": diagnosis.name,
         "adequate": False,
@@ -72,7 +77,12 @@ def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str)
 
 def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record:
     """What a report says only where something was fitted."""
-    verdict, base, proof, rows = found.verdict, found.hypotheses.base, found.proof, diagnosis.data.count
+    verdict, base, proof, rows = (
+        found.verdict,
+        found.hypotheses.base,
+        found.proof,
+        diagnosis.data.count,
+    )
     on = {effect.name for effect in description.effects}
     effects = fitted_effects(found.chosen.fit) if found.adds_effects else {}
     return {
@@ -88,7 +98,10 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
         ],
         "where": [_region(r) for r in found.before.regions],
         "fit": {
-            "chi2_per_point": {"before": base.fit.chi2 / rows, "after": found.chosen.fit.chi2 / rows},
+            "chi2_per_point": {
+                "before": base.fit.chi2 / rows,
+                "after": found.chosen.fit.chi2 / rows,
+            },
             "held_out_chi2_per_point": {"before": _mean(proof.before), "after": _mean(proof.after)},
             "gap_closed": proof.gap_closed,
             "gap_closed_interval": proof.interval,
@@ -102,7 +115,14 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
         "learned": None if found.learned is None else learned_record(found.learned),
         "held_out": _held_out(diagnosis, found, description),
         "not_tested": [
-            {"name": n, "why": "already in the model" if n in on else f"needs {', '.join(BY_NAME[n].needs)}, varied"}
+            {
+                "name": n,
+                "why": (
+                    "already in the model"
+                    if n in on
+                    else f"needs {', '.join(BY_NAME[n].needs)}, varied"
+                ),
+            }
             for n in found.hypotheses.untestable
         ],
         "next_experiments": next_experiments(diagnosis, description),
@@ -148,7 +168,9 @@ def _region(region: Region) -> Record:
         "rows": region.count,
         "z": region.z,
         "witness": WITNESSES[region.witness].column,
-        "mean_relative_error": None if WITNESSES[region.witness].is_phase else math.expm1(region.mean_error),
+        "mean_relative_error": (
+            None if WITNESSES[region.witness].is_phase else math.expm1(region.mean_error)
+        ),
         "mean_error_rad": region.mean_error if WITNESSES[region.witness].is_phase else None,
     }
 
@@ -157,12 +179,18 @@ def _data(diagnosis: Diagnosis) -> Record:
     data, noise = diagnosis.data, diagnosis.noise
     return {
         "rows": data.rows,
-        "rows_with_voltage": int(data.driven.sum()) if data.row is None else int(np.unique(data.row[data.driven]).size),
+        "rows_with_voltage": (
+            int(data.driven.sum())
+            if data.row is None
+            else int(np.unique(data.row[data.driven]).size)
+        ),
         "witnesses": {WITNESSES[i].column: int(data.of(i).sum()) for i in data.witnesses},
         "sessions": len(np.unique(data.session)),
         "columns": sorted(data.columns),
         "noise_source": None if noise is None else noise.source,
-        "noise_relative_std": None if noise is None else float(np.median(noise.own_std[data.of(data.witnesses[0])])),
+        "noise_relative_std": (
+            None if noise is None else float(np.median(noise.own_std[data.of(data.witnesses[0])]))
+        ),
         "noise_std": {} if noise is None else _noise_by_witness(data, noise.own_std),
         "replicate_degrees_of_freedom": None if noise is None else noise.replicate_degrees,
         "hash": data.content_hash,
@@ -184,7 +212,9 @@ def _tests(scan: Disagreement) -> Record:
 
 
 def _parameters(found: Findings, description: ModelDescription) -> list[Record]:
-    """The finger's parameters: in the input model, fitted without and with the effects; drift in prior sd."""
+    """The finger's parameters: in the input model, fitted without and with the effects; drift in
+    prior sd.
+    """
     free = found.problem.predictor.free
     fits = {"before": found.hypotheses.base.fit, "after": found.chosen.fit}
     fitted = {when: fitted_nuisances(description, fit, free) for when, fit in fits.items()}
@@ -194,7 +224,10 @@ def _parameters(found: Findings, description: ModelDescription) -> list[Record]:
             "unit": description.parameters[n.name].unit,
             "model": description.parameters[n.name].value,
         }
-        | {w: _number(fitted[w][n.name]) | {"drift": n.in_std(float(fit.vector[i]))} for w, fit in fits.items()}
+        | {
+            w: _number(fitted[w][n.name]) | {"drift": n.in_std(float(fit.vector[i]))}
+            for w, fit in fits.items()
+        }
         for i, n in enumerate(free)
     ]
 
@@ -209,14 +242,20 @@ def _candidates(found: Findings, rows: int) -> list[Record]:
             "log_evidence_gain": c.alone.log_evidence - base.alone.log_evidence,
             "unknown_beside_it": c.beside_discrepancy.log_evidence - c.alone.log_evidence,
             "chi2_per_point": c.fit.chi2 / rows,
-            "parameters": {e: {k: _number(p) for k, p in v.items()} for e, v in fitted_effects(c.fit).items()},
+            "parameters": {
+                e: {k: _number(p) for k, p in v.items()} for e, v in fitted_effects(c.fit).items()
+            },
         }
         for c in (base, *leaders(found, CANDIDATES))
     ]
 
 
-def _held_out(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record | None:
-    """The proof fold by fold, and what the best rival reaches in the same folds without being chosen."""
+def _held_out(
+    diagnosis: Diagnosis, found: Findings, description: ModelDescription
+) -> Record | None:
+    """The proof fold by fold, and what the best rival reaches in the same folds without being
+    chosen.
+    """
     proof = found.proof
     if not proof.before.size:
         return None
@@ -230,14 +269,20 @@ def _held_out(diagnosis: Diagnosis, found: Findings, description: ModelDescripti
     }
 
 
-def _best_rival(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record | None:
-    """The most probable effect that is not suspected, through the same folds in the noise that the chosen leaves."""
+def _best_rival(
+    diagnosis: Diagnosis, found: Findings, description: ModelDescription
+) -> Record | None:
+    """The most probable effect that is not suspected, through the same folds in the noise that the
+    chosen leaves.
+    """
     others = [c for c in found.hypotheses.singles if c.name not in found.verdict.suspects]
     if not found.chosen.kinds or not others:
         return None
     rival = max(others, key=lambda c: c.alone.log_evidence)
     noise, scale = found.problem.noise, found.chosen.beside_discrepancy.scale
-    tried = prove(description, diagnosis.data, noise, rival, [], scale, diagnosis.seed, lambda _: None)
+    tried = prove(
+        description, diagnosis.data, noise, rival, [], scale, diagnosis.seed, lambda _: None
+    )
     return {
         "name": rival.name,
         "after": tried.after,
@@ -250,8 +295,12 @@ def _mean(values: Array) -> float:
     return float(np.mean(values)) if values.size else float("nan")
 
 
-def write_report(diagnosis: Diagnosis, description: ModelDescription, out_dir: Path, source_name: str) -> Record:
-    """Write report.json, report.html, model.toml and pictures/ into `out_dir`; returns the report."""
+def write_report(
+    diagnosis: Diagnosis, description: ModelDescription, out_dir: Path, source_name: str
+) -> Record:
+    """Write report.json, report.html, model.toml and pictures/ into `out_dir`; returns the
+    report.
+    """
     out_dir.mkdir(parents=True, exist_ok=True)
     model_path = out_dir / "model.toml"
     content = report(diagnosis, description, str(model_path))

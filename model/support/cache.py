@@ -19,8 +19,8 @@ def cache_dir() -> Path:
 def code_cache() -> Path:
     """A folder for machine code, which runs without being looked at: nobody else may write there.
 
-    It is made with mode 0700, whatever the umask. A folder of somebody else's is not used, nor one that cannot be made:
-    the code is compiled anew for each process then.
+    It is made with mode 0700, whatever the umask. A folder of somebody else's is not used, nor one
+    that cannot be made: the code is compiled anew for each process then.
     """
     folder = cache_dir() / "kernels"
     try:

@@ -4,12 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")  # what a spreadsheet takes for one, or trims
+FORMULAS = (
+    "=",
+    "+",
+    "-",
+    "@",
+    "\t",
+    "\r",
+    "\n",
+    "＝",
+    "＋",
+    "－",
+    "＠",
+)  # what a spreadsheet takes for one, or trims
 
 
 def written_cell(value: object) -> object:
-    """A value as a CSV has it: text that a spreadsheet would run as a formula gets a ' before it; a number does not."""
-    return f"'{value}" if isinstance(value, str) and _is_formula(value) and not _is_number(value) else value
+    """A value as a CSV has it: text that a spreadsheet would run as a formula gets a ' before it; a
+    number does not.
+    """
+    return (
+        f"'{value}"
+        if isinstance(value, str) and _is_formula(value) and not _is_number(value)
+        else value
+    )
 
 
 def read_cell(text: str) -> str:

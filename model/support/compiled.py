@@ -1,8 +1,8 @@
 """Compiled kernels: `kernel` is numba's njit with the options that the kernels of the model use.
 
-numba's own cache notices a change in the file of a kernel, not in the kernels and constants that it uses from other
-files. So the cache lives in a folder named by the hash of all sources of this package: whatever is edited, no stale
-machine code runs.
+numba's own cache notices a change in the file of a kernel, not in the kernels and constants that it
+uses from other files. So the cache lives in a folder named by the hash of all sources of this
+package: whatever is edited, no stale machine code runs.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ MUCH = 4096  # rows; fewer are done before a second thread has started
 OPTIONS: dict[str, Any] = {
     "nogil": True,  # rows are solved on several threads
     "error_model": "numpy",  # a division by zero gives infinity, as in arrays
-    # Arrays are made outside of kernels. Without numba's counts of references to them, records of arrays are handed
-    # from kernel to kernel for nothing; with them a look-up takes three times as long.
+    # Arrays are made outside of kernels. Without numba's counts of references to them, records of
+    # arrays are handed from kernel to kernel for nothing; with them a look-up takes three times as
+    # long.
     "_nrt": False,
 }
 
@@ -47,7 +48,9 @@ def kernel(function: F) -> F:
 
 
 def kernel_of_sums(function: F) -> F:
-    """The same for loops that only sum: sums may be taken in any order, so that the loop runs on vectors."""
+    """The same for loops that only sum: sums may be taken in any order, so that the loop runs on
+    vectors.
+    """
     return _compiled(function, fastmath={"reassoc", "contract", "nsz"})
 
 
@@ -61,7 +64,9 @@ def _compiled(function: F, fastmath: bool | set[str]) -> F:
 
 
 def in_slices(work: Callable[[slice], None], count: int) -> None:
-    """`work` on all of `count` rows, slice by slice on as many threads as there are cores where there are many rows."""
+    """`work` on all of `count` rows, slice by slice on as many threads as there are cores where
+    there are many rows.
+    """
     slices = [slice(start, start + MUCH) for start in range(0, count, MUCH)]
     if len(slices) < 2:
         work(slice(0, count))

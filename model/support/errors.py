@@ -6,7 +6,9 @@ from difflib import get_close_matches
 
 
 class ModelError(ValueError):
-    """Bad input to the model: `message` says what and where, `hint` what to do, `code` names the kind of mistake."""
+    """Bad input to the model: `message` says what and where, `hint` what to do, `code` names the
+    kind of mistake.
+    """
 
     def __init__(self, message: str, hint: str = "", code: str = "bad_model") -> None:
         super().__init__(f"{message}. {hint}" if hint else message)
@@ -21,6 +23,8 @@ def nearest(word: str, choices: list[str]) -> str:
 
 
 def did_you_mean(word: str, choices: list[str]) -> str:
-    """The question that opens a hint, with a space after it; nothing where no choice is like `word`."""
+    """The question that opens a hint, with a space after it; nothing where no choice is like
+    `word`.
+    """
     close = get_close_matches(word, choices, n=1, cutoff=0.5)
     return f"Did you mean '{close[0]}'? " if close else ""

@@ -23,16 +23,26 @@ def read_bytes(path: Path, most_bytes: int = LARGEST_FILE_BYTES) -> bytes:
         is_file = stat.S_ISREG(status.st_mode)
         content = path.read_bytes() if is_file and status.st_size <= most_bytes else b""
     except FileNotFoundError:
-        raise ModelError(f"{path} does not exist", "check the name and the folder", "file_not_found") from None
+        raise ModelError(
+            f"{path} does not exist", "check the name and the folder", "file_not_found"
+        ) from None
     except (OSError, ValueError) as error:
         said = f"{path} cannot be read: {getattr(error, 'strerror', None) or error}"
         raise ModelError(said, "check what it is", "file_unreadable") from None
     if stat.S_ISDIR(status.st_mode):
         raise ModelError(f"{path} is a folder, not a file", "name a file in it", "file_unreadable")
     if not is_file:
-        raise ModelError(f"{path} is a pipe or a device, not a file", "copy what is in it to a file", "file_unreadable")
+        raise ModelError(
+            f"{path} is a pipe or a device, not a file",
+            "copy what is in it to a file",
+            "file_unreadable",
+        )
     if status.st_size > most_bytes:
-        raise ModelError(f"{path} has more than {most_bytes / 2**20:g} MiB", "use a smaller file", "file_too_large")
+        raise ModelError(
+            f"{path} has more than {most_bytes / 2**20:g} MiB",
+            "use a smaller file",
+            "file_too_large",
+        )
     return content
 
 
@@ -49,8 +59,13 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ModelError(said, "Correct the TOML syntax there", "bad_toml")
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
-        raise ModelError(f"{path}: not valid TOML: {error}", "Correct the TOML syntax there", "bad_toml") from error
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # ValueError: also a number of thousands of digits
+        raise ModelError(
+            f"{path}: not valid TOML: {error}", "Correct the TOML syntax there", "bad_toml"
+        ) from error
 
 
 def as_text(path: Path, content: bytes) -> str:

@@ -16,12 +16,16 @@ def linear_weights(nodes: Array, at: Array) -> Array:
 
 
 def polynomial_weights(nodes: Array, at: Array, count: int) -> Array:
-    """[m, n] for rising nodes [n] at places [m]: by the polynomial through the `count` nearest nodes (Lagrange's)."""
+    """[m, n] for rising nodes [n] at places [m]: by the polynomial through the `count` nearest
+    nodes (Lagrange's).
+    """
     count = min(count, nodes.size)
     first = np.clip(np.searchsorted(nodes, at) - count // 2, 0, nodes.size - count)
     near = nodes[first[:, None] + np.arange(count)]
     weights = np.zeros((at.size, nodes.size))
     for k in range(count):
         others = np.delete(near, k, axis=1)
-        weights[np.arange(at.size), first + k] = np.prod((at[:, None] - others) / (near[:, [k]] - others), axis=1)
+        weights[np.arange(at.size), first + k] = np.prod(
+            (at[:, None] - others) / (near[:, [k]] - others), axis=1
+        )
     return weights

@@ -1,4 +1,6 @@
-"""Tables that a user gives as CSV: named columns, one header line; ModelError says file, line and column."""
+"""Tables that a user gives as CSV: named columns, one header line; ModelError says file, line and
+column.
+"""
 
 from __future__ import annotations
 
@@ -26,11 +28,12 @@ COMMAS = "Save it with commas between the columns and points in the numbers: 0.5
 
 @dataclass(frozen=True)
 class Table:
-    """The cells of a file as text, without the spaces around them: each of `rows` by column, `lines` where it stands.
+    """The cells of a file as text, without the spaces around them: each of `rows` by column,
+    `lines` where it stands.
 
-    A row that ends early has empty cells; empty rows, lines that begin with #, and empty columns without a name at the
-    end are left out.
-    `wanted` is the hint that says what the file must look like; `content_hash` the SHA-256 of the file.
+    A row that ends early has empty cells; empty rows, lines that begin with #, and empty columns
+    without a name at the end are left out. `wanted` is the hint that says what the file must look
+    like; `content_hash` the SHA-256 of the file.
     """
 
     path: Path
@@ -62,9 +65,14 @@ class Table:
         return value
 
     def numbers(
-        self, column: str, where_empty: float | None = None, ignored: NDArray[np.bool_] | None = None
+        self,
+        column: str,
+        where_empty: float | None = None,
+        ignored: NDArray[np.bool_] | None = None,
     ) -> NDArray[np.float64]:
-        """One column [n]: `where_empty` in empty cells, if given, and 0 in the rows `ignored`, whatever they say."""
+        """One column [n]: `where_empty` in empty cells, if given, and 0 in the rows `ignored`,
+        whatever they say.
+        """
         values = np.zeros(len(self.rows))
         for i, text in enumerate(self.text(column)):
             if ignored is not None and ignored[i]:
@@ -77,23 +85,39 @@ class Table:
         return f"{self.path}, line {self.lines[row]}"
 
 
-def read_table(path: Path, required: Sequence[str], wanted: str, most_rows: int | None = None) -> Table:
-    """A table with the columns `required`; `wanted` is the hint that says what the file must look like."""
+def read_table(
+    path: Path, required: Sequence[str], wanted: str, most_rows: int | None = None
+) -> Table:
+    """A table with the columns `required`; `wanted` is the hint that says what the file must look
+    like.
+    """
     try:
-        content = read_bytes(path, LARGEST_FILE_BYTES if most_rows is None else most_rows * ROW_BYTES)
+        content = read_bytes(
+            path, LARGEST_FILE_BYTES if most_rows is None else most_rows * ROW_BYTES
+        )
         text = as_text(path, content)
     except ModelError as error:
         raise ModelError(error.message, f"{error.hint}. {wanted}", error.code) from None
     reader = csv.reader(io.StringIO(text, newline=""))
     try:
         read = islice(reader, most_rows)
-        numbered = [(reader.line_num, [read_cell(cell.strip()) for cell in cells]) for cells in read]
+        numbered = [
+            (reader.line_num, [read_cell(cell.strip()) for cell in cells]) for cells in read
+        ]
         is_whole = next(reader, None) is None
     except csv.Error as error:
-        raise ModelError(f"{path}, line {reader.line_num}: is not CSV ({error})", wanted, "bad_table") from None
+        raise ModelError(
+            f"{path}, line {reader.line_num}: is not CSV ({error})", wanted, "bad_table"
+        ) from None
     if not is_whole:
-        raise ModelError(f"{path}: has more than {most_rows} rows", f"Leave some out. {wanted}", "table_too_large")
-    numbered = [(line, cells) for line, cells in numbered if any(cells) and not cells[0].startswith("#")]
+        raise ModelError(
+            f"{path}: has more than {most_rows} rows",
+            f"Leave some out. {wanted}",
+            "table_too_large",
+        )
+    numbered = [
+        (line, cells) for line, cells in numbered if any(cells) and not cells[0].startswith("#")
+    ]
     columns = _without_empty_end(numbered[0][1]) if numbered else []
     _check_columns(path, columns, required, wanted)
     rows = [_row(f"{path}, line {line}", columns, cells) for line, cells in numbered[1:]]
@@ -110,18 +134,26 @@ def _without_empty_end(cells: list[str]) -> list[str]:
 def _check_columns(path: Path, columns: list[str], required: Sequence[str], wanted: str) -> None:
     for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(columns) == 1 and separator in columns[0]:
-            raise ModelError(f"{path}: its columns are separated by {name}", f"{COMMAS}. {wanted}", "bad_table")
+            raise ModelError(
+                f"{path}: its columns are separated by {name}", f"{COMMAS}. {wanted}", "bad_table"
+            )
     for column in required:
         _require(path, columns, column, wanted)
     for column, times in Counter(columns).items():
         if times > 1:
-            raise ModelError(f"{path}: column {column!r} stands more than once", "Keep one of them", "bad_table")
+            raise ModelError(
+                f"{path}: column {column!r} stands more than once", "Keep one of them", "bad_table"
+            )
 
 
 def _require(path: Path, columns: list[str], column: str, wanted: str) -> None:
     if column not in columns:
         more = f", and {len(columns) - MOST_SAID} more" if len(columns) > MOST_SAID else ""
-        found = f"; found: {', '.join(columns[:MOST_SAID])}{more}" if columns else " (the file is empty)"
+        found = (
+            f"; found: {', '.join(columns[:MOST_SAID])}{more}"
+            if columns
+            else " (the file is empty)"
+        )
         raise ModelError(f"{path}: column {column} is missing{found}", wanted, "missing_column")
 
 

@@ -23,28 +23,68 @@ FORBIDDEN = [  # rule, file, import that must break it
     ("hw-knows-no-physics", "hw/finger/plant.py", "import haptic_driver.signals"),
     ("render-is-pure", "haptic_driver/render/tick.py", "import time"),
     ("render-is-pure", "haptic_driver/render/texture.py", "from pathlib import Path"),
-    ("render-is-pure", "haptic_driver/render/safety.py", "import hw.generator.agilent_33220a.driver"),
+    (
+        "render-is-pure",
+        "haptic_driver/render/safety.py",
+        "import hw.generator.agilent_33220a.driver",
+    ),
     ("render-is-pure", "haptic_driver/render/surface.py", "import model.friction"),
     ("render-is-pure", "haptic_driver/render/drive.py", "import haptic_driver.rig.rig"),
-    ("stages-meet-through-signals", "haptic_driver/render/safety.py", "import haptic_driver.render.controller"),
-    ("only-controller-reads-surface", "haptic_driver/render/texture.py", "import haptic_driver.render.surface"),
+    (
+        "stages-meet-through-signals",
+        "haptic_driver/render/safety.py",
+        "import haptic_driver.render.controller",
+    ),
+    (
+        "only-controller-reads-surface",
+        "haptic_driver/render/texture.py",
+        "import haptic_driver.render.surface",
+    ),
     ("the-driver-reads-forward", "haptic_driver/signals.py", "import haptic_driver.limits"),
-    ("the-driver-reads-forward", "haptic_driver/textures/reach.py", "import haptic_driver.rig.config"),
-    ("the-driver-reads-forward", "haptic_driver/processes/child.py", "import haptic_driver.textures.files"),
+    (
+        "the-driver-reads-forward",
+        "haptic_driver/textures/reach.py",
+        "import haptic_driver.rig.config",
+    ),
+    (
+        "the-driver-reads-forward",
+        "haptic_driver/processes/child.py",
+        "import haptic_driver.textures.files",
+    ),
     ("the-driver-reads-forward", "haptic_driver/rig/rig.py", "import haptic_driver.simulation.rig"),
-    ("the-driver-reads-forward", "haptic_driver/simulation/rig.py", "import haptic_driver.recording.event"),
-    ("the-driver-reads-forward", "haptic_driver/recording/read.py", "import haptic_driver.daemon.messages"),
-    ("the-driver-reads-forward", "haptic_driver/experiments/plan.py", "import haptic_driver.pictures.model"),
+    (
+        "the-driver-reads-forward",
+        "haptic_driver/simulation/rig.py",
+        "import haptic_driver.recording.event",
+    ),
+    (
+        "the-driver-reads-forward",
+        "haptic_driver/recording/read.py",
+        "import haptic_driver.daemon.messages",
+    ),
+    (
+        "the-driver-reads-forward",
+        "haptic_driver/experiments/plan.py",
+        "import haptic_driver.pictures.model",
+    ),
     ("the-driver-reads-forward", "haptic_driver/daemon/daemon.py", "import haptic_driver.client"),
     ("the-driver-reads-forward", "haptic_driver/client.py", "import haptic_driver.cli.output"),
-    ("the-render-process-is-alone", "haptic_driver/daemon/render_process.py", "import hw.amplifier.analog"),
+    (
+        "the-render-process-is-alone",
+        "haptic_driver/daemon/render_process.py",
+        "import hw.amplifier.analog",
+    ),
     ("the-render-process-is-alone", "haptic_driver/processes/shared_memory.py", "import h5py"),
     (
         "devices-do-not-know-their-simulators",
         "hw/generator/keysight/driver.py",
         "import hw.generator.keysight.scpi",
     ),
-    ("devices-do-not-know-their-simulators", "hw/generator/siglent_sdg/driver.py", "import hw.generator.terminals"),
+    (
+        "devices-do-not-know-their-simulators",
+        "hw/generator/siglent_sdg/driver.py",
+        "import hw.generator.terminals",
+    ),
     ("devices-do-not-know-their-simulators", "hw/force/net_ft.py", "import hw.force.net_ft_server"),
 ]
 
@@ -52,12 +92,16 @@ FORBIDDEN = [  # rule, file, import that must break it
 def lint(folder: Path) -> subprocess.CompletedProcess[str]:
     script = Path(sys.executable).with_name("lint-imports")
     command = [str(script), "--config", "pyproject.toml", "--no-cache"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 def copy(folder: Path) -> Path:
     for package in PACKAGES:
-        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
     shutil.copy(ROOT / "pyproject.toml", folder)
     return folder
 
@@ -70,7 +114,9 @@ def test_the_sources_keep_every_rule(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """What is said of the sources with all these imports in them, each reported with its line, on one line."""
+    """What is said of the sources with all these imports in them, each reported with its line, on
+    one line.
+    """
     folder = copy(tmp_path_factory.mktemp("broken"))
     for _, file, statement in FORBIDDEN:
         with (folder / file).open("a") as source:
@@ -81,8 +127,12 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.mark.parametrize(("rule", "file", "statement"), FORBIDDEN)
-def test_a_forbidden_import_breaks_its_rule(broken: str, rule: str, file: str, statement: str) -> None:
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+def test_a_forbidden_import_breaks_its_rule(
+    broken: str, rule: str, file: str, statement: str
+) -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ]
     names = {c["id"]: c["name"] for c in contracts}
     assert f"{names[rule]} BROKEN" in broken
     told = broken.partition("Broken contracts")[2].partition(f"{names[rule]} ---")[2]
@@ -92,14 +142,18 @@ def test_a_forbidden_import_breaks_its_rule(broken: str, rule: str, file: str, s
 
 
 def test_every_rule_has_an_import_that_breaks_it() -> None:
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ]
     assert {c["id"] for c in contracts} == {rule for rule, _, _ in FORBIDDEN}
 
 
 def test_the_render_stages_load_neither_physics_nor_devices() -> None:
     program = (
-        "import sys, haptic_driver.render.tick\n"
-        "print(sorted(m for m in sys.modules if m.split('.')[0] in ('model', 'hw', 'h5py', 'matplotlib')))"
+        "import sys, haptic_driver.render.tick\nprint(sorted(m for m in sys.modules if"
+        " m.split('.')[0] in ('model', 'hw', 'h5py', 'matplotlib')))"
     )
-    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True
+    )
     assert result.stdout.strip() == "[]"

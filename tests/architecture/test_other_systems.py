@@ -1,4 +1,6 @@
-"""Windows and macOS: everything but the daemon's own processes is imported without what only Linux has."""
+"""Windows and macOS: everything but the daemon's own processes is imported without what only Linux
+has.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,12 @@ DAEMON = "haptic_driver.daemon."
 
 def test_all_but_the_daemon_is_imported_and_runs_without_what_only_linux_has(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-c", WITHOUT], capture_output=True, text=True, timeout=250, cwd=tmp_path, check=False
+        [sys.executable, "-c", WITHOUT],
+        capture_output=True,
+        text=True,
+        timeout=250,
+        cwd=tmp_path,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     tried, *failed = done.stdout.splitlines()[0].split()

@@ -38,7 +38,13 @@ def crowded(source: str) -> Iterator[str]:
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
             a = node.args
-            every = [*a.posonlyargs, *a.args, *filter(None, (a.vararg,)), *a.kwonlyargs, *filter(None, (a.kwarg,))]
+            every = [
+                *a.posonlyargs,
+                *a.args,
+                *filter(None, (a.vararg,)),
+                *a.kwonlyargs,
+                *filter(None, (a.kwarg,)),
+            ]
             count = len(every) - (bool(every) and every[0].arg in ("self", "cls"))
             if count > MOST_PARAMETERS:
                 yield f"{getattr(node, 'name', 'lambda')} in line {node.lineno} takes {count}"

@@ -1,1 +1,3 @@
-"""Blind tests of the diagnosis: data with hidden effects, made by code that shares nothing with the model."""
+"""Blind tests of the diagnosis: data with hidden effects, made by code that shares nothing with the
+model.
+"""

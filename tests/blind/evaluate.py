@@ -1,7 +1,8 @@
 """Score the diagnosis workflow, and others beside it, on sets whose labels it never sees.
 
-`python -m tests.blind.evaluate --sets DIR --out FILE.md` diagnoses DIR/sets/*.csv, opens DIR/labels.json only
-afterwards, and writes tables with Wilson intervals: by visibility, and beside AICc, BIC and a classifier.
+`python -m tests.blind.evaluate --sets DIR --out FILE.md` diagnoses DIR/sets/*.csv, opens
+DIR/labels.json only afterwards, and writes tables with Wilson intervals: by visibility, and beside
+AICc, BIC and a classifier.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ MODEL = Path(__file__).resolve().parents[2] / "configs" / "models" / "reference.
 
 
 def answer(path: str) -> Answer:
-    """Diagnose one file."""
     from model.description import read_model
     from model.diagnosis.data import read_measurements
     from model.diagnosis.workflow import diagnose
@@ -63,7 +63,6 @@ def aicc(k: int, n: int) -> float:
 
 
 def bic(k: int, n: int) -> float:
-    """What BIC charges."""
     return k * math.log(n)
 
 
@@ -79,7 +78,8 @@ def _chi2(found: Any) -> str:
 
 
 def cannot_be_found(label: dict[str, Any], columns: tuple[str, ...]) -> bool:
-    """Whether one hidden effect leaves no trace in the file's columns, or nothing there says how noisy it is.
+    """Whether one hidden effect leaves no trace in the file's columns, or nothing there says how
+    noisy it is.
 
     Judged by the label and the file's header alone: what the workflow answers has no part in it.
     """
@@ -89,12 +89,18 @@ def cannot_be_found(label: dict[str, Any], columns: tuple[str, ...]) -> bool:
     return not noise or not set(BY_NAME[label["effects"][0]["name"]].needs) <= set(columns)
 
 
-def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str, tuple[str, ...]]) -> str:
+def table(
+    answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str, tuple[str, ...]]
+) -> str:
     """Everything as Markdown; `columns` are the headers of the files."""
     rows = [(labels[name], got) for name, got in answers.items()]
     null = [got for label, got in rows if not label["effects"]]
     strange = [(label, got) for label, got in rows if any(e["stranger"] for e in label["effects"])]
-    one = {n for n in answers if len(labels[n]["effects"]) == 1 and not labels[n]["effects"][0]["stranger"]}
+    one = {
+        n
+        for n in answers
+        if len(labels[n]["effects"]) == 1 and not labels[n]["effects"][0]["stranger"]
+    }
     hopeless = {n for n in one if cannot_be_found(labels[n], columns[n])}
     single = [(labels[n], answers[n]) for n in sorted(one - hopeless)]
     double = [(label, got) for label, got in rows if len(label["effects"]) > 1]
@@ -106,37 +112,56 @@ def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str,
     ]
     lines += ["| | rate |", "|---|---|"]
     lines.append(
-        f"| a name is given (`effect_found`) | {wilson(sum(g.verdict == 'effect_found' for g in null), len(null))} |"
+        "| a name is given (`effect_found`) |"
+        f" {wilson(sum(g.verdict == 'effect_found' for g in null), len(null))} |"
     )
     lines.append(
-        f"| candidates are listed (`ambiguous`) | {wilson(sum(g.verdict == 'ambiguous' for g in null), len(null))} |"
+        "| candidates are listed (`ambiguous`) |"
+        f" {wilson(sum(g.verdict == 'ambiguous' for g in null), len(null))} |"
     )
-    lines.append(f"| AICc names something | {wilson(sum(g.aicc != 'none' for g in null), len(null))} |")
-    lines.append(f"| BIC names something | {wilson(sum(g.bic != 'none' for g in null), len(null))} |")
+    lines.append(
+        f"| AICc names something | {wilson(sum(g.aicc != 'none' for g in null), len(null))} |"
+    )
+    lines.append(
+        f"| BIC names something | {wilson(sum(g.bic != 'none' for g in null), len(null))} |"
+    )
     lines += ["", "## One effect hidden, by visibility", ""]
     lines += [
-        "| lambda | right effect or its group | named rightly | named wrongly | AICc right | BIC right | "
-        "chi-square right |",
+        (
+            "| lambda | right effect or its group | named rightly | named wrongly | AICc right |"
+            " BIC right | chi-square right |"
+        ),
         "|---|---|---|---|---|---|---|",
     ]
     for low, high in VISIBLE:
-        part = [(l_["effects"][0]["name"], g) for l_, g in single if low <= l_["effects"][0]["lambda"] < high]
+        part = [
+            (l_["effects"][0]["name"], g)
+            for l_, g in single
+            if low <= l_["effects"][0]["lambda"] < high
+        ]
         n = len(part)
         right = sum(t in (*g.names, *g.group) for t, g in part)
         named = sum(g.verdict == "effect_found" and t in g.names for t, g in part)
         wrong = sum(g.verdict == "effect_found" and t not in g.names for t, g in part)
         lines.append(
-            f"| {low}..{high} | {wilson(right, n)} | {wilson(named, n)} | {wilson(wrong, n)} | "
-            f"{wilson(sum(g.aicc == t for t, g in part), n)} | {wilson(sum(g.bic == t for t, g in part), n)} | "
-            f"{wilson(sum(g.chi2 == t for t, g in part), n)} |"
+            f"| {low}..{high} | {wilson(right, n)} | {wilson(named, n)} | {wilson(wrong, n)} |"
+            f" {wilson(sum(g.aicc == t for t, g in part), n)} |"
+            f" {wilson(sum(g.bic == t for t, g in part), n)} |"
+            f" {wilson(sum(g.chi2 == t for t, g in part), n)} |"
         )
     lines += [
         "",
-        f"Not counted above: {_sets(len(hopeless))} whose columns hold no trace of the hidden effect or no noise.",
+        (
+            f"Not counted above: {_sets(len(hopeless))} whose columns hold no trace of the hidden"
+            " effect or no noise."
+        ),
     ]
     lines.append(_verdicts("They are called", [answers[n] for n in sorted(hopeless)]))
     lines += ["", "## Outside the catalogue, by what the catalogue leaves unexplained", ""]
-    lines += ["| lambda_left | `unexplained` | named (`effect_found`) | AICc names something |", "|---|---|---|---|"]
+    lines += [
+        "| lambda_left | `unexplained` | named (`effect_found`) | AICc names something |",
+        "|---|---|---|---|",
+    ]
     for low, high in ((0, 25), (25, 100), (100, math.inf)):
         part2 = [g for l_, g in strange if low <= l_.get("lambda_left", 0.0) < high]
         n = len(part2)
@@ -147,9 +172,12 @@ def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str,
         )
     if double:
         both = sum({e["name"] for e in l_["effects"]} <= {*g.names, *g.group} for l_, g in double)
-        some = sum(any(e["name"] in (*g.names, *g.group) for e in l_["effects"]) for l_, g in double)
+        some = sum(
+            any(e["name"] in (*g.names, *g.group) for e in l_["effects"]) for l_, g in double
+        )
         wrong = sum(
-            g.verdict == "effect_found" and not {e["name"] for e in l_["effects"]} & set(g.names) for l_, g in double
+            g.verdict == "effect_found" and not {e["name"] for e in l_["effects"]} & set(g.names)
+            for l_, g in double
         )
         lines += ["", "## Two effects hidden", "", "| | rate |", "|---|---|"]
         lines.append(f"| both found | {wilson(both, len(double))} |")
@@ -161,9 +189,11 @@ def table(answers: dict[str, Answer], labels: dict[str, Any], columns: dict[str,
         lines.append(f"| {family} | {len(part)} | {_verdicts('', part)} |")
     lines += _calibration_lines(reliability(answers, labels))
     misnamed = [
-        f"- {name}: hidden {[e['name'] for e in labels[name]['effects']] or 'nothing'}, named {list(got.names)}"
+        f"- {name}: hidden {[e['name'] for e in labels[name]['effects']] or 'nothing'}, named"
+        f" {list(got.names)}"
         for name, got in answers.items()
-        if got.verdict == "effect_found" and not {e["name"] for e in labels[name]["effects"]} & set(got.names)
+        if got.verdict == "effect_found"
+        and not {e["name"] for e in labels[name]["effects"]} & set(got.names)
     ]
     lines += ["## Every wrong name", "", *(misnamed or ["none"]), ""]
     errors = [f"- {name}: {got.error}" for name, got in answers.items() if got.error]
@@ -191,31 +221,52 @@ def _calibration_lines(pairs: list[tuple[float, float]]) -> list[str]:
     for i, part in bins(pairs).items():
         stated, hits = (sum(column) for column in zip(*part, strict=True))
         right = wilson(int(hits), len(part))
-        lines.append(f"| {i / 10:.1f}..{(i + 1) / 10:.1f} | {len(part)} | {stated / len(part):.2f} | {right} |")
+        lines.append(
+            f"| {i / 10:.1f}..{(i + 1) / 10:.1f} | {len(part)} | {stated / len(part):.2f} |"
+            f" {right} |"
+        )
     lines += [
         "",
-        f"Expected calibration error: {calibration_error(pairs):.3f}; perfectly calibrated answers to as many sets",
+        (
+            f"Expected calibration error: {calibration_error(pairs):.3f}; perfectly calibrated"
+            " answers to as many sets"
+        ),
     ]
-    lines += [f"would show {mean:.3f} on average and {limit:.3f} in one case of twenty, by chance alone.", ""]
+    lines += [
+        f"would show {mean:.3f} on average and {limit:.3f} in one case of twenty, by chance alone.",
+        "",
+    ]
     return lines
 
 
 def run(sets: Path, workers: int) -> dict[str, Answer]:
-    """Diagnose every set; labels stay closed. What is answered is kept in DIR/answers.json, and not asked again."""
+    """Diagnose every set; labels stay closed. What is answered is kept in DIR/answers.json, and not
+    asked again.
+    """
     files = sorted((sets / "sets").glob("*.csv"))
     kept = sets / "answers.json"
-    answers = {n: Answer(**given) for n, given in json.loads(kept.read_text()).items()} if kept.exists() else {}
+    answers = (
+        {n: Answer(**given) for n, given in json.loads(kept.read_text()).items()}
+        if kept.exists()
+        else {}
+    )
     left = [file for file in files if file.name not in answers]
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read when numpy is imported, hence in fresh processes
+    os.environ["OPENBLAS_NUM_THREADS"] = (
+        "1"  # read when numpy is imported, hence in fresh processes
+    )
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for file, got in zip(left, pool.map(answer, map(str, left)), strict=True):
             answers[file.name] = got
-            kept.write_text(json.dumps({name: a._asdict() for name, a in answers.items()}, indent=1))
+            kept.write_text(
+                json.dumps({name: a._asdict() for name, a in answers.items()}, indent=1)
+            )
     return answers
 
 
 def guesses_of(sets: Path) -> tuple[dict[str, Guess], list[str]]:
-    """What a classifier says of the sets, labels closed, and notes on it; kept in DIR/classifier.json."""
+    """What a classifier says of the sets, labels closed, and notes on it; kept in
+    DIR/classifier.json.
+    """
     kept = sets / "classifier.json"
     if kept.exists():
         said, notes = json.loads(kept.read_text())

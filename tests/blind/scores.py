@@ -45,11 +45,15 @@ def wilson(hits: int, count: int) -> str:
     z, p = 1.96, hits / count
     centre = (p + z * z / (2 * count)) / (1 + z * z / count)
     half = z * math.sqrt(p * (1 - p) / count + z * z / (4 * count * count)) / (1 + z * z / count)
-    return f"{100 * p:.0f} ({100 * max(centre - half, 0):.0f}..{100 * min(centre + half, 1):.0f}), {hits}/{count}"
+    return (
+        f"{100 * p:.0f} ({100 * max(centre - half, 0):.0f}..{100 * min(centre + half, 1):.0f}),"
+        f" {hits}/{count}"
+    )
 
 
 def reliability(answers: dict[str, Answer], labels: dict[str, Any]) -> list[tuple[float, float]]:
-    """Probability of the most probable answer, and whether it was right (1.0 or 0.0), of every set with one truth.
+    """Probability of the most probable answer, and whether it was right (1.0 or 0.0), of every set
+    with one truth.
 
     Strangers are right as `unknown`, what leaves no trace in the columns of the file as `none`.
     """
@@ -68,13 +72,19 @@ def reliability(answers: dict[str, Answer], labels: dict[str, Any]) -> list[tupl
 
 def calibration_error(pairs: list[tuple[float, float]]) -> float:
     """Expected calibration error, ten bins."""
-    return sum(abs(sum(p - hit for p, hit in part)) for part in bins(pairs).values()) / max(len(pairs), 1)
+    return sum(abs(sum(p - hit for p, hit in part)) for part in bins(pairs).values()) / max(
+        len(pairs), 1
+    )
 
 
 def chance_error(pairs: list[tuple[float, float]]) -> tuple[float, float]:
-    """What chance alone gives so many perfectly calibrated answers: mean and 95 % limit of their calibration error."""
+    """What chance alone gives so many perfectly calibrated answers: mean and 95 % limit of their
+    calibration error.
+    """
     chance = random.Random(0)
-    errors = sorted(calibration_error([(p, float(chance.random() < p)) for p, _ in pairs]) for _ in range(1000))
+    errors = sorted(
+        calibration_error([(p, float(chance.random() < p)) for p, _ in pairs]) for _ in range(1000)
+    )
     return sum(errors) / len(errors), errors[950]
 
 

@@ -1,4 +1,6 @@
-"""Five fixed blind sets: what the diagnosis may and may not say. With `make soak`; `make blind` has any number."""
+"""Five fixed blind sets: what the diagnosis may and may not say. With `make soak`; `make blind` has
+any number.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,19 @@ CLEAR = 75.0  # lambda from which an effect counts as clearly visible
 def outcome(tmp_path_factory):
     """Answers of the workflow, and only then the labels."""
     folder = tmp_path_factory.mktemp("blind")
-    command = [sys.executable, "-m", "tests.blind.generator", "--ci", "--out", str(folder), "--workers", "2"]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=280, env=dict(os.environ))
+    command = [
+        sys.executable,
+        "-m",
+        "tests.blind.generator",
+        "--ci",
+        "--out",
+        str(folder),
+        "--workers",
+        "2",
+    ]
+    subprocess.run(
+        command, cwd=ROOT, check=True, capture_output=True, timeout=280, env=dict(os.environ)
+    )
     answers = run(folder, 2)
     return answers, json.loads((folder / "labels.json").read_text())
 
@@ -60,7 +73,9 @@ def test_a_clearly_visible_effect_is_found_or_its_group(outcome) -> None:
         ),
     )
     assert len(clear) == 2
-    missed = [(names(label), got) for label, got in clear if not names(label) & {*got.names, *got.group}]
+    missed = [
+        (names(label), got) for label, got in clear if not names(label) & {*got.names, *got.group}
+    ]
     assert missed == []
 
 

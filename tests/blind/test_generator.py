@@ -1,4 +1,6 @@
-"""The generator of blind sets: right physics, honest labels, nothing shared with the model it tests."""
+"""The generator of blind sets: right physics, honest labels, nothing shared with the model it
+tests.
+"""
 
 import hashlib
 import json
@@ -12,10 +14,29 @@ import pytest
 
 from .generator import build, designs, families, nuisance, touch, visibility
 from .generator.__main__ import csv_text, write
-from .generator.effects import ALTERNATIVE, CATALOGUE, CATALOGUE_EFFECTS, FORMS, STRANGERS, UNFELT, Hidden, drawn
+from .generator.effects import (
+    ALTERNATIVE,
+    CATALOGUE,
+    CATALOGUE_EFFECTS,
+    FORMS,
+    STRANGERS,
+    UNFELT,
+    Hidden,
+    drawn,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
-CONTRACT = {"frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std", "speed_m_s", "time_s", "session", "trial"}
+CONTRACT = {
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "cof",
+    "cof_std",
+    "speed_m_s",
+    "time_s",
+    "session",
+    "trial",
+}
 # published check values of the corrected model, code roughness: Hz, V, N, electrostatic force in N
 FORCES = [
     (1.0, 10.0, 0.25, 0.00024370118),
@@ -30,7 +51,9 @@ FORCES = [
 
 
 def conditions(f, v, n, speed=0.02, time=0.0):
-    columns = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, float)) for x in (f, v, n, speed, time)))
+    columns = np.broadcast_arrays(
+        *(np.atleast_1d(np.asarray(x, float)) for x in (f, v, n, speed, time))
+    )
     return touch.Rows(*(column.copy() for column in columns))
 
 
@@ -41,7 +64,10 @@ def sight_of(name, seed=3, sigma=0.03):
 
 @pytest.fixture(scope="module")
 def small_sets():
-    wanted = [build.Spec("F0", 0, design="paper"), build.Spec("F1", 0, (("trapped_charge", 50.0),), design="timed")]
+    wanted = [
+        build.Spec("F0", 0, design="paper"),
+        build.Spec("F1", 0, (("trapped_charge", 50.0),), design="timed"),
+    ]
     return [build.build(spec, 4) for spec in wanted]
 
 
@@ -53,13 +79,17 @@ def test_force_matches_reference_values():
 
 def test_force_matches_reference_values_for_table_one_roughness():
     rough, finger = touch.Roughness(0.86, 8e3, 1e10), touch.Finger(h_rms=22e-6)
-    state = touch.prepare(conditions([10.0, 500.0, 1e6], [125.0, 125.0, 125.0], 0.25), finger, rough)
+    state = touch.prepare(
+        conditions([10.0, 500.0, 1e6], [125.0, 125.0, 125.0], 0.25), finger, rough
+    )
     assert touch.force(state) == pytest.approx([0.019890682, 0.024492397, 0.011150616], rel=5e-3)
 
 
 def test_five_hundred_rows_are_fast_enough_to_search_with():
     rng = np.random.default_rng(0)
-    rows = conditions(10 ** rng.uniform(0, 6, 500), rng.uniform(10, 120, 500), rng.uniform(0.3, 1.0, 500))
+    rows = conditions(
+        10 ** rng.uniform(0, 6, 500), rng.uniform(10, 120, 500), rng.uniform(0.3, 1.0, 500)
+    )
     force = touch.force(touch.prepare(rows, touch.Finger(), touch.Roughness()))
     assert np.all(force > 0)
     loop = touch.prepare(rows, touch.Finger(), touch.Roughness())
@@ -74,8 +104,13 @@ def test_off_strength_gives_base_and_small_strength_changes_little(name, form):
     effect = CATALOGUE_EFFECTS[name]
     hidden = drawn(effect, np.random.default_rng(2), form)
     base = visibility.clean_friction(design, nuisance.REFERENCE, ())
-    assert np.array_equal(visibility.clean_friction(design, nuisance.REFERENCE, (hidden.at(0.0),)), base)
-    weak, strong = (visibility.clean_friction(design, nuisance.REFERENCE, (hidden.at(hidden.knob[k]),)) for k in (0, 1))
+    assert np.array_equal(
+        visibility.clean_friction(design, nuisance.REFERENCE, (hidden.at(0.0),)), base
+    )
+    weak, strong = (
+        visibility.clean_friction(design, nuisance.REFERENCE, (hidden.at(hidden.knob[k]),))
+        for k in (0, 1)
+    )
     assert np.abs(np.log(weak / base)).max() < 0.05
     assert np.abs(np.log(strong / base)).max() > 0.05
     assert np.all(np.isfinite(strong) & (strong > 0))
@@ -88,7 +123,9 @@ def test_the_first_two_forms_differ(name):
     shape = effect.draw(np.random.default_rng(2))
     middle = float(np.sqrt(effect.knob[0] * effect.knob[1]))
     one, other = (
-        visibility.clean_friction(design, nuisance.REFERENCE, (Hidden(effect, middle, shape, form),))
+        visibility.clean_friction(
+            design, nuisance.REFERENCE, (Hidden(effect, middle, shape, form),)
+        )
         for form in (CATALOGUE, ALTERNATIVE)
     )
     assert np.abs(np.log(one / other)).max() > 1e-5
@@ -115,7 +152,9 @@ def test_strangers_off_at_zero_and_visible_at_full(name):
 def test_bisection_hits_the_wanted_visibility(name, design, target, form):
     effect = CATALOGUE_EFFECTS[name]
     sight = sight_of(design)
-    hidden, reached = sight.reach(Hidden(effect, 1.0, effect.draw(np.random.default_rng(5)), form), target)
+    hidden, reached = sight.reach(
+        Hidden(effect, 1.0, effect.draw(np.random.default_rng(5)), form), target
+    )
     assert reached == pytest.approx(target, rel=0.1)
     assert sight.of((hidden,)) == pytest.approx(reached)
 
@@ -183,7 +222,9 @@ def test_file_names_say_nothing_and_labels_are_sealed(small_sets, tmp_path):
     names = sorted(p.name for p in (tmp_path / "sets").iterdir())
     assert names == [f"{i:03d}.csv" for i in range(1, 21)]
     text = (tmp_path / "labels.json").read_text()
-    assert (tmp_path / "labels.sha256").read_text().split()[0] == hashlib.sha256(text.encode()).hexdigest()
+    assert (tmp_path / "labels.sha256").read_text().split()[0] == hashlib.sha256(
+        text.encode()
+    ).hexdigest()
     order = [json.loads(text)[n]["family"] for n in names]
     assert order not in (["F0"] * 10 + ["F1"] * 10, ["F1"] * 10 + ["F0"] * 10)
     head = (tmp_path / "sets" / names[0]).read_text().splitlines()[0]
@@ -205,5 +246,7 @@ def test_generator_loads_nothing_of_the_project():
         "bad = [m for m in sys.modules if m.split('.')[0] in ('model', 'hw', 'haptic_driver')]\n"
         "sys.exit(' '.join(bad) or 0)"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,6 @@
-"""Fingers of the generator on the simulated rig, whose monitors resolve more than any model of a touch is good for."""
+"""Fingers of the generator on the simulated rig, whose monitors resolve more than any model of a
+touch is good for.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ def few(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 @pytest.mark.soak
 def test_an_open_circuit_one_percent_off_is_no_discrepancy(few: Plan) -> None:
-    """It was unexplained: current is read to 0.01 %, and the open circuit holds more than a touch has beside it."""
+    """It was unexplained: current is read to 0.01 %, and the open circuit holds more than a touch
+    has beside it.
+    """
     (spec,) = specs(SEED, 1.0, counts={"W0": 1})
     finger, rig, truth = truth_of(spec, SEED)
     assert (truth, abs(rig.open_error) > 0.005) == ((), True)

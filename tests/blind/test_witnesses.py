@@ -1,4 +1,6 @@
-"""The generator's electrical side against limits and published sizes; twins; how witnesses are scored."""
+"""The generator's electrical side against limits and published sizes; twins; how witnesses are
+scored.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from .scores import Answer
 from .witness_table import is_wrong
 
 FREQUENCIES = np.array([10.0, 100.0, 250.0, 1e3, 1e4, 1e5, 1e6])
-# electrical.md, "Sizes": total current in A peak and its phase in rad; 0.5 N, sliding, 5 V, 300 pF beside the touch
+# electrical.md, "Sizes": total current in A peak and its phase in rad; 0.5 N, sliding, 5 V, 300 pF
+# beside the touch
 SIZES = np.array([1.13e-6, 3.89e-6, 4.78e-6, 1.17e-5, 1.08e-4, 1.08e-3, 1.08e-2])
 PHASES = np.array([1.31, 0.60, 0.74, 1.25, 1.53, 1.56, 1.55])
 # physics.md section 6: peak current of a sliding finger at 75 V and 0.5 N, A
@@ -36,8 +39,9 @@ def test_sliding_current_has_the_published_size():
 
 
 def test_total_current_has_the_published_size():
-    # Within 7 % and 0.04 rad as it stands: the table's touch leaks 9 % more, and 2 % less flows beside it, than its
-    # caption says. With these two every entry comes out within its last digit (0.5 %, 0.006 rad). Nothing says why.
+    # Within 7 % and 0.04 rad as it stands: the table's touch leaks 9 % more, and 2 % less flows
+    # beside it, than its caption says. With these two every entry comes out within its last digit
+    # (0.5 %, 0.006 rad). Nothing says why.
     assert np.abs(total()) == pytest.approx(SIZES, rel=0.07)
     assert np.angle(total()) == pytest.approx(PHASES, abs=0.04)
     mended = total(leak=np.exp(0.0896), stray_f=300e-12 * np.exp(-0.0173))
@@ -95,7 +99,9 @@ def test_no_strength_leaves_every_witness_and_full_strength_some(effect, form):
     on = witnesses.stacked(observe(design, finger, rig, (hidden.at(hidden.knob[1]),)))
     assert all(np.array_equal(off[witness], base[witness], equal_nan=True) for witness in base)
     assert max(np.nanmax(np.abs(on[witness] - base[witness])) for witness in base) > 0.05
-    assert all(np.array_equal(np.isfinite(on[witness]), np.isfinite(base[witness])) for witness in base)
+    assert all(
+        np.array_equal(np.isfinite(on[witness]), np.isfinite(base[witness])) for witness in base
+    )
 
 
 @pytest.fixture(scope="module")
@@ -117,9 +123,12 @@ def test_twins_share_truth_and_friction(pair):
 def test_an_open_circuit_shows_the_stray_capacitance_alone(pair):
     c, rig = pair[0].columns, pair[0].label["rig"]
     none = c["finger"] == "none"
-    farads = c["current_a"][none] / (2 * np.pi * c["frequency_hz"][none] * c["electrode_voltage_v"][none])
+    farads = c["current_a"][none] / (
+        2 * np.pi * c["frequency_hz"][none] * c["electrode_voltage_v"][none]
+    )
     noise = np.hypot(pair[0].label["noise"]["current"], pair[0].label["noise"]["voltage"])
-    # noise averages; gains of current (2 %) and voltage (1 %) and the open circuit (1 %) do not: three sigma
+    # noise averages; gains of current (2 %) and voltage (1 %) and the open circuit (1 %) do not:
+    # three sigma
     assert np.median(farads) == pytest.approx(rig["stray_f"], rel=3 * np.hypot(noise / 4, 0.025))
     assert np.isnan(c["cof"][none]).all()
 
@@ -132,7 +141,12 @@ def test_the_same_seed_gives_the_same_bytes(pair):
 
 @pytest.mark.parametrize(
     ("names", "adequate", "wrong"),
-    [(("a", "b"), True, False), (("a",), True, True), (("a",), False, False), (("a", "c"), False, True)],
+    [
+        (("a", "b"), True, False),
+        (("a",), True, True),
+        (("a",), False, False),
+        (("a", "c"), False, True),
+    ],
 )
 def test_one_name_of_two_called_adequate_is_wrong(names, adequate, wrong):
     label = {"effects": [{"name": "a", "lambda": 200.0}, {"name": "b", "lambda": 100.0}]}

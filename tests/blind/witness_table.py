@@ -28,14 +28,18 @@ def _families(part: Part) -> tuple[Part, Part, Part, Part]:
 
 def _found(part: Part) -> tuple[str, str]:
     """Named rightly; right or in the group."""
-    named = sum(got.verdict == "effect_found" and set(got.names) == hidden(label) for label, got in part)
+    named = sum(
+        got.verdict == "effect_found" and set(got.names) == hidden(label) for label, got in part
+    )
     listed = sum(hidden(label) <= {*got.names, *got.group} for label, got in part)
     return wilson(named, len(part)), wilson(listed, len(part))
 
 
 def _size(part: Part) -> str:
     sizes = [len({*got.names, *got.group}) for _, got in part if got.verdict == "ambiguous"]
-    return f"{statistics.median(sizes):g} ({max(sizes)} at most), {len(sizes)} sets" if sizes else "-"
+    return (
+        f"{statistics.median(sizes):g} ({max(sizes)} at most), {len(sizes)} sets" if sizes else "-"
+    )
 
 
 def _column(part: Part, answers: dict[str, Answer], labels: dict[str, Any]) -> list[str]:
@@ -84,7 +88,10 @@ def witness_table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
     for kind in COLUMNS:
         mine = {name: got for name, got in answers.items() if labels[name]["witnesses"] == kind}
         columns.append(_column([(labels[name], got) for name, got in mine.items()], mine, labels))
-    text += [f"| {row} | {' | '.join(cells)} |" for row, cells in zip(ROWS, zip(*columns, strict=True), strict=True)]
+    text += [
+        f"| {row} | {' | '.join(cells)} |"
+        for row, cells in zip(ROWS, zip(*columns, strict=True), strict=True)
+    ]
     text += [
         "",
         "| hidden (form, lambda) | witnesses | verdict | named | or | probability |",
@@ -93,12 +100,20 @@ def witness_table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
     rows = []
     for name, got in answers.items():
         label = labels[name]
-        what = ", ".join(f"{e['name']} ({e['form'][:3]}, {e['lambda']:.0f})" for e in label["effects"]) or "nothing"
+        what = (
+            ", ".join(f"{e['name']} ({e['form'][:3]}, {e['lambda']:.0f})" for e in label["effects"])
+            or "nothing"
+        )
         others = " ".join(sorted(set(got.group) - set(got.names)))
         found = (
-            got.verdict + ("" if got.adequate else ", not adequate") + (" **wrong**" if is_wrong(label, got) else "")
+            got.verdict
+            + ("" if got.adequate else ", not adequate")
+            + (" **wrong**" if is_wrong(label, got) else "")
         )
         key = (label["family"], label["index"], label["witnesses"])
-        line = f"| {what} | {label['witnesses']} | {found} | {' '.join(got.names)} | {others} | {got.probability:.2f} |"
+        line = (
+            f"| {what} | {label['witnesses']} | {found} | {' '.join(got.names)} | {others} |"
+            f" {got.probability:.2f} |"
+        )
         rows.append((key, line))
     return "\n".join(text + [line for _, line in sorted(rows)]) + "\n"

@@ -97,7 +97,9 @@ def told(answers: list[Answer]) -> float:
             off += abs(float(np.sum(stated[here] - right[here])))
             mean, share = stated[here].mean(), right[here].mean()
             print(f"  {low:4g} to {high:4g}: {here.sum():4d} sets, {mean:.3f} stated, {share:.3f}")
-    wrong = sum(each.decision.verdict == "effect_found" and not each.stated[0][1] for each in answers)
+    wrong = sum(
+        each.decision.verdict == "effect_found" and not each.stated[0][1] for each in answers
+    )
     named = sum(each.decision.verdict == "effect_found" for each in answers)
     print(f"{named} named, {wrong} of them wrongly; off by {off / len(answers):.3f} in the mean")
     return off / len(answers)

@@ -74,7 +74,9 @@ def drawn(seed: int, number: int) -> tuple[Truth, Measurements] | None:
     exact = np.where(usable, exact, 0.0)
     noise = noise_of(_saying(template, exact))
     assert noise is not None
-    seen = exact + noise.lower @ _off(rng, Problem(predictor, exact, noise), acts, vector, is_unknown)
+    seen = exact + noise.lower @ _off(
+        rng, Problem(predictor, exact, noise), acts, vector, is_unknown
+    )
     scale = np.sqrt(noise.degrees / rng.chisquare(noise.degrees))
     values = seen + scale * (noise.lower @ rng.normal(size=seen.size))
     data = _saying(template, values).subset(usable)

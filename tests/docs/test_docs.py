@@ -1,7 +1,9 @@
-"""Every command shown in README and docs: run as shown, in a session with a daemon, or at least parsed.
+"""Every command shown in README and docs: run as shown, in a session with a daemon, or at least
+parsed.
 
-Blocks marked `sh` run as they stand. Of those marked `text`, what needs a daemon runs against one; the rest, and
-commands in running text, must be understood by the program's own parser. Targets of make and extras of pip must exist.
+Blocks marked `sh` run as they stand. Of those marked `text`, what needs a daemon runs against one;
+the rest, and commands in running text, must be understood by the program's own parser. Targets of
+make and extras of pip must exist.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ from haptic_driver.daemon.messages import DaemonState
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-LONG = [ROOT / "docs" / "diagnosis.md"]  # half a minute of what tests of the commands do on less data: with `make soak`
+LONG = [
+    ROOT / "docs" / "diagnosis.md"
+]  # half a minute of what tests of the commands do on less data: with `make soak`
 SCRIPT = Path(sys.executable).with_name("haptic")
 HANG_S = 120.0
 
@@ -58,12 +62,21 @@ ASKS_DAEMON = (
     "texture import out/",
     "texture check out/",
 )
-PLACEHOLDERS = {"MU": "0.6", "MODEL": "reference", "T": "linen", "FILE": "run.h5", "DIR": "out", "...": ""}
+PLACEHOLDERS = {
+    "MU": "0.6",
+    "MODEL": "reference",
+    "T": "linen",
+    "FILE": "run.h5",
+    "DIR": "out",
+    "...": "",
+}
 
 
 def blocks(page: Path, mark: str) -> list[str]:
     """The lines of each fenced block of that mark, without prompts and what is said behind them."""
-    fenced = re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    fenced = re.findall(
+        r"^```(\w*)\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
     return ["\n".join(map(bare, block.splitlines())) for marked, block in fenced if marked == mark]
 
 
@@ -74,12 +87,19 @@ def bare(line: str) -> str:
 
 
 def commands(page: Path, mark: str, beside: str = "haptic ") -> list[str]:
-    return [line for block in blocks(page, mark) for line in block.splitlines() if line.startswith(("haptic ", beside))]
+    return [
+        line
+        for block in blocks(page, mark)
+        for line in block.splitlines()
+        if line.startswith(("haptic ", beside))
+    ]
 
 
 def mentioned(page: Path) -> list[str]:
     """Commands in running text."""
-    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(
+        r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
     return re.findall(r"`(haptic [^`\n]+)`", text)
 
 
@@ -87,15 +107,22 @@ def name_of(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
-# --- blocks that run as they stand -----------------------------------------------------------------------------
+# --- blocks that run as they stand
+# -----------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One reader's folder, with what the pages ask to write, or what a session has from another command."""
+    """One reader's folder, with what the pages ask to write, or what a session has from another
+    command.
+    """
     folder = tmp_path_factory.mktemp("reader")
-    shutil.copy(find_config("reference", "models"), folder / "finger.toml")  # as `haptic calibrate` writes one
-    (folder / "conditions.csv").write_text("frequency_hz,voltage_v,normal_force_n\n250,75,0.5\n,0,0.5\n")
+    shutil.copy(
+        find_config("reference", "models"), folder / "finger.toml"
+    )  # as `haptic calibrate` writes one
+    (folder / "conditions.csv").write_text(
+        "frequency_hz,voltage_v,normal_force_n\n250,75,0.5\n,0,0.5\n"
+    )
     rows = [f"{0.01 * i:.2f},{0.0004 * i:.5f},{0.5 if i > 10 else 0.0}" for i in range(200)]
     (folder / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + "\n".join(rows) + "\n")
     return folder
@@ -115,9 +142,13 @@ def done() -> set[str]:
 
 
 @pytest.mark.parametrize(
-    "page", [pytest.param(p, marks=pytest.mark.soak if p in LONG else ()) for p in PAGES], ids=name_of
+    "page",
+    [pytest.param(p, marks=pytest.mark.soak if p in LONG else ()) for p in PAGES],
+    ids=name_of,
 )
-def test_commands_run_as_shown(page: Path, reader: Path, done: set[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_run_as_shown(
+    page: Path, reader: Path, done: set[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     for command in commands(page, "sh"):
         if command not in done:
             status = main(shlex.split(command)[1:])
@@ -135,12 +166,14 @@ def test_no_command_hides_in_a_block_without_a_mark(page: Path) -> None:
     assert not re.search(r"^ {4}haptic [a-z]", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
 
 
-# --- sessions with a daemon ------------------------------------------------------------------------------------
+# --- sessions with a daemon
+# ------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
-    """The environment of a reader in whose terminal `SERVED` runs, at its usual place; ended by Ctrl-C.
+    """The environment of a reader in whose terminal `SERVED` runs, at its usual place; ended by
+    Ctrl-C.
 
     Its port is any free one.
     """
@@ -151,7 +184,9 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]
     words = [SCRIPT, *shlex.split(SERVED.replace("8470", "0"))[1:]]
     with (
         (home / "log").open("w") as log,
-        subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, stderr=log, text=True) as process,
+        subprocess.Popen(
+            words, env=environment, stdout=subprocess.PIPE, stderr=log, text=True
+        ) as process,
     ):
         assert process.stdout is not None
         assert "is ready at" in process.stdout.readline(), (home / "log").read_text()
@@ -175,7 +210,9 @@ def asks_daemon(line: str) -> bool:
 
 
 @pytest.mark.parametrize(
-    "page", [pytest.param(p, marks=() if p.name == "README.md" else pytest.mark.soak) for p in sessions()], ids=name_of
+    "page",
+    [pytest.param(p, marks=() if p.name == "README.md" else pytest.mark.soak) for p in sessions()],
+    ids=name_of,
 )
 def test_a_session_with_the_daemon_runs_as_shown(
     page: Path,
@@ -185,7 +222,9 @@ def test_a_session_with_the_daemon_runs_as_shown(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """One terminal for each command that runs until Ctrl-C, one for all others; no experiment is run twice."""
+    """One terminal for each command that runs until Ctrl-C, one for all others; no experiment is
+    run twice.
+    """
     monkeypatch.delenv("HAPTIC_SOCKET", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", daemon["XDG_RUNTIME_DIR"])
     terminals: dict[str, subprocess.Popen[str]] = {}
@@ -197,7 +236,9 @@ def test_a_session_with_the_daemon_runs_as_shown(
             elif not asks_daemon(line) or line in done:
                 continue
             elif line in UNTIL_CTRL_C:
-                terminal = subprocess.Popen([SCRIPT, *words], env=daemon, stdout=subprocess.PIPE, text=True)
+                terminal = subprocess.Popen(
+                    [SCRIPT, *words], env=daemon, stdout=subprocess.PIPE, text=True
+                )
                 terminals[line] = terminal
                 assert terminal.stdout is not None
                 assert terminal.stdout.readline(), line
@@ -214,7 +255,9 @@ def test_a_session_with_the_daemon_runs_as_shown(
             if line != "haptic arm":
                 terminal.send_signal(signal.SIGINT)
             terminal.communicate(timeout=HANG_S)
-    assert {line: terminal.returncode for line, terminal in terminals.items()} == dict.fromkeys(terminals, 0)
+    assert {line: terminal.returncode for line, terminal in terminals.items()} == dict.fromkeys(
+        terminals, 0
+    )
 
 
 def test_requests_by_curl_run_as_shown(daemon: dict[str, str]) -> None:
@@ -228,7 +271,12 @@ def test_requests_by_curl_run_as_shown(daemon: dict[str, str]) -> None:
     for line in lines:
         script = f"{place}\n{line.replace('TOKEN', token)} --silent --show-error --fail-with-body"
         done = subprocess.run(
-            ["sh", "-c", script], env=daemon, capture_output=True, text=True, timeout=HANG_S, check=False
+            ["sh", "-c", script],
+            env=daemon,
+            capture_output=True,
+            text=True,
+            timeout=HANG_S,
+            check=False,
         )
         assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
         if found := re.search(r'"token":\s*"([^"]+)"', done.stdout):
@@ -236,7 +284,8 @@ def test_requests_by_curl_run_as_shown(daemon: dict[str, str]) -> None:
     assert token != "TOKEN"
 
 
-# --- notebooks, other languages and programs -------------------------------------------------------------------
+# --- notebooks, other languages and programs
+# -------------------------------------------------------------------
 
 
 NOTEBOOKS = [
@@ -247,7 +296,9 @@ RECIPES = ROOT / "docs" / "recipes.md"
 
 
 @pytest.fixture
-def lab(daemon: dict[str, str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[str, str]]:
+def lab(
+    daemon: dict[str, str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Iterator[dict[str, str]]:
     """Somebody at a desk beside that daemon; nobody is armed before or after."""
     monkeypatch.delenv("HAPTIC_SOCKET", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", daemon["XDG_RUNTIME_DIR"])
@@ -268,10 +319,14 @@ def test_a_notebook_runs_to_its_end_and_is_kept_without_its_outputs(path: Path) 
             assert (cell["outputs"], cell["execution_count"]) == ([], None)
             exec(compile("".join(cell["source"]), cell["id"], "exec"), said)
     expected = {
-        "first_touch": lambda: said["client"].status().output_on is False and len(said["ticks"]) > 500,
+        "first_touch": lambda: (
+            said["client"].status().output_on is False and len(said["ticks"]) > 500
+        ),
         "own_texture": lambda: said["made"].name == "waves.toml",
         "experiment": lambda: said["low"] < 0.12 < said["high"],
-        "diagnosis": lambda: "humid_gap_conduction" in [c["name"] for c in said["said"]["alternatives"][:3]],
+        "diagnosis": lambda: (
+            "humid_gap_conduction" in [c["name"] for c in said["said"]["alternatives"][:3]]
+        ),
     }
     assert expected[path.stem]()
 
@@ -295,9 +350,18 @@ def test_the_recipe_for_javascript(lab: dict[str, str]) -> None:
     if (node := shutil.which("node")) is None:
         pytest.skip("no node")
     (code,) = blocks_as_they_are("js")
-    words = [node, "--experimental-websocket", "--no-warnings", "--input-type=module", "--eval", at_the_page(lab, code)]
+    words = [
+        node,
+        "--experimental-websocket",
+        "--no-warnings",
+        "--input-type=module",
+        "--eval",
+        at_the_page(lab, code),
+    ]
     environment = lab | {"HAPTIC_TOKEN": page_of(lab).params["token"]}
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=HANG_S, check=False)
+    done = subprocess.run(
+        words, env=environment, capture_output=True, text=True, timeout=HANG_S, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"(\w+ 0\.6 \S+\n){10}", done.stdout)
 
@@ -310,7 +374,9 @@ def test_what_other_languages_send_is_what_the_daemon_takes(lab: dict[str, str],
     page = page_of(lab)
     headers = {"Authorization": f"Bearer {page.params['token']}"}
     assert [path for path, _ in asked][:2] == ["/arm", "/renew"]
-    with httpx.Client(base_url=page.copy_with(path="/", query=None), trust_env=False, timeout=HANG_S) as http:
+    with httpx.Client(
+        base_url=page.copy_with(path="/", query=None), trust_env=False, timeout=HANG_S
+    ) as http:
         for path, body in [*asked, ("/disarm", {})]:
             answer = http.post(path, json=body, headers=headers)
             assert answer.status_code == 200, (path, answer.text)
@@ -319,9 +385,13 @@ def test_what_other_languages_send_is_what_the_daemon_takes(lab: dict[str, str],
 
 
 def matlab_requests(code: str) -> list[tuple[str, dict[str, Any]]]:
-    """Path and body of every `webwrite`; bodies are `struct('name', value, ...)`. Clean-up at the end left out."""
+    """Path and body of every `webwrite`; bodies are `struct('name', value, ...)`. Clean-up at the
+    end left out.
+    """
     found = []
-    for path, fields in re.findall(r"webwrite\(\[base '(/\w+)'\], struct\((.*?)\), options\)", code):
+    for path, fields in re.findall(
+        r"webwrite\(\[base '(/\w+)'\], struct\((.*?)\), options\)", code
+    ):
         values = ast.literal_eval(f"[{fields}]")
         found.append((path, dict(zip(values[::2], values[1::2], strict=True))))
     return [one for one in found if one[0] != "/disarm"]
@@ -330,7 +400,9 @@ def matlab_requests(code: str) -> list[tuple[str, dict[str, Any]]]:
 def csharp_requests(code: str) -> list[tuple[str, dict[str, Any]]]:
     """Path and body of every `Ask`, a friction and a texture in place of what is joined to them."""
     found = []
-    for path, body in re.findall(r'Ask\("(/\w+)", (.*?)(?:, answer.*|\)\);|\);)$', code, flags=re.MULTILINE):
+    for path, body in re.findall(
+        r'Ask\("(/\w+)", (.*?)(?:, answer.*|\)\);|\);)$', code, flags=re.MULTILINE
+    ):
         text = re.sub(r'" \+ cof.*? \+ "', "0.6", body)
         text = re.sub(r'" \+ name \+ "', "linen", text)
         found.append((path, json.loads(ast.literal_eval(text))))
@@ -339,7 +411,11 @@ def csharp_requests(code: str) -> list[tuple[str, dict[str, Any]]]:
 
 def blocks_as_they_are(mark: str) -> list[str]:
     """The fenced blocks of the recipes in one language."""
-    return re.findall(rf"^```{mark}\n(.*?)^```", RECIPES.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    return re.findall(
+        rf"^```{mark}\n(.*?)^```",
+        RECIPES.read_text(encoding="utf-8"),
+        flags=re.DOTALL | re.MULTILINE,
+    )
 
 
 def page_of(lab: dict[str, str]) -> httpx.URL:
@@ -351,7 +427,8 @@ def at_the_page(lab: dict[str, str], code: str) -> str:
     return code.replace("127.0.0.1:8470", page_of(lab).netloc.decode())
 
 
-# --- everything else is understood -----------------------------------------------------------------------------
+# --- everything else is understood
+# -----------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -360,10 +437,14 @@ def program() -> Any:
 
 
 def understood(program: Any, line: str) -> bool:
-    """Parse a command line to its end without running it; raises what the parser says. False for no command."""
+    """Parse a command line to its end without running it; raises what the parser says. False for no
+    command.
+    """
     words = [PLACEHOLDERS.get(word, word) for word in shlex.split(line)[1:]]
     if words[0].startswith("-"):
-        return any(words == [flag] for option in program.params for flag in option.opts) or words == ["--help"]
+        return any(
+            words == [flag] for option in program.params for flag in option.opts
+        ) or words == ["--help"]
     context, command = program.make_context("haptic", list(words)), program
     while hasattr(command, "resolve_command"):
         rest = [*context._protected_args, *context.args]
@@ -380,9 +461,15 @@ def test_commands_that_are_only_shown_are_understood(page: Path, program: Any) -
         assert understood(program, line), line
 
 
-def test_the_container_file_copies_what_is_there_and_runs_a_command_that_is_understood(program: Any) -> None:
+def test_the_container_file_copies_what_is_there_and_runs_a_command_that_is_understood(
+    program: Any,
+) -> None:
     text = (ROOT / "deploy" / "Containerfile").read_text(encoding="utf-8")
-    copied = [word for line in re.findall(r"^COPY (.*) \S+$", text, flags=re.MULTILINE) for word in line.split()]
+    copied = [
+        word
+        for line in re.findall(r"^COPY (.*) \S+$", text, flags=re.MULTILINE)
+        for word in line.split()
+    ]
     assert {"setup.py", "configs", "haptic_driver"} <= set(copied)
     assert [name for name in copied if not (ROOT / name).exists()] == []
     (command,) = re.findall(r"exec (haptic [^\"]+)", text)
@@ -392,7 +479,9 @@ def test_the_container_file_copies_what_is_there_and_runs_a_command_that_is_unde
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_in_running_text_are_understood(page: Path, program: Any) -> None:
-    """One that is only named must be there; one with options or arguments must be right to the end."""
+    """One that is only named must be there; one with options or arguments must be right to the
+    end.
+    """
     for line in mentioned(page):
         words = line.split()[1:]
         group = words[0] in GROUPS
@@ -410,7 +499,12 @@ def known(program: Any, words: list[str]) -> bool:
 
 
 def test_an_option_that_is_not_there_would_be_found(program: Any) -> None:
-    for line in ("haptic solve --frction 0.6", "haptic daemon start", "haptic set much", "haptic nothing"):
+    for line in (
+        "haptic solve --frction 0.6",
+        "haptic daemon start",
+        "haptic set much",
+        "haptic nothing",
+    ):
         with pytest.raises(Exception, match=r"No such|valid number"):
             understood(program, line)
 
@@ -418,10 +512,14 @@ def test_an_option_that_is_not_there_would_be_found(program: Any) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_targets_of_make_and_extras_of_pip_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    targets = re.findall(
+        r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
     for target in re.findall(r"(?:`|^)make ([a-z-]+)", text, flags=re.MULTILINE):
         assert target in targets, target
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
     for extra in re.findall(r"haptic-driver\[(\w+)\]", text):
         assert extra in extras, extra
 

@@ -14,7 +14,9 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SAID = {
     "1_predict_a_table": r"\n +10000 +0\.0\d+ +0\.5\d+ ",
     "2_find_an_operating_point": r"friction 0\.600 at \d+ Hz and \d+\.\d V peak",
-    "3_render_a_slide": r"within 5 % for (9\d|100) % of the time; a constant(.|\n)*generator says off",
+    "3_render_a_slide": (
+        r"within 5 % for (9\d|100) % of the time; a constant(.|\n)*generator says off"
+    ),
     "4_calibrate_a_finger": r"skin_thickness_m +0\.00016\d* m, .*\n",
 }
 

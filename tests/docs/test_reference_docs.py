@@ -1,4 +1,6 @@
-"""The generated pages are those that the program would write today, and the site's menu shows every page."""
+"""The generated pages are those that the program would write today, and the site's menu shows every
+page.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,10 @@ def test_every_key_that_a_rig_may_have_is_on_the_page() -> None:
 def test_a_row_says_type_range_unit_default_and_meaning() -> None:
     page = (DOCS / "configuration.md").read_text(encoding="utf-8")
     safety = page.split("### `[safety]`")[1].split("###")[0]
-    row = "| `lease_s` | number, ≥ 0.001, ≤ 10 | s | 0.5 | output that is not refreshed for so long goes to zero |"
+    row = (
+        "| `lease_s` | number, ≥ 0.001, ≤ 10 | s | 0.5 | output that is not refreshed for so long"
+        " goes to zero |"
+    )
     assert row in safety.splitlines()
 
 
@@ -43,21 +48,25 @@ def test_a_key_without_a_meaning_is_refused() -> None:
 
     with pytest.raises(KeyError, match="speed_m_s"):
         list(reference._sections(Made.model_json_schema(), {}))
-    (_, table) = reference._sections(Made.model_json_schema(), {"speed_m_s": "how fast"})
+    _, table = reference._sections(Made.model_json_schema(), {"speed_m_s": "how fast"})
     assert table.splitlines()[2:] == ["| `speed_m_s` | number, ≥ 0 | m/s | required | how fast |"]
 
 
 def test_every_example_stands_word_for_word_on_the_page_about_python() -> None:
     page = (DOCS / "python.md").read_text(encoding="utf-8")
     shown = re.findall(r"```python\n(.*?)\n```", page, flags=re.DOTALL)
-    files = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "examples").glob("[0-9]*.py"))]
+    files = [
+        path.read_text(encoding="utf-8") for path in sorted((ROOT / "examples").glob("[0-9]*.py"))
+    ]
     assert len(shown) == len(files)
     for code, source in zip(shown, files, strict=True):
         assert source.endswith(code + "\n")
 
 
 def test_the_menu_of_the_site_shows_every_page_once() -> None:
-    listed = re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    listed = re.findall(
+        r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
     assert sorted(listed) == sorted(path.name for path in DOCS.glob("*.md"))
 
 

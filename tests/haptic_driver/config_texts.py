@@ -33,7 +33,9 @@ def changed(text, *changes):
 
 
 def as_real_rig(resource):
-    """The simulated rig's file with a generator at a resource; a real rig's other devices are still to be added."""
+    """The simulated rig's file with a generator at a resource; a real rig's other devices are still
+    to be added.
+    """
     monitors = SIMULATED[SIMULATED.index("[[electrode_monitors]]") : SIMULATED.index("[output]")]
     return changed(
         SIMULATED,
@@ -44,6 +46,8 @@ def as_real_rig(resource):
 
 
 def served_rig_text(endpoints):
-    """The file of a real rig whose devices `haptic simulate` serves; stage and finger tracker are still to be added."""
+    """The file of a real rig whose devices `haptic simulate` serves; stage and finger tracker are
+    still to be added.
+    """
     port = endpoints["force_sensor"].split(":")[1]
     return as_real_rig(endpoints["waveform_generator"]) + DEVICES.format(port=port, **endpoints)

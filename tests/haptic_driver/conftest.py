@@ -70,7 +70,9 @@ def refusal(surface_file):
     table = table_of(surface_file.worst_case)
 
     def why(limits, point):
-        return violation(limits, point, Worst(*worst_at(table, point.frequency_hz, point.voltage_v)))
+        return violation(
+            limits, point, Worst(*worst_at(table, point.frequency_hz, point.voltage_v))
+        )
 
     return why
 
@@ -106,7 +108,9 @@ def grid(surface_file, surface):
 
 
 class Reach(NamedTuple):
-    """Per frequency node: highest friction, and voltage and current for a target, infinite where out of reach."""
+    """Per frequency node: highest friction, and voltage and current for a target, infinite where
+    out of reach.
+    """
 
     cof_high: np.ndarray
     voltage_v: np.ndarray
@@ -115,18 +119,28 @@ class Reach(NamedTuple):
 
 @pytest.fixture(scope="session")
 def brute_force(surface, grid) -> Callable[[float, float], Reach]:
-    """Every frequency node of the surface tried in turn, in numpy: (normal_force_n, target_cof) -> Reach."""
+    """Every frequency node of the surface tried in turn, in numpy: (normal_force_n, target_cof) ->
+    Reach.
+    """
 
     def reach(normal_force_n: float, target_cof: float) -> Reach:
-        place = np.interp(np.log(normal_force_n), np.log(grid.normal_force_n), np.arange(grid.normal_force_n.size))
+        place = np.interp(
+            np.log(normal_force_n), np.log(grid.normal_force_n), np.arange(grid.normal_force_n.size)
+        )
         j = min(int(place), grid.normal_force_n.size - 2)
         share = place - j
         rows = (1.0 - share) * surface.cof[:, j] + share * surface.cof[:, j + 1]
-        currents = (1.0 - share) * surface.current_rms_a[:, j] + share * surface.current_rms_a[:, j + 1]
+        currents = (1.0 - share) * surface.current_rms_a[:, j] + share * surface.current_rms_a[
+            :, j + 1
+        ]
         limit_v = np.minimum(surface.voltage_limit_v[:, j], surface.voltage_limit_v[:, j + 1])
-        high = np.array([np.interp(v, grid.voltage_v, row) for v, row in zip(limit_v, rows, strict=True)])
+        high = np.array(
+            [np.interp(v, grid.voltage_v, row) for v, row in zip(limit_v, rows, strict=True)]
+        )
         voltage = np.array([np.interp(target_cof, row, grid.voltage_v) for row in rows])
-        current = np.array([np.interp(v, grid.voltage_v, row) for v, row in zip(voltage, currents, strict=True)])
+        current = np.array(
+            [np.interp(v, grid.voltage_v, row) for v, row in zip(voltage, currents, strict=True)]
+        )
         there = high >= target_cof
         return Reach(high, np.where(there, voltage, np.inf), np.where(there, current, np.inf))
 
@@ -135,9 +149,13 @@ def brute_force(surface, grid) -> Callable[[float, float], Reach]:
 
 @pytest.fixture(scope="session")
 def make_file() -> Callable[..., SurfaceFile]:
-    """A surface file by hand: friction 0.5 + `rise` V^2, `rise` [f, n], and whatever else differs from a plain one."""
+    """A surface file by hand: friction 0.5 + `rise` V^2, `rise` [f, n], and whatever else differs
+    from a plain one.
+    """
 
-    def make(frequency_hz: Any, normal_force_n: Any, voltage_v: Any, rise: Any = 1e-4, **changed: Any) -> SurfaceFile:
+    def make(
+        frequency_hz: Any, normal_force_n: Any, voltage_v: Any, rise: Any = 1e-4, **changed: Any
+    ) -> SurfaceFile:
         f, n, v = (np.asarray(x, dtype=float) for x in (frequency_hz, normal_force_n, voltage_v))
         shape = (f.size, v.size, n.size)
         coefficient = np.broadcast_to(np.asarray(rise, dtype=float), (f.size, n.size))
@@ -152,7 +170,11 @@ def make_file() -> Callable[..., SurfaceFile]:
             "within_theory": np.ones(shape, bool),
             "within_limits": np.ones(shape, bool),
         }
-        model = {"name": "by hand", "friction_law": "applied_load", "parameters": {"cof_off": {"value": 0.5}}}
+        model = {
+            "name": "by hand",
+            "friction_law": "applied_load",
+            "parameters": {"cof_off": {"value": 0.5}},
+        }
         return SurfaceFile(f, v, n, **(arrays | changed), provenance={"model": model})
 
     return make

@@ -12,7 +12,9 @@ from hw.amplifier.analog import AmplifierState
 
 
 def made_samples(count=100, **changed):
-    """So many ticks at 50 mm/s under 0.5 N, friction 0.6 wanted and met; and whatever else differs."""
+    """So many ticks at 50 mm/s under 0.5 N, friction 0.6 wanted and met; and whatever else
+    differs.
+    """
     samples = np.zeros(count, SAMPLE)
     usual = {
         "tick": np.arange(1, count + 1),

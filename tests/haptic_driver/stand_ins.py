@@ -50,7 +50,8 @@ class BreakableSensor:
 def living_rig(rig_config, touch):
     """Instruments served over their own wires, in a world whose time passes.
 
-    The interlock box and its driver have the patience of a busy machine; `tests/hw/safety` has their times.
+    The interlock box and its driver have the patience of a busy machine; `tests/hw/safety` has
+    their times.
     """
     with pytest.MonkeyPatch.context() as patch, ServedRig(rig_config, touch) as rig:
         patch.setattr(simulated_interlock, "SILENCE_S", PATIENCE_S)

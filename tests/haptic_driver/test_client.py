@@ -1,4 +1,6 @@
-"""The Python client: a lease that is kept, an output that is off whatever ends the block, and answers of strangers."""
+"""The Python client: a lease that is kept, an output that is off whatever ends the block, and
+answers of strangers.
+"""
 
 from __future__ import annotations
 
@@ -106,11 +108,13 @@ def test_the_lease_is_renewed_for_longer_than_it_lasts(client, control):
 
 def test_a_client_that_dies_loses_its_lease(socket, control):
     program = (
-        "import sys, time; from pathlib import Path; from haptic_driver.client import HapticClient\n"
-        "with HapticClient(Path(sys.argv[1])) as client, client.armed(2.0) as session:\n"
-        "    session.set(0.6); print('set', flush=True); time.sleep(600)\n"
+        "import sys, time; from pathlib import Path; from haptic_driver.client import"
+        " HapticClient\nwith HapticClient(Path(sys.argv[1])) as client, client.armed(2.0) as"
+        " session:\n    session.set(0.6); print('set', flush=True); time.sleep(600)\n"
     )
-    with subprocess.Popen([sys.executable, "-c", program, str(socket)], stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(socket)], stdout=subprocess.PIPE
+    ) as process:
         assert process.stdout.readline() == b"set\n"
         assert control.status().output_on is True
         os.kill(process.pid, signal.SIGKILL)
@@ -197,7 +201,8 @@ def test_views(client, control):
     assert next(client.watch_events()).message == "idle"
 
 
-# --- answers that are no daemon's, and what is sent as a name or as a path -------------------------------------------
+# --- answers that are no daemon's, and what is sent as a name or as a path
+# -------------------------------------------
 
 
 class Stranger(BaseHTTPRequestHandler):
@@ -243,7 +248,13 @@ def test_an_answer_that_is_no_daemons_is_an_error_and_no_traceback(stranger):
 
 @pytest.mark.parametrize(
     ("asked", "is_path"),
-    [("linen", False), ("größe", False), ("linen.toml", True), ("deep/linen", True), ("none.toml", False)],
+    [
+        ("linen", False),
+        ("größe", False),
+        ("linen.toml", True),
+        ("deep/linen", True),
+        ("none.toml", False),
+    ],
 )
 def test_a_path_is_sent_whole_and_a_name_as_it_is(stranger, tmp_path, monkeypatch, asked, is_path):
     """A file that happens to have the name of a texture once took its place."""
@@ -258,7 +269,9 @@ def test_a_path_is_sent_whole_and_a_name_as_it_is(stranger, tmp_path, monkeypatc
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user")
 def test_a_program_of_another_user_is_not_believed(tmp_path):
-    """`haptic off` was once answered "idle, output off" by a stranger's program, in a folder of the stranger's."""
+    """`haptic off` was once answered "idle, output off" by a stranger's program, in a folder of the
+    stranger's.
+    """
     stranger = 65534
     path = tmp_path / "theirs" / "d.sock"
     path.parent.mkdir()
@@ -277,7 +290,9 @@ with socket.socket(socket.AF_UNIX) as listener:
     for folder in path.parents:
         if folder.stat().st_uid == 0 and not folder.stat().st_mode & 0o001:
             folder.chmod(folder.stat().st_mode | 0o011)  # pytest's folders are closed to others
-    with subprocess.Popen([sys.executable, "-c", listening], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", listening], stdout=subprocess.PIPE, text=True
+    ) as process:
         try:
             assert process.stdout.readline() == "listens\n"
             with pytest.raises(HapticError) as refused:

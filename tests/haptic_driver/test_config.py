@@ -34,14 +34,19 @@ def rig_file(tmp_path, old="", new="", content=SIMULATED):
     return str(path)
 
 
-# --- what is read ----------------------------------------------------------------------------------------------
+# --- what is read
+# ----------------------------------------------------------------------------------------------
 
 
 def test_the_shipped_rig_becomes_operating_limits():
     config = load_rig("simulated")
     limits = config.operating_limits()
     assert config.simulated
-    assert (limits.voltage_v, limits.frequency_low_hz, limits.frequency_high_hz) == (150.0, 1.0, 1e6)
+    assert (limits.voltage_v, limits.frequency_low_hz, limits.frequency_high_hz) == (
+        150.0,
+        1.0,
+        1e6,
+    )
     assert limits.contact_current_a_rms == ICNIRP_PUBLIC_A_RMS
     assert limits.slew_v_per_s == 370e6
     assert limits.amplifier_current_a == 0.1
@@ -60,17 +65,31 @@ def test_every_shipped_model_is_valid(path):
 
 
 def test_whole_numbers_may_stand_for_floats(tmp_path):
-    assert load_rig(rig_file(tmp_path, "voltage_v = 150.0", "voltage_v = 120")).limits.voltage_v == 120.0
+    assert (
+        load_rig(rig_file(tmp_path, "voltage_v = 150.0", "voltage_v = 120")).limits.voltage_v
+        == 120.0
+    )
 
 
-# --- what is wrong ---------------------------------------------------------------------------------------------
+# --- what is wrong
+# ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("old", "new", "key", "offered"),
     [
-        ("series_resistance_ohm =", "serie_resistance_ohm =", "limits.serie_resistance_ohm", "series_resistance_ohm"),
-        ("current_limit_a = 0.1", "current_limit_a = 0.1\ncurent_limit_a = 1.0", "amplifier.curent_limit_a", "current"),
+        (
+            "series_resistance_ohm =",
+            "serie_resistance_ohm =",
+            "limits.serie_resistance_ohm",
+            "series_resistance_ohm",
+        ),
+        (
+            "current_limit_a = 0.1",
+            "current_limit_a = 0.1\ncurent_limit_a = 1.0",
+            "amplifier.curent_limit_a",
+            "current",
+        ),
         ("[controller]", "[controler]", "controler", "controller"),
         ("seed = 1", "sed = 1", "simulation.sed", "seed"),
         ("latency_s = 0.035", "latencys = 0.035", "output.latencys", "latency_s"),
@@ -99,7 +118,11 @@ def test_an_unknown_key_is_named_with_the_nearest(tmp_path, old, new, key, offer
         ("frequency_hz = [1.0, 1e6]", "frequency_hz = [1e6, 1.0]", "[lowest, highest]"),
         ("[2.5e3, 0.5e-3]", "[0.5, 0.5e-3]", "contact_current_a_rms must rise"),
         ("[2.5e3, 0.5e-3]", "[2.5e3, 0.0]", "limits.contact_current_a_rms"),
-        ("series_resistance_ohm = 0.0", "series_resistance_ohm = -1.0", "limits.series_resistance_ohm"),
+        (
+            "series_resistance_ohm = 0.0",
+            "series_resistance_ohm = -1.0",
+            "limits.series_resistance_ohm",
+        ),
         ("setpoint_interval_s = 0.010", "setpoint_interval_s = 0.0", "output.setpoint_interval_s"),
         ('policy = "max_authority"', 'policy = "fastest"', "controller.policy"),
         ("hysteresis = 0.05", "hysteresis = 1.5", "controller.hysteresis"),
@@ -129,10 +152,22 @@ def test_a_band_beyond_the_generators_is_refused(tmp_path, band):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("voltage_v = 150.0", "voltage_v = 800.0", ("limits.voltage_v 800", "amplifier.voltage_limit_v 700")),
+        (
+            "voltage_v = 150.0",
+            "voltage_v = 800.0",
+            ("limits.voltage_v 800", "amplifier.voltage_limit_v 700"),
+        ),
         ("simulated = true", "simulated = false", ("simulated", "waveform_generator.resource")),
-        ('resource = "simulated"', 'resource = "TCPIP::10.0.0.5::5025::SOCKET"', ("simulated", "resource")),
-        ("contact_on_n = 0.15", "contact_on_n = 0.05", ("finger.contact_off_n", "finger.contact_on_n")),
+        (
+            'resource = "simulated"',
+            'resource = "TCPIP::10.0.0.5::5025::SOCKET"',
+            ("simulated", "resource"),
+        ),
+        (
+            "contact_on_n = 0.15",
+            "contact_on_n = 0.05",
+            ("finger.contact_off_n", "finger.contact_on_n"),
+        ),
     ],
 )
 def test_two_values_that_contradict_are_both_named(tmp_path, old, new, words):
@@ -142,7 +177,10 @@ def test_two_values_that_contradict_are_both_named(tmp_path, old, new, words):
 
 
 def test_the_value_given_is_shown(tmp_path):
-    assert "not -1.0" in refused(load_rig, rig_file(tmp_path, "voltage_v = 150.0", "voltage_v = -1.0")).message
+    assert (
+        "not -1.0"
+        in refused(load_rig, rig_file(tmp_path, "voltage_v = 150.0", "voltage_v = -1.0")).message
+    )
 
 
 def test_bad_toml_says_where(tmp_path):
@@ -183,7 +221,9 @@ def test_an_unknown_name_offers_the_nearest(load, name, code, nearest):
 
 def test_a_mistake_in_a_model_file_is_bad_input(tmp_path):
     text = (CONFIGS / "models" / "reference.toml").read_text(encoding="utf-8")
-    (tmp_path / "mine.toml").write_text(text.replace("hurst_exponent ", "hurst_exponnt "), encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(
+        text.replace("hurst_exponent ", "hurst_exponnt "), encoding="utf-8"
+    )
     error = refused(load_model, str(tmp_path / "mine.toml"))
     assert error.code == "bad_model"
     assert "hurst_exponnt" in error.message
@@ -197,7 +237,8 @@ def test_a_section_that_is_no_section_is_refused():
     assert error.message.startswith("here: limits:")
 
 
-# --- where it is found -----------------------------------------------------------------------------------------
+# --- where it is found
+# -----------------------------------------------------------------------------------------
 
 
 def put(folder, name):
@@ -255,4 +296,7 @@ def test_a_key_without_a_name_is_said():
 
 
 def test_a_file_of_the_wrong_shape_has_a_hint():
-    assert refused(parse, Pair, [1.0], "a.toml").hint == "Change a key that it names; the keys are: low, high"
+    assert (
+        refused(parse, Pair, [1.0], "a.toml").hint
+        == "Change a key that it names; the keys are: low, high"
+    )

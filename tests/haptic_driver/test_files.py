@@ -42,5 +42,12 @@ def test_rows(tmp_path):
 
 
 def test_rows_hold_no_formulas_and_negative_numbers_as_they_are(tmp_path):
-    write_rows(tmp_path / "t.csv", [{"=name": "=cmd|x", "n": -1.5, "t": "-2.5"}, {"=name": "@x", "n": 2, "t": "+"}])
-    assert (tmp_path / "t.csv").read_text().splitlines() == ["'=name,n,t", "'=cmd|x,-1.5,-2.5", "'@x,2,'+"]
+    write_rows(
+        tmp_path / "t.csv",
+        [{"=name": "=cmd|x", "n": -1.5, "t": "-2.5"}, {"=name": "@x", "n": 2, "t": "+"}],
+    )
+    assert (tmp_path / "t.csv").read_text().splitlines() == [
+        "'=name,n,t",
+        "'=cmd|x,-1.5,-2.5",
+        "'@x,2,'+",
+    ]

@@ -1,4 +1,6 @@
-"""Limits over arrays, by hand; that the last gate agrees with them is in `render/test_safety.py`."""
+"""Limits over arrays, by hand; that the last gate agrees with them is in
+`render/test_safety.py`.
+"""
 
 import math
 
@@ -13,7 +15,9 @@ PLAIN = OperatingLimits(voltage_v=150.0, frequency_low_hz=10.0, frequency_high_h
 
 def test_highest_voltage_is_the_contact_limit_over_the_worst_case_current():
     # 0.5 mA at 1 kHz, 2 mA at 10 kHz, 20 mA at 100 kHz; the first allows more than the rig's 150 V
-    found = PLAIN.highest_voltage_v(np.array([1e3, 1e3, 10e3, 100e3]), np.array([1e-6, 1e-5, 1e-4, 1e-3]))
+    found = PLAIN.highest_voltage_v(
+        np.array([1e3, 1e3, 10e3, 100e3]), np.array([1e-6, 1e-5, 1e-4, 1e-3])
+    )
     np.testing.assert_allclose(found, [150.0, 50.0, 20.0, 20.0], rtol=ROUNDING)
 
 
@@ -22,21 +26,35 @@ def test_highest_voltage_is_the_contact_limit_over_the_worst_case_current():
     [
         ({"series_resistance_ohm": 100e3}, 1e3, math.sqrt(2.0) * 0.5e-3 * 100e3),
         ({"series_resistance_ohm": 1e3}, 1e3, math.sqrt(2.0) * 0.5),
-        ({"series_resistance_ohm": 500.0}, 1e3, 0.5),  # less than what the finger itself allows: 0.5 mA over 1 mA/V
-        ({"amplifier_current_a": 0.7e-3}, 1e3, 150.0),  # cannot deliver 0.5 mA rms: no finger limit at all
+        (
+            {"series_resistance_ohm": 500.0},
+            1e3,
+            0.5,
+        ),  # less than what the finger itself allows: 0.5 mA over 1 mA/V
+        (
+            {"amplifier_current_a": 0.7e-3},
+            1e3,
+            150.0,
+        ),  # cannot deliver 0.5 mA rms: no finger limit at all
         ({"amplifier_current_a": 0.8e-3}, 1e3, 0.5),
         ({"slew_v_per_s": 1e3}, 1e3, 1.0 / (2.0 * math.pi)),
         ({"amplifier_current_a": 0.7e-3, "panel_capacitance_f": 1e-6}, 1e3, 0.7 / (2.0 * math.pi)),
     ],
 )
-def test_what_bounds_the_voltage_for_a_worst_case_of_1_ma_per_volt(changed, frequency_hz, expected_v):
+def test_what_bounds_the_voltage_for_a_worst_case_of_1_ma_per_volt(
+    changed, frequency_hz, expected_v
+):
     limits = OperatingLimits(150.0, 10.0, 1e6, **changed)
     assert limits.highest_voltage_v(frequency_hz, 1e-3) == pytest.approx(expected_v, rel=ROUNDING)
 
 
 def test_outside_the_band_no_voltage_is_allowed():
-    np.testing.assert_array_equal(PLAIN.highest_voltage_v(np.array([9.99, 1.001e6]), 1e-9), [0.0, 0.0])
-    np.testing.assert_array_equal(PLAIN.highest_voltage_v(np.array([10.0, 1e6]), 1e-9), [150.0, 150.0])
+    np.testing.assert_array_equal(
+        PLAIN.highest_voltage_v(np.array([9.99, 1.001e6]), 1e-9), [0.0, 0.0]
+    )
+    np.testing.assert_array_equal(
+        PLAIN.highest_voltage_v(np.array([10.0, 1e6]), 1e-9), [150.0, 150.0]
+    )
 
 
 def test_a_current_of_zero_leaves_the_other_limits():

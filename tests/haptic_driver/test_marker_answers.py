@@ -1,4 +1,6 @@
-"""Answers over the daemon: a page or another program that hears questions and answers them by markers."""
+"""Answers over the daemon: a page or another program that hears questions and answers them by
+markers.
+"""
 
 from __future__ import annotations
 

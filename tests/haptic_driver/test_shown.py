@@ -29,13 +29,19 @@ def test_what_does_not_print_is_written_out():
 def test_an_error_says_it_so():
     error = HapticError("x", f"no texture {EVIL}", f"Known: {EVIL}\nAnother line")
     assert error.message == f"no texture {HARMLESS}"
-    assert error.hint.splitlines() == [r"Known: linen\x1b[2J", r"\u202egnp.exe\x07\x9b31m", "Another line"]
+    assert error.hint.splitlines() == [
+        r"Known: linen\x1b[2J",
+        r"\u202egnp.exe\x07\x9b31m",
+        "Another line",
+    ]
     assert str(error) == error.message
 
 
 @pytest.mark.parametrize("colour", [True, False])
 def test_a_console_prints_it_so_in_text_and_tables_and_keeps_its_own_colours(colour):
-    console = PlainConsole(file=io.StringIO(), force_terminal=colour, width=200, highlight=False, markup=False)
+    console = PlainConsole(
+        file=io.StringIO(), force_terminal=colour, width=200, highlight=False, markup=False
+    )
     table = Table("name")
     table.add_row(EVIL)
     console.print(f"plays {EVIL}")
@@ -49,7 +55,9 @@ def test_a_console_prints_it_so_in_text_and_tables_and_keeps_its_own_colours(col
 
 
 def test_a_line_of_the_log_is_one_line():
-    line = Printable("%(message)s").format(logging.makeLogRecord({"msg": "plays %s", "args": (EVIL,)}))
+    line = Printable("%(message)s").format(
+        logging.makeLogRecord({"msg": "plays %s", "args": (EVIL,)})
+    )
     assert line == f"plays {HARMLESS}"
 
 

@@ -2,8 +2,8 @@
 
     HAPTIC_HARDWARE=configs/rigs/mine.toml HAPTIC_ENERGISE=20 python -m pytest tests/hardware
 
-Without HAPTIC_ENERGISE nothing is energised. With it, that many volts (peak, at the electrode) come on for a moment:
-nobody touches the screen meanwhile, and the force sensor is unloaded.
+Without HAPTIC_ENERGISE nothing is energised. With it, that many volts (peak, at the electrode) come
+on for a moment: nobody touches the screen meanwhile, and the force sensor is unloaded.
 """
 
 import datetime
@@ -32,7 +32,9 @@ def config():
 
 
 def test_the_doctor_finds_nothing_wrong(config):
-    failed = [check for check in examine(config, datetime.date.today()) if check.status is Status.FAILED]
+    failed = [
+        check for check in examine(config, datetime.date.today()) if check.status is Status.FAILED
+    ]
     assert failed == []
 
 
@@ -46,7 +48,9 @@ def test_it_connects_with_its_output_off_and_its_sensors_answering(config):
             assert devices.tracker.read().time_s == pytest.approx(time.monotonic(), abs=1.0)
 
 
-@pytest.mark.skipif(VOLTAGE is None, reason="set HAPTIC_ENERGISE to a voltage to energise the electrode")
+@pytest.mark.skipif(
+    VOLTAGE is None, reason="set HAPTIC_ENERGISE to a voltage to energise the electrode"
+)
 def test_a_low_voltage_comes_on_and_goes_off_with_evidence(config):
     wanted = DriveCommand(config.controller.lowest_carrier_hz, float(VOLTAGE), True)
     with connect_devices(config) as devices:
@@ -60,10 +64,15 @@ def test_a_low_voltage_comes_on_and_goes_off_with_evidence(config):
         assert devices.rig.stop().output_on is False
 
 
-@pytest.mark.skipif(VOLTAGE is None, reason="set HAPTIC_ENERGISE to a voltage to energise the electrode")
+@pytest.mark.skipif(
+    VOLTAGE is None, reason="set HAPTIC_ENERGISE to a voltage to energise the electrode"
+)
 def test_output_that_is_not_refreshed_goes_off(config):
     with connect_devices(config) as devices:
-        devices.rig.command(time.monotonic(), DriveCommand(config.controller.lowest_carrier_hz, float(VOLTAGE), True))
+        devices.rig.command(
+            time.monotonic(),
+            DriveCommand(config.controller.lowest_carrier_hz, float(VOLTAGE), True),
+        )
         time.sleep(2.0 * config.safety.lease_s)
         devices.rig.watch(time.monotonic())
         assert devices.rig.state is RigState.OFF

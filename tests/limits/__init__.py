@@ -1,1 +1,3 @@
-"""Random models on random rigs: does anything that goes out exceed a limit, by the full model at that very point?"""
+"""Random models on random rigs: does anything that goes out exceed a limit, by the full model at
+that very point?
+"""

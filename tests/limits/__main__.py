@@ -20,7 +20,9 @@ from tests.limits.draws import authority_left, drawn, shares
 
 
 class Found(NamedTuple):
-    """Of one draw: the largest shares by limit, points out and refused, and what is left of authority."""
+    """Of one draw: the largest shares by limit, points out and refused, and what is left of
+    authority.
+    """
 
     number: int
     largest: dict[str, float]
@@ -44,12 +46,22 @@ def found(seed: int, number: int) -> Found | None:
         for limit, taken in shares(draw, voltages_v)._asdict().items():
             largest[f"{limit.replace('_', ' ')}, {kind}"] = float(np.max(taken, initial=0.0))
     has_effects = bool(draw.description.effect_parameters)
-    return Found(number, largest, len(draw.points), draw.refused, authority_left(draw), has_effects, draw.about)
+    return Found(
+        number,
+        largest,
+        len(draw.points),
+        draw.refused,
+        authority_left(draw),
+        has_effects,
+        draw.about,
+    )
 
 
 def main() -> int:
     """Draw, and say what came of it; 1 where a limit is exceeded or a point was refused."""
-    parser = argparse.ArgumentParser(description="Random models on random rigs against every limit.")
+    parser = argparse.ArgumentParser(
+        description="Random models on random rigs against every limit."
+    )
     parser.add_argument("--draws", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=2)
     asked = parser.parse_args()
@@ -61,7 +73,9 @@ def main() -> int:
             done += 1
             results += [] if result is None else [result]
             if done % 100 == 0:
-                print(f"{done} of {asked.draws} draws, {time.monotonic() - began_s:.0f} s", flush=True)
+                print(
+                    f"{done} of {asked.draws} draws, {time.monotonic() - began_s:.0f} s", flush=True
+                )
     worst = {name: max(results, key=lambda r: r.largest[name]) for name in results[0].largest}
     print("\nlargest share of each limit, by the full model at that very point:")
     for name, result in worst.items():
@@ -70,10 +84,13 @@ def main() -> int:
     out, at_the_gate = sum(r.out for r in results), sum(len(r.refused) for r in results)
     print(f"{out} points went out, {at_the_gate} were refused at the gate")
     for has_effects, whose in ((False, "without effects"), (True, "with effects")):
-        left = np.array([r.left for r in results if r.has_effects is has_effects and np.isfinite(r.left)])
+        left = np.array(
+            [r.left for r in results if r.has_effects is has_effects and np.isfinite(r.left)]
+        )
         print(
-            f"authority that is left of what the limits allow, models {whose} ({left.size}): "
-            f"mean {left.mean():.3f}, 5th percentile {np.quantile(left, 0.05):.3f}, least {left.min():.3f}"
+            f"authority that is left of what the limits allow, models {whose} ({left.size}): mean"
+            f" {left.mean():.3f}, 5th percentile {np.quantile(left, 0.05):.3f}, least"
+            f" {left.min():.3f}"
         )
     for result in refused[:3]:
         print(f"refused in draw {result.number}: {result.refused[0]}; {result.about}")

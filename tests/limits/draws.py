@@ -1,4 +1,6 @@
-"""A random model on a random rig, what its controller lets out, and what the full model says of that."""
+"""A random model on a random rig, what its controller lets out, and what the full model says of
+that.
+"""
 
 from __future__ import annotations
 
@@ -53,9 +55,11 @@ class Draw(NamedTuple):
 
     @property
     def about(self) -> str:
-        """For a person."""
         effects = {
-            name: {key: round(p.value, 4) if abs(p.value) > 1e-3 else p.value for key, p in values.items()}
+            name: {
+                key: round(p.value, 4) if abs(p.value) > 1e-3 else p.value
+                for key, p in values.items()
+            }
             for name, values in self.description.effect_parameters.items()
         }
         return f"{effects} {self.description.learned_form} {self.limits} {self.settings.policy}"
@@ -71,10 +75,16 @@ class Shares(NamedTuple):
     amplifier_current: np.ndarray
 
 
-def drawn(reference: ModelDescription, rng: np.random.Generator, coarse: bool = False) -> Draw | None:
-    """A draw, with the usual surface or a coarse one; None for a finger that sticks to the screen by itself."""
+def drawn(
+    reference: ModelDescription, rng: np.random.Generator, coarse: bool = False
+) -> Draw | None:
+    """A draw, with the usual surface or a coarse one; None for a finger that sticks to the screen
+    by itself.
+    """
     description, limits = _model(reference, rng), _limits(rng)
-    file = build_surface(description, limits, axes_within(description, COARSE if coarse else SurfaceAxes()))
+    file = build_surface(
+        description, limits, axes_within(description, COARSE if coarse else SurfaceAxes())
+    )
     try:
         lookup = ready_for_lookup(file, limits)
     except BadInputError:
@@ -112,14 +122,20 @@ def shares(draw: Draw, voltage_v: list[float]) -> Shares:
         return Shares(*np.zeros((len(Shares._fields), 1)))
     p, v = Point(*map(np.array, zip(*draw.points, strict=True))), np.array(voltage_v)
     touch, limits = TouchModel(draw.description), draw.limits
-    conditions = Conditions(p.frequency_hz, v, p.normal_force_n, speed_m_s=p.speed_m_s, time_s=p.contact_s)
+    conditions = Conditions(
+        p.frequency_hz, v, p.normal_force_n, speed_m_s=p.speed_m_s, time_s=p.contact_s
+    )
     moving = touch.predict(conditions)
-    resting = touch.predict(replace(conditions, speed_m_s=0.0 * v, finger=np.full(v.size, "resting")))
+    resting = touch.predict(
+        replace(conditions, speed_m_s=0.0 * v, finger=np.full(v.size, "resting"))
+    )
     electrode_v = np.maximum(v, np.abs(moving.electrode_voltage_v))
     allowed_a = limits.contact_current_limit_a_rms(p.frequency_hz)
     deliverable_a = limits.amplifier_current_a / np.sqrt(2.0)
     if limits.series_resistance_ohm > 0.0:
-        deliverable_a = np.minimum(deliverable_a, electrode_v / (np.sqrt(2.0) * limits.series_resistance_ohm))
+        deliverable_a = np.minimum(
+            deliverable_a, electrode_v / (np.sqrt(2.0) * limits.series_resistance_ohm)
+        )
     slew = 2.0 * np.pi * p.frequency_hz * electrode_v
     sliding_a = np.fmax(moving.current_rms_a, resting.current_rms_a)
     stuck_a = np.fmax(moving.stuck_current_rms_a, resting.stuck_current_rms_a)
@@ -133,7 +149,8 @@ def shares(draw: Draw, voltage_v: list[float]) -> Shares:
 
 
 def authority_left(draw: Draw) -> float:
-    """V^2 of the first point's carrier at full scale, over V^2 that the limits allow there by the full model.
+    """V^2 of the first point's carrier at full scale, over V^2 that the limits allow there by the
+    full model.
 
     NaN where nothing is out.
     """
@@ -147,11 +164,16 @@ def authority_left(draw: Draw) -> float:
 
 
 def _model(reference: ModelDescription, rng: np.random.Generator) -> ModelDescription:
-    """Some effects, as priors have them or anywhere within their bounds, and often a learned one."""
+    """Some effects, as priors have them or anywhere within their bounds, and often a learned
+    one.
+    """
     count = int(rng.choice([0, 1, 1, 2, 3]))
     names = rng.choice(list(BY_NAME), count, replace=False)
     wide = rng.random() < 0.3
-    effects = {str(name): {p.name: _parameter(p, rng, wide) for p in BY_NAME[name].parameters()} for name in names}
+    effects = {
+        str(name): {p.name: _parameter(p, rng, wide) for p in BY_NAME[name].parameters()}
+        for name in names
+    }
     form = random_form(rng) if rng.random() < 0.4 else None
     if form is not None:
         kind = learned_kind(form)
@@ -161,10 +183,22 @@ def _model(reference: ModelDescription, rng: np.random.Generator) -> ModelDescri
 
 def random_form(rng: np.random.Generator) -> LearnedForm:
     """A term at some place of the chain, over one of its inputs."""
-    acts_on = str(rng.choice(["voltage", "series_impedance", "gap_permittivity", "friction", "skin_stiffness"]))
-    inputs = {"skin_stiffness": "normal_force_n"}.get(acts_on) or str(rng.choice(["frequency_hz", "voltage_v"]))
-    nodes = {"frequency_hz": FREQUENCIES_HZ, "voltage_v": VOLTAGES_V, "normal_force_n": (0.1, 0.5, 2.0)}[inputs]
-    return LearnedForm(acts_on, "spline", (Term((inputs,), (nodes,), float(rng.uniform(0.1, 0.8))),), 1.0)
+    acts_on = str(
+        rng.choice(
+            ["voltage", "series_impedance", "gap_permittivity", "friction", "skin_stiffness"]
+        )
+    )
+    inputs = {"skin_stiffness": "normal_force_n"}.get(acts_on) or str(
+        rng.choice(["frequency_hz", "voltage_v"])
+    )
+    nodes = {
+        "frequency_hz": FREQUENCIES_HZ,
+        "voltage_v": VOLTAGES_V,
+        "normal_force_n": (0.1, 0.5, 2.0),
+    }[inputs]
+    return LearnedForm(
+        acts_on, "spline", (Term((inputs,), (nodes,), float(rng.uniform(0.1, 0.8))),), 1.0
+    )
 
 
 def _parameter(p: EffectParameter, rng: np.random.Generator, wide: bool) -> Parameter:

@@ -1,4 +1,6 @@
-"""300 of the draws of `make limits`, on a coarser surface, where cells are larger and everything bends more in them."""
+"""300 of the draws of `make limits`, on a coarser surface, where cells are larger and everything
+bends more in them.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +16,8 @@ ROUNDING = 1e-9
 def test_nothing_that_goes_out_exceeds_a_limit_by_the_full_model(part):
     """Set points and the carriers of envelopes, under any load, sliding, resting and stuck.
 
-    A stuck current once was 6.6 times its limit, an electrode's voltage 6 times, an open modulation input 4.4 times.
+    A stuck current once was 6.6 times its limit, an electrode's voltage 6 times, an open modulation
+    input 4.4 times.
     """
     reference, went_out = load_model("reference"), 0
     for k in range(part, DRAWS, PARTS):
@@ -25,5 +28,10 @@ def test_nothing_that_goes_out_exceeds_a_limit_by_the_full_model(part):
         went_out += len(draw.points)
         for voltages_v in ([point.voltage_v for point in draw.points], draw.full_scale_v):
             for limit, taken in shares(draw, voltages_v)._asdict().items():
-                assert np.max(taken) <= 1.0 + ROUNDING, (k, limit, draw.points[int(np.argmax(taken))], draw.about)
+                assert np.max(taken) <= 1.0 + ROUNDING, (
+                    k,
+                    limit,
+                    draw.points[int(np.argmax(taken))],
+                    draw.about,
+                )
     assert went_out > DRAWS / PARTS

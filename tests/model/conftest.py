@@ -1,4 +1,6 @@
-"""What the tests of the physics share: reference values, the shipped models, and the theory as printed, done slowly."""
+"""What the tests of the physics share: reference values, the shipped models, and the theory as
+printed, done slowly.
+"""
 
 from __future__ import annotations
 
@@ -39,8 +41,12 @@ def _columns(node: Any) -> Any:
 
 
 @pytest.fixture(scope="session")
-def fresh_tables(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[TouchModel], TouchModel]]:
-    """Gives a model its gap table from a folder of this session: no test ever reads a table of an earlier source."""
+def fresh_tables(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Callable[[TouchModel], TouchModel]]:
+    """Gives a model its gap table from a folder of this session: no test ever reads a table of an
+    earlier source.
+    """
     folder = tmp_path_factory.mktemp("gap-tables")
     gap_table.cache_clear()
 
@@ -57,7 +63,10 @@ def fresh_tables(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[
 @pytest.fixture(scope="session")
 def models(fresh_tables: Callable[[TouchModel], TouchModel]) -> dict[str, TouchModel]:
     """The two shipped models by name."""
-    return {name: fresh_tables(TouchModel(read_model(MODELS / f"{name}.toml"))) for name in ("reference", "table1")}
+    return {
+        name: fresh_tables(TouchModel(read_model(MODELS / f"{name}.toml")))
+        for name in ("reference", "table1")
+    }
 
 
 @pytest.fixture(scope="session")
@@ -79,7 +88,9 @@ def variant(
 
 @dataclass(frozen=True)
 class Chosen(ModelDescription):
-    """A description whose effects are given as they are, in their order, and need not come from a file."""
+    """A description whose effects are given as they are, in their order, and need not come from a
+    file.
+    """
 
     chosen: tuple[Effect, ...] = ()
 
@@ -114,14 +125,19 @@ class Scales:
 def scales_of() -> Callable[[TouchModel], Scales]:
     def of(model: TouchModel) -> Scales:
         v = model.description.values
-        return Scales(v.effective_modulus_pa * v.roll_off_wavenumber_per_m * v.roughness_rms_m, v.roughness_rms_m)
+        return Scales(
+            v.effective_modulus_pa * v.roll_off_wavenumber_per_m * v.roughness_rms_m,
+            v.roughness_rms_m,
+        )
 
     return of
 
 
 @dataclass(frozen=True)
 class Stack:
-    """What the gap's field depends on, per frequency: E(u) = V/(a u + k_gap h), a = 1 + leak p h."""
+    """What the gap's field depends on, per frequency: E(u) = V/(a u + k_gap h), a = 1 + leak p
+    h.
+    """
 
     omega: NDArray
     h_m: NDArray
@@ -143,10 +159,15 @@ def stack_of() -> Callable[[TouchModel, NDArray], Stack]:
 
 @pytest.fixture(scope="session")
 def circuit_of() -> Callable[..., GapCircuit]:
-    """A circuit from scales, (stack, mean square voltage) of each branch and load, all but the scales [n]."""
+    """A circuit from scales, (stack, mean square voltage) of each branch and load, all but the
+    scales [n].
+    """
 
     def of(
-        scales: Scales, branches: list[tuple[Any, NDArray]], load_pa: NDArray, **changes: NDArray | float
+        scales: Scales,
+        branches: list[tuple[Any, NDArray]],
+        load_pa: NDArray,
+        **changes: NDArray | float,
     ) -> GapCircuit:
         shape = np.shape(load_pa)
 
@@ -164,7 +185,10 @@ def circuit_of() -> Callable[..., GapCircuit]:
             mean_square_v2=by_branch([v for _, v in branches], float),
             crest_square=np.full((*shape, len(branches)), 2.0),
             load_pa=np.asarray(load_pa, float),
-            **{name: np.array(np.broadcast_to(np.asarray(v, float), shape)) for name, v in rest.items()},
+            **{
+                name: np.array(np.broadcast_to(np.asarray(v, float), shape))
+                for name, v in rest.items()
+            },
         )
 
     return of
@@ -177,18 +201,24 @@ def sine_circuit() -> Callable[..., GapCircuit]:
     def of(model: TouchModel, frequency_hz: Any, voltage_v: Any, load_pa: Any) -> GapCircuit:
         description = model.description
         load_n = np.asarray(load_pa) * description.values.contact_area_m2
-        columns = np.broadcast_arrays(*(np.atleast_1d(np.asarray(x, float)) for x in (frequency_hz, voltage_v, load_n)))
+        columns = np.broadcast_arrays(
+            *(np.atleast_1d(np.asarray(x, float)) for x in (frequency_hz, voltage_v, load_n))
+        )
         drive = Conditions(*columns).drive()
-        return prepare(description.values, description.dielectric, description.effects, drive).circuit
+        return prepare(
+            description.values, description.dielectric, description.effects, drive
+        ).circuit
 
     return of
 
 
 @dataclass(frozen=True)
 class PrintedTheory:
-    """Equations (41)-(49) in SI units, every integral by brute quadrature and every derivative by differences.
+    """Equations (41)-(49) in SI units, every integral by brute quadrature and every derivative by
+    differences.
 
-    Nothing here is shared with the source: no closed form of a moment, no scaling, other variables and other rules.
+    Nothing here is shared with the source: no closed form of a moment, no scaling, other variables
+    and other rules.
     """
 
     H: float
@@ -199,10 +229,14 @@ class PrintedTheory:
     Y: float
 
     def spectrum(self, q: NDArray) -> NDArray:
-        return self.H / np.pi * self.h_rms**2 / self.q0**2 * (q / self.q0) ** (-2.0 * (1.0 + self.H))  # (41)
+        return (
+            self.H / np.pi * self.h_rms**2 / self.q0**2 * (q / self.q0) ** (-2.0 * (1.0 + self.H))
+        )  # (41)
 
     def moment(self, power: int, low: NDArray, log_width: NDArray, nodes: int = 48) -> NDArray:
-        """int q^power C(q) dq from `low` over a given width in log q: exact also for widths of 1e-14."""
+        """int q^power C(q) dq from `low` over a given width in log q: exact also for widths of
+        1e-14.
+        """
         x, w = np.polynomial.legendre.leggauss(nodes)
         q = low[..., None] * np.exp(0.5 * log_width[..., None] * (x + 1.0))
         return 0.5 * log_width * ((q ** (power + 1) * self.spectrum(q)) @ w)
@@ -217,7 +251,8 @@ class PrintedTheory:
         """(45) with (46), (47) at zeta = 1 + e^tau and the pressure p A0/A(zeta)."""
         low = self.q0 * (1.0 + np.exp(tau))
         width = np.log(self.q1 / low)
-        # below this width w p'/Y* > 20 at the least p', where the inner integral is 0 in double precision
+        # below this width w p'/Y* > 20 at the least p', where the inner integral is 0 in double
+        # precision
         least = (p_zeta / (20.0 * self.Y)) ** 2 / (np.pi * low**4 * self.spectrum(low))
         least = np.minimum(least, 0.5 * width)
         x, gauss = np.polynomial.legendre.leggauss(80)
@@ -233,10 +268,16 @@ class PrintedTheory:
         x, gauss = np.polynomial.legendre.leggauss(80)
         span = np.maximum(np.log(7.0 / x0), 0.0)  # exp(-49) = 5e-22: nothing beyond 7
         at = x0[..., None] * np.exp(0.5 * span[..., None] * (x + 1.0))
-        return 0.5 * span * (((self.gamma + 3.0 * (1.0 - self.gamma) * erf(at) ** 2) * np.exp(-(at**2))) @ gauss)
+        return (
+            0.5
+            * span
+            * (((self.gamma + 3.0 * (1.0 - self.gamma) * erf(at) ** 2) * np.exp(-(at**2))) @ gauss)
+        )
 
     def at_zeta_one(self, p: float) -> float:
-        return float(self.mean_separation(np.array([p]), np.array([-60.0]))[0])  # zeta - 1 = 1e-26: 1 in doubles
+        return float(
+            self.mean_separation(np.array([p]), np.array([-60.0]))[0]
+        )  # zeta - 1 = 1e-26: 1 in doubles
 
     def gap_integrals(self, p: float, z: complex) -> tuple[float, complex, float]:
         """int P/|u+z|^2 du, int P/(u+z) du and int P du of (48)."""
@@ -250,28 +291,44 @@ class PrintedTheory:
         step = 1e-3  # central differences: step^2/6 = 2e-7 of a derivative
         after, before = tau + step, tau - step
         area = erf(self.stress_ratio(p, tau))
-        lost = (erfc(self.stress_ratio(p, after)) - erfc(self.stress_ratio(p, before))) / (2.0 * step)  # -A'
-        u = [self.mean_separation(p / erf(self.stress_ratio(p, t)), t) for t in (before, tau, after)]
+        lost = (erfc(self.stress_ratio(p, after)) - erfc(self.stress_ratio(p, before))) / (
+            2.0 * step
+        )  # -A'
+        u = [
+            self.mean_separation(p / erf(self.stress_ratio(p, t)), t) for t in (before, tau, after)
+        ]
         u1 = u[1] + (u[2] - u[0]) / (2.0 * step) * area / -lost  # (44)
         zeta = 1.0 + np.exp(tau)
-        spread = np.sqrt(2.0 * np.pi * self.moment(1, self.q0 * zeta, np.log(self.q1 / (self.q0 * zeta))))  # (49)
+        spread = np.sqrt(
+            2.0 * np.pi * self.moment(1, self.q0 * zeta, np.log(self.q1 / (self.q0 * zeta)))
+        )  # (49)
         K, L, mass = 0.0, 0j, 0.0
         for share, centre, s in zip(lost * dtau, u1, spread, strict=True):
             gap, du = self._panels(abs(centre), s, abs(z))
-            folded = np.exp(-0.5 * ((gap - centre) / s) ** 2) + np.exp(-0.5 * ((gap + centre) / s) ** 2)
+            folded = np.exp(-0.5 * ((gap - centre) / s) ** 2) + np.exp(
+                -0.5 * ((gap + centre) / s) ** 2
+            )
             P = share * folded / np.sqrt(2.0 * np.pi) / s * du
-            K, L, mass = K + np.sum(P / abs(gap + z) ** 2), L + np.sum(P / (gap + z)), mass + np.sum(P)
+            K, L, mass = (
+                K + np.sum(P / abs(gap + z) ** 2),
+                L + np.sum(P / (gap + z)),
+                mass + np.sum(P),
+            )
         return K, L, mass
 
     @staticmethod
     def _panels(centre: float, s: float, z: float) -> tuple[NDArray, NDArray]:
-        """Nodes and weights over nine widths of a normal, refined towards u = 0 where the integrand peaks."""
+        """Nodes and weights over nine widths of a normal, refined towards u = 0 where the integrand
+        peaks.
+        """
         low, high = max(centre - 9.0 * s, 0.0), centre + 9.0 * s
         if low > 0.0:
             edges = np.linspace(low, high, 10)
         else:
             first = min(0.1 * z, 0.1 * s)
-            edges = np.concatenate([[0.0], np.geomspace(first, high, 2 + int(np.log2(high / first)))])
+            edges = np.concatenate(
+                [[0.0], np.geomspace(first, high, 2 + int(np.log2(high / first)))]
+            )
         x, gauss = np.polynomial.legendre.leggauss(40)
         half = 0.5 * np.diff(edges)[:, None]
         return (edges[:-1, None] + half * (x + 1.0)).ravel(), (half * gauss).ravel()

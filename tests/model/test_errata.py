@@ -1,4 +1,5 @@
-"""Every slip of docs/errata.md: derived from the laws with sympy or measured, and the numbers that the page quotes.
+"""Every slip of docs/errata.md: derived from the laws with sympy or measured, and the numbers that
+the page quotes.
 
 Each test of a slip fails if the correction were what is printed.
 """
@@ -37,7 +38,9 @@ F_HZ, V, LOAD_N, P0_PA = 250.0, 75.0, 0.5, 5e3  # where the page counts conseque
 QUOTED = re.compile(r"`(\w+) = ([-+]?[0-9.]+(?:e[-+]?[0-9]+)?)(?: [^`]*)?`")
 
 # symbols of the laws: permittivities absolute
-D1, D2, U, E1P, EGP, E2P, S1, SG, S2 = sp.symbols("d1 d2 u eps1 epsg eps2 sigma1 sigmag sigma2", positive=True)
+D1, D2, U, E1P, EGP, E2P, S1, SG, S2 = sp.symbols(
+    "d1 d2 u eps1 epsg eps2 sigma1 sigmag sigma2", positive=True
+)
 RHO1, RHO2, VOLT = sp.symbols("rho1 rho2 V")
 DG = U + EGP * (D1 / E1P + D2 / E2P)
 
@@ -46,7 +49,11 @@ DG = U + EGP * (D1 / E1P + D2 / E2P)
 def charging() -> tuple[sp.Expr, sp.Expr]:
     """-d rho1/dt and -d rho2/dt from (2)-(8) alone, solved by sympy."""
     f1, fg, f2 = sp.symbols("E1 Eg E2")
-    laws = [EGP * fg - E1P * f1 - RHO1, E2P * f2 - EGP * fg - RHO2, D1 * f1 + U * fg + D2 * f2 - VOLT]
+    laws = [
+        EGP * fg - E1P * f1 - RHO1,
+        E2P * f2 - EGP * fg - RHO2,
+        D1 * f1 + U * fg + D2 * f2 - VOLT,
+    ]
     field = sp.solve(laws, [f1, fg, f2], dict=True)[0]
     return (
         sp.expand(sp.simplify(-S1 * field[f1] + SG * field[fg])),
@@ -99,19 +106,33 @@ class TestInterfaceCharge:
 
 
 class TestAppendixB:
-    """lambda and delta follow from the rest of (34)-(35) and from layers that are neutral at first."""
+    """lambda and delta follow from the rest of (34)-(35) and from layers that are neutral at
+    first.
+    """
 
     A, B, C, D, E, F, W, T = sp.symbols("a b c d e f omega t")
     PSI = W**4 + (A**2 + E**2 + 2 * B * D) * W**2 + (A * E - B * D) ** 2
-    ETA = ((A * C + B * F) * W**2 + A * C * E**2 + D * F * B**2 - A * B * E * F - B * C * D * E) / PSI
+    ETA = (
+        (A * C + B * F) * W**2 + A * C * E**2 + D * F * B**2 - A * B * E * F - B * C * D * E
+    ) / PSI
     ALPHA2 = -(C * W**3 + (C * E**2 - A * B * F + B * C * D - B * E * F) * W) / PSI
-    KAPPA = ((C * D + E * F) * W**2 + B * C * D**2 + E * F * A**2 - A * B * D * F - A * C * D * E) / PSI
+    KAPPA = (
+        (C * D + E * F) * W**2 + B * C * D**2 + E * F * A**2 - A * B * D * F - A * C * D * E
+    ) / PSI
     BETA2 = -(F * W**3 + (F * A**2 - A * C * D + B * D * F - C * D * E) * W) / PSI
     LAMBDA = (
-        (C * A * E - C * B * D) * W**2 + C * A * E**3 - C * B * D * E**2 - F * A * B * E**2 - F * B * E * A**2
+        (C * A * E - C * B * D) * W**2
+        + C * A * E**3
+        - C * B * D * E**2
+        - F * A * B * E**2
+        - F * B * E * A**2
     ) / PSI
     DELTA = (
-        (F * A * E - F * B * D) * W**2 + F * E * A**3 - F * B * D * A**2 - C * D * E * A**2 - C * A * D * E**2
+        (F * A * E - F * B * D) * W**2
+        + F * E * A**3
+        - F * B * D * A**2
+        - C * D * E * A**2
+        - C * A * D * E**2
     ) / PSI
 
     def test_the_other_coefficients_are_right(self) -> None:
@@ -128,24 +149,46 @@ class TestAppendixB:
         return self.W * steady - (self.A + self.E) * eta + lambda_
 
     def test_lambda(self) -> None:
-        missing = self.B * self.D * (self.A * self.B * self.F + self.A * self.C * self.E - self.B * self.C * self.D
-                                     + self.B * self.E * self.F) / self.PSI  # fmt: skip
+        missing = (
+            self.B
+            * self.D
+            * (
+                self.A * self.B * self.F
+                + self.A * self.C * self.E
+                - self.B * self.C * self.D
+                + self.B * self.E * self.F
+            )
+            / self.PSI
+        )
         assert sp.simplify(self.start(self.ALPHA2, self.ETA, self.LAMBDA + missing) + self.C) == 0
         assert sp.simplify(self.start(self.ALPHA2, self.ETA, self.LAMBDA) + self.C) != 0
 
     def test_delta(self) -> None:
-        missing = self.B * self.D * (self.A * self.C * self.D + self.A * self.E * self.F - self.B * self.D * self.F
-                                     + self.C * self.D * self.E) / self.PSI  # fmt: skip
+        missing = (
+            self.B
+            * self.D
+            * (
+                self.A * self.C * self.D
+                + self.A * self.E * self.F
+                - self.B * self.D * self.F
+                + self.C * self.D * self.E
+            )
+            / self.PSI
+        )
         assert sp.simplify(self.start(self.BETA2, self.KAPPA, self.DELTA + missing) + self.F) == 0
         assert sp.simplify(self.start(self.BETA2, self.KAPPA, self.DELTA) + self.F) != 0
 
 
 def test_conduction_of_the_skin_is_counted_once() -> None:
-    """With eps2 real and sigma2 in (7), E_g is V/(u + eps_g h), k2 = eps2' + sigma2/s; with (1) in (7) it is not."""
+    """With eps2 real and sigma2 in (7), E_g is V/(u + eps_g h), k2 = eps2' + sigma2/s; with (1) in
+    (7) it is not.
+    """
     s = sp.symbols("s")
 
     def gap_field(eps2: sp.Expr) -> sp.Expr:
-        y1, yg, y2 = (sigma + s * eps for sigma, eps in ((S1, E1P), (SG, EGP), (S2, eps2)))  # (6)-(7): one current
+        y1, yg, y2 = (
+            sigma + s * eps for sigma, eps in ((S1, E1P), (SG, EGP), (S2, eps2))
+        )  # (6)-(7): one current
         current = VOLT / (D1 / y1 + U / yg + D2 / y2)  # (8)
         return current / yg
 
@@ -160,19 +203,25 @@ def test_conduction_of_the_skin_is_counted_once() -> None:
 
 
 def test_relaxation_times_need_absolute_permittivities(models) -> None:
-    """(4)-(7) with absolute permittivities give the RC time of a layer by itself: R C = eps0 eps_r/sigma."""
+    """(4)-(7) with absolute permittivities give the RC time of a layer by itself: R C = eps0
+    eps_r/sigma.
+    """
     parameters = models["table1"].description.values
     k_skin = models["table1"].description.dielectric.permittivity(np.array([F_HZ]))
     sigma = float(total_conductivity_s_per_m(k_skin, np.array([F_HZ]))[0])
     resistance, capacitance = 200e-6 / sigma, EPS0 * float(k_skin.real[0]) / 200e-6
     layers = constant_layers(parameters, models["table1"].description.dielectric, F_HZ)
-    assert 1.0 / layers.relaxation_rates_per_s(0.0)[2] == pytest.approx(resistance * capacitance, rel=1e-12)
+    assert 1.0 / layers.relaxation_rates_per_s(0.0)[2] == pytest.approx(
+        resistance * capacitance, rel=1e-12
+    )
     relative = complex_layers(models["table1"].description, np.array([F_HZ]))
     assert 1.0 / relative.relaxation_rates_per_s(0.0)[2].real[0] > 1e10 * resistance * capacitance
 
 
 def test_constants_that_follow_the_drive_break_superposition(models) -> None:
-    """Two sines together are not the sum of each with its own constants, and no choice of constants serves a step."""
+    """Two sines together are not the sum of each with its own constants, and no choice of constants
+    serves a step.
+    """
     d = models["table1"].description
     time = np.linspace(0.0, 2e-4, 2001)
     low, high = (np.cos(2.0 * np.pi * f * time) for f in (250.0, 1e5))
@@ -182,13 +231,17 @@ def test_constants_that_follow_the_drive_break_superposition(models) -> None:
         return simulate(constant_layers(d.values, d.dielectric, at_hz), gap, time, volt)[1][:, 0]
 
     one_system = charge(low, 250.0) + charge(high, 250.0)
-    np.testing.assert_allclose(charge(low + high, 250.0), one_system, rtol=1e-9, atol=1e-9 * np.abs(one_system).max())
+    np.testing.assert_allclose(
+        charge(low + high, 250.0), one_system, rtol=1e-9, atol=1e-9 * np.abs(one_system).max()
+    )
     each_its_own = charge(low, 250.0) + charge(high, 1e5)
     assert np.abs(each_its_own - one_system).max() > 0.01 * np.abs(one_system).max()
 
 
 def test_the_leak_lies_beside_the_gap() -> None:
-    """One current (s k_g/u + alpha) u E crosses gap and stack (eps0 = 1); alpha -> inf leaves no field."""
+    """One current (s k_g/u + alpha) u E crosses gap and stack (eps0 = 1); alpha -> inf leaves no
+    field.
+    """
     s, alpha, h, k_gap, field = sp.symbols("s alpha h k_g E", positive=True)
     current = (s * k_gap / U + alpha) * U * field
     found = sp.solve(U * field + current * h / s - VOLT, field)[0]
@@ -197,29 +250,39 @@ def test_the_leak_lies_beside_the_gap() -> None:
 
 
 def test_the_printed_leak_does_not_short_the_gap(at) -> None:
-    """(26) as printed grows where the leak is smaller: E_L ~ 1/alpha. A leak that vanishes must not matter."""
+    """(26) as printed grows where the leak is smaller: E_L ~ 1/alpha. A leak that vanishes must not
+    matter.
+    """
     field = printed_field(at.description, np.array([F_HZ]), np.array([at.gap_m]), absolute=True)
     leaks = [abs(field.leak_pa_per_m[0]) / p for p in (P0_PA, P0_PA / 10.0)]
     assert leaks[1] == pytest.approx(10.0 * leaks[0], rel=1e-12)
 
 
 def test_stress_is_the_mean_of_the_square() -> None:
-    """<(Re E e^jwt)^2> = |E|^2/2, whatever the phase of E; E^2 as printed is complex and depends on it."""
+    """<(Re E e^jwt)^2> = |E|^2/2, whatever the phase of E; E^2 as printed is complex and depends on
+    it.
+    """
     t, phase, size = sp.symbols("t phi E", real=True)
-    mean = sp.integrate(sp.expand_trig((size * sp.cos(t + phase)) ** 2), (t, 0, 2 * sp.pi)) / (2 * sp.pi)
+    mean = sp.integrate(sp.expand_trig((size * sp.cos(t + phase)) ** 2), (t, 0, 2 * sp.pi)) / (
+        2 * sp.pi
+    )
     assert sp.simplify(mean - size**2 / 2) == 0
     square = (size * sp.exp(sp.I * phase)) ** 2
     assert sp.simplify(sp.re(square) - size**2 * sp.cos(2 * phase)) == 0
 
 
 def test_pressure_is_already_an_average_over_the_nominal_area(at, stack_of) -> None:
-    """P(u) is a share of A0: the force is A0 int P sigma du, by quadrature; with A_real/A0 it would be 2e-4 of that."""
-    force_n = at.model.predict(Conditions(*(np.array([x]) for x in (F_HZ, V, LOAD_N)))).electrostatic_force_n[0]
+    """P(u) is a share of A0: the force is A0 int P sigma du, by quadrature; with A_real/A0 it would
+    be 2e-4 of that.
+    """
+    force_n = at.model.predict(
+        Conditions(*(np.array([x]) for x in (F_HZ, V, LOAD_N)))
+    ).electrostatic_force_n[0]
     s, h_rms, pressure_pa = stack_of(at.model, np.array([F_HZ])), 22e-6, P0_PA + force_n / 1e-4
     a, b = 1.0 + s.leak_per_m_pa[0] * pressure_pa * s.h_m[0], s.k_gap[0] * s.h_m[0]
-    mean_square = integrals_of(gap_mass(at.model.table.shape, pressure_pa / at.scale_pa), np.array([b / a / h_rms]))[0][
-        0
-    ]
+    mean_square = integrals_of(
+        gap_mass(at.model.table.shape, pressure_pa / at.scale_pa), np.array([b / a / h_rms])
+    )[0][0]
     stress_pa = EPS0 / 4.0 * V**2 * mean_square / (h_rms * abs(a)) ** 2
     assert force_n == pytest.approx(1e-4 * stress_pa, rel=1e-4)  # interpolation
     assert float(area_ratio(at.model.table.shape, pressure_pa / at.scale_pa)) < 3e-4
@@ -232,11 +295,15 @@ def test_friction_that_a_sensor_under_the_screen_reads() -> None:
     assert sp.simplify(found - (on / off - 1) * load) == 0
     assert sp.simplify(found - (1 - off / on) * load) != 0
     total = sp.solve(sp.Eq(on * load, off * (load + force)).subs(load, load - force), force)[0]
-    assert sp.simplify(total - (1 - off / on) * load) == 0  # (31) holds for a load that contains F_e
+    assert (
+        sp.simplify(total - (1 - off / on) * load) == 0
+    )  # (31) holds for a load that contains F_e
 
 
 def test_conductance_of_the_contact_is_the_skins(models) -> None:
-    """Spots of the insulator's surface charged through the skin: its conductivity limits, the insulator's does not."""
+    """Spots of the insulator's surface charged through the skin: its conductivity limits, the
+    insulator's does not.
+    """
     v = models["table1"].description.values
     sigma = np.array([2e-4])
     ours, printed = leak_conductance_per_pa(v, sigma), contact_conductance_per_pa(v, sigma)
@@ -249,16 +316,26 @@ def test_conductance_of_the_contact_is_the_skins(models) -> None:
 def test_the_exponent_that_converges() -> None:
     for hurst in (0.71, 0.86):
         s = hurst / (2.0 * (1.0 - hurst))
-        value, _ = quad(lambda y, s=s, h=hurst: 2.0 * s * (1.0 + y * y) ** (-1.0 / (2.0 * (1.0 - h))), 0.0, np.inf)
+        value, _ = quad(
+            lambda y, s=s, h=hurst: 2.0 * s * (1.0 + y * y) ** (-1.0 / (2.0 * (1.0 - h))),
+            0.0,
+            np.inf,
+        )
         assert r_of_hurst(hurst) == pytest.approx(value, rel=1e-9)
     partial = literal_partial_integrals()
-    assert partial[1] / partial[0] == pytest.approx(1e3**0.43, rel=0.02)  # grows as x^(1/2 - (1-H)/2) without end
+    assert partial[1] / partial[0] == pytest.approx(
+        1e3**0.43, rel=0.02
+    )  # grows as x^(1/2 - (1-H)/2) without end
 
 
 def literal_partial_integrals() -> list[float]:
-    """H/(2(1-H)) times the integral (40) read from left to right, x^(-(1/2)(1-H)), up to 1e3 and 1e6, at H = 0.86."""
+    """H/(2(1-H)) times the integral (40) read from left to right, x^(-(1/2)(1-H)), up to 1e3 and
+    1e6, at H = 0.86.
+    """
     s = 0.86 / 0.28
-    return [s * quad(lambda y: 2.0 * (1.0 + y * y) ** -0.07, 0.0, np.sqrt(end))[0] for end in (1e3, 1e6)]
+    return [
+        s * quad(lambda y: 2.0 * (1.0 + y * y) ** -0.07, 0.0, np.sqrt(end))[0] for end in (1e3, 1e6)
+    ]
 
 
 def test_whether_alpha_depends_on_frequency(models) -> None:
@@ -288,11 +365,16 @@ class _At:
 
     @property
     def gap_m(self) -> float:
-        return mean_gap(self.model.table.shape, P0_PA / self.scale_pa) * self.description.values.roughness_rms_m
+        return (
+            mean_gap(self.model.table.shape, P0_PA / self.scale_pa)
+            * self.description.values.roughness_rms_m
+        )
 
     @property
     def sigma(self) -> np.ndarray:
-        return total_conductivity_s_per_m(self.description.dielectric.permittivity(np.array([F_HZ])), np.array([F_HZ]))
+        return total_conductivity_s_per_m(
+            self.description.dielectric.permittivity(np.array([F_HZ])), np.array([F_HZ])
+        )
 
 
 @pytest.fixture(scope="module")
@@ -313,16 +395,24 @@ def numbers(at: _At, fresh_tables: Callable[[TouchModel], TouchModel]) -> dict[s
     leak = leak_conductance_per_pa(v, at.sigma)[0] * P0_PA
     beta = leak / (2j * np.pi * F_HZ * EPS0)
     field = printed_field(d, f, gap, absolute=True)
-    with_leak, without = (1.0 / abs((1.0 + b * h) * at.gap_m + stack.k_gap[0] * h) for b in (beta, 0.0))
+    with_leak, without = (
+        1.0 / abs((1.0 + b * h) * at.gap_m + stack.k_gap[0] * h) for b in (beta, 0.0)
+    )
     conditions = Conditions(f, np.array([V]), np.array([LOAD_N]))
     ours = at.model.predict(conditions)
-    as_read, in_si = (fresh_tables(TouchModel(as_published(d, absolute=a))).predict(conditions) for a in (False, True))
+    as_read, in_si = (
+        fresh_tables(TouchModel(as_published(d, absolute=a))).predict(conditions)
+        for a in (False, True)
+    )
     force, cof = ours.electrostatic_force_n[0], ours.cof[0]
     p_e = force / v.contact_area_m2
     real_area = float(area_ratio(at.model.table.shape, (P0_PA + p_e) / at.scale_pa))
     ends = np.array([1.0, 1e6])
     sigma_ends = total_conductivity_s_per_m(d.dielectric.permittivity(ends), ends)
-    ours_at_ends, printed_at_ends = leak_conductance_per_pa(v, sigma_ends), contact_conductance_per_pa(v, sigma_ends)
+    ours_at_ends, printed_at_ends = (
+        leak_conductance_per_pa(v, sigma_ends),
+        contact_conductance_per_pa(v, sigma_ends),
+    )
     partial = literal_partial_integrals()
     assert np.isnan(in_si.cof).all()  # negative or diverging: see section 9
 
@@ -408,4 +498,6 @@ class TestPage:
         assert {name for name, _ in quoted} == set(numbers)
         for name, text in quoted:
             digits = len(text.lstrip("-+").split("e")[0].replace(".", "").lstrip("0"))
-            assert float(f"{numbers[name]:.{digits - 1}e}") == pytest.approx(float(text), rel=1e-12), name
+            assert float(f"{numbers[name]:.{digits - 1}e}") == pytest.approx(
+                float(text), rel=1e-12
+            ), name

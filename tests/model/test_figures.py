@@ -50,9 +50,12 @@ def test_fig_4_has_the_reference_pressures(pair, reference, name: str) -> None:
     found, points = numbers.against_voltage(pair[name])["corrected"], reference[name]["points"]
     checked = 0
     for f, v, n, force in zip(
-        points["frequency_hz"], points["voltage_v"], points["normal_force_n"], points["electrostatic_force_n"],
+        points["frequency_hz"],
+        points["voltage_v"],
+        points["normal_force_n"],
+        points["electrostatic_force_n"],
         strict=True,
-    ):  # fmt: skip
+    ):
         i, j = np.flatnonzero(f == numbers.PAPER_HZ), np.flatnonzero(v == numbers.VOLTAGES_V)
         if n == 0.5 and i.size and j.size:
             assert found.pressure_pa[i[0], j[0]] * 1e-4 == pytest.approx(force, rel=2e-3)
@@ -77,9 +80,13 @@ def test_fig_7_is_the_key_result(solved, reference) -> None:
 
 
 def test_printed_force_is_pressure_times_real_area(solved) -> None:
-    """(30) as printed: what is drawn as pressure in Fig. 4 and as force in Fig. 7 belong together."""
+    """(30) as printed: what is drawn as pressure in Fig. 4 and as force in Fig. 7 belong
+    together.
+    """
     found = solved["published"]
-    np.testing.assert_allclose(found.force_n, found.pressure_pa * 1e-4 * found.area_ratio, rtol=1e-9)
+    np.testing.assert_allclose(
+        found.force_n, found.pressure_pa * 1e-4 * found.area_ratio, rtol=1e-9
+    )
 
 
 def test_separation_is_that_of_the_theory_at_each_pressure(pair, solved) -> None:
@@ -88,14 +95,19 @@ def test_separation_is_that_of_the_theory_at_each_pressure(pair, solved) -> None
         p = model.description.values
         scale = p.effective_modulus_pa * p.roll_off_wavenumber_per_m * p.roughness_rms_m
         for i in (0, 37, 90):
-            direct = mean_gap(model.table.shape, (5e3 + found.pressure_pa[i]) / scale) * p.roughness_rms_m
+            direct = (
+                mean_gap(model.table.shape, (5e3 + found.pressure_pa[i]) / scale)
+                * p.roughness_rms_m
+            )
             assert found.mean_gap_m[i] == pytest.approx(direct, rel=1e-6)
 
 
 class TestCharges:
     def test_long_after_a_step_one_current_crosses_three_resistances(self, pair) -> None:
         found = numbers.charges_after_step(pair["reference"])["corrected"]
-        gap = numbers.touching(pair["reference"]["corrected"], np.full(6, 1.0), np.array(numbers.STEP_V)).mean_gap_m
+        gap = numbers.touching(
+            pair["reference"]["corrected"], np.full(6, 1.0), np.array(numbers.STEP_V)
+        ).mean_gap_m
         k2 = 1136.0  # of dry skin at 1 Hz, with 2e-4 S/m
         resistance = 1e-6 / 1e-13 + gap / 1e-14 + 200e-6 / 2e-4
         current = np.array(numbers.STEP_V) / resistance
@@ -106,7 +118,9 @@ class TestCharges:
         assert (found.rho1_c_per_m2[0] == 0.0).all()
 
     def test_steady_charges_are_those_of_layers_in_series(self, pair, solved) -> None:
-        """One complex current through the layers, with and without the contact leak beside the gap."""
+        """One complex current through the layers, with and without the contact leak beside the
+        gap.
+        """
         found = numbers.steady_charges(pair["reference"])
         model = pair["reference"]["corrected"]
         f, gap = numbers.SWEEP_HZ, solved["corrected"].mean_gap_m
@@ -114,7 +128,12 @@ class TestCharges:
         k2 = model.description.dielectric.permittivity(f)
         y1, y2 = 1j * w * EPS0 * 3.9 + 1e-13, 1j * w * EPS0 * k2
         skin_s_per_m = (1j * w * EPS0 * k2).real
-        alpha = 2.0 * skin_s_per_m * (5e3 + solved["corrected"].pressure_pa) / (13330850.0 * 2.209618e-05)
+        alpha = (
+            2.0
+            * skin_s_per_m
+            * (5e3 + solved["corrected"].pressure_pa)
+            / (13330850.0 * 2.209618e-05)
+        )
         for name, leak in (("corrected", 0.0), ("with_leak", alpha)):
             yg = 1j * w * EPS0 + 1e-14 + leak * gap
             current = 75.0 / (1e-6 / y1 + gap / yg + 200e-6 / y2)
@@ -128,23 +147,36 @@ class TestSensitivity:
     def test_only_thickness_over_permittivity_of_the_insulator_counts(self, sensitivities) -> None:
         s = sensitivities["corrected"]
         np.testing.assert_allclose(
-            s["insulator_thickness_m"].elasticity, -s["insulator_permittivity"].elasticity, rtol=1e-3
+            s["insulator_thickness_m"].elasticity,
+            -s["insulator_permittivity"].elasticity,
+            rtol=1e-3,
         )
 
-    def test_forces_are_those_of_a_model_with_the_parameter_changed(self, sensitivities, models, fresh_tables) -> None:
+    def test_forces_are_those_of_a_model_with_the_parameter_changed(
+        self, sensitivities, models, fresh_tables
+    ) -> None:
         given = models["reference"].description
         for name, s in sensitivities["corrected"].items():
             p = given.parameters
-            half = replace(given, parameters={**p, name: replace(p[name], value=0.5 * p[name].value)})
+            half = replace(
+                given, parameters={**p, name: replace(p[name], value=0.5 * p[name].value)}
+            )
             got = numbers.touching(fresh_tables(TouchModel(half)), numbers.PAPER_HZ).force_n
             np.testing.assert_allclose(s.lower_n, got, rtol=1e-12)
-            np.testing.assert_allclose(s.lower_percent, 100.0 * (got / s.nominal_n - 1.0), rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(
+                s.lower_percent, 100.0 * (got / s.nominal_n - 1.0), rtol=1e-9, atol=1e-9
+            )
 
     def test_elasticity_lies_between_the_slopes_of_the_halves(self, sensitivities) -> None:
-        """Force is monotone and smooth in every parameter: the slope at 100 % lies between those of the two chords."""
+        """Force is monotone and smooth in every parameter: the slope at 100 % lies between those of
+        the two chords.
+        """
         for found in sensitivities.values():
             for s in found.values():
-                down, up = np.log(s.nominal_n / s.lower_n) / np.log(2.0), np.log(s.higher_n / s.nominal_n) / np.log(1.5)
+                down, up = (
+                    np.log(s.nominal_n / s.lower_n) / np.log(2.0),
+                    np.log(s.higher_n / s.nominal_n) / np.log(1.5),
+                )
                 assert (s.elasticity >= np.minimum(down, up) - 1e-2).all()
                 assert (s.elasticity <= np.maximum(down, up) + 1e-2).all()
 
@@ -166,7 +198,11 @@ class TestFacts:
         return next(f for f in stated if words in f.statement)
 
     def test_what_the_corrected_equations_give_and_the_printed_do_not(self, stated) -> None:
-        for words, value in (("peaks at about", 250.0), ("area is largest", 250.0), ("average separation", 250.0)):
+        for words, value in (
+            ("peaks at about", 250.0),
+            ("area is largest", 250.0),
+            ("average separation", 250.0),
+        ):
             fact = self.fact(stated, words)
             assert fact.corrected == value
             assert fact.corrected_holds
@@ -174,7 +210,14 @@ class TestFacts:
             assert not fact.published_holds
 
     def test_what_both_give(self, stated) -> None:
-        for words in ("not zero", "decays above", "loss tangent", "mu_OFF", "thinner insulator", "softer skin"):
+        for words in (
+            "not zero",
+            "decays above",
+            "loss tangent",
+            "mu_OFF",
+            "thinner insulator",
+            "softer skin",
+        ):
             fact = self.fact(stated, words)
             assert fact.corrected_holds, words
             assert fact.published_holds, words
@@ -196,7 +239,10 @@ class TestFacts:
         ]
         assert [row[1] for row in rows] == [f.statement for f in stated]
         for row, fact in zip(rows, stated, strict=True):
-            answers = ((fact.corrected, fact.corrected_holds), (fact.published, fact.published_holds))
+            answers = (
+                (fact.corrected, fact.corrected_holds),
+                (fact.published, fact.published_holds),
+            )
             for cell, (value, holds) in zip(row[3:], answers, strict=True):
                 if np.isnan(value):
                     assert cell == "-"

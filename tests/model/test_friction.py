@@ -17,14 +17,22 @@ def one(value: float) -> np.ndarray:
 
 
 def test_values_by_hand() -> None:
-    assert cof("applied_load", 0.5, one(0.1), one(0.5)) == pytest.approx([0.6], rel=1e-14)  # rounding
+    assert cof("applied_load", 0.5, one(0.1), one(0.5)) == pytest.approx(
+        [0.6], rel=1e-14
+    )  # rounding
     assert cof("total_load", 0.5, one(0.1), one(0.5)) == pytest.approx([0.625], rel=1e-14)
-    assert electrostatic_force_n("applied_load", 0.5, one(0.6), one(0.5)) == pytest.approx([0.1], rel=1e-14)
-    assert electrostatic_force_n("total_load", 0.5, one(0.625), one(0.5)) == pytest.approx([0.1], rel=1e-14)
+    assert electrostatic_force_n("applied_load", 0.5, one(0.6), one(0.5)) == pytest.approx(
+        [0.1], rel=1e-14
+    )
+    assert electrostatic_force_n("total_load", 0.5, one(0.625), one(0.5)) == pytest.approx(
+        [0.1], rel=1e-14
+    )
 
 
 def test_a_load_exponent_bends_it_with_the_whole_load() -> None:
-    """Hertz's 2/3 by hand: 0.5 N and eight times that, of which 3.5 N is attraction; 8 * 8^(-1/3) = 4."""
+    """Hertz's 2/3 by hand: 0.5 N and eight times that, of which 3.5 N is attraction; 8 * 8^(-1/3) =
+    4.
+    """
     hertz = Friction(load_exponent=2.0 / 3.0)
     assert cof("applied_load", 0.1, one(0.0), one(0.5), hertz) == pytest.approx([0.1], rel=1e-14)
     assert cof("applied_load", 0.1, one(3.5), one(0.5), hertz) == pytest.approx([0.4], rel=1e-14)
@@ -35,7 +43,9 @@ def test_a_load_exponent_bends_it_with_the_whole_load() -> None:
 @given(mu=off, load=loads, ratio=ratios)
 def test_inverse_gives_the_force_back(law, mu: float, load: float, ratio: float) -> None:
     back = electrostatic_force_n(law, mu, cof(law, mu, one(ratio * load), one(load)), one(load))
-    assert back == pytest.approx([ratio * load], rel=1e-12, abs=1e-14 * load)  # 1 - 1/(1/(1 - r)): rounding near r = 0
+    assert back == pytest.approx(
+        [ratio * load], rel=1e-12, abs=1e-14 * load
+    )  # 1 - 1/(1/(1 - r)): rounding near r = 0
 
 
 @pytest.mark.parametrize("law", FRICTION_LAWS)
@@ -47,9 +57,13 @@ def test_without_attraction_nothing_changes(law, mu: float, load: float) -> None
 @given(mu=off, load=loads, ratio=st.floats(1e-3, 0.95))
 def test_total_load_reads_higher(mu: float, load: float, ratio: float) -> None:
     """1/(1 - r) > 1 + r; the two agree to r^2 for a light attraction."""
-    applied, total = (cof(law, mu, one(ratio * load), one(load))[0] for law in ("applied_load", "total_load"))
+    applied, total = (
+        cof(law, mu, one(ratio * load), one(load))[0] for law in ("applied_load", "total_load")
+    )
     assert total > applied
-    assert total - applied == pytest.approx(mu * ratio**2 / (1.0 - ratio), rel=1e-6)  # differences of near numbers
+    assert total - applied == pytest.approx(
+        mu * ratio**2 / (1.0 - ratio), rel=1e-6
+    )  # differences of near numbers
 
 
 @pytest.mark.parametrize("force_n", [0.5, 0.6, 100.0, np.inf])

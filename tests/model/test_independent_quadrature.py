@@ -1,8 +1,9 @@
-"""The whole chain once more by numerical integration (mpmath), at random touches: 0.1 % of the pressure.
+"""The whole chain once more by numerical integration (mpmath), at random touches: 0.1 % of the
+pressure.
 
-Shared with the source are the numbers of the touch alone. The distribution of gaps comes from (41)-(49) by brute
-quadrature and differences; the field of every gap is that of impedances in series, with the leak beside the air; the
-integral over the gaps and (40) are mpmath's.
+Shared with the source are the numbers of the touch alone. The distribution of gaps comes from
+(41)-(49) by brute quadrature and differences; the field of every gap is that of impedances in
+series, with the leak beside the air; the integral over the gaps and (40) are mpmath's.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ class Touch:
 
 
 def draw(rng: np.random.Generator, hurst: float, zeta1: float) -> Touch:
-    """A touch of the roughness shape (H, q1/q0); the attraction stays in the range of the theory."""
+    """A touch of the roughness shape (H, q1/q0); the attraction stays in the range of the
+    theory.
+    """
     # by powers of two, so that q1/q0 is the same to the last bit: one gap table
     q0 = 1e3 * 2.0 ** int(rng.integers(0, 4))
     return Touch(
@@ -61,7 +64,8 @@ def touches(seed: int, shapes: int, points: int) -> list[Touch]:
     rng = np.random.default_rng(seed)
     known = [(0.71, 1e7), (0.86, 1.25e6)]
     drawn = [
-        (float(rng.uniform(0.6, 0.9)), float(np.exp(rng.uniform(np.log(1e4), np.log(1e8))))) for _ in range(shapes)
+        (float(rng.uniform(0.6, 0.9)), float(np.exp(rng.uniform(np.log(1e4), np.log(1e8)))))
+        for _ in range(shapes)
     ]
     every = known + drawn
     return [draw(rng, *every[i % len(every)]) for i in range(points)]
@@ -77,7 +81,13 @@ def slow_pressure(printed_theory):
         omega = 2.0 * np.pi * touch.frequency_hz
         k2 = dry_skin(omega)
         sigma_skin = -k2.imag * omega * EPS0
-        leak = touch.parameters["leak_scale"] * 2.0 * sigma_skin * p / (theory.Y * characteristic_length(theory))
+        leak = (
+            touch.parameters["leak_scale"]
+            * 2.0
+            * sigma_skin
+            * p
+            / (theory.Y * characteristic_length(theory))
+        )
         behind = v.insulator_thickness_m / (1j * omega * EPS0 * 3.9 + 1e-13)
         behind += v.skin_thickness_m / (1j * omega * EPS0 * k2)
 
@@ -104,9 +114,13 @@ def dry_skin(omega: float) -> complex:
 def characteristic_length(theory: Any) -> float:
     """L0 of (39) with (40) as an integral, x = 1 + y^2."""
     h = theory.H
-    integral = mpmath.quad(lambda y: 2 * (1 + y * y) ** (-1 / (2 * (1 - mpmath.mpf(h)))), [0, 1, mpmath.inf])
+    integral = mpmath.quad(
+        lambda y: 2 * (1 + y * y) ** (-1 / (2 * (1 - mpmath.mpf(h)))), [0, 1, mpmath.inf]
+    )
     r = h / (2.0 * (1.0 - h)) * float(integral)
-    return float(np.sqrt(2.0 * (1.0 - h) / (np.pi * h)) * theory.h_rms * (r - (theory.q0 / theory.q1) ** h))
+    return float(
+        np.sqrt(2.0 * (1.0 - h) / (np.pi * h)) * theory.h_rms * (r - (theory.q0 / theory.q1) ** h)
+    )
 
 
 def gap_density(theory: Any, p: float):
@@ -118,10 +132,13 @@ def gap_density(theory: Any, p: float):
     leaving = theory.stress_ratio(p, tau) < 5.0  # erfc(5) = 1.5e-12 of the area is left out
     tau, dtau = tau[leaving], dtau[leaving]
     step = 1e-3  # central differences: step^2/6 = 2e-7 of a derivative
-    lost = (erfc(theory.stress_ratio(p, tau + step)) - erfc(theory.stress_ratio(p, tau - step))) / (2.0 * step)
+    lost = (erfc(theory.stress_ratio(p, tau + step)) - erfc(theory.stress_ratio(p, tau - step))) / (
+        2.0 * step
+    )
     area = erf(theory.stress_ratio(p, tau))
     before, u, after = (
-        theory.mean_separation(p / erf(theory.stress_ratio(p, t)), t) for t in (tau - step, tau, tau + step)
+        theory.mean_separation(p / erf(theory.stress_ratio(p, t)), t)
+        for t in (tau - step, tau, tau + step)
     )
     u1 = u - (after - before) / (2.0 * step) * area / lost  # (44)
     q = theory.q0 * (1.0 + np.exp(tau))

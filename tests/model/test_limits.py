@@ -1,7 +1,9 @@
-"""Limits that the physics must reach and that no other file holds: currents, thick layers, closed and open gaps.
+"""Limits that the physics must reach and that no other file holds: currents, thick layers, closed
+and open gaps.
 
-Beside them: no leak and infinite leak, direct current, high frequency (test_touch_model, test_layers, test_charges);
-light and complete contact (test_contact, test_gap_table); friction at the divergence (test_friction).
+Beside them: no leak and infinite leak, direct current, high frequency (test_touch_model,
+test_layers, test_charges); light and complete contact (test_contact, test_gap_table); friction at
+the divergence (test_friction).
 """
 
 from __future__ import annotations
@@ -19,14 +21,20 @@ V, LOAD_N = 75.0, 0.5
 
 
 def at(frequency_hz, voltage_v=V, normal_force_n=LOAD_N) -> Conditions:
-    columns = (np.atleast_1d(np.asarray(x, float)) for x in (frequency_hz, voltage_v, normal_force_n))
+    columns = (
+        np.atleast_1d(np.asarray(x, float)) for x in (frequency_hz, voltage_v, normal_force_n)
+    )
     return Conditions(*(np.array(c) for c in np.broadcast_arrays(*columns)))
 
 
 def test_largest_current_of_a_stuck_finger(models) -> None:
-    """914 mA at 1 MHz, 75 V, 1 cm2; below, the skin conducts and the current is not in proportion to f."""
+    """914 mA at 1 MHz, 75 V, 1 cm2; below, the skin conducts and the current is not in proportion
+    to f.
+    """
     stuck = np.sqrt(2.0) * models["reference"].predict(at([250.0, 1e4, 1e6])).stuck_current_rms_a
-    assert stuck[2] == pytest.approx(0.914, rel=2e-2)  # "about": it leaves out the loss of the skin, 0.24 of eps
+    assert stuck[2] == pytest.approx(
+        0.914, rel=2e-2
+    )  # "about": it leaves out the loss of the skin, 0.24 of eps
     assert (stuck[:2] > stuck[2] * np.array([250.0, 1e4]) / 1e6).all()
 
 
@@ -37,11 +45,19 @@ def test_a_stuck_finger_is_a_sliding_one_without_gap(models) -> None:
     layers, jw = constant_layers(d.values, d.dielectric, f), 2j * np.pi * f
     rho1, rho2 = coefficients(layers, 1e-15).response(jw)
     insulator, gap, skin = layers.elastances(1e-15)
-    displacement = (1.0 + insulator * rho1 - skin * rho2) / (insulator + gap + skin)  # of the gap, (10)
-    field = V * (displacement - rho1) / layers.insulator_permittivity_f_per_m  # of the insulator, (9)
-    current = abs((layers.insulator_conductivity_s_per_m + jw * layers.insulator_permittivity_f_per_m) * field)
+    displacement = (1.0 + insulator * rho1 - skin * rho2) / (
+        insulator + gap + skin
+    )  # of the gap, (10)
+    field = (
+        V * (displacement - rho1) / layers.insulator_permittivity_f_per_m
+    )  # of the insulator, (9)
+    current = abs(
+        (layers.insulator_conductivity_s_per_m + jw * layers.insulator_permittivity_f_per_m) * field
+    )
     stuck = models["reference"].predict(at(f)).stuck_current_rms_a[0]
-    assert stuck == pytest.approx(current * 1e-4 / np.sqrt(2.0), rel=1e-6)  # a gap of 1e-15 m beside 0.4 um
+    assert stuck == pytest.approx(
+        current * 1e-4 / np.sqrt(2.0), rel=1e-6
+    )  # a gap of 1e-15 m beside 0.4 um
 
 
 def test_leakage_lies_in_parallel_with_the_stack(models, stack_of) -> None:
@@ -49,7 +65,9 @@ def test_leakage_lies_in_parallel_with_the_stack(models, stack_of) -> None:
     s = stack_of(models["reference"], np.array([1.0, 250.0, 1e5]))
     beta = s.leak_per_m_pa * 5e3
     z = s.k_gap * s.h_m / (1.0 + beta * s.h_m)
-    np.testing.assert_allclose(1.0 / z, 1.0 / (s.k_gap * s.h_m) + beta / s.k_gap, rtol=1e-12)  # rounding
+    np.testing.assert_allclose(
+        1.0 / z, 1.0 / (s.k_gap * s.h_m) + beta / s.k_gap, rtol=1e-12
+    )  # rounding
 
 
 def test_a_thick_insulator_leaves_no_force(variant) -> None:
@@ -70,10 +88,14 @@ def test_wide_gaps_are_a_plate_capacitor(models, scales_of) -> None:
     k_hat, _ = integrals_of(gap_mass(model.table.shape, 5e3 / scales_of(model).pressure_pa), z)
     gap = gap_distribution(model.table.shape, 5e3 / scales_of(model).pressure_pa)
     expected = (1.0 - gap.area_ratio) / (1e3 + gap.mean_gap) ** 2
-    assert k_hat[0] == pytest.approx(expected, rel=3e-4)  # mass 2e-4, mean 1 % of 2e-3, spread (1/1e3)^2
+    assert k_hat[0] == pytest.approx(
+        expected, rel=3e-4
+    )  # mass 2e-4, mean 1 % of 2e-3, spread (1/1e3)^2
 
 
 def test_force_without_load_or_voltage_vanishes(models) -> None:
     got = models["reference"].predict(at(250.0, [0.0, 1e-3, 1e-2])).electrostatic_force_n
     assert got[0] == 0.0
-    assert got[2] / got[1] == pytest.approx(100.0, rel=1e-4)  # the square of the voltage; loop closed to 1e-10 of 5 kPa
+    assert got[2] / got[1] == pytest.approx(
+        100.0, rel=1e-4
+    )  # the square of the voltage; loop closed to 1e-10 of 5 kPa

@@ -28,7 +28,10 @@ def write(tmp_path):
 
 def with_parameter(name: str, entry: str) -> str:
     """The shipped file with another entry for one parameter."""
-    lines = [f"{name} = {entry}" if line.split("=")[0].strip() == name else line for line in SHIPPED.splitlines()]
+    lines = [
+        f"{name} = {entry}" if line.split("=")[0].strip() == name else line
+        for line in SHIPPED.splitlines()
+    ]
     return "\n".join(lines)
 
 
@@ -38,27 +41,44 @@ def with_dielectric(table: str) -> str:
 
 
 def test_shipped_reference_holds_table_one() -> None:
-    """Table I and section IV.A of AliAbbasi et al. 2022, typed from the paper; roughness of the public code."""
+    """Table I and section IV.A of AliAbbasi et al. 2022, typed from the paper; roughness of the
+    public code.
+    """
     v = read_model(MODELS / "reference.toml").values
-    assert (v.insulator_permittivity, v.insulator_thickness_m, v.insulator_conductivity_s_per_m) == (3.9, 1e-6, 1e-13)
+    assert (
+        v.insulator_permittivity,
+        v.insulator_thickness_m,
+        v.insulator_conductivity_s_per_m,
+    ) == (3.9, 1e-6, 1e-13)
     assert (v.air_conductivity_s_per_m, v.skin_thickness_m) == (1e-14, 200e-6)
     assert (v.screen_modulus_pa, v.screen_poisson_ratio) == (70e9, 0.15)
     assert (v.skin_modulus_pa, v.skin_poisson_ratio) == (10e6, 0.5)
     assert (v.roughness_rms_m, v.hurst_exponent) == (20e-6, 0.71)
     assert (v.roll_off_wavenumber_per_m, v.cut_off_wavenumber_per_m) == (1e3, 1e10)
-    assert (v.contact_gamma, v.contact_area_m2, v.leak_scale, v.cof_off) == (0.45, 100e-6, 1.0, 0.512)
+    assert (v.contact_gamma, v.contact_area_m2, v.leak_scale, v.cof_off) == (
+        0.45,
+        100e-6,
+        1.0,
+        0.512,
+    )
 
 
 def test_table1_differs_from_reference_by_its_roughness_only() -> None:
     one, other = (asdict(read_model(MODELS / f"{n}.toml").values) for n in ("table1", "reference"))
     different = {k: v for k, v in one.items() if other[k] != v}
-    assert different == {"roughness_rms_m": 22e-6, "hurst_exponent": 0.86, "roll_off_wavenumber_per_m": 8e3}
+    assert different == {
+        "roughness_rms_m": 22e-6,
+        "hurst_exponent": 0.86,
+        "roll_off_wavenumber_per_m": 8e3,
+    }
 
 
 def test_effective_modulus(reference) -> None:
     for name in ("reference", "table1"):
         modulus = read_model(MODELS / f"{name}.toml").values.effective_modulus_pa
-        assert modulus == pytest.approx(reference[name]["effective_modulus_pa"], rel=1e-6)  # seven digits are stored
+        assert modulus == pytest.approx(
+            reference[name]["effective_modulus_pa"], rel=1e-6
+        )  # seven digits are stored
         assert modulus == pytest.approx(13.331e6, abs=500.0)  # five digits are known
 
 
@@ -66,7 +86,9 @@ def test_effective_modulus(reference) -> None:
 def test_effective_modulus_on_a_rigid_screen_is_the_skins(modulus: float, poisson: float) -> None:
     v = replace(read_model(MODELS / "reference.toml").values, screen_modulus_pa=1e30)
     v = replace(v, skin_modulus_pa=modulus, skin_poisson_ratio=poisson)
-    assert v.effective_modulus_pa == pytest.approx(modulus / (1.0 - poisson**2), rel=1e-12)  # rounding
+    assert v.effective_modulus_pa == pytest.approx(
+        modulus / (1.0 - poisson**2), rel=1e-12
+    )  # rounding
 
 
 @pytest.mark.parametrize("name", ["reference", "table1"])
@@ -85,7 +107,9 @@ def test_every_parameter_says_unit_range_and_meaning() -> None:
 
 
 def test_a_bare_number_is_enough_and_texts_have_defaults(write) -> None:
-    text = "[parameters]\n" + "\n".join(f"{n} = {v!r}" for n, v in asdict(read_model(write(SHIPPED)).values).items())
+    text = "[parameters]\n" + "\n".join(
+        f"{n} = {v!r}" for n, v in asdict(read_model(write(SHIPPED)).values).items()
+    )
     model = read_model(write(text, "bare.toml"))
     assert model.name == "bare"
     assert model.friction_law == "applied_load"
@@ -107,7 +131,9 @@ def test_the_range_of_each_parameter_is_enforced(write, name: str) -> None:
         assert SPECIFICATION[name]["unit"] in caught.value.hint
 
 
-@pytest.mark.parametrize("name", sorted(set(NAMES) - {"roll_off_wavenumber_per_m", "cut_off_wavenumber_per_m"}))
+@pytest.mark.parametrize(
+    "name", sorted(set(NAMES) - {"roll_off_wavenumber_per_m", "cut_off_wavenumber_per_m"})
+)
 def test_the_ends_of_each_range_are_allowed(write, name: str) -> None:
     for end in (SPECIFICATION[name]["low"], SPECIFICATION[name]["high"]):
         assert getattr(read_model(write(with_parameter(name, repr(end)))).values, name) == end
@@ -160,12 +186,18 @@ def test_an_endless_integer_is_refused(write) -> None:
         (SHIPPED + "\nhurst_exponents = 0.7\n", "hurst_exponents", "hurst_exponent"),
         (with_parameter("cof_off", "{ value = 0.5, sd = 0.1 }"), "sd", "std"),
         (with_dielectric('[dielectric]\nset = "csv"\nfiel = "a.csv"'), "fiel", "file"),
-        (with_dielectric('[dielectric]\nset = "power_law"\namplitud = 3.0'), "amplitud", "amplitude"),
+        (
+            with_dielectric('[dielectric]\nset = "power_law"\namplitud = 3.0'),
+            "amplitud",
+            "amplitude",
+        ),
         (with_dielectric('[dielectric]\nset = "gabriel_dry"\nsett = 1'), "sett", "set"),
     ],
     ids=["top", "parameters", "entry", "csv", "power-law", "named-set"],
 )
-def test_an_unknown_key_is_an_error_with_the_nearest(write, text: str, key: str, choice: str) -> None:
+def test_an_unknown_key_is_an_error_with_the_nearest(
+    write, text: str, key: str, choice: str
+) -> None:
     with pytest.raises(ModelError, match=f"unknown key '{key}'") as caught:
         read_model(write(text))
     assert f"Did you mean '{choice}'?" in caught.value.hint
@@ -173,14 +205,18 @@ def test_an_unknown_key_is_an_error_with_the_nearest(write, text: str, key: str,
 
 def test_unknown_law_and_set_offer_the_nearest(write) -> None:
     with pytest.raises(ModelError, match="friction_law 'total' is unknown") as caught:
-        read_model(write(SHIPPED.replace('friction_law = "applied_load"', 'friction_law = "total"')))
+        read_model(
+            write(SHIPPED.replace('friction_law = "applied_load"', 'friction_law = "total"'))
+        )
     assert "total_load" in caught.value.hint
     with pytest.raises(ModelError, match="no dielectric set 'gabriel_dray'") as caught:
         read_model(write(with_dielectric('[dielectric]\nset = "gabriel_dray"')))
     assert "Did you mean 'gabriel_dry'?" in caught.value.hint
 
 
-@pytest.mark.parametrize("text", ["[dielectric]\nfile = 'a.csv'", "dielectric = 3", "dielectric = 'gabriel_dry'"])
+@pytest.mark.parametrize(
+    "text", ["[dielectric]\nfile = 'a.csv'", "dielectric = 3", "dielectric = 'gabriel_dry'"]
+)
 def test_a_dielectric_without_a_set_is_refused(write, text: str) -> None:
     with pytest.raises(ModelError, match="has no key 'set'"):
         read_model(write(with_dielectric(text)))
@@ -214,28 +250,45 @@ def test_the_cut_off_must_lie_above_the_roll_off(write, cut_off: float) -> None:
     with pytest.raises(ModelError, match="cut_off_wavenumber_per_m") as caught:
         read_model(write(with_parameter("cut_off_wavenumber_per_m", repr(cut_off))))
     assert "twice" in caught.value.hint
-    assert read_model(write(with_parameter("cut_off_wavenumber_per_m", "2e3"))).values.cut_off_wavenumber_per_m == 2e3
+    assert (
+        read_model(
+            write(with_parameter("cut_off_wavenumber_per_m", "2e3"))
+        ).values.cut_off_wavenumber_per_m
+        == 2e3
+    )
 
 
 def test_power_law_and_table_are_read(write, tmp_path) -> None:
     text = (
-        '[dielectric]\nset = "power_law"\neps_inf = 5\namplitude = 800.0\nexponent = 0.3\nconductivity_s_per_m = 2e-4'
+        '[dielectric]\nset = "power_law"\neps_inf = 5\namplitude = 800.0\nexponent ='
+        " 0.3\nconductivity_s_per_m = 2e-4"
     )
     assert read_model(write(with_dielectric(text))).dielectric == PowerLaw(5.0, 800.0, 0.3, 2e-4)
     with pytest.raises(ModelError, match="exponent is missing"):
         read_model(write(with_dielectric(text.replace("exponent = 0.3\n", ""))))
-    (tmp_path / "own.csv").write_text("frequency_hz,eps_real,conductivity_s_per_m\n1,10,1e-4\n2,11,1e-4\n")
-    table = read_model(write(with_dielectric('[dielectric]\nset = "csv"\nfile = "own.csv"'))).dielectric
+    (tmp_path / "own.csv").write_text(
+        "frequency_hz,eps_real,conductivity_s_per_m\n1,10,1e-4\n2,11,1e-4\n"
+    )
+    table = read_model(
+        write(with_dielectric('[dielectric]\nset = "csv"\nfile = "own.csv"'))
+    ).dielectric
     assert isinstance(table, Tabulated)
     assert table.eps_real == (10.0, 11.0)
     with pytest.raises(ModelError, match="has no key 'file'"):
         read_model(write(with_dielectric('[dielectric]\nset = "csv"')))
 
 
-@pytest.mark.parametrize(("key", "value"), [("conductivity_s_per_m", -1e-4), ("exponent", 1.5), ("eps_inf", 0.0)])
+@pytest.mark.parametrize(
+    ("key", "value"), [("conductivity_s_per_m", -1e-4), ("exponent", 1.5), ("eps_inf", 0.0)]
+)
 def test_a_power_law_that_no_skin_has_is_refused(write, key: str, value: float) -> None:
     """A negative conductivity would make the leak beside the gap a source of power."""
-    numbers = {"eps_inf": 5.0, "amplitude": 800.0, "exponent": 0.3, "conductivity_s_per_m": 2e-4} | {key: value}
+    numbers = {
+        "eps_inf": 5.0,
+        "amplitude": 800.0,
+        "exponent": 0.3,
+        "conductivity_s_per_m": 2e-4,
+    } | {key: value}
     lines = "\n".join(f"{name} = {number}" for name, number in numbers.items())
     with pytest.raises(ModelError, match=f"{key} = {value:g} is out of range"):
         read_model(write(with_dielectric(f'[dielectric]\nset = "power_law"\n{lines}')))
@@ -254,8 +307,14 @@ class TestIdentity:
 
     def test_name_comments_sources_and_order_do_not_count(self, model, write) -> None:
         lines = SHIPPED.split("[parameters]\n")
-        turned = lines[0].replace("#", "# also") + "[parameters]\n" + "\n".join(reversed(lines[1].splitlines()))
-        other = read_model(write(turned.replace("Table I", "the paper").replace('"reference"', '"mine"')))
+        turned = (
+            lines[0].replace("#", "# also")
+            + "[parameters]\n"
+            + "\n".join(reversed(lines[1].splitlines()))
+        )
+        other = read_model(
+            write(turned.replace("Table I", "the paper").replace('"reference"', '"mine"'))
+        )
         assert other.name == "mine"
         assert other.content_hash == model.content_hash
         assert other.provenance() != model.provenance()
@@ -263,7 +322,10 @@ class TestIdentity:
     @pytest.mark.parametrize("name", NAMES)
     def test_any_changed_number_counts(self, model, name: str) -> None:
         entry = model.parameters[name]
-        changed = {**model.parameters, name: replace(entry, value=entry.value * (1.0 + 1e-12) + 1e-30)}
+        changed = {
+            **model.parameters,
+            name: replace(entry, value=entry.value * (1.0 + 1e-12) + 1e-30),
+        }
         assert replace(model, parameters=changed).content_hash != model.content_hash
 
     def test_law_set_and_variant_count(self, model) -> None:
@@ -279,8 +341,13 @@ class TestIdentity:
         assert len({m.content_hash for m in others}) == len(others)
 
     def test_the_name_of_a_dielectric_table_does_not_count(self, model) -> None:
-        one, other = (Tabulated(n, f"{n}.csv", (1.0, 2.0), (3.0, 4.0), (5.0, 6.0)) for n in ("a", "b"))
-        assert replace(model, dielectric=one).content_hash == replace(model, dielectric=other).content_hash
+        one, other = (
+            Tabulated(n, f"{n}.csv", (1.0, 2.0), (3.0, 4.0), (5.0, 6.0)) for n in ("a", "b")
+        )
+        assert (
+            replace(model, dielectric=one).content_hash
+            == replace(model, dielectric=other).content_hash
+        )
 
     def test_provenance_survives_json(self, model) -> None:
         provenance = model.provenance()

@@ -23,7 +23,10 @@ from model.touch_model import TouchModel
 FINGERS = ("reference", "table1")
 MODELS = Path(__file__).parents[2] / "configs" / "models"
 AREA_M2, STEP = 1e-4, 0.05
-VARIANTS = {"published": 1.0, "published_absolute": EPS0}  # by what (4)-(26) multiply relative permittivities
+VARIANTS = {
+    "published": 1.0,
+    "published_absolute": EPS0,
+}  # by what (4)-(26) multiply relative permittivities
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +44,12 @@ def conditions(frequency_hz, voltage_v, normal_force_n=0.5, **more) -> Condition
     return Conditions(f, v, n, **more)
 
 
-def printed_pressure(model: TouchModel, unit: float, f: float, volt: float, p: float, length_m: float) -> float:
-    """(29) at the total pressure p, letter by letter from (1), (14)-(19), (10), (24)-(29), (36)-(38)."""
+def printed_pressure(
+    model: TouchModel, unit: float, f: float, volt: float, p: float, length_m: float
+) -> float:
+    """(29) at the total pressure p, letter by letter from (1), (14)-(19), (10), (24)-(29),
+    (36)-(38).
+    """
     w = 2.0 * np.pi * f
     k2 = complex(model.description.dielectric.permittivity(np.array([f]))[0])
     s1, sg, s2 = 1e-13, 1e-14, -k2.imag * w * EPS0
@@ -54,7 +61,11 @@ def printed_pressure(model: TouchModel, unit: float, f: float, volt: float, p: f
     scale = v.effective_modulus_pa * v.roll_off_wavenumber_per_m * v.roughness_rms_m
     mass = gap_distribution(model.table.shape, p / scale).density(u_hat) * u_hat * STEP
     u = u_hat * v.roughness_rms_m
-    D1, Dg, D2 = d1 + e1 * (u / eg + d2 / e2), u + eg * (d1 / e1 + d2 / e2), d2 + e2 * (d1 / e1 + u / eg)
+    D1, Dg, D2 = (
+        d1 + e1 * (u / eg + d2 / e2),
+        u + eg * (d1 / e1 + d2 / e2),
+        d2 + e2 * (d1 / e1 + u / eg),
+    )
     a = s1 * (u / eg + d2 / e2) / D1 + sg * (d1 / e1) / Dg
     b = s1 * (d2 / e2) / D1 - sg * (d2 / e2) / Dg
     c = -s1 / D1 + sg / Dg
@@ -73,7 +84,9 @@ def printed_pressure(model: TouchModel, unit: float, f: float, volt: float, p: f
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_pressure_is_the_printed_one_at_its_own_total_pressure(published, reference, name: str, variant: str) -> None:
+def test_pressure_is_the_printed_one_at_its_own_total_pressure(
+    published, reference, name: str, variant: str
+) -> None:
     model = published(name, absolute=variant == "published_absolute")
     length = reference[name]["contact_length_m"]
     f, v = (g.ravel() for g in np.meshgrid([1.0, 250.0, 1e3, 1e5], [0.02, 1.0, 75.0]))
@@ -89,21 +102,26 @@ def test_pressure_is_the_printed_one_at_its_own_total_pressure(published, refere
                 assert any(NEGATIVE in note for note in got.notes)
             continue
         scale = model.description.values
-        pressure_scale = scale.effective_modulus_pa * scale.roll_off_wavenumber_per_m * scale.roughness_rms_m
+        pressure_scale = (
+            scale.effective_modulus_pa * scale.roll_off_wavenumber_per_m * scale.roughness_rms_m
+        )
 
         def excess_n(p: float, force=force, scale=pressure_scale) -> float:
             return p * AREA_M2 * float(area_ratio(model.table.shape, (5e3 + p) / scale)) - force
 
         p_e = brentq(excess_n, 0.0, 1e9, rtol=1e-12)  # (30) inverted, and p_e once more from (29)
         again = printed_pressure(model, VARIANTS[variant], f[i], v[i], 5e3 + p_e, length)
-        # cubic between rows of the table; the jump at a_c on a step of 0.1, which counts where the leak rules
+        # cubic between rows of the table; the jump at a_c on a step of 0.1, which counts where the
+        # leak rules
         assert p_e == pytest.approx(again, rel=1e-4 if variant == "published" else 3e-3)
         checked += 1
     assert checked >= (12 if variant == "published" else 1)
 
 
 def test_force_is_micronewtons_and_has_no_peak(published) -> None:
-    """What the printed equations give with Table I: nothing that could be felt, and nothing near 250 Hz."""
+    """What the printed equations give with Table I: nothing that could be felt, and nothing near
+    250 Hz.
+    """
     f = np.array([1.0, 10.0, 50.0, 100.0, 250.0, 500.0, 1e3, 1e4, 1e5, 1e6])
     got = published().predict(conditions(f, 75.0))
     assert (got.electrostatic_force_n < 1e-5).all()
@@ -121,7 +139,9 @@ def test_without_voltage_there_is_no_attraction(published) -> None:
 
 
 def test_nonsense_is_told_and_never_a_number(published) -> None:
-    """With absolute permittivities the leakage term is hundreds of times the field: repulsion, or no equilibrium."""
+    """With absolute permittivities the leakage term is hundreds of times the field: repulsion, or
+    no equilibrium.
+    """
     f = np.array([1.0, 250.0, 500.0, 1e4])
     got = published(absolute=True).predict(conditions(f, 75.0))
     assert np.isnan(got.cof).all()
@@ -148,13 +168,17 @@ def test_direct_current_has_an_answer_or_says_why(published) -> None:
 
 
 def test_loads_outside_the_theory_have_no_answer(published) -> None:
-    got = published().predict(conditions(250.0, [0.0, 75.0], 1e-4 * np.ones(2)))  # 1 Pa: 4e-7 of the pressure scale
+    got = published().predict(
+        conditions(250.0, [0.0, 75.0], 1e-4 * np.ones(2))
+    )  # 1 Pa: 4e-7 of the pressure scale
     assert np.isnan(got.cof).all()
     assert any(NO_EQUILIBRIUM in note for note in got.notes)
 
 
 def test_current_is_the_corrected_stacks(published, models) -> None:
-    """The paper prints no current; at equal pressure (a volt attracts next to nothing) it is that of the layers."""
+    """The paper prints no current; at equal pressure (a volt attracts next to nothing) it is that
+    of the layers.
+    """
     at = conditions([10.0, 250.0, 1e4], 1.0)
     ours, theirs = models["table1"].predict(at), published().predict(at)
     np.testing.assert_allclose(theirs.current_rms_a, ours.current_rms_a, rtol=1e-3)
@@ -165,16 +189,22 @@ def test_surface_is_made_of_single_conditions(published) -> None:
     model = published("reference")
     f, v, n = np.array([5.0, 250.0, 3e4]), np.array([0.0, 30.0, 120.0]), np.array([0.1, 0.5])
     surface = model.surface(f, v, n)
-    single = model.predict(Conditions(*np.stack(np.meshgrid(f, v, n, indexing="ij")).reshape(3, -1)))
+    single = model.predict(
+        Conditions(*np.stack(np.meshgrid(f, v, n, indexing="ij")).reshape(3, -1))
+    )
     np.testing.assert_array_equal(surface.cof.ravel(), single.cof)
-    np.testing.assert_array_equal(surface.electrostatic_force_n.ravel(), single.electrostatic_force_n)
+    np.testing.assert_array_equal(
+        surface.electrostatic_force_n.ravel(), single.electrostatic_force_n
+    )
 
 
 class TestRefused:
     def test_effects(self, models) -> None:
         effect = next(iter(BY_NAME.values()))
         on = {effect.name: {p.name: Parameter(p.low, p.unit, "test") for p in effect.parameters()}}
-        description = replace(models["table1"].description, variant="published", effect_parameters=on)
+        description = replace(
+            models["table1"].description, variant="published", effect_parameters=on
+        )
         with pytest.raises(ModelError, match=f"has no effects, but {effect.name} is on"):
             TouchModel(description).predict(conditions(250.0, 75.0))
 
@@ -198,12 +228,23 @@ class TestFile:
         assert shipped.friction_law == "total_load"
         assert shipped.parameters == table1.parameters
         assert shipped.content_hash == as_published(table1).content_hash
-        assert len({m.content_hash for m in (table1, as_published(table1), as_published(table1, absolute=True))}) == 3
+        assert (
+            len(
+                {
+                    m.content_hash
+                    for m in (table1, as_published(table1), as_published(table1, absolute=True))
+                }
+            )
+            == 3
+        )
         assert json.loads(json.dumps(shipped.provenance()))["variant"] == "published"
 
     def test_friction_follows_the_variant_unless_chosen(self, tmp_path) -> None:
         text = (MODELS / "published.toml").read_text(encoding="utf-8")
-        assert self.read(tmp_path, text.replace('friction_law = "total_load"', "")).friction_law == "total_load"
+        assert (
+            self.read(tmp_path, text.replace('friction_law = "total_load"', "")).friction_law
+            == "total_load"
+        )
         chosen = text.replace('friction_law = "total_load"', 'friction_law = "applied_load"')
         assert self.read(tmp_path, chosen).friction_law == "applied_load"
 
@@ -220,6 +261,9 @@ class TestFile:
 
 
 def test_speed_does_not_change_a_published_surface(published) -> None:
-    model, axes = published(), (np.array([30.0, 250.0, 3e3]), np.array([0.0, 60.0, 120.0]), np.array([0.3, 1.0]))
+    model, axes = (
+        published(),
+        (np.array([30.0, 250.0, 3e3]), np.array([0.0, 60.0, 120.0]), np.array([0.3, 1.0])),
+    )
     cof = model.cof_at_speeds(*axes, np.array([0.005, 0.2]))
     np.testing.assert_array_equal(cof, np.stack([model.surface(*axes).cof] * 2, axis=1))

@@ -14,7 +14,8 @@ from model.solver import solve
 
 FINGERS = ("reference", "table1")
 
-# A soft and nearly smooth finger on a thin insulator, all numbers within their ranges: its V(p_e) turns back.
+# A soft and nearly smooth finger on a thin insulator, all numbers within their ranges: its V(p_e)
+# turns back.
 FOLDING = {
     "hurst_exponent": 0.2,
     "contact_gamma": 1.0,
@@ -40,7 +41,9 @@ def gain_by_quadrature(scales_of, stack_of):
         z = s.k_gap[0] * s.h_m[0] / a
         z = complex(z.real, abs(z.imag))
         z_hat = np.array([z / scales.length_m])
-        k_hat = integrals_of(gap_mass(model.table.shape, pressure_pa / scales.pressure_pa), z_hat)[0][0]
+        k_hat = integrals_of(gap_mass(model.table.shape, pressure_pa / scales.pressure_pa), z_hat)[
+            0
+        ][0]
         return 0.5 * EPS0 * float(k_hat) / (scales.length_m * abs(a)) ** 2
 
     return gain
@@ -50,7 +53,9 @@ def gain_by_quadrature(scales_of, stack_of):
 def solve_sine(sine_circuit):
     """Electrostatic pressure [n], and what has pulled in."""
 
-    def solved(model, frequency_hz: float, voltage_v: np.ndarray, load_pa: float) -> tuple[np.ndarray, np.ndarray]:
+    def solved(
+        model, frequency_hz: float, voltage_v: np.ndarray, load_pa: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         return solve(model.table, sine_circuit(model, frequency_hz, voltage_v, load_pa))
 
     return solved
@@ -75,7 +80,9 @@ def test_pressure_satisfies_its_own_loop(
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("frequency_hz", [10.0, 250.0, 1e4])
-def test_voltage_rises_with_pressure_up_to_1_mpa(models, gain_by_quadrature, name: str, frequency_hz: float) -> None:
+def test_voltage_rises_with_pressure_up_to_1_mpa(
+    models, gain_by_quadrature, name: str, frequency_hz: float
+) -> None:
     """No fold for the shipped fingers: V(p_e) = sqrt(p_e/g) by quadrature alone."""
     p_e = np.geomspace(1.0, 1e6, 60)
     square = [p / (gain_by_quadrature(models[name], frequency_hz, 5e3 + p) / 2.0) for p in p_e]
@@ -87,10 +94,13 @@ def test_light_attraction_grows_with_the_square_of_the_voltage(
     models, solve_sine, gain_by_quadrature, name: str
 ) -> None:
     p_e, _ = solve_sine(models[name], 250.0, np.array([0.01, 0.1, 1.0]), 5e3)
-    # p_e/p0 = 4e-5 at 1 V; below that, p_e is a difference of numbers known to 1e-10 p0: 2e-2 at 0.01 V
+    # p_e/p0 = 4e-5 at 1 V; below that, p_e is a difference of numbers known to 1e-10 p0: 2e-2 at
+    # 0.01 V
     assert p_e[2] / p_e[1] == pytest.approx(100.0, rel=1e-3)
     assert p_e[1] / p_e[0] == pytest.approx(100.0, rel=2e-2)
-    assert p_e[2] == pytest.approx(0.5 * gain_by_quadrature(models[name], 250.0, 5e3), rel=2e-4)  # and interpolation
+    assert p_e[2] == pytest.approx(
+        0.5 * gain_by_quadrature(models[name], 250.0, 5e3), rel=2e-4
+    )  # and interpolation
 
 
 def test_without_voltage_there_is_no_attraction(models, solve_sine) -> None:
@@ -126,7 +136,9 @@ class CubicTable:
 
 
 class TestMadeUpContact:
-    """Tables made up so that the loop has a solution by hand; z = 1 and no leak, so g(p) = (eps0/2) K(p)."""
+    """Tables made up so that the loop has a solution by hand; z = 1 and no leak, so g(p) = (eps0/2)
+    K(p).
+    """
 
     NODES = (85, 121, 15, 3)
 
@@ -172,10 +184,14 @@ class TestMadeUpContact:
         """Its last pressure is 10; the way there is in long steps."""
         p0 = 1e-2
         mean_square = np.array([(p - p0) / np.sqrt(p) / (0.5 * EPS0)])
-        assert self.solve(lambda x: 0.5 * x, mean_square, p0)[0][0] == pytest.approx(p - p0, rel=1e-6)
+        assert self.solve(lambda x: 0.5 * x, mean_square, p0)[0][0] == pytest.approx(
+            p - p0, rel=1e-6
+        )
 
     def test_a_load_at_the_end_of_the_table_has_not_pulled_in(self) -> None:
-        p_e, pulled_in = self.solve(lambda x: 0.5 * x, np.array([1.0 / EPS0]), float(np.exp(LOG_P_AXIS[1])))
+        p_e, pulled_in = self.solve(
+            lambda x: 0.5 * x, np.array([1.0 / EPS0]), float(np.exp(LOG_P_AXIS[1]))
+        )
         assert np.isnan(p_e[0])
         assert not pulled_in[0]
 
@@ -184,14 +200,20 @@ class TestMadeUpContact:
         p0 = 1e-2
         fraction = np.array([0.01, 0.3, 0.9, 0.99, 1.01, 3.0])  # of B at the turn
         b = fraction / (4.0 * p0)
-        lower = np.where(fraction < 1.0, (1.0 - np.sqrt(np.maximum(1.0 - fraction, 0.0))) / (2.0 * b) - p0, np.nan)
+        lower = np.where(
+            fraction < 1.0,
+            (1.0 - np.sqrt(np.maximum(1.0 - fraction, 0.0))) / (2.0 * b) - p0,
+            np.nan,
+        )
         p_e, pulled_in = self.solve(lambda x: 2.0 * x, b / (0.5 * EPS0), p0)
         # at 0.99 of the turn, an error of 1e-10 in the loop is 1e-8 of p_e
         np.testing.assert_allclose(p_e, lower, rtol=1e-6)
         np.testing.assert_array_equal(pulled_in, fraction > 1.0)
 
     def test_the_turn_is_found_between_nodes(self) -> None:
-        """It is at p = 2 p0; loads from node to node of the table, and the drive 1e-9 beside the turn."""
+        """It is at p = 2 p0; loads from node to node of the table, and the drive 1e-9 beside the
+        turn.
+        """
         for p0 in 1e-2 * np.exp(np.linspace(0.0, 0.2, 11)):
             fraction = np.array([0.5, 1.0 - 1e-9, 1.0 + 1e-9])
             p_e, pulled_in = self.solve(lambda x: 2.0 * x, fraction / (4.0 * p0) / (0.5 * EPS0), p0)
@@ -203,15 +225,22 @@ class TestMadeUpContact:
         bends=st.tuples(st.floats(-6.0, -3.0), st.floats(0.3, 3.0)),
         fraction=st.floats(0.01, 1.5),
     )
-    @example(slopes=(0.0, 0.0, 1.0), bends=(-3.0, 1.0), fraction=0.99999)  # 1,000 steps once ended on the way
-    @example(slopes=(3.109375, 0.0, 1.0), bends=(-6.0, 1.0), fraction=1.5)  # turns back by 4e-4, over 12 % of p
+    @example(
+        slopes=(0.0, 0.0, 1.0), bends=(-3.0, 1.0), fraction=0.99999
+    )  # 1,000 steps once ended on the way
+    @example(
+        slopes=(3.109375, 0.0, 1.0), bends=(-6.0, 1.0), fraction=1.5
+    )  # turns back by 4e-4, over 12 % of p
     @settings(max_examples=200)
-    def test_the_lowest_equilibrium_is_found_wherever_the_gain_bends(self, slopes, bends, fraction: float) -> None:
-        """log gain of three slopes in log p, round at the bends, against a scan of 200,000 pressures.
+    def test_the_lowest_equilibrium_is_found_wherever_the_gain_bends(
+        self, slopes, bends, fraction: float
+    ) -> None:
+        """log gain of three slopes in log p, round at the bends, against a scan of 200,000
+        pressures.
 
-        A turn within one step of the solver is shallower than 1e-3 of V^2, which is what a table is good for (1e-4 of
-        the gain, 5e-4 of V is the shallowest that a real contact has shown): the solver may pass it and find where the
-        contact comes to rest beyond, or call it pulled in.
+        A turn within one step of the solver is shallower than 1e-3 of V^2, which is what a table is
+        good for (1e-4 of the gain, 5e-4 of V is the shallowest that a real contact has shown): the
+        solver may pass it and find where the contact comes to rest beyond, or call it pulled in.
         """
         p0, first, second = 1e-3, bends[0], bends[0] + bends[1]
 
@@ -230,7 +259,9 @@ class TestMadeUpContact:
         top = turns[0] if turns.size else p.size - 1
         square = fraction * needed[top]
         p_e, pulled_in = self.solve(log_k, np.array([square / (0.5 * EPS0)]), p0)
-        expected = pytest.approx(p[np.argmax(needed >= square)], rel=2.0 * np.log(p[1] / p[0]))  # one step of the scan
+        expected = pytest.approx(
+            p[np.argmax(needed >= square)], rel=2.0 * np.log(p[1] / p[0])
+        )  # one step of the scan
         if fraction < 1.0 - 1e-6:
             assert p_e[0] + p0 == expected
         elif fraction > 1.0 + 1e-6 and not np.isnan(p_e[0]):
@@ -261,14 +292,18 @@ class TestMadeUpContact:
         roots = np.count_nonzero(np.diff(np.sign(excess[1:])))
         assert roots == 3
         expected = self.lowest(self.saturating, mean_square, p0)
-        # table and nodes are cubic between points 0.19 and 0.1 apart in log p: 1e-4 of the gain here
-        assert self.solve(self.saturating, np.array([mean_square]), p0)[0][0] == pytest.approx(expected, rel=2e-3)
+        # table and nodes are cubic between points 0.19 and 0.1 apart in log p: 1e-4 of the gain
+        # here
+        assert self.solve(self.saturating, np.array([mean_square]), p0)[0][0] == pytest.approx(
+            expected, rel=2e-3
+        )
 
     @staticmethod
     def late(x: np.ndarray) -> np.ndarray:
         """Slope 0.54 at first, 5.9 between p = 0.22 and 0.59, 0.54 after."""
         return 0.54 * x + 5.37 * 0.26 * (
-            np.logaddexp(0.0, (x - np.log(0.218)) / 0.26) - np.logaddexp(0.0, (x - np.log(0.218) - 1.0) / 0.26)
+            np.logaddexp(0.0, (x - np.log(0.218)) / 0.26)
+            - np.logaddexp(0.0, (x - np.log(0.218) - 1.0) / 0.26)
         )
 
     def test_the_lowest_is_taken_of_a_curve_that_bends_down_first(self) -> None:
@@ -295,7 +330,10 @@ def load_pa(folding, scales_of) -> float:
 @pytest.fixture(scope="module")
 def curve(folding, load_pa, scales_of, gain_by_quadrature) -> tuple[np.ndarray, np.ndarray]:
     """p_e and V(p_e) by quadrature; V has a maximum, falls by 5e-4 and rises again."""
-    p = np.exp(np.linspace(np.log(1.01 * FOLDING_LOAD), np.log(9.9), 250)) * scales_of(folding).pressure_pa
+    p = (
+        np.exp(np.linspace(np.log(1.01 * FOLDING_LOAD), np.log(9.9), 250))
+        * scales_of(folding).pressure_pa
+    )
     gain = np.array([gain_by_quadrature(folding, FOLDING_FREQUENCY_HZ, x) / 2.0 for x in p])
     return p - load_pa, np.sqrt((p - load_pa) / gain)
 
@@ -307,23 +345,30 @@ class TestPullIn:
         assert turns.size == 2
         assert v[turns[0] + 1] > 1.0003 * v[turns[1] + 1]
 
-    def test_the_fold_is_found_and_nothing_past_it_is_given(self, folding, solve_sine, load_pa, curve) -> None:
+    def test_the_fold_is_found_and_nothing_past_it_is_given(
+        self, folding, solve_sine, load_pa, curve
+    ) -> None:
         _, v = curve
         fold = v[np.flatnonzero(np.diff(v) < 0.0)[0]]
-        voltage = fold * np.array([0.5, 0.9, 0.9999, 1.0001, 1.05, 2.0])  # table against quadrature: 1e-4
+        voltage = fold * np.array(
+            [0.5, 0.9, 0.9999, 1.0001, 1.05, 2.0]
+        )  # table against quadrature: 1e-4
         p_e, pulled_in = solve_sine(folding, FOLDING_FREQUENCY_HZ, voltage, load_pa)
         past = [False, False, False, True, True, True]
         np.testing.assert_array_equal(np.isnan(p_e), past)
         np.testing.assert_array_equal(pulled_in, past)
 
-    def test_between_the_folds_the_lowest_branch_is_taken(self, folding, solve_sine, load_pa, curve) -> None:
+    def test_between_the_folds_the_lowest_branch_is_taken(
+        self, folding, solve_sine, load_pa, curve
+    ) -> None:
         p_e, v = curve
         top, bottom = np.flatnonzero(np.diff(v) < 0.0)[[0, -1]] + np.array([0, 1])
         between = v[bottom] + 0.7 * (v[top] - v[bottom])
         roots = np.count_nonzero(np.diff(np.sign(v - between)))
         assert roots == 3
         first = p_e[np.flatnonzero(v > between)[0]]
-        # the curve is flat here: 1e-4 of V is a tenth of p_e, and the next root is four times as far
+        # the curve is flat here: 1e-4 of V is a tenth of p_e, and the next root is four times as
+        # far
         found, _ = solve_sine(folding, FOLDING_FREQUENCY_HZ, np.array([between]), load_pa)
         assert found[0] == pytest.approx(first, rel=0.3)
 
@@ -336,7 +381,9 @@ class TestPullIn:
         )
         np.testing.assert_array_equal(surface.pulled_in[0, :, 0], [False, True, True])
         for name in ("electrostatic_force_n", "cof", "current_rms_a"):
-            np.testing.assert_array_equal(np.isnan(getattr(surface, name)[0, :, 0]), [False, True, True])
+            np.testing.assert_array_equal(
+                np.isnan(getattr(surface, name)[0, :, 0]), [False, True, True]
+            )
         assert np.isfinite(surface.stuck_current_rms_a).all()
         assert not surface.within_theory[0, 1:, 0].any()
 
@@ -360,7 +407,11 @@ def test_a_load_beyond_the_table_has_no_answer(models, solve_sine, scales_of) ->
 
 def test_many_touches_on_several_threads_are_those_one_by_one(models, sine_circuit) -> None:
     model, rng = models["reference"], np.random.default_rng(3)
-    f, v, load = np.exp(rng.uniform(0.0, 13.0, 10_000)), rng.uniform(0.0, 150.0, 10_000), rng.uniform(1e3, 2e4, 10_000)
+    f, v, load = (
+        np.exp(rng.uniform(0.0, 13.0, 10_000)),
+        rng.uniform(0.0, 150.0, 10_000),
+        rng.uniform(1e3, 2e4, 10_000),
+    )
     whole, _ = solve(model.table, sine_circuit(model, f, v, load))
     for i in (0, 4095, 4096, 9999):
         assert whole[i] == solve(model.table, sine_circuit(model, f[i], v[i], load[i]))[0][0]

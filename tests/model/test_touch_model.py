@@ -22,10 +22,15 @@ FINGERS = ("reference", "table1")
 KEY_VOLTAGE_V, KEY_LOAD_N, AREA_M2 = 75.0, 0.5, 1e-4
 
 
-def conditions(frequency_hz, voltage_v, normal_force_n, offset_v=None, waveform="sine") -> Conditions:
+def conditions(
+    frequency_hz, voltage_v, normal_force_n, offset_v=None, waveform="sine"
+) -> Conditions:
     """Scalars and lists to arrays of one length."""
     f, v, n, offset, wave = np.broadcast_arrays(
-        *(np.atleast_1d(x) for x in (frequency_hz, voltage_v, normal_force_n, offset_v or 0.0, waveform))
+        *(
+            np.atleast_1d(x)
+            for x in (frequency_hz, voltage_v, normal_force_n, offset_v or 0.0, waveform)
+        )
     )
     return Conditions(f, v, n, None if offset_v is None else offset, wave)
 
@@ -41,7 +46,8 @@ def k_by_quadrature(scales_of):
     def k(model: TouchModel, pressure_pa: float, z_m: complex) -> float:
         scales = scales_of(model)
         k_hat = integrals_of(
-            gap_mass(model.table.shape, pressure_pa / scales.pressure_pa), np.array([z_m / scales.length_m], complex)
+            gap_mass(model.table.shape, pressure_pa / scales.pressure_pa),
+            np.array([z_m / scales.length_m], complex),
         )
         return float(k_hat[0][0]) / scales.length_m**2
 
@@ -55,7 +61,9 @@ class TestReference:
     def test_points(self, models, reference, name: str) -> None:
         r = reference[name]["points"]
         assert len(r["cof"]) == {"reference": 196, "table1": 210}[name]
-        got = models[name].predict(Conditions(r["frequency_hz"], r["voltage_v"], r["normal_force_n"]))
+        got = models[name].predict(
+            Conditions(r["frequency_hz"], r["voltage_v"], r["normal_force_n"])
+        )
         np.testing.assert_allclose(got.electrostatic_force_n, r["electrostatic_force_n"], rtol=2e-3)
         np.testing.assert_allclose(got.cof, r["cof"], rtol=2e-3)
         np.testing.assert_allclose(got.current_rms_a, r["current_rms_a"], rtol=2e-3)
@@ -68,7 +76,9 @@ class TestReference:
             np.searchsorted(a, r[k])
             for a, k in zip((f, v, n), ("frequency_hz", "voltage_v", "normal_force_n"), strict=True)
         )
-        np.testing.assert_allclose(surface.electrostatic_force_n[at], r["electrostatic_force_n"], rtol=2e-3)
+        np.testing.assert_allclose(
+            surface.electrostatic_force_n[at], r["electrostatic_force_n"], rtol=2e-3
+        )
         np.testing.assert_allclose(surface.cof[at], r["cof"], rtol=2e-3)
         np.testing.assert_allclose(surface.current_rms_a[at], r["current_rms_a"], rtol=2e-3)
         assert not surface.pulled_in[at].any()
@@ -76,14 +86,20 @@ class TestReference:
     def test_light_points_gain_with_the_square_of_the_voltage(self, models, name: str) -> None:
         f = np.geomspace(1.0, 1e6, 7)
         half, one = (force(models[name], f, v, KEY_LOAD_N) for v in (0.5, 1.0))
-        np.testing.assert_allclose(one, 4.0 * half, rtol=2e-4)  # p_e/p0 = 4e-5 at 1 V, and the closure of the loop
+        np.testing.assert_allclose(
+            one, 4.0 * half, rtol=2e-4
+        )  # p_e/p0 = 4e-5 at 1 V, and the closure of the loop
 
 
 class TestHeadline:
     def test_key_table(self, models, reference) -> None:
         key = reference["key_table"]
-        got = 1e3 * force(models["reference"], key["frequency_hz"], key["voltage_v"], key["normal_force_n"])
-        np.testing.assert_allclose(got, key["electrostatic_force_mn"], atol=0.05, rtol=2e-3)  # one decimal is printed
+        got = 1e3 * force(
+            models["reference"], key["frequency_hz"], key["voltage_v"], key["normal_force_n"]
+        )
+        np.testing.assert_allclose(
+            got, key["electrostatic_force_mn"], atol=0.05, rtol=2e-3
+        )  # one decimal is printed
 
     @pytest.mark.parametrize("name", FINGERS)
     def test_force_peaks_at_250_hz(self, models, reference, name: str) -> None:
@@ -97,14 +113,20 @@ class TestHeadline:
 
     def test_table_ones_roughness_gives_a_sixth(self, models, reference) -> None:
         code, table1 = (force(models[n], 250.0, KEY_VOLTAGE_V, KEY_LOAD_N)[0] for n in FINGERS)
-        assert 1e3 * table1 == pytest.approx(reference["key_table"]["table1_at_250_hz_mn"], abs=0.05)  # one decimal
+        assert 1e3 * table1 == pytest.approx(
+            reference["key_table"]["table1_at_250_hz_mn"], abs=0.05
+        )  # one decimal
         assert code / table1 == pytest.approx(6.1, abs=0.05)  # 100.8/16.5
 
 
 class TestLimits:
     @pytest.mark.parametrize("frequency_hz", [1.0, 250.0, 1e5])
-    def test_without_leak_it_is_a_series_capacitor(self, variant, k_by_quadrature, frequency_hz: float) -> None:
-        """Impedances of insulator and skin in series with the gap, nothing beside it; air conducts next to nothing."""
+    def test_without_leak_it_is_a_series_capacitor(
+        self, variant, k_by_quadrature, frequency_hz: float
+    ) -> None:
+        """Impedances of insulator and skin in series with the gap, nothing beside it; air conducts
+        next to nothing.
+        """
         model = variant(leak_scale=0.0, air_conductivity_s_per_m=0.0)
         v = model.description.values
         jw = 2j * np.pi * frequency_hz
@@ -119,7 +141,10 @@ class TestLimits:
 
     def test_leak_shorts_the_gap(self, variant) -> None:
         """alpha -> inf: z -> 1/beta, K -> P(0)/|z|, so the force falls as 1/alpha to nothing."""
-        forces = [force(variant(leak_scale=10.0**e), 250.0, KEY_VOLTAGE_V, KEY_LOAD_N)[0] for e in (0, 4, 5, 6)]
+        forces = [
+            force(variant(leak_scale=10.0**e), 250.0, KEY_VOLTAGE_V, KEY_LOAD_N)[0]
+            for e in (0, 4, 5, 6)
+        ]
         assert forces[0] > forces[1] > forces[2] > forces[3] > 0.0
         assert forces[3] < 1e-3 * forces[0]
         # the law is reached up to the slow rise of K |z| towards z = 0: a few per cent per decade
@@ -131,7 +156,9 @@ class TestLimits:
         total = (KEY_LOAD_N + f_e) / AREA_M2
         z = 1e-6 / 3.9 + 200e-6 / 50.0
         expected = AREA_M2 * EPS0 / 4.0 * KEY_VOLTAGE_V**2 * k_by_quadrature(model, total, z)
-        assert f_e == pytest.approx(expected, rel=2e-4)  # interpolation, and sigma/(w eps0 eps) = 7e-5 of the skin
+        assert f_e == pytest.approx(
+            expected, rel=2e-4
+        )  # interpolation, and sigma/(w eps0 eps) = 7e-5 of the skin
 
     @pytest.mark.parametrize("name", FINGERS)
     def test_direct_current_is_finite_and_the_end_of_slow_square_waves(
@@ -142,10 +169,14 @@ class TestLimits:
         assert np.isfinite(dc).all()
         assert dc > 0.0
         circuit = circuit_of(
-            scales_of(model), [(stack_of(model, np.array([1e-8])), np.array([KEY_VOLTAGE_V**2]))], np.array([5e3])
+            scales_of(model),
+            [(stack_of(model, np.array([1e-8])), np.array([KEY_VOLTAGE_V**2]))],
+            np.array([5e3]),
         )
         slow, _ = solver.solve(model.table, circuit)
-        assert slow * AREA_M2 == pytest.approx(dc, rel=1e-3)  # 1e-8 Hz against 1.8e-4 Hz of the slowest layer
+        assert slow * AREA_M2 == pytest.approx(
+            dc, rel=1e-3
+        )  # 1e-8 Hz against 1.8e-4 Hz of the slowest layer
 
     def test_direct_current_is_the_resistive_divider(self, models, k_by_quadrature) -> None:
         model = models["reference"]
@@ -154,8 +185,11 @@ class TestLimits:
         resistance = 1e-6 / 1e-13 + 200e-6 / 2e-4
         alpha = 2.0 * 2e-4 * total / (13.330851e6 * 22.09618e-6)
         a, b = 1.0 + alpha * resistance, 1e-14 * resistance
-        expected = AREA_M2 * EPS0 / 2.0 * KEY_VOLTAGE_V**2 * k_by_quadrature(model, total, b / a) / a**2
-        # z is 1.5e-12 m, a little below the table, where K |z| is held though it still rises by 2 % towards z = 0
+        expected = (
+            AREA_M2 * EPS0 / 2.0 * KEY_VOLTAGE_V**2 * k_by_quadrature(model, total, b / a) / a**2
+        )
+        # z is 1.5e-12 m, a little below the table, where K |z| is held though it still rises by 2 %
+        # towards z = 0
         assert f_e == pytest.approx(expected, rel=1e-2)
 
 
@@ -163,9 +197,12 @@ class TestDrive:
     def test_a_square_wave_attracts_like_a_sine_of_root_two(self, models) -> None:
         f = np.geomspace(1.0, 1e6, 7)
         square = models["reference"].predict(conditions(f, 50.0, KEY_LOAD_N, waveform="square"))
-        sine = models["reference"].predict(conditions(f, 50.0 * np.sqrt(2.0), KEY_LOAD_N, waveform="sine"))
+        sine = models["reference"].predict(
+            conditions(f, 50.0 * np.sqrt(2.0), KEY_LOAD_N, waveform="sine")
+        )
         for name in ("electrostatic_force_n", "cof", "current_rms_a", "stuck_current_rms_a"):
-            # same mean square up to rounding; the loop is closed to 1e-10 of a total 25 times the attraction
+            # same mean square up to rounding; the loop is closed to 1e-10 of a total 25 times the
+            # attraction
             np.testing.assert_allclose(getattr(square, name), getattr(sine, name), rtol=1e-8)
 
     def test_waveforms_may_be_mixed(self, models) -> None:
@@ -183,13 +220,17 @@ class TestDrive:
         assert bias > 0.0
         # each raises the other's pressure by p_e/p0 = 2e-4 of itself
         np.testing.assert_allclose(both, sine + bias, rtol=1e-3)
-        np.testing.assert_allclose(force(model, 250.0, 2.0, KEY_LOAD_N, offset_v=-40.0), both, rtol=1e-12)  # no sign
+        np.testing.assert_allclose(
+            force(model, 250.0, 2.0, KEY_LOAD_N, offset_v=-40.0), both, rtol=1e-12
+        )  # no sign
 
     def test_an_offset_alone_is_direct_current(self, models) -> None:
         offset = models["table1"].predict(conditions(250.0, 0.0, KEY_LOAD_N, offset_v=60.0))
         dc = models["table1"].predict(conditions(250.0, 60.0, KEY_LOAD_N, waveform="dc"))
         for name in ("electrostatic_force_n", "current_rms_a", "stuck_current_rms_a"):
-            np.testing.assert_allclose(getattr(offset, name), getattr(dc, name), rtol=1e-9)  # closure of the loop
+            np.testing.assert_allclose(
+                getattr(offset, name), getattr(dc, name), rtol=1e-9
+            )  # closure of the loop
 
     def test_an_offset_on_direct_current_adds_to_its_voltage(self, models) -> None:
         parts = force(models["reference"], 0.0, 50.0, KEY_LOAD_N, offset_v=50.0, waveform="dc")
@@ -197,7 +238,9 @@ class TestDrive:
         np.testing.assert_allclose(parts, whole, rtol=1e-6)
 
     def test_without_voltage_the_frequency_is_ignored(self, models) -> None:
-        got = models["reference"].predict(conditions([np.nan, 0.0, -1.0, 250.0, np.inf], 0.0, KEY_LOAD_N))
+        got = models["reference"].predict(
+            conditions([np.nan, 0.0, -1.0, 250.0, np.inf], 0.0, KEY_LOAD_N)
+        )
         np.testing.assert_array_equal(got.electrostatic_force_n, 0.0)
         np.testing.assert_array_equal(got.cof, 0.512)
         np.testing.assert_array_equal(got.current_rms_a, 0.0)
@@ -221,12 +264,16 @@ class TestMonotony:
         base, higher, heavier = force(models[name], f, [v, more * v, v], [n, n, more * n])
         assert 0.0 < base < higher
         assert base < heavier
-        assert heavier / (more * n) < base / n  # but less than in proportion: friction falls towards mu_off
+        assert (
+            heavier / (more * n) < base / n
+        )  # but less than in proportion: friction falls towards mu_off
 
     @given(f=frequencies, v=volts, n=loads, more=st.floats(1.05, 3.0))
     @settings(max_examples=25)
     def test_a_thicker_insulator_attracts_less_without_leak(self, variant, f, v, n, more) -> None:
-        thin, thick = (variant(leak_scale=0.0, insulator_thickness_m=d) for d in (1e-6, more * 1e-6))
+        thin, thick = (
+            variant(leak_scale=0.0, insulator_thickness_m=d) for d in (1e-6, more * 1e-6)
+        )
         assert force(thick, f, v, n)[0] < force(thin, f, v, n)[0]
 
     @pytest.mark.parametrize("name", FINGERS)
@@ -248,7 +295,9 @@ class TestFriction:
         np.testing.assert_allclose(t.cof, 0.512 / (1.0 - ratio), rtol=1e-14)
 
     def test_total_load_diverges_where_attraction_reaches_the_load(self, variant) -> None:
-        got = variant(friction_law="total_load").predict(conditions(250.0, [100.0, 150.0, 200.0], 0.5))
+        got = variant(friction_law="total_load").predict(
+            conditions(250.0, [100.0, 150.0, 200.0], 0.5)
+        )
         over = got.electrostatic_force_n >= 0.5
         np.testing.assert_array_equal(over, [False, True, True])
         np.testing.assert_array_equal(np.isnan(got.cof), over)
@@ -256,9 +305,13 @@ class TestFriction:
 
 
 def test_friction_alone_is_that_of_the_whole_answer(models) -> None:
-    """Of fingers that slide, one that pulls in among them; NaN of those that rest or are not there."""
+    """Of fingers that slide, one that pulls in among them; NaN of those that rest or are not
+    there.
+    """
     finger = np.array(["sliding", "sliding", "sliding", "resting", "none"])
-    conditions = Conditions(np.full(5, 250.0), np.array([0.0, 75.0, 5e3, 75.0, 75.0]), np.full(5, 0.5), finger=finger)
+    conditions = Conditions(
+        np.full(5, 250.0), np.array([0.0, 75.0, 5e3, 75.0, 75.0]), np.full(5, 0.5), finger=finger
+    )
     for model in models.values():
         alone = model.cof(conditions)
         np.testing.assert_array_equal(alone, model.predict(conditions).cof)
@@ -275,7 +328,9 @@ class TestRangeOfTheTheory:
         assert ((ratio > 10.0) & (ratio < 10.3)).any()
         np.testing.assert_array_equal(got.within_theory, ratio <= 10.0)
         surface = models["reference"].surface(np.array([250.0]), volts, np.array([0.5]))
-        np.testing.assert_array_equal(surface.within_theory, surface.electrostatic_force_n / 0.5 <= 10.0)
+        np.testing.assert_array_equal(
+            surface.within_theory, surface.electrostatic_force_n / 0.5 <= 10.0
+        )
 
     def test_past_the_table_there_is_no_answer(self, models) -> None:
         got = models["reference"].predict(conditions(250.0, [75.0, 5000.0], 0.5))
@@ -293,14 +348,22 @@ class TestRangeOfTheTheory:
 
 class TestSurface:
     def test_agrees_with_single_conditions(self, models) -> None:
-        f, v, n = np.array([5.0, 250.0, 3e4]), np.array([0.0, 30.0, 120.0]), np.array([0.1, 0.5, 1.5])
+        f, v, n = (
+            np.array([5.0, 250.0, 3e4]),
+            np.array([0.0, 30.0, 120.0]),
+            np.array([0.1, 0.5, 1.5]),
+        )
         surface = models["table1"].surface(f, v, n)
         grid = np.stack(np.meshgrid(f, v, n, indexing="ij")).reshape(3, -1)
         single = models["table1"].predict(Conditions(*grid))
         for name in ("electrostatic_force_n", "cof", "current_rms_a"):
-            np.testing.assert_allclose(getattr(surface, name).ravel(), getattr(single, name), rtol=1e-12)  # rounding
+            np.testing.assert_allclose(
+                getattr(surface, name).ravel(), getattr(single, name), rtol=1e-12
+            )  # rounding
         np.testing.assert_array_equal(surface.within_theory.ravel(), single.within_theory)
-        np.testing.assert_allclose(surface.stuck_current_rms_a.ravel(), single.stuck_current_rms_a, rtol=1e-14)
+        np.testing.assert_allclose(
+            surface.stuck_current_rms_a.ravel(), single.stuck_current_rms_a, rtol=1e-14
+        )
         assert surface.pulled_in.shape == (3, 3, 3)
         assert not surface.pulled_in.any()
 
@@ -360,39 +423,66 @@ class TestConditions:
         assert "square" in caught.value.hint
 
     @pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
-    def test_has_every_effect_as_single_conditions_have_it(self, models, fresh_tables, kind) -> None:
-        values = {p.name: Parameter(float(p.from_normal(1.0)), p.unit, "") for p in kind.parameters()}
-        description = replace(models["reference"].description, effect_parameters={kind.name: values})
+    def test_has_every_effect_as_single_conditions_have_it(
+        self, models, fresh_tables, kind
+    ) -> None:
+        values = {
+            p.name: Parameter(float(p.from_normal(1.0)), p.unit, "") for p in kind.parameters()
+        }
+        description = replace(
+            models["reference"].description, effect_parameters={kind.name: values}
+        )
         model = fresh_tables(TouchModel(description))
-        f, v, n, s = np.geomspace(1.0, 1e6, 7), np.array([0.0, 10.0, 150.0]), np.array([0.1, 2.0]), np.array([0.0, 0.1])
+        f, v, n, s = (
+            np.geomspace(1.0, 1e6, 7),
+            np.array([0.0, 10.0, 150.0]),
+            np.array([0.1, 2.0]),
+            np.array([0.0, 0.1]),
+        )
         surface = model.surface(f, v, n, speed_m_s=0.1, time_s=30.0)
         columns = [x.ravel() for x in np.meshgrid(f, v, n, indexing="ij")]
         count = columns[0].size
-        single = model.predict(Conditions(*columns, speed_m_s=np.full(count, 0.1), time_s=np.full(count, 30.0)))
+        single = model.predict(
+            Conditions(*columns, speed_m_s=np.full(count, 0.1), time_s=np.full(count, 30.0))
+        )
         for name in ("cof", "current_rms_a", "stuck_current_rms_a", "pulled_in", "within_theory"):
-            np.testing.assert_allclose(getattr(surface, name).ravel(), getattr(single, name), rtol=1e-12)  # rounding
+            np.testing.assert_allclose(
+                getattr(surface, name).ravel(), getattr(single, name), rtol=1e-12
+            )  # rounding
         at_once = model.cof_at_speeds(f, v, n, s)
         for i, speed in enumerate(s):
-            np.testing.assert_allclose(at_once[:, i], model.surface(f, v, n, speed_m_s=float(speed)).cof, rtol=1e-12)
+            np.testing.assert_allclose(
+                at_once[:, i], model.surface(f, v, n, speed_m_s=float(speed)).cof, rtol=1e-12
+            )
 
 
 def test_a_cap_bends_the_force_without_steps(models, fresh_tables) -> None:
-    """The sum over gaps has a kink where the cap ends; its place must not show as the voltage rises."""
+    """The sum over gaps has a kink where the cap ends; its place must not show as the voltage
+    rises.
+    """
     values = {"breakdown_field_v_per_m": Parameter(5e7, "V/m", "")}
-    description = replace(models["reference"].description, effect_parameters={"air_breakdown": values})
+    description = replace(
+        models["reference"].description, effect_parameters={"air_breakdown": values}
+    )
     model = fresh_tables(TouchModel(description))
     third = np.diff(np.log(force(model, 250.0, np.linspace(100.0, 110.0, 201), 0.5)), 3)
     assert np.abs(third).max() < 1e-6  # 1e-7; the trapezoid rule alone leaves 2e-5
 
 
 @pytest.mark.parametrize("field_v_per_m", [1e5, 5e7, 3e8])
-@pytest.mark.parametrize("voltage_v", [pytest.param(40.0, marks=pytest.mark.soak), 150.0])  # 2 s each
+@pytest.mark.parametrize(
+    "voltage_v", [pytest.param(40.0, marks=pytest.mark.soak), 150.0]
+)  # 2 s each
 def test_a_capped_force_is_that_of_a_fine_quadrature(
     models, fresh_tables, field_v_per_m: float, voltage_v: float
 ) -> None:
-    """50 times as many gaps, with the field of each stopped at the cap: deep caps leave a millionth of the force."""
+    """50 times as many gaps, with the field of each stopped at the cap: deep caps leave a millionth
+    of the force.
+    """
     values = {"breakdown_field_v_per_m": Parameter(field_v_per_m, "V/m", "")}
-    description = replace(models["reference"].description, effect_parameters={"air_breakdown": values})
+    description = replace(
+        models["reference"].description, effect_parameters={"air_breakdown": values}
+    )
     model, v = fresh_tables(TouchModel(description)), description.values
     stack = branch(v, description.dielectric, np.array([70.0]))
     h, leak = stack.h_m(v)[0], leak_per_m_pa(v, stack)[0]
@@ -402,8 +492,14 @@ def test_a_capped_force_is_that_of_a_fine_quadrature(
 
     def attraction(pressure_pa: float) -> float:
         density = gap_distribution(model.table.shape, pressure_pa / scale).density(u)
-        field = voltage_v / np.abs((1.0 + leak * pressure_pa * h) * u * v.roughness_rms_m + stack.k_gap[0] * h)
-        return 0.25 * EPS0 * float(np.trapezoid(density * u * np.minimum(field, field_v_per_m) ** 2, log_u))
+        field = voltage_v / np.abs(
+            (1.0 + leak * pressure_pa * h) * u * v.roughness_rms_m + stack.k_gap[0] * h
+        )
+        return (
+            0.25
+            * EPS0
+            * float(np.trapezoid(density * u * np.minimum(field, field_v_per_m) ** 2, log_u))
+        )
 
     p0 = 0.5 / AREA_M2
     p_e = brentq(lambda p_e: attraction(p0 + p_e) - p_e, 0.0, 1e6, xtol=1e-9 * p0)

@@ -1,8 +1,9 @@
-"""`make mutate`: small faults, one at a time, in what safety and truth rest on; which of them no test notices.
+"""`make mutate`: small faults, one at a time, in what safety and truth rest on; which of them no
+test notices.
 
-Cosmic Ray makes the faults, in two copies of the repository beside one another. By default those in lines changed since
-`--base`; with `--all` a sample of every module, drawn by `--seed`. Survivors are printed with their lines:
-`docs/reliability.md` says of each what became of it.
+Cosmic Ray makes the faults, in two copies of the repository beside one another. By default those in
+lines changed since `--base`; with `--all` a sample of every module, drawn by `--seed`. Survivors
+are printed with their lines: `docs/reliability.md` says of each what became of it.
 """
 
 from __future__ import annotations
@@ -25,11 +26,15 @@ RIG = [f"tests/haptic_driver/rig/test_{name}.py" for name in ("rig", "actuator",
 COPIES = 2
 TIMEOUT_S = 180.0  # a fault that hangs is noticed, too
 SAMPLE = 16  # faults of each module, with --all
-# Annotations are never worked out; a decorator or a keyword that is missing is noticed by whatever is called first.
+# Annotations are never worked out; a decorator or a keyword that is missing is noticed by whatever
+# is called first.
 SENSELESS = ("ReplaceBinaryOperator_BitOr", "RemoveDecorator")
 TESTS = {
     "haptic_driver/render/safety.py": ["tests/haptic_driver/render/test_safety.py"],
-    "haptic_driver/limits.py": ["tests/haptic_driver/test_limits.py", "tests/haptic_driver/render/test_safety.py"],
+    "haptic_driver/limits.py": [
+        "tests/haptic_driver/test_limits.py",
+        "tests/haptic_driver/render/test_safety.py",
+    ],
     "haptic_driver/render/controller.py": [
         f"tests/haptic_driver/render/test_{name}.py" for name in ("controller", "envelope")
     ],
@@ -53,17 +58,23 @@ TESTS = {
         "tests/model/diagnosis/test_unseen.py",
         "tests/model/diagnosis/test_force_sensor.py",
     ],
-}  # fmt: skip
+}
 
 
 def main() -> int:
     """0 where every fault that is tried is noticed."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
-    parser.add_argument("--all", action="store_true", help="a sample of every module, whatever has changed")
+    parser.add_argument(
+        "--all", action="store_true", help="a sample of every module, whatever has changed"
+    )
     parser.add_argument("--base", default="HEAD~1", help="a commit: lines changed since are tried")
-    parser.add_argument("--sample", type=int, default=SAMPLE, help="faults of each module, with --all")
+    parser.add_argument(
+        "--sample", type=int, default=SAMPLE, help="faults of each module, with --all"
+    )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--modules", nargs="*", default=list(TESTS), choices=list(TESTS), metavar="MODULE")
+    parser.add_argument(
+        "--modules", nargs="*", default=list(TESTS), choices=list(TESTS), metavar="MODULE"
+    )
     asked = parser.parse_args()
     survived = tried = 0
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(COPIES) as pool:
@@ -91,7 +102,9 @@ def main() -> int:
 def _copy(folder: Path) -> Path:
     """The repository with what is not committed yet: the faults go into files."""
     subprocess.run(["git", "clone", "--quiet", str(ROOT), str(folder)], check=True)
-    changes = subprocess.run(["git", "diff", "HEAD", "--binary"], cwd=ROOT, check=True, capture_output=True).stdout
+    changes = subprocess.run(
+        ["git", "diff", "HEAD", "--binary"], cwd=ROOT, check=True, capture_output=True
+    ).stdout
     if changes:
         subprocess.run(["git", "apply", "-"], cwd=folder, check=True, input=changes)
     return folder
@@ -113,7 +126,11 @@ def _try(copy: Path, module: str, asked: argparse.Namespace) -> list[WorkResult]
         _run(copy, "cr-filter-git", "--config", config.name, session.name)
     with use_db(session, WorkDB.Mode.open) as found:
         pending = [item for item in found.pending_work_items if not _is_senseless(item)]
-        chosen = random.Random(asked.seed).sample(pending, min(asked.sample, len(pending))) if asked.all else pending
+        chosen = (
+            random.Random(asked.seed).sample(pending, min(asked.sample, len(pending)))
+            if asked.all
+            else pending
+        )
         kept = {item.job_id for item in chosen}
         for item in list(found.pending_work_items):
             if item.job_id not in kept:

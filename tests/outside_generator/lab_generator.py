@@ -1,7 +1,8 @@
-"""A made-up generator, as a package of its own: driver, last gate, simulator, and the kind that an entry point names.
+"""A made-up generator, as a package of its own: driver, last gate, simulator, and the kind that an
+entry point names.
 
-It takes a letter and a number per line: `F250` (Hz), `A2.4` (Vpp, open circuit), `O0` (offset, V), `G1` (output on).
-`?` is answered by `LAB F250 A2.4 O0 G1`.
+It takes a letter and a number per line: `F250` (Hz), `A2.4` (Vpp, open circuit), `O0` (offset, V),
+`G1` (output on). `?` is answered by `LAB F250 A2.4 O0 G1`.
 """
 
 import re
@@ -19,7 +20,9 @@ LETTERS = {"frequency_hz": "F", "amplitude_vpp": "A", "offset_v": "O"}
 
 
 class LabGate(OutputGate):
-    """Reads what is about to be sent, and refuses what it does not know. Levels always mean an open circuit here."""
+    """Reads what is about to be sent, and refuses what it does not know. Levels always mean an open
+    circuit here.
+    """
 
     speaker = "LabGenerator"
 
@@ -35,14 +38,20 @@ class LabGate(OutputGate):
         if command == "G1":
             return self._checked(bound, command)
         if command.startswith("A"):
-            return self._checked(replace(bound, vpp=self._level(bound, command[1:], command)), command)
+            return self._checked(
+                replace(bound, vpp=self._level(bound, command[1:], command)), command
+            )
         if command.startswith("O"):
-            return self._checked(replace(bound, offset_v=self._level(bound, command[1:], command)), command)
+            return self._checked(
+                replace(bound, offset_v=self._level(bound, command[1:], command)), command
+            )
         raise self._refusal(command)
 
 
 class LabGenerator(GeneratorDriver):
-    """What the base class cannot know: the words. Limits, belief and the way off are there already."""
+    """What the base class cannot know: the words. Limits, belief and the way off are there
+    already.
+    """
 
     model = re.compile("LAB1")  # the second field of the answer to *IDN?
     amplitude_low_vpp = 0.02
@@ -60,7 +69,11 @@ class LabGenerator(GeneratorDriver):
 
     def _ask_state(self):
         frequency_hz, amplitude_vpp, offset_v, output = self._ask()
-        return output == 1.0, True, f"{frequency_hz:g} Hz, {amplitude_vpp:g} Vpp, offset {offset_v:g} V"
+        return (
+            output == 1.0,
+            True,
+            f"{frequency_hz:g} Hz, {amplitude_vpp:g} Vpp, offset {offset_v:g} V",
+        )
 
     def _ask_output(self):
         return self._ask()[3] == 1.0
@@ -98,7 +111,9 @@ class SimulatedLabGenerator:
     def __init__(self, latency, *, listener=None, am_full_scale=1.0):
         self._lock = threading.RLock()
         self._signal = Signal("sine", 1000.0, 0.02)
-        self._terminals = Terminals(self._signal, latency, 10.0, listener=listener, am_full_scale=am_full_scale)
+        self._terminals = Terminals(
+            self._signal, latency, 10.0, listener=listener, am_full_scale=am_full_scale
+        )
 
     def handle(self, data):
         with self._lock:

@@ -10,7 +10,10 @@ import pytest
 
 from tests.haptic_driver.daemon import killing
 
-BUSY = "import os; os.setpriority(os.PRIO_PROCESS, 0, 0)\nwhile os.getppid() == {parent}: sum(range(100000))"
+BUSY = (
+    "import os; os.setpriority(os.PRIO_PROCESS, 0, 0)\nwhile os.getppid() == {parent}:"
+    " sum(range(100000))"
+)
 killable_daemon = killing.killable_daemon
 
 

@@ -23,7 +23,11 @@ def main() -> None:
     path, record = Path(sys.argv[1]), Path(sys.argv[2])
     take_precedence()  # as `haptic daemon run` does
     settings = daemon_settings("simulated", "reference", amplifier_record=record)
-    with closing(Place(path)) as place, Daemon(settings) as daemon, serve(daemon, place, 0, page=PAGE_FOLDER) as page:
+    with (
+        closing(Place(path)) as place,
+        Daemon(settings) as daemon,
+        serve(daemon, place, 0, page=PAGE_FOLDER) as page,
+    ):
         print(page, flush=True)
         sys.stdin.read()
 

@@ -1,6 +1,8 @@
-"""OFF while everything else is under attack: half-open connections, large bodies, wrong tokens and a full disk at once.
+"""OFF while everything else is under attack: half-open connections, large bodies, wrong tokens and
+a full disk at once.
 
-`HAPTIC_SOAK_ROUNDS`: how often output is switched on and off meanwhile (40). What it took is printed.
+`HAPTIC_SOAK_ROUNDS`: how often output is switched on and off meanwhile (40). What it took is
+printed.
 """
 
 from __future__ import annotations
@@ -42,8 +44,10 @@ class Served:
         self.socket, self.record = folder / "daemon.sock", folder / "amplifier.txt"
         self.process = subprocess.Popen(
             [sys.executable, str(SERVED), str(self.socket), str(self.record)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         assert self.process.stdout is not None
         self.port = httpx.URL(self.process.stdout.readline().strip()).port
         assert self.port is not None
@@ -68,7 +72,9 @@ def served(tmp_path: Path) -> Iterator[Served]:
 @contextmanager
 def meanwhile(*attacks: Callable[[Event], None]) -> Iterator[None]:
     """All of these over and over, in a process of their own, until the block ends."""
-    forking = get_context("fork")  # attacks are closures, which a new interpreter could not be given
+    forking = get_context(
+        "fork"
+    )  # attacks are closures, which a new interpreter could not be given
     over = forking.Event()
     attacker = forking.Process(target=_together, args=(attacks, over), daemon=True)
     attacker.start()
@@ -87,7 +93,9 @@ def _together(attacks: tuple[Callable[[Event], None], ...], over: Event) -> None
 
 
 def half_open(port: int) -> Callable[[Event], None]:
-    """So many connections that begin a request and never end it; those that are closed are opened anew."""
+    """So many connections that begin a request and never end it; those that are closed are opened
+    anew.
+    """
 
     def attack(over: Event) -> None:
         streams: list[socket.socket] = []
@@ -108,7 +116,9 @@ def half_open(port: int) -> Callable[[Event], None]:
 
 def posting(port: int, path: str, body: bytes, token: str) -> Callable[[Event], None]:
     def attack(over: Event) -> None:
-        with httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False, timeout=10.0) as client:
+        with httpx.Client(
+            base_url=f"http://127.0.0.1:{port}", trust_env=False, timeout=10.0
+        ) as client:
             while not over.is_set():
                 with suppress(httpx.HTTPError):
                     client.post(path, content=body, headers={"Authorization": f"Bearer {token}"})
@@ -119,7 +129,9 @@ def posting(port: int, path: str, body: bytes, token: str) -> Callable[[Event], 
 
 @contextmanager
 def full_disk(folder: Path) -> Iterator[Path | None]:
-    """A disk of 2 MB without a free byte once a recording has begun; None where none may be mounted."""
+    """A disk of 2 MB without a free byte once a recording has begun; None where none may be
+    mounted.
+    """
     folder.mkdir()
     mounted = subprocess.run(
         ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", folder], capture_output=True, check=False
@@ -139,8 +151,14 @@ def test_off_is_answered_whatever_else_goes_on(served: Served, tmp_path: Path) -
     took_s, refused = [], 0
     attacks = [half_open(served.port)]
     attacks += [posting(served.port, "/play", BODY, "guessed") for _ in range(POSTERS)]
-    attacks += [posting(served.port, "/set", b'{"cof": 0.9}', f"guess {n}") for n in range(GUESSERS)]
-    with full_disk(tmp_path / "disk") as disk, HapticClient(served.socket) as client, meanwhile(*attacks):
+    attacks += [
+        posting(served.port, "/set", b'{"cof": 0.9}', f"guess {n}") for n in range(GUESSERS)
+    ]
+    with (
+        full_disk(tmp_path / "disk") as disk,
+        HapticClient(served.socket) as client,
+        meanwhile(*attacks),
+    ):
         for number in range(ROUNDS):
             refused += switch_on(client, served, disk if number == 0 else None)
             began_s = time.monotonic()
@@ -149,18 +167,24 @@ def test_off_is_answered_whatever_else_goes_on(served: Served, tmp_path: Path) -
             with suppress(HapticError):
                 client.disarm()
             until(lambda: served.electrode_v == 0.0)
-            on = [t for t, voltage_v in history(served.record, began_s) if voltage_v > 0.0 and t > began_s + LEASE_S]
+            on = [
+                t
+                for t, voltage_v in history(served.record, began_s)
+                if voltage_v > 0.0 and t > began_s + LEASE_S
+            ]
             assert not on, f"round {number}: voltage after the lease"
     print(
-        f"{ROUNDS} times off: median {1e3 * statistics.median(took_s):.0f} ms, longest {1e3 * max(took_s):.0f} ms, "
-        f"{refused} attempts to switch on failed"
+        f"{ROUNDS} times off: median {1e3 * statistics.median(took_s):.0f} ms, longest"
+        f" {1e3 * max(took_s):.0f} ms, {refused} attempts to switch on failed"
     )
     assert max(took_s) <= OFF_S
     assert statistics.median(took_s) <= USUAL_OFF_S
 
 
 def switch_on(client: HapticClient, served: Served, disk: Path | None) -> int:
-    """Voltage at the electrode, recorded onto `disk` until that is full; how often it had to be tried."""
+    """Voltage at the electrode, recorded onto `disk` until that is full; how often it had to be
+    tried.
+    """
     for tries in range(100):
         with suppress(HapticError):
             lease = client.arm(LEASE_S)

@@ -1,7 +1,7 @@
 """A starved machine: rendering goes on, worse, and says so; nothing trips.
 
-`HAPTIC_SOAK_BUSY_S`: how long (600). `HAPTIC_SOAK_LOAD`: busy processes of normal niceness (16). A client asks for the
-status and the ticks 10 times a second meanwhile.
+`HAPTIC_SOAK_BUSY_S`: how long (600). `HAPTIC_SOAK_LOAD`: busy processes of normal niceness (16). A
+client asks for the status and the ticks 10 times a second meanwhile.
 """
 
 from __future__ import annotations
@@ -57,9 +57,16 @@ def test_rendering_on_a_busy_machine_is_no_fault(socket, busy):
             status = client.status()
             assert status.state is DaemonState.RENDERING, (status.fault, client.events()[-5:])
             time.sleep(0.1)
-        told = [event.message for event in client.events() if event.kind in ("timing", "fault", "output", "trip")]
+        told = [
+            event.message
+            for event in client.events()
+            if event.kind in ("timing", "fault", "output", "trip")
+        ]
     due, load = newest - first, os.getloadavg()[0]
-    print(f"{due} instants, {due - seen} without a tick, {in_time / due:.2%} within 2 ms, load {load:.0f}")
+    print(
+        f"{due} instants, {due - seen} without a tick, {in_time / due:.2%} within 2 ms, load"
+        f" {load:.0f}"
+    )
     print(dict(zip(EDGES_S, counts.tolist(), strict=True)))
     print(len(told), "warnings; the last:", told[-1:], flush=True)
     assert in_time / due > 0.95

@@ -1,6 +1,7 @@
 """OFF at random moments after a machine has refused threads, processes, memory, disk or the log.
 
-`HAPTIC_SOAK_DENIALS`: how often in all (200). How long each took from OFF to zero at the electrode is printed.
+`HAPTIC_SOAK_DENIALS`: how often in all (200). How long each took from OFF to zero at the electrode
+is printed.
 """
 
 from __future__ import annotations
@@ -49,5 +50,8 @@ def test_off_is_zero_within_a_tenth_of_a_second_whatever_is_denied(tmp_path):
         finally:
             daemon.close()
     for what, times_s in took_s.items():
-        print(f"{what}: {len(times_s)} times, median {np.median(times_s):.3f} s, longest {max(times_s):.3f} s")
+        print(
+            f"{what}: {len(times_s)} times, median {np.median(times_s):.3f} s, longest"
+            f" {max(times_s):.3f} s"
+        )
     assert max(map(max, took_s.values())) <= LIMIT_S

@@ -1,4 +1,6 @@
-"""The daemon in real time against the same parts in simulated time: every shipped texture, three speeds, both rigs."""
+"""The daemon in real time against the same parts in simulated time: every shipped texture, three
+speeds, both rigs.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,8 @@ TEXTURES = (
     "uniform",
 )
 RENDERED_S = 9.6  # two touches at each end of the slide
-# What a share may differ by: of 8 s of sliding a machine that stands still for 20 ms, three times, takes 1 %, and
-# touches fall differently on a texture.
+# What a share may differ by: of 8 s of sliding a machine that stands still for 20 ms, three times,
+# takes 1 %, and touches fall differently on a texture.
 SHARE, RMS = 0.06, 0.02
 
 

@@ -1,7 +1,7 @@
 """Rendering without a pause: it keeps its ticks and its memory.
 
-`HAPTIC_SOAK_RENDER_S`: how long (600). `HAPTIC_SOAK_RIG`: the name of a simulated rig (simulated), simulated-envelope
-for an analog envelope.
+`HAPTIC_SOAK_RENDER_S`: how long (600). `HAPTIC_SOAK_RIG`: the name of a simulated rig (simulated),
+simulated-envelope for an analog envelope.
 """
 
 from __future__ import annotations
@@ -53,5 +53,8 @@ def test_rendering_keeps_its_ticks_and_its_memory():
 
 
 def _resident_bytes(daemon: Daemon) -> dict[str, int]:
-    pages = {name: int(Path(f"/proc/{pid}/statm").read_text().split()[1]) for name, pid in daemon.pids.items()}
+    pages = {
+        name: int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+        for name, pid in daemon.pids.items()
+    }
     return {name: count * os.sysconf("SC_PAGE_SIZE") for name, count in pages.items()}

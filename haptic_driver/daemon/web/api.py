@@ -1,7 +1,8 @@
-"""The daemon's API: HTTP and JSON for commands and views, two WebSockets for what changes; `server.py` serves it.
+"""The daemon's API: HTTP and JSON for commands and views, two WebSockets for what changes;
+`server.py` serves it.
 
-Whatever is refused is answered with `{"error": {"code", "message", "hint"}}`: 422 for what cannot be used as given, 409
-for what the daemon cannot do in its present state, 403 for another's lease.
+Whatever is refused is answered with `{"error": {"code", "message", "hint"}}`: 422 for what cannot
+be used as given, 409 for what the daemon cannot do in its present state, 403 for another's lease.
 """
 
 from __future__ import annotations
@@ -15,7 +16,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from anyio import CapacityLimiter, create_task_group, to_thread
-from fastapi import APIRouter, FastAPI, Header, Query, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi import (
+    APIRouter,
+    FastAPI,
+    Header,
+    Query,
+    Request,
+    Response,
+    WebSocket,
+    WebSocketDisconnect,
+)
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, RedirectResponse
 from fastapi.staticfiles import StaticFiles
@@ -36,34 +46,49 @@ from model.support.errors import nearest
 FRAME_PERIOD_S = 0.05
 PERIODS_S = (0.02, 1.0)
 FRAME_SAMPLES = 1000
-FRAME_THREADS = 2  # for all streams together: what switches off shares the interpreter with no more of them
+FRAME_THREADS = (
+    2  # for all streams together: what switches off shares the interpreter with no more of them
+)
 EVENT_PERIOD_S = 0.05
 PAGE = "/page"
 
 LeaseToken = Annotated[str, Header(alias=LEASE_HEADER, description="The token that `/arm` gave.")]
 SAID = {
-    400: "not JSON", 403: "another's lease", 408: "came too slowly", 409: "not in this state", 413: "too large",
+    400: "not JSON",
+    403: "another's lease",
+    408: "came too slowly",
+    409: "not in this state",
+    413: "too large",
     422: "not usable as given",
-}  # fmt: skip
+}
 
 
 def create_app(daemon: Daemon, page: Path | None = None) -> FastAPI:
-    """The API in front of `daemon`; `page`: a folder of static files to serve below `/page`, with an index.html."""
+    """The API in front of `daemon`; `page`: a folder of static files to serve below `/page`, with
+    an index.html.
+    """
     app = FastAPI(
         title="haptic-driver",
         summary="Friction under a finger: arm, ask for friction, switch off.",
         version=version("haptic-driver"),
         docs_url=None,  # their pages load scripts from elsewhere
         redoc_url=None,
-        responses={status: {"model": ErrorReport, "description": what} for status, what in SAID.items()},
+        responses={
+            status: {"model": ErrorReport, "description": what} for status, what in SAID.items()
+        },
     )
     off_threads = CapacityLimiter(OFF_THREADS)
     for tag, verbs in (("commands", COMMANDS), ("views", (*VIEWS, CARRIER))):
         for verb in verbs:
             app.add_api_route(
-                verb.path, _route(daemon, verb, off_threads), methods=[verb.method], response_model=verb.answer,
-                name=verb.name, description=verb.said, tags=[tag],
-            )  # fmt: skip
+                verb.path,
+                _route(daemon, verb, off_threads),
+                methods=[verb.method],
+                response_model=verb.answer,
+                name=verb.name,
+                description=verb.said,
+                tags=[tag],
+            )
     app.include_router(_streams(daemon, off_threads))
     if page is not None:
         app.mount(PAGE, StaticFiles(directory=page, html=True))
@@ -74,8 +99,12 @@ def create_app(daemon: Daemon, page: Path | None = None) -> FastAPI:
     return app
 
 
-def _route(daemon: Daemon, verb: Verb[Any, Any], off_threads: CapacityLimiter) -> Callable[..., Awaitable[Response]]:
-    """What answers one verb, with the parameters that FastAPI reads and describes; the answer is JSON already."""
+def _route(
+    daemon: Daemon, verb: Verb[Any, Any], off_threads: CapacityLimiter
+) -> Callable[..., Awaitable[Response]]:
+    """What answers one verb, with the parameters that FastAPI reads and describes; the answer is
+    JSON already.
+    """
     limiter = off_threads if verb.switches_off else None
 
     async def answer(asked: Checked | None = None, lease_token: str = "") -> Response:
@@ -87,7 +116,9 @@ def _route(daemon: Daemon, verb: Verb[Any, Any], off_threads: CapacityLimiter) -
         asked = verb.asked if verb.method == "POST" else Annotated[verb.asked, Query()]
         parameters.append(Parameter("asked", Parameter.KEYWORD_ONLY, annotation=asked))
     if verb.leased:
-        parameters.append(Parameter("lease_token", Parameter.KEYWORD_ONLY, default="", annotation=LeaseToken))
+        parameters.append(
+            Parameter("lease_token", Parameter.KEYWORD_ONLY, default="", annotation=LeaseToken)
+        )
     answer.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     return answer
 
@@ -99,7 +130,9 @@ def _streams(daemon: Daemon, off_threads: CapacityLimiter) -> APIRouter:
     async def hear(said: str) -> None:
         if said in OFF_VERBS:
             with suppress(HapticError):  # the state says what has become of it
-                await to_thread.run_sync(OFF_VERBS[said].said_json, daemon, Empty(), "", limiter=off_threads)
+                await to_thread.run_sync(
+                    OFF_VERBS[said].said_json, daemon, Empty(), "", limiter=off_threads
+                )
 
     @router.websocket("/state")
     async def state(
@@ -168,24 +201,33 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(HapticError)
     async def refused(request: Request, error: HapticError) -> JSONResponse:
-        status = 422 if isinstance(error, BadInputError) else 403 if error.code == "not_yours" else 409
+        status = (
+            422 if isinstance(error, BadInputError) else 403 if error.code == "not_yours" else 409
+        )
         return refusal(status, error)
 
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        return refusal(422, BadInputError("bad_request", f"{where}: {first['msg']}", "see /openapi.json"))
+        return refusal(
+            422, BadInputError("bad_request", f"{where}: {first['msg']}", "see /openapi.json")
+        )
 
     @app.exception_handler(HTTPException)
     async def not_routed(request: Request, error: HTTPException) -> JSONResponse:
         path = request.url.path
         hint = nearest(path, paths) if error.status_code == 404 else "see /openapi.json"
         code = {404: "not_found", 405: "method_not_allowed"}.get(error.status_code, "bad_request")
-        response = refusal(error.status_code, HapticError(code, f"{request.method} {path}: {error.detail}", hint))
+        response = refusal(
+            error.status_code, HapticError(code, f"{request.method} {path}: {error.detail}", hint)
+        )
         response.headers.update(error.headers or {})
         return response
 
     @app.exception_handler(Exception)
     async def failed(request: Request, error: Exception) -> JSONResponse:
-        return refusal(500, HapticError("internal", f"{type(error).__name__}: {error}", "a fault of the program"))
+        return refusal(
+            500,
+            HapticError("internal", f"{type(error).__name__}: {error}", "a fault of the program"),
+        )

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 
 class CarrierRule(Checked):
-    """A ripple of friction counts as felt below `quiet_above_hz`; `bands_hz`: the edges of the bands."""
+    """A ripple of friction counts as felt below `quiet_above_hz`; `bands_hz`: the edges of the
+    bands.
+    """
 
     quiet_above_hz: float
     bands_hz: list[float]

@@ -1,4 +1,6 @@
-"""Connections to the API before HTTP: how many, how long they may take, and OFF before everything else."""
+"""Connections to the API before HTTP: how many, how long they may take, and OFF before everything
+else.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +25,19 @@ HEADERS_TIMEOUT_S = 2.0
 UNREAD_S = 2.0  # so long a client may leave unread what was sent to it
 OFF_THREADS = 8  # for switching off alone: it never waits for a thread that another request holds
 
-_FULL = refusal(503, HapticError("busy", f"{MOST_CONNECTIONS} connections are open", "close some; OFF is still heard"))
+_FULL = refusal(
+    503,
+    HapticError(
+        "busy", f"{MOST_CONNECTIONS} connections are open", "close some; OFF is still heard"
+    ),
+)
 _SAID = {200: "OK", 409: "Conflict", 500: "Internal Server Error", 503: "Service Unavailable"}
 
 
 class OffLane:
-    """Answers what switches off by its first line, in threads of its own: before bodies, pools, and everybody else."""
+    """Answers what switches off by its first line, in threads of its own: before bodies, pools, and
+    everybody else.
+    """
 
     def __init__(self, daemon: Daemon) -> None:
         self._daemon = daemon
@@ -49,7 +58,9 @@ class OffLane:
         except HapticError as error:
             return _response(409, bytes(refusal(409, error).body))
         except Exception as error:
-            said = HapticError("internal", f"{type(error).__name__}: {error}", "a fault of the program")
+            said = HapticError(
+                "internal", f"{type(error).__name__}: {error}", "a fault of the program"
+            )
             return _response(500, bytes(refusal(500, said).body))
 
 
@@ -62,7 +73,8 @@ def _started(pool: ThreadPoolExecutor) -> ThreadPoolExecutor:
 
 
 class DropsUnread(asyncio.Protocol):
-    """A connection that is cut where nobody reads what was sent: nothing more is queued for it meanwhile.
+    """A connection that is cut where nobody reads what was sent: nothing more is queued for it
+    meanwhile.
 
     To be mixed into a protocol with a `loop` and a `transport`.
     """
@@ -72,17 +84,14 @@ class DropsUnread(asyncio.Protocol):
     _unread: asyncio.TimerHandle | None = None  # cuts it; while too much is queued
 
     def pause_writing(self) -> None:
-        """Begin to wait."""
         super().pause_writing()
         self._unread = self._unread or self.loop.call_later(UNREAD_S, self.transport.abort)
 
     def resume_writing(self) -> None:
-        """It was read."""
         self._was_read()
         super().resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End."""
         self._was_read()
         super().connection_lost(exc)
 
@@ -99,9 +108,9 @@ class Streamed(DropsUnread, WebSocketsSansIOProtocol):
 class Connection(DropsUnread, H11Protocol):
     """One connection: ended when the headers of a request are late, or when too many are open.
 
-    With a `lane` some more may be open, and are heard for OFF alone. With a `gate` those who have not shown its token
-    are `strangers`, in the order in which they came. A new one is always heard: the oldest makes room for it. `begun`
-    is what it has said before it came here, at the door.
+    With a `lane` some more may be open, and are heard for OFF alone. With a `gate` those who have
+    not shown its token are `strangers`, in the order in which they came. A new one is always heard:
+    the oldest makes room for it. `begun` is what it has said before it came here, at the door.
     """
 
     lane: ClassVar[OffLane | None] = None
@@ -152,7 +161,6 @@ class Connection(DropsUnread, H11Protocol):
             del self.strangers[self]
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End."""
         self.strangers.pop(self, None)
         self._stay()
         super().connection_lost(exc)
@@ -194,5 +202,8 @@ class Connection(DropsUnread, H11Protocol):
 
 
 def _response(status: int, body: bytes) -> bytes:
-    head = f"HTTP/1.1 {status} {_SAID[status]}\r\ncontent-type: application/json\r\ncontent-length: {len(body)}\r\n"
+    head = (
+        f"HTTP/1.1 {status} {_SAID[status]}\r\ncontent-type: application/json\r\ncontent-length:"
+        f" {len(body)}\r\n"
+    )
     return head.encode() + b"connection: close\r\n\r\n" + body

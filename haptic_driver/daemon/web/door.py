@@ -1,8 +1,10 @@
-"""The door of the port: who has not asked for anything yet costs a descriptor and a few microseconds.
+"""The door of the port: who has not asked for anything yet costs a descriptor and a few
+microseconds.
 
-A stranger on this machine may open connections faster than a web server makes its objects for them, and the queue of
-the system is then full for everybody. Here a connection is accepted and waits until the headers of a request are there;
-the oldest makes room for the next. Only then it is the server's, and one that shows the token before all others.
+A stranger on this machine may open connections faster than a web server makes its objects for them,
+and the queue of the system is then full for everybody. Here a connection is accepted and waits
+until the headers of a request are there; the oldest makes room for the next. Only then it is the
+server's, and one that shows the token before all others.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ class Door:
         self._token = token.encode()
         self._make = make
         self._late_s = late_s
-        self._strangers: dict[socket.socket, tuple[float, bytes]] = {}  # since when, and what was said; oldest first
+        self._strangers: dict[
+            socket.socket, tuple[float, bytes]
+        ] = {}  # since when, and what was said; oldest first
         self._entering: set[asyncio.Task[None]] = set()
         self._strange = 0  # of those
         listener.setblocking(False)
@@ -86,7 +90,9 @@ class Door:
     def _look(self) -> None:
         """The oldest come first."""
         late_s = time.monotonic() - self._late_s()
-        for stream in [stream for stream, (since_s, _) in self._strangers.items() if since_s < late_s]:
+        for stream in [
+            stream for stream, (since_s, _) in self._strangers.items() if since_s < late_s
+        ]:
             self._show_out(stream)
         self._timer = self._loop.call_later(LOOK_S, self._look)
 

@@ -29,23 +29,31 @@ def surface_map(surface: SurfaceFile, limits: OperatingLimits) -> dict[str, Any]
     load = int(np.abs(surface.normal_force_n - USUAL_FORCE_N).argmin())
     limits_v = _limits_v(surface, limits, load)
     highest_v = ABOVE * np.minimum.reduce(list(limits_v.values())).max()
-    in_band = (surface.frequency_hz >= limits.frequency_low_hz) & (surface.frequency_hz <= limits.frequency_high_hz)
+    in_band = (surface.frequency_hz >= limits.frequency_low_hz) & (
+        surface.frequency_hz <= limits.frequency_high_hz
+    )
     rows, columns = (
         used[np.unique(np.linspace(0, used.size - 1, min(points, used.size)).round().astype(int))]
         for used, points in zip(
-            (np.flatnonzero(in_band), np.flatnonzero(surface.voltage_v <= highest_v)), SURFACE_POINTS, strict=True
+            (np.flatnonzero(in_band), np.flatnonzero(surface.voltage_v <= highest_v)),
+            SURFACE_POINTS,
+            strict=True,
         )
     )
     return {
         "frequency_hz": surface.frequency_hz[rows].tolist(),
         "voltage_v": surface.voltage_v[columns].tolist(),
         "cof": _without_nan(surface.cof[:, :, load][np.ix_(rows, columns)]),
-        "limits_v": {name: _without_nan(highest[None, rows])[0] for name, highest in limits_v.items()},
+        "limits_v": {
+            name: _without_nan(highest[None, rows])[0] for name, highest in limits_v.items()
+        },
     }
 
 
 def _limits_v(surface: SurfaceFile, limits: OperatingLimits, load: int) -> dict[str, Array]:
-    """The highest voltage [f] by each limit, infinite where it has none; a straight line between nodes of voltage."""
+    """The highest voltage [f] by each limit, infinite where it has none; a straight line between
+    nodes of voltage.
+    """
     v, current_a = surface.voltage_v, surface.current_rms_a[:, :, load]
     allowed_a = limits.contact_current_limit_a_rms(surface.frequency_hz)
     by_current = [
@@ -53,7 +61,9 @@ def _limits_v(surface: SurfaceFile, limits: OperatingLimits, load: int) -> dict[
         for most, one in zip(allowed_a, current_a, strict=True)
     ]
     sound = surface.within_theory[:, :, load] & ~surface.pulled_in[:, :, load]
-    by_theory = np.where(sound.all(axis=1), math.inf, v[np.maximum(np.argmin(sound, axis=1) - 1, 0)])
+    by_theory = np.where(
+        sound.all(axis=1), math.inf, v[np.maximum(np.argmin(sound, axis=1) - 1, 0)]
+    )
     return limits.highest_within_by_limit_v(surface.worst_case) | {
         "finger current": np.array(by_current),
         "validity of the model": by_theory,
@@ -61,7 +71,9 @@ def _limits_v(surface: SurfaceFile, limits: OperatingLimits, load: int) -> dict[
 
 
 def texture_map(target: Target | None, now_s: float) -> dict[str, Any]:
-    """`x_m`, `y_m` and the friction `cof` [y][x] asked for on the screen; of a script, of its step at `now_s`."""
+    """`x_m`, `y_m` and the friction `cof` [y][x] asked for on the screen; of a script, of its step
+    at `now_s`.
+    """
     x_m, y_m = screen_grid(SCREEN_POINTS)
     texture: object = target
     if isinstance(target, Script):

@@ -17,17 +17,31 @@ LATENESS_EDGES_S = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3
 """Lower edges of the bins of `TickSummary.lateness_counts`; the last bin is open."""
 
 
-def state_frame(status: Status, samples: NDArray[np.void], columns: Sequence[str] = ()) -> StateFrame:
-    """A frame from the samples [n] since the one before, with those of their columns that are wanted."""
-    newest = {name: column[0] for name, column in sample_columns(samples[-1:]).items()} if samples.size else None
+def state_frame(
+    status: Status, samples: NDArray[np.void], columns: Sequence[str] = ()
+) -> StateFrame:
+    """A frame from the samples [n] since the one before, with those of their columns that are
+    wanted.
+    """
+    newest = (
+        {name: column[0] for name, column in sample_columns(samples[-1:]).items()}
+        if samples.size
+        else None
+    )
     return StateFrame(
-        time_s=time.monotonic(), unix_time_s=time.time(), status=status, newest=newest, ticks=tick_summary(samples),
+        time_s=time.monotonic(),
+        unix_time_s=time.time(),
+        status=status,
+        newest=newest,
+        ticks=tick_summary(samples),
         samples={name: _finite(samples[name]) for name in SAMPLE.names or () if name in columns},
-    )  # fmt: skip
+    )
 
 
 def tick_summary(samples: NDArray[np.void]) -> TickSummary:
-    """How late the ticks were and how long they took. A tick that was early counts into the first bin."""
+    """How late the ticks were and how long they took. A tick that was early counts into the first
+    bin.
+    """
     lateness_s, compute_s = samples["lateness_s"], samples["compute_s"]
     place = np.searchsorted(LATENESS_EDGES_S, lateness_s, side="right") - 1
     return TickSummary(

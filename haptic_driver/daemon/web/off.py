@@ -1,4 +1,6 @@
-"""What switches off, however a request writes it: `/off`, `/off/`, `/off?why`, `http://host/off`."""
+"""What switches off, however a request writes it: `/off`, `/off/`, `/off?why`,
+`http://host/off`.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def begins_off(data: bytes) -> Verb[Any, Any] | None:
 
 
 def plain_path(path: str) -> str:
-    """A path without the origin before it (RFC 9112, 3.2.2), and without a slash behind what switches off."""
+    """A path without the origin before it (RFC 9112, 3.2.2), and without a slash behind what
+    switches off.
+    """
     origin = _ORIGIN.match(path)
     path = (path[origin.end() :] or "/") if origin else path
     return path[:-1] if path[:-1] in _PATHS else path
@@ -37,7 +41,6 @@ class PlainPaths:
     app: ASGIApp
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         if scope["type"] == "http":
             path = plain_path(scope["path"])
             scope = {**scope, "path": path, "raw_path": path.encode()}

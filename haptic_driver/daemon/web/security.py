@@ -1,7 +1,8 @@
 """Who may talk to the API over TCP, and how much: token, Host and Origin, size of a request.
 
-A page of another site can make a browser send requests to loopback, and can give its own name the address of loopback
-(DNS rebinding). The first lacks the token and has a foreign Origin, the second has a foreign Host.
+A page of another site can make a browser send requests to loopback, and can give its own name the
+address of loopback (DNS rebinding). The first lacks the token and has a foreign Origin, the second
+has a foreign Host.
 """
 
 from __future__ import annotations
@@ -24,8 +25,10 @@ BODY_TIMEOUT_S = 2.0
 POLICY_VIOLATION = 1008  # of WebSockets, RFC 6455 section 7.4.1
 TRY_AGAIN_LATER = 1013  # of WebSockets, IANA's registry
 HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
-    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "Content-Security-Policy": (
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    ),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
@@ -36,8 +39,9 @@ HEADERS = {
 class TokenGate:
     """Lets through what knows the token and comes from a page of ours, or from no page at all.
 
-    `hosts`: what `Host` may say, as `name:port`. The static files below `public` need no token; they hold no secrets.
-    The token comes in `Authorization: Bearer` or, for WebSockets of a browser, which cannot send that, in `?token=`.
+    `hosts`: what `Host` may say, as `name:port`. The static files below `public` need no token;
+    they hold no secrets. The token comes in `Authorization: Bearer` or, for WebSockets of a
+    browser, which cannot send that, in `?token=`.
     """
 
     app: ASGIApp
@@ -46,24 +50,31 @@ class TokenGate:
     public: str
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         refused = self._refused(HTTPConnection(scope))
         if refused is None:
             await self.app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": refused[1].message})
+            await send(
+                {"type": "websocket.close", "code": POLICY_VIOLATION, "reason": refused[1].message}
+            )
         else:
             await refusal(*refused)(scope, receive, _with_headers(send))
 
     def _refused(self, connection: HTTPConnection) -> tuple[int, HapticError] | None:
         host, origin = connection.headers.get("host", ""), connection.headers.get("origin")
         if host.lower() not in self.hosts:
-            return 403, HapticError("bad_host", "this address is not where the API is", "use the address it printed")
+            return 403, HapticError(
+                "bad_host", "this address is not where the API is", "use the address it printed"
+            )
         if origin is not None and not self._ours(origin):
-            return 403, HapticError("bad_origin", "a page of another site may not use the API", "open its own page")
+            return 403, HapticError(
+                "bad_origin", "a page of another site may not use the API", "open its own page"
+            )
         if self._is_public(connection) or self.knows_token(connection):
             return None
-        return 401, HapticError("no_token", "this needs the token", "send Authorization: Bearer TOKEN")
+        return 401, HapticError(
+            "no_token", "this needs the token", "send Authorization: Bearer TOKEN"
+        )
 
     def _ours(self, origin: str) -> bool:
         try:
@@ -93,11 +104,16 @@ class AtMost:
         self._open = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One of them."""
         if self._open >= self._most and not is_off(scope):
-            error = HapticError("busy", f"{self._most} requests and streams are open", "close some; OFF is still heard")
+            error = HapticError(
+                "busy",
+                f"{self._most} requests and streams are open",
+                "close some; OFF is still heard",
+            )
             if scope["type"] == "websocket":
-                await send({"type": "websocket.close", "code": TRY_AGAIN_LATER, "reason": error.message})
+                await send(
+                    {"type": "websocket.close", "code": TRY_AGAIN_LATER, "reason": error.message}
+                )
             else:
                 await refusal(503, error)(scope, receive, send)
             return
@@ -110,7 +126,9 @@ class AtMost:
 
 @dataclass(frozen=True)
 class BodyLimit:
-    """Refuses a body of more than `MOST_BODY_BYTES`, whatever length it claims to have, and one that is late."""
+    """Refuses a body of more than `MOST_BODY_BYTES`, whatever length it claims to have, and one
+    that is late.
+    """
 
     app: ASGIApp
 
@@ -123,13 +141,19 @@ class BodyLimit:
             async with asyncio.timeout(BODY_TIMEOUT_S):
                 body = await _body(receive)
         except TimeoutError:
-            error = HapticError("too_late", f"a request takes at most {BODY_TIMEOUT_S:g} s to come", "send it at once")
+            error = HapticError(
+                "too_late",
+                f"a request takes at most {BODY_TIMEOUT_S:g} s to come",
+                "send it at once",
+            )
             await refusal(408, error)(scope, receive, send)
             return
         if body is None:
             return
         if len(body) > MOST_BODY_BYTES:
-            error = HapticError("too_large", f"a request has at most {MOST_BODY_BYTES} bytes", "send less")
+            error = HapticError(
+                "too_large", f"a request has at most {MOST_BODY_BYTES} bytes", "send less"
+            )
             await refusal(413, error)(scope, receive, send)
             return
         whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]

@@ -1,4 +1,6 @@
-"""Where the API is served: a Unix socket for this user, and loopback TCP behind a token for the page."""
+"""Where the API is served: a Unix socket for this user, and loopback TCP behind a token for the
+page.
+"""
 
 from __future__ import annotations
 
@@ -33,21 +35,30 @@ MOST_MESSAGE_BYTES = 4096  # of a WebSocket client, which has little to say
 
 
 @contextmanager
-def serve(daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path | None = None) -> Iterator[str | None]:
-    """Serve in a thread inside the `with` block; gives the page's address with its token, None without TCP.
+def serve(
+    daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path | None = None
+) -> Iterator[str | None]:
+    """Serve in a thread inside the `with` block; gives the page's address with its token, None
+    without TCP.
 
-    At `place` whoever may open the socket may use the API. With `tcp_port` (0: any that is free) it is on loopback too,
-    for those who know the token, which is also in a file of mode 0600 beside the socket. Raises HapticError when a port
-    cannot be had.
+    At `place` whoever may open the socket may use the API. With `tcp_port` (0: any that is free) it
+    is on loopback too, for those who know the token, which is also in a file of mode 0600 beside
+    the socket. Raises HapticError when a port cannot be had.
     """
     lane = OffLane(daemon)
-    servers, url, token_file = [(_server(create_app(daemon, page), lane), place.listener)], None, None
+    servers, url, token_file = (
+        [(_server(create_app(daemon, page), lane), place.listener)],
+        None,
+        None,
+    )
     if tcp_port is not None:
         listener = listen(tcp_port)
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
         token_file = place.path.with_name(place.path.name + ".token")
         hosts = frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"})
-        gate = TokenGate(AtMost(create_app(daemon, page), MOST_CONNECTIONS), token, hosts, PAGE + "/")
+        gate = TokenGate(
+            AtMost(create_app(daemon, page), MOST_CONNECTIONS), token, hosts, PAGE + "/"
+        )
         servers.append((_server(gate, gate=gate), listener))
         url = f"http://{LOOPBACK}:{port}{PAGE}/?token={token}"
         write_private(token_file, token + "\n")
@@ -62,7 +73,9 @@ def serve(daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path 
 
 @contextmanager
 def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[None]:
-    """Each in a thread and an event loop of its own: what crowds one keeps nobody waiting at the other."""
+    """Each in a thread and an event loop of its own: what crowds one keeps nobody waiting at the
+    other.
+    """
 
     def run(server: uvicorn.Server, listener: socket.socket) -> None:
         asyncio.run(server.serve(sockets=[listener]))
@@ -93,13 +106,11 @@ class BehindDoor(uvicorn.Server):
     _door: Door
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Open it."""
         assert sockets is not None
         await super().startup([])
         self._door = Door(sockets[0], self.token, self._made, lambda: connections.HEADERS_TIMEOUT_S)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Close it."""
         self._door.close()
         await super().shutdown(sockets)
 
@@ -110,7 +121,9 @@ class BehindDoor(uvicorn.Server):
         return connection
 
 
-def _server(app: ASGIApp, lane: OffLane | None = None, gate: TokenGate | None = None) -> uvicorn.Server:
+def _server(
+    app: ASGIApp, lane: OffLane | None = None, gate: TokenGate | None = None
+) -> uvicorn.Server:
     said: dict[str, Any] = {"lane": lane, "gate": gate, "strangers": {}}
     server: type[uvicorn.Server] = uvicorn.Server
     if gate is not None:
@@ -136,12 +149,16 @@ def _server(app: ASGIApp, lane: OffLane | None = None, gate: TokenGate | None = 
 
 
 def listen(port: int) -> socket.socket:
-    """A loopback socket at a port, 0: any that is free. Raises HapticError when it cannot be had."""
+    """A loopback socket at a port, 0: any that is free. Raises HapticError when it cannot be
+    had.
+    """
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((LOOPBACK, port))
     except OSError as error:
         listener.close()
-        raise HapticError("no_port", f"{LOOPBACK} port {port}: {error.strerror}", "choose another --port") from error
+        raise HapticError(
+            "no_port", f"{LOOPBACK} port {port}: {error.strerror}", "choose another --port"
+        ) from error
     return listener

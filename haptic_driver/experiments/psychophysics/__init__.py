@@ -1,1 +1,3 @@
-"""Experiments with people: what is presented, asked and kept, and what the answers say of thresholds."""
+"""Experiments with people: what is presented, asked and kept, and what the answers say of
+thresholds.
+"""

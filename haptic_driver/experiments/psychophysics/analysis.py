@@ -12,17 +12,23 @@ import numpy as np
 from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.psychophysics.data import Row, SessionFiles, sessions
-from haptic_driver.experiments.psychophysics.description import Experiment, ExperimentFile, Staircase
+from haptic_driver.experiments.psychophysics.description import (
+    Experiment,
+    ExperimentFile,
+    Staircase,
+)
 from haptic_driver.experiments.psychophysics.fit import Fit, fit
 from haptic_driver.experiments.psychophysics.methods import StaircaseMethod, converges_at
 
 
 @dataclass(frozen=True)
 class Result:
-    """One participant's answers to one condition. `fit` is None where they are too few, `why_none` says so.
+    """One participant's answers to one condition. `fit` is None where they are too few, `why_none`
+    says so.
 
-    `left_out`: why, of each trial that was not delivered. `staircase`: mean of the reversals of each session's
-    staircase, and the share of positive answers at which it comes to rest; None for other methods.
+    `left_out`: why, of each trial that was not delivered. `staircase`: mean of the reversals of
+    each session's staircase, and the share of positive answers at which it comes to rest; None for
+    other methods.
     """
 
     participant: str
@@ -37,29 +43,44 @@ class Result:
     def numbers(self) -> dict[str, str | float]:
         """A line of the table of thresholds."""
         found: dict[str, str | float] = {
-            "participant": self.participant, "task": self.task, "condition": self.condition, "trials": self.trials,
+            "participant": self.participant,
+            "task": self.task,
+            "condition": self.condition,
+            "trials": self.trials,
             "left_out": len(self.left_out),
-        }  # fmt: skip
+        }
         if self.fit is not None:
             function, (low, high) = self.fit.function, self.fit.interval_95
             found |= {"threshold": function.threshold, "threshold_low": low, "threshold_high": high}
             found |= {"slope": function.slope, "guess": function.guess, "lapse": function.lapse}
             found |= {"deviance": self.fit.deviance, "why_none": ""}
         else:
-            nothing = "threshold", "threshold_low", "threshold_high", "slope", "guess", "lapse", "deviance"
+            nothing = (
+                "threshold",
+                "threshold_low",
+                "threshold_high",
+                "slope",
+                "guess",
+                "lapse",
+                "deviance",
+            )
             found |= dict.fromkeys(nothing, "") | {"why_none": self.why_none}
         mean, share = self.staircase or ("", "")
         return found | {"reversals_mean": mean, "reversals_at": share}
 
 
 def analyse(folder: Path, *, as_felt: bool = False) -> list[Result]:
-    """Every participant and condition of a folder of results, over all sessions; `as_felt`: over levels as felt.
+    """Every participant and condition of a folder of results, over all sessions; `as_felt`: over
+    levels as felt.
 
-    Practice and trials that were not delivered are left out. BadInputError where there are no results.
+    Practice and trials that were not delivered are left out. BadInputError where there are no
+    results.
     """
     found = sessions(folder)
     if not found:
-        raise BadInputError("no_results", f"{folder}: holds no session", "Give the --out of haptic experiment run")
+        raise BadInputError(
+            "no_results", f"{folder}: holds no session", "Give the --out of haptic experiment run"
+        )
     return results_of(found, as_felt=as_felt)
 
 
@@ -88,11 +109,19 @@ def experiment_of(files: SessionFiles) -> Experiment:
         message = f"{files.sidecar}: does not say which experiment this was"
         raise BadInputError("bad_session", message, "Restore it from a copy")
     where = f"{files.sidecar}: Experiment"
-    return Experiment(parse(ExperimentFile, said["Experiment"], where), files.sidecar, said.get("ExperimentHash", ""))
+    return Experiment(
+        parse(ExperimentFile, said["Experiment"], where),
+        files.sidecar,
+        said.get("ExperimentHash", ""),
+    )
 
 
 def _result(
-    experiment: Experiment, participant: str, condition: str, by_session: Sequence[Sequence[Row]], as_felt: bool
+    experiment: Experiment,
+    participant: str,
+    condition: str,
+    by_session: Sequence[Sequence[Row]],
+    as_felt: bool,
 ) -> Result:
     every = [row for rows in by_session for row in rows]
     used = [row for row in every if row.delivered]
@@ -102,16 +131,30 @@ def _result(
     try:
         kept = [i for i, level in enumerate(levels) if np.isfinite(level)]
         found = fit(
-            [levels[i] for i in kept], [used[i].positive for i in kept], experiment.file.analysis.form, experiment.guess
+            [levels[i] for i in kept],
+            [used[i].positive for i in kept],
+            experiment.file.analysis.form,
+            experiment.guess,
         )
     except BadInputError as error:
         why_none = error.message
     settings = experiment.file.method
     staircase = _staircase(settings, by_session) if isinstance(settings, Staircase) else None
-    return Result(participant, experiment.file.name, condition, len(used), left_out, found, why_none, staircase)
+    return Result(
+        participant,
+        experiment.file.name,
+        condition,
+        len(used),
+        left_out,
+        found,
+        why_none,
+        staircase,
+    )
 
 
-def _staircase(settings: Staircase, by_session: Sequence[Sequence[Row]]) -> tuple[float, float] | None:
+def _staircase(
+    settings: Staircase, by_session: Sequence[Sequence[Row]]
+) -> tuple[float, float] | None:
     """Mean over sessions of what each staircase says itself, and where it comes to rest."""
     estimates = []
     for rows in by_session:

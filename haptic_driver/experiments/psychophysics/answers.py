@@ -1,7 +1,8 @@
 """Answers that come over the daemon: from its participant's page, or from any program, as markers.
 
-A marker `question` says `{"text", "answers"}`; its answer is a marker `answer` with `{"question": number of that
-marker, "answer": one of them}`, the number optional, or a marker whose label is one of the answers (all that LSL says).
+A marker `question` says `{"text", "answers"}`; its answer is a marker `answer` with `{"question":
+number of that marker, "answer": one of them}`, the number optional, or a marker whose label is one
+of the answers (all that LSL says).
 """
 
 from __future__ import annotations
@@ -47,7 +48,9 @@ class MarkerParticipant:
         self._client.mark("told", {"text": text})
 
     def ask(self, question: Question) -> int:
-        """The first answer that comes after the question. HapticError when the output was taken away meanwhile."""
+        """The first answer that comes after the question. HapticError when the output was taken
+        away meanwhile.
+        """
         return self._answer(question.text, question.answers)
 
     def _answer(self, text: str, answers: Sequence[str]) -> int:
@@ -65,8 +68,12 @@ class MarkerParticipant:
     def _refuse_unless_armed(self) -> None:
         status = self._client.status()
         if status.state not in ("armed", "rendering"):
-            said = f"the daemon is {status.state}" + (f": {status.fault}" if status.fault else ", disarmed by somebody")
-            raise HapticError("stopped", said, "Run the same command again: it goes on with the next trial")
+            said = f"the daemon is {status.state}" + (
+                f": {status.fault}" if status.fault else ", disarmed by somebody"
+            )
+            raise HapticError(
+                "stopped", said, "Run the same command again: it goes on with the next trial"
+            )
 
 
 def _answered(event: Event, asked: int, answers: Sequence[str]) -> int | None:

@@ -1,4 +1,6 @@
-"""The rig as an experiment sees it, through the daemon's client: what is presented, and what was felt of it."""
+"""The rig as an experiment sees it, through the daemon's client: what is presented, and what was
+felt of it.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,9 @@ class Session(Protocol):
 class Apparatus(Protocol):
     """Presents the intervals of a trial."""
 
-    def present(self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float) -> list[Felt]:
+    def present(
+        self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
+    ) -> list[Felt]:
         """What was felt in each; the output is off afterwards."""
 
     def mark(self, label: str, data: dict[str, object]) -> float:
@@ -85,7 +89,9 @@ class DaemonApparatus:
         """A marker of the daemon's."""
         return float(self._client.mark(label, data).time_s)
 
-    def present(self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float) -> list[Felt]:
+    def present(
+        self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
+    ) -> list[Felt]:
         """One after the other, or both at once. HapticError when the output went away meanwhile."""
         if settings.place == "regions":
             return self._regions(stimuli, settings, settle_s)
@@ -100,7 +106,9 @@ class DaemonApparatus:
             found.append(felt(self._samples(settings), settle_s=settle_s))
         return found
 
-    def _regions(self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float) -> list[Felt]:
+    def _regions(
+        self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
+    ) -> list[Felt]:
         left, right = (s.cof for s in stimuli)
         assert left is not None  # regions are of frictions alone
         assert right is not None
@@ -135,21 +143,28 @@ class DaemonApparatus:
         status = self._client.status()
         if status.state != "rendering":
             said = f"the daemon is {status.state}" + (f": {status.fault}" if status.fault else "")
-            raise HapticError("stopped", said, "Remove the cause, then run the same command again: it goes on")
+            raise HapticError(
+                "stopped", said, "Remove the cause, then run the same command again: it goes on"
+            )
         self._session.off()
         return np.concatenate(found)
 
 
 class AssumedApparatus:
-    """No rig: every friction is felt exactly as it is asked for. For trying a design, in no time."""
+    """No rig: every friction is felt exactly as it is asked for. For trying a design, in no
+    time.
+    """
 
     def mark(self, label: str, data: dict[str, object]) -> float:
-        """Nobody reads it."""
         return 0.0
 
-    def present(self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float) -> list[Felt]:
+    def present(
+        self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
+    ) -> list[Felt]:
         """As asked; of a texture nothing is known."""
-        return [_as_asked(s.cof if s.cof is not None else np.nan, settings.duration_s) for s in stimuli]
+        return [
+            _as_asked(s.cof if s.cof is not None else np.nan, settings.duration_s) for s in stimuli
+        ]
 
 
 def _as_asked(cof: float, lasted_s: float) -> Felt:
@@ -167,7 +182,9 @@ def _as_asked(cof: float, lasted_s: float) -> Felt:
 def _over(samples: NDArray[np.void], settings: TrialSettings) -> bool:
     lasted_s = float(samples["time_s"][-1] - samples["time_s"][0])
     if settings.strokes:
-        ended = strokes(samples) - int(samples["in_contact"][-1])  # the last one goes on until it turns or lifts
+        ended = strokes(samples) - int(
+            samples["in_contact"][-1]
+        )  # the last one goes on until it turns or lifts
         return ended >= settings.strokes or lasted_s >= settings.most_s
     return lasted_s >= settings.duration_s
 
@@ -175,13 +192,19 @@ def _over(samples: NDArray[np.void], settings: TrialSettings) -> bool:
 def _halves(left_cof: float, right_cof: float, middle_mm: float) -> str:
     """A profile with one friction left of the middle and another one right of it."""
     edge_mm = 0.5 * FINEST_MM
-    points = (-SCREEN_MM, left_cof), (middle_mm - edge_mm, left_cof), (middle_mm + edge_mm, right_cof)
+    points = (
+        (-SCREEN_MM, left_cof),
+        (middle_mm - edge_mm, left_cof),
+        (middle_mm + edge_mm, right_cof),
+    )
     rows = [f"{x_mm!r},{cof!r}" for x_mm, cof in (*points, (SCREEN_MM, right_cof))]
     return "\n".join(["position_mm,cof", *rows]) + "\n"
 
 
 def check_textures(experiment: Experiment, known: Sequence[str]) -> None:
-    """BadInputError for a texture that the daemon does not play, by its name or the path of its file."""
+    """BadInputError for a texture that the daemon does not play, by its name or the path of its
+    file.
+    """
     for name in experiment.textures:
         if name not in known and not Path(name).is_file():
             said = f"{experiment.path}: there is no texture named '{name}'"

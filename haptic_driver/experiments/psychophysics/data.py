@@ -1,12 +1,14 @@
-"""What is kept of a session: BIDS-like folders with a row per trial and its sidecar, and one table per participant.
+"""What is kept of a session: BIDS-like folders with a row per trial and its sidecar, and one table
+per participant.
 
     DIR/dataset_description.json
     DIR/participants.tsv
     DIR/sub-P01.csv                                         every trial of P01, of all sessions
     DIR/sub-P01/ses-01/beh/sub-P01_ses-01_task-NAME_beh.tsv   a row per trial, as it is answered
-    DIR/sub-P01/ses-01/beh/sub-P01_ses-01_task-NAME_beh.json  its columns and units; rig, model, textures, clock
+    DIR/sub-P01/ses-01/beh/sub-P01_ses-01_task-NAME_beh.json  its columns, units
 
-after the Brain Imaging Data Structure 1.10, "Behavioral experiments": tabs, `n/a` for what is not there.
+The sidecar of a task says rig, model, textures and clock as well. After the Brain Imaging Data
+Structure 1.10, "Behavioral experiments": tabs, `n/a` for what is not there.
 """
 
 from __future__ import annotations
@@ -33,7 +35,10 @@ FELT_COLUMNS = {
     "reachable_cof": ("friction that the rig expected to do of it", "1"),
     "felt_cof": ("friction that the force sensor measured", "1"),
     "error": ("mean of felt over asked, less 1", "1"),
-    "within_5_percent": ("share of the sliding time with friction within 5 % of what was asked", "1"),
+    "within_5_percent": (
+        "share of the sliding time with friction within 5 % of what was asked",
+        "1",
+    ),
     "reachable_share": ("share of the sliding time with a target within the rig's reach", "1"),
     "sliding_s": ("how long the finger slid", "s"),
     "strokes": ("how often it went more than 3 mm one way", "1"),
@@ -55,8 +60,14 @@ COLUMNS = {
     "delivered": ("1: the rig did what was asked; only such trials are analysed", "1"),
     "why_not_delivered": ("why not", ""),
     "time_s": ("when the trial began, on CLOCK_MONOTONIC as every time of a recording", "s"),
-    **{f"standard_{name}": (f"standard: {about}", unit) for name, (about, unit) in FELT_COLUMNS.items()},
-    **{f"comparison_{name}": (f"comparison: {about}", unit) for name, (about, unit) in FELT_COLUMNS.items()},
+    **{
+        f"standard_{name}": (f"standard: {about}", unit)
+        for name, (about, unit) in FELT_COLUMNS.items()
+    },
+    **{
+        f"comparison_{name}": (f"comparison: {about}", unit)
+        for name, (about, unit) in FELT_COLUMNS.items()
+    },
 }
 
 
@@ -64,7 +75,9 @@ NOT_FELT = Felt(sliding_s=math.nan, strokes=math.nan)
 
 
 class Row(NamedTuple):
-    """One trial as it is kept. `standard` is None for one interval; `felt_level` is NaN where nothing was felt."""
+    """One trial as it is kept. `standard` is None for one interval; `felt_level` is NaN where
+    nothing was felt.
+    """
 
     trial: int
     block: int
@@ -86,8 +99,13 @@ class Row(NamedTuple):
     def cells(self) -> dict[str, str]:
         """As text, by column."""
         plain = self._asdict()
-        felt = {"standard": plain.pop("standard") or NOT_FELT, "comparison": plain.pop("comparison")}
-        every = plain | {f"{role}_{name}": v for role, one in felt.items() for name, v in one._asdict().items()}
+        felt = {
+            "standard": plain.pop("standard") or NOT_FELT,
+            "comparison": plain.pop("comparison"),
+        }
+        every = plain | {
+            f"{role}_{name}": v for role, one in felt.items() for name, v in one._asdict().items()
+        }
         return {name: _cell(every[name]) for name in COLUMNS}
 
 
@@ -105,7 +123,9 @@ def row_of(cells: Mapping[str, str]) -> Row:
 
 
 class SessionFiles:
-    """The files of one session of one participant in a folder of results; `rows` are those that are there."""
+    """The files of one session of one participant in a folder of results; `rows` are those that are
+    there.
+    """
 
     def __init__(self, folder: Path, participant: str, session: str, task: str) -> None:
         self.folder = folder
@@ -140,9 +160,12 @@ class SessionFiles:
     def describe(self, about: Mapping[str, Any]) -> None:
         """Write the sidecar, and what the folder says of itself."""
         columns = {
-            name: {"Description": said} | ({"Units": unit} if unit else {}) for name, (said, unit) in COLUMNS.items()
+            name: {"Description": said} | ({"Units": unit} if unit else {})
+            for name, (said, unit) in COLUMNS.items()
         }
-        write_text(self.sidecar, json.dumps({"TaskName": self.task, **about, **columns}, indent=1) + "\n")
+        write_text(
+            self.sidecar, json.dumps({"TaskName": self.task, **about, **columns}, indent=1) + "\n"
+        )
         top = {
             "Name": self.task,
             "BIDSVersion": "1.10.0",
@@ -168,10 +191,20 @@ class SessionFiles:
     def write_participant(self) -> Path:
         """The participant's table, anew from all sessions; where it is."""
         path = self.folder / f"sub-{self.participant}.csv"
-        found = [(s, r) for s in sessions(self.folder) if s.participant == self.participant for r in s.rows()]
+        found = [
+            (s, r)
+            for s in sessions(self.folder)
+            if s.participant == self.participant
+            for r in s.rows()
+        ]
         if found:
-            about = ({"participant": s.participant, "session": s.session, "task": s.task} for s, _ in found)
-            write_rows(path, [head | row.cells() for head, (_, row) in zip(about, found, strict=True)])
+            about = (
+                {"participant": s.participant, "session": s.session, "task": s.task}
+                for s, _ in found
+            )
+            write_rows(
+                path, [head | row.cells() for head, (_, row) in zip(about, found, strict=True)]
+            )
         return path
 
 
@@ -189,12 +222,16 @@ def _rows(text: str, path: Path) -> Iterator[Row]:
     missing = [name for name in COLUMNS if name not in (reader.fieldnames or [])]
     if missing:
         said = f"{path}: has no column {', '.join(missing)}"
-        raise BadInputError("bad_session", said, "Give a folder that haptic experiment run has written")
+        raise BadInputError(
+            "bad_session", said, "Give a folder that haptic experiment run has written"
+        )
     for number, cells in enumerate(reader, start=2):
         try:
             yield row_of({name: read_cell(cell) for name, cell in cells.items()})
         except (TypeError, ValueError, KeyError) as error:
-            raise BadInputError("bad_session", f"{path}: line {number}: {error}", "Restore it from a copy") from error
+            raise BadInputError(
+                "bad_session", f"{path}: line {number}: {error}", "Restore it from a copy"
+            ) from error
 
 
 def _cell(value: object) -> str:
@@ -202,7 +239,9 @@ def _cell(value: object) -> str:
         return NOTHING
     if isinstance(value, bool):
         return str(int(value))
-    return f"{value:.12g}" if isinstance(value, float) else str(value).replace("\t", " ")  # microseconds after ten days
+    return (
+        f"{value:.12g}" if isinstance(value, float) else str(value).replace("\t", " ")
+    )  # microseconds after ten days
 
 
 def _value(cell: str, kind: Any) -> Any:

@@ -98,7 +98,9 @@ def strokes(samples: NDArray[np.void]) -> int:
 
 
 def _turns(position_m: Array) -> int:
-    """Strokes of one touch: begun anew where the finger has come back by `STROKE_M` from its furthest point."""
+    """Strokes of one touch: begun anew where the finger has come back by `STROKE_M` from its
+    furthest point.
+    """
     low = high = float(position_m[0])
     direction, count = 0, 0
     for x in position_m[::5]:

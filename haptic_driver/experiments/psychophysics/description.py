@@ -1,4 +1,6 @@
-"""What an experiment's file says: conditions, how a trial goes, what is answered, by which method levels are chosen."""
+"""What an experiment's file says: conditions, how a trial goes, what is answered, by which method
+levels are chosen.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +44,9 @@ class Constant(Section):
 class Staircase(Section):
     """`down` positive answers in a row: a step down; `up` negative ones: a step up.
 
-    `steps`: one after each reversal, then the last; `scale` `linear` adds it, `ratio` multiplies by 1 + it. It ends
-    after so many reversals, or trials. The mean of the last `averaged` reversals is its own estimate.
+    `steps`: one after each reversal, then the last; `scale` `linear` adds it, `ratio` multiplies by
+    1 + it. It ends after so many reversals, or trials. The mean of the last `averaged` reversals is
+    its own estimate.
     """
 
     kind: Literal["staircase"]
@@ -68,7 +71,9 @@ class Staircase(Section):
 
 
 class Range(Section):
-    """Values evenly spaced on a logarithmic axis (`normal` functions: a linear one for thresholds and levels)."""
+    """Values evenly spaced on a logarithmic axis (`normal` functions: a linear one for thresholds
+    and levels).
+    """
 
     low: Level
     high: Level
@@ -82,16 +87,29 @@ class Range(Section):
 
 
 class QuestPlus(Section):
-    """QUEST+: each level is the one whose answer is expected to tell most of threshold, slope and lapses.
+    """QUEST+: each level is the one whose answer is expected to tell most of threshold, slope and
+    lapses.
 
-    It ends after `trials`, or once the standard deviation of the threshold is below `stop_std`, a share of it.
+    It ends after `trials`, or once the standard deviation of the threshold is below `stop_std`, a
+    share of it.
     """
 
     kind: Literal["quest_plus"]
     levels: Range
     thresholds: Range
-    slopes: Annotated[list[Above0], Field(min_length=1)] = [1.5, 2.0, 3.0, 4.5]  # noqa: RUF012 - pydantic copies it
-    lapses: Annotated[list[Annotated[float, Field(ge=0.0, le=HIGHEST_LAPSE)]], Field(min_length=1)] = [0.0, 0.02, 0.05]  # noqa: RUF012
+    slopes: Annotated[list[Above0], Field(min_length=1)] = [  # noqa: RUF012 - pydantic copies it
+        1.5,
+        2.0,
+        3.0,
+        4.5,
+    ]
+    lapses: Annotated[
+        list[Annotated[float, Field(ge=0.0, le=HIGHEST_LAPSE)]], Field(min_length=1)
+    ] = [  # noqa: RUF012
+        0.0,
+        0.02,
+        0.05,
+    ]
     trials: Count = 60
     stop_std: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 0.0
 
@@ -124,8 +142,8 @@ class Comparison(Section):
 class Condition(Section):
     """A standard, and what a level makes of it.
 
-    A friction `cof` is compared with cof (1 + level), or with cof + level where `compare` is `difference`; a texture
-    with those of `comparisons`, of which the nearest level is taken.
+    A friction `cof` is compared with cof (1 + level), or with cof + level where `compare` is
+    `difference`; a texture with those of `comparisons`, of which the nearest level is taken.
     """
 
     name: Name
@@ -170,10 +188,12 @@ class Block(Section):
 
 
 class TrialSettings(Section):
-    """How a trial goes: so many intervals, of which one has the comparison and the others the standard.
+    """How a trial goes: so many intervals, of which one has the comparison and the others the
+    standard.
 
-    With 1 the answer is yes or no. `place` `regions`: two frictions at once, left and right of `middle_mm`. An interval
-    lasts `duration_s`, or until the finger has made `strokes`, at most `most_s`.
+    With 1 the answer is yes or no. `place` `regions`: two frictions at once, left and right of
+    `middle_mm`. An interval lasts `duration_s`, or until the finger has made `strokes`, at most
+    `most_s`.
     """
 
     intervals: Annotated[int, Field(ge=1, le=4)] = 2
@@ -192,7 +212,8 @@ class TrialSettings(Section):
 
 
 class Response(Section):
-    """What is asked, what may be answered, the key of each answer, and whether people are told what was right.
+    """What is asked, what may be answered, the key of each answer, and whether people are told what
+    was right.
 
     `by` `markers`: answers come over the daemon, from its page or any program; see `answers.py`.
     """
@@ -206,8 +227,9 @@ class Response(Section):
 
 
 class Delivery(Section):
-    """When the rig has done what was asked: in every interval the finger slid for `least_sliding_s` after `settle_s`,
-    and friction was within 5 % for `least_share` of that. Other trials are presented anew, `retries` times in a row.
+    """When the rig has done what was asked: in every interval the finger slid for `least_sliding_s`
+    after `settle_s`, and friction was within 5 % for `least_share` of that. Other trials are
+    presented anew, `retries` times in a row.
     """
 
     settle_s: Annotated[FiniteFloat, Field(ge=0.0, le=10.0)] = 0.2
@@ -217,7 +239,8 @@ class Delivery(Section):
 
 
 class Analysis(Section):
-    """The psychometric function that is fitted: `weibull` over levels from 0 on, `normal` over levels of both signs.
+    """The psychometric function that is fitted: `weibull` over levels from 0 on, `normal` over
+    levels of both signs.
 
     `guess` is 1/intervals, or 0 for `normal`, unless given; for yes and no it is found.
     """
@@ -288,7 +311,9 @@ class Experiment:
 
     @property
     def answers(self) -> Sequence[str]:
-        """What may be answered: in the intervals' order; for one interval the first is the positive one."""
+        """What may be answered: in the intervals' order; for one interval the first is the positive
+        one.
+        """
         trial = self.file.trial
         default = REGION_ANSWERS if trial.place == "regions" else DEFAULT_ANSWERS[trial.intervals]
         return tuple(self.file.response.answers) or default
@@ -318,12 +343,16 @@ class Experiment:
     @property
     def textures(self) -> list[str]:
         """Those that it presents."""
-        named = [t for c in self.file.condition for t in (c.texture, *(x.texture for x in c.comparisons))]
+        named = [
+            t for c in self.file.condition for t in (c.texture, *(x.texture for x in c.comparisons))
+        ]
         return list(dict.fromkeys(t for t in named if t is not None))
 
 
 def load_experiment(name_or_path: str) -> Experiment:
-    """An experiment by the name of its file in `configs/experiments/`, or by path. BadInputError says what is wrong."""
+    """An experiment by the name of its file in `configs/experiments/`, or by path. BadInputError
+    says what is wrong.
+    """
     path = find_config(name_or_path, "experiments")
     content = read_bytes(path)
     experiment = Experiment(
@@ -352,9 +381,13 @@ def _check_levels(experiment: Experiment, condition: Condition) -> None:
     where = f"{experiment.path}: condition {condition.name}"
     if experiment.file.analysis.form == "weibull" and ends[0] < 0.0:
         said = f"{where}: level {ends[0]:g} is below 0, which a Weibull function does not know"
-        raise BadInputError("bad_config", said, 'Give levels from 0 on, or [analysis] form = "normal"')
+        raise BadInputError(
+            "bad_config", said, 'Give levels from 0 on, or [analysis] form = "normal"'
+        )
     for level in ends if condition.cof is not None else ():
         friction = condition.comparison(level).cof
         if friction is None or not 0.0 < friction <= 10.0:
             said = f"{where}: level {level:g} makes friction {friction:g}"
-            raise BadInputError("bad_config", said, "Give levels that leave a friction above 0, at most 10")
+            raise BadInputError(
+                "bad_config", said, "Give levels that leave a friction above 0, at most 10"
+            )

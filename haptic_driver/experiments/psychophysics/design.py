@@ -1,4 +1,6 @@
-"""Trying an experiment's design before anybody comes: simulated participants of known threshold, without a rig."""
+"""Trying an experiment's design before anybody comes: simulated participants of known threshold,
+without a rig.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,9 @@ UNBIASED_GUESS = 0.1  # of a simulated participant who says yes or no
 
 
 class Found(NamedTuple):
-    """How a condition's threshold was found: median over participants, its spread relative to the truth, the mean
-    number of trials, the share of participants whose 95 % interval holds the truth, and of those who could be fitted.
+    """How a condition's threshold was found: median over participants, its spread relative to the
+    truth, the mean number of trials, the share of participants whose 95 % interval holds the truth,
+    and of those who could be fitted.
     """
 
     condition: str
@@ -35,7 +38,8 @@ class Found(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """What a rig reaches of one condition: frictions that may be asked, and the levels of those that can be reached.
+    """What a rig reaches of one condition: frictions that may be asked, and the levels of those
+    that can be reached.
 
     None where nobody knows: of textures, and of levels by an optimiser of others.
     """
@@ -46,19 +50,28 @@ class Reached(NamedTuple):
     reached_levels: tuple[float, float] | None
 
     def said(self) -> str:
-        """In words."""
         if self.asked_cof is None:
             return f"{self.condition}: unknown before it is presented"
-        asked = f"{self.condition}: friction {self.asked_cof[0]:.3g} to {self.asked_cof[1]:.3g} may be asked"
+        asked = (
+            f"{self.condition}: friction {self.asked_cof[0]:.3g} to {self.asked_cof[1]:.3g} may be"
+            " asked"
+        )
         if not self.standard_is_reached:
             return f"{asked}; its standard is out of reach"
         if self.reached_levels is None:
             return f"{asked}; no level is reached"
-        return f"{asked}; levels {self.reached_levels[0]:.3g} to {self.reached_levels[1]:.3g} are reached"
+        return (
+            f"{asked}; levels {self.reached_levels[0]:.3g} to {self.reached_levels[1]:.3g} are"
+            " reached"
+        )
 
 
-def reached(experiment: Experiment, condition: Condition, reachable_cof: tuple[float, float]) -> Reached:
-    """What a rig that reaches these frictions can present; as in delivery, 5 % beyond them count as reached."""
+def reached(
+    experiment: Experiment, condition: Condition, reachable_cof: tuple[float, float]
+) -> Reached:
+    """What a rig that reaches these frictions can present; as in delivery, 5 % beyond them count as
+    reached.
+    """
     ends = asked_levels(experiment.file.method)
     if condition.cof is None or ends is None:
         return Reached(condition.name, None, None, None)
@@ -69,27 +82,46 @@ def reached(experiment: Experiment, condition: Condition, reachable_cof: tuple[f
     alone = experiment.file.trial.intervals == 1
     asked += [] if alone else [condition.cof]
     return Reached(
-        condition.name, (min(asked), max(asked)), alone or low <= condition.cof <= high,
+        condition.name,
+        (min(asked), max(asked)),
+        alone or low <= condition.cof <= high,
         levels if levels[0] <= levels[1] else None,
-    )  # fmt: skip
+    )
 
 
-def pretended(experiment: Experiment, participant: str, session: str, seed: int = 0) -> PretendedParticipant:
+def pretended(
+    experiment: Experiment, participant: str, session: str, seed: int = 0
+) -> PretendedParticipant:
     """The simulated participant of an experiment's file, the same for the same names."""
     told, analysis = experiment.file.simulated, experiment.file.analysis
     guess = UNBIASED_GUESS if experiment.guess is None else experiment.guess
     function = Psychometric(analysis.form, told.threshold, told.slope, guess, told.lapse)
-    return PretendedParticipant(function, [seed, *(zlib.crc32(name.encode()) for name in (participant, session))])
+    return PretendedParticipant(
+        function, [seed, *(zlib.crc32(name.encode()) for name in (participant, session))]
+    )
 
 
 def try_design(
-    experiment: Experiment, participants: int, seed: int = 1, advance: Callable[[int], None] = lambda done: None
+    experiment: Experiment,
+    participants: int,
+    seed: int = 1,
+    advance: Callable[[int], None] = lambda done: None,
 ) -> list[Found]:
-    """Run so many simulated participants through the experiment, each feeling exactly what is asked for."""
-    kept = [_Remembered(f"S{number:04d}", experiment.file.name) for number in range(1, participants + 1)]
+    """Run so many simulated participants through the experiment, each feeling exactly what is asked
+    for.
+    """
+    kept = [
+        _Remembered(f"S{number:04d}", experiment.file.name) for number in range(1, participants + 1)
+    ]
     about = {"Experiment": experiment.file.model_dump(mode="json", exclude_none=True)}
     for done, files in enumerate(kept, start=1):
-        run_session(experiment, files, AssumedApparatus(), pretended(experiment, files.participant, "01", seed), about)
+        run_session(
+            experiment,
+            files,
+            AssumedApparatus(),
+            pretended(experiment, files.participant, "01", seed),
+            about,
+        )
         advance(done)
     results = results_of(kept)
     truth = experiment.file.simulated.threshold
@@ -128,6 +160,11 @@ def _found(condition: str, truth: float, results: list[Result]) -> Found:
     thresholds = np.array([fit.function.threshold for fit in fits] or [np.nan])
     held = [fit.interval_95[0] <= truth <= fit.interval_95[1] for fit in fits]
     return Found(
-        condition, truth, float(np.median(thresholds)), float(np.std(thresholds) / abs(truth)) if truth else np.nan,
-        float(np.mean([r.trials for r in results])), float(np.mean(held)) if held else np.nan, len(fits) / len(results),
-    )  # fmt: skip
+        condition,
+        truth,
+        float(np.median(thresholds)),
+        float(np.std(thresholds) / abs(truth)) if truth else np.nan,
+        float(np.mean([r.trials for r in results])),
+        float(np.mean(held)) if held else np.nan,
+        len(fits) / len(results),
+    )

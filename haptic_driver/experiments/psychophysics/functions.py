@@ -2,8 +2,9 @@
 
     P(x) = guess + (1 - guess - lapse) F(x)
 
-F is 0.5 at the threshold: without lapses 75 % of the answers are right there where two are to choose from. Both forms
-are those of Wichmann & Hill (2001), Perception & Psychophysics 63, 1293, written with that threshold.
+F is 0.5 at the threshold: without lapses 75 % of the answers are right there where two are to
+choose from. Both forms are those of Wichmann & Hill (2001), Perception & Psychophysics 63, 1293,
+written with that threshold.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ Form = Literal["weibull", "normal"]
 
 
 class Psychometric(NamedTuple):
-    """One function. `weibull` has levels above 0 and a slope without a unit; `normal` any level, and 1/level."""
+    """One function. `weibull` has levels above 0 and a slope without a unit; `normal` any level,
+    and 1/level.
+    """
 
     form: Form
     threshold: float
@@ -42,7 +45,9 @@ class Psychometric(NamedTuple):
         return float(self.threshold * (-np.log2(1.0 - core)) ** (1.0 / self.slope))
 
 
-def probability(form: Form, level: ArrayLike, threshold: Any, slope: Any, guess: Any, lapse: Any) -> Array:
+def probability(
+    form: Form, level: ArrayLike, threshold: Any, slope: Any, guess: Any, lapse: Any
+) -> Array:
     """P of the head of this file; arguments are broadcast."""
     x = np.asarray(level, dtype=np.float64)
     if form == "normal":

@@ -1,6 +1,7 @@
 """Which level comes next: methods that suggest one and are told what was answered.
 
-All follow from what they were told alone, so that an experiment goes on after a crash by telling them again.
+All follow from what they were told alone, so that an experiment goes on after a crash by telling
+them again.
 """
 
 from __future__ import annotations
@@ -21,10 +22,14 @@ class Method(Protocol):
     """Suggests levels and hears of outcomes; others' optimisers plug in here (`outside.py`)."""
 
     def suggest(self) -> float | None:
-        """The next level, the same until something is reported; None when there is nothing left to ask."""
+        """The next level, the same until something is reported; None when there is nothing left to
+        ask.
+        """
 
     def report(self, level: float, positive: bool) -> None:
-        """What came of a level, which may be another than was suggested. Positive: yes, or the comparison chosen."""
+        """What came of a level, which may be another than was suggested. Positive: yes, or the
+        comparison chosen.
+        """
 
 
 class ConstantMethod:
@@ -43,7 +48,9 @@ class ConstantMethod:
 
 
 class StaircaseMethod:
-    """Levitt (1971), J. Acoust. Soc. Am. 49, 467: down after `down` positive answers in a row, up after `up` others."""
+    """Levitt (1971), J. Acoust. Soc. Am. 49, 467: down after `down` positive answers in a row, up
+    after `up` others.
+    """
 
     def __init__(self, settings: said.Staircase) -> None:
         self._settings = settings
@@ -54,17 +61,20 @@ class StaircaseMethod:
         self.reversals: list[float] = []
 
     def suggest(self) -> float | None:
-        """Where it stands."""
         settings = self._settings
         over = len(self.reversals) >= settings.reversals or self._trials >= settings.trials
         return None if over else self._level
 
     def report(self, level: float, positive: bool) -> None:
-        """Step from where it stands, which only the nearest of a few textures may have stood for."""
+        """Step from where it stands, which only the nearest of a few textures may have stood
+        for.
+        """
         settings = self._settings
         self._trials += 1
         self._in_a_row = max(self._in_a_row, 0) + 1 if positive else min(self._in_a_row, 0) - 1
-        direction = -1 if self._in_a_row >= settings.down else 1 if self._in_a_row <= -settings.up else 0
+        direction = (
+            -1 if self._in_a_row >= settings.down else 1 if self._in_a_row <= -settings.up else 0
+        )
         if not direction:
             return
         self._in_a_row = 0
@@ -73,25 +83,37 @@ class StaircaseMethod:
         self._direction = direction
         step = settings.steps[min(len(self.reversals), len(settings.steps) - 1)]
         linear = settings.scale == "linear"
-        stepped = self._level + direction * step if linear else self._level * (1.0 + step) ** direction
+        stepped = (
+            self._level + direction * step if linear else self._level * (1.0 + step) ** direction
+        )
         self._level = min(max(stepped, settings.low), settings.high)
 
     @property
     def estimate(self) -> float | None:
-        """Mean of the last reversals, geometric where steps are ratios; None before there are two."""
+        """Mean of the last reversals, geometric where steps are ratios; None before there are
+        two.
+        """
         last = self.reversals[-self._settings.averaged :]
         if len(last) < 2:
             return None
-        return float(np.mean(last)) if self._settings.scale == "linear" else float(np.exp(np.mean(np.log(last))))
+        return (
+            float(np.mean(last))
+            if self._settings.scale == "linear"
+            else float(np.exp(np.mean(np.log(last))))
+        )
 
 
 def converges_at(settings: said.Staircase) -> float | None:
-    """Share of positive answers where a staircase with `up` 1 comes to rest, p^down = 1/2; None for others."""
+    """Share of positive answers where a staircase with `up` 1 comes to rest, p^down = 1/2; None for
+    others.
+    """
     return math.pow(0.5, 1.0 / settings.down) if settings.up == 1 else None
 
 
 def method_of(experiment: Experiment, name: str, rng: np.random.Generator) -> Method:
-    """The method of a condition, at its beginning. HapticError when an outside one cannot be had."""
+    """The method of a condition, at its beginning. HapticError when an outside one cannot be
+    had.
+    """
     settings = experiment.file.method
     match settings:
         case said.Constant():

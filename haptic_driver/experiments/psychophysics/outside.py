@@ -1,7 +1,8 @@
-"""Levels by somebody else's optimiser: ask for the next one, report the outcome; in Python or over HTTP.
+"""Levels by somebody else's optimiser: ask for the next one, report the outcome; in Python or over
+HTTP.
 
-A Python class has `suggest()`, which gives a level or None at the end, and `report(level, positive)`; it is made with
-the keywords `experiment` and `condition`. A server at URL answers
+A Python class has `suggest()`, which gives a level or None at the end, and `report(level,
+positive)`; it is made with the keywords `experiment` and `condition`. A server at URL answers
 
     GET  URL/suggest?experiment=E&condition=C   {"level": 0.1}, or {"level": null} at the end
     POST URL/report                             {"experiment", "condition", "level", "positive"}
@@ -49,13 +50,14 @@ class OutsideMethod:
             level = self._optimiser.suggest()
             if level is not None and not (isinstance(level, int | float) and math.isfinite(level)):
                 raise HapticError(
-                    "bad_suggestion", f"the optimiser suggests {level!r}", "It must give a number or null"
+                    "bad_suggestion",
+                    f"the optimiser suggests {level!r}",
+                    "It must give a number or null",
                 )
             self._next = None if level is None else float(level)
         return self._next
 
     def report(self, level: float, positive: bool) -> None:
-        """Passed on."""
         self._optimiser.report(level, positive)
         self._left -= 1
         self._next = None
@@ -71,7 +73,11 @@ class _Server:
     def suggest(self) -> float | None:
         said = self._asked(Request(f"{self._url}/suggest?{urlencode(self._about)}"))
         if not isinstance(said, dict) or "level" not in said:
-            raise HapticError("bad_suggestion", f"{self._url}/suggest answers {said!r}", 'It must give {"level": 0.1}')
+            raise HapticError(
+                "bad_suggestion",
+                f"{self._url}/suggest answers {said!r}",
+                'It must give {"level": 0.1}',
+            )
         level: float | None = said["level"]
         return level
 
@@ -86,7 +92,9 @@ class _Server:
             return json.loads(content) if content else None
         except (URLError, OSError, ValueError) as error:
             said = f"{request.full_url}: {error}"
-            raise HapticError("no_optimiser", said, "Start its server, or correct url in [method]") from error
+            raise HapticError(
+                "no_optimiser", said, "Start its server, or correct url in [method]"
+            ) from error
 
 
 def _client(settings: Outside, about: dict[str, str]) -> Optimiser:

@@ -1,4 +1,6 @@
-"""QUEST+ (Watson 2017, Journal of Vision 17(3):10): the level whose answer is expected to tell most."""
+"""QUEST+ (Watson 2017, Journal of Vision 17(3):10): the level whose answer is expected to tell
+most.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,21 @@ GUESSES = (0.0, 0.02, 0.05, 0.1, 0.2)  # where yes and no are to choose from
 
 
 class QuestPlusMethod:
-    """The posterior over thresholds, slopes, guesses and lapses of a grid, all as likely at first."""
+    """The posterior over thresholds, slopes, guesses and lapses of a grid, all as likely at
+    first.
+    """
 
     def __init__(self, settings: QuestPlus, form: Form, guess: float | None) -> None:
         self._settings = settings
         self._levels = _spread(settings.levels, form)
         guesses = GUESSES if guess is None else (guess,)
-        axes = np.meshgrid(_spread(settings.thresholds, form), settings.slopes, guesses, settings.lapses, indexing="ij")
+        axes = np.meshgrid(
+            _spread(settings.thresholds, form),
+            settings.slopes,
+            guesses,
+            settings.lapses,
+            indexing="ij",
+        )
         self._thresholds, slopes, guessed, lapses = (axis.ravel() for axis in axes)
         self._rest = slopes, guessed, lapses
         self._form = form
@@ -43,10 +53,11 @@ class QuestPlusMethod:
         return self._next
 
     def report(self, level: float, positive: bool) -> None:
-        """Bayes' rule."""
         likelihood = self._likelihood(level)
         posterior = self._posterior * (likelihood if positive else 1.0 - likelihood)
-        if posterior.sum() > 0.0:  # else the answer is impossible by every function, and tells nothing
+        if (
+            posterior.sum() > 0.0
+        ):  # else the answer is impossible by every function, and tells nothing
             self._posterior = posterior / posterior.sum()
         self._trials += 1
         self._next = None
@@ -60,7 +71,9 @@ class QuestPlusMethod:
         return probability(self._form, level, self._thresholds, *self._rest)
 
     def _expected_entropy(self) -> Array:
-        """Of the posterior after the next answer, per level [n]: sums of (p q) log(p q), taken apart."""
+        """Of the posterior after the next answer, per level [n]: sums of (p q) log(p q), taken
+        apart.
+        """
         q = self._posterior
         entropy = np.zeros(self._levels.size)
         for p, p_log_p in self._answers:

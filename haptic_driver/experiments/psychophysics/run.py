@@ -1,4 +1,6 @@
-"""A session: trials are presented, asked about and kept, until the schedule ends; it goes on where it was stopped."""
+"""A session: trials are presented, asked about and kept, until the schedule ends; it goes on where
+it was stopped.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +17,20 @@ from haptic_driver.experiments.psychophysics.data import Row, SessionFiles, mean
 from haptic_driver.experiments.psychophysics.delivery import why_not_delivered
 from haptic_driver.experiments.psychophysics.description import Experiment, Outside
 from haptic_driver.experiments.psychophysics.functions import Psychometric
-from haptic_driver.experiments.psychophysics.schedule import Schedule, Trial, correct_answer, positive_answer
+from haptic_driver.experiments.psychophysics.schedule import (
+    Schedule,
+    Trial,
+    correct_answer,
+    positive_answer,
+)
 
 SAME_ALL_ALONG = ("rig", "model", "surface_hash")  # of the sidecar's Rig, in one session
 
 
 class Question(NamedTuple):
-    """What is asked after a trial. `level` is for those who only pretend to feel: of what was felt, else as asked."""
+    """What is asked after a trial. `level` is for those who only pretend to feel: of what was felt,
+    else as asked.
+    """
 
     number: int
     text: str
@@ -65,7 +74,9 @@ class PretendedParticipant:
 
 
 class Progress(NamedTuple):
-    """How a session went: trials presented in all, of which this time, not delivered; whether it is over."""
+    """How a session went: trials presented in all, of which this time, not delivered; whether it is
+    over.
+    """
 
     trials: int
     presented_now: int
@@ -74,18 +85,24 @@ class Progress(NamedTuple):
 
 
 def run_session(
-    experiment: Experiment, files: SessionFiles, apparatus: Apparatus, participant: Participant,
+    experiment: Experiment,
+    files: SessionFiles,
+    apparatus: Apparatus,
+    participant: Participant,
     about: Mapping[str, Any],
-) -> Progress:  # fmt: skip
+) -> Progress:
     """Run what is left of a session; `about` goes into its sidecar.
 
-    BadInputError for a session that was begun with another file, HapticError when the rig cannot deliver a trial.
+    BadInputError for a session that was begun with another file, HapticError when the rig cannot
+    deliver a trial.
     """
     schedule, rows = resumed(experiment, files)
     trial = schedule.next()
     if trial is None:
         said = f"session {files.session} of {files.participant} is complete: {len(rows)} trials"
-        raise BadInputError("session_complete", said, "Give another --session, or another --participant")
+        raise BadInputError(
+            "session_complete", said, "Give another --session, or another --participant"
+        )
     _refuse_another_rig(files, about, begun=bool(rows))
     files.describe({"ExperimentHash": experiment.content_hash, **about})
     apparatus.mark("session begins" if not rows else "session goes on", _names(files))
@@ -100,19 +117,30 @@ def run_session(
             rows.append(row)
             failed = 0 if row.delivered else failed + 1
             if failed > experiment.file.delivery.retries:
-                said = f"trial {trial.number}, {trial.condition} at level {trial.level:g}: {row.why_not_delivered}"
-                raise HapticError("not_delivered", said, "See [delivery]; check rig, load and speed, then run it again")
+                said = (
+                    f"trial {trial.number}, {trial.condition} at level {trial.level:g}:"
+                    f" {row.why_not_delivered}"
+                )
+                raise HapticError(
+                    "not_delivered",
+                    said,
+                    "See [delivery]; check rig, load and speed, then run it again",
+                )
             schedule.report(trial, row.positive if row.delivered else None)
             trial = schedule.next()
         apparatus.mark("session ends", _names(files))
         participant.tell("This is the end. Thank you.")
     finally:
         files.write_participant()
-    return Progress(len(rows), len(rows) - before, sum(not row.delivered for row in rows), trial is None)
+    return Progress(
+        len(rows), len(rows) - before, sum(not row.delivered for row in rows), trial is None
+    )
 
 
 def resumed(experiment: Experiment, files: SessionFiles) -> tuple[Schedule, list[Row]]:
-    """A session's schedule after what it has already, and that. BadInputError where the two do not belong together."""
+    """A session's schedule after what it has already, and that. BadInputError where the two do not
+    belong together.
+    """
     rows = files.rows()
     begun_with = files.described().get("ExperimentHash", experiment.content_hash)
     schedule = Schedule(experiment, files.participant, files.session)
@@ -122,7 +150,9 @@ def resumed(experiment: Experiment, files: SessionFiles) -> tuple[Schedule, list
             trial = trial._replace(level=row.level)  # who knows whether it suggests the same again
         if trial is None or begun_with != experiment.content_hash or not _same(trial, row):
             said = f"{files.table}: trial {row.trial} is not one of {experiment.path} as it is now"
-            raise BadInputError("another_experiment", said, "Restore that file, or give another --session or --out")
+            raise BadInputError(
+                "another_experiment", said, "Restore that file, or give another --session or --out"
+            )
         schedule.report(trial, row.positive if row.delivered else None)
     return schedule, rows
 
@@ -138,25 +168,46 @@ def _refuse_another_rig(files: SessionFiles, about: Mapping[str, Any], *, begun:
 
 
 def _same(trial: Trial, row: Row) -> bool:
-    placed = (trial.number, trial.condition, trial.position) == (row.trial, row.condition, row.position - 1)
+    placed = (trial.number, trial.condition, trial.position) == (
+        row.trial,
+        row.condition,
+        row.position - 1,
+    )
     return placed and math.isclose(trial.level, row.level, rel_tol=1e-6, abs_tol=1e-9)
 
 
 def _presented(
-    experiment: Experiment, schedule: Schedule, trial: Trial, apparatus: Apparatus, participant: Participant
+    experiment: Experiment,
+    schedule: Schedule,
+    trial: Trial,
+    apparatus: Apparatus,
+    participant: Participant,
 ) -> Row:
     """Present a trial, ask, and say how it went."""
     file = experiment.file
-    told: dict[str, object] = {"trial": trial.number, "condition": trial.condition, "level": trial.level}
-    began_s = apparatus.mark("trial begins", told | {"position": trial.position + 1, "practice": trial.practice})
+    told: dict[str, object] = {
+        "trial": trial.number,
+        "condition": trial.condition,
+        "level": trial.level,
+    }
+    began_s = apparatus.mark(
+        "trial begins", told | {"position": trial.position + 1, "practice": trial.practice}
+    )
     felts = apparatus.present(schedule.stimuli(trial), file.trial, file.delivery.settle_s)
-    comparison, standard = felts[trial.position], mean_of([*felts[: trial.position], *felts[trial.position + 1 :]])
+    comparison, standard = (
+        felts[trial.position],
+        mean_of([*felts[: trial.position], *felts[trial.position + 1 :]]),
+    )
     condition = experiment.condition(trial.condition)
     base_cof = condition.cof if standard is None else standard.felt_cof
-    felt_level = math.nan if base_cof is None else condition.level_between(base_cof, comparison.felt_cof)
+    felt_level = (
+        math.nan if base_cof is None else condition.level_between(base_cof, comparison.felt_cof)
+    )
     asked_s = time.monotonic()
     level = felt_level if condition.cof is not None and math.isfinite(felt_level) else trial.level
-    answer = participant.ask(Question(trial.number, file.response.question, experiment.answers, trial, level))
+    answer = participant.ask(
+        Question(trial.number, file.response.question, experiment.answers, trial, level)
+    )
     response_time_s = time.monotonic() - asked_s
     intervals = file.trial.intervals
     correct = correct_answer(trial, answer, intervals)
@@ -164,10 +215,23 @@ def _presented(
         participant.tell("Right." if correct else "Wrong.")
     why_not = why_not_delivered(felts, file.delivery)
     row = Row(
-        trial.number, trial.block, trial.condition, trial.practice, trial.level, felt_level, trial.position + 1,
-        experiment.answers[answer], positive_answer(trial, answer, intervals), correct, response_time_s, not why_not,
-        why_not, began_s, standard, comparison,
-    )  # fmt: skip
+        trial.number,
+        trial.block,
+        trial.condition,
+        trial.practice,
+        trial.level,
+        felt_level,
+        trial.position + 1,
+        experiment.answers[answer],
+        positive_answer(trial, answer, intervals),
+        correct,
+        response_time_s,
+        not why_not,
+        why_not,
+        began_s,
+        standard,
+        comparison,
+    )
     apparatus.mark("trial ends", told | {"response": row.response, "delivered": row.delivered})
     return row
 

@@ -1,4 +1,6 @@
-"""The order of trials: a pure function of the file, the participant, and what was answered so far."""
+"""The order of trials: a pure function of the file, the participant, and what was answered so
+far.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ BLOCKS, METHODS, TRIALS = range(3)  # what random numbers are for
 
 
 class Trial(NamedTuple):
-    """One trial. `position` of the comparison among the intervals, from 0; `practice` ones teach no method anything.
+    """One trial. `position` of the comparison among the intervals, from 0; `practice` ones teach no
+    method anything.
 
     `break_before`: the participant rests first.
     """
@@ -31,11 +34,17 @@ class Trial(NamedTuple):
 
 
 class Schedule:
-    """What one participant is presented in one session: ask for the `next` trial, report what came of it."""
+    """What one participant is presented in one session: ask for the `next` trial, report what came
+    of it.
+    """
 
     def __init__(self, experiment: Experiment, participant: str, session: str) -> None:
         self.experiment = experiment
-        self._seeds = [experiment.file.seed, zlib.crc32(participant.encode()), zlib.crc32(session.encode())]
+        self._seeds = [
+            experiment.file.seed,
+            zlib.crc32(participant.encode()),
+            zlib.crc32(session.encode()),
+        ]
         self._number = 0  # of trials presented, with those that were not delivered
         self._since_break = 0
         self._practised = 0
@@ -52,19 +61,29 @@ class Schedule:
     def next(self) -> Trial | None:
         """The next trial, the same until it is reported; None at the end."""
         rng = self._rng(TRIALS, self._number)
-        chosen = self._practice(rng) if self._practised < self.experiment.file.practice else self._asked(rng)
+        chosen = (
+            self._practice(rng)
+            if self._practised < self.experiment.file.practice
+            else self._asked(rng)
+        )
         if chosen is None:
             return None
         condition, level = chosen
         every = self.experiment.file.break_every
         return Trial(
-            self._number + 1, self._block + 1, condition, self.experiment.condition(condition).available(level),
-            int(rng.integers(self.experiment.file.trial.intervals)), self._practised < self.experiment.file.practice,
+            self._number + 1,
+            self._block + 1,
+            condition,
+            self.experiment.condition(condition).available(level),
+            int(rng.integers(self.experiment.file.trial.intervals)),
+            self._practised < self.experiment.file.practice,
             self._new_block or bool(every and self._since_break >= every),
-        )  # fmt: skip
+        )
 
     def report(self, trial: Trial, positive: bool | None) -> None:
-        """What was answered to the trial that `next` gave; None where it was not delivered, and comes again."""
+        """What was answered to the trial that `next` gave; None where it was not delivered, and
+        comes again.
+        """
         self._number += 1
         self._since_break = 1 if trial.break_before else self._since_break + 1
         self._new_block = False
@@ -87,9 +106,15 @@ class Schedule:
         return condition, level
 
     def _asked(self, rng: np.random.Generator) -> tuple[str, float] | None:
-        """A condition of this block that is not done, at random, and what its method suggests; else of the next."""
+        """A condition of this block that is not done, at random, and what its method suggests; else
+        of the next.
+        """
         while True:
-            asked = {name: level for name, m in self._methods.items() if (level := m.suggest()) is not None}
+            asked = {
+                name: level
+                for name, m in self._methods.items()
+                if (level := m.suggest()) is not None
+            }
             if asked:
                 condition = list(asked)[int(rng.integers(len(asked)))]
                 return condition, asked[condition]
@@ -109,10 +134,11 @@ class Schedule:
 
 
 def balanced(count: int, number: int) -> list[int]:
-    """The order of so many blocks for participant `number`, 1 and up: a Williams design (Aust. J. Sci. Res. A, 1949).
+    """The order of so many blocks for participant `number`, 1 and up: a Williams design (Aust. J.
+    Sci. Res. A, 1949).
 
-    Over `count` participants, or twice as many where that is odd, every block comes as often in every place, and as
-    often right after every other.
+    Over `count` participants, or twice as many where that is odd, every block comes as often in
+    every place, and as often right after every other.
     """
     turn, row = divmod(number - 1, count)
     zigzag = [i // 2 + 1 if i % 2 else -i // 2 for i in range(count)]
@@ -123,12 +149,17 @@ def balanced(count: int, number: int) -> list[int]:
 def _number_of(participant: str) -> int:
     if found := re.search(r"[1-9][0-9]*$", participant):
         return int(found[0])
-    said = f'participant {participant}: block_order = "balanced" goes by the number at the end of the name'
+    said = (
+        f'participant {participant}: block_order = "balanced" goes by the number at the end of the'
+        " name"
+    )
     raise BadInputError("bad_name", said, "Name participants P01, P02, and so on")
 
 
 def positive_answer(trial: Trial, answer: int, intervals: int) -> bool:
-    """Whether an answer, by its index, chose the comparison; for one interval, whether it was yes."""
+    """Whether an answer, by its index, chose the comparison; for one interval, whether it was
+    yes.
+    """
     return answer == 0 if intervals == 1 else answer == trial.position
 
 

@@ -1,1 +1,3 @@
-"""The kinds of amplifiers, sensors, outputs and trackers that come with the driver: section and device side by side."""
+"""The kinds of amplifiers, sensors, outputs and trackers that come with the driver: section and
+device side by side.
+"""

@@ -6,7 +6,15 @@ from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from haptic_driver.config import Within
-from haptic_driver.rig.part import MonitorHertz, MonitorNoise, Part, PartKind, PartSection, Vouched, Wiring
+from haptic_driver.rig.part import (
+    MonitorHertz,
+    MonitorNoise,
+    Part,
+    PartKind,
+    PartSection,
+    Vouched,
+    Wiring,
+)
 
 if TYPE_CHECKING:
     from hw.amplifier.analog import AnalogAmplifier
@@ -14,23 +22,43 @@ if TYPE_CHECKING:
 
 
 class AmplifierConfig(Vouched, PartSection):
-    """A high-voltage amplifier; peak values at the electrode. Lines are channels of a card, absent if not named.
+    """A high-voltage amplifier; peak values at the electrode. Lines are channels of a card, absent
+    if not named.
 
-    A monitor's bandwidth is that of a first-order low-pass, its noise the standard deviation on the line.
+    A monitor's bandwidth is that of a first-order low-pass, its noise the standard deviation on the
+    line.
     """
 
     kind: str = "analog"
     gain_v_per_v: Annotated[
-        float, Within(0.1, 1e4, "nothing that drives an electrode weakens its input to less, or strengthens it so much")
+        float,
+        Within(
+            0.1,
+            1e4,
+            "nothing that drives an electrode weakens its input to less, or strengthens it so much",
+        ),
     ]
-    voltage_limit_v: Annotated[float, Within(1.0, 50e3, "no amplifier drives an electrode with less or more")]
+    voltage_limit_v: Annotated[
+        float, Within(1.0, 50e3, "no amplifier drives an electrode with less or more")
+    ]
     current_limit_a: Annotated[
         float,
-        Within(1e-4, 10.0, "less does not charge 100 pF to 100 V at 1.6 kHz; no high voltage comes with more"),
+        Within(
+            1e-4,
+            10.0,
+            "less does not charge 100 pF to 100 V at 1.6 kHz; no high voltage comes with more",
+        ),
     ]
-    slew_limit_v_per_s: Annotated[float, Within(1.0, 1e11, "no high-voltage amplifier is slower or faster")]
+    slew_limit_v_per_s: Annotated[
+        float, Within(1.0, 1e11, "no high-voltage amplifier is slower or faster")
+    ]
     voltage_monitor_v_per_v: Annotated[
-        float, Within(1e-5, 1.0, "no monitor line has more than the electrode, or so little that it reads as nothing")
+        float,
+        Within(
+            1e-5,
+            1.0,
+            "no monitor line has more than the electrode, or so little that it reads as nothing",
+        ),
     ] = 0.01
     current_monitor_v_per_a: Annotated[
         float, Within(1e-3, 1e6, "no current monitor tells an ampere by less or more")
@@ -46,7 +74,6 @@ class AmplifierConfig(Vouched, PartSection):
 
     @property
     def channels(self) -> list[str]:
-        """The monitors."""
         return [channel for channel in (self.voltage_monitor, self.current_monitor) if channel]
 
     def monitor_lines(self) -> MonitorLines:
@@ -62,13 +89,14 @@ class AmplifierConfig(Vouched, PartSection):
 
 
 class AnalogAmplifierConfig(AmplifierConfig):
-    """An amplifier without a dialogue: an input, an enable line, monitors and a fault line, each where it has one."""
+    """An amplifier without a dialogue: an input, an enable line, monitors and a fault line, each
+    where it has one.
+    """
 
     kind: Literal["analog"] = "analog"
 
 
 def make_analog(section: AmplifierConfig, wiring: Wiring) -> Part[AnalogAmplifier]:
-    """See `hw.amplifier.analog`."""
     from hw.amplifier.analog import AmplifierSettings, AnalogAmplifier
 
     amplifier = AnalogAmplifier(

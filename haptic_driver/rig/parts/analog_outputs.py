@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, model_validator
 
 from haptic_driver.config import Within
-from haptic_driver.rig.part import LineVolts, Part, PartKind, PartSection, SampleRate, Seconds, Vouched, Wiring
+from haptic_driver.rig.part import (
+    LineVolts,
+    Part,
+    PartKind,
+    PartSection,
+    SampleRate,
+    Seconds,
+    Vouched,
+    Wiring,
+)
 
 if TYPE_CHECKING:
     from hw.analog.output import AnalogOutput, AnalogOutputSettings
@@ -25,8 +34,9 @@ class NoAnalogOutput(PartSection):
 class SomeAnalogOutput(Vouched, PartSection):
     """What every analog output has; see `hw.analog.output.AnalogOutputSettings`.
 
-    `lead_s`: the envelope is written so far ahead of what is played. So late may the driver be without a gap, and so
-    much later is the voltage there. None lets the driver choose by how late this machine is.
+    `lead_s`: the envelope is written so far ahead of what is played. So late may the driver be
+    without a gap, and so much later is the voltage there. None lets the driver choose by how late
+    this machine is.
     """
 
     low_v: LineVolts
@@ -34,8 +44,15 @@ class SomeAnalogOutput(Vouched, PartSection):
     zero_level_v: LineVolts
     sample_rate_limit_hz: SampleRate
     buffer_s: Seconds = 0.1
-    lead_s: Annotated[float, Within(0.0005, 1.0, "no writer is so early, and no voltage may be so late")] | None = None
-    lease_s: Annotated[float, Within(1e-3, 10.0, "a level that nobody refreshes stays no longer")] = 0.5
+    lead_s: (
+        Annotated[
+            float, Within(0.0005, 1.0, "no writer is so early, and no voltage may be so late")
+        ]
+        | None
+    ) = None
+    lease_s: Annotated[
+        float, Within(1e-3, 10.0, "a level that nobody refreshes stays no longer")
+    ] = 0.5
     timeout_s: Seconds = 0.5
 
     @model_validator(mode="after")
@@ -72,7 +89,6 @@ class NiAnalogOutputConfig(SomeAnalogOutput):
 
 
 def make_ni(section: NiAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:
-    """See `hw.analog.ni_daq`."""
     from hw.analog.ni_daq import NiAnalogOutput
 
     output = NiAnalogOutput(section.channel, section.settings())
@@ -97,11 +113,14 @@ class SoundAnalogOutputConfig(SomeAnalogOutput):
 
 
 def make_sound(section: SoundAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:
-    """See `hw.analog.sound_card`."""
     from hw.analog.sound_card import SoundCardOutput, SoundSettings
 
     sound = SoundSettings(
-        section.sample_rate_hz, section.full_scale_v, section.dc_coupled, section.channel, section.latency_s
+        section.sample_rate_hz,
+        section.full_scale_v,
+        section.dc_coupled,
+        section.channel,
+        section.latency_s,
     )
     output = SoundCardOutput(section.device, section.settings(), sound)
     return Part(output, [output.open], [output.close])

@@ -1,4 +1,6 @@
-"""Kinds of monitors of the electrode's own voltage and current; a rig takes the first that tells the frequency."""
+"""Kinds of monitors of the electrode's own voltage and current; a rig takes the first that tells
+the frequency.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from haptic_driver.config import Within
-from haptic_driver.rig.part import Hertz, Part, PartKind, PartSection, Resource, SampleRate, Seconds, Wiring
+from haptic_driver.rig.part import (
+    Hertz,
+    Part,
+    PartKind,
+    PartSection,
+    Resource,
+    SampleRate,
+    Seconds,
+    Wiring,
+)
 
 if TYPE_CHECKING:
     from hw.impedance.e4980a import E4980A
@@ -23,7 +34,8 @@ InstrumentHertz = Annotated[float, Within(1e-6, 1e9, "no instrument here reaches
 class SomeElectrodeMonitor(PartSection):
     """What every kind says: which carriers it tells.
 
-    `drives`: it puts its own voltage on the electrode, in place of generator and amplifier, up to `highest_v`.
+    `drives`: it puts its own voltage on the electrode, in place of generator and amplifier, up to
+    `highest_v`.
     """
 
     drives: ClassVar[bool] = False
@@ -46,7 +58,9 @@ class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
     record_s: Seconds = 0.1
     buffer_s: Seconds = 2.0
     range_v: Annotated[float, Within(1e-3, 1e3, "no converter takes less or more")] = 10.0
-    resolution_v: Annotated[float, Within(1e-9, 1.0, "no converter's step is finer or coarser")] = 20.0 / 2**16
+    resolution_v: Annotated[float, Within(1e-9, 1.0, "no converter's step is finer or coarser")] = (
+        20.0 / 2**16
+    )
 
     def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
         """One period in the buffer; what does not alias."""
@@ -64,15 +78,18 @@ class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
 class CardElectrodeMonitorConfig(SomeElectrodeMonitor):
     """The amplifier's two monitors on the card of `[analog_inputs]`.
 
-    `reference`: the channel on the generator's own output, through a T-piece; without it phases count from the voltage
-    monitor. `conversion_interval_s`: from one channel of the card to the next, where they share one converter.
+    `reference`: the channel on the generator's own output, through a T-piece; without it phases
+    count from the voltage monitor. `conversion_interval_s`: from one channel of the card to the
+    next, where they share one converter.
     """
 
     kind: Literal["card"]
     reference: str | None = None
     record_s: Seconds = 0.1
     resolution_v: Annotated[float, Within(0.0, 1.0, "no converter's step is as coarse")] = 0.0
-    conversion_interval_s: Annotated[float, Within(0.0, 1e-3, "no card is slower from one channel to the next")] = 0.0
+    conversion_interval_s: Annotated[
+        float, Within(0.0, 1e-3, "no card is slower from one channel to the next")
+    ] = 0.0
 
     @property
     def channels(self) -> list[str]:
@@ -80,7 +97,6 @@ class CardElectrodeMonitorConfig(SomeElectrodeMonitor):
         return [self.reference] if self.reference else []
 
     def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
-        """The card's."""
         return card_hz
 
 
@@ -93,7 +109,9 @@ def make_card(section: CardElectrodeMonitorConfig, wiring: Wiring) -> Part[Sampl
     assert lines is not None
     channels = [*wiring.monitor_channels, *section.channels]
     lags_s = tuple(section.conversion_interval_s * place for place in inputs.places(channels))
-    sampling = Sampling(inputs.sample_rate_hz, section.record_s, inputs.buffer_s, section.resolution_v, lags_s)
+    sampling = Sampling(
+        inputs.sample_rate_hz, section.record_s, inputs.buffer_s, section.resolution_v, lags_s
+    )
     return Part(SampledMonitor(inputs.columns(channels), lines, sampling))
 
 
@@ -122,7 +140,9 @@ class InstrumentMonitor(SomeElectrodeMonitor):
 
 
 class InfiniiVisionConfig(InstrumentMonitor):
-    """A Keysight InfiniiVision oscilloscope on the monitor lines; the generator's Sync triggers it at EXT."""
+    """A Keysight InfiniiVision oscilloscope on the monitor lines; the generator's Sync triggers it
+    at EXT.
+    """
 
     kind: Literal["infiniivision"]
     voltage_channel: Annotated[int, Field(ge=1, le=4)] = 1
@@ -132,7 +152,6 @@ class InfiniiVisionConfig(InstrumentMonitor):
     reply_timeout_s: Seconds = 2.0
 
     def identity(self) -> re.Pattern[str]:
-        """See `InstrumentMonitor`."""
         from hw.oscilloscope.infiniivision import MODEL
 
         return MODEL
@@ -145,22 +164,26 @@ class InfiniiVisionConfig(InstrumentMonitor):
 
 
 def make_infiniivision(section: InfiniiVisionConfig, wiring: Wiring) -> Part[InfiniiVision]:
-    """See `hw.oscilloscope.infiniivision`."""
     from hw.oscilloscope.infiniivision import InfiniiVision, Oscilloscope
 
     assert wiring.monitor_lines is not None
     wired = Oscilloscope(
-        section.voltage_channel, section.current_channel, section.lowest_frequency_hz, section.highest_frequency_hz,
+        section.voltage_channel,
+        section.current_channel,
+        section.lowest_frequency_hz,
+        section.highest_frequency_hz,
         section.reply_timeout_s,
-    )  # fmt: skip
+    )
     scope = InfiniiVision(section.transport(), wired, wiring.monitor_lines)
     return Part(scope, [scope.open], [scope.close])
 
 
 class E4980AConfig(InstrumentMonitor):
-    """A Keysight E4980A or E4980AL, wired to the electrode in place of the amplifier while it sweeps.
+    """A Keysight E4980A or E4980AL, wired to the electrode in place of the amplifier while it
+    sweeps.
 
-    `voltage_limit_v` is the highest peak that it may put on the electrode, `accuracy` its share of an impedance.
+    `voltage_limit_v` is the highest peak that it may put on the electrode, `accuracy` its share of
+    an impedance.
     """
 
     drives: ClassVar[bool] = True
@@ -178,20 +201,21 @@ class E4980AConfig(InstrumentMonitor):
         return self.voltage_limit_v
 
     def identity(self) -> re.Pattern[str]:
-        """See `InstrumentMonitor`."""
         from hw.impedance.e4980a import MODEL
 
         return MODEL
 
 
 def make_e4980a(section: E4980AConfig, wiring: Wiring) -> Part[E4980A]:
-    """See `hw.impedance.e4980a`."""
     from hw.impedance.e4980a import E4980A, LcrMeter
 
     allowed = LcrMeter(
-        section.voltage_limit_v, section.lowest_frequency_hz, section.highest_frequency_hz, section.accuracy,
+        section.voltage_limit_v,
+        section.lowest_frequency_hz,
+        section.highest_frequency_hz,
+        section.accuracy,
         section.reply_timeout_s,
-    )  # fmt: skip
+    )
     meter = E4980A(section.transport(), allowed)
     return Part(meter, [meter.open], [meter.close])
 

@@ -36,7 +36,9 @@ class StageFingerConfig(PartSection):
 
     kind: Literal["stage"]
     origin_m: Annotated[list[Metres], Field(min_length=2, max_length=2)]
-    direction: Annotated[list[Direction], Field(min_length=2, max_length=2)] = Field(default=[1.0, 0.0])
+    direction: Annotated[list[Direction], Field(min_length=2, max_length=2)] = Field(
+        default=[1.0, 0.0]
+    )
 
 
 def make_stage(section: StageFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
@@ -45,7 +47,12 @@ def make_stage(section: StageFingerConfig, wiring: Wiring) -> Part[FingerTracker
 
     assert wiring.stage is not None  # or the file would have been refused
     (x_m, y_m), (dx, dy) = section.origin_m, section.direction
-    finger = StageFinger(wiring.stage.read_status, origin_m=(x_m, y_m), direction=(dx, dy), interval_s=STAGE_INTERVAL_S)
+    finger = StageFinger(
+        wiring.stage.read_status,
+        origin_m=(x_m, y_m),
+        direction=(dx, dy),
+        interval_s=STAGE_INTERVAL_S,
+    )
     return Part(finger, [finger.start], [finger.close])
 
 
@@ -57,9 +64,12 @@ class EvdevFingerConfig(PartSection):
 
     kind: Literal["evdev"]
     device: str
-    report_rate_hz: Annotated[float, Within(1.0, 1e5, "no touch screen tells less or more often")] = 100.0
+    report_rate_hz: Annotated[
+        float, Within(1.0, 1e5, "no touch screen tells less or more often")
+    ] = 100.0
     matrix_m: Annotated[
-        list[Annotated[list[Metres], Field(min_length=3, max_length=3)]], Field(min_length=2, max_length=2)
+        list[Annotated[list[Metres], Field(min_length=3, max_length=3)]],
+        Field(min_length=2, max_length=2),
     ]
     measured_at: datetime.date
     placeholder: bool
@@ -69,14 +79,19 @@ class EvdevFingerConfig(PartSection):
         return f"{self.measured_at}{', placeholder' if self.placeholder else ''}"
 
     def touch_calibration(self) -> TouchCalibration:
-        """The same, as the driver takes it; BadInputError for a matrix that is no map of a plane."""
+        """The same, as the driver takes it; BadInputError for a matrix that is no map of a
+        plane.
+        """
         from hw.finger.touch_screen import TouchCalibration
 
         (a, b, c), (d, e, f) = self.matrix_m
         try:
             return TouchCalibration(((a, b, c), (d, e, f)), self.measured_at, self.placeholder)
         except ValueError as error:
-            said, hint = f"finger_tracker.matrix_m: {error}", "Measure it with haptic calibrate-touch"
+            said, hint = (
+                f"finger_tracker.matrix_m: {error}",
+                "Measure it with haptic calibrate-touch",
+            )
             raise BadInputError("bad_config", said, hint) from error
 
 
@@ -105,7 +120,11 @@ def make_recorded(section: RecordedFingerConfig, wiring: Wiring) -> Part[FingerT
     slide = read_slide(Path(section.file))
     return Part(
         RecordedFinger(
-            slide.time_s, slide.position_m, 0.0 * slide.position_m, slide.normal_force_n > 0.0, clock=time.monotonic
+            slide.time_s,
+            slide.position_m,
+            0.0 * slide.position_m,
+            slide.normal_force_n > 0.0,
+            clock=time.monotonic,
         )
     )
 

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field
 
 from haptic_driver.config import Within
-from haptic_driver.rig.part import Axis, Farads, ForceRange, LoadNewtons, Part, PartKind, PartSection, Port, Wiring
+from haptic_driver.rig.part import (
+    Axis,
+    Farads,
+    ForceRange,
+    LoadNewtons,
+    Part,
+    PartKind,
+    PartSection,
+    Port,
+    Wiring,
+)
 
 if TYPE_CHECKING:
     from hw.force.net_ft import NetFt, NetFtSettings
@@ -20,10 +30,11 @@ Counts = Annotated[float, Within(1e-3, 1e12, "no box counts a newton by fewer or
 
 
 class ForceSensorSection(PartSection):
-    """What every force sensor has: how far it measures, of either sign. A reading beyond is not believed.
+    """What every force sensor has: how far it measures, of either sign. A reading beyond is not
+    believed.
 
-    The usual range is that of a sensor under a fingertip, which slides with less than 10 N. One that does not
-    `measures_lateral` says NaN there.
+    The usual range is that of a sensor under a fingertip, which slides with less than 10 N. One
+    that does not `measures_lateral` says NaN there.
     """
 
     measures_lateral: ClassVar[bool] = True
@@ -41,8 +52,8 @@ class SimulatedForceSensorConfig(ForceSensorSection):
 class NoForceSensorConfig(ForceSensorSection):
     """None, said plainly: every finger is taken to press with `load_n`.
 
-    Where the rig reads the electrode, the daemon estimates load and friction from its current; of that
-    `stray_capacitance_f` is what flows without a finger.
+    Where the rig reads the electrode, the daemon estimates load and friction from its current; of
+    that `stray_capacitance_f` is what flows without a finger.
     """
 
     measures_lateral = False
@@ -77,7 +88,6 @@ class NiForceSensorConfig(ForceSensorSection):
 
     @property
     def channels(self) -> list[str]:
-        """The gauges."""
         return self.gauges
 
     def calibration(self) -> str:
@@ -114,10 +124,14 @@ class NetFtForceSensorConfig(ForceSensorSection):
     port: Port = 49152
     counts_per_n: Counts
     counts_per_n_m: Counts
-    timeout_s: Annotated[float, Within(1e-3, 5.0, "no record is sooner there; an older one tells another load")] = 0.1
+    timeout_s: Annotated[
+        float, Within(1e-3, 5.0, "no record is sooner there; an older one tells another load")
+    ] = 0.1
     ignored_status: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
     f_t_sequence_advances: bool = True
-    bias_tolerance_n: Annotated[float, Within(1e-4, 2.0, "more is a finger that presses, and no rest of a bias")] = 0.2
+    bias_tolerance_n: Annotated[
+        float, Within(1e-4, 2.0, "more is a finger that presses, and no rest of a bias")
+    ] = 0.2
     normal_axis: Axis
     lateral_axis: Axis
 

@@ -1,4 +1,6 @@
-"""Agilent's and Keysight's generators: SCPI in one line per set point, read back with the error queue."""
+"""Agilent's and Keysight's generators: SCPI in one line per set point, read back with the error
+queue.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,9 @@ _FREQUENCY_TOLERANCE = 1e-6
 # OUTP:LOAD? answers 9.9e37 for INF; any finite load is at most 10 kohm.
 _LOAD_INF_OHM = 9.9e37
 
-# All that decides the peak at an open terminal, asked at each set point: somebody at the front panel, or a power
-# cycle behind an interface that stays up, can bring LOAD 50 back; then VOLT? alone looks right at twice the voltage.
+# All that decides the peak at an open terminal, asked at each set point: somebody at the front
+# panel, or a power cycle behind an interface that stays up, can bring LOAD 50 back; then VOLT?
+# alone looks right at twice the voltage.
 _STATE_QUERIES = ("FUNC?", "FREQ?", "VOLT?", "VOLT:OFFS?", "VOLT:UNIT?", "OUTP:LOAD?", "AM:STAT?")
 _LIMIT_QUERIES = ("VOLT:LIM:HIGH?", "VOLT:LIM:LOW?", "VOLT:LIM:STAT?")
 _FUNCTIONS = {Shape.SINE: "SIN", Shape.SQUARE: "SQU", Shape.DC: "DC"}
@@ -31,10 +34,11 @@ _MODULATE = {"AM:SOUR": "EXT", "AM:DEPT": "100", "AM:STAT": "1"}
 class KeysightGenerator(GeneratorDriver, ABC):
     """What the 33220A and the 33500s have in common.
 
-    Every change is read back and the instrument's error queue is asked in the same line, so a set point costs one round
-    trip; a value that the instrument clipped or moved is an error. `APPLy` is never sent: it turns the output on. A
-    generator that was switched off and on comes back with LOAD 50, which would double the voltage: it is asked each
-    time. With `limits_itself` the instrument's VOLT:LIM is set to the rig's limit, and asked each time too.
+    Every change is read back and the instrument's error queue is asked in the same line, so a set
+    point costs one round trip; a value that the instrument clipped or moved is an error. `APPLy` is
+    never sent: it turns the output on. A generator that was switched off and on comes back with
+    LOAD 50, which would double the voltage: it is asked each time. With `limits_itself` the
+    instrument's VOLT:LIM is set to the rig's limit, and asked each time too.
     """
 
     shapes = frozenset(Shape)
@@ -46,7 +50,9 @@ class KeysightGenerator(GeneratorDriver, ABC):
 
     def _ask_state(self) -> tuple[bool, bool, str]:
         queries = ("OUTP?", "OUTP:LOAD?", "FUNC?", "VOLT?", "VOLT:OFFS?", "VOLT:UNIT?")
-        output, load, function, level, offset, unit = (self._line.ask([query], 1)[0] for query in queries)
+        output, load, function, level, offset, unit = (
+            self._line.ask([query], 1)[0] for query in queries
+        )
         number = self._line.number
         programmed = f"{function}, {number(level):g} {unit}, offset {number(offset):g} V"
         return self._line.boolean(output), number(load) >= _LOAD_INF_OHM, programmed
@@ -58,23 +64,43 @@ class KeysightGenerator(GeneratorDriver, ABC):
     def _set_up(self) -> None:
         fixed = self.settings.range_policy is RangePolicy.FIXED
         base = self._base()
-        commands = ["VOLT MIN", "VOLT:OFFS 0", "AM:STAT 0", "BURS:STAT 0", "OUTP:LOAD INF", "VOLT:UNIT VPP", "FUNC SIN"]
+        commands = [
+            "VOLT MIN",
+            "VOLT:OFFS 0",
+            "AM:STAT 0",
+            "BURS:STAT 0",
+            "OUTP:LOAD INF",
+            "VOLT:UNIT VPP",
+            "FUNC SIN",
+        ]
         commands += ["VOLT MIN", "VOLT:OFFS 0", f"FREQ {base.frequency_hz:.12g}"]
         if self.limits_itself:
             limit_v = self._own_limit_v()
-            commands += [f"VOLT:LIM:HIGH {limit_v:.12g}", f"VOLT:LIM:LOW {-limit_v:.12g}", "VOLT:LIM:STAT 1"]
+            commands += [
+                f"VOLT:LIM:HIGH {limit_v:.12g}",
+                f"VOLT:LIM:LOW {-limit_v:.12g}",
+                "VOLT:LIM:STAT 1",
+            ]
         commands += [] if fixed else ["VOLT:RANG:AUTO ON"]
-        autorange, output, *state = self._line.command(commands, ["VOLT:RANG:AUTO?", "OUTP?", *self._queries(base)])
+        autorange, output, *state = self._line.command(
+            commands, ["VOLT:RANG:AUTO?", "OUTP?", *self._queries(base)]
+        )
         self._check_state(state, base)
         if fixed and self._line.boolean(autorange):
             self._fix_range(output)
 
     def _fix_range(self, output: str) -> None:
-        """Visit the highest amplitude with the output off, since a range is kept as it is when ranging ends."""
+        """Visit the highest amplitude with the output off, since a range is kept as it is when
+        ranging ends.
+        """
         if self._line.boolean(output):
             self.off()
-            raise self._line.bad_reply("is on and changes its range by itself", "somebody used it; connect again")
-        high_vpp = min(max(2.0 * self._own_limit_v(), self.amplitude_low_vpp), self.amplitude_high_vpp)
+            raise self._line.bad_reply(
+                "is on and changes its range by itself", "somebody used it; connect again"
+            )
+        high_vpp = min(
+            max(2.0 * self._own_limit_v(), self.amplitude_low_vpp), self.amplitude_high_vpp
+        )
         base = self._base()
         autorange, output, *state = self._line.command(
             ["OUTP 0", f"VOLT {high_vpp:.12g}", "VOLT:RANG:AUTO OFF", "VOLT MIN"],
@@ -86,7 +112,10 @@ class KeysightGenerator(GeneratorDriver, ABC):
 
     def _own_limit_v(self) -> float:
         """The rig's limit at the generator's terminals."""
-        return min(self.settings.voltage_limit_v / self.settings.volts_per_volt, 0.5 * self.amplitude_high_vpp)
+        return min(
+            self.settings.voltage_limit_v / self.settings.volts_per_volt,
+            0.5 * self.amplitude_high_vpp,
+        )
 
     def _change_waveform(self, wanted: Programmed) -> None:
         base = self._base()
@@ -120,23 +149,37 @@ class KeysightGenerator(GeneratorDriver, ABC):
         lowered = ["VOLT MIN", "VOLT:OFFS 0"] if levels else []
         return self._line.boolean(self._line.ask([*lowered, "OUTP 0", "OUTP?"], 1)[0])
 
-    # --- what is read back -----------------------------------------------------------------------------------------
+    # --- what is read back
+    # -----------------------------------------------------------------------------------------
 
     def _queries(self, programmed: Programmed) -> list[str]:
         """What to ask at each set point; a constant voltage has no frequency."""
-        asked = [query for query in _STATE_QUERIES if query != "FREQ?" or programmed.shape is not Shape.DC]
+        asked = [
+            query
+            for query in _STATE_QUERIES
+            if query != "FREQ?" or programmed.shape is not Shape.DC
+        ]
         return [*asked, *(_LIMIT_QUERIES if self.limits_itself else ())]
 
     def _check_state(self, answers: Sequence[str], wanted: Programmed) -> None:
-        """Compare answers to `_queries`; what is not as set may be any voltage, so it is switched off."""
+        """Compare answers to `_queries`; what is not as set may be any voltage, so it is switched
+        off.
+        """
         shown = dict(zip(self._queries(wanted), answers, strict=True))
         number = self._line.number
         try:
             as_set = (
                 shown["FUNC?"] == _FUNCTIONS[wanted.shape]
-                and ("FREQ?" not in shown or near(number(shown["FREQ?"]), wanted.frequency_hz, _FREQUENCY_TOLERANCE))
-                and near(number(shown["VOLT?"]), wanted.amplitude_vpp, _LEVEL_TOLERANCE, _LEVEL_LSB_V)
-                and near(number(shown["VOLT:OFFS?"]), wanted.offset_v, _LEVEL_TOLERANCE, _LEVEL_LSB_V)
+                and (
+                    "FREQ?" not in shown
+                    or near(number(shown["FREQ?"]), wanted.frequency_hz, _FREQUENCY_TOLERANCE)
+                )
+                and near(
+                    number(shown["VOLT?"]), wanted.amplitude_vpp, _LEVEL_TOLERANCE, _LEVEL_LSB_V
+                )
+                and near(
+                    number(shown["VOLT:OFFS?"]), wanted.offset_v, _LEVEL_TOLERANCE, _LEVEL_LSB_V
+                )
                 and shown["VOLT:UNIT?"] == "VPP"
                 and number(shown["OUTP:LOAD?"]) >= _LOAD_INF_OHM
                 and self._line.boolean(shown["AM:STAT?"]) is (wanted.modulation is not None)
@@ -147,9 +190,9 @@ class KeysightGenerator(GeneratorDriver, ABC):
         if not as_set:
             self.off()
             raise self._line.bad_reply(
-                f"holds {', '.join(f'{query} {answer}' for query, answer in shown.items())} where "
-                f"{_FUNCTIONS[wanted.shape]}, {wanted.frequency_hz:g} Hz, {wanted.amplitude_vpp:g} VPP, "
-                f"offset {wanted.offset_v:g} V and an open load were set",
+                f"holds {', '.join(f'{query} {answer}' for query, answer in shown.items())} where"
+                f" {_FUNCTIONS[wanted.shape]}, {wanted.frequency_hz:g} Hz, {wanted.amplitude_vpp:g}"
+                f" VPP, offset {wanted.offset_v:g} V and an open load were set",
                 NOT_WHOLE,
             )
 
@@ -160,14 +203,19 @@ class KeysightGenerator(GeneratorDriver, ABC):
         high, low, state = (shown[query] for query in _LIMIT_QUERIES)
         limit_v = self._own_limit_v()
         levels = ((self._line.number(high), limit_v), (self._line.number(low), -limit_v))
-        return self._line.boolean(state) and all(near(v, w, _LEVEL_TOLERANCE, _LEVEL_LSB_V) for v, w in levels)
+        return self._line.boolean(state) and all(
+            near(v, w, _LEVEL_TOLERANCE, _LEVEL_LSB_V) for v, w in levels
+        )
 
     def _set_and_check(self, settings: dict[str, str]) -> None:
         """Set each header to its value, in this order, and read all of them back."""
         queries = [f"{header}?" for header in settings]
-        answers = self._line.command([f"{header} {value}" for header, value in settings.items()], queries)
+        answers = self._line.command(
+            [f"{header} {value}" for header, value in settings.items()], queries
+        )
         self._check_answers(
-            dict(zip(queries, answers, strict=True)), dict(zip(queries, settings.values(), strict=True))
+            dict(zip(queries, answers, strict=True)),
+            dict(zip(queries, settings.values(), strict=True)),
         )
 
     def _check_answers(self, shown: dict[str, str], wanted: dict[str, str]) -> None:
@@ -175,7 +223,9 @@ class KeysightGenerator(GeneratorDriver, ABC):
         for query, value in wanted.items():
             if not self._says(shown[query], value):
                 self.off()
-                raise self._line.bad_reply(f"answers {shown[query]} to {query} where {value} was set", NOT_WHOLE)
+                raise self._line.bad_reply(
+                    f"answers {shown[query]} to {query} where {value} was set", NOT_WHOLE
+                )
 
     def _says(self, answer: str, value: str) -> bool:
         """Words are compared by themselves and numbers by value."""

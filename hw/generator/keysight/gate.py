@@ -14,8 +14,11 @@ _RESET_VPP = 0.2  # 100 mVpp for a load of 50 ohm
 _COMMAND = re.compile(r"(?P<colon>:?)(?P<header>[A-Z*][A-Z:]*)(?: (?P<argument>\S+))?")
 _QUERY = re.compile(r":?[A-Z*][A-Z:]*\?( \w+)?")
 
-# Nothing of these changes the voltage; any argument may pass. A limit that the instrument keeps only takes away.
-_HARMLESS = frozenset({"*CLS", "FREQ", "AM:SOUR", "BURS:STAT", "VOLT:RANG:AUTO", "VOLT:LIM:HIGH", "VOLT:LIM:LOW"})
+# Nothing of these changes the voltage; any argument may pass. A limit that the instrument keeps
+# only takes away.
+_HARMLESS = frozenset(
+    {"*CLS", "FREQ", "AM:SOUR", "BURS:STAT", "VOLT:RANG:AUTO", "VOLT:LIM:HIGH", "VOLT:LIM:LOW"}
+)
 # What the rest of the dialect says about the instrument; the first group never raises the voltage.
 _CALMING: dict[str, dict[str, Any]] = {
     "VOLT MIN": {"vpp": _LOW_VPP},
@@ -37,10 +40,11 @@ _OTHER: dict[str, dict[str, Any]] = {
 
 
 class KeysightGate(OutputGate):
-    """Accepts short headers in upper case, each after the first of a message with a leading colon (or `*`).
+    """Accepts short headers in upper case, each after the first of a message with a leading colon
+    (or `*`).
 
-    Whatever it does not know, such as APPLy or `*RCL`, it refuses. An amplitude is refused until the load is known to
-    be open and the unit volts peak to peak.
+    Whatever it does not know, such as APPLy or `*RCL`, it refuses. An amplitude is refused until
+    the load is known to be open and the unit volts peak to peak.
     """
 
     speaker = "KeysightGenerator"
@@ -50,7 +54,9 @@ class KeysightGate(OutputGate):
             match = _COMMAND.fullmatch(command)
             if _QUERY.fullmatch(command):
                 continue
-            if match is None or (place > 0 and not match["colon"] and not match["header"].startswith("*")):
+            if match is None or (
+                place > 0 and not match["colon"] and not match["header"].startswith("*")
+            ):
                 raise self._refusal(command, "is not a command that it knows how to read")
             bound = self._after_one(bound, match["header"], match["argument"] or "")
         return bound
@@ -60,13 +66,19 @@ class KeysightGate(OutputGate):
         if header in _HARMLESS:
             return bound
         if command == "*RST":
-            return Bound(_RESET_VPP, 0.0, share=0.5, unit_vpp=True, modulated=False, full_depth=True)
+            return Bound(
+                _RESET_VPP, 0.0, share=0.5, unit_vpp=True, modulated=False, full_depth=True
+            )
         if command in _CALMING:
             return replace(bound, **_CALMING[command])
         if command in _OTHER:
             return self._checked(replace(bound, **_OTHER[command]), command)
         if header == "VOLT":
-            return self._checked(replace(bound, vpp=max(self._level(bound, argument, command), _LOW_VPP)), command)
+            return self._checked(
+                replace(bound, vpp=max(self._level(bound, argument, command), _LOW_VPP)), command
+            )
         if header == "VOLT:OFFS":
-            return self._checked(replace(bound, offset_v=self._level(bound, argument, command)), command)
+            return self._checked(
+                replace(bound, offset_v=self._level(bound, argument, command)), command
+            )
         raise self._refusal(command)

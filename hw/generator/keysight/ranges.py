@@ -1,4 +1,6 @@
-"""What the simulated instruments can make: tables of their own, written down independently of the drivers'."""
+"""What the simulated instruments can make: tables of their own, written down independently of the
+drivers'.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +17,22 @@ EMF_PEAK_V = 10.0
 # Volts peak to peak per volt rms; noise is counted as a sine.
 VPP_PER_VRMS = {"SQU": 2.0, "PULS": 2.0, "RAMP": 2.0 * math.sqrt(3.0), "TRI": 2.0 * math.sqrt(3.0)}
 FAST_SQUARE_HZ = 10e6
-UNMODULATED = ("DC", "NOIS", "PULS", "PRBS")  # functions without AM (assumed from the front panel's menus)
-# Full scale of each attenuator setting, Vpp open. Where the older E1441A switches (its manual, p. 99); where newer
-# ones do is assumed to be the same.
+UNMODULATED = (
+    "DC",
+    "NOIS",
+    "PULS",
+    "PRBS",
+)  # functions without AM (assumed from the front panel's menus)
+# Full scale of each attenuator setting, Vpp open. Where the older E1441A switches (its manual, p.
+# 99); where newer ones do is assumed to be the same.
 _RANGE_TOPS_VPP = (0.634, 1.264, 2.52, 5.04, 10.04, 2.0 * EMF_PEAK_V)
 
 
 @dataclass(frozen=True)
 class Ranges:
-    """One model; `functions` in manual notation, frequencies by the short form. `own_limit`: it has VOLT:LIM."""
+    """One model; `functions` in manual notation, frequencies by the short form. `own_limit`: it has
+    VOLT:LIM.
+    """
 
     identity: str
     emf_low_vpp: float

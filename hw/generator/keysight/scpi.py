@@ -36,9 +36,12 @@ _POWER_ON, _COMMAND, _EXECUTION, _DEVICE, _QUERY, _COMPLETE = 128, 32, 16, 8, 4,
 
 _FIELD = {mark: re.compile(rf'(?:[^{mark}"]|"[^"]*")+') for mark in ";,"}
 _UNIT = re.compile(
-    r"(?P<root>:?)(?P<header>\*?[A-Za-z][A-Za-z0-9_:]*)(?P<query>\??)(?:\s+(?P<arguments>.*))?", re.DOTALL
+    r"(?P<root>:?)(?P<header>\*?[A-Za-z][A-Za-z0-9_:]*)(?P<query>\??)(?:\s+(?P<arguments>.*))?",
+    re.DOTALL,
 )
-_NUMBER = re.compile(r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<suffix>[A-Za-z]*)")
+_NUMBER = re.compile(
+    r"(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<suffix>[A-Za-z]*)"
+)
 _MULTIPLIERS = {"": 1.0, "G": 1e9, "MA": 1e6, "K": 1e3, "M": 1e-3, "U": 1e-6, "N": 1e-9}
 
 
@@ -58,13 +61,17 @@ class _Node:
 
 
 class ScpiEngine:
-    """Parses messages, walks the command tree, keeps errors and status; the instrument supplies handlers.
+    """Parses messages, walks the command tree, keeps errors and status; the instrument supplies
+    handlers.
 
-    `reset` is called for `*RST`, `executed` after every single command. Command errors (-1xx) end the message they
-    occur in; execution errors do not. Thread-safe: one message at a time, under `lock`, which the instrument shares.
+    `reset` is called for `*RST`, `executed` after every single command. Command errors (-1xx) end
+    the message they occur in; execution errors do not. Thread-safe: one message at a time, under
+    `lock`, which the instrument shares.
     """
 
-    def __init__(self, identity: str, *, reset: Callable[[], None], executed: Callable[[], None]) -> None:
+    def __init__(
+        self, identity: str, *, reset: Callable[[], None], executed: Callable[[], None]
+    ) -> None:
         self.lock = threading.RLock()
         self._executed = executed
         self._root = _Node()
@@ -85,7 +92,9 @@ class ScpiEngine:
         self.command("SYSTem:VERSion", query=lambda _: "1999.0")
 
     def command(self, pattern: str, write: Write | None = None, query: Query | None = None) -> None:
-        """Add a command in manual notation (`FREQuency`: upper case is the short form, `[:STATe]` may be left out)."""
+        """Add a command in manual notation (`FREQuency`: upper case is the short form, `[:STATe]`
+        may be left out).
+        """
         for keywords in _spellings(pattern):
             node = self._root
             for keyword in keywords:
@@ -95,7 +104,9 @@ class ScpiEngine:
             node.write, node.query = write, query
 
     def handle(self, data: bytes) -> bytes:
-        r"""Carry out messages (ended by `\n`, `\r\n` or `data`) and return one line of answers for each that asks."""
+        r"""Carry out messages (ended by `\n`, `\r\n` or `data`) and return one line of answers for
+        each that asks.
+        """
         with self.lock:
             answers = [self._message(message.decode("latin-1")) for message in data.split(b"\n")]
         return "".join(f"{answer}\n" for answer in answers if answer is not None).encode("latin-1")
@@ -128,7 +139,9 @@ class ScpiEngine:
         return ";".join(answers) if answers else None
 
     def _execute(self, unit: str, subsystem: _Node) -> tuple[_Node, str | None]:
-        """Carry out one command; return the subsystem in which the next header is looked up, and the answer."""
+        """Carry out one command; return the subsystem in which the next header is looked up, and
+        the answer.
+        """
         match = _UNIT.fullmatch(unit)
         if match is None:
             raise ScpiError(-102)
@@ -175,7 +188,9 @@ def only(arguments: list[str]) -> str:
 
 
 def parse_choice(text: str, options: Sequence[str]) -> str:
-    """Return the short form of the option (manual notation) that `text` names; raises ScpiError -224."""
+    """Return the short form of the option (manual notation) that `text` names; raises ScpiError
+    -224.
+    """
     for option in options:
         if text.upper() in (option.upper(), short_form(option)):
             return short_form(option)
@@ -188,14 +203,25 @@ def parse_boolean(text: str) -> bool:
 
 
 def parse_named(text: str, named: Mapping[str, float]) -> float | None:
-    """Return the value of the name (manual notation, e.g. `MINimum`) that `text` is, or None for other text."""
-    return next((value for name, value in named.items() if text.upper() in (name.upper(), short_form(name))), None)
+    """Return the value of the name (manual notation, e.g. `MINimum`) that `text` is, or None for
+    other text.
+    """
+    return next(
+        (
+            value
+            for name, value in named.items()
+            if text.upper() in (name.upper(), short_form(name))
+        ),
+        None,
+    )
 
 
 def parse_number(text: str, unit: str = "", named: Mapping[str, float] | None = None) -> float:
-    """Return a decimal number, with an optional suffix such as `kHz` for unit `HZ`, or the `named` value (`MIN`).
+    """Return a decimal number, with an optional suffix such as `kHz` for unit `HZ`, or the `named`
+    value (`MIN`).
 
-    `MHZ` and `MOHM` mean mega, any other M milli (SCPI-99 vol. 1, 7.3). Raises ScpiError -104, -123 or -131.
+    `MHZ` and `MOHM` mean mega, any other M milli (SCPI-99 vol. 1, 7.3). Raises ScpiError -104, -123
+    or -131.
     """
     if (value := parse_named(text, named or {})) is not None:
         return value
@@ -233,14 +259,20 @@ def _find(node: _Node, keywords: list[str]) -> tuple[_Node, _Node | None]:
 
 def _fields(text: str, mark: str) -> list[str]:
     """Split at `mark`, but not inside quotes."""
-    return [field for field in text.split(mark) if field] if '"' not in text else _FIELD[mark].findall(text)
+    return (
+        [field for field in text.split(mark) if field]
+        if '"' not in text
+        else _FIELD[mark].findall(text)
+    )
 
 
 @lru_cache(maxsize=1024)
 def _spellings(pattern: str) -> list[list[str]]:
     """Return the keywords of a pattern with and without each of its optional parts."""
     parts = [part for part in re.split(r"(\[[^]]*\])", pattern) if part]
-    choices = itertools.product(*(((part[1:-1], "") if part[0] == "[" else (part,)) for part in parts))
+    choices = itertools.product(
+        *(((part[1:-1], "") if part[0] == "[" else (part,)) for part in parts)
+    )
     return [[keyword for keyword in "".join(chosen).split(":") if keyword] for chosen in choices]
 
 

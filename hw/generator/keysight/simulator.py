@@ -1,7 +1,9 @@
-"""A stateful Agilent or Keysight generator: its dialogue, its couplings and traps, and what is at its terminals.
+"""A stateful Agilent or Keysight generator: its dialogue, its couplings and traps, and what is at
+its terminals.
 
-Sine, square, constant voltage, levels, load, range, AM, the output and errors act as on the instrument. Of other
-functions the name is taken and the peak is right. `APPLy` is there because it is a trap: it turns the output on.
+Sine, square, constant voltage, levels, load, range, AM, the output and errors act as on the
+instrument. Of other functions the name is taken and the peak is right. `APPLy` is there because it
+is a trap: it turns the output on.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ Names = Callable[[], Mapping[str, float]]
 
 
 class SimulatedKeysight:
-    """One channel as bytes in, bytes out, with its own clock; see `Terminals` for the arguments. Thread-safe."""
+    """One channel as bytes in, bytes out, with its own clock; see `Terminals` for the arguments.
+    Thread-safe.
+    """
 
     model: ClassVar[ranges.Ranges]
 
@@ -79,7 +83,9 @@ class SimulatedKeysight:
             self._terminals.set_modulation_input(voltage_v)
 
     def overload(self) -> None:
-        """A voltage from outside at the terminals: the output switches itself off and says so in the error queue."""
+        """A voltage from outside at the terminals: the output switches itself off and says so in
+        the error queue.
+        """
         with self._scpi.lock:
             self._state.set_output(False)
             self._scpi.post(_OVERLOAD)
@@ -92,16 +98,25 @@ class SimulatedKeysight:
         self.range_switches += self._state.follow_range()
         self._terminals.put(self._state.signal)
 
-    # --- the command tree ------------------------------------------------------------------------------------------
+    # --- the command tree
+    # ------------------------------------------------------------------------------------------
 
     def _add_function_and_levels(self) -> None:
         state, source = self._state, self._source
         source("FUNCtion[:SHAPe]", state.set_function, lambda _: state.signal.function)
-        source("FREQuency", state.set_frequency, _number(lambda: state.signal.frequency_hz, state.frequency_names))
+        source(
+            "FREQuency",
+            state.set_frequency,
+            _number(lambda: state.signal.frequency_hz, state.frequency_names),
+        )
         shown = lambda v: state.settings.shown_amplitude(v)  # noqa: E731, PLW0108 - `*RST` brings other settings
         amplitude = _number(lambda: state.signal.emf_vpp, state.amplitude_names, shown)
         source(f"{_LEVEL}[:AMPLitude]", state.set_amplitude, amplitude)
-        offset = _number(lambda: state.signal.emf_offset_v, state.offset_names, lambda v: v * state.settings.scale)
+        offset = _number(
+            lambda: state.signal.emf_offset_v,
+            state.offset_names,
+            lambda v: v * state.settings.scale,
+        )
         source(f"{_LEVEL}:OFFSet", state.set_offset, offset)
         for keyword, high in (("HIGH", True), ("LOW", False)):
             half = 0.5 if high else -0.5
@@ -111,7 +126,9 @@ class SimulatedKeysight:
                 limit = _number(partial(self._limit_v, high), dict[str, float])
                 source(f"VOLTage:LIMit:{keyword}", partial(state.set_limit, high=high), limit)
         if self.model.own_limit:
-            source("VOLTage:LIMit:STATe", state.set_limited, lambda _: f"{state.settings.limited:d}")
+            source(
+                "VOLTage:LIMit:STATe", state.set_limited, lambda _: f"{state.settings.limited:d}"
+            )
         source("VOLTage:UNIT", state.set_unit, lambda _: state.settings.unit)
         source("VOLTage:RANGe:AUTO", state.set_autorange, lambda _: f"{state.settings.autorange:d}")
         source(
@@ -122,7 +139,11 @@ class SimulatedKeysight:
 
     def _add_output(self) -> None:
         state, command = self._state, self._scpi.command
-        self._output("[:STATe]", lambda text: state.set_output(parse_boolean(text)), lambda _: f"{state.signal.on:d}")
+        self._output(
+            "[:STATe]",
+            lambda text: state.set_output(parse_boolean(text)),
+            lambda _: f"{state.signal.on:d}",
+        )
         load = named_values(ranges.LOAD_LOW_OHM, ranges.LOAD_HIGH_OHM, ranges.RESET_LOAD_OHM)
         shown = _number(lambda: min(state.settings.load_ohm, INFINITY), lambda: load)
         self._output(":LOAD", state.set_load, shown)
@@ -141,7 +162,8 @@ class SimulatedKeysight:
         source("AM:DEPTh", state.set_depth, depth)
         source("BURSt:STATe", state.set_burst, lambda _: f"{state.settings.burst:d}")
 
-    # --- answers and arguments -------------------------------------------------------------------------------------
+    # --- answers and arguments
+    # -------------------------------------------------------------------------------------
 
     def _source(self, pattern: str, write: Callable[[str], None], query: Query) -> None:
         """Add a command below the optional SOURce node, with and without the channel's number."""
@@ -196,7 +218,9 @@ def _one(write: Callable[[str], None]) -> Callable[[list[str]], None]:
     return lambda arguments: write(only(arguments))
 
 
-def _number(value: Callable[[], float], names: Names, shown: Callable[[float], float] = lambda value: value) -> Query:
+def _number(
+    value: Callable[[], float], names: Names, shown: Callable[[float], float] = lambda value: value
+) -> Query:
     """Make a query that answers the present value, or what MIN, MAX or DEF would be."""
 
     def query(arguments: list[str]) -> str:

@@ -1,8 +1,9 @@
 """What a simulated Agilent or Keysight generator holds, and how one setting moves another.
 
-Couplings are the 33220A User's Guide's and, where that is silent, the command-compatible Picotest G5100A manual's
-(p. 37, 166, 167). Settings that conflict are moved and -221 is posted; values out of range are clipped and -222
-is posted. Those of VOLT:LIM are from memory of the 33500's manual: unverified.
+Couplings are the 33220A User's Guide's and, where that is silent, the command-compatible Picotest
+G5100A manual's (p. 37, 166, 167). Settings that conflict are moved and -221 is posted; values out
+of range are clipped and -222 is posted. Those of VOLT:LIM are from memory of the 33500's manual:
+unverified.
 """
 
 from __future__ import annotations
@@ -14,7 +15,14 @@ from typing import Any
 
 from hw.generator.keysight import ranges
 from hw.generator.keysight.ranges import Ranges
-from hw.generator.keysight.scpi import INFINITY, ScpiError, parse_boolean, parse_choice, parse_named, parse_number
+from hw.generator.keysight.scpi import (
+    INFINITY,
+    ScpiError,
+    parse_boolean,
+    parse_choice,
+    parse_named,
+    parse_number,
+)
 from hw.generator.terminals import Signal
 
 
@@ -22,7 +30,9 @@ from hw.generator.terminals import Signal
 class _Settings:
     """All that `*RST` resets."""
 
-    signal: Signal = field(default_factory=lambda: Signal("SIN", ranges.RESET_FREQUENCY_HZ, ranges.RESET_EMF_VPP))
+    signal: Signal = field(
+        default_factory=lambda: Signal("SIN", ranges.RESET_FREQUENCY_HZ, ranges.RESET_EMF_VPP)
+    )
     load_ohm: float = ranges.RESET_LOAD_OHM
     unit: str = "VPP"
     square_duty: float = 50.0
@@ -74,7 +84,8 @@ class _Settings:
 
 
 class GeneratorState:
-    """The settings and their couplings. `post` takes the codes of errors that do not refuse a command.
+    """The settings and their couplings. `post` takes the codes of errors that do not refuse a
+    command.
 
     Setters take the text of one argument and raise ScpiError to refuse it.
     """
@@ -93,10 +104,13 @@ class GeneratorState:
         """`*RST`."""
         self.settings = _Settings()
 
-    # --- function and frequency ----------------------------------------------------------------------------
+    # --- function and frequency
+    # ----------------------------------------------------------------------------
 
     def set_function(self, text: str) -> None:
-        """A frequency, amplitude, duty or modulation that the new function cannot have is moved (-221)."""
+        """A frequency, amplitude, duty or modulation that the new function cannot have is moved
+        (-221).
+        """
         function = parse_choice(text, self._model.functions)
         low_hz, high_hz = self._model.frequency_hz[function]
         frequency_hz = min(max(self.signal.frequency_hz, low_hz), high_hz)
@@ -112,12 +126,18 @@ class GeneratorState:
 
     def frequency_names(self) -> dict[str, float]:
         """MIN, MAX and DEF of the frequency for the present function."""
-        return named_values(*self._model.frequency_hz[self.signal.function], ranges.RESET_FREQUENCY_HZ)
+        return named_values(
+            *self._model.frequency_hz[self.signal.function], ranges.RESET_FREQUENCY_HZ
+        )
 
     def set_frequency(self, text: str) -> None:
         """Square duty follows where it must."""
         frequency_hz = parse_number(text, "HZ", self.frequency_names())
-        self._change(frequency_hz=self._clipped(frequency_hz, *self._model.frequency_hz[self.signal.function]))
+        self._change(
+            frequency_hz=self._clipped(
+                frequency_hz, *self._model.frequency_hz[self.signal.function]
+            )
+        )
         self._restrict_duty()
 
     def duty_names(self) -> dict[str, float]:
@@ -136,7 +156,8 @@ class GeneratorState:
             self.settings.square_duty = min(max(self.settings.square_duty, low), high)
             self._post(-221)
 
-    # --- levels: programmed and queried values are scaled by the programmed load, the real output is not -------
+    # --- levels: programmed and queried values are scaled by the programmed load, the real output
+    # is not -------
 
     def set_load(self, text: str) -> None:
         """`OUTP:LOAD`; dBm is impossible into an open circuit and falls to VPP."""
@@ -144,7 +165,9 @@ class GeneratorState:
         names = named_values(low_ohm, high_ohm, ranges.RESET_LOAD_OHM) | {"INFinity": math.inf}
         load_ohm = parse_number(text, "OHM", names)
         infinite = load_ohm >= INFINITY
-        self.settings.load_ohm = math.inf if infinite else self._clipped(load_ohm, low_ohm, high_ohm)
+        self.settings.load_ohm = (
+            math.inf if infinite else self._clipped(load_ohm, low_ohm, high_ohm)
+        )
         if infinite and self.settings.unit == "DBM":
             self.settings.unit = "VPP"
 
@@ -175,12 +198,16 @@ class GeneratorState:
         return named_values(self._model.emf_low_vpp, self._emf_high_vpp(), ranges.RESET_EMF_VPP)
 
     def set_amplitude(self, text: str) -> None:
-        """A new amplitude is clipped to the range and wins over the offset, which is reduced (-221)."""
+        """A new amplitude is clipped to the range and wins over the offset, which is reduced
+        (-221).
+        """
         unit = next((unit for unit in ("VPP", "VRMS", "DBM") if text.upper().endswith(unit)), None)
         self._refuse_dbm_if_open(unit or "")
         emf_vpp = parse_named(text, self.amplitude_names())
         if emf_vpp is None:
-            emf_vpp = self.settings.to_emf_vpp(parse_number(text, unit or "V"), unit or self.settings.unit)
+            emf_vpp = self.settings.to_emf_vpp(
+                parse_number(text, unit or "V"), unit or self.settings.unit
+            )
         self._change(emf_vpp=self._clipped(emf_vpp, self._model.emf_low_vpp, self._emf_high_vpp()))
         self._restrict_offset()
 
@@ -197,7 +224,9 @@ class GeneratorState:
 
     def _offset_range_v(self) -> tuple[float, float]:
         low_v, high_v = self._level_range_v()
-        return min(low_v + self.settings.amplitude_v(), 0.0), max(high_v - self.settings.amplitude_v(), 0.0)
+        return min(low_v + self.settings.amplitude_v(), 0.0), max(
+            high_v - self.settings.amplitude_v(), 0.0
+        )
 
     def _restrict_offset(self) -> None:
         low_v, high_v = self._offset_range_v()
@@ -211,25 +240,32 @@ class GeneratorState:
         return (self.signal.emf_offset_v + half * self.signal.emf_vpp) * self.settings.scale
 
     def set_level(self, text: str, *, high: bool) -> None:
-        """Set the high or low level; the other one stays, unless it is in the way: then it moves (-221)."""
+        """Set the high or low level; the other one stays, unless it is in the way: then it moves
+        (-221).
+        """
         sign, least_vpp = (1.0 if high else -1.0), self._model.emf_low_vpp
         low_v, high_v = self._level_range_v()
         emf_v = parse_named(text, {"MINimum": low_v, "MAXimum": high_v})
         if emf_v is None:
             emf_v = parse_number(text, "V") / self.settings.scale
-        # Seen along `sign`, the level set must be above the other one by at least the lowest amplitude.
+        # Seen along `sign`, the level set must be above the other one by at least the lowest
+        # amplitude.
         bottom, top = (low_v, high_v) if high else (-high_v, -low_v)
         level = self._clipped(sign * emf_v, bottom + least_vpp, top)
         other = max(sign * self.signal.emf_offset_v - 0.5 * self.signal.emf_vpp, bottom)
         if level - other < least_vpp * (1.0 - 1e-9):
             other = level - least_vpp
             self._post(-221)
-        self._change(emf_vpp=max(level - other, least_vpp), emf_offset_v=sign * 0.5 * (level + other))
+        self._change(
+            emf_vpp=max(level - other, least_vpp), emf_offset_v=sign * 0.5 * (level + other)
+        )
         self._restrict_offset()
 
     def set_limit(self, text: str, *, high: bool) -> None:
         """`VOLT:LIM:HIGH|LOW`; not inside the levels that are there now (-221)."""
-        value_v = parse_number(text, "V", {"MINimum": -ranges.EMF_PEAK_V, "MAXimum": ranges.EMF_PEAK_V})
+        value_v = parse_number(
+            text, "V", {"MINimum": -ranges.EMF_PEAK_V, "MAXimum": ranges.EMF_PEAK_V}
+        )
         value_v = self._clipped(value_v, -ranges.EMF_PEAK_V, ranges.EMF_PEAK_V)
         there_v = self.settings.level_v(1.0 if high else -1.0)
         if value_v < there_v if high else value_v > there_v:
@@ -247,14 +283,17 @@ class GeneratorState:
             raise ScpiError(-221)
         self.settings.limited = on
 
-    # --- output, range, modulation -------------------------------------------------------------------------
+    # --- output, range, modulation
+    # -------------------------------------------------------------------------
 
     def set_output(self, on: bool) -> None:
         """`OUTP`."""
         self._change(on=on)
 
     def set_autorange(self, text: str) -> None:
-        """`OFF` keeps the attenuator where the present level needs it, `ONCE` looks again and then keeps it."""
+        """`OFF` keeps the attenuator where the present level needs it, `ONCE` looks again and then
+        keeps it.
+        """
         choice = parse_choice(text, ("0", "1", "OFF", "ON", "ONCE"))
         self.settings.autorange = choice in ("1", "ON", "ONCE")
         self.follow_range()
@@ -265,7 +304,9 @@ class GeneratorState:
         if not self.settings.autorange:
             return False
         before = self.settings.range_top_vpp
-        self.settings.range_top_vpp = ranges.range_top_vpp(self.settings.amplitude_v() + abs(self.signal.emf_offset_v))
+        self.settings.range_top_vpp = ranges.range_top_vpp(
+            self.settings.amplitude_v() + abs(self.signal.emf_offset_v)
+        )
         return self.settings.range_top_vpp != before
 
     def set_modulating(self, text: str) -> None:
@@ -286,11 +327,15 @@ class GeneratorState:
 
     def set_depth(self, text: str) -> None:
         """`AM:DEPT`, percent."""
-        self.settings.depth = self._clipped(parse_number(text, named=named_values(0.0, 120.0, 100.0)), 0.0, 120.0)
+        self.settings.depth = self._clipped(
+            parse_number(text, named=named_values(0.0, 120.0, 100.0)), 0.0, 120.0
+        )
         self._follow_modulation()
 
     def set_burst(self, text: str) -> None:
-        """`BURS:STAT`; nothing triggers it, so nothing but the offset goes out. Ends modulation (-221)."""
+        """`BURS:STAT`; nothing triggers it, so nothing but the offset goes out. Ends modulation
+        (-221).
+        """
         on = parse_boolean(text)
         if on and self.signal.function == "DC":
             raise ScpiError(-221)
@@ -301,7 +346,9 @@ class GeneratorState:
         self._follow_modulation()
 
     def _follow_modulation(self) -> None:
-        """Internal modulation at its loudest is the amplitude programmed; it is not followed in time."""
+        """Internal modulation at its loudest is the amplitude programmed; it is not followed in
+        time.
+        """
         settings = self.settings
         self._change(
             modulated=settings.modulating and settings.external,
@@ -309,7 +356,8 @@ class GeneratorState:
             silent=settings.burst or self.signal.function == "DC",
         )
 
-    # --- helpers -------------------------------------------------------------------------------------------
+    # --- helpers
+    # -------------------------------------------------------------------------------------------
 
     def _change(self, **values: Any) -> None:
         self.settings.signal = replace(self.settings.signal, **values)

@@ -7,7 +7,9 @@ from hw.generator.keysight.simulator import SimulatedKeysight
 
 
 class Simulated33500(SimulatedKeysight):
-    """Takes headers with the channel's number too; frequencies from the data sheet, from memory: low confidence."""
+    """Takes headers with the channel's number too; frequencies from the data sheet, from memory:
+    low confidence.
+    """
 
     model = Ranges(
         identity="Agilent Technologies,33512B,SIM00002,3.05-1.19-2.00-52-00",

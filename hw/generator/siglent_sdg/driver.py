@@ -13,7 +13,8 @@ from hw.transport.contract import Transport
 
 _KEYS = {"offset_v": "OFST", "frequency_hz": "FRQ", "amplitude_vpp": "AMP"}
 _UNIT = re.compile(r"(HZ|V)$")
-# What is read back may differ by this share, or by this much, since small levels have few digits (unverified).
+# What is read back may differ by this share, or by this much, since small levels have few digits
+# (unverified).
 _LEVEL_TOLERANCE = 1e-3
 _LEVEL_LSB_V = 1e-3
 _FREQUENCY_TOLERANCE = 1e-6
@@ -23,10 +24,11 @@ _OUTPUT = re.compile(r"C1:OUTP (?P<state>ON|OFF),LOAD,(?P<load>\w+),.*")
 class SiglentSdg(GeneratorDriver):
     """Driver of channel 1: sines with an offset, without modulation.
 
-    The instrument takes one setting per message, and clips and ignores without telling: everything is read back, and
-    what is not as set is switched off. Where nothing is believed any more it is reset with its output off, since a
-    reset alone ends all that the front panel can add (channels that are combined, harmonics). Answers are those that
-    Siglent's programming guide and public clients show; none was seen by this project on an instrument: unverified.
+    The instrument takes one setting per message, and clips and ignores without telling: everything
+    is read back, and what is not as set is switched off. Where nothing is believed any more it is
+    reset with its output off, since a reset alone ends all that the front panel can add (channels
+    that are combined, harmonics). Answers are those that Siglent's programming guide and public
+    clients show; none was seen by this project on an instrument: unverified.
     """
 
     model = re.compile(r"(SDG[12]\d\d\dX|T3AFG)\S*")
@@ -39,7 +41,9 @@ class SiglentSdg(GeneratorDriver):
 
     def _ask_state(self) -> tuple[bool, bool, str]:
         (output_on, load), wave = self._output(), self._pairs("BSWV")
-        programmed = ", ".join(f"{key} {wave[key]}" for key in ("WVTP", "AMP", "OFST") if key in wave)
+        programmed = ", ".join(
+            f"{key} {wave[key]}" for key in ("WVTP", "AMP", "OFST") if key in wave
+        )
         return output_on, load == "HZ", programmed
 
     def _reset(self) -> None:
@@ -51,9 +55,12 @@ class SiglentSdg(GeneratorDriver):
         self._reset()
         base = self._base()
         for line in (
-            "C1:OUTP LOAD,HZ", f"C1:BSWV AMP,{LEAST_VPP:g}", "C1:BSWV OFST,0", "C1:BSWV WVTP,SINE",
+            "C1:OUTP LOAD,HZ",
+            f"C1:BSWV AMP,{LEAST_VPP:g}",
+            "C1:BSWV OFST,0",
+            "C1:BSWV WVTP,SINE",
             f"C1:BSWV FRQ,{base.frequency_hz:.12g}",
-        ):  # fmt: skip
+        ):
             self._line.send(line)
         self._check_state(base)
 
@@ -75,10 +82,13 @@ class SiglentSdg(GeneratorDriver):
             self._line.send("C1:BSWV OFST,0")
         return self._switch(False)
 
-    # --- what is read back -----------------------------------------------------------------------------------------
+    # --- what is read back
+    # -----------------------------------------------------------------------------------------
 
     def _output(self) -> tuple[bool, str]:
-        """Whether the output is on, and the load that levels are shown for, "HZ" for an open circuit."""
+        """Whether the output is on, and the load that levels are shown for, "HZ" for an open
+        circuit.
+        """
         reply = self._line.query("C1:OUTP?")
         match = _OUTPUT.fullmatch(reply)
         if match is None:
@@ -96,9 +106,14 @@ class SiglentSdg(GeneratorDriver):
     def _check_state(self, wanted: Programmed) -> None:
         """What is not as set may be any voltage, so it is switched off."""
         try:
-            wave, (_, load), modulation = self._pairs("BSWV"), self._output(), self._line.query("C1:MDWV?")
+            wave, (_, load), modulation = (
+                self._pairs("BSWV"),
+                self._output(),
+                self._line.query("C1:MDWV?"),
+            )
             frequency_hz, amplitude_vpp, offset_v = (
-                self._line.number(_UNIT.sub("", wave.get(key, ""))) for key in ("FRQ", "AMP", "OFST")
+                self._line.number(_UNIT.sub("", wave.get(key, "")))
+                for key in ("FRQ", "AMP", "OFST")
             )
             as_set = (
                 wave["WVTP"] == "SINE"
@@ -114,7 +129,7 @@ class SiglentSdg(GeneratorDriver):
         if not as_set:
             self.off()
             raise self._line.bad_reply(
-                f"holds {shown} where SINE, {wanted.frequency_hz:g} Hz, {wanted.amplitude_vpp:g} Vpp, "
-                f"offset {wanted.offset_v:g} V and an open load were set",
+                f"holds {shown} where SINE, {wanted.frequency_hz:g} Hz, {wanted.amplitude_vpp:g}"
+                f" Vpp, offset {wanted.offset_v:g} V and an open load were set",
                 NOT_WHOLE,
             )

@@ -1,7 +1,8 @@
-"""A simulated Siglent SDG, channel 1: one setting or several per line, no word about what it clips or ignores.
+"""A simulated Siglent SDG, channel 1: one setting or several per line, no word about what it clips
+or ignores.
 
-The form of its answers is that of Siglent's programming guide (PG02) and of what public clients of SDG2042X and T3AFG
-expect; its ranges are assumed.
+The form of its answers is that of Siglent's programming guide (PG02) and of what public clients of
+SDG2042X and T3AFG expect; its ranges are assumed.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ _VALUE = re.compile(r"(?P<number>[+-]?(\d+\.?\d*|\.\d+)([E][+-]?\d+)?)(HZ|VPP|V|
 
 
 class SimulatedSdg:
-    """Channel 1 as bytes in, bytes out, with its own clock; see `Terminals` for the arguments. Thread-safe."""
+    """Channel 1 as bytes in, bytes out, with its own clock; see `Terminals` for the arguments.
+    Thread-safe.
+    """
 
     def __init__(
         self,
@@ -40,13 +43,19 @@ class SimulatedSdg:
         self._signal = _RESET
         self._load_ohm = math.inf
         self._terminals = Terminals(
-            _RESET, latency or GeneratorLatency(), _EMF_PEAK_V, listener=listener, am_full_scale=am_full_scale
+            _RESET,
+            latency or GeneratorLatency(),
+            _EMF_PEAK_V,
+            listener=listener,
+            am_full_scale=am_full_scale,
         )
 
     def handle(self, data: bytes) -> bytes:
         """Carry out lines and return the answers of those that ask."""
         with self._lock:
-            answers = [self._line(line.strip().upper()) for line in data.decode("latin-1").split("\n")]
+            answers = [
+                self._line(line.strip().upper()) for line in data.decode("latin-1").split("\n")
+            ]
         return "".join(f"{answer}\n" for answer in answers if answer is not None).encode("latin-1")
 
     def advance(self, dt_s: float) -> None:
@@ -86,21 +95,26 @@ class SimulatedSdg:
             load = "HZ" if math.isinf(self._load_ohm) else f"{self._load_ohm:.0f}"
             return f"C1:OUTP {'ON' if signal.on else 'OFF'},LOAD,{load},PLRT,NOR"
         if header == "MDWV":
-            return "C1:MDWV AM,STATE,ON,MDSP,SINE,SRC,EXT" if signal.modulated else "C1:MDWV STATE,OFF"
+            return (
+                "C1:MDWV AM,STATE,ON,MDSP,SINE,SRC,EXT" if signal.modulated else "C1:MDWV STATE,OFF"
+            )
         if header != "BSWV":
             return None
         vpp, offset_v = signal.emf_vpp * scale, signal.emf_offset_v * scale
         if signal.function == "DC":
             return f"C1:BSWV WVTP,DC,OFST,{offset_v:.6g}V"
         return (
-            f"C1:BSWV WVTP,{signal.function},FRQ,{signal.frequency_hz:.10g}HZ,PERI,{1.0 / signal.frequency_hz:.10g}S,"
+            f"C1:BSWV WVTP,{signal.function},FRQ,{signal.frequency_hz:.10g}HZ,"
+            f"PERI,{1.0 / signal.frequency_hz:.10g}S,"
             f"AMP,{vpp:.6g}V,AMPVRMS,{vpp / math.sqrt(8.0):.4g}Vrms,OFST,{offset_v:.6g}V,"
             f"HLEV,{offset_v + 0.5 * vpp:.6g}V,LLEV,{offset_v - 0.5 * vpp:.6g}V,PHSE,0"
         )
 
     @property
     def _scale(self) -> float:
-        return 1.0 if math.isinf(self._load_ohm) else self._load_ohm / (self._load_ohm + _SOURCE_OHM)
+        return (
+            1.0 if math.isinf(self._load_ohm) else self._load_ohm / (self._load_ohm + _SOURCE_OHM)
+        )
 
     def _set(self, header: str, arguments: list[str]) -> None:
         if header == "OUTP":
@@ -124,7 +138,9 @@ class SimulatedSdg:
             self._load_ohm = float(int(min(max(load_ohm, _LOAD_OHM[0]), _LOAD_OHM[1])))
 
     def _set_wave(self, key: str, text: str) -> None:
-        """What has no meaning is ignored, what is too much is clipped; an amplitude wins over the offset."""
+        """What has no meaning is ignored, what is too much is clipped; an amplitude wins over the
+        offset.
+        """
         if key == "WVTP":
             if text in ("SINE", "SQUARE", "RAMP", "PULSE", "DC"):
                 self._change(function=text, silent=text == "DC")

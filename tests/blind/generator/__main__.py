@@ -1,7 +1,9 @@
-"""Write blind sets: python -m tests.blind.generator --out DIR --seed N --scale 0.1 [--families F0,F1] [--ci].
+"""Write blind sets: python -m tests.blind.generator --out DIR --seed N --scale 0.1 [--families
+F0,F1] [--ci].
 
-With --second: second alternatives and the second ten strangers alone. Where neither families nor counts are given,
-these are 240 sets: 120 fingers with all witnesses, and the same with friction alone.
+With --second: second alternatives and the second ten strangers alone. Where neither families nor
+counts are given, these are 240 sets: 120 fingers with all witnesses, and the same with friction
+alone.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ def csv_text(columns: dict[str, np.ndarray]) -> str:
 
 
 def write(sets: list[BlindSet], out: Path, seed: int) -> None:
-    """Number the sets in shuffled order, so that a file's name says nothing, and seal the labels by their hash."""
+    """Number the sets in shuffled order, so that a file's name says nothing, and seal the labels by
+    their hash.
+    """
     folder = out / "sets"
     folder.mkdir(parents=True, exist_ok=True)
     order = np.random.default_rng([seed, 5]).permutation(len(sets))
@@ -55,7 +59,9 @@ def write(sets: list[BlindSet], out: Path, seed: int) -> None:
 
 
 def generate(wanted: list[Spec], seed: int, workers: int = 1) -> list[BlindSet]:
-    """Build the sets, in order, on `workers` processes; those of witnesses come with a twin of friction alone."""
+    """Build the sets, in order, on `workers` processes; those of witnesses come with a twin of
+    friction alone.
+    """
     one = partial(_sets, seed=seed)
     if workers == 1:
         return [made for spec in wanted for made in one(spec)]
@@ -69,13 +75,23 @@ def _sets(spec: Spec, seed: int) -> list[BlindSet]:
 
 def _options(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.blind.generator", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder for sets/, labels.json and labels.sha256")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder for sets/, labels.json and labels.sha256"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--scale", type=float, default=0.1, help="share of the full counts")
     parser.add_argument("--families", default="", help="comma-separated, of " + ",".join(COUNTS))
-    parser.add_argument("--counts", default="", help="exact numbers instead of --scale, as F0=15,F1=33")
-    parser.add_argument("--second", action="store_true", help="second alternatives and strangers alone")
-    parser.add_argument("--ci", action="store_true", help="the five fixed sets; all but --out and --workers is ignored")
+    parser.add_argument(
+        "--counts", default="", help="exact numbers instead of --scale, as F0=15,F1=33"
+    )
+    parser.add_argument(
+        "--second", action="store_true", help="second alternatives and strangers alone"
+    )
+    parser.add_argument(
+        "--ci",
+        action="store_true",
+        help="the five fixed sets; all but --out and --workers is ignored",
+    )
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     options = parser.parse_args(argv)
     named = [n.partition("=")[0] for n in f"{options.families},{options.counts}".split(",") if n]
@@ -90,7 +106,10 @@ def main(argv: list[str] | None = None) -> None:
     if options.ci:
         wanted = ci_specs()
     else:
-        exact = {n: int(c) for n, _, c in (item.partition("=") for item in options.counts.split(",") if item)}
+        exact = {
+            n: int(c)
+            for n, _, c in (item.partition("=") for item in options.counts.split(",") if item)
+        }
         families = tuple(n for n in options.families.split(",") if n)
         if options.second and not families:
             exact = exact or SECOND_COUNTS

@@ -1,4 +1,6 @@
-"""One blind set from one specification: draw a design, finger and noise, set the visibility, write the rows."""
+"""One blind set from one specification: draw a design, finger and noise, set the visibility, write
+the rows.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,23 @@ from .visibility import Visibility, clean_friction, force_left
 WITH_LOAD = ("factorial", "timed", "six_sessions", "rich", "quiet_grid")
 WITH_SPEED = ("speed_sweep", "six_sessions", "rich")
 WITH_TIME = ("timed", "six_sessions", "rich", "quiet_grid")
-VANISHED = 0.15  # share of the electrostatic force below which a set is kept only for want of a better
-NEEDS_LOAD = {"load_dependent_friction", "capillary_adhesion", "sensor_crosstalk", "loaded_sensor_resonance"}
+VANISHED = (
+    0.15  # share of the electrostatic force below which a set is kept only for want of a better
+)
+NEEDS_LOAD = {
+    "load_dependent_friction",
+    "capillary_adhesion",
+    "sensor_crosstalk",
+    "loaded_sensor_resonance",
+}
 NEEDS_MANY_FREQUENCIES = {"screen_resonance", "mains_interference"}
 
 
 @dataclass(frozen=True)
 class Spec:
-    """What a set should contain. `effects` are (name, wanted lambda); an empty `design` is drawn."""
+    """What a set should contain. `effects` are (name, wanted lambda); an empty `design` is
+    drawn.
+    """
 
     family: str
     index: int
@@ -79,7 +90,9 @@ def _candidates(rng: np.random.Generator, spec: Spec) -> list[str]:
     return [*order, "rich"] if "rich" in common else order
 
 
-def _hide(rng: np.random.Generator, spec: Spec, sight: Visibility) -> tuple[tuple[Hidden, ...], list[float]]:
+def _hide(
+    rng: np.random.Generator, spec: Spec, sight: Visibility
+) -> tuple[tuple[Hidden, ...], list[float]]:
     """Effects at the strength that gives each, alone, its wanted lambda."""
     out, seen = [], []
     for name, target in spec.effects:
@@ -94,7 +107,9 @@ def _hide(rng: np.random.Generator, spec: Spec, sight: Visibility) -> tuple[tupl
 def _setting(
     rng: np.random.Generator, spec: Spec
 ) -> tuple[Design, Finger, str, np.ndarray, tuple[Hidden, ...], list[float], Visibility]:
-    """Try designs, then quieter noise, until every effect is as visible as wanted (or keep the most visible)."""
+    """Try designs, then quieter noise, until every effect is as visible as wanted (or keep the most
+    visible).
+    """
     finger, far = nuisance.far_finger(rng) if spec.far else (nuisance.draw_finger(rng), "")
     best, best_share = None, -1.0
     for attempt, name in enumerate(_candidates(rng, spec)):
@@ -105,7 +120,9 @@ def _setting(
         hidden, seen = _hide(rng, spec, sight)
         share = min((s / t for s, (_, t) in zip(seen, spec.effects, strict=True)), default=1.0)
         if hidden and force_left(design, finger, hidden) < VANISHED:
-            share = min(share, 0.5)  # with the force all but gone every effect that weakens it looks the same
+            share = min(
+                share, 0.5
+            )  # with the force all but gone every effect that weakens it looks the same
         if share > best_share:
             best, best_share = (design, finger, far, sigma, hidden, seen, sight), share
         if share >= 0.9:
@@ -113,7 +130,9 @@ def _setting(
     return best
 
 
-def _measured(rng: np.random.Generator, spec: Spec, design: Design, clean: np.ndarray, sigma: np.ndarray) -> dict:
+def _measured(
+    rng: np.random.Generator, spec: Spec, design: Design, clean: np.ndarray, sigma: np.ndarray
+) -> dict:
     gain = nuisance.session_gains(rng, design.session, spec.gain_sd)
     stated = sigma * clean * gain
     spread = stated.copy()
@@ -122,7 +141,9 @@ def _measured(rng: np.random.Generator, spec: Spec, design: Design, clean: np.nd
         bad = int(rng.choice(np.unique(design.session)))
         gain = np.where(design.session == bad, gain * np.exp(0.15 * rng.choice([-1.0, 1.0])), gain)
         spread = np.where(design.session == bad, 4 * stated, stated)
-    cof = np.maximum(clean * gain + noise.draw(rng, spec.noise, clean, spread, design.session), 0.02)
+    cof = np.maximum(
+        clean * gain + noise.draw(rng, spec.noise, clean, spread, design.session), 0.02
+    )
     return {"cof": cof, "cof_std": stated, "contaminated_session": bad}
 
 
@@ -158,7 +179,12 @@ def build(spec: Spec, seed: int) -> BlindSet:
         "family": spec.family,
         "index": spec.index,
         "effects": [
-            {**h.label(), "lambda": round(s, 3), "lambda_wanted": t, "stranger": h.effect.name in STRANGERS}
+            {
+                **h.label(),
+                "lambda": round(s, 3),
+                "lambda_wanted": t,
+                "stranger": h.effect.name in STRANGERS,
+            }
             for h, s, (_, t) in zip(hidden, seen, spec.effects, strict=True)
         ],
         "lambda_together": round(sight.of(hidden), 3) if hidden else 0.0,
@@ -180,9 +206,15 @@ def build(spec: Spec, seed: int) -> BlindSet:
     return BlindSet(_columns(design, measured, off_frequency), label)
 
 
-def _aliases(design: Design, finger: Finger, sight: Visibility, hidden: tuple[Hidden, ...]) -> dict[str, float]:
-    """What each catalogue effect leaves unexplained (lambda_ij) of this set's truth, smallest first."""
-    left = lambda_of_rivals(design, finger, sight, clean_friction(design, finger, hidden), skip=hidden[0].effect.name)
+def _aliases(
+    design: Design, finger: Finger, sight: Visibility, hidden: tuple[Hidden, ...]
+) -> dict[str, float]:
+    """What each catalogue effect leaves unexplained (lambda_ij) of this set's truth, smallest
+    first.
+    """
+    left = lambda_of_rivals(
+        design, finger, sight, clean_friction(design, finger, hidden), skip=hidden[0].effect.name
+    )
     return {name: round(value, 2) for name, value in sorted(left.items(), key=lambda item: item[1])}
 
 

@@ -1,4 +1,6 @@
-"""Measurement designs: which conditions are measured, in which order, and which columns are written."""
+"""Measurement designs: which conditions are measured, in which order, and which columns are
+written.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ class Design:
 
 @dataclass
 class _Plan:
-    """Collects blocks of (f, V, N, speed); one block is one session and one trial, shuffled before it is stored."""
+    """Collects blocks of (f, V, N, speed); one block is one session and one trial, shuffled before
+    it is stored.
+    """
 
     rng: Generator
     pause_s: float
@@ -47,7 +51,11 @@ class _Plan:
     def block(self, conditions: np.ndarray, session: int, trial: int) -> None:
         live = self.rng.permutation(conditions[conditions[:, 1] > 0])
         off = self.rng.permutation(conditions[conditions[:, 1] == 0])
-        slots = np.sort(self.rng.permutation(len(live) + 1)[: len(off)]) if len(off) <= len(live) else None
+        slots = (
+            np.sort(self.rng.permutation(len(live) + 1)[: len(off)])
+            if len(off) <= len(live)
+            else None
+        )
         slots = np.linspace(0, len(live), len(off)).astype(int) if slots is None else slots
         rows = np.insert(live, slots, off, axis=0) if len(off) else live
         start = self.clock.get(session, 0.0)
@@ -71,7 +79,9 @@ def _grid(f, v, n=(0.5,), speed=(STEADY_SPEED,)) -> np.ndarray:
 
 
 def _off(count: int, n=(0.5,), speed=(STEADY_SPEED,)) -> np.ndarray:
-    """Rows without voltage: `count` at each load and speed, their frequency (ignored by contract) set to 250 Hz."""
+    """Rows without voltage: `count` at each load and speed, their frequency (ignored by contract)
+    set to 250 Hz.
+    """
     return np.repeat(_grid([250.0], [0.0], n, speed), count, axis=0)
 
 
@@ -86,7 +96,9 @@ def paper(rng: Generator) -> Design:
 def voltage_frequency(rng: Generator) -> Design:
     plan = _Plan(rng, 15.0)
     for trial in range(1, 3):
-        plan.block(np.concatenate([_grid(DECADES, [25.0, 50.0, 75.0, 100.0, 125.0]), _off(10)]), 1, trial)
+        plan.block(
+            np.concatenate([_grid(DECADES, [25.0, 50.0, 75.0, 100.0, 125.0]), _off(10)]), 1, trial
+        )
     return plan.build("voltage_frequency", ("cof_std", "trial"))
 
 
@@ -138,13 +150,18 @@ def quiet_grid(rng: Generator) -> Design:
     for session in range(1, 4):
         for trial in range(1, 4):
             plan.block(
-                np.concatenate([_grid(DECADES[::2], [50.0, 100.0], [0.4, 0.8]), _off(2, [0.4, 0.8])]), session, trial
+                np.concatenate(
+                    [_grid(DECADES[::2], [50.0, 100.0], [0.4, 0.8]), _off(2, [0.4, 0.8])]
+                ),
+                session,
+                trial,
             )
     return plan.build("quiet_grid", ("session", "trial", "time_s"))
 
 
 def witnesses(rng: Generator) -> Design:
-    """Friction within a rig's touch-current limits, then spectra at 5 V: open, resting and sliding, two loads.
+    """Friction within a rig's touch-current limits, then spectra at 5 V: open, resting and sliding,
+    two loads.
 
     And one of two decades at 1 V, as the plan `witnesses` has it: what is linear is the same there.
     """
@@ -152,7 +169,9 @@ def witnesses(rng: Generator) -> Design:
     high = _grid([10.0, 50.0, 125.0, 250.0], [75.0, 125.0])
     crossed = _grid([30.0, 250.0], [100.0], [0.25, 1.0], [0.01, 0.04])
     for session in range(1, 4):
-        plan.block(np.concatenate([high, crossed, _off(2), _off(1, [0.25, 1.0], [0.01, 0.04])]), session, 1)
+        plan.block(
+            np.concatenate([high, crossed, _off(2), _off(1, [0.25, 1.0], [0.01, 0.04])]), session, 1
+        )
     friction = sum(len(part[0]) for part in plan.parts)
     finger = [np.full(friction, SLIDING)]
     spectrum = np.logspace(1, 6, 11)
@@ -171,7 +190,13 @@ def witnesses(rng: Generator) -> Design:
 def friction_only(design: Design) -> Design:
     """The rows of friction alone, as a lab without monitors would have them."""
     keep = design.slides
-    return Design(design.name, design.rows.take(keep), design.session[keep], design.trial[keep], design.columns)
+    return Design(
+        design.name,
+        design.rows.take(keep),
+        design.session[keep],
+        design.trial[keep],
+        design.columns,
+    )
 
 
 def confounded(rng: Generator) -> Design:
@@ -186,7 +211,13 @@ def confounded(rng: Generator) -> Design:
 
 def small(rng: Generator) -> Design:
     plan = _Plan(rng, 15.0)
-    plan.block(np.concatenate([_grid(DECADES[1::2], [50.0, 75.0, 100.0], [0.4, 0.8]), _off(5, [0.4, 0.8])]), 1, 1)
+    plan.block(
+        np.concatenate(
+            [_grid(DECADES[1::2], [50.0, 75.0, 100.0], [0.4, 0.8]), _off(5, [0.4, 0.8])]
+        ),
+        1,
+        1,
+    )
     return plan.build("small", ("cof_std",), bad=True)
 
 

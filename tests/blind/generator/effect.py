@@ -1,4 +1,6 @@
-"""Record of one hidden effect: a strength, a shape drawn once per data set, and its functional forms."""
+"""Record of one hidden effect: a strength, a shape drawn once per data set, and its functional
+forms.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +35,9 @@ class Form:
 class Effect:
     """`apply(state, knob, shape, alternative)` changes the state; knob 0 is never applied.
 
-    `knob` is the range searched for a wanted visibility (log spaced); `describe` gives the parameters in SI units.
-    `needs` names the column without which the effect cannot be seen, if there is one. `second` is a
-    form of its own; strangers have none.
+    `knob` is the range searched for a wanted visibility (log spaced); `describe` gives the
+    parameters in SI units. `needs` names the column without which the effect cannot be seen, if
+    there is one. `second` is a form of its own; strangers have none.
     """
 
     name: str
@@ -52,7 +54,8 @@ class Effect:
 class Hidden:
     """An effect at one strength; `sessions` limits it to some sessions (empty: all).
 
-    `bend` (share, phase) is an error of shape: the strength swings by that share over the decades of frequency.
+    `bend` (share, phase) is an error of shape: the strength swings by that share over the decades
+    of frequency.
     """
 
     effect: Effect
@@ -88,7 +91,9 @@ class Hidden:
             if self._own:
                 self._own.apply(state, self.strength * swing, self.shape)
             else:
-                self.effect.apply(state, self.strength * swing, self.shape, self.form == ALTERNATIVE)
+                self.effect.apply(
+                    state, self.strength * swing, self.shape, self.form == ALTERNATIVE
+                )
 
     def at(self, strength: float) -> Hidden:
         return replace(self, strength=strength)

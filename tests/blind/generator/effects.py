@@ -16,7 +16,8 @@ from .effect import ALTERNATIVE, CATALOGUE, FORMS, SECOND, Effect, Hidden, drawn
 
 _SECOND = second_electric.FORMS | second_load.FORMS
 CATALOGUE_EFFECTS: dict[str, Effect] = {
-    e.name: replace(e, second=_SECOND[e.name]) for e in effects_electric.EFFECTS + effects_load.EFFECTS
+    e.name: replace(e, second=_SECOND[e.name])
+    for e in effects_electric.EFFECTS + effects_load.EFFECTS
 }
 FIRST_STRANGERS: dict[str, Effect] = {e.name: e for e in strangers.EFFECTS}
 SECOND_STRANGERS: dict[str, Effect] = {e.name: e for e in more_strangers.EFFECTS}

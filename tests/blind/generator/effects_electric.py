@@ -1,4 +1,6 @@
-"""Effects in the drive, the layers and the air gap (physics.md section 5), each in two forms of like behaviour."""
+"""Effects in the drive, the layers and the air gap (physics.md section 5), each in two forms of
+like behaviour.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def amplifier_bandwidth(state: State, knob: float, shape: dict, alternative: boo
 
 @cache
 def _tracked() -> tuple[np.ndarray, np.ndarray]:
-    """Ratios of slew rate to a sine's steepest slope, and the fundamental that is left of it: stepped through time."""
+    """Ratios of slew rate to a sine's steepest slope, and the fundamental that is left of it:
+    stepped through time.
+    """
     steps, ratio = 4000, np.linspace(0.3, 1.0, 141)
     t = 2 * np.pi * np.arange(4 * steps) / steps
     out, left = np.zeros(ratio.size), np.zeros(ratio.size, complex)
@@ -45,7 +49,9 @@ def amplifier_slew_limit(state: State, knob: float, _shape: dict, alternative: b
     triangle = 8 / np.pi**2 * (5e8 / knob) / (4 * state.rows.f)
     if alternative:
         left = (1 + (state.drive / triangle) ** 3) ** (-1 / 3)
-        state.drive_phase = state.drive_phase - np.arccos(left)  # a saturated integrator in its loop: error leads by 90
+        state.drive_phase = state.drive_phase - np.arccos(
+            left
+        )  # a saturated integrator in its loop: error leads by 90
         state.drive = state.drive * left
         return
     peak = np.pi**2 / 8 * triangle / state.drive.clip(1e-12)
@@ -53,7 +59,9 @@ def amplifier_slew_limit(state: State, knob: float, _shape: dict, alternative: b
     slope = 2 / np.pi * peak
     partly = np.interp(slope, ratio, np.abs(left)), np.interp(slope, ratio, np.angle(left))
     always = slope < 0.5  # a triangle, which turns where it meets the sine
-    state.drive_phase = state.drive_phase + np.where(always, -np.arccos(np.minimum(peak, 1.0)), partly[1])
+    state.drive_phase = state.drive_phase + np.where(
+        always, -np.arccos(np.minimum(peak, 1.0)), partly[1]
+    )
     state.drive = np.where(always, triangle, partly[0] * state.drive)
 
 
@@ -66,7 +74,9 @@ def drive_gain_error(state: State, knob: float, shape: dict, alternative: bool) 
 
 def series_resistance(state: State, knob: float, shape: dict, alternative: bool) -> None:
     z = knob * np.ones_like(state.k_skin)
-    if alternative:  # tissue: the resistance falls slowly with frequency and turns a little capacitive
+    if (
+        alternative
+    ):  # tissue: the resistance falls slowly with frequency and turns a little capacitive
         z = z * (_jw(state) / (2 * np.pi * 1e4)) ** -shape["slope"]
     state.stack_add = state.stack_add + _jw(state) * VACUUM * AREA * z
 
@@ -87,7 +97,9 @@ def skin_hydration(state: State, knob: float, shape: dict, alternative: bool) ->
         state.k_skin = _wetter(state.k_skin, knob)
         return
     dry, thickness = state.k_skin, state.finger.skin
-    levels = [knob * fall for fall in np.exp(-np.linspace(0.05, 0.95, 10) * shape["fall"])]  # from the outside in
+    levels = [
+        knob * fall for fall in np.exp(-np.linspace(0.05, 0.95, 10) * shape["fall"])
+    ]  # from the outside in
     state.k_skin = _wetter(dry, levels[0])
     state.skin_stack = lambda _k: sum(thickness / 10 / _wetter(dry, w) for w in levels)
 

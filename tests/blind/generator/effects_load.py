@@ -1,4 +1,6 @@
-"""Effects in the pressure, the load, the friction law and the contact (physics.md section 5), two forms each."""
+"""Effects in the pressure, the load, the friction law and the contact (physics.md section 5), two
+forms each.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def load_dependent_friction(state: State, knob: float, shape: dict, alternative:
     m = 1 - knob * shape["sign"]
     if alternative:  # a sum of two contact regimes with the same slope at the reference load
         flat = knob * shape["sign"] / (1 / 3)
-        state.load_law = lambda n, e: F_REF / n * ((1 - flat) * (n + e) / F_REF + flat * ((n + e) / F_REF) ** (2 / 3))
+        state.load_law = lambda n, e: (
+            F_REF / n * ((1 - flat) * (n + e) / F_REF + flat * ((n + e) / F_REF) ** (2 / 3))
+        )
     else:
         state.load_law = lambda n, e: F_REF / n * ((n + e) / F_REF) ** m
 
@@ -130,7 +134,10 @@ EFFECTS = [
         "contact_ageing",
         contact_ageing,
         (0.003, 0.9),
-        lambda rng: {"tau_s": log_uniform(rng, 60.0, 900.0), "sign": 1.0 if rng.random() < 0.75 else -1.0},
+        lambda rng: {
+            "tau_s": log_uniform(rng, 60.0, 900.0),
+            "sign": 1.0 if rng.random() < 0.75 else -1.0,
+        },
         lambda s, shape: {"relative_rise": s * shape["sign"], "tau_s": shape["tau_s"]},
         needs="time_s",
         about_alternative="stretched exponential",

@@ -1,7 +1,8 @@
-"""Voltage and current of the electrode as phasors against the set voltage (electrical.md), by state of the finger.
+"""Voltage and current of the electrode as phasors against the set voltage (electrical.md), by state
+of the finger.
 
-A gap u carries J = V j w eps0 (k_g + beta u)/(a u + k_g h); the real contact, at u = 0, j w eps0 V/h. The stray
-capacitance lies straight from electrode to ground, before body and film.
+A gap u carries J = V j w eps0 (k_g + beta u)/(a u + k_g h); the real contact, at u = 0, j w eps0
+V/h. The stray capacitance lies straight from electrode to ground, before body and film.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from .touch import Finger, Rows, State, electrostatic_pressure, friction, prepar
 class Rig:
     """What belongs to neither finger nor effect.
 
-    `open_error` is how far the open circuit is off the stray capacitance (relative); a resting finger is as if its
-    modulus were `softness` of a sliding one's, and leaks `rest_leak` times as much besides.
+    `open_error` is how far the open circuit is off the stray capacitance (relative); a resting
+    finger is as if its modulus were `softness` of a sliding one's, and leaks `rest_leak` times as
+    much besides.
     """
 
     stray_f: float = 300e-12
@@ -32,7 +34,9 @@ class Rig:
 
 @dataclass(frozen=True)
 class Observed:
-    """What every row would show without noise: friction (NaN where nothing slides for it), V and A peak, complex."""
+    """What every row would show without noise: friction (NaN where nothing slides for it), V and A
+    peak, complex.
+    """
 
     cof: np.ndarray
     voltage: np.ndarray
@@ -46,7 +50,9 @@ def touch_admittance(state: State) -> np.ndarray:
     mass, stack = settled(state, pressure)
     density = stack.current()
     contact = (stack.gap / stack.length)[:, 0]
-    if state.field_cap is not None:  # where the air gives way the layers carry what it does not hold
+    if (
+        state.field_cap is not None
+    ):  # where the air gives way the layers carry what it does not hold
         own = 1 / (stack.slope * stack.air + stack.length)
         field = np.abs(own) * np.maximum(state.drive, 1e-9)[:, None]
         held = state.field_cap(field, stack.air) / field
@@ -87,5 +93,9 @@ def observe(design: Design, finger: Finger, rig: Rig, hidden: tuple[Hidden, ...]
         mine = design.finger == kind
         distinct, back = rows.take(mine).unique()
         seen = alone(distinct, int(kind), finger, rig, live)
-        cof[mine], voltage[mine], current[mine] = seen.cof[back], seen.voltage[back], seen.current[back]
+        cof[mine], voltage[mine], current[mine] = (
+            seen.cof[back],
+            seen.voltage[back],
+            seen.current[back],
+        )
     return Observed(np.where(design.slides, cof, np.nan), voltage, current)

@@ -1,7 +1,8 @@
-"""Families F0 to F10 of diagnosis.md section 7, W0 to W5 with the electrode's witnesses, and the fixed list for CI.
+"""Families F0 to F10 of diagnosis.md section 7, W0 to W5 with the electrode's witnesses, and the
+fixed list for CI.
 
-Every family draws the first two forms of its effects and the first ten strangers; `anew` turns what it drew into the
-second alternatives and the second ten.
+Every family draws the first two forms of its effects and the first ten strangers; `anew` turns what
+it drew into the second alternatives and the second ten.
 """
 
 from __future__ import annotations
@@ -17,14 +18,31 @@ from .designs import BAD, GOOD
 from .effects import CATALOGUE_EFFECTS, FIRST_STRANGERS, SECOND, SECOND_STRANGERS, UNFELT
 
 COUNTS = {
-    "F0": 300, "F1": 960, "F2": 100, "F3": 1000, "F4": 300, "F5": 200,
-    "F6": 150, "F7": 300, "F8": 100, "F9": 100, "F10": 200,
-    "W0": 150, "W1": 400, "W4": 100, "W5": 150,
-}  # fmt: skip
+    "F0": 300,
+    "F1": 960,
+    "F2": 100,
+    "F3": 1000,
+    "F4": 300,
+    "F5": 200,
+    "F6": 150,
+    "F7": 300,
+    "F8": 100,
+    "F9": 100,
+    "F10": 200,
+    "W0": 150,
+    "W1": 400,
+    "W4": 100,
+    "W5": 150,
+}
 NAMES = tuple(CATALOGUE_EFFECTS)
 OUTSIDE = tuple(FIRST_STRANGERS)
 WITNESSES = "witnesses"  # the design of the families W
-SECOND_COUNTS = {"W0": 18, "W1": 60, "W4": 22, "W5": 20}  # each effect three times, each stranger at least twice
+SECOND_COUNTS = {
+    "W0": 18,
+    "W1": 60,
+    "W4": 22,
+    "W5": 20,
+}  # each effect three times, each stranger at least twice
 CLEAR_LEVELS = (100.0, 300.0, 1000.0)
 LEVELS = (9.0, 16.0, 25.0, 50.0, 100.0, 400.0)
 # truth, and a design on which physics.md or a first look says it hides behind another effect
@@ -45,7 +63,10 @@ ALIASED = (
     ("skin_hydration", "paper"),
     ("skin_nonlinearity", "paper"),
 )
-INCOMPATIBLE = {frozenset(p) for p in (("skin_hydration", "skin_nonlinearity"), ("air_breakdown", "trapped_charge"))}
+INCOMPATIBLE = {
+    frozenset(p)
+    for p in (("skin_hydration", "skin_nonlinearity"), ("air_breakdown", "trapped_charge"))
+}
 
 
 def _cycle(options: tuple, i: int):
@@ -62,23 +83,36 @@ def f0(i: int, _rng: np.random.Generator) -> Spec:
 
 def f1(i: int, rng: np.random.Generator) -> Spec:
     level = LEVELS[(i + i // len(NAMES)) % len(LEVELS)]
-    return Spec("F1", i, ((_cycle(NAMES, i * 7), level),), str(rng.choice([CATALOGUE, ALTERNATIVE])))
+    return Spec(
+        "F1", i, ((_cycle(NAMES, i * 7), level),), str(rng.choice([CATALOGUE, ALTERNATIVE]))
+    )
 
 
 def f2(i: int, rng: np.random.Generator) -> Spec:
     name, design = _cycle(ALIASED, i)
-    return Spec("F2", i, ((name, float(rng.choice([50.0, 100.0, 200.0]))),), design=design, rivals=True)
+    return Spec(
+        "F2", i, ((name, float(rng.choice([50.0, 100.0, 200.0]))),), design=design, rivals=True
+    )
 
 
 def f3(i: int, rng: np.random.Generator) -> Spec:
-    """Strengths spread evenly in log lambda: the generator knows no priors of the catalogue under test."""
+    """Strengths spread evenly in log lambda: the generator knows no priors of the catalogue under
+    test.
+    """
     if rng.random() < 0.2:
         return Spec("F3", i)
-    return Spec("F3", i, ((str(rng.choice(NAMES)), float(np.exp(rng.uniform(0.0, np.log(2000.0))))),))
+    return Spec(
+        "F3", i, ((str(rng.choice(NAMES)), float(np.exp(rng.uniform(0.0, np.log(2000.0))))),)
+    )
 
 
 def f4(i: int, rng: np.random.Generator) -> Spec:
-    return Spec("F4", i, ((_cycle(OUTSIDE, i), float(rng.choice([50.0, 100.0, 200.0, 400.0, 800.0]))),), rivals=True)
+    return Spec(
+        "F4",
+        i,
+        ((_cycle(OUTSIDE, i), float(rng.choice([50.0, 100.0, 200.0, 400.0, 800.0]))),),
+        rivals=True,
+    )
 
 
 def f5(i: int, rng: np.random.Generator) -> Spec:
@@ -117,7 +151,12 @@ def f9(i: int, rng: np.random.Generator) -> Spec:
     effects = (
         ()
         if i % 3 == 2
-        else ((str(rng.choice([n for n in NAMES if CATALOGUE_EFFECTS[n].needs != "speed_m_s"])), 100.0),)
+        else (
+            (
+                str(rng.choice([n for n in NAMES if CATALOGUE_EFFECTS[n].needs != "speed_m_s"])),
+                100.0,
+            ),
+        )
     )
     return Spec("F9", i, effects, _form(i), design=_cycle(tuple(BAD), i))
 
@@ -133,28 +172,56 @@ def w0(i: int, _rng: np.random.Generator) -> Spec:
 
 def w1(i: int, rng: np.random.Generator) -> Spec:
     level = float(rng.choice(CLEAR_LEVELS))
-    return Spec("W1", i, ((_cycle(NAMES, i * 7), level),), _form(i // len(NAMES) + i), design=WITNESSES)
+    return Spec(
+        "W1", i, ((_cycle(NAMES, i * 7), level),), _form(i // len(NAMES) + i), design=WITNESSES
+    )
 
 
 def w4(i: int, rng: np.random.Generator) -> Spec:
-    return Spec("W4", i, ((_cycle(OUTSIDE, i * 3), float(rng.choice(CLEAR_LEVELS))),), design=WITNESSES)
+    return Spec(
+        "W4", i, ((_cycle(OUTSIDE, i * 3), float(rng.choice(CLEAR_LEVELS))),), design=WITNESSES
+    )
 
 
 def w5(i: int, rng: np.random.Generator) -> Spec:
     drawn = f5(0, rng).effects[:2]
-    return Spec("W5", i, tuple((n, float(rng.choice(CLEAR_LEVELS))) for n, _ in drawn), _form(i), design=WITNESSES)
+    return Spec(
+        "W5",
+        i,
+        tuple((n, float(rng.choice(CLEAR_LEVELS))) for n, _ in drawn),
+        _form(i),
+        design=WITNESSES,
+    )
 
 
 FAMILIES: dict[str, Callable[[int, np.random.Generator], Spec]] = {
-    "F0": f0, "F1": f1, "F2": f2, "F3": f3, "F4": f4, "F5": f5,
-    "F6": f6, "F7": f7, "F8": f8, "F9": f9, "F10": f10,
-    "W0": w0, "W1": w1, "W4": w4, "W5": w5,
-}  # fmt: skip
+    "F0": f0,
+    "F1": f1,
+    "F2": f2,
+    "F3": f3,
+    "F4": f4,
+    "F5": f5,
+    "F6": f6,
+    "F7": f7,
+    "F8": f8,
+    "F9": f9,
+    "F10": f10,
+    "W0": w0,
+    "W1": w1,
+    "W4": w4,
+    "W5": w5,
+}
 
 
-def specs(seed: int, scale: float, families: tuple[str, ...] = (), counts: dict[str, int] | None = None) -> list[Spec]:
-    """Specifications of the wanted families; set i of a family does not depend on `scale`. `counts` overrides it."""
-    wanted = counts or {name: max(1, round(COUNTS[name] * scale)) for name in (families or tuple(COUNTS))}
+def specs(
+    seed: int, scale: float, families: tuple[str, ...] = (), counts: dict[str, int] | None = None
+) -> list[Spec]:
+    """Specifications of the wanted families; set i of a family does not depend on `scale`. `counts`
+    overrides it.
+    """
+    wanted = counts or {
+        name: max(1, round(COUNTS[name] * scale)) for name in families or tuple(COUNTS)
+    }
     return [
         FAMILIES[name](i, np.random.default_rng([seed, 77, int(name[1:]), i]))
         for name, count in wanted.items()
@@ -169,7 +236,8 @@ def anew(spec: Spec) -> Spec:
     """
     strange = tuple(n for n in SECOND_STRANGERS if spec.design == WITNESSES or n not in UNFELT)
     effects = tuple(
-        (_cycle(strange, OUTSIDE.index(name)) if name in OUTSIDE else name, level) for name, level in spec.effects
+        (_cycle(strange, OUTSIDE.index(name)) if name in OUTSIDE else name, level)
+        for name, level in spec.effects
     )
     is_strange = any(name in SECOND_STRANGERS for name, _ in effects)
     return replace(spec, effects=effects, form=CATALOGUE if is_strange else SECOND)

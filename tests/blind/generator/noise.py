@@ -5,11 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 STATED = "stated"
-WRONG = ("scale_0.67", "scale_1.5", "student_t3", "outliers_8_sigma", "ar1_0.5", "force_proportional")
+WRONG = (
+    "scale_0.67",
+    "scale_1.5",
+    "student_t3",
+    "outliers_8_sigma",
+    "ar1_0.5",
+    "force_proportional",
+)
 
 
-def draw(rng: np.random.Generator, kind: str, cof: np.ndarray, sigma: np.ndarray, session: np.ndarray) -> np.ndarray:
-    """Noise of each row in units of cof; `sigma` is the stated standard deviation, rows stand in measuring order."""
+def draw(
+    rng: np.random.Generator, kind: str, cof: np.ndarray, sigma: np.ndarray, session: np.ndarray
+) -> np.ndarray:
+    """Noise of each row in units of cof; `sigma` is the stated standard deviation, rows stand in
+    measuring order.
+    """
     z = rng.normal(size=cof.size)
     if kind == "scale_0.67":
         z = 0.67 * z

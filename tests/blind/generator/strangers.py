@@ -1,4 +1,6 @@
-"""Hidden effects that no catalogue entry describes: they live in the measuring chain, the screen or the room."""
+"""Hidden effects that no catalogue entry describes: they live in the measuring chain, the screen or
+the room.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def gain_drift(state: State, knob: float, shape: dict, _alt: bool) -> None:
 
 
 def force_quantiser(state: State, knob: float, _shape: dict, _alt: bool) -> None:
-    state.after.append(lambda rows, mu, _force: np.maximum(np.round(mu * rows.n / knob), 1) * knob / rows.n)
+    state.after.append(
+        lambda rows, mu, _force: np.maximum(np.round(mu * rows.n / knob), 1) * knob / rows.n
+    )
 
 
 def humidity_ramp(state: State, knob: float, shape: dict, _alt: bool) -> None:
@@ -49,17 +53,23 @@ def humidity_ramp(state: State, knob: float, shape: dict, _alt: bool) -> None:
     ramp = (t - t.min()) / max(np.ptp(t), 1.0)
     window = _peak(np.log(state.rows.f), np.log(shape["f_m"]), 1.2)
     off = state.finger.mu_off
-    state.after.append(lambda rows, mu, force: mu - off * force / rows.n * np.minimum(knob * ramp * window, 0.95))
+    state.after.append(
+        lambda rows, mu, force: mu - off * force / rows.n * np.minimum(knob * ramp * window, 0.95)
+    )
 
 
 def mains_interference(state: State, knob: float, _shape: dict, _alt: bool) -> None:
-    near = _peak(np.log(state.rows.f), np.log(50.0), 0.08) + 0.6 * _peak(np.log(state.rows.f), np.log(100.0), 0.08)
+    near = _peak(np.log(state.rows.f), np.log(50.0), 0.08) + 0.6 * _peak(
+        np.log(state.rows.f), np.log(100.0), 0.08
+    )
     near = np.where(state.rows.v > 0, near, 0.0)
     state.after.append(lambda _rows, mu, _force: mu * (1 + knob * near))
 
 
 def sensor_crosstalk(state: State, knob: float, shape: dict, _alt: bool) -> None:
-    state.after.append(lambda rows, mu, _force: np.maximum(mu + shape["sign"] * knob * (1 - 0.5 / rows.n), 0.05))
+    state.after.append(
+        lambda rows, mu, _force: np.maximum(mu + shape["sign"] * knob * (1 - 0.5 / rows.n), 0.05)
+    )
 
 
 def lateral_saturation(state: State, knob: float, _shape: dict, _alt: bool) -> None:
@@ -69,7 +79,9 @@ def lateral_saturation(state: State, knob: float, _shape: dict, _alt: bool) -> N
 
 def stick_slip(state: State, knob: float, shape: dict, _alt: bool) -> None:
     slow = np.exp(-((state.rows.speed / shape["v_ss"]) ** 2))
-    state.after.append(lambda rows, mu, force: mu * (1 - min(knob, 0.9) * slow * force / (rows.n + force)))
+    state.after.append(
+        lambda rows, mu, force: mu * (1 - min(knob, 0.9) * slow * force / (rows.n + force))
+    )
 
 
 def _sign(rng: np.random.Generator) -> float:
@@ -112,5 +124,11 @@ EFFECTS = [
     _make("mains_interference", mains_interference, (0.003, 2.0), lambda _rng: {}),
     _make("sensor_crosstalk", sensor_crosstalk, (0.003, 0.5), lambda rng: {"sign": _sign(rng)}),
     _make("lateral_saturation", lateral_saturation, (0.5, 12.0), lambda _rng: {}),
-    _make("stick_slip", stick_slip, (0.01, 0.9), lambda rng: {"v_ss": log_uniform(rng, 0.008, 0.025)}, "speed_m_s"),
+    _make(
+        "stick_slip",
+        stick_slip,
+        (0.01, 0.9),
+        lambda rng: {"v_ss": log_uniform(rng, 0.008, 0.025)},
+        "speed_m_s",
+    ),
 ]

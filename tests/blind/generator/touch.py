@@ -1,7 +1,9 @@
-"""Forward model of one touch: electrode, insulator, air gap, skin, contact, friction. SI units throughout.
+"""Forward model of one touch: electrode, insulator, air gap, skin, contact, friction. SI units
+throughout.
 
-`State` holds every quantity a hidden effect may change, one value per row; `solve` closes the loop between gap and
-electrostatic pressure and returns friction. An untouched state is the base model (applied-load friction, sine drive).
+`State` holds every quantity a hidden effect may change, one value per row; `solve` closes the loop
+between gap and electrostatic pressure and returns friction. An untouched state is the base model
+(applied-load friction, sine drive).
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ CREEP_SPEED = 1e-3  # m/s, of the skin of a resting finger
 
 @dataclass(frozen=True)
 class Roughness:
-    """Self-affine surface: Hurst exponent and wavevectors in 1/m (the amplitude belongs to the finger)."""
+    """Self-affine surface: Hurst exponent and wavevectors in 1/m (the amplitude belongs to the
+    finger).
+    """
 
     hurst: float = 0.71
     low: float = 1e3
@@ -45,9 +49,11 @@ class Finger:
 
 @dataclass
 class Rows:
-    """Conditions, one entry per row. Speed and time are always there for the physics, recorded or not.
+    """Conditions, one entry per row. Speed and time are always there for the physics, recorded or
+    not.
 
-    `before` is the voltage of the row that was measured before in the session; without it nothing was.
+    `before` is the voltage of the row that was measured before in the session; without it nothing
+    was.
     """
 
     f: np.ndarray
@@ -62,7 +68,9 @@ class Rows:
         return Rows(*(None if column is None else column[which] for column in vars(self).values()))
 
     def seen_by(self, needs: set[str]) -> Rows:
-        """What effects that need these columns see: a steady speed, no time and nothing before where none does."""
+        """What effects that need these columns see: a steady speed, no time and nothing before
+        where none does.
+        """
         return replace(
             self,
             speed=self.speed if "speed_m_s" in needs else np.full_like(self.v, STEADY_SPEED),
@@ -78,7 +86,9 @@ class Rows:
 
 
 def dry_skin(f: np.ndarray) -> np.ndarray:
-    """Relative permittivity of dry skin, conduction included (Gabriel et al. 1996, two dispersions)."""
+    """Relative permittivity of dry skin, conduction included (Gabriel et al. 1996, two
+    dispersions).
+    """
     s = 2j * np.pi * f
     return 4 + 32 / (1 + 7.23e-12 * s) + 1100 / (1 + (3.248e-8 * s) ** 0.8) + 2e-4 / (s * VACUUM)
 
@@ -127,7 +137,9 @@ class State:
     load_law: Callable = _straight  # (applied, extra force) -> friction relative to mu_off
     cover: np.ndarray | float = 1.0  # share of the contact that lies over the electrode
     after: list = field(default_factory=list)  # (rows, cof, force) -> cof, measuring chain
-    monitors: list = field(default_factory=list)  # (rows, voltage, current) -> both as the monitors read them
+    monitors: list = field(
+        default_factory=list
+    )  # (rows, voltage, current) -> both as the monitors read them
 
     @property
     def omega(self) -> np.ndarray:
@@ -159,7 +171,9 @@ def prepare(rows: Rows, finger: Finger, rough: Roughness) -> State:
 
 
 class Stack(NamedTuple):
-    """What lies over the gap: the field per volt is 1/(slope air + length), the gap's admittance times air as given."""
+    """What lies over the gap: the field per volt is 1/(slope air + length), the gap's admittance
+    times air as given.
+    """
 
     air: np.ndarray  # (n, bins), m
     slope: np.ndarray  # complex, (n, 1) or (n, bins)
@@ -185,7 +199,9 @@ def _stack(state: State, k_skin: np.ndarray, pressure: np.ndarray, u: np.ndarray
     h = (finger.insulator / state.k_insulator + skin + state.stack_add)[:, None]
     skin_sigma = -k_skin.imag * state.omega * VACUUM
     stiff = modulus() * state.stiffness
-    spots = finger.leak * 2 * skin_sigma * pressure / (stiff * leak_length(state.rough, finger.h_rms))
+    spots = (
+        finger.leak * 2 * skin_sigma * pressure / (stiff * leak_length(state.rough, finger.h_rms))
+    )
     shunt = (spots + state.gap_admittance)[:, None]
     air = u
     if state.film is not None:
@@ -226,7 +242,9 @@ def _electric_pressure(state: State, pressure: np.ndarray) -> np.ndarray:
 
 
 def electrostatic_pressure(state: State) -> np.ndarray:
-    """Close the loop p = load + p_e(p) by a safeguarded secant; a row past pull-in ends at 1.5 MPa."""
+    """Close the loop p = load + p_e(p) by a safeguarded secant; a row past pull-in ends at 1.5
+    MPa.
+    """
     base = state.rows.n / state.finger.area + state.load_add
     old = base
     gap_old = _electric_pressure(state, old)
@@ -234,7 +252,9 @@ def electrostatic_pressure(state: State) -> np.ndarray:
     for _ in range(40):
         gap_new = _electric_pressure(state, new)
         miss_new, miss_old = base + gap_new - new, base + gap_old - old
-        slope = np.where(new == old, 0.0, (miss_new - miss_old) / np.where(new == old, 1.0, new - old))
+        slope = np.where(
+            new == old, 0.0, (miss_new - miss_old) / np.where(new == old, 1.0, new - old)
+        )
         step = np.where(slope < -0.02, -miss_new / np.minimum(slope, -0.02), miss_new)
         old, gap_old = new, gap_new
         new = np.clip(new + np.clip(step, -0.5 * new, 2.0 * new), base, 1.5e6)
@@ -244,7 +264,6 @@ def electrostatic_pressure(state: State) -> np.ndarray:
 
 
 def force(state: State) -> np.ndarray:
-    """Electrostatic force, N."""
     active = (state.drive > 0) | (state.bias_square > 0)
     return np.where(active, electrostatic_pressure(state), 0.0) * state.finger.area * state.cover
 
@@ -253,7 +272,11 @@ def friction(state: State) -> np.ndarray:
     """Coefficient of friction as measured: lateral force over applied load."""
     electric = force(state)
     normal = state.rows.n
-    mu = state.finger.mu_off * state.mu_factor * state.load_law(normal, electric + state.load_add * state.finger.area)
+    mu = (
+        state.finger.mu_off
+        * state.mu_factor
+        * state.load_law(normal, electric + state.load_add * state.finger.area)
+    )
     for step in state.after:
         mu = step(state.rows, mu, electric)
     return mu
@@ -261,6 +284,12 @@ def friction(state: State) -> np.ndarray:
 
 def base_friction(rows: Rows, finger: Finger, rough: Roughness) -> np.ndarray:
     """Friction of the base model, each distinct condition computed once."""
-    bare = Rows(np.where(rows.v > 0, rows.f, 0.0), rows.v, rows.n, np.full_like(rows.v, STEADY_SPEED), 0 * rows.v)
+    bare = Rows(
+        np.where(rows.v > 0, rows.f, 0.0),
+        rows.v,
+        rows.n,
+        np.full_like(rows.v, STEADY_SPEED),
+        0 * rows.v,
+    )
     distinct, back = bare.unique()
     return friction(prepare(distinct, finger, rough))[back]

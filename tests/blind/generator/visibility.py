@@ -1,9 +1,11 @@
-"""lambda: how visible a hidden effect is once the base model has bent its own parameters as far as it can.
+"""lambda: how visible a hidden effect is once the base model has bent its own parameters as far as
+it can.
 
-Noise-free data with the effect are fitted by the base model over (log h_rms, log skin, log leak, log mu_off), the first
-three with their priors, the residual of log friction whitened by row noise and a shared gain per session. lambda is the
-cost of that fit less the cost of the same fit without the effect (which is not nil: the true finger sits off the
-priors' centre), i.e. the log-likelihood-ratio statistic of the Asimov data set.
+Noise-free data with the effect are fitted by the base model over (log h_rms, log skin, log leak,
+log mu_off), the first three with their priors, the residual of log friction whitened by row noise
+and a shared gain per session. lambda is the cost of that fit less the cost of the same fit without
+the effect (which is not nil: the true finger sits off the priors' centre), i.e. the
+log-likelihood-ratio statistic of the Asimov data set.
 """
 
 from __future__ import annotations
@@ -55,7 +57,9 @@ def force_left(design: Design, finger: Finger, hidden: tuple[Hidden, ...]) -> fl
 
 @dataclass(frozen=True)
 class Whitener:
-    """Inverse square root of diag(relative sigma^2) + gain^2 per session, applied without building the matrix."""
+    """Inverse square root of diag(relative sigma^2) + gain^2 per session, applied without building
+    the matrix.
+    """
 
     sigma: np.ndarray
     groups: tuple[np.ndarray, ...]
@@ -73,21 +77,30 @@ class Whitener:
 
 
 def whitener(design: Design, relative_sigma: np.ndarray) -> Whitener:
-    """One group per session where sessions are recorded; a single unrecorded gain is mu_off's business."""
-    groups = [np.flatnonzero(design.session == s) for s in np.unique(design.session)] if design.has_session else []
+    """One group per session where sessions are recorded; a single unrecorded gain is mu_off's
+    business.
+    """
+    groups = (
+        [np.flatnonzero(design.session == s) for s in np.unique(design.session)]
+        if design.has_session
+        else []
+    )
     return Whitener(relative_sigma, tuple(groups), SESSION_GAIN_SD)
 
 
 def finger_from(theta: np.ndarray, start: Finger = REFERENCE) -> Finger:
     """Finger at prior-normal coordinates (h_rms, skin, leak), the rest from `start`."""
     values = {
-        name: getattr(REFERENCE, name) * np.exp(sd * t) for (name, sd), t in zip(PRIOR_SD.items(), theta, strict=True)
+        name: getattr(REFERENCE, name) * np.exp(sd * t)
+        for (name, sd), t in zip(PRIOR_SD.items(), theta, strict=True)
     }
     return replace(start, area=REFERENCE.area, gap_offset=0.0, **values)
 
 
 def coordinates(finger: Finger) -> np.ndarray:
-    return np.array([np.log(getattr(finger, n) / getattr(REFERENCE, n)) / sd for n, sd in PRIOR_SD.items()])
+    return np.array(
+        [np.log(getattr(finger, n) / getattr(REFERENCE, n)) / sd for n, sd in PRIOR_SD.items()]
+    )
 
 
 def base_cost(design: Design, log_cof: np.ndarray, white: Whitener, start: Finger) -> float:
@@ -97,11 +110,19 @@ def base_cost(design: Design, log_cof: np.ndarray, white: Whitener, start: Finge
 
     def residual(theta: np.ndarray) -> np.ndarray:
         r = white(log_cof - np.log(base_friction(design.rows, finger_from(theta, unit), ROUGHNESS)))
-        level = np.clip((one @ r) / (one @ one), np.log(0.2), np.log(2.0))  # mu_off, linear in the logarithm
+        level = np.clip(
+            (one @ r) / (one @ one), np.log(0.2), np.log(2.0)
+        )  # mu_off, linear in the logarithm
         return np.concatenate([r - level * one, theta])
 
     fit = least_squares(
-        residual, np.clip(coordinates(start), -5, 5), method="trf", bounds=(-6, 6), xtol=1e-5, ftol=1e-5, max_nfev=25
+        residual,
+        np.clip(coordinates(start), -5, 5),
+        method="trf",
+        bounds=(-6, 6),
+        xtol=1e-5,
+        ftol=1e-5,
+        max_nfev=25,
     )
     return float(2 * fit.cost)
 
@@ -114,7 +135,8 @@ class Search:
         raise NotImplementedError
 
     def reach(self, hidden: Hidden, target: float) -> tuple[Hidden, float]:
-        """Set the strength so that lambda is `target` within 3 %; where it is out of reach, the most visible strength.
+        """Set the strength so that lambda is `target` within 3 %; where it is out of reach, the
+        most visible strength.
 
         Only the visibility of `hidden` alone is aimed at, whatever else is present in truth.
         """
@@ -132,7 +154,9 @@ class Search:
             return best
         return self._bisect(hidden, target, np.log(below), np.log(strength), best)
 
-    def _bisect(self, hidden: Hidden, target: float, low: float, high: float, best: tuple) -> tuple[Hidden, float]:
+    def _bisect(
+        self, hidden: Hidden, target: float, low: float, high: float, best: tuple
+    ) -> tuple[Hidden, float]:
         for _ in range(22):
             middle = 0.5 * (low + high)
             trial = hidden.at(float(np.exp(middle)))

@@ -1,4 +1,6 @@
-"""Sets with the electrode's voltage and current beside friction, each with a twin that has the same friction alone."""
+"""Sets with the electrode's voltage and current beside friction, each with a twin that has the same
+friction alone.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,13 @@ from .visibility import Search, Visibility, Whitener, coordinates, finger_from
 
 FINGERS = np.array(["sliding", "resting", "none"])
 AREA_SD, REST_SD, STRAY_SD = 0.15, 0.8, 1.0  # of logarithms; a capacitance is as good as free
-GAIN_SD = {"cof": nuisance.SESSION_GAIN_SD, "current": 0.02, "current_phase": 0.01, "voltage": 0.01, "phase": 0.01}
+GAIN_SD = {
+    "cof": nuisance.SESSION_GAIN_SD,
+    "current": 0.02,
+    "current_phase": 0.01,
+    "voltage": 0.01,
+    "phase": 0.01,
+}
 WITNESSES = tuple(GAIN_SD)
 Truth = tuple[Hidden, ...]
 # a gain bent over frequency would show more by its bend than by itself, since sessions share gains
@@ -38,7 +46,9 @@ class Noise:
 
 
 def draw_noise(rng: np.random.Generator) -> Noise:
-    """1 to 5 % and 1 to 4 degrees of current, 1 to 3 % of friction; a voltage monitor is better than either."""
+    """1 to 5 % and 1 to 4 degrees of current, 1 to 3 % of friction; a voltage monitor is better
+    than either.
+    """
     return Noise(
         cof=float(np.exp(rng.uniform(np.log(0.01), np.log(0.03)))),
         current=float(np.exp(rng.uniform(np.log(0.01), np.log(0.05)))),
@@ -58,7 +68,9 @@ def draw_rig(rng: np.random.Generator) -> Rig:
 
 
 def draw_hidden(rng: np.random.Generator, effect: Effect, form: str) -> Hidden:
-    """An effect whose shape is off by 5 to 20 % over the decades, where it is one of drive, layers or gap."""
+    """An effect whose shape is off by 5 to 20 % over the decades, where it is one of drive, layers
+    or gap.
+    """
     bend = (float(rng.uniform(0.05, 0.2)), float(rng.uniform(0.0, 2 * np.pi)))
     return replace(drawn(effect, rng, form), bend=bend if effect.name in BENDABLE else (0.0, 0.0))
 
@@ -76,7 +88,9 @@ def stacked(seen: Observed) -> dict[str, np.ndarray]:
 
 @dataclass
 class WitnessSight(Search):
-    """lambda over all witnesses: finger, friction without voltage, area, stray capacitance and rest are fitted anew."""
+    """lambda over all witnesses: finger, friction without voltage, area, stray capacitance and rest
+    are fitted anew.
+    """
 
     design: Design
     finger: Finger
@@ -90,21 +104,33 @@ class WitnessSight(Search):
         for name, rows in self._rows.items():
             session = self.design.session[rows]
             groups = tuple(np.flatnonzero(session == s) for s in np.unique(session))
-            self._white[name] = Whitener(np.full(rows.size, getattr(self.noise, name)), groups, GAIN_SD[name])
+            self._white[name] = Whitener(
+                np.full(rows.size, getattr(self.noise, name)), groups, GAIN_SD[name]
+            )
         self.null = self._cost(there)
 
     def of(self, hidden: tuple[Hidden, ...]) -> float:
-        return max(self._cost(stacked(observe(self.design, self.finger, self.rig, hidden))) - self.null, 0.0)
+        return max(
+            self._cost(stacked(observe(self.design, self.finger, self.rig, hidden))) - self.null,
+            0.0,
+        )
 
     def _start(self) -> np.ndarray:
         rest = np.log(self.rig.softness / 0.5) / REST_SD
-        return np.r_[np.clip(coordinates(self.finger), -5, 5), np.log(self.finger.area / 1e-4) / AREA_SD, 0.0, rest]
+        return np.r_[
+            np.clip(coordinates(self.finger), -5, 5),
+            np.log(self.finger.area / 1e-4) / AREA_SD,
+            0.0,
+            rest,
+        ]
 
     def _cost(self, truth: dict[str, np.ndarray]) -> float:
         one = self._white["cof"](np.ones(self._rows["cof"].size))
 
         def residual(x: np.ndarray) -> np.ndarray:
-            finger = replace(finger_from(x[:3], self.finger), mu_off=1.0, area=1e-4 * np.exp(AREA_SD * x[3]))
+            finger = replace(
+                finger_from(x[:3], self.finger), mu_off=1.0, area=1e-4 * np.exp(AREA_SD * x[3])
+            )
             stray, soft = self.rig.stray_f * np.exp(STRAY_SD * x[4]), 0.5 * np.exp(REST_SD * x[5])
             said = stacked(observe(self.design, finger, Rig(stray, softness=soft), ()))
             parts = []
@@ -117,11 +143,15 @@ class WitnessSight(Search):
             parts[0] = parts[0] - np.clip(level, np.log(0.2), np.log(2.0)) * one
             return np.concatenate([*parts, x])
 
-        fit = least_squares(residual, self._start(), bounds=(-6, 6), xtol=1e-5, ftol=1e-5, max_nfev=15)
+        fit = least_squares(
+            residual, self._start(), bounds=(-6, 6), xtol=1e-5, ftol=1e-5, max_nfev=15
+        )
         return float(2 * fit.cost)
 
 
-def measured(rng: np.random.Generator, design: Design, seen: Observed, noise: Noise) -> dict[str, np.ndarray]:
+def measured(
+    rng: np.random.Generator, design: Design, seen: Observed, noise: Noise
+) -> dict[str, np.ndarray]:
     """Columns of electrical.md and design.md: noise as stated, gains that a session shares."""
     out: dict[str, np.ndarray] = {}
     names = {
@@ -147,7 +177,9 @@ def measured(rng: np.random.Generator, design: Design, seen: Observed, noise: No
     return out
 
 
-def file_columns(design: Design, seen: dict[str, np.ndarray], electric: bool) -> dict[str, np.ndarray]:
+def file_columns(
+    design: Design, seen: dict[str, np.ndarray], electric: bool
+) -> dict[str, np.ndarray]:
     """Columns to write, of the whole design or of its friction alone."""
     rows = design.rows
     every = {
@@ -167,7 +199,9 @@ def file_columns(design: Design, seen: dict[str, np.ndarray], electric: bool) ->
     return every | {"finger": FINGERS[design.finger]}
 
 
-def friction_lambda(design: Design, finger: Finger, noise: Noise, hidden: tuple[Hidden, ...]) -> list[float]:
+def friction_lambda(
+    design: Design, finger: Finger, noise: Noise, hidden: tuple[Hidden, ...]
+) -> list[float]:
     """Visibility of each effect in friction alone."""
     part = designs.friction_only(design)
     sight = Visibility(part, finger, np.full(part.session.size, noise.cof))
@@ -175,11 +209,16 @@ def friction_lambda(design: Design, finger: Finger, noise: Noise, hidden: tuple[
 
 
 def _drawn(spec: Spec, seed: int) -> tuple[np.random.Generator, WitnessSight, Truth, list[float]]:
-    """What a specification draws: its sight (design, finger, rig and noise), effects, and how visible each is."""
+    """What a specification draws: its sight (design, finger, rig and noise), effects, and how
+    visible each is.
+    """
     rng = np.random.default_rng([seed, int.from_bytes(spec.family.encode(), "big"), spec.index])
     finger = replace(nuisance.draw_finger(rng), area=1e-4 * float(np.exp(0.1 * rng.normal())))
     sight = WitnessSight(designs.witnesses(rng), finger, draw_rig(rng), draw_noise(rng))
-    found = [sight.reach(draw_hidden(rng, find(name), spec.form), target) for name, target in spec.effects]
+    found = [
+        sight.reach(draw_hidden(rng, find(name), spec.form), target)
+        for name, target in spec.effects
+    ]
     return rng, sight, tuple(hidden for hidden, _ in found), [seen for _, seen in found]
 
 
@@ -203,7 +242,12 @@ def build_pair(spec: Spec, seed: int) -> list[BlindSet]:
             "index": spec.index,
             "witnesses": "all" if electric else "friction",
             "effects": [
-                {**h.label(), "lambda": round(s, 3), "lambda_wanted": t, "stranger": h.effect.name in STRANGERS}
+                {
+                    **h.label(),
+                    "lambda": round(s, 3),
+                    "lambda_wanted": t,
+                    "stranger": h.effect.name in STRANGERS,
+                }
                 for h, s, (_, t) in zip(truth, visible, spec.effects, strict=True)
             ],
             "design": design.name,

@@ -12,7 +12,12 @@ KNOWN = {"cof_off", "roughness_rms_m", "skin_thickness_m", "leak_scale"}
 @pytest.fixture
 def data(touch, rng, tmp_path):
     """The reference finger itself, with 2 % of noise."""
-    f, v = (x.ravel() for x in np.meshgrid([10.0, 100.0, 250.0, 1e3, 1e4], [0.0, 40.0, 80.0, 110.0], indexing="ij"))
+    f, v = (
+        x.ravel()
+        for x in np.meshgrid(
+            [10.0, 100.0, 250.0, 1e3, 1e4], [0.0, 40.0, 80.0, 110.0], indexing="ij"
+        )
+    )
     f, v = np.tile(f, 2), np.tile(v, 2)
     clean = touch.predict(Conditions(f, v, np.full(f.size, 0.5))).cof
     cof = clean * np.exp(0.02 * rng.standard_normal(f.size))
@@ -23,7 +28,9 @@ def data(touch, rng, tmp_path):
 
 
 def test_a_parameter_that_is_not_known_gives_the_nearest_that_is(haptic, data, tmp_path):
-    done = haptic("calibrate", data, "--also", "skin_thicknes_m", "--out", tmp_path / "finger.toml", "--json")
+    done = haptic(
+        "calibrate", data, "--also", "skin_thicknes_m", "--out", tmp_path / "finger.toml", "--json"
+    )
     assert done.status == 2
     error = done.said["error"]
     assert "--also skin_thicknes_m" in error["message"]
@@ -55,7 +62,8 @@ def test_a_finger_is_fitted_and_written(haptic, data, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "hint"), [(["--also", "skin_modulus"], "skin_modulus_pa"), (["--model", "refernce"], "reference")]
+    ("arguments", "hint"),
+    [(["--also", "skin_modulus"], "skin_modulus_pa"), (["--model", "refernce"], "reference")],
 )
 def test_wrong_arguments_of_calibrate(haptic, data, tmp_path, arguments, hint):
     done = haptic("calibrate", data, "--out", tmp_path / "f.toml", "--json", *arguments)

@@ -1,4 +1,6 @@
-"""`haptic calibrate-touch` as it is typed, on a simulated screen's events and a user who touches by a script."""
+"""`haptic calibrate-touch` as it is typed, on a simulated screen's events and a user who touches by
+a script.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("HAPTIC_CONFIGS", raising=False)
     write("places.csv", SIX)
-    Path("mine.toml").write_text((CONFIGS / "template.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    Path("mine.toml").write_text(
+        (CONFIGS / "template.toml").read_text(encoding="utf-8"), encoding="utf-8"
+    )
 
 
 def write(name: str, places: list[tuple[float, float]]) -> None:
@@ -51,10 +55,14 @@ def write(name: str, places: list[tuple[float, float]]) -> None:
 
 @pytest.fixture
 def follow(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., User]]:
-    """Put a screen where the rig's file says one is, and a user in front of it; all of it is closed at the end."""
+    """Put a screen where the rig's file says one is, and a user in front of it; all of it is closed
+    at the end.
+    """
     users: list[User] = []
 
-    def begin(script: Script, *, slots: int = 10, panel: SkewPanel | None = None, span: int | None = None) -> User:
+    def begin(
+        script: Script, *, slots: int = 10, panel: SkewPanel | None = None, span: int | None = None
+    ) -> User:
         user = User(script, slots=slots, panel=panel)
         users.append(user)
 
@@ -110,7 +118,9 @@ def test_touching_known_places_gives_the_screens_own_map(haptic, follow, slots: 
     ]
 
 
-def test_the_user_is_led_from_place_to_place_and_told_that_nothing_is_energised(haptic, follow) -> None:
+def test_the_user_is_led_from_place_to_place_and_told_that_nothing_is_energised(
+    haptic, follow
+) -> None:
     script = [away(), drag(0.0, 0.05, 4.0), at(*SIX[0], 0.2), away(), *touches(SIX)]
     follow(script, panel=NoisyPanel())
     done = haptic(*COMMAND)
@@ -119,7 +129,9 @@ def test_the_user_is_led_from_place_to_place_and_told_that_nothing_is_energised(
     assert lines[0].startswith("Nothing is energised.")
     assert "0.5 s within 20 x 15 counts" in lines[0]
     assert lines[1] == "touch place 1 of 6: x = 20.0 mm, y = 10.0 mm"
-    assert re.match(r"  it moves by \d\d\d x \d+ counts: hold still, or give more with --spread-raw", lines[2])
+    assert re.match(
+        r"  it moves by \d\d\d x \d+ counts: hold still, or give more with --spread-raw", lines[2]
+    )
     assert lines[3] == "  lifted too early: hold it for 0.5 s"
     assert re.match(r"  held at [\d.]+, [\d.]+ counts; lift", lines[4])
     assert lines[5] == "touch place 2 of 6: x = 180.0 mm, y = 10.0 mm"
@@ -129,11 +141,18 @@ def test_the_user_is_led_from_place_to_place_and_told_that_nothing_is_energised(
 
 def test_what_it_says_to_paste_makes_a_calibrated_rig(haptic, follow) -> None:
     follow(touches(SIX))
-    lines = haptic(*COMMAND).out.partition("Put this into [finger_tracker] of mine.toml:\n\n")[2].strip().splitlines()
+    lines = (
+        haptic(*COMMAND)
+        .out.partition("Put this into [finger_tracker] of mine.toml:\n\n")[2]
+        .strip()
+        .splitlines()
+    )
     before = Path("mine.toml").read_text(encoding="utf-8")
     after = before
     for line in lines:
-        after, count = re.subn(rf"(?<=\n){line.split(' = ')[0]} = .*(?=\n)", line, after.partition("[output]")[0])
+        after, count = re.subn(
+            rf"(?<=\n){line.split(' = ')[0]} = .*(?=\n)", line, after.partition("[output]")[0]
+        )
         assert count >= 1, line
         after += "[output]" + before.partition("[output]")[2]
     Path("mine.toml").write_text(after, encoding="utf-8")
@@ -150,7 +169,9 @@ def test_the_rigs_file_stays_as_it_is(haptic, follow) -> None:
     assert Path("mine.toml").read_bytes() == before
 
 
-def test_neither_generator_nor_amplifier_is_opened(haptic, follow, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_neither_generator_nor_amplifier_is_opened(
+    haptic, follow, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def opened(*_: object, **__: object) -> None:
         pytest.fail("a device other than the touch screen was opened")
 
@@ -213,7 +234,10 @@ def test_four_places_that_disagree_are_all_asked_for_again(haptic, follow) -> No
 
 
 def test_a_file_in_millimetres_or_on_a_line_is_refused_before_anybody_touches(haptic) -> None:
-    for text, said in (("0,0\n160,0\n0,80\n", "out of range"), ("0,0\n0.1,0\n0.2,0\n", "on a line")):
+    for text, said in (
+        ("0,0\n160,0\n0,80\n", "out of range"),
+        ("0,0\n0.1,0\n0.2,0\n", "on a line"),
+    ):
         Path("places.csv").write_text("x_m,y_m\n" + text)
         done = haptic(*COMMAND, "--json")
         assert (done.status, json.loads(done.out)["error"]["code"]) == (2, "bad_places")
@@ -222,7 +246,9 @@ def test_a_file_in_millimetres_or_on_a_line_is_refused_before_anybody_touches(ha
 
 
 @pytest.mark.parametrize(("rig", "kind"), [("paper", "stage"), ("simulated", "none")])
-def test_a_rig_without_a_touch_screen_is_refused_with_one_that_has_it(haptic, rig: str, kind: str) -> None:
+def test_a_rig_without_a_touch_screen_is_refused_with_one_that_has_it(
+    haptic, rig: str, kind: str
+) -> None:
     done = haptic("calibrate-touch", "places.csv", "--rig", rig, "--json")
     assert done.status == 2
     error = json.loads(done.out)["error"]
@@ -243,7 +269,9 @@ def test_a_rig_without_a_touch_screen_is_refused_with_one_that_has_it(haptic, ri
         (["places.csv", "--rig", "mine.toml", "--out", "places.csv"], 2, "file_exists"),
     ],
 )
-def test_what_cannot_work_is_said_before_anybody_touches(haptic, arguments: list[str], status: int, code: str) -> None:
+def test_what_cannot_work_is_said_before_anybody_touches(
+    haptic, arguments: list[str], status: int, code: str
+) -> None:
     done = haptic("calibrate-touch", *arguments, "--json")
     assert (done.status, json.loads(done.out)["error"]["code"]) == (status, code)
     assert "hint:" in done.err
@@ -268,7 +296,9 @@ def test_interrupted_it_writes_nothing(haptic, follow) -> None:
 
 def test_a_screen_that_is_not_there_is_an_error(haptic) -> None:
     pytest.importorskip("evdev", reason="evdev is not installed")
-    Path("mine.toml").write_text(Path("mine.toml").read_text(encoding="utf-8").replace(DEVICE, "/dev/input/none"))
+    Path("mine.toml").write_text(
+        Path("mine.toml").read_text(encoding="utf-8").replace(DEVICE, "/dev/input/none")
+    )
     done = haptic(*COMMAND, "--json")
     assert done.status == 1
     assert "/dev/input/none cannot be opened as a touch screen" in done.err

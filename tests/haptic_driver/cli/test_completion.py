@@ -1,4 +1,6 @@
-"""What the shell is offered after TAB: commands, options, and the names of what lies in the config folders."""
+"""What the shell is offered after TAB: commands, options, and the names of what lies in the config
+folders.
+"""
 
 from __future__ import annotations
 
@@ -58,11 +60,23 @@ def test_zsh_is_offered(line, offered, monkeypatch, capsys):
 
 def test_a_tab_does_not_import_every_command():
     """Only the command on the line, so that the shell need not wait for the others."""
-    code = "import sys; from haptic_driver.cli.main import main\ntry: main([])\nexcept SystemExit: pass\n"
+    code = (
+        "import sys; from haptic_driver.cli.main import main\ntry: main([])\nexcept SystemExit:"
+        " pass\n"
+    )
     code += "print('haptic_driver.cli.demo' in sys.modules, file=sys.stderr)"
-    environment = os.environ | {"_HAPTIC_COMPLETE": "complete_bash", "COMP_WORDS": "haptic texture ", "COMP_CWORD": "2"}
+    environment = os.environ | {
+        "_HAPTIC_COMPLETE": "complete_bash",
+        "COMP_WORDS": "haptic texture ",
+        "COMP_CWORD": "2",
+    }
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120, check=True
+        [sys.executable, "-c", code],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
     )
     assert "preview" in done.stdout
     assert done.stderr == "False\n"
@@ -78,8 +92,16 @@ def test_what_is_installed_completes_in_bash(tmp_path):
         _haptic_completion haptic
         echo "${{COMPREPLY[@]}}"
     """
-    environment = os.environ | {"HOME": str(tmp_path), "PATH": f"{SCRIPT.parent}:{os.environ['PATH']}"}
+    environment = os.environ | {
+        "HOME": str(tmp_path),
+        "PATH": f"{SCRIPT.parent}:{os.environ['PATH']}",
+    }
     done = subprocess.run(
-        ["bash", "-c", script], env=environment, capture_output=True, text=True, timeout=120, check=True
+        ["bash", "-c", script],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
     )
     assert done.stdout == "linen\n"

@@ -1,4 +1,6 @@
-"""`haptic arm`, `set`, `texture play`, `off`, `disarm`, `status`, `record`, and `reset` against an API."""
+"""`haptic arm`, `set`, `texture play`, `off`, `disarm`, `status`, `record`, and `reset` against an
+API.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,32 @@ from tests.waiting import HANG_S, until
 
 SCRIPT = Path(sys.executable).with_name("haptic")
 COMMANDS = [
-    ["arm"], ["set", "0.6"], ["texture", "play", "linen"], ["off"], ["disarm"], ["status"], ["record", "run.h5"],
-    ["use", "reference"], ["adapt", "on"], ["why"], ["reset"], ["watch"],
-]  # fmt: skip
+    ["arm"],
+    ["set", "0.6"],
+    ["texture", "play", "linen"],
+    ["off"],
+    ["disarm"],
+    ["status"],
+    ["record", "run.h5"],
+    ["use", "reference"],
+    ["adapt", "on"],
+    ["why"],
+    ["reset"],
+    ["watch"],
+]
 STATUS_KEYS = {
-    "state", "simulated", "texture", "target_cof", "measured_cof", "frequency_hz", "voltage_v", "output_on", "ticks",
-    "overruns", "flags",
-}  # fmt: skip
+    "state",
+    "simulated",
+    "texture",
+    "target_cof",
+    "measured_cof",
+    "frequency_hz",
+    "voltage_v",
+    "output_on",
+    "ticks",
+    "overruns",
+    "flags",
+}
 
 
 @pytest.fixture
@@ -130,7 +151,9 @@ def test_arming_what_somebody_else_holds_is_refused(haptic, armed, socket, token
 
 
 def test_a_detached_arm_has_renewed_before_it_returns(haptic, socket, control):
-    """However late the keeper is: a lease that it has never renewed may have run out when the next command comes."""
+    """However late the keeper is: a lease that it has never renewed may have run out when the next
+    command comes.
+    """
     may_renew, renew = threading.Event(), control.renew
 
     def late(token):
@@ -138,7 +161,9 @@ def test_a_detached_arm_has_renewed_before_it_returns(haptic, socket, control):
         return renew(token)
 
     control.renew = late
-    with subprocess.Popen([SCRIPT, "arm", "--detach", "--lease", "30", "--json"], stdout=subprocess.PIPE) as caller:
+    with subprocess.Popen(
+        [SCRIPT, "arm", "--detach", "--lease", "30", "--json"], stdout=subprocess.PIPE
+    ) as caller:
         until(lambda: any(call[0] == "arm" for call in control.calls))
         time.sleep(0.5)  # for the mistake to show; what is right does not depend on it
         assert not select.select([caller.stdout], [], [], 0)[0]
@@ -185,10 +210,15 @@ def test_record_and_reset(haptic, socket, control, tmp_path, monkeypatch):
 
 def test_a_marker_goes_to_the_daemon_as_it_was_given(haptic, socket, control):
     before_s = time.monotonic()
-    marked = done_json(haptic("mark", "trial 7", "--data", '{"level": 0.1, "side": ["left"]}', "--json"))
+    marked = done_json(
+        haptic("mark", "trial 7", "--data", '{"level": 0.1, "side": ["left"]}', "--json")
+    )
     assert before_s <= marked["time_s"] <= time.monotonic()
     assert f"marker {marked['number'] + 1}" in haptic("mark", "again").out
-    assert control.calls == [("mark", "trial 7", {"level": 0.1, "side": ["left"]}), ("mark", "again", {})]
+    assert control.calls == [
+        ("mark", "trial 7", {"level": 0.1, "side": ["left"]}),
+        ("mark", "again", {}),
+    ]
 
 
 def test_arm_holds_the_lease_for_a_time(haptic, socket, control):
@@ -203,7 +233,9 @@ def test_arm_holds_the_lease_for_a_time(haptic, socket, control):
 def holder(socket):
     """`haptic arm` in a process of its own, armed."""
     command = [SCRIPT, "arm", "--lease", "5", "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         held = json.loads(process.stdout.readline())
         assert stat.S_IMODE(Path(held["token_file"]).stat().st_mode) == 0o600
         yield process
@@ -224,7 +256,9 @@ def test_disarm_ends_arm_and_a_fault_fails_it(haptic, holder, control):
     assert holder.wait(HANG_S) == 1
     assert "by hand" in holder.stderr.read()
     haptic("reset")
-    with subprocess.Popen([SCRIPT, "arm", "--lease", "5", "--json"], stdout=subprocess.PIPE) as second:
+    with subprocess.Popen(
+        [SCRIPT, "arm", "--lease", "5", "--json"], stdout=subprocess.PIPE
+    ) as second:
         assert b"armed" in second.stdout.readline()
         assert done_json(haptic("disarm", "--json"))["state"] == "idle"
         assert second.wait(HANG_S) == 0
@@ -232,14 +266,18 @@ def test_disarm_ends_arm_and_a_fault_fails_it(haptic, holder, control):
 
 def test_detached_arm_lives_as_long_as_its_caller(socket, control):
     script = f"{SCRIPT} arm --detach --lease 5 --json; read line"
-    with subprocess.Popen(["sh", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as caller:
+    with subprocess.Popen(
+        ["sh", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as caller:
         assert json.loads(caller.stdout.readline())["state"] == "armed"
         assert control.status().state is DaemonState.ARMED
         os.kill(caller.pid, signal.SIGKILL)
     until(lambda: ("disarm",) in control.calls)
 
 
-def test_a_lease_that_ran_out_is_a_failure_before_the_daemon_has_ramped_down(haptic, socket, control, monkeypatch):
+def test_a_lease_that_ran_out_is_a_failure_before_the_daemon_has_ramped_down(
+    haptic, socket, control, monkeypatch
+):
     def expired(token):
         raise RefusedError("lease_expired", "the lease has run out", "arm again")
 
@@ -256,7 +294,8 @@ def test_agreement_is_a_line_per_condition_with_a_sign_per_cell(haptic, socket, 
         ("speed_m_s", 0.03, 0.06, 0.01),
     ]
     control.agreement = [
-        AgreementCell(axis=axis, low=low, high=high, share=share, weight=1e4) for axis, low, high, share in cells
+        AgreementCell(axis=axis, low=low, high=high, share=share, weight=1e4)
+        for axis, low, high, share in cells
     ]
     control.disagreement = "6 % less friction than expected at 100..215 Hz, since 14:03"
     said = haptic("status").out
@@ -268,7 +307,10 @@ def test_agreement_is_a_line_per_condition_with_a_sign_per_cell(haptic, socket, 
 def test_adapting_is_switched_on_and_off(haptic, socket, control):
     assert "adapting: nothing is mended yet" in haptic("adapt", "on").out
     assert done_json(haptic("adapt", "off", "--json"))["adaptation"] is None
-    assert [call for call in control.calls if call[0] == "adapt"] == [("adapt", True), ("adapt", False)]
+    assert [call for call in control.calls if call[0] == "adapt"] == [
+        ("adapt", True),
+        ("adapt", False),
+    ]
     assert haptic("adapt", "perhaps").status == 2
 
 

@@ -1,4 +1,6 @@
-"""`haptic demo`: the contract of its JSON, and what it says of a trace, a texture or a rig it cannot use."""
+"""`haptic demo`: the contract of its JSON, and what it says of a trace, a texture or a rig it
+cannot use.
+"""
 
 import re
 
@@ -8,15 +10,25 @@ import pytest
 from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, as_real_rig, changed
 
 CONTRACT = {
-    "share_within_5_percent", "cof_error_rms", "contact_time_s", "reachable_share", "max_voltage_v",
-    "output_on_without_contact_s", "pictures", "constant_share_within_5_percent", "band_gain", "band_coherence",
-}  # fmt: skip
+    "share_within_5_percent",
+    "cof_error_rms",
+    "contact_time_s",
+    "reachable_share",
+    "max_voltage_v",
+    "output_on_without_contact_s",
+    "pictures",
+    "constant_share_within_5_percent",
+    "band_gain",
+    "band_coherence",
+}
 
 
 @pytest.fixture
 def demo(haptic, surface_path, tmp_path):
     def run(*arguments):
-        done = haptic("demo", "--surface", surface_path, "--out", tmp_path / "out", "--json", *arguments)
+        done = haptic(
+            "demo", "--surface", surface_path, "--out", tmp_path / "out", "--json", *arguments
+        )
         return done.status, done.said
 
     return run
@@ -51,12 +63,21 @@ def test_a_trace_of_ones_own(demo, tmp_path):
     status, said = demo("--trace", trace(tmp_path), "--texture", "uniform")
     assert status == 0
     assert said["contact_time_s"] == pytest.approx(0.590, abs=0.005)  # 60 rows, 10 ms apart
-    assert said["share_within_5_percent"] > 0.8  # of 0.5 s; a finger that nobody knows yet is approached from below
+    assert (
+        said["share_within_5_percent"] > 0.8
+    )  # of 0.5 s; a finger that nobody knows yet is approached from below
 
 
 def test_no_contact_is_no_result_and_no_warning(haptic, surface_path, tmp_path):
     done = haptic(
-        "demo", "--surface", surface_path, "--out", tmp_path / "out", "--json", "--trace", trace(tmp_path, 0.05)
+        "demo",
+        "--surface",
+        surface_path,
+        "--out",
+        tmp_path / "out",
+        "--json",
+        "--trace",
+        trace(tmp_path, 0.05),
     )
     assert done.status == 0
     assert done.err == ""
@@ -67,7 +88,9 @@ def test_no_contact_is_no_result_and_no_warning(haptic, surface_path, tmp_path):
 
 
 def test_for_a_person(haptic, surface_path, tmp_path):
-    done = haptic("demo", "--surface", surface_path, "--out", tmp_path / "out", "--trace", trace(tmp_path))
+    done = haptic(
+        "demo", "--surface", surface_path, "--out", tmp_path / "out", "--trace", trace(tmp_path)
+    )
     assert done.status == 0
     assert done.err == ""
     assert "on a simulated rig" in done.out
@@ -101,7 +124,9 @@ def test_a_trace_with_a_mistake_names_the_line(demo, tmp_path):
 
 
 def test_a_force_that_the_model_cannot_take_is_about_the_trace(demo, tmp_path):
-    """3000 N on a fingertip: said of the trace, and not of a row of something that the user never wrote."""
+    """3000 N on a fingertip: said of the trace, and not of a row of something that the user never
+    wrote.
+    """
     path = trace(tmp_path, force_n=3000)
     status, said = demo("--trace", path)
     assert status == 2
@@ -113,7 +138,9 @@ def test_a_surface_of_another_model_is_refused(demo, surface_path):
     status, said = demo("--model", "table1")
     assert (status, said["error"]["code"]) == (2, "other_model")
     message = said["error"]["message"]
-    assert f"{surface_path} was built from model 'reference', which is not model 'table1'" in message
+    assert (
+        f"{surface_path} was built from model 'reference', which is not model 'table1'" in message
+    )
     assert "--model" in said["error"]["hint"]
 
 
@@ -132,7 +159,14 @@ def test_a_rig_that_names_its_finger_may_have_any_surface(haptic, small_file, tm
     named = changed(SIMULATED, ("[simulation]\n", '[simulation]\nmodel = "table1"\n'))
     (tmp_path / "named.toml").write_text(named, encoding="utf-8")
     small_file.write(tmp_path / "surface.h5")  # of model reference
-    command = ["demo", "--rig", tmp_path / "named.toml", "--surface", tmp_path / "surface.h5", "--trace"]
+    command = [
+        "demo",
+        "--rig",
+        tmp_path / "named.toml",
+        "--surface",
+        tmp_path / "surface.h5",
+        "--trace",
+    ]
     command += [trace(tmp_path), "--out", tmp_path / "out", "--json"]
     assert haptic(*command).status == 0
     refused = haptic(*command, "--model", "table1")
@@ -140,7 +174,9 @@ def test_a_rig_that_names_its_finger_may_have_any_surface(haptic, small_file, tm
 
 
 def test_a_rig_that_is_not_simulated_is_refused(demo, tmp_path):
-    (tmp_path / "real.toml").write_text(as_real_rig("TCPIP::192.0.2.1::5025::SOCKET"), encoding="utf-8")
+    (tmp_path / "real.toml").write_text(
+        as_real_rig("TCPIP::192.0.2.1::5025::SOCKET"), encoding="utf-8"
+    )
     status, said = demo("--rig", str(tmp_path / "real.toml"))
     assert status == 2
     assert said["error"]["code"] == "not_simulated"
@@ -148,6 +184,15 @@ def test_a_rig_that_is_not_simulated_is_refused(demo, tmp_path):
 
 def test_an_out_that_is_a_file(haptic, surface_path, tmp_path):
     (tmp_path / "taken").write_text("")
-    done = haptic("demo", "--surface", surface_path, "--out", tmp_path / "taken", "--trace", trace(tmp_path), "--json")
+    done = haptic(
+        "demo",
+        "--surface",
+        surface_path,
+        "--out",
+        tmp_path / "taken",
+        "--trace",
+        trace(tmp_path),
+        "--json",
+    )
     assert done.status == 1
     assert done.said["error"]["code"] == "not_written"

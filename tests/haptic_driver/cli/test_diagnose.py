@@ -20,17 +20,25 @@ from tests.reports import without_pictures
 
 KEYS = {"verdict", "adequate", "effects", "alternatives", "where", "fit", "model", "seed"}
 FRICTION = (
-    "frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std", "speed_m_s", "time_s", "session", "trial",
-)  # fmt: skip
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "cof",
+    "cof_std",
+    "speed_m_s",
+    "time_s",
+    "session",
+    "trial",
+)
 
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
     plan = tmp_path_factory.mktemp("plan") / "plan.toml"
     plan.write_text(
-        'name = "small"\nabout = "for a test"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 100, 130]\n'
-        "normal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions = 3\nvoltage_off_every = 4\n"
-        "settle_s = 0.2\naverage_s = 0.25\npause_s = 0.0\n"
+        'name = "small"\nabout = "for a test"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60,'
+        " 100, 130]\nnormal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions ="
+        " 3\nvoltage_off_every = 4\nsettle_s = 0.2\naverage_s = 0.25\npause_s = 0.0\n"
     )
     return plan
 
@@ -39,7 +47,21 @@ def plan(tmp_path_factory):
 def data(plan, tmp_path_factory):
     """Friction and current on a simulated rig whose finger hides humid conduction in the gap."""
     path = tmp_path_factory.mktemp("measured") / "data.csv"
-    assert main(["measure", "--rig", "hidden_humidity", "--plan", str(plan), "--out", str(path), "--json"]) == 0
+    assert (
+        main(
+            [
+                "measure",
+                "--rig",
+                "hidden_humidity",
+                "--plan",
+                str(plan),
+                "--out",
+                str(path),
+                "--json",
+            ]
+        )
+        == 0
+    )
     return path
 
 
@@ -54,7 +76,18 @@ def measured_friction(plan, path, seed: int) -> None:
     hide = path.with_name("hide.toml")
     hide.write_text("[johnsen_rahbek]\ninsulator_conductivity_s_per_m = 1e-9\n")
     both = path.with_name("both.csv")
-    measure = ["measure", "--rig", "simulated", "--plan", str(plan), "--hide", str(hide), "--out", str(both), "--force"]
+    measure = [
+        "measure",
+        "--rig",
+        "simulated",
+        "--plan",
+        str(plan),
+        "--hide",
+        str(hide),
+        "--out",
+        str(both),
+        "--force",
+    ]
     assert main([*measure, "--seed", str(seed), "--json"]) == 0
     with both.open() as file, path.open("w", newline="") as out:
         rows = list(csv.DictReader(file))
@@ -67,7 +100,22 @@ def measured_friction(plan, path, seed: int) -> None:
 def found(data, tmp_path_factory):
     out, printed = tmp_path_factory.mktemp("found"), io.StringIO()
     with redirect_stdout(printed):
-        assert main(["diagnose", str(data), "--model", "reference", "--out", str(out), "--seed", "3", "--json"]) == 0
+        assert (
+            main(
+                [
+                    "diagnose",
+                    str(data),
+                    "--model",
+                    "reference",
+                    "--out",
+                    str(out),
+                    "--seed",
+                    "3",
+                    "--json",
+                ]
+            )
+            == 0
+        )
     (out / "stdout").write_text(printed.getvalue())
     return out, json.loads((out / "report.json").read_text())
 
@@ -76,8 +124,19 @@ def test_the_contract(found) -> None:
     _, said = found
     assert set(said) >= KEYS
     assert said["seed"] == 3
-    assert said["verdict"] in {"no_discrepancy", "effect_found", "ambiguous", "unexplained", "not_testable"}
-    assert set(said["fit"]) >= {"chi2_per_point", "held_out_chi2_per_point", "gap_closed", "gap_closed_interval"}
+    assert said["verdict"] in {
+        "no_discrepancy",
+        "effect_found",
+        "ambiguous",
+        "unexplained",
+        "not_testable",
+    }
+    assert set(said["fit"]) >= {
+        "chi2_per_point",
+        "held_out_chi2_per_point",
+        "gap_closed",
+        "gap_closed_interval",
+    }
     assert len(said["alternatives"]) == len(CATALOGUE) + 2
     assert {"none", "unknown"} <= {a["name"] for a in said["alternatives"]}
     probabilities = [a["probability"] for a in said["alternatives"]]
@@ -90,7 +149,9 @@ def test_the_contract(found) -> None:
 def test_the_hidden_effect_is_found_or_listed(found) -> None:
     _, said = found
     assert said["verdict"] in {"effect_found", "ambiguous"}
-    listed = {e["name"] for e in said["effects"]} | {n for e in said["effects"] for n in e["indistinguishable_from"]}
+    listed = {e["name"] for e in said["effects"]} | {
+        n for e in said["effects"] for n in e["indistinguishable_from"]
+    }
     assert "humid_gap_conduction" in listed
     held = said["fit"]["held_out_chi2_per_point"]
     assert held["after"] < 0.5 * held["before"]
@@ -101,9 +162,9 @@ def test_the_hidden_effect_is_found_or_listed(found) -> None:
 def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_path, capsys) -> None:
     plan = tmp_path / "few.toml"
     plan.write_text(
-        'name = "few"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 130]\nnormal_force_n = [0.3, 0.8]\n'
-        "speed_m_s = 0.02\nrepeats = 1\nsessions = 3\nvoltage_off_every = 3\nsettle_s = 0.2\naverage_s = 0.25\n"
-        "pause_s = 0.0\n"
+        'name = "few"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 130]\nnormal_force_n ='
+        " [0.3, 0.8]\nspeed_m_s = 0.02\nrepeats = 1\nsessions = 3\nvoltage_off_every = 3\nsettle_s"
+        " = 0.2\naverage_s = 0.25\npause_s = 0.0\n"
     )
     out, data, more = tmp_path / "first", tmp_path / "data.csv", tmp_path / "more.csv"
     measured_friction(plan, data, 1)
@@ -112,13 +173,21 @@ def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_pa
     asked = [step for step in said["next_experiments"] if step["kind"] == "setting"]
     assert asked
     proposed = load_plan(str(out / "next_plan.toml"))
-    wanted = {(s["frequency_hz"] or 0.0, s["voltage_v"], s["normal_force_n"], s["speed_m_s"]) for s in asked}
+    wanted = {
+        (s["frequency_hz"] or 0.0, s["voltage_v"], s["normal_force_n"], s["speed_m_s"])
+        for s in asked
+    }
     assert {setting[:4] for setting in proposed.settings} == wanted
     assert {setting.time_s for setting in proposed.settings} == {s.get("time_s") for s in asked}
     assert proposed.repeats == asked[0]["repeats"]
     measured_friction(out / "next_plan.toml", more, 9)
     capsys.readouterr()
-    assert main(["diagnose", str(data), "--also", str(more), "--out", str(tmp_path / "both"), "--json"]) == 0
+    assert (
+        main(
+            ["diagnose", str(data), "--also", str(more), "--out", str(tmp_path / "both"), "--json"]
+        )
+        == 0
+    )
     both = json.loads(capsys.readouterr().out)
     assert both["data"]["rows"] == said["data"]["rows"] + len(more.read_text().splitlines()) - 1
     assert both["data"]["sessions"] == said["data"]["sessions"] + 1
@@ -140,10 +209,15 @@ def test_the_model_it_writes_can_be_used(found, tmp_path) -> None:
     answer = {}
     for model in ("reference", said["model"]):
         target = tmp_path / "out.csv"
-        assert main(["predict", "--table", str(conditions), "--out", str(target), "--model", model]) == 0
+        assert (
+            main(["predict", "--table", str(conditions), "--out", str(target), "--model", model])
+            == 0
+        )
         with target.open() as file:
             answer[model] = float(next(csv.DictReader(file))["cof"])
-    assert answer[said["model"]] < answer["reference"] - 0.01  # conduction takes force away at 50 Hz
+    assert (
+        answer[said["model"]] < answer["reference"] - 0.01
+    )  # conduction takes force away at 50 Hz
 
 
 def test_the_page_is_there(found) -> None:
@@ -165,8 +239,14 @@ def test_stdout_holds_the_report_alone(found) -> None:
         ("frequency_hz,voltage_v,normal_force_n,cof\n", "has no rows"),
         ("frequency_hz,voltage_v,cof\n250,75,0.6\n", "normal_force_n is missing"),
         ("frequency_hz,voltage_v,normal_force_n,cof\n250,75,0.5,high\n", "line 2: cof is 'high'"),
-        ("frequency_hz,voltage_v,normal_force_n,cof\n250,75,500,0.6\n", "normal_force_n = 500 is out of range"),
-        ("frequency_hz,voltage_v,normal_force_n,cof,waveform\n250,75,0.5,0.6,triangle\n", "triangle"),
+        (
+            "frequency_hz,voltage_v,normal_force_n,cof\n250,75,500,0.6\n",
+            "normal_force_n = 500 is out of range",
+        ),
+        (
+            "frequency_hz,voltage_v,normal_force_n,cof,waveform\n250,75,0.5,0.6,triangle\n",
+            "triangle",
+        ),
     ],
 )
 def test_bad_data_are_told_where(tmp_path, capsys, text, words) -> None:
@@ -195,8 +275,18 @@ def test_without_noise_nothing_can_be_tested(tmp_path, capsys) -> None:
 
 
 def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys, monkeypatch):
-    """By some effects of the catalogue, every two of which are compared; the next test asks them all."""
-    few = [BY_NAME[name] for name in ("series_resistance", "amplifier_bandwidth", "humid_gap_conduction", "sweat_film")]
+    """By some effects of the catalogue, every two of which are compared; the next test asks them
+    all.
+    """
+    few = [
+        BY_NAME[name]
+        for name in (
+            "series_resistance",
+            "amplifier_bandwidth",
+            "humid_gap_conduction",
+            "sweat_film",
+        )
+    ]
     monkeypatch.setattr("model.planning.resolution.testable_effects", lambda data, on: few)
     plan = tmp_path / "small.toml"
     plan.write_text(
@@ -204,10 +294,32 @@ def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys, monkeypatch):
         "normal_force_n = [0.25, 0.5]\nspeed_m_s = 0.02\n"
     )
     weak = ["--strength", "-2"]  # few leave a trace: soon done
-    assert main(["diagnose", "--plan", str(plan), "--rig", "simulated", "--out", str(tmp_path), "--json", *weak]) == 0
+    assert (
+        main(
+            [
+                "diagnose",
+                "--plan",
+                str(plan),
+                "--rig",
+                "simulated",
+                "--out",
+                str(tmp_path),
+                "--json",
+                *weak,
+            ]
+        )
+        == 0
+    )
     said = json.loads(capsys.readouterr().out)
-    assert [level["name"] for level in said["levels"]] == ["as it is", "current by a card", "full sweep"]
-    seen = [sum(e["visible"] >= said["enough"] for e in level["effects"].values()) for level in said["levels"]]
+    assert [level["name"] for level in said["levels"]] == [
+        "as it is",
+        "current by a card",
+        "full sweep",
+    ]
+    seen = [
+        sum(e["visible"] >= said["enough"] for e in level["effects"].values())
+        for level in said["levels"]
+    ]
     assert seen[0] < seen[2]
     assert seen[0] <= seen[1] <= seen[2]
     assert (tmp_path / "resolution.png").read_bytes().startswith(b"\x89PNG")
@@ -217,13 +329,18 @@ def test_data_are_held_against_a_plan(tmp_path, capsys):
     """What is measured at one setting tells less than a plan of several."""
     data, plan = tmp_path / "data.csv", tmp_path / "small.toml"
     rows = [f"20,{v},0.5,0.6,0.012,0.02" for v in (0, 75)]
-    data.write_text("\n".join(["frequency_hz,voltage_v,normal_force_n,cof,cof_std,speed_m_s", *rows]) + "\n")
+    data.write_text(
+        "\n".join(["frequency_hz,voltage_v,normal_force_n,cof,cof_std,speed_m_s", *rows]) + "\n"
+    )
     plan.write_text(
         'name = "small"\nfrequency_hz = [20.0, 250.0]\nvoltage_v = 110.0\nspeed_m_s = 0.02\n'
         "normal_force_n = [0.25, 0.5]\n"
     )
     weak = ["--strength", "-2"]
-    assert main(["diagnose", str(data), "--plan", str(plan), "--out", str(tmp_path), "--json", *weak]) == 0
+    assert (
+        main(["diagnose", str(data), "--plan", str(plan), "--out", str(tmp_path), "--json", *weak])
+        == 0
+    )
     said = json.loads(capsys.readouterr().out)
     assert [level["name"] for level in said["levels"]][:2] == ["the data", "as it is"]
     assert said["levels"][0]["observations"] == 2
@@ -239,7 +356,11 @@ def test_neither_data_nor_a_plan_is_told(capsys):
 def test_what_is_printed_next_may_be_pasted(tmp_path):
     data = tmp_path / "my data.csv"
     (tmp_path / "my data.csv.meta.json").write_text('{"rig": "hidden_humidity"}')
-    lines = once_more(Path("out/next_plan.toml"), [data], "reference", Path("out")).replace("\\\n", "").split("&&")
+    lines = (
+        once_more(Path("out/next_plan.toml"), [data], "reference", Path("out"))
+        .replace("\\\n", "")
+        .split("&&")
+    )
     measure, diagnose = (shlex.split(line) for line in lines)
     assert measure[:4] == ["haptic", "measure", "--rig", "hidden_humidity"]
     assert measure[4:] == ["--plan", "out/next_plan.toml", "--out", "out/more.csv"]

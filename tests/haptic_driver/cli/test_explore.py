@@ -22,7 +22,9 @@ def test_it_lists_what_it_wrote(explored):
     out, said = explored
     assert said["model"] == "reference"
     assert sorted(Path(f).name for f in said["files"]) == sorted(f.name for f in out.iterdir())
-    assert {f"{name}.{ending}" for name in PICTURES for ending in ("png", "csv")} == {f.name for f in out.iterdir()}
+    assert {f"{name}.{ending}" for name in PICTURES for ending in ("png", "csv")} == {
+        f.name for f in out.iterdir()
+    }
 
 
 @pytest.mark.parametrize("name", PICTURES)
@@ -33,19 +35,27 @@ def test_every_picture_opens_and_shows_something(explored, name):
 
 
 def test_the_mean_force_of_the_sine_is_the_reference(explored):
-    lines = [row for row in rows_of(explored[0] / "force-spectra.csv") if row["drive"].startswith("sine")]
+    lines = [
+        row for row in rows_of(explored[0] / "force-spectra.csv") if row["drive"].startswith("sine")
+    ]
     assert [float(row["frequency_hz"]) for row in lines] == [0.0, 500.0]
-    assert float(lines[0]["force_n"]) == pytest.approx(0.1008, rel=2e-3)  # the key result, section 1 of physics.md
+    assert float(lines[0]["force_n"]) == pytest.approx(
+        0.1008, rel=2e-3
+    )  # the key result, section 1 of physics.md
 
 
 def test_the_stuck_finger_is_insulator_and_skin_in_series(explored):
     """Table I, and dry skin at 1 MHz by the check values of physics.md: eps' 990.8, 1.32e-2 S/m."""
-    stuck = [row for row in rows_of(explored[0] / "impedance.csv") if row["touch"] == "stuck or wet"][-1]
+    stuck = [
+        row for row in rows_of(explored[0] / "impedance.csv") if row["touch"] == "stuck or wet"
+    ][-1]
     assert float(stuck["frequency_hz"]) == pytest.approx(1e6)
     jw_eps0 = 2j * math.pi * 1e6 * 8.854e-12
     length_m = 1e-6 / 3.9 + 200e-6 / (990.8 + 1.32e-2 / jw_eps0)
     found = complex(float(stuck["resistance_ohm"]), float(stuck["reactance_ohm"]))
-    assert abs(found / (length_m / (jw_eps0 * 1e-4)) - 1.0) < 2e-3  # three digits are known of the skin
+    assert (
+        abs(found / (length_m / (jw_eps0 * 1e-4)) - 1.0) < 2e-3
+    )  # three digits are known of the skin
 
 
 def test_few_volts_act_by_their_square(explored):
@@ -58,7 +68,9 @@ def test_friction_at_the_asked_point_is_on_both_curves(explored):
     load = [r for r in rows_of(explored[0] / "friction-load.csv") if r["curve"] == "75 V"]
     near = min(load, key=lambda row: abs(float(row["normal_force_n"]) - 0.5))
     assert float(near["cof"]) == pytest.approx(0.615, abs=0.003)
-    without = [float(r["cof"]) for r in rows_of(explored[0] / "friction-load.csv") if r["curve"] == "0 V"]
+    without = [
+        float(r["cof"]) for r in rows_of(explored[0] / "friction-load.csv") if r["curve"] == "0 V"
+    ]
     assert without == pytest.approx([0.512] * len(without), rel=1e-9)
     speed = [r for r in rows_of(explored[0] / "friction-speed.csv") if r["curve"] == "by the model"]
     assert [float(r["cof"]) for r in speed] == pytest.approx([0.6152] * len(speed), abs=1e-3)

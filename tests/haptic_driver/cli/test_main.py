@@ -1,4 +1,6 @@
-"""What all commands share: exit status, messages, JSON and nothing else on stdout, help with an example."""
+"""What all commands share: exit status, messages, JSON and nothing else on stdout, help with an
+example.
+"""
 
 import re
 import subprocess
@@ -11,16 +13,48 @@ from tests.haptic_driver.commands import one_object
 
 SCRIPT = Path(sys.executable).with_name("haptic")
 COMMANDS = [
-    *([name] for name in (
-        "predict", "solve", "demo", "measure", "diagnose", "calibrate", "study", "sensitivity", "explore", "reproduce",
-        "calibrate-touch", "simulate", "doctor", "arm", "set", "off", "disarm", "use", "reset", "status", "watch",
-        "record", "mark", "export",
-    )),
-    ["surface", "build"], ["surface", "info"], ["surface", "plot"],
-    ["texture", "list"], ["texture", "preview"], ["texture", "check"], ["texture", "play"], ["daemon", "run"],
-    ["experiment", "run"], ["experiment", "simulate"], ["experiment", "analyse"],
+    *(
+        [name]
+        for name in (
+            "predict",
+            "solve",
+            "demo",
+            "measure",
+            "diagnose",
+            "calibrate",
+            "study",
+            "sensitivity",
+            "explore",
+            "reproduce",
+            "calibrate-touch",
+            "simulate",
+            "doctor",
+            "arm",
+            "set",
+            "off",
+            "disarm",
+            "use",
+            "reset",
+            "status",
+            "watch",
+            "record",
+            "mark",
+            "export",
+        )
+    ),
+    ["surface", "build"],
+    ["surface", "info"],
+    ["surface", "plot"],
+    ["texture", "list"],
+    ["texture", "preview"],
+    ["texture", "check"],
+    ["texture", "play"],
+    ["daemon", "run"],
+    ["experiment", "run"],
+    ["experiment", "simulate"],
+    ["experiment", "analyse"],
     ["experiment", "check"],
-]  # fmt: skip
+]
 
 
 WRONG = [
@@ -45,7 +79,9 @@ def _in_an_empty_folder(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize(("arguments", "code", "words"), WRONG, ids=lambda x: " ".join(x) if isinstance(x, list) else x)
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"), WRONG, ids=lambda x: " ".join(x) if isinstance(x, list) else x
+)
 def test_bad_input_is_status_2_and_a_message_with_a_hint_on_stderr(haptic, arguments, code, words):
     done = haptic(*arguments)
     assert done.status == 2
@@ -59,7 +95,9 @@ def test_bad_input_is_status_2_and_a_message_with_a_hint_on_stderr(haptic, argum
 
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
-    [wrong for wrong in WRONG if wrong[0][-1] != "--friction"],  # there --json would be taken for its value
+    [
+        wrong for wrong in WRONG if wrong[0][-1] != "--friction"
+    ],  # there --json would be taken for its value
     ids=lambda x: " ".join(x) if isinstance(x, list) else x,
 )
 def test_bad_input_with_json_says_the_same_on_stdout(haptic, arguments, code, words):
@@ -110,7 +148,9 @@ def test_without_a_command_help_is_shown_and_no_empty_error(haptic, group):
 
 
 def test_help_says_what_the_exit_status_means(haptic):
-    assert "Exit status: 0 done, 1 failed, 2 what was given cannot be used." in " ".join(haptic("--help").out.split())
+    assert "Exit status: 0 done, 1 failed, 2 what was given cannot be used." in " ".join(
+        haptic("--help").out.split()
+    )
 
 
 def test_version(haptic):
@@ -120,14 +160,20 @@ def test_version(haptic):
 
 
 def test_a_message_with_brackets_is_shown_as_it_is(haptic):
-    assert "there is no policy '[bold]x'" in haptic("solve", "--friction", "0.6", "--policy", "[bold]x").err
+    assert (
+        "there is no policy '[bold]x'"
+        in haptic("solve", "--friction", "0.6", "--policy", "[bold]x").err
+    )
 
 
-# --- the installed script --------------------------------------------------------------------------------------
+# --- the installed script
+# --------------------------------------------------------------------------------------
 
 
 def script(*arguments):
-    return subprocess.run([SCRIPT, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        [SCRIPT, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 def test_the_script_prints_one_object(surface_path):

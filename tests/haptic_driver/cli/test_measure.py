@@ -40,12 +40,32 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_json_says_what_was_measured(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["measure", "--rig", "simulated", "--plan", plan, "--out", "data.csv", "--seed", "3", "--json"]) == 0
+    assert (
+        main(
+            [
+                "measure",
+                "--rig",
+                "simulated",
+                "--plan",
+                plan,
+                "--out",
+                "data.csv",
+                "--seed",
+                "3",
+                "--json",
+            ]
+        )
+        == 0
+    )
     out, err = capsys.readouterr()
     said = json.loads(out)
     assert {key: said[key] for key in ("rows", "skipped", "out", "plan", "simulated")} == {
-        "rows": 3, "skipped": 1, "out": "data.csv", "plan": "short", "simulated": True,
-    }  # fmt: skip
+        "rows": 3,
+        "skipped": 1,
+        "out": "data.csv",
+        "plan": "short",
+        "simulated": True,
+    }
     assert said["duration_s"] == pytest.approx(3 * 2.75)
     assert [r["frequency_hz"] for r in said["refused"]] == [1e4]
     assert "refused: 10000 Hz, 75 V, 0.5 N, 20 mm/s: worst-case finger current" in err
@@ -53,14 +73,18 @@ def test_json_says_what_was_measured(plan: str, capsys: pytest.CaptureFixture[st
     assert json.loads(Path("data.csv.meta.json").read_text())["seed"] == 3
 
 
-def test_for_a_person_it_says_simulated_and_off(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_for_a_person_it_says_simulated_and_off(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["measure", "--plan", plan, "--out", "data.csv"]) == 0
     out = capsys.readouterr().out
     assert "3 rows of plan 'short' on a simulated rig -> data.csv" in out
     assert "generator says off" in out
 
 
-def test_strict_refuses_the_plan_and_writes_nothing(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_strict_refuses_the_plan_and_writes_nothing(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["measure", "--plan", plan, "--out", "data.csv", "--strict", "--json"]) == 2
     out, err = capsys.readouterr()
     assert json.loads(out)["error"]["code"] == "refused"
@@ -83,9 +107,13 @@ def test_overwriting_needs_force_and_resuming_changes_nothing_when_done(
     assert Path("data.csv").read_text() == first
 
 
-def test_a_rig_whose_finger_nothing_slides_is_refused(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rig_whose_finger_nothing_slides_is_refused(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     Path("real.toml").write_text(as_real_rig("TCPIP::127.0.0.1::1::SOCKET"))
-    assert main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv", "--yes"]) == 2
+    assert (
+        main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv", "--yes"]) == 2
+    )
     assert "has no stage" in " ".join(capsys.readouterr().err.split())
     assert not Path("data.csv").exists()
 
@@ -111,7 +139,9 @@ def test_effects_hide_in_a_file_or_a_rig(plan: str) -> None:
 
 
 def test_a_function_outside_the_catalogue(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
-    Path("stranger.py").write_text("def friction(f, v, load, speed, time):\n    return 2.0 * load\n")
+    Path("stranger.py").write_text(
+        "def friction(f, v, load, speed, time):\n    return 2.0 * load\n"
+    )
     command = ["measure", "--plan", plan, "--out", "data.csv", "--force"]
     for name in ("stranger:friction", "stranger.py:friction"):
         assert main([*command, "--finger", name]) == 0
@@ -137,7 +167,7 @@ FINGER = """
 import numpy as np
 
 def finger(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s):
-    \"\"\"47 kohm in series with 2 nF, 200 pF of leads, behind 10 ohm and an amplifier of 0.9; silent at rest.\"\"\"
+    \"\"\"47 kohm in series with 2 nF, 200 pF of leads, then 10 ohm; gain 0.9; silent.\"\"\"
     w = 2 * np.pi * frequency_hz
     touch = np.where(normal_force_n > 0.0, 1.0 / (47e3 + 1.0 / (2e-9j * w)), 0.0)
     voltage = 0.9 * voltage_v * np.ones_like(w)
@@ -151,10 +181,21 @@ def rows() -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_finger_of_ones_own_has_friction_voltage_and_current(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_finger_of_ones_own_has_friction_voltage_and_current(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     Path("witness.toml").write_text(WITNESS)
     Path("mine.py").write_text(FINGER)
-    command = ["measure", "--plan", "witness.toml", "--out", "data.csv", "--finger", "mine.py:finger", "--json"]
+    command = [
+        "measure",
+        "--plan",
+        "witness.toml",
+        "--out",
+        "data.csv",
+        "--finger",
+        "mine.py:finger",
+        "--json",
+    ]
     assert main(command) == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["rows"], said["skipped"]) == (27, 0)
@@ -166,16 +207,22 @@ def test_a_finger_of_ones_own_has_friction_voltage_and_current(plan: str, capsys
         assert float(row["electrode_voltage_v"]) == pytest.approx(
             voltage, rel=1e-3, abs=5 * float(row["electrode_voltage_std_v"])
         )
-        assert float(row["current_a"]) == pytest.approx(abs(current), rel=1e-3, abs=5 * float(row["current_std_a"]))
+        assert float(row["current_a"]) == pytest.approx(
+            abs(current), rel=1e-3, abs=5 * float(row["current_std_a"])
+        )
         phase = pytest.approx(np.angle(current), abs=1e-3 + 5 * float(row["current_phase_std_rad"]))
         assert float(row["current_phase_rad"]) == phase
         assert (row["cof"] != "") == (row["finger"] == "sliding")
         assert row["kramers_kronig"] == ("" if row["finger"] == "sliding" else "passes")
     stray = said["stray_capacitance"]
-    assert stray["capacitance_f"] == pytest.approx(200e-12, abs=max(4 * stray["std_f"], 1e-3 * 200e-12))
+    assert stray["capacitance_f"] == pytest.approx(
+        200e-12, abs=max(4 * stray["std_f"], 1e-3 * 200e-12)
+    )
     assert json.loads(Path("data.csv.meta.json").read_text())["stray_capacitance"] == stray
     assert stray["measured_at"] == datetime.date.today().isoformat()
-    assert main([*command, "--resume"]) == 0  # the calibration in the sidecar is no other experiment
+    assert (
+        main([*command, "--resume"]) == 0
+    )  # the calibration in the sidecar is no other experiment
 
 
 @pytest.mark.parametrize(
@@ -192,7 +239,10 @@ def test_what_is_no_answer_of_a_finger_is_explained(
     plan: str, capsys: pytest.CaptureFixture[str], answer: str, said: str
 ) -> None:
     body = f"    lateral = 0.6 * normal_force_n\n    return {answer}\n"
-    text = f"import numpy as np\n\ndef f(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s):\n{body}"
+    text = (
+        "import numpy as np\n\ndef f(frequency_hz, voltage_v, normal_force_n, speed_m_s,"
+        f" time_s):\n{body}"
+    )
     Path("wrong.py").write_text(text)
     assert main(["measure", "--plan", plan, "--out", "data.csv", "--finger", "wrong.py:f"]) == 1
     assert said in " ".join(capsys.readouterr().err.split())
@@ -201,7 +251,9 @@ def test_what_is_no_answer_of_a_finger_is_explained(
 def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(plan: str) -> None:
     Path("plain.py").write_text("def f(f, v, load, speed, time):\n    return 0.6 * load\n")
     assert main(["measure", "--plan", plan, "--out", "data.csv", "--finger", "plain.py:f"]) == 0
-    assert {row["current_a"] + row["electrode_voltage_v"] + row["current_phase_rad"] for row in rows()} == {""}
+    assert {
+        row["current_a"] + row["electrode_voltage_v"] + row["current_phase_rad"] for row in rows()
+    } == {""}
 
 
 @pytest.mark.parametrize(
@@ -217,7 +269,9 @@ def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(p
         (["--seed", "-1"], "seed"),
     ],
 )
-def test_bad_options_are_named(plan: str, options: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_options_are_named(
+    plan: str, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     Path("bad.toml").write_text("[series_resistanse]\nresistance_ohm = 1.0\n")
     Path("good.toml").write_text("[series_resistance]\nresistance_ohm = 1.0\n")
     assert main(["measure", "--plan", plan, "--out", "data.csv", *options]) == 2
@@ -229,7 +283,9 @@ def test_interrupted_by_the_user_the_file_can_be_continued(plan: str) -> None:
     long = PLAN.replace("[60.0, 250.0, 1e4]", "[60.0, 250.0]") + "repeats = 1000\n"
     Path("long.toml").write_text(long)
     arguments = ["measure", "--plan", "long.toml", "--out", "data.csv", "--json"]
-    begin = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored behind a nohup
+    begin = (  # ignored behind a nohup
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    )
     program = f"{begin}; from haptic_driver.cli.main import main; sys.exit(main({arguments!r}))"
     root = str(Path(__file__).parents[3])
     child = subprocess.Popen(

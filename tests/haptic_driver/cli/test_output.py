@@ -26,7 +26,12 @@ def test_brackets_and_colons_of_a_path_are_printed(haptic, surface_file, tmp_pat
 
 
 def test_hints_of_the_doctor_keep_their_brackets(capsys):
-    check = Check("force sensor", Status.FAILED, "there is none in the rig's file", "add a section [force_sensor]")
+    check = Check(
+        "force sensor",
+        Status.FAILED,
+        "there is none in the rig's file",
+        "add a section [force_sensor]",
+    )
     doctor._show(load_rig("paper"), [check])
     assert "[force_sensor]" in capsys.readouterr().out
 
@@ -62,7 +67,9 @@ class Unbuffered(io.RawIOBase):
 
 @pytest.mark.parametrize("steps", [range(1001), [32, 64, 700, 1000]], ids=["by one", "by blocks"])
 def test_the_bar_follows_steps_of_any_size(monkeypatch, steps):
-    """A step that was no multiple of a two-hundredth of all was once not shown, the last one neither."""
+    """A step that was no multiple of a two-hundredth of all was once not shown, the last one
+    neither.
+    """
     shown = terminal()
     monkeypatch.setattr(output, "stderr", shown)
     with output.progress("exporting", 1000) as advance:

@@ -1,4 +1,6 @@
-"""`haptic predict`: reference conditions, columns carried through, and what is wrong with a table."""
+"""`haptic predict`: reference conditions, columns carried through, and what is wrong with a
+table.
+"""
 
 import csv
 from pathlib import Path
@@ -9,7 +11,8 @@ MODELS = Path(__file__).parents[3] / "configs" / "models"
 ADDED = ["electrostatic_force_n", "cof", "current_rms_a", "current_a", "current_phase_rad"]
 BASE = "frequency_hz,voltage_v,normal_force_n"
 
-# frequency_hz, voltage_v, normal_force_n, then force, friction and current of an independent solution good to 0.05 %.
+# frequency_hz, voltage_v, normal_force_n, then force, friction and current of an independent
+# solution good to 0.05 %.
 REFERENCE = [
     (1.0, 150.0, 0.25, 0.0612039, 0.637346, 2.29781e-06),
     (1.0, 10.0, 0.5, 0.000344335, 0.512353, 1.53306e-07),
@@ -59,11 +62,19 @@ def test_reference_conditions(predict):
 def test_what_json_says(predict, tmp_path):
     _, said, _ = predict(f"{BASE}\n250,75,0.5\n", "--model", "table1")
     assert set(said) == {"rows", "out", "model", "outside_theory"}
-    assert said == {"rows": 1, "out": str(tmp_path / "out.csv"), "model": "table1", "outside_theory": 0}
+    assert said == {
+        "rows": 1,
+        "out": str(tmp_path / "out.csv"),
+        "model": "table1",
+        "outside_theory": 0,
+    }
 
 
 def test_other_columns_are_carried_through_in_order(predict):
-    text = 'session,voltage_v,speed_m_s,frequency_hz,note,normal_force_n,time_s\nA,75,0.02,250,"dry, clean",0.5,1.5\n'
+    text = (
+        'session,voltage_v,speed_m_s,frequency_hz,note,normal_force_n,time_s\nA,75,0.02,250,"dry,'
+        ' clean",0.5,1.5\n'
+    )
     _, _, rows = predict(text)
     assert rows[0] == [*text.splitlines()[0].split(","), *ADDED]
     assert rows[1][:7] == ["A", "75", "0.02", "250", "dry, clean", "0.5", "1.5"]
@@ -107,9 +118,13 @@ exponent = { value = 0.1, source = "made up" }
 share = { value = 0.5, source = "made up" }
 time_constant_s = { value = 30.0, source = "made up" }
 """
-    model.write_text((MODELS / "reference.toml").read_text(encoding="utf-8") + effects, encoding="utf-8")
+    model.write_text(
+        (MODELS / "reference.toml").read_text(encoding="utf-8") + effects, encoding="utf-8"
+    )
     status, said, rows = predict(
-        f"{BASE},speed_m_s,time_s\n,0,0.5,0.2,3000\n,0,0.5,0.02,3000\n,0,0.5,,3000\n,0,0.5,,\n", "--model", str(model)
+        f"{BASE},speed_m_s,time_s\n,0,0.5,0.2,3000\n,0,0.5,0.02,3000\n,0,0.5,,3000\n,0,0.5,,\n",
+        "--model",
+        str(model),
     )
     assert status == 0, said
     fast, at_reference, unsaid, young = numbers(rows, "cof")
@@ -121,7 +136,9 @@ time_constant_s = { value = 30.0, source = "made up" }
 def test_what_the_printed_equations_cannot_answer_is_said(haptic, tmp_path):
     table = tmp_path / "conditions.csv"
     table.write_text(f"{BASE}\n250,75,0.5\n250,600,0.5\n")
-    done = haptic("predict", "--table", table, "--out", tmp_path / "out.csv", "--model", "published", "--json")
+    done = haptic(
+        "predict", "--table", table, "--out", tmp_path / "out.csv", "--model", "published", "--json"
+    )
     assert "note: 1 of 2 conditions: (31) as printed diverges" in done.err
     assert "note" not in done.out
 
@@ -150,7 +167,9 @@ def test_without_voltage_the_frequency_may_be_left_empty(predict):
 
 
 def test_waveforms_and_offsets(predict):
-    """At 250 Hz force goes with the mean square: a square wave of V/sqrt(2) is the sine of V, and a bias adds to it."""
+    """At 250 Hz force goes with the mean square: a square wave of V/sqrt(2) is the sine of V, and a
+    bias adds to it.
+    """
     rows = predict(
         f"{BASE},waveform,voltage_offset_v\n"
         "250,75,0.5,sine,0\n"
@@ -162,11 +181,15 @@ def test_waveforms_and_offsets(predict):
         "250,75,0.5,sine,-60\n"
         "250,0,0.5,sine,60\n"
     )[2]
-    sine, unsaid, half, square, steady, biased, biased_back, bias_alone = numbers(rows, "electrostatic_force_n")
+    sine, unsaid, half, square, steady, biased, biased_back, bias_alone = numbers(
+        rows, "electrostatic_force_n"
+    )
     assert sine == pytest.approx(0.100787, rel=AGREED)
     assert unsaid == sine
     assert half == pytest.approx(sine, rel=1e-6)  # nine digits are written of the voltage
-    assert square > 1.9 * sine  # twice the mean square, and more where attraction brings the surfaces together
+    assert (
+        square > 1.9 * sine
+    )  # twice the mean square, and more where attraction brings the surfaces together
     assert 0.0 < steady < square
     assert biased == biased_back
     assert 0.0 < bias_alone < biased - sine + bias_alone
@@ -186,7 +209,8 @@ def test_a_table_saved_by_a_spreadsheet_is_read(predict):
     assert predict(f"{BASE}\r\n250,75,0.5\r\n", encoding="utf-8-sig")[0] == 0
 
 
-# --- wrong tables ----------------------------------------------------------------------------------------------
+# --- wrong tables
+# ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -206,10 +230,16 @@ def test_a_table_saved_by_a_spreadsheet_is_read(predict):
         (f"{BASE}\n250,75,0\n", "bad_condition", "normal_force_n = 0"),
         (f"{BASE}\n0,75,0.5\n", "bad_condition", "frequency_hz = 0"),
         (f"{BASE},waveform\n250,75,0.5,triangle\n", "bad_condition", "waveform 'triangle'"),
-        (f"{BASE},voltage_offset_v\n250,75,0.5,much\n", "not_a_number", "voltage_offset_v is 'much'"),
+        (
+            f"{BASE},voltage_offset_v\n250,75,0.5,much\n",
+            "not_a_number",
+            "voltage_offset_v is 'much'",
+        ),
     ],
 )
-def test_what_is_wrong_with_a_table_is_said_and_nothing_is_written(predict, tmp_path, text, code, words):
+def test_what_is_wrong_with_a_table_is_said_and_nothing_is_written(
+    predict, tmp_path, text, code, words
+):
     status, said, rows = predict(text)
     assert status == 2
     assert said["error"]["code"] == code
@@ -248,15 +278,24 @@ def test_bytes_instead_of_a_table(haptic, tmp_path, content):
 
 
 def test_what_a_drive_makes_of_the_voltage_is_added(predict, tmp_path):
-    """A first-order roll-off at its cutoff: 1/sqrt(2), 45 degrees late; the current lags with it."""
+    """A first-order roll-off at its cutoff: 1/sqrt(2), 45 degrees late; the current lags with
+    it.
+    """
     model = tmp_path / "slow.toml"
     effect = "\n[effects.amplifier_bandwidth]\ncutoff_hz = 1000.0\norder = 1.0\n"
-    model.write_text((MODELS / "reference.toml").read_text(encoding="utf-8") + effect, encoding="utf-8")
+    model.write_text(
+        (MODELS / "reference.toml").read_text(encoding="utf-8") + effect, encoding="utf-8"
+    )
     table = f"{BASE}\n1000,1,0.5\n"
     _, _, plain = predict(table)
     assert plain[0] == [*BASE.split(","), *ADDED]
     _, _, rows = predict(table, "--model", str(model))
-    assert rows[0] == [*BASE.split(","), *ADDED, "electrode_voltage_v", "electrode_voltage_phase_rad"]
+    assert rows[0] == [
+        *BASE.split(","),
+        *ADDED,
+        "electrode_voltage_v",
+        "electrode_voltage_phase_rad",
+    ]
     assert numbers(rows, "electrode_voltage_v") == pytest.approx([0.5**0.5], rel=1e-6)
     assert numbers(rows, "electrode_voltage_phase_rad") == pytest.approx([-0.785398], abs=1e-4)
     late = numbers(plain, "current_phase_rad")[0] - numbers(rows, "current_phase_rad")[0]
@@ -267,7 +306,9 @@ def test_what_a_drive_makes_of_the_voltage_is_added(predict, tmp_path):
 
 
 def test_fingers_that_do_not_slide(predict):
-    status, _, rows = predict(f"{BASE},finger\n1000,5,0.5,sliding\n1000,5,0.5,resting\n1000,5,0.5,none\n1000,5,0.5,\n")
+    status, _, rows = predict(
+        f"{BASE},finger\n1000,5,0.5,sliding\n1000,5,0.5,resting\n1000,5,0.5,none\n1000,5,0.5,\n"
+    )
     assert status == 0
     sliding, resting, none, unsaid = numbers(rows, "current_a")
     assert unsaid == sliding

@@ -37,7 +37,14 @@ def test_figure_7_has_the_headline_numbers(everything):
         float(r["frequency_hz"]): 1e3 * float(r["electrostatic_force_corrected_n"])
         for r in rows_of(out / "figure-7.csv")
     }
-    for frequency, wanted in ((1.0, 19.7), (10.0, 58.5), (250.0, 100.8), (1e3, 90.3), (1e5, 44.7), (1e6, 42.5)):
+    for frequency, wanted in (
+        (1.0, 19.7),
+        (10.0, 58.5),
+        (250.0, 100.8),
+        (1e3, 90.3),
+        (1e5, 44.7),
+        (1e6, 42.5),
+    ):
         assert force[frequency] == pytest.approx(wanted, abs=0.06)
 
 
@@ -53,8 +60,15 @@ def test_elasticities_are_a_table_of_four_parameters_by_ten_frequencies(everythi
     out, _ = everything
     rows = rows_of(out / "figure-8-elasticities.csv")
     assert len(rows) == 10
-    parameters = ("insulator_thickness_m", "skin_thickness_m", "insulator_permittivity", "skin_modulus_pa")
-    assert set(rows[0]) == {"frequency_hz"} | {f"{p}_{v}" for p in parameters for v in ("corrected", "published")}
+    parameters = (
+        "insulator_thickness_m",
+        "skin_thickness_m",
+        "insulator_permittivity",
+        "skin_modulus_pa",
+    )
+    assert set(rows[0]) == {"frequency_hz"} | {
+        f"{p}_{v}" for p in parameters for v in ("corrected", "published")
+    }
 
 
 def test_facts_are_in_the_table_and_in_the_answer(everything):
@@ -70,7 +84,11 @@ def test_one_figure_for_a_person(haptic, tmp_path):
     assert done.status == 0
     assert "the text states" in done.out
     assert "figure-6.png" in done.out
-    assert {f.name for f in (tmp_path / "six").iterdir()} == {"figure-6.png", "figure-6.csv", "facts.csv"}
+    assert {f.name for f in (tmp_path / "six").iterdir()} == {
+        "figure-6.png",
+        "figure-6.csv",
+        "facts.csv",
+    }
 
 
 @pytest.mark.parametrize("number", ["3", "9", "x"])

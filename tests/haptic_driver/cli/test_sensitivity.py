@@ -10,7 +10,9 @@ def test_sensitivity_writes_bars_and_a_table(haptic, tmp_path):
     assert (tmp_path / "sensitivity.png").read_bytes()[:4] == b"\x89PNG"
     rows = rows_of(tmp_path / "sensitivity.csv")
     assert {row["name"] for row in rows} == {entry["name"] for entry in found["indices"]}
-    assert max(rows, key=lambda row: float(row["total"]))["name"] == "skin_modulus_pa"  # 0.62 of the variance
+    assert (
+        max(rows, key=lambda row: float(row["total"]))["name"] == "skin_modulus_pa"
+    )  # 0.62 of the variance
 
 
 def test_draws_that_are_no_power_of_two(haptic, tmp_path):

@@ -16,8 +16,16 @@ TIMEOUT_S = 120.0  # of a busy machine
 
 @pytest.fixture(scope="module")
 def process():
-    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate", "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    command = [
+        sys.executable,
+        "-c",
+        "from haptic_driver.cli.main import run; run()",
+        "simulate",
+        "--json",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
         yield running
         running.kill()
 
@@ -50,7 +58,11 @@ def test_a_bare_socket_talks_to_the_generator(endpoints):
 @pytest.mark.filterwarnings("ignore:It is not known:FutureWarning")  # pymeasure about itself
 def test_pymeasure_drives_it(endpoints):
     generator = Agilent33220A(
-        endpoints["waveform_generator"], visa_library="@py", read_termination="\n", write_termination="\n", timeout=9000
+        endpoints["waveform_generator"],
+        visa_library="@py",
+        read_termination="\n",
+        write_termination="\n",
+        timeout=9000,
     )
     try:
         generator.shape = "SQUARE"
@@ -102,7 +114,9 @@ def test_the_force_sensor_streams_records_in_order(endpoints):
         records = [struct.unpack(">IIIiiiiii", client.recv(36)) for _ in range(5)]
     first = records[0][0]
     assert [record[0] for record in records] == [first + i for i in range(5)]
-    assert all(abs(counts) < 1e5 for record in records for counts in record[3:])  # no finger yet: noise of 3 mN
+    assert all(
+        abs(counts) < 1e5 for record in records for counts in record[3:]
+    )  # no finger yet: noise of 3 mN
 
 
 def test_it_ends_cleanly_when_told(process, endpoints):
@@ -118,9 +132,21 @@ def test_it_ends_cleanly_when_told(process, endpoints):
 def test_sigterm_ends_it_too_and_a_port_can_be_chosen():
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate", "--port", str(port)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
-        assert running.stdout.readline().split() == ["waveform_generator", f"TCPIP::127.0.0.1::{port}::SOCKET"]
+    command = [
+        sys.executable,
+        "-c",
+        "from haptic_driver.cli.main import run; run()",
+        "simulate",
+        "--port",
+        str(port),
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdout.readline().split() == [
+            "waveform_generator",
+            f"TCPIP::127.0.0.1::{port}::SOCKET",
+        ]
         running.terminate()
         _, err = running.communicate(timeout=TIMEOUT_S)
     assert (running.returncode, err) == (0, "")

@@ -10,16 +10,26 @@ from haptic_driver.surface.build import SurfaceAxes, build_surface
 from model.conditions import Conditions
 
 KEYS = {
-    "frequency_hz", "voltage_v", "cof", "electrostatic_force_n", "current_rms_a", "policy", "reachable_cof",
-    "cof_interval", "ripple", "quiet_reach",
-}  # fmt: skip
+    "frequency_hz",
+    "voltage_v",
+    "cof",
+    "electrostatic_force_n",
+    "current_rms_a",
+    "policy",
+    "reachable_cof",
+    "cof_interval",
+    "ripple",
+    "quiet_reach",
+}
 POLICIES = ["max_authority", "min_voltage", "min_current", "carrier", "quiet"]
 
 
 @pytest.fixture
 def solve(haptic, surface_path):
     def run(friction, *arguments):
-        done = haptic("solve", "--friction", friction, "--surface", surface_path, "--json", *arguments)
+        done = haptic(
+            "solve", "--friction", friction, "--surface", surface_path, "--json", *arguments
+        )
         return done.status, done.said
 
     return run
@@ -32,7 +42,9 @@ def test_the_point_gives_the_target_by_the_model(solve, touch, policy, force):
     assert status == 0
     assert set(found) == KEYS
     assert found["policy"] == policy
-    answer = touch.predict(Conditions(*(np.array([x]) for x in (found["frequency_hz"], found["voltage_v"], force))))
+    answer = touch.predict(
+        Conditions(*(np.array([x]) for x in (found["frequency_hz"], found["voltage_v"], force)))
+    )
     assert answer.cof[0] == pytest.approx(0.514, rel=1e-3)  # the inversion's promise
     assert found["cof"] == pytest.approx(0.514, abs=1e-6)
     # linear between nodes 7 % apart in frequency
@@ -131,7 +143,9 @@ def test_wrong_arguments(solve, arguments, code, hint):
 
 
 def test_a_fixed_frequency_that_nobody_gave_is_asked_for(haptic, surface_path):
-    done = haptic("solve", "--friction", 0.6, "--surface", surface_path, "--policy", "fixed_frequency")
+    done = haptic(
+        "solve", "--friction", 0.6, "--surface", surface_path, "--policy", "fixed_frequency"
+    )
     assert done.status == 2
     assert "None" not in done.err
     assert "--frequency" in done.err
@@ -145,7 +159,9 @@ def test_friction_that_is_none(solve, friction):
     assert friction in content["error"]["message"]
 
 
-@pytest.mark.parametrize(("content", "code"), [(b"time_s\n", "surface_corrupt"), (None, "surface_not_found")])
+@pytest.mark.parametrize(
+    ("content", "code"), [(b"time_s\n", "surface_corrupt"), (None, "surface_not_found")]
+)
 def test_a_surface_that_cannot_be_used(haptic, tmp_path, content, code):
     path = tmp_path / "s.h5"
     if content is not None:
@@ -163,12 +179,17 @@ def test_the_interval_is_that_of_the_surface(haptic, model_description, limits, 
     axes = SurfaceAxes(frequency_count=8, voltage_count=9, normal_force_count=4)
     file = build_surface(model_description, limits, axes, with_interval=True)
     file.write(tmp_path / "s.h5")
-    done = haptic("solve", "--friction", 0.6, "--surface", tmp_path / "s.h5", "--json", "--frequency", 200)
+    done = haptic(
+        "solve", "--friction", 0.6, "--surface", tmp_path / "s.h5", "--json", "--frequency", 200
+    )
     found = done.said
     low, high = found["cof_interval"]
     assert low < 0.6 < high
     f = np.searchsorted(file.frequency_hz, 200.0)  # nodes around the point hold it between them
-    v, n = (np.searchsorted(a, x) for a, x in ((file.voltage_v, found["voltage_v"]), (file.normal_force_n, 0.5)))
+    v, n = (
+        np.searchsorted(a, x)
+        for a, x in ((file.voltage_v, found["voltage_v"]), (file.normal_force_n, 0.5))
+    )
     for end, at in zip(file.cof_interval, (low, high), strict=True):
         around = end[f - 1 : f + 1, v - 1 : v + 1, n - 1 : n + 1]
         assert around.min() <= at <= around.max()

@@ -8,10 +8,24 @@ from haptic_driver.surface.file import read_surface
 
 DESCRIBED = {
     "cof_interval",
-    "content_hash", "axes", "cof", "share_pulled_in", "share_outside_theory", "share_outside_limits", "model",
-    "model_hash", "gap_table_hash", "limits", "waveform", "program", "numpy", "scipy", "built_at", "friction_law",
+    "content_hash",
+    "axes",
+    "cof",
+    "share_pulled_in",
+    "share_outside_theory",
+    "share_outside_limits",
+    "model",
+    "model_hash",
+    "gap_table_hash",
+    "limits",
+    "waveform",
+    "program",
+    "numpy",
+    "scipy",
+    "built_at",
+    "friction_law",
     "dielectric",
-}  # fmt: skip
+}
 SMALL = ["--frequency-count", "6", "--voltage-count", "8", "--force-count", "4"]
 
 
@@ -39,7 +53,16 @@ def test_build_writes_the_surface_it_describes(haptic, tmp_path, small_file):
 
 def test_build_by_another_model_and_highest_voltage(haptic, tmp_path):
     done = haptic(
-        "surface", "build", "--out", tmp_path / "s.h5", *SMALL, "--model", "table1", "--voltage-high-v", 80, "--json"
+        "surface",
+        "build",
+        "--out",
+        tmp_path / "s.h5",
+        *SMALL,
+        "--model",
+        "table1",
+        "--voltage-high-v",
+        80,
+        "--json",
     )
     assert done.said["model"] == "table1"
     assert read_surface(tmp_path / "s.h5").voltage_v[-1] == 80.0

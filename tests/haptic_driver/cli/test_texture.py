@@ -4,8 +4,17 @@ import matplotlib.image
 import pytest
 
 TEN = {
-    "braille", "brushed_metal", "fine_grating", "grating", "linen", "ramp", "ratchet", "ridges", "sandpaper", "uniform",
-}  # fmt: skip
+    "braille",
+    "brushed_metal",
+    "fine_grating",
+    "grating",
+    "linen",
+    "ramp",
+    "ratchet",
+    "ridges",
+    "sandpaper",
+    "uniform",
+}
 
 
 @pytest.fixture
@@ -51,9 +60,21 @@ def test_check_says_what_is_in_reach(haptic, surface_path):
     assert done.status == 0
     said = done.said
     assert set(said) == {
-        "name", "kind", "normal_force_n", "reachable_cof", "cof_low", "cof_high", "share_below", "share_above",
-        "share_nothing", "steps_felt", "flags", "speed_m_s", "bands", "ripple",
-    }  # fmt: skip
+        "name",
+        "kind",
+        "normal_force_n",
+        "reachable_cof",
+        "cof_low",
+        "cof_high",
+        "share_below",
+        "share_above",
+        "share_nothing",
+        "steps_felt",
+        "flags",
+        "speed_m_s",
+        "bands",
+        "ripple",
+    }
     assert (said["share_below"], said["share_above"], said["flags"]) == (0.0, 0.0, [])
     low, high = said["reachable_cof"]
     assert low < 0.6
@@ -73,9 +94,13 @@ def test_check_flags_what_is_out_of_reach(haptic, surface_path, own_configs):
     assert "above_reach" in shown.out
 
 
-@pytest.mark.parametrize(("rig", "verdict"), [("simulated", "out_of_reach"), ("simulated-envelope", "reached")])
+@pytest.mark.parametrize(
+    ("rig", "verdict"), [("simulated", "out_of_reach"), ("simulated-envelope", "reached")]
+)
 def test_check_says_which_band_a_rig_reaches_at_a_speed(haptic, surface_path, rig, verdict):
-    """1 mm at 0.1 m/s are 100 Hz: set points every 10 ms bring out 50 Hz at most, an envelope any band."""
+    """1 mm at 0.1 m/s are 100 Hz: set points every 10 ms bring out 50 Hz at most, an envelope any
+    band.
+    """
     options = ("--surface", surface_path, "--rig", rig, "--speed", "0.1")
     bands = haptic("texture", "check", "fine_grating", *options, "--json").said["bands"]
     assert len(bands) == 9

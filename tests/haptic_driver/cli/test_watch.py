@@ -27,7 +27,11 @@ def test_the_watch_picture_says_what_matters(control):
     control.shown_off = False
     control.fail("by hand")
     fault = state_frame(control.status(), control.samples(0, 10)[:0])
-    for frames, words in (([frame], "output ON"), ([frame, fault], "fault: by hand"), ([fault], "UNKNOWN")):
+    for frames, words in (
+        ([frame], "output ON"),
+        ([frame, fault], "fault: by hand"),
+        ([fault], "UNKNOWN"),
+    ):
         console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
         with console.file:
             console.print(picture(frames))

@@ -1,4 +1,5 @@
-"""What the API asks of a daemon, in memory: the daemon's own state machine, a clock, no rig; not a test.
+"""What the API asks of a daemon, in memory: the daemon's own state machine, a clock, no rig; not a
+test.
 
 `calls` lists every call that asked for a change, also those that were refused.
 """
@@ -52,7 +53,9 @@ FIDELITY = RenderedFidelity(
 
 @contextmanager
 def serving(control, folder, *arguments, **options):
-    """Its API at the socket `d.sock` of a folder; gives the page's address where there is a port."""
+    """Its API at the socket `d.sock` of a folder; gives the page's address where there is a
+    port.
+    """
     place = Place(folder / "d.sock")
     try:
         with serve(control, place, *arguments, **options) as url:
@@ -92,7 +95,9 @@ class BenchControl:
 
     def _tell(self, kind, message, data=None):
         number, now_s = len(self.told) + 1, time.monotonic()
-        self.told.append(Event(number=number, time_s=now_s, kind=kind, message=message, data=data or {}))
+        self.told.append(
+            Event(number=number, time_s=now_s, kind=kind, message=message, data=data or {})
+        )
 
     def _now_s(self):
         return time.monotonic() + self.ahead_s
@@ -127,7 +132,9 @@ class BenchControl:
                 relay_interval_s=1.0,
                 flags=self.flags,
                 fault=self.machine.fault_reason,
-                lease_left_s=self.machine.lease_until_s - self._now_s() if self.machine.armed else None,
+                lease_left_s=(
+                    self.machine.lease_until_s - self._now_s() if self.machine.armed else None
+                ),
                 lease_holder=self.machine.holder,
                 actuator="none",
                 real_time=False,
@@ -140,7 +147,9 @@ class BenchControl:
                 adaptation=self.adaptation,
                 recording=self.recording,
                 recording_fault=None,
-                timing=Timing(in_time=None, missed=0, lateness_edges_s=[], lateness_counts=[], last_cause=None),
+                timing=Timing(
+                    in_time=None, missed=0, lateness_edges_s=[], lateness_counts=[], last_cause=None
+                ),
             )
 
     def _change(self, name, *arguments):
@@ -177,7 +186,9 @@ class BenchControl:
     def play(self, token, texture, *, nearest=False):
         self._change("play", texture)
         if texture not in self.textures():
-            raise BadInputError("unknown_texture", f"there is no texture {texture!r}", "did you mean 'linen'?")
+            raise BadInputError(
+                "unknown_texture", f"there is no texture {texture!r}", "did you mean 'linen'?"
+            )
         return self._render(token, None, texture)
 
     def off(self):
@@ -210,9 +221,13 @@ class BenchControl:
         with self._lock:
             self._change("use_model", name)
             if self.machine.state is not DaemonState.IDLE:
-                raise RefusedError("not_idle", f"the daemon is {self.machine.state}", "disarm, or reset, first")
+                raise RefusedError(
+                    "not_idle", f"the daemon is {self.machine.state}", "disarm, or reset, first"
+                )
             if name not in ("reference", "other"):
-                raise BadInputError("unknown_model", f"there is no model {name!r}", "did you mean 'reference'?")
+                raise BadInputError(
+                    "unknown_model", f"there is no model {name!r}", "did you mean 'reference'?"
+                )
             self.model = name
         return self.status()
 
@@ -224,7 +239,12 @@ class BenchControl:
     def ask_why(self, minutes):
         self._change("why", minutes)
         said = "Skin hydration is missing from the model: probability 97 %."
-        found = {"verdict": "effect_found", "effects": ["skin_hydration"], "model": "other", "rows": 40}
+        found = {
+            "verdict": "effect_found",
+            "effects": ["skin_hydration"],
+            "model": "other",
+            "rows": 40,
+        }
         self.inquiry.answer = Why(state="done", said=said, more=["tells this from that"], **found)
         return self.inquiry.answer
 
@@ -268,7 +288,11 @@ class BenchControl:
     def tile(self, asked):
         low, high, cells = 0.5, 0.7, np.ones(asked.columns * asked.rows, np.uint8)
         return Tile(
-            columns=asked.columns, rows=asked.rows, cof_low=low, cof_high=high, levels=b64encode(cells).decode()
+            columns=asked.columns,
+            rows=asked.rows,
+            cof_low=low,
+            cof_high=high,
+            levels=b64encode(cells).decode(),
         )
 
     def texture_map(self):

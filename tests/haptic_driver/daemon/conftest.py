@@ -36,7 +36,9 @@ def running(settings):
 
 @pytest.fixture
 def daemon(running):
-    """It, once all of it is there: a busy machine may keep it waiting; and without what another test has left."""
+    """It, once all of it is there: a busy machine may keep it waiting; and without what another
+    test has left.
+    """
     until(lambda: not running.supervisor.missing and not running.supervisor.silent())
     if running.status().state is DaemonState.FAULT:
         running.reset()
@@ -53,7 +55,13 @@ def history(settings):
 @pytest.fixture
 def simulated():
     """`haptic simulate`, and where its instruments are."""
-    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate", "--json"]
+    command = [
+        sys.executable,
+        "-c",
+        "from haptic_driver.cli.main import run; run()",
+        "simulate",
+        "--json",
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         yield process, json.loads(process.stdout.readline())["endpoints"]
         process.kill()

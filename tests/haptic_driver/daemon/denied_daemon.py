@@ -1,9 +1,10 @@
-"""A daemon with its API on a socket from which a signal takes what a machine may refuse; not a test.
+"""A daemon with its API on a socket from which a signal takes what a machine may refuse; not a
+test.
 
     python denied_daemon.py SOCKET AMPLIFIER_RECORD WHAT DESCRIPTOR
 
-says on DESCRIPTOR when it serves, and when SIGUSR1 has taken WHAT ("threads+memory"). It ends with SIGTERM, as the
-command does.
+says on DESCRIPTOR when it serves, and when SIGUSR1 has taken WHAT ("threads+memory"). It ends with
+SIGTERM, as the command does.
 """
 
 from __future__ import annotations
@@ -39,7 +40,12 @@ def deny(what: list[str]) -> None:
 
 
 def main() -> None:
-    socket, record, what, descriptor = sys.argv[1], Path(sys.argv[2]), sys.argv[3].split("+"), int(sys.argv[4])
+    socket, record, what, descriptor = (
+        sys.argv[1],
+        Path(sys.argv[2]),
+        sys.argv[3].split("+"),
+        int(sys.argv[4]),
+    )
 
     def denying(number: int, frame: object) -> None:
         deny(what)

@@ -30,7 +30,14 @@ class DeniedDaemon:
         self._said, self._saying = os.pipe()
         self._unread, self._log = os.pipe()
         self.process = subprocess.Popen(
-            [sys.executable, str(DENIED), str(self.path), str(self.record), what, str(self._saying)],
+            [
+                sys.executable,
+                str(DENIED),
+                str(self.path),
+                str(self.record),
+                what,
+                str(self._saying),
+            ],
             pass_fds=[self._saying],
             stdout=self._log if "stdout" in what else subprocess.DEVNULL,
             stderr=self._log if "stderr" in what else None,
@@ -44,14 +51,15 @@ class DeniedDaemon:
         until(lambda: (changes := history(self.record)) and changes[-1][1] > 10.0)
 
     def deny(self) -> None:
-        """Take it, now."""
         if "std" in self.what:
             _fill(self._log)
         self.process.send_signal(signal.SIGUSR1)
         assert os.read(self._said, 1) == b"d"
 
     def off(self) -> bytes:
-        """What it answers to OFF, from a connection that is made now; without memory that may be nothing."""
+        """What it answers to OFF, from a connection that is made now; without memory that may be
+        nothing.
+        """
         answer = b""
         with socket.socket(socket.AF_UNIX) as connection, suppress(OSError):
             connection.settimeout(HANG_S)
@@ -62,7 +70,6 @@ class DeniedDaemon:
         return answer
 
     def close(self) -> None:
-        """End it."""
         self.process.kill()
         self.process.wait()
         for descriptor in (self._said, self._saying, self._unread, self._log):

@@ -2,9 +2,9 @@
 
     python killable.py AMPLIFIER_RECORD RIG
 
-arms, sets a friction and renews. Reports every change of state as a JSON line, with the process ids at that time and
-the kernels first used after the start: to compile one takes longer than a lease. A line on standard input makes it
-reset what is in fault and go on; the end of standard input ends it.
+arms, sets a friction and renews. Reports every change of state as a JSON line, with the process ids
+at that time and the kernels first used after the start: to compile one takes longer than a lease. A
+line on standard input makes it reset what is in fault and go on; the end of standard input ends it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,12 @@ def used() -> set[str]:
 
 def report(daemon: Daemon, state: str, late: set[str]) -> None:
     pids = {"control": os.getpid(), **daemon.pids}
-    said = {"state": state, "pids": pids, "fault": daemon.status().fault, "late_kernels": sorted(late)}
+    said = {
+        "state": state,
+        "pids": pids,
+        "fault": daemon.status().fault,
+        "late_kernels": sorted(late),
+    }
     print(json.dumps(said), flush=True)
 
 

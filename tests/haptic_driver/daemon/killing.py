@@ -32,7 +32,9 @@ class KillableDaemon:
         self.record = record
         self.report = {"state": "starting"}
         self.process = subprocess.Popen(
-            [sys.executable, str(KILLABLE), str(record), rig], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            [sys.executable, str(KILLABLE), str(record), rig],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
         )
         self._lines: queue.Queue[bytes] = queue.Queue()
         self._listener = threading.Thread(target=self._listen, daemon=True)
@@ -57,7 +59,9 @@ class KillableDaemon:
         self.process.stdin.flush()
 
     def await_output(self):
-        """The process ids once there is rendered voltage; faults that a loaded machine causes are reset."""
+        """The process ids once there is rendered voltage; faults that a loaded machine causes are
+        reset.
+        """
         until_s = time.monotonic() + HANG_S
         while True:
             with suppress(queue.Empty):
@@ -69,7 +73,9 @@ class KillableDaemon:
             assert time.monotonic() < until_s, f"no output: {self.report}"
 
     def time_to_zero_s(self, name, sent):
-        """Send a process a signal; how long until zero at the electrode, for good. Infinite without a zero in time."""
+        """Send a process a signal; how long until zero at the electrode, for good. Infinite without
+        a zero in time.
+        """
         longest_s = WATCHED_S if name == "instruments" else LONGEST_S
         sent_s = time.monotonic()
         os.kill(self.report["pids"][name], sent)

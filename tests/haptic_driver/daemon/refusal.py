@@ -8,7 +8,6 @@ from haptic_driver.errors import HapticError
 
 
 def refusal(call, *arguments):
-    """Its error."""
     with pytest.raises(HapticError) as refused:
         call(*arguments)
     return refused.value

@@ -26,7 +26,9 @@ def rows(*strokes, begin_s=0.0):
     return found
 
 
-@pytest.mark.parametrize(("strokes", "held_out"), [((4, 4, 7), 7), ((4, 4, 4), 8), ((9, 2, 3), 5), ((3,), 3)])
+@pytest.mark.parametrize(
+    ("strokes", "held_out"), [((4, 4, 7), 7), ((4, 4, 4), 8), ((9, 2, 3), 5), ((3,), 3)]
+)
 def test_the_newest_strokes_judge_and_no_stroke_is_on_both_sides(strokes, held_out):
     known, judges = split(rows(*strokes))
     assert len(judges) == held_out
@@ -34,7 +36,9 @@ def test_the_newest_strokes_judge_and_no_stroke_is_on_both_sides(strokes, held_o
     assert not {row.row.trial for row in known} & {row.row.trial for row in judges}
 
 
-def test_a_better_model_is_proposed_with_its_numbers_and_rows_and_is_the_next_one_to_beat(model_description, limits):
+def test_a_better_model_is_proposed_with_its_numbers_and_rows_and_is_the_next_one_to_beat(
+    model_description, limits
+):
     asked = []
 
     def mend(known, description, held_out, present):
@@ -47,7 +51,10 @@ def test_a_better_model_is_proposed_with_its_numbers_and_rows_and_is_the_next_on
     assert adaptation.add(rows(LEAST_HELD_OUT - 1)) is None
     adaptation.begin()
     found = adaptation.add(rows(8, 8))
-    assert (found.said, found.surface.provenance["model"]["name"]) == ("better", model_description.name)
+    assert (found.said, found.surface.provenance["model"]["name"]) == (
+        "better",
+        model_description.name,
+    )
     assert len(found.rows) == 16
     assert found.rows[0] == [200.0, 60.0, 0.5, 0.03, 0.6, 0.01, 0.0]
     assert found.numbers["cof_off"] == model_description.parameters["cof_off"].value
@@ -73,7 +80,11 @@ class Installed:
         return self.taken
 
     def told(self):
-        return [(event.message, event.data.get("rows")) for event in self.events.since(0) if event.kind == "adapt"]
+        return [
+            (event.message, event.data.get("rows"))
+            for event in self.events.since(0)
+            if event.kind == "adapt"
+        ]
 
 
 @pytest.fixture
@@ -94,9 +105,10 @@ def test_render_goes_by_what_is_mended_and_back(installed, small_file, surface_f
     observer.adapt(False)
     assert installed.surfaces == [surface_file, small_file]
     assert installed.told() == [
-        ("mended: 1 % off now", [[200.0, 60.0]]), ("not mended: not better", None),
+        ("mended: 1 % off now", [[200.0, 60.0]]),
+        ("not mended: not better", None),
         ("back to the model as it was", None),
-    ]  # fmt: skip
+    ]
 
 
 def test_what_render_does_not_take_up_is_not_told_as_mended(installed, small_file):

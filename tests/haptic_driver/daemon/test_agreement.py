@@ -1,4 +1,6 @@
-"""The test that runs along: how often it alarms for nothing, how soon for something, and what it says."""
+"""The test that runs along: how often it alarms for nothing, how soon for something, and what it
+says.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,19 @@ DEGREES = 8  # to which a window knows its own scatter
 def windows(rng, duration_s, changed=lambda conditions, time_s: 0.0, gain=0.04):
     """A finger with a gain of its own, over carriers, voltages, loads and speeds as they come."""
     count = round(duration_s / PERIOD_S)
-    f, v, n, s = (rng.uniform(*ends, count) for ends in ((1.5, 3.5), (0.0, 140.0), (0.3, 0.9), (0.01, 0.08)))
+    f, v, n, s = (
+        rng.uniform(*ends, count) for ends in ((1.5, 3.5), (0.0, 140.0), (0.3, 0.9), (0.01, 0.08))
+    )
     noise = SCATTER * rng.standard_normal(count)
     stated = SCATTER * np.sqrt(rng.chisquare(DEGREES, count) / DEGREES)
     for i in range(count):
         time_s = i * PERIOD_S
-        conditions = {"frequency_hz": 10.0 ** f[i], "voltage_v": v[i], "normal_force_n": n[i], "speed_m_s": s[i]}
+        conditions = {
+            "frequency_hz": 10.0 ** f[i],
+            "voltage_v": v[i],
+            "normal_force_n": n[i],
+            "speed_m_s": s[i],
+        }
         residual = gain + noise[i] + changed(conditions, time_s)
         yield Window(time_s, conditions, float(residual), float(stated[i]))
 
@@ -33,7 +42,9 @@ def alarms(made):
 
 
 def test_false_alarms_are_fewer_than_one_in_eight_hours(rng):
-    """No more than 3 where 1 is the mean: of a thousand such tests two would fail, were it as many."""
+    """No more than 3 where 1 is the mean: of a thousand such tests two would fail, were it as
+    many.
+    """
     fingers = 2
     false = [alarm for _ in range(fingers) for alarm in alarms(windows(rng, 8.0 * HOURS_S))]
     assert len(false) <= 3 * fingers
@@ -44,8 +55,14 @@ def test_a_change_of_five_percent_is_told_within_a_minute_of_sliding(rng, side):
     begins_s = 600.0
     delays = []
     for _ in range(20):
-        change = lambda conditions, time_s: side * 0.05 * (time_s >= begins_s) * (conditions["voltage_v"] > 50.0)  # noqa: E731
-        told = [(t, found) for t, found in alarms(windows(rng, begins_s + 120.0, change)) if t >= begins_s]
+        change = lambda conditions, time_s: (  # noqa: E731
+            side * 0.05 * (time_s >= begins_s) * (conditions["voltage_v"] > 50.0)
+        )
+        told = [
+            (t, found)
+            for t, found in alarms(windows(rng, begins_s + 120.0, change))
+            if t >= begins_s
+        ]
         time_s, first = told[0]
         assert np.sign(first.share) == side
         assert first.since_s >= begins_s - 60.0
@@ -57,7 +74,9 @@ def test_it_says_where_and_how_much(rng):
     def change(conditions, time_s):
         return -0.08 * (conditions["frequency_hz"] < 100.0) * (time_s > 300.0)
 
-    told = [found for _, found in alarms(windows(rng, 900.0, change)) if found.axis == "frequency_hz"]
+    told = [
+        found for _, found in alarms(windows(rng, 900.0, change)) if found.axis == "frequency_hz"
+    ]
     low = [found for found in told if found.high <= 101.0]
     assert low
     assert "less friction than expected at" in str(low[0])
@@ -71,7 +90,11 @@ def test_the_gain_of_a_finger_is_no_disagreement(rng):
 
 def test_the_map_shows_what_is_off(rng):
     agreement = Agreement()
-    for window in windows(rng, 1800.0, lambda conditions, _: 0.06 * (conditions["normal_force_n"] > 0.7072)):
+    for window in windows(
+        rng, 1800.0, lambda conditions, _: 0.06 * (conditions["normal_force_n"] > 0.7072)
+    ):
         agreement.add(window)
-    shares = {cell["low"]: cell["share"] for cell in agreement.map() if cell["axis"] == "normal_force_n"}
+    shares = {
+        cell["low"]: cell["share"] for cell in agreement.map() if cell["axis"] == "normal_force_n"
+    }
     assert max(shares, key=shares.get) > 0.7

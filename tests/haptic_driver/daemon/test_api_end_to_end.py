@@ -33,7 +33,18 @@ LONG_S = 60.0  # a lease that a busy machine does not lose
 def announced(tmp_path_factory):
     """What the daemon says when it is ready."""
     folder = tmp_path_factory.mktemp("daemon")
-    command = [SCRIPT, "daemon", "run", "--rig", "simulated", "--port", "0", "--json", "--socket", folder / "d.sock"]
+    command = [
+        SCRIPT,
+        "daemon",
+        "run",
+        "--rig",
+        "simulated",
+        "--port",
+        "0",
+        "--json",
+        "--socket",
+        folder / "d.sock",
+    ]
     with (
         open(folder / "log.txt", "w+") as log,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as process,
@@ -43,7 +54,9 @@ def announced(tmp_path_factory):
             assert set(said) == {"socket", "page"}, said
             yield said
             process.send_signal(signal.SIGTERM)
-            assert process.wait(HANG_S) == 0, log.seek(0) or log.read()  # the output is known to be off
+            assert process.wait(HANG_S) == 0, (
+                log.seek(0) or log.read()
+            )  # the output is known to be off
         finally:
             process.kill()
     assert [path.name for path in folder.glob("d.sock*")] == ["d.sock.lock"]
@@ -52,7 +65,9 @@ def announced(tmp_path_factory):
 @pytest.fixture
 def client(announced):
     with HapticClient(Path(announced["socket"])) as client:
-        if client.status().state is DaemonState.FAULT:  # what a busy machine did to one test is not the next one's
+        if (
+            client.status().state is DaemonState.FAULT
+        ):  # what a busy machine did to one test is not the next one's
             client.reset()
         yield client
         client.disarm()
@@ -95,11 +110,21 @@ cof = 0.55
 """
 
 
-def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(announced, client, tmp_path, monkeypatch, capsys):
+def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(
+    announced, client, tmp_path, monkeypatch, capsys
+):
     """Once in a pipe that ends after an answer; then by the simulated participant, recorded."""
     monkeypatch.setenv("HAPTIC_SOCKET", announced["socket"])
     (tmp_path / "short.toml").write_text(EXPERIMENT)
-    run = ["experiment", "run", str(tmp_path / "short.toml"), "--participant", "P1", "--out", str(tmp_path / "out")]
+    run = [
+        "experiment",
+        "run",
+        str(tmp_path / "short.toml"),
+        "--participant",
+        "P1",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     monkeypatch.setattr(sys, "stdin", io.StringIO("go\nx\n2\n"))
     assert main([*run, "--json"]) == 2
     assert one_object(capsys.readouterr().out)["error"]["code"] == "no_answers"
@@ -120,11 +145,15 @@ def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(announced, clie
         assert 0.2 < felt.normal_force_n < 0.8
     (recording,) = files.beh.glob("*.h5")
     markers = [event for event in read_run(recording).events if event.kind == "marker"]
-    begun = [(event.data["trial"], event.time_s) for event in markers if event.message == "trial begins"]
+    begun = [
+        (event.data["trial"], event.time_s) for event in markers if event.message == "trial begins"
+    ]
     assert begun == [(row.trial, pytest.approx(row.time_s, abs=1e-5)) for row in rows[1:]]
     sidecar = files.described()
     assert (sidecar["Rig"]["simulated"], sidecar["Rig"]["model"]) == (True, "reference")
-    assert sidecar["ClockOffsets"]["wall_offset_s"] == pytest.approx(time.time() - time.monotonic(), abs=5.0)
+    assert sidecar["ClockOffsets"]["wall_offset_s"] == pytest.approx(
+        time.time() - time.monotonic(), abs=5.0
+    )
 
     assert main(["experiment", "analyse", str(tmp_path / "out"), "--json"]) == 0
     (result,) = one_object(capsys.readouterr().out)["results"]
@@ -135,9 +164,20 @@ def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(announced, clie
 def test_an_experiment_that_is_killed_leaves_no_recording_running(announced, client, tmp_path):
     """It went on for ever, and into the next participant's session."""
     (tmp_path / "short.toml").write_text(EXPERIMENT)
-    command = [SCRIPT, "experiment", "run", tmp_path / "short.toml", "--participant", "P2", "--out", tmp_path / "out"]
+    command = [
+        SCRIPT,
+        "experiment",
+        "run",
+        tmp_path / "short.toml",
+        "--participant",
+        "P2",
+        "--out",
+        tmp_path / "out",
+    ]
     environment = os.environ | {"HAPTIC_SOCKET": announced["socket"]}
-    with subprocess.Popen([*command, "--record"], stdin=subprocess.PIPE, env=environment) as experiment:
+    with subprocess.Popen(
+        [*command, "--record"], stdin=subprocess.PIPE, env=environment
+    ) as experiment:
         recording = until(lambda: client.status().recording)
         experiment.kill()
     until(lambda: client.status().recording is None)
@@ -164,5 +204,7 @@ def test_what_is_no_texture_is_bad_input(client, name):
 def test_tcp_opens_to_the_token_alone(announced):
     base, _, token = announced["page"].partition("/page/?token=")
     assert httpx.get(base + "/status").status_code == 401
-    status = httpx.get(base + "/status", headers={"Authorization": f"Bearer {token}"}, timeout=HANG_S)
+    status = httpx.get(
+        base + "/status", headers={"Authorization": f"Bearer {token}"}, timeout=HANG_S
+    )
     assert status.json()["rig"] == "simulated"

@@ -31,12 +31,16 @@ stray_capacitance_f = 300e-12
 def settings(surface_file, tmp_path):
     """A rig without a force sensor, under a finger that is moist."""
     text = find_config("simulated", "rigs").read_text()
-    text = re.sub(r"sample_rate_hz = 20e3", "sample_rate_hz = 20e3\nrecord_s = 0.01", text) + WITHOUT
+    text = (
+        re.sub(r"sample_rate_hz = 20e3", "sample_rate_hz = 20e3\nrecord_s = 0.01", text) + WITHOUT
+    )
     text += "\n[simulation.hide]\nskin_hydration = { wetness = 1.2 }\n"
     path = tmp_path / "without.toml"
     path.write_text(text)
     config = load_rig(str(path))
-    return DaemonSettings(str(path), "reference", config, surface_file, render_settings(config, surface_file))
+    return DaemonSettings(
+        str(path), "reference", config, surface_file, render_settings(config, surface_file)
+    )
 
 
 def test_feedback_goes_by_the_current_where_there_is_no_force_sensor(settings):
@@ -45,7 +49,9 @@ def test_feedback_goes_by_the_current_where_there_is_no_force_sensor(settings):
         daemon.set_target(lease.token, 0.6)
 
         def learnt():
-            """That friction is known, at loads told by the current, and that feedback has learnt of it."""
+            """That friction is known, at loads told by the current, and that feedback has learnt of
+            it.
+            """
             made = daemon.samples(0, 1000)
             told = np.isfinite(made["measured_cof"]) & (made["normal_force_n"] != USUAL_N)
             return np.count_nonzero(told) > 5 and made["feedback_gain"][-1] != 1.0
@@ -73,7 +79,11 @@ def test_without_a_reading_the_load_is_the_usual_one_and_friction_unknown():
     try:
         until(lambda: len(told) > 2)
         reading = sensor.read()
-        assert (reading.normal_force_n, np.isnan(reading.lateral_force_n), reading.saturated) == (USUAL_N, True, False)
+        assert (reading.normal_force_n, np.isnan(reading.lateral_force_n), reading.saturated) == (
+            USUAL_N,
+            True,
+            False,
+        )
         assert set(told) == {200.0}
     finally:
         sensor.close()

@@ -1,4 +1,6 @@
-"""The whole daemon on simulated instruments: what its callers are promised, checked at the simulated electrode."""
+"""The whole daemon on simulated instruments: what its callers are promised, checked at the
+simulated electrode.
+"""
 
 from __future__ import annotations
 
@@ -86,7 +88,10 @@ def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v)
         def settled(cof=cof):
             found = daemon.samples(0, 300)
             sliding = np.isfinite(found["measured_cof"]) & (found["target_cof"] == cof)
-            return sliding.sum() > 250 and abs(found["measured_cof"][sliding].mean() / cof - 1.0) < 0.05
+            return (
+                sliding.sum() > 250
+                and abs(found["measured_cof"][sliding].mean() / cof - 1.0) < 0.05
+            )
 
         keep_rendering(daemon, lease.token, settled)
     status = daemon.status()
@@ -100,10 +105,14 @@ def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v)
     assert (status.state, status.output_on) == (DaemonState.ARMED, False)
 
 
-def test_arming_waits_for_sensors_that_a_busy_machine_keeps_silent_for_a_moment(daemon, monkeypatch):
+def test_arming_waits_for_sensors_that_a_busy_machine_keeps_silent_for_a_moment(
+    daemon, monkeypatch
+):
     read, silent = daemon.shared.sensed.read, iter([True] * 4)
     monkeypatch.setattr(
-        daemon.shared.sensed, "read", lambda: read()._replace(force_time_s=0.0) if next(silent, False) else read()
+        daemon.shared.sensed,
+        "read",
+        lambda: read()._replace(force_time_s=0.0) if next(silent, False) else read(),
     )
     assert daemon.supervisor.silent() == "the force sensor is silent"
     daemon.arm(LEASE_S)
@@ -125,7 +134,9 @@ def test_an_output_that_is_off_has_no_voltage_whatever_render_said_last(daemon, 
     """Once the page said "output off" and 71.64 V in one line."""
     lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.65)
-    last = keep_rendering(daemon, lease.token, lambda: (said := daemon.shared.output.read()).output_on and said)
+    last = keep_rendering(
+        daemon, lease.token, lambda: (said := daemon.shared.output.read()).output_on and said
+    )
     assert last.voltage_v > 0.0
     daemon.off()
     with monkeypatch.context() as late:
@@ -142,7 +153,9 @@ def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes
     low, high = reachable = daemon.basis.settings.render.tick.controller.reachable(0.5)
     monkeypatch.setattr(daemon._targets, "reach", lambda: (0.5, reachable))
     for cof in (7.0, 1.25 * high, 0.85 * low):
-        with pytest.raises(BadInputError, match=r"far out of reach: 0\.\d+ to 1\.\d+ at 0\.\d+ N") as error:
+        with pytest.raises(
+            BadInputError, match=r"far out of reach: 0\.\d+ to 1\.\d+ at 0\.\d+ N"
+        ) as error:
             daemon.set_target(lease.token, cof)
         assert error.value.code == "unreachable"
         assert "--nearest" in error.value.hint
@@ -170,7 +183,9 @@ def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, elect
 
 @pytest.mark.soak
 def test_another_fingers_model_is_used_from_then_on(daemon, settings, surface_file, tmp_path):
-    """One for a skin held off the screen by half a micrometre; the finger, which is not, feels more than it expects."""
+    """One for a skin held off the screen by half a micrometre; the finger, which is not, feels more
+    than it expects.
+    """
     reference = find_config("reference", "models").read_text()
     finger = tmp_path / "finger.toml"
     finger.write_text(re.sub(r"(gap_offset_m += {) value = 0.0,", r"\1 value = 0.5e-6,", reference))
@@ -188,19 +203,29 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, surface_fi
         daemon.set_target(lease.token, 0.65)
 
         def learnt(is_more=is_more):
-            """The finger's gain over a second of sliding: above 1 with one model, about 1 with the other."""
+            """The finger's gain over a second of sliding: above 1 with one model, about 1 with the
+            other.
+            """
             gain = daemon.samples(0, 1000)["feedback_gain"][-300:]
-            return (gain > 1.05).all() if is_more else (np.abs(gain - 1.0) < 0.05).all() and gain.std() > 0.0
+            return (
+                (gain > 1.05).all()
+                if is_more
+                else (np.abs(gain - 1.0) < 0.05).all() and gain.std() > 0.0
+            )
 
         keep_rendering(daemon, lease.token, learnt)
         daemon.disarm()
-    observer = until(lambda: exists(daemon.pids["observer"]) and daemon.pids["observer"])  # begun in a thread
+    observer = until(
+        lambda: exists(daemon.pids["observer"]) and daemon.pids["observer"]
+    )  # begun in a thread
     assert not daemon.use_model("reference", 150.0, feedback=False).feedback
     assert daemon.pids["observer"] == observer  # the same finger on another carrier
     lease = daemon.arm(2.0)
     daemon.set_target(lease.token, 0.65)
     keep_rendering(daemon, lease.token, lambda: daemon.status().frequency_hz == 150.0)
-    keep_rendering(daemon, lease.token, lambda: set(daemon.samples(0, 100)["feedback_gain"]) == {1.0})
+    keep_rendering(
+        daemon, lease.token, lambda: set(daemon.samples(0, 100)["feedback_gain"]) == {1.0}
+    )
     daemon.disarm()
     assert daemon.use_model("reference").feedback
     with pytest.raises(BadInputError, match="nobody"):
@@ -210,7 +235,9 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, surface_fi
 
 
 def test_nothing_is_read_for_who_may_not_ask_or_while_it_is_refused(daemon, monkeypatch):
-    """Clients without a lease once delayed OFF by 8.5 s; a model that was refused tripped the rig."""
+    """Clients without a lease once delayed OFF by 8.5 s; a model that was refused tripped the
+    rig.
+    """
     monkeypatch.setattr(daemon._loader, "_ask", lambda *asked: pytest.fail(f"read {asked}"))
     assert refusal(daemon.play, "guessed", "linen").code == "not_armed"
     daemon.arm(LEASE_S)
@@ -226,7 +253,9 @@ def test_a_model_that_is_refused_leaves_the_daemon_as_it_was(daemon, tmp_path):
 
 
 def test_running_out_of_file_descriptors_is_survived(daemon, monkeypatch):
-    """What died is tried again until descriptors are there again, and the daemon says what is in the way."""
+    """What died is tried again until descriptors are there again, and the daemon says what is in
+    the way.
+    """
     monkeypatch.setattr(supervision, "RETRY_S", 0.1)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
@@ -254,7 +283,11 @@ def test_a_marker_stands_in_the_recording_with_the_way_to_wall_time(daemon, tmp_
     slack_s = 1e-3  # the offset is measured some microseconds before, and clocks are steered
     for offset_s in (marked.wall_offset_s, run.attributes["wall_offset_s"]):
         assert before_s - slack_s <= marker.time_s + offset_s <= after_s + slack_s
-    assert math.isnan(run.attributes["lsl_offset_s"]) == (marked.lsl_offset_s is None) == ("pylsl" not in sys.modules)
+    assert (
+        math.isnan(run.attributes["lsl_offset_s"])
+        == (marked.lsl_offset_s is None)
+        == ("pylsl" not in sys.modules)
+    )
 
 
 def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
@@ -285,7 +318,9 @@ def test_ticks_that_a_stopped_recorder_loses_are_said_in_status_events_and_file(
     fault = until(lambda: daemon.status().recording_fault)
     assert re.match(rf"\d{{3,}} ticks are missing in {path}", fault)
     assert daemon.status().recording == str(path)
-    assert fault in until(lambda: [said for said in recording_events(daemon, since) if "missing" in said])
+    assert fault in until(
+        lambda: [said for said in recording_events(daemon, since) if "missing" in said]
+    )
     assert refusal(daemon.record, None).message == f"the recording is not whole: {fault}"
     assert any(said == f"ended, not whole: {fault}" for said in recording_events(daemon, since))
     run = read_run(path)
@@ -306,11 +341,15 @@ def test_a_recording_ends_with_the_lease_of_who_asked_for_it(daemon, tmp_path, m
     assert daemon.status().recording is not None
     until(lambda: daemon.status().recording is None)  # nobody renews any more
     until(lambda: f"ended: {tmp_path / 'run.h5'}" in recording_events(daemon, since))
-    assert "ends, since the lease with which it was begun is over" in recording_events(daemon, since)
+    assert "ends, since the lease with which it was begun is over" in recording_events(
+        daemon, since
+    )
     assert read_run(tmp_path / "run.h5").attributes["complete"] is True
 
 
-def test_a_recording_without_a_lease_goes_on_and_is_not_stopped_by_another(daemon, tmp_path, monkeypatch):
+def test_a_recording_without_a_lease_goes_on_and_is_not_stopped_by_another(
+    daemon, tmp_path, monkeypatch
+):
     monkeypatch.setattr(recordings, "AFTER_LEASE_S", 0.0)
     lease = daemon.arm(LEASE_S)
     daemon.record(str(tmp_path / "run.h5"))
@@ -336,8 +375,12 @@ def small_disk(tmp_path):
     subprocess.run(["umount", "--lazy", disk], check=True)
 
 
-def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(daemon, small_disk, electrode_v, monkeypatch):
-    """Once the daemon said "recording" for ever, of a file that said it was complete and was not."""
+def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(
+    daemon, small_disk, electrode_v, monkeypatch
+):
+    """Once the daemon said "recording" for ever, of a file that said it was complete and was
+    not.
+    """
     monkeypatch.setattr(recordings, "SPACE_BYTES", 2 << 20)
     monkeypatch.setattr(recordings, "LOOK_S", 0.1)
     ballast = small_disk / "ballast"
@@ -348,7 +391,9 @@ def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(daemon, sma
     daemon.record(str(path))
     keep_rendering(daemon, lease.token, lambda: read_run(path).samples.size > 500)
     with suppress(OSError):  # the recorder may have taken what was free
-        ballast.write_bytes(b"x" * (shutil.disk_usage(small_disk).free & ~4095))  # not a byte is free now
+        ballast.write_bytes(
+            b"x" * (shutil.disk_usage(small_disk).free & ~4095)
+        )  # not a byte is free now
     keep_rendering(daemon, lease.token, lambda: daemon.status().recording_fault)
     status = daemon.status()
     assert (status.state, status.recording) == (DaemonState.RENDERING, None)
@@ -356,7 +401,11 @@ def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(daemon, sma
     keep_rendering(
         daemon, lease.token, lambda: electrode_v() > 10.0
     )  # zero, for a moment, where a busy machine was late
-    assert any("No space left" in event.message for event in daemon.events(since) if event.kind == "recording")
+    assert any(
+        "No space left" in event.message
+        for event in daemon.events(since)
+        if event.kind == "recording"
+    )
     first = read_run(path)
     assert first.attributes["complete"] is False
     assert "No space left on device" in first.attributes["why_incomplete"]
@@ -366,7 +415,9 @@ def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(daemon, sma
     keep_rendering(daemon, lease.token, lambda: daemon.status().recording)
     assert daemon.status().recording == str(small_disk / "run-2.h5")
     keep_rendering(daemon, lease.token, lambda: read_run(small_disk / "run-2.h5").samples.size)
-    with pytest.raises(HapticError, match=r"No space left on device.*then into .*run-2\.h5") as failed:
+    with pytest.raises(
+        HapticError, match=r"No space left on device.*then into .*run-2\.h5"
+    ) as failed:
         daemon.record(None)
     assert failed.value.code == "recording_failed"
     assert read_run(small_disk / "run-2.h5").attributes["complete"] is True
@@ -423,10 +474,14 @@ def test_the_surface_can_be_drawn(daemon, surface_file):
 def test_the_limits_that_are_drawn_are_those_that_are_kept(daemon, surface_file):
     """The least of them forbids what the surface file marks as forbidden, by code of its own."""
     drawn = daemon.surface_map()
-    lowest_v = np.min([[np.inf if v is None else v for v in one] for one in drawn["limits_v"].values()], axis=0)
+    lowest_v = np.min(
+        [[np.inf if v is None else v for v in one] for one in drawn["limits_v"].values()], axis=0
+    )
     load = int(np.abs(surface_file.normal_force_n - 0.5).argmin())
     for hz, most_v in zip(drawn["frequency_hz"], lowest_v, strict=True):
-        allowed = surface_file.within_limits[int(np.argmin(np.abs(surface_file.frequency_hz - hz))), :, load]
+        allowed = surface_file.within_limits[
+            int(np.argmin(np.abs(surface_file.frequency_hz - hz))), :, load
+        ]
         marked_v = surface_file.voltage_v[np.flatnonzero(allowed)[-1]]
         assert most_v <= marked_v + np.diff(surface_file.voltage_v)[0]
 
@@ -440,16 +495,22 @@ def test_samples_and_events_are_told_once(daemon):
     assert np.all(np.diff(more["tick"].astype(int)) >= 1)
     daemon.arm(LEASE_S)
     events = daemon.events(0)
-    assert [event.number for event in events] == list(range(events[0].number, events[0].number + len(events)))
+    assert [event.number for event in events] == list(
+        range(events[0].number, events[0].number + len(events))
+    )
     assert daemon.events(events[-1].number) == []
     assert len(daemon.events(events[-2].number)) == 1
 
 
 def test_status_says_what_latency_is_made_of(daemon, rig_config):
     budget = daemon.status().latency_budget_s
-    assert budget["total"] == pytest.approx(sum(value for name, value in budget.items() if name != "total"))
+    assert budget["total"] == pytest.approx(
+        sum(value for name, value in budget.items() if name != "total")
+    )
     assert budget["set_point"] == pytest.approx(0.005)
-    slower = rig_config.model_copy(update={"output": rig_config.output.model_copy(update={"latency_s": 0.1})})
+    slower = rig_config.model_copy(
+        update={"output": rig_config.output.model_copy(update={"latency_s": 0.1})}
+    )
     assert latency_budget_s(slower, 0.001, 0.0)["instrument"] == pytest.approx(0.095)
 
 
@@ -479,7 +540,9 @@ def since(daemon):
 
 def test_markers_of_a_script_are_told_when_they_pass(daemon, tmp_path):
     script = tmp_path / "blocks.csv"
-    script.write_text("time_s,cof,label\n0,0.6,begin\n0.2,0.65,\n0.4,0.7,second block\n900,0.6,end\n")
+    script.write_text(
+        "time_s,cof,label\n0,0.6,begin\n0.2,0.65,\n0.4,0.7,second block\n900,0.6,end\n"
+    )
     new = since(daemon)
     lease = daemon.arm(LEASE_S)
     began_s = time.monotonic()

@@ -1,4 +1,6 @@
-"""What a machine may refuse after arming: threads, processes, memory, disk, and anybody who reads what is logged."""
+"""What a machine may refuse after arming: threads, processes, memory, disk, and anybody who reads
+what is logged.
+"""
 
 import os
 import pty
@@ -31,7 +33,9 @@ def test_whatever_is_denied_after_arming_off_is_off(denied_daemon, what):
 
 
 def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
-    """With a terminal stopped by Ctrl-S control once hung in its first log line: no answer to OFF, none to SIGTERM."""
+    """With a terminal stopped by Ctrl-S control once hung in its first log line: no answer to OFF,
+    none to SIGTERM.
+    """
     daemon = denied_daemon("stderr+stdout")
     daemon.deny()
     client = HapticClient(daemon.path)
@@ -51,13 +55,17 @@ STOP = b"\x13"  # Ctrl-S
 
 @pytest.mark.parametrize("stopped", ["before", "after"])
 def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path, stopped):
-    """Where it was stopped before the daemon said that it was ready, SIGTERM once left the output on."""
+    """Where it was stopped before the daemon said that it was ready, SIGTERM once left the output
+    on.
+    """
     path = tmp_path / "d.sock"
     person, terminal = pty.openpty()
     if stopped == "before":
         os.write(person, STOP)
     command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--socket", path]
-    with subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True) as process:
+    with subprocess.Popen(
+        command, stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True
+    ) as process:
         try:
             until(path.exists)
             with HapticClient(path) as client:

@@ -1,4 +1,6 @@
-"""The writer of envelopes: which output it takes, how far ahead it writes, and what it says of itself."""
+"""The writer of envelopes: which output it takes, how far ahead it writes, and what it says of
+itself.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,9 @@ class Bench:
             self.output.advance(0.001)
             now_s = self.output.time_s
             self.shared.driven.write(Driven(self.gate, 0.0, 250.0, 150.0))
-            said = NO_OUTPUT._replace(order=order, time_s=now_s, frequency_hz=250.0, voltage_v=voltage_v)
+            said = NO_OUTPUT._replace(
+                order=order, time_s=now_s, frequency_hz=250.0, voltage_v=voltage_v
+            )
             said = said._replace(full_scale_v=150.0)
             self.shared.output.write(said)
             self.shared.courses.write((order, np.full(COURSE_POINTS, voltage_v**2).tobytes()))
@@ -71,7 +75,9 @@ def test_the_section_of_a_rigs_file_says_which_output(config, monkeypatch):
             made.append(self)
 
     monkeypatch.setattr("hw.analog.ni_daq.NiAnalogOutput", Card)
-    section = NiAnalogOutputConfig(**(config.analog_output.model_dump() | {"kind": "ni", "channel": "Dev2/ao0"}))
+    section = NiAnalogOutputConfig(
+        **(config.analog_output.model_dump() | {"kind": "ni", "channel": "Dev2/ao0"})
+    )
     output, open_output = EnvelopeSettings(section, modulation_input(config), 1e4).output()
     open_output()
     assert made == [output]

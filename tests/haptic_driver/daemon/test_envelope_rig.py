@@ -22,7 +22,9 @@ def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, h
     interval_s = daemon.basis.settings.config.output.setpoint_interval_s
 
     def moves():
-        """More different voltages in a quarter of a second than set points could make in all of it."""
+        """More different voltages in a quarter of a second than set points could make in all of
+        it.
+        """
         seen = {v for _, v in history(time.monotonic() - 0.25) if v > 10.0}
         return len(seen) > 0.25 / interval_s
 
@@ -60,7 +62,9 @@ def test_a_lost_client_takes_the_envelope_to_zero(daemon, history):
 def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daemon, history):
     lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)
-    keep_rendering(daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
+    keep_rendering(
+        daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0]
+    )
     os.kill(daemon.pids["instruments"], signal.SIGKILL)
     until(lambda: daemon.status().state is DaemonState.FAULT)
     assert daemon.status().output_on is not True
@@ -74,7 +78,9 @@ def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daem
 def test_a_writer_that_dies_is_a_fault_at_zero_and_comes_back(daemon, history):
     lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)
-    keep_rendering(daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0])
+    keep_rendering(
+        daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0]
+    )
     os.kill(daemon.pids["envelope"], signal.SIGKILL)
     until(lambda: daemon.status().state is DaemonState.FAULT)
     assert "envelope" in daemon.status().fault
@@ -112,7 +118,9 @@ def test_an_envelope_that_runs_dry_is_counted_flagged_and_told(daemon, history):
     os.kill(daemon.pids["envelope"], signal.SIGCONT)
 
     def told():
-        counts = [event.data["underruns"] for event in daemon.events(last) if event.message == "underrun"]
+        counts = [
+            event.data["underruns"] for event in daemon.events(last) if event.message == "underrun"
+        ]
         return [count for count in counts if count > before]  # one of earlier gaps may be told late
 
     keep_rendering(daemon, lease.token, told)

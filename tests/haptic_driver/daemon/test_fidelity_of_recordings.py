@@ -87,7 +87,9 @@ def _touching_for(ticks):
 
 
 def _share(ticks, asked, *, of_all=False):
-    """How much of the sliding time friction was within 5 % of `asked`, both over 10 ms; of what was within reach."""
+    """How much of the sliding time friction was within 5 % of `asked`, both over 10 ms; of what was
+    within reach.
+    """
     judged = (ticks["in_contact"] == 1) & (ticks["speed_m_s"] >= 0.002)
     judged &= np.isfinite(ticks["measured_cof"]) & np.isfinite(asked)
     judged &= (_touching_for(ticks) >= 0.1) & (of_all | (ticks["reachable"] == 1))
@@ -124,7 +126,9 @@ def test_the_share_within_5_percent_is_that_of_the_recording_at_its_best_lag(rec
     best_s = max(lags_s, key=lambda lag_s: _correlation(ticks, _asked(ticks, lag_s)))
     asked = _asked(ticks, best_s)
     assert said.share_within_5_percent == pytest.approx(_share(ticks, asked), abs=AGREES)
-    assert felt(ticks).within_5_percent == pytest.approx(_share(ticks, asked, of_all=True), abs=AGREES)
+    assert felt(ticks).within_5_percent == pytest.approx(
+        _share(ticks, asked, of_all=True), abs=AGREES
+    )
 
 
 @pytest.mark.parametrize("rig", RIGS)

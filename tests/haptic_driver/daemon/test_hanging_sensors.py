@@ -1,4 +1,6 @@
-"""A sensor's driver from outside that hangs does not keep the daemon from ending, with the output off."""
+"""A sensor's driver from outside that hangs does not keep the daemon from ending, with the output
+off.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from tests.haptic_driver.daemon.waiting import until_ready
 from tests.waiting import HANG_S, until
 
 PLUGIN = '''
-"""A finger tracker that says where the finger is, until a file is there; then it hangs, in closing too."""
+"""A finger tracker that says where the finger is. Once a file is there it hangs, in closing too."""
 
 import time
 from pathlib import Path
@@ -65,11 +67,20 @@ def start(simulated, tmp_path):
     about = tmp_path / "lab_finger-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: lab-finger\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[haptic_driver.finger_trackers]\nlab_finger = lab_finger:KIND\n")
+    (about / "entry_points.txt").write_text(
+        "[haptic_driver.finger_trackers]\nlab_finger = lab_finger:KIND\n"
+    )
     rig = tmp_path / "lab.toml"
     text = changed(served_rig_text(simulated[1]), ("[watchdog]", "[watchdog]\ngive_up_s = 2.0"))
     rig.write_text(text + RIG.format(folder=tmp_path))
-    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--rig", rig, "--allow-no-rt"]
+    command = [
+        Path(sys.executable).with_name("haptic"),
+        "daemon",
+        "run",
+        "--rig",
+        rig,
+        "--allow-no-rt",
+    ]
     command += ["--socket", tmp_path / "daemon.sock"]
     started = []
 

@@ -1,4 +1,6 @@
-"""Whatever process is killed or stopped, the electrode is at zero within the lease, by the amplifier's own record."""
+"""Whatever process is killed or stopped, the electrode is at zero within the lease, by the
+amplifier's own record.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ SENT = (("render", SIGKILL), ("watchdog", SIGKILL), ("instruments", SIGKILL), ("
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(1200)  # five starts; seconds each, minutes where kernels have to be compiled on a busy machine
+@pytest.mark.timeout(
+    1200
+)  # five starts; seconds each, minutes where kernels have to be compiled on a busy machine
 def test_output_is_zero_within_the_lease_after_each_process_is_killed_or_stopped(killable_daemon):
     daemon = killable_daemon()
     for name, sent in SENT:
@@ -25,7 +29,9 @@ def test_output_is_zero_within_the_lease_after_each_process_is_killed_or_stopped
 
     stopped, pids = pids["render"], daemon.await_output()
     assert pids["render"] != stopped
-    assert daemon.report["late_kernels"] == []  # control was silent while it compiled one, and the lease ran out
+    assert (
+        daemon.report["late_kernels"] == []
+    )  # control was silent while it compiled one, and the lease ran out
     assert daemon.time_to_zero_s("control", SIGKILL) <= LEASE_S
     others = [pid for pid in pids.values() if pid != daemon.process.pid]
     until(lambda: not any(map(exists, others)), lambda: "processes outlive control")

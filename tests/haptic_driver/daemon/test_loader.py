@@ -1,4 +1,6 @@
-"""What is read for a client is bounded: bombs, pipes and devices are refused, and control never reads them itself."""
+"""What is read for a client is bounded: bombs, pipes and devices are refused, and control never
+reads them itself.
+"""
 
 import os
 import signal
@@ -53,7 +55,12 @@ def peak_bytes(loader):
 
 
 def chunk(name, content):
-    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+    return (
+        struct.pack(">I", len(content))
+        + name
+        + content
+        + struct.pack(">I", zlib.crc32(name + content))
+    )
 
 
 def header(width, height, bits=8, colour=0):
@@ -93,9 +100,10 @@ def hjif(**given):
     frames = [{"relative_position": i, "amplitude_modulation": 0.1 + 0.1 * i} for i in range(3)]
     unit = given.get("unit_exponent", -3)
     return (
-        '{"perceptions": [{"id": 0, "perception_modality": "Friction", "unit_exponent": '
-        f'{unit}, "channels": [{{"gain": {given.get("gain", 1)}, "bands": [{{"band_type": "Curve", '
-        f'"effects": [{{"keyframes": {str(given.get("frames", frames)).replace(chr(39), chr(34))}}}]}}]}}]}}]}}'
+        f'{{"perceptions": [{{"id": 0, "perception_modality": "Friction", "unit_exponent": {unit},'
+        f' "channels": [{{"gain": {given.get("gain", 1)}, "bands": [{{"band_type": "Curve",'
+        ' "effects": [{"keyframes":'
+        f" {str(given.get('frames', frames)).replace(chr(39), chr(34))}}}]}}]}}]}}]}}"
     ).encode()
 
 
@@ -106,12 +114,36 @@ def coloured():
 FILES = {  # made when they are asked for
     "png_wide": (MAP, "a.png", lambda: png(header(60_000, 60_000), data(squeezed(MIB)))),
     "png_of_5_million": (MAP, "a.png", lambda: png(header(2500, 2000), data(squeezed(5 * MIB)))),
-    "png_second_header": (MAP, "a.png", lambda: png(header(1, 1), header(13_000, 13_000), data(squeezed(170 * MIB)))),
-    "png_second_header_largest": (MAP, "a.png", lambda: png(header(1, 1), header(10**5, 10**5), data(squeezed(MIB)))),
-    "png_long_data": (MAP, "a.png", lambda: png(header(2000, 2000), data(b"x" + squeezed(900 * MIB)))),
-    "png_text": (MAP, "a.png", lambda: png(header(1, 1), chunk(b"zTXt", b"a\0\0" + squeezed(900 * MIB)))),
-    "png_many_texts": (MAP, "a.png", lambda: png(header(1, 1), *[chunk(b"zTXt", b"a\0\0" + squeezed(MIB))] * 900)),
-    "png_profile": (MAP, "a.png", lambda: png(header(1, 1), chunk(b"iCCP", b"a\0\0" + squeezed(900 * MIB)))),
+    "png_second_header": (
+        MAP,
+        "a.png",
+        lambda: png(header(1, 1), header(13_000, 13_000), data(squeezed(170 * MIB))),
+    ),
+    "png_second_header_largest": (
+        MAP,
+        "a.png",
+        lambda: png(header(1, 1), header(10**5, 10**5), data(squeezed(MIB))),
+    ),
+    "png_long_data": (
+        MAP,
+        "a.png",
+        lambda: png(header(2000, 2000), data(b"x" + squeezed(900 * MIB))),
+    ),
+    "png_text": (
+        MAP,
+        "a.png",
+        lambda: png(header(1, 1), chunk(b"zTXt", b"a\0\0" + squeezed(900 * MIB))),
+    ),
+    "png_many_texts": (
+        MAP,
+        "a.png",
+        lambda: png(header(1, 1), *[chunk(b"zTXt", b"a\0\0" + squeezed(MIB))] * 900),
+    ),
+    "png_profile": (
+        MAP,
+        "a.png",
+        lambda: png(header(1, 1), chunk(b"iCCP", b"a\0\0" + squeezed(900 * MIB))),
+    ),
     "png_all_coloured": (MAP, "a.png", lambda: png(header(2000, 2000, colour=2), data(coloured()))),
     "png_large": (MAP, "a.png", lambda: bytes(40 * MIB)),
     "npy_shape": (MAP, "a.npy", lambda: npy_of("(1000000, 1000000)")),
@@ -137,7 +169,7 @@ FILES = {  # made when they are asked for
     "hjif_infinite": (HJIF, "a.hjif", lambda: hjif(gain="1e999")),
     "hjif_deep": (HJIF, "a.hjif", lambda: b"[" * (MIB - 9)),
     "hjif_large": (HJIF, "a.hjif", lambda: hjif(frames="[" + "{}," * 300_000 + "{}]")),
-}  # fmt: skip
+}
 
 DESCRIPTIONS = {
     "toml_deep": "a = " + "[" * 500_000,
@@ -148,13 +180,18 @@ DESCRIPTIONS = {
     "toml_long_number": "a = " + "9" * 500_000,
     "toml_large": "# " + "x" * 4_000_000,
     "toml_many_keys": "\n".join(f"k{i} = 1" for i in range(35_000)),
-    "noise": 'kind = "noise"\nmean_cof = 0.6\namplitude_cof = 0.1\nshortest_mm = 0.2\nlongest_mm = 2\ntile_mm = 10000',
+    "noise": (
+        'kind = "noise"\nmean_cof = 0.6\namplitude_cof = 0.1\nshortest_mm = 0.2\nlongest_mm ='
+        " 2\ntile_mm = 10000"
+    ),
 }
 
 
 @pytest.fixture
 def patient(monkeypatch):
-    """Who gives way to everybody may not come to its end within the usual time on a busy machine."""
+    """Who gives way to everybody may not come to its end within the usual time on a busy
+    machine.
+    """
     monkeypatch.setattr("haptic_driver.daemon.loader.TIME_S", HANG_S)
 
 
@@ -181,7 +218,9 @@ def test_a_file_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, 
 
 @pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("name", DESCRIPTIONS)
-def test_a_description_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, tmp_path, name):
+def test_a_description_that_is_a_bomb_is_refused_in_little_memory(
+    loader, usual_bytes, tmp_path, name
+):
     (tmp_path / "texture.toml").write_text(DESCRIPTIONS[name])
     error, grown_bytes = refused(loader, tmp_path / "texture.toml", usual_bytes)
     assert error.code != "too_much"
@@ -191,9 +230,13 @@ def test_a_description_that_is_a_bomb_is_refused_in_little_memory(loader, usual_
 
 
 @pytest.mark.parametrize("file", ["a.png", "a.npy", "a.csv", "a.hjif"])
-@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
+@pytest.mark.parametrize(
+    "make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"]
+)
 def test_what_is_no_regular_file_is_refused_and_never_waited_for(loader, tmp_path, file, make):
-    """A pipe behind a texture's name once held the daemon's API for ever, and /dev/zero ate the memory."""
+    """A pipe behind a texture's name once held the daemon's API for ever, and /dev/zero ate the
+    memory.
+    """
     at_first_bytes = peak_bytes(loader)  # what earlier tests made it allocate stays with it
     make(tmp_path / file)
     described = {".csv": PROFILE, ".hjif": HJIF}.get(Path(file).suffix, MAP)
@@ -265,7 +308,11 @@ def test_it_has_no_precedence_and_ends_with_control(loader):
 
 def test_pictures_are_of_the_library_alone(running, tmp_path):
     low, high, levels = running.tile("braille", Grid(0.0, 0.0, 1e-3, 30, 20))
-    assert (low, high, len(levels)) == (pytest.approx(0.55, abs=0.01), pytest.approx(0.8, abs=0.01), 600)
+    assert (low, high, len(levels)) == (
+        pytest.approx(0.55, abs=0.01),
+        pytest.approx(0.8, abs=0.01),
+        600,
+    )
     own = tmp_path / "own.toml"
     own.write_text('kind = "uniform"\ncof = 0.6\n')
     for name in (str(own), "../textures/linen", "linnen", "linen.toml"):

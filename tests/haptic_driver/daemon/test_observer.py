@@ -1,4 +1,6 @@
-"""What is held against the model while something renders: rows and agreement, whatever pieces the samples come in."""
+"""What is held against the model while something renders: rows and agreement, whatever pieces the
+samples come in.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ from tests.haptic_driver.experiments.recorded_runs import HEADER, LIFT, Part, ti
 from tests.waiting import exists, until
 
 BATCH = 2000
-STROKES = [part for v in (0.0, 60.0, 110.0) for part in (Part(1.2, voltage_v=v, normal_force_n=0.4), LIFT)]
+STROKES = [
+    part for v in (0.0, 60.0, 110.0) for part in (Part(1.2, voltage_v=v, normal_force_n=0.4), LIFT)
+]
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +62,16 @@ def test_friction_that_the_voltage_no_longer_gives_is_told_with_its_place(expect
     observed(observation, ticks(6 * STROKES, law, rng, wobble=0.01))
     later = ticks(6 * STROKES, changed, rng, wobble=0.01)
     later["time_s"] += 60.0
-    told = [found for each in observed(observation, later) for found in each.found if found.axis == "voltage_v"]
+    told = [
+        found
+        for each in observed(observation, later)
+        for found in each.found
+        if found.axis == "voltage_v"
+    ]
     assert told
-    assert all(found.low == 100.0 and found.share < -0.05 and found.since_s > 100.0 for found in told)
+    assert all(
+        found.low == 100.0 and found.share < -0.05 and found.since_s > 100.0 for found in told
+    )
     observation.begin()
     assert not observation.add(later[:0]).cells
 
@@ -70,7 +81,9 @@ def test_pieces_give_the_rows_of_the_whole(expected, law, rng):
     samples = ticks(2 * STROKES, law, rng)
     pieces = [row for each in observed(Observation(expected), samples) for row in each.rows]
     whole = cut(Run("all", {"latency_budget_s": HEADER.latency_budget_s}, {}, samples, []))
-    assert {each.row.setting.voltage_v for each in pieces} == {each.row.setting.voltage_v for each in whole}
+    assert {each.row.setting.voltage_v for each in pieces} == {
+        each.row.setting.voltage_v for each in whole
+    }
     assert len(whole) <= len(pieces) <= len(whole) + samples.size // BATCH
     trials = [each.row.trial for each in pieces]
     assert trials == sorted(trials)
@@ -84,7 +97,9 @@ def test_after_a_swap_that_render_refused_the_observer_goes_by_the_surface_that_
     expected, law, rng, model_description, limits
 ):
     light, presents = replace(model_description, parameters=dict(model_description.parameters)), []
-    light.parameters["cof_off"] = replace(light.parameters["cof_off"], value=0.9 * light.parameters["cof_off"].value)
+    light.parameters["cof_off"] = replace(
+        light.parameters["cof_off"], value=0.9 * light.parameters["cof_off"].value
+    )
 
     def mend(known, description, held_out, present):
         presents.append(present)
@@ -115,7 +130,9 @@ def written(shared, samples):
 
 
 @pytest.mark.soak
-def test_an_observer_that_dies_is_started_again_and_mends_where_it_is_asked(shared, expected, law, rng):
+def test_an_observer_that_dies_is_started_again_and_mends_where_it_is_asked(
+    shared, expected, law, rng
+):
     events, installed = EventLog(), []
     observer = Observer(shared, events, lambda surface, too_late: installed.append(surface) or True)
     observer.start(replace(expected, period_s=0.2))
@@ -140,7 +157,11 @@ def test_an_observer_that_dies_is_started_again_and_mends_where_it_is_asked(shar
         assert observer.rows
     finally:
         observer.close()
-    told = [(event.kind, event.message.partition(":")[0]) for event in events.since(0) if event.kind != "agreement"]
+    told = [
+        (event.kind, event.message.partition(":")[0])
+        for event in events.since(0)
+        if event.kind != "agreement"
+    ]
     said = "the observer process was killed by SIGKILL; it is started again, rendering goes on"
     assert told[0] == ("observer", said)
     assert ("adapt", "mended") in told

@@ -44,7 +44,12 @@ def test_outlets_get_what_is_new_once_and_a_failing_one_ends_alone(shared):
         good.events.append(EVENT)
         for tick in range(2, 50):
             shared.ring.write(made_tick(tick))
-        until(lambda: sum(len(ticks) for ticks, _ in good.got) == 48 and any(events for _, events in good.got))
+        until(
+            lambda: (
+                sum(len(ticks) for ticks, _ in good.got) == 48
+                and any(events for _, events in good.got)
+            )
+        )
     assert [tick for ticks, _ in good.got for tick in ticks] == list(range(2, 50))
     assert [event for _, events in good.got for event in events] == [EVENT]
     assert said == ["Telling ended: no route"]
@@ -57,21 +62,33 @@ def test_osc_messages_are_read_by_an_osc_parser(shared):
         receiver.settimeout(HANG_S)
         outlet = OscOutlet(f"127.0.0.1:{receiver.getsockname()[1]}")
         shared.ring.write(made_tick(1, position_x_m=0.5))
-        shared.ring.write(made_tick(
-            2, position_x_m=0.01, position_y_m=0.02, target_cof=0.6, measured_cof=math.nan, frequency_hz=250.0,
-            voltage_v=80.0, normal_force_n=0.5,
-        ))  # fmt: skip
+        shared.ring.write(
+            made_tick(
+                2,
+                position_x_m=0.01,
+                position_y_m=0.02,
+                target_cof=0.6,
+                measured_cof=math.nan,
+                frequency_hz=250.0,
+                voltage_v=80.0,
+                normal_force_n=0.5,
+            )
+        )
         outlet.send(shared.ring.read(0).samples, [EVENT])
         sample, event = (osc.OscMessage(receiver.recv(2048)) for _ in range(2))
         outlet._client._sock.close()
     assert sample.address == "/haptic/sample"
-    np.testing.assert_allclose(sample.params, [0.01, 0.02, 0.6, np.nan, 250.0, 80.0, 0.5], rtol=1e-6)
+    np.testing.assert_allclose(
+        sample.params, [0.01, 0.02, 0.6, np.nan, 250.0, 80.0, 0.5], rtol=1e-6
+    )
     assert event.address == "/haptic/event"
     assert event.params[:3] == [3, "marker", "begin"]
     assert json.loads(event.params[3]) == {"trial": 1}
 
 
-@pytest.mark.parametrize("address", ["9000", "127.0.0.1:", "127.0.0.1:x", ":9000", "127.0.0.1:0", "127.0.0.1:70000"])
+@pytest.mark.parametrize(
+    "address", ["9000", "127.0.0.1:", "127.0.0.1:x", ":9000", "127.0.0.1:0", "127.0.0.1:70000"]
+)
 def test_a_bad_osc_address_is_refused(address):
     with pytest.raises(BadInputError, match="is no HOST:PORT"):
         OscOutlet(address)
@@ -93,7 +110,9 @@ for name in ("haptic-samples", "haptic-events"):
     inlets[-1].open_stream(timeout=30.0)
 samples = np.zeros(3, SAMPLE)
 now_s = time.monotonic()
-samples["tick"], samples["time_s"], samples["target_cof"] = [7, 8, 9], now_s + np.arange(3) * 1e-3, 0.6
+samples["tick"] = [7, 8, 9]
+samples["time_s"] = now_s + np.arange(3) * 1e-3
+samples["target_cof"] = 0.6
 outlet.send(samples, [Event(number=3, time_s=now_s, kind="marker", message="begin")])
 rows, stamps = zip(*(inlets[0].pull_sample(timeout=30.0) for _ in range(3)))
 marker, stamp = inlets[1].pull_sample(timeout=30.0)
@@ -123,7 +142,8 @@ with hearing(LslMarkers("paradigm"), events.add, failed.append):
     while not events.since(0) and not failed and time.monotonic() < until_s:
         time.sleep(0.01)
 (event,) = events.since(0)
-assert (event.kind, event.message, event.data) == ("marker", "trial 7", {"stream": "paradigm"}), event
+told = (event.kind, event.message, event.data)
+assert told == ("marker", "trial 7", {"stream": "paradigm"}), event
 assert abs(event.time_s - sent_s) < 0.01, (event, sent_s)
 assert not failed, failed
 """
@@ -135,7 +155,11 @@ def test_streams_of_lsl_go_out_and_come_in(dialogue, tmp_path, monkeypatch):
     (tmp_path / "lsl.cfg").write_text(LSL_ON_LOOPBACK)
     monkeypatch.setenv("LSLAPICFG", str(tmp_path / "lsl.cfg"))
     done = subprocess.run(
-        [sys.executable, "-c", dialogue], capture_output=True, text=True, timeout=2 * HANG_S, check=False
+        [sys.executable, "-c", dialogue],
+        capture_output=True,
+        text=True,
+        timeout=2 * HANG_S,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
 

@@ -1,4 +1,6 @@
-"""The output pump in its loop, from render through the instruments to the finger, in made-up time."""
+"""The output pump in its loop, from render through the instruments to the finger, in made-up
+time.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ STARTED_S = START_S + 0.1  # the latency included
 
 
 class Loop:
-    """A finger that slides steadily, with friction `gain` times the surface's, on a rig by its name."""
+    """A finger that slides steadily, with friction `gain` times the surface's, on a rig by its
+    name.
+    """
 
     def __init__(self, name, surface_file, gain):
         config = load_rig(name)
@@ -47,28 +51,38 @@ class Loop:
         analog = config.analog_output
         self.card = None
         if not isinstance(analog, NoAnalogOutput):
-            self.card = SteppedAnalogOutput(AnalogOutputSettings(-5.0, 5.0, -5.0, analog.sample_rate_limit_hz))
+            self.card = SteppedAnalogOutput(
+                AnalogOutputSettings(-5.0, 5.0, -5.0, analog.sample_rate_limit_hz)
+            )
             self.card.open()
             rise_v_per_s = config.output.voltage_rise_v_per_s
             self.writer = EnvelopeWriter(self.card, modulation_input(config), 50e3, rise_v_per_s)
             self.generator.set_modulation_input(self.card.terminal_v)
         self.rig = build_rig(
-            config, MemoryTransport(self.generator), sensor,
-            Wiring(enable=self.amplifier, voltage_monitor=self.amplifier), modulated=self.card is not None,
+            config,
+            MemoryTransport(self.generator),
+            sensor,
+            Wiring(enable=self.amplifier, voltage_monitor=self.amplifier),
+            modulated=self.card is not None,
             sleep=lambda seconds: None,
-        )  # fmt: skip
+        )
         self.rig.connect()
         self.shared, self.now_s, self.order, self.number = SharedState(), 1000.0, NO_ORDER, 0
         self.failures = []
         self.pump = OutputPump(
-            self.shared, config.output.setpoint_interval_s, config.output.linger_s, self.failures.append,
+            self.shared,
+            config.output.setpoint_interval_s,
+            config.output.linger_s,
+            self.failures.append,
             lambda: self.now_s,
-        )  # fmt: skip
+        )
         self.pump.actuator = make_actuator(config, self.rig)
         self.envelope = None
         if self.card is not None:
             self.envelope = EnvelopeLoop(self.shared, self.writer, Lead(None, analog.buffer_s))
-        self.renderer = Renderer(render_settings(config, surface_file), self.shared, clock=lambda: self.now_s)
+        self.renderer = Renderer(
+            render_settings(config, surface_file), self.shared, clock=lambda: self.now_s
+        )
 
     def set(self, cof):
         """What control does when somebody asks for a friction."""
@@ -79,7 +93,11 @@ class Loop:
         number = self.order.number + 1
         self.shared.targets.write(self.order.target + 1, target)
         self.order = self.order._replace(
-            number=number, arming=1, rendering=True, lease_until_s=math.inf, target=self.order.target + 1
+            number=number,
+            arming=1,
+            rendering=True,
+            lease_until_s=math.inf,
+            target=self.order.target + 1,
         )
         self.pump.open(number)
 
@@ -96,9 +114,18 @@ class Loop:
             voltage_v = self.amplifier.step(TICK_S, output)
             self.plant.step(TICK_S, output.frequency_hz, voltage_v, FORCE_N, SPEED_M_S)
             felt, x_m = self.rig.read_force(), 0.01 + SPEED_M_S * (self.now_s - 1000.0)
-            self.shared.sensed.write(Sensed(
-                self.now_s, x_m, 0.03, True, self.now_s, felt.normal_force_n, felt.lateral_force_n, False
-            ))  # fmt: skip
+            self.shared.sensed.write(
+                Sensed(
+                    self.now_s,
+                    x_m,
+                    0.03,
+                    True,
+                    self.now_s,
+                    felt.normal_force_n,
+                    felt.lateral_force_n,
+                    False,
+                )
+            )
             self.order = self.order._replace(beat_s=self.now_s)
             self.shared.order.write(self.order)
             self.pump.turn(self.now_s)  # may read what render said a tick ago
@@ -190,7 +217,9 @@ def test_gaps_of_an_envelope_are_counted_and_teach_nothing(surface_file):
     after = loop.run(0.3)
     assert loop.shared.played.read().underruns == 1
     assert np.abs(after["feedback_gain"] - 1.0).max() < 0.03
-    assert 2 <= np.count_nonzero(after["output_on"] == 0) <= 5  # what was commanded there is no row's
+    assert (
+        2 <= np.count_nonzero(after["output_on"] == 0) <= 5
+    )  # what was commanded there is no row's
     loop.close()
 
 
@@ -207,5 +236,8 @@ def test_a_texture_faster_than_half_the_ticks_reaches_the_electrode(surface_file
     hz = np.fft.rfftfreq(voltage_v.size, 1.0 / 50e3)
     loop.close()
     assert hz[1 + np.abs(force[1:]).argmax()] == pytest.approx(800.0, rel=0.01)
-    assert np.abs(force[np.abs(hz - 800.0) < 40.0]).max() > 20.0 * np.abs(force[np.abs(hz - 200.0) < 40.0]).max()
+    assert (
+        np.abs(force[np.abs(hz - 800.0) < 40.0]).max()
+        > 20.0 * np.abs(force[np.abs(hz - 200.0) < 40.0]).max()
+    )
     assert loop.failures == []

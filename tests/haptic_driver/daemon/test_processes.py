@@ -138,7 +138,9 @@ def test_how_a_child_ended_is_said_in_words(tmp_path):
     failing.stop()
 
 
-@pytest.mark.parametrize("module", ["haptic_driver.recording.process", "haptic_driver.daemon.loader"])
+@pytest.mark.parametrize(
+    "module", ["haptic_driver.recording.process", "haptic_driver.daemon.loader"]
+)
 def test_who_compiles_nothing_starts_without_numba(module):
     code = f"import sys, {module}; sys.exit('numba' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], timeout=120, check=True)

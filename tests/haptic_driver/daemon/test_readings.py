@@ -1,4 +1,6 @@
-"""Readings that cannot be true are not believed, and take the output to zero as a fault that says what and where."""
+"""Readings that cannot be true are not believed, and take the output to zero as a fault that says
+what and where.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ class Bench:
     def __init__(self, **sections):
         self.finger, self.force, self.now_s = FINGER, FORCE, NOW_S
         config = load_rig(RIG).model_copy(update={"screen": SCREEN} | sections)
-        self.readings = Readings(config, lambda: self.finger, lambda: self.force, lambda: self.now_s)
+        self.readings = Readings(
+            config, lambda: self.finger, lambda: self.force, lambda: self.now_s
+        )
 
     def says(self, finger=FINGER, force=FORCE):
         self.finger, self.force = finger, force
@@ -59,9 +63,13 @@ def test_a_good_reading_is_taken_as_it_is_and_may_be_repeated():
     assert bench.says() == first
 
 
-@pytest.mark.parametrize("wrong_s", [math.nan, math.inf, -math.inf, 1.7e9, NOW_S + 0.02, NOW_S - 0.02])
+@pytest.mark.parametrize(
+    "wrong_s", [math.nan, math.inf, -math.inf, 1.7e9, NOW_S + 0.02, NOW_S - 0.02]
+)
 def test_a_time_is_between_the_last_one_and_now(wrong_s):
-    """A sensor that stamped by the clock of the day and froze left 111 V on for ever, a tracker 71 V."""
+    """A sensor that stamped by the clock of the day and froze left 111 V on for ever, a tracker 71
+    V.
+    """
     bench = Bench()
     bench.says()
     assert "finger tracker (simulated)" in bench.fault(finger=FINGER._replace(time_s=wrong_s))
@@ -75,10 +83,15 @@ def test_a_frozen_clock_that_is_a_little_ahead_grows_old():
     for _ in range(100):
         bench.now_s += 0.01
         bench.says(FINGER._replace(time_s=bench.now_s), ahead)
-    assert bench.says(force=ahead, finger=FINGER._replace(time_s=bench.now_s)).force_time_s <= NOW_S + SLACK_S
+    assert (
+        bench.says(force=ahead, finger=FINGER._replace(time_s=bench.now_s)).force_time_s
+        <= NOW_S + SLACK_S
+    )
 
 
-@given(finger_s=st.lists(ANY, min_size=3, max_size=6), force_s=st.lists(ANY, min_size=6, max_size=6))
+@given(
+    finger_s=st.lists(ANY, min_size=3, max_size=6), force_s=st.lists(ANY, min_size=6, max_size=6)
+)
 def test_times_that_get_through_are_in_order_and_not_ahead(finger_s, force_s):
     bench, last = Bench(), (-math.inf, -math.inf)
     for one_s, other_s in zip(finger_s, force_s, strict=False):
@@ -94,16 +107,35 @@ def test_times_that_get_through_are_in_order_and_not_ahead(finger_s, force_s):
 @pytest.mark.parametrize("wrong_n", [500.0, -500.0, 1e30, 1e9, math.nan, math.inf])
 def test_a_force_is_one_that_the_sensor_can_measure(wrong_n):
     said = Bench().fault(force=FORCE._replace(normal_force_n=wrong_n))
-    assert said == (f"the force sensor (simulated) reads a normal force of {wrong_n:.4g} N, and measures up to 50 N")
+    assert (
+        said
+        == f"the force sensor (simulated) reads a normal force of {wrong_n:.4g} N, and measures up"
+        " to 50 N"
+    )
     assert "a lateral force of" in Bench().fault(force=FORCE._replace(lateral_force_n=wrong_n))
 
 
 def test_what_it_can_measure_stands_in_the_rigs_file():
-    axes = {"normal_axis": "-z", "lateral_axis": "x", "counts_per_n": 1e6, "counts_per_n_m": 1e6, "host": "box"}
-    section = NetFtForceSensorConfig(kind="net_ft", **axes, normal_range_n=17.0, lateral_range_n=12.0)
+    axes = {
+        "normal_axis": "-z",
+        "lateral_axis": "x",
+        "counts_per_n": 1e6,
+        "counts_per_n_m": 1e6,
+        "host": "box",
+    }
+    section = NetFtForceSensorConfig(
+        kind="net_ft", **axes, normal_range_n=17.0, lateral_range_n=12.0
+    )
     bench = Bench(force_sensor=section)
-    assert bench.says(force=FORCE._replace(normal_force_n=-17.0, lateral_force_n=-12.0)).lateral_force_n == -12.0
-    assert "the force sensor (net_ft) reads a normal force" in bench.fault(force=FORCE._replace(normal_force_n=17.1))
+    assert (
+        bench.says(
+            force=FORCE._replace(normal_force_n=-17.0, lateral_force_n=-12.0)
+        ).lateral_force_n
+        == -12.0
+    )
+    assert "the force sensor (net_ft) reads a normal force" in bench.fault(
+        force=FORCE._replace(normal_force_n=17.1)
+    )
     assert "and measures up to 12 N" in bench.fault(force=FORCE._replace(lateral_force_n=12.1))
 
 
@@ -114,12 +146,16 @@ def test_what_a_sensor_disowns_or_nobody_measures_is_no_fault():
     assert math.isnan(bench.says(force=NoForceSensor(0.5, lambda: NOW_S).read()).lateral_force_n)
 
 
-@pytest.mark.parametrize("place_m", [(5.0, 0.02), (0.111, 0.02), (-0.011, 0.02), (0.03, 0.071), (math.nan, 0.02)])
+@pytest.mark.parametrize(
+    "place_m", [(5.0, 0.02), (0.111, 0.02), (-0.011, 0.02), (0.03, 0.071), (math.nan, 0.02)]
+)
 def test_a_finger_is_on_the_screen(place_m):
     x_m, y_m = place_m
     off = FINGER._replace(position_x_m=x_m, position_y_m=y_m)
     assert "on a screen of 0.1 m by 0.06 m" in Bench().fault(finger=off)
-    assert not Bench().says(finger=off._replace(touching=False)).touching  # of such a one nothing is rendered
+    assert (
+        not Bench().says(finger=off._replace(touching=False)).touching
+    )  # of such a one nothing is rendered
 
 
 @pytest.mark.parametrize("place_m", [(0.0, 0.0), (0.109, 0.069), (-0.009, -0.009)])
@@ -128,7 +164,8 @@ def test_a_finger_at_the_edge_is_believed(place_m):
     assert Bench().says(finger=FINGER._replace(position_x_m=x_m, position_y_m=y_m)).touching
 
 
-# --- in simulated time, and in the daemon ------------------------------------------------------------------------
+# --- in simulated time, and in the daemon
+# ------------------------------------------------------------------------
 
 
 def slide_to(daemon, position_m):
@@ -152,7 +189,9 @@ def test_a_demo_goes_by_the_same_check(rig_config, touch, surface_file):
 
 
 class Plugin:
-    """A sensor of somebody else's, over the rig's own: from `wrong` on it says that instead, or raises it."""
+    """A sensor of somebody else's, over the rig's own: from `wrong` on it says that instead, or
+    raises it.
+    """
 
     def __init__(self, own):
         self.own, self.wrong = own, None
@@ -184,8 +223,14 @@ WRONG = {
     "has no time": lambda plugin: lambda reading: reading._replace(time_s=math.nan),
 }
 WRONG_OF = {
-    "force": {"presses with 500 N": lambda plugin: lambda reading: reading._replace(normal_force_n=500.0)},
-    "finger": {"is at 5 m": lambda plugin: lambda reading: reading._replace(position_x_m=5.0, touching=True)},
+    "force": {
+        "presses with 500 N": lambda plugin: lambda reading: reading._replace(normal_force_n=500.0)
+    },
+    "finger": {
+        "is at 5 m": lambda plugin: (
+            lambda reading: reading._replace(position_x_m=5.0, touching=True)
+        )
+    },
 }
 CASES = [(which, what) for which in WRONG_OF for what in (*WRONG, *WRONG_OF[which])]
 
@@ -202,7 +247,9 @@ def test_what_cannot_be_is_a_fault_with_the_output_off(daemon, history, plugins,
     plugins[which].wrong = (WRONG | WRONG_OF[which])[what](plugins[which])
     until(lambda: daemon.status().state is DaemonState.FAULT, daemon.status)
     status = daemon.status()
-    assert {"force": "the force sensor (simulated)", "finger": "the finger tracker (simulated)"}[which] in status.fault
+    assert {"force": "the force sensor (simulated)", "finger": "the finger tracker (simulated)"}[
+        which
+    ] in status.fault
     assert "fault" in status.flags
     until(lambda: daemon.status().output_on is False, daemon.status)
     assert history()[-1][1] == 0.0
@@ -210,12 +257,16 @@ def test_what_cannot_be_is_a_fault_with_the_output_off(daemon, history, plugins,
     reset(daemon)
 
 
-@pytest.mark.parametrize("error", [SystemExit(3), KeyboardInterrupt(), RuntimeError("broken")], ids=repr)
+@pytest.mark.parametrize(
+    "error", [SystemExit(3), KeyboardInterrupt(), RuntimeError("broken")], ids=repr
+)
 @pytest.mark.parametrize("which", ["force", "finger"])
 def test_a_plugin_that_exits_is_told_as_any_failure_and_sensing_goes_on(
     daemon, history, plugins, which, error, monkeypatch
 ):
-    monkeypatch.setattr("haptic_driver.daemon.supervision.LOST_S", 0.3)  # then all is connected anew
+    monkeypatch.setattr(
+        "haptic_driver.daemon.supervision.LOST_S", 0.3
+    )  # then all is connected anew
     render(daemon, history)
     since = daemon.events(0)[-1].number
     plugins[which].wrong = error
@@ -226,4 +277,9 @@ def test_a_plugin_that_exits_is_told_as_any_failure_and_sensing_goes_on(
     until(lambda: daemon.status().output_on is False, daemon.status)
     assert history()[-1][1] == 0.0
     reset(daemon)
-    until(lambda: np.isfinite(daemon.shared.sensed.read().normal_force_n) and not daemon.supervisor.silent())
+    until(
+        lambda: (
+            np.isfinite(daemon.shared.sensed.read().normal_force_n)
+            and not daemon.supervisor.silent()
+        )
+    )

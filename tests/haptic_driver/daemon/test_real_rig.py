@@ -1,4 +1,6 @@
-"""The daemon on a rig's file that names real resources: its own drivers, on instruments served over their own wires."""
+"""The daemon on a rig's file that names real resources: its own drivers, on instruments served over
+their own wires.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ def real_config(rig_config, served):
 @pytest.fixture(scope="module")
 def settings(real_config, surface_file):
     render = render_settings(real_config, surface_file)
-    return DaemonSettings("served", "reference", real_config, surface_file, render, allow_no_rt=True)
+    return DaemonSettings(
+        "served", "reference", real_config, surface_file, render, allow_no_rt=True
+    )
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +55,8 @@ def running(settings, served):
     """In the end it is closed while it renders, and knows that the output is off."""
     daemon = Daemon(settings)
     daemon.start()
-    daemon.supervisor.instruments.devices.stage.home()  # the finger's place is known from here on, and it presses
+    # the finger's place is known from here on, and it presses
+    daemon.supervisor.instruments.devices.stage.home()
     until(lambda: daemon.shared.sensed.read().touching)
     yield daemon
     render(daemon, served)
@@ -60,12 +65,15 @@ def running(settings, served):
     assert not served.generator.output().on
 
 
-# --- what a file may say or leave out; before the daemon, as the instruments take one driver each ----------------
+# --- what a file may say or leave out; before the daemon, as the instruments take one driver each
+# ----------------
 
 
 def test_a_rig_whose_finger_nobody_tracks_is_refused(real_config):
     with pytest.raises(BadInputError) as refused:
-        connect_real(real_config.model_copy(update={"finger_tracker": NoFingerTracker()}), lambda event: None)
+        connect_real(
+            real_config.model_copy(update={"finger_tracker": NoFingerTracker()}), lambda event: None
+        )
     assert refused.value.code == "no_finger_tracker"
 
 
@@ -82,7 +90,8 @@ def test_a_rig_may_say_that_it_has_no_watchdog(real_config):
         assert instruments.close() is False
 
 
-# --- the daemon --------------------------------------------------------------------------------------------------
+# --- the daemon
+# --------------------------------------------------------------------------------------------------
 
 
 def test_a_target_reaches_the_electrode_and_off_takes_it_away(daemon, served):
@@ -103,13 +112,20 @@ def test_a_target_reaches_the_electrode_and_off_takes_it_away(daemon, served):
 def test_what_nobody_vouches_for_is_listed_and_keeps_the_rig_from_being_armed(daemon, monkeypatch):
     config = daemon.basis.settings.config
     limits, amplifier = (
-        section.model_copy(update={"measured_by": ""}) for section in (config.limits, config.amplifier)
+        section.model_copy(update={"measured_by": ""})
+        for section in (config.limits, config.amplifier)
     )
-    unsigned = config.model_copy(update={"limits": limits, "amplifier": amplifier, "watchdog": None})
+    unsigned = config.model_copy(
+        update={"limits": limits, "amplifier": amplifier, "watchdog": None}
+    )
     monkeypatch.setattr(daemon.basis, "settings", replace(daemon.basis.settings, config=unsigned))
     refused = refusal(daemon.arm, 1.0)
     assert refused.code == "unverified"
-    for name in ("limits.measured_by", "amplifier.measured_by", 'watchdog.generator (a resource, or "none")'):
+    for name in (
+        "limits.measured_by",
+        "amplifier.measured_by",
+        'watchdog.generator (a resource, or "none")',
+    ):
         assert name in refused.message
     assert daemon.status().state is DaemonState.IDLE
 
@@ -142,7 +158,9 @@ def test_a_generator_that_goes_is_a_fault_and_one_that_comes_back_renders_again(
 
 
 def render(daemon, served):
-    """Ask for friction until there is voltage; anew after a fault: the instruments share this process."""
+    """Ask for friction until there is voltage; anew after a fault: the instruments share this
+    process.
+    """
 
     def there():
         with suppress(RefusedError):  # a fault since its status was asked for
@@ -170,7 +188,8 @@ def test_sensors_that_fall_silent_are_connected_anew(daemon, served, monkeypatch
     reset(daemon)
     assert daemon.supervisor.instruments is not before
     assert daemon.status().output_on is False
-    # The finger pressed meanwhile: once its load became the sensor's zero, and nothing was rendered any more.
+    # The finger pressed meanwhile: once its load became the sensor's zero, and nothing was rendered
+    # any more.
     until(lambda: daemon.shared.sensed.read().normal_force_n > 0.4)
     assert any("reset to go on" in event.message for event in daemon.events(0))
     daemon.arm(1.0)

@@ -1,4 +1,6 @@
-"""From a file that names real resources: the daemon's command on what `haptic simulate` serves, in processes apart."""
+"""From a file that names real resources: the daemon's command on what `haptic simulate` serves, in
+processes apart.
+"""
 
 from __future__ import annotations
 
@@ -31,19 +33,33 @@ file = "slide.csv"
 @pytest.fixture
 def rig_file(simulated, tmp_path):
     _, endpoints = simulated
-    text = changed(served_rig_text(endpoints), ("[watchdog]", "[watchdog]\ngive_up_s = 2.0")) + TRACKER
+    text = (
+        changed(served_rig_text(endpoints), ("[watchdog]", "[watchdog]\ngive_up_s = 2.0")) + TRACKER
+    )
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
     rows = "".join(f"{0.1 * i:.1f},{1e-6 * i:.6f},0.5\n" for i in range(6000))
-    (tmp_path / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + rows, encoding="utf-8")
+    (tmp_path / "slide.csv").write_text(
+        "time_s,position_m,normal_force_n\n" + rows, encoding="utf-8"
+    )
     return path
 
 
 @pytest.fixture
 def daemon(rig_file, tmp_path):
     place = tmp_path / "daemon.sock"
-    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--rig", rig_file, "--socket", place]
-    with subprocess.Popen([*command, "--allow-no-rt"], stderr=subprocess.PIPE, text=True) as process:
+    command = [
+        Path(sys.executable).with_name("haptic"),
+        "daemon",
+        "run",
+        "--rig",
+        rig_file,
+        "--socket",
+        place,
+    ]
+    with subprocess.Popen(
+        [*command, "--allow-no-rt"], stderr=subprocess.PIPE, text=True
+    ) as process:
         until_ready(process)
         yield process, place
         process.kill()
@@ -52,7 +68,10 @@ def daemon(rig_file, tmp_path):
 def asked(endpoint, *lines):
     """What the generator says to somebody else."""
     _, host, port, _ = endpoint.split("::")
-    with socket.create_connection((host, int(port)), HANG_S) as connection, connection.makefile("rwb") as stream:
+    with (
+        socket.create_connection((host, int(port)), HANG_S) as connection,
+        connection.makefile("rwb") as stream,
+    ):
         answers = []
         for line in lines:
             stream.write(line + b"\n")
@@ -62,7 +81,9 @@ def asked(endpoint, *lines):
 
 
 def comes_on(client):
-    """Whether the output is on by now: a busy machine lets the interlock box open, or the watchdog bite."""
+    """Whether the output is on by now: a busy machine lets the interlock box open, or the watchdog
+    bite.
+    """
     with suppress(RefusedError):
         if client.status().state is DaemonState.FAULT:
             client.reset()
@@ -75,16 +96,21 @@ def comes_on(client):
 def test_a_file_is_all_that_a_real_rig_needs(simulated, daemon):
     instruments, endpoints = simulated
     process, place = daemon
-    settings = StageSettings(0.0, 0.15, 0.02, 0.02, 0.05, 0.05, reply_timeout_s=HANG_S)  # simulated beside a daemon
+    settings = StageSettings(
+        0.0, 0.15, 0.02, 0.02, 0.05, 0.05, reply_timeout_s=HANG_S
+    )  # simulated beside a daemon
     stage = Lts150(make_transport(endpoints["stage"]), settings)
     stage.connect()
-    stage.home()  # the finger presses once it moves; closing would stop it before anybody has seen that
+    # the finger presses once it moves; closing would stop it before anybody has seen that
+    stage.home()
     stage.wait(HANG_S)
     stage.close()
     with HapticClient(place) as client:
         assert client.status().simulated is False
         until(
-            lambda: comes_on(client) and asked(endpoints["waveform_generator"], b"VOLT?")[0] > 0.4,  # 20 V
+            lambda: (
+                comes_on(client) and asked(endpoints["waveform_generator"], b"VOLT?")[0] > 0.4
+            ),  # 20 V
             lambda: (client.status(), client.events()[-10:]),
         )
         assert asked(endpoints["waveform_generator"], b"OUTP?") == [1.0]

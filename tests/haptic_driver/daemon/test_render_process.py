@@ -38,7 +38,9 @@ FORBIDDEN = (
 
 
 class Bench:
-    """A renderer, the control that it believes to have, and a finger that slides at 50 mm/s under 0.5 N."""
+    """A renderer, the control that it believes to have, and a finger that slides at 50 mm/s under
+    0.5 N.
+    """
 
     def __init__(self, settings):
         self.shared = SharedState()
@@ -68,14 +70,23 @@ class Bench:
             if self.sensing:
                 x_m = 0.02 + 0.05 * (self.now_s - 1000.0)
                 sensed = Sensed(
-                    self.now_s, x_m, 0.03, self.touching, self.now_s, self.force_n, self.lateral_n, self.saturated
+                    self.now_s,
+                    x_m,
+                    0.03,
+                    self.touching,
+                    self.now_s,
+                    self.force_n,
+                    self.lateral_n,
+                    self.saturated,
                 )
                 self.shared.sensed.write(sensed)
             if self.beating:
                 self.order = self.order._replace(beat_s=self.now_s)
             self.shared.order.write(self.order)
             for _ in range(self.rehearsals):
-                self.renderer.rehearse(Due(self.number - missed, self.now_s - PERIOD_S * missed, 0.0, 0))
+                self.renderer.rehearse(
+                    Due(self.number - missed, self.now_s - PERIOD_S * missed, 0.0, 0)
+                )
             outputs.append(self.renderer.step(Due(self.number, self.now_s, 0.0, missed)))
         return outputs
 
@@ -140,28 +151,38 @@ def test_a_new_target_acts_with_the_next_tick(bench):
 
 
 def other_surface(settings, off, rise):
-    """The same look-up with other friction without voltage and another rise; as a number of orders has it."""
+    """The same look-up with other friction without voltage and another rise; as a number of orders
+    has it.
+    """
     told = settings.tick.controller.settings
     low = told.surface.cof[:, :, :1]
-    return replace(told, surface=told.surface._replace(cof=off * low + rise * (told.surface.cof - low)))
+    return replace(
+        told, surface=told.surface._replace(cof=off * low + rise * (told.surface.cof - low))
+    )
 
 
 @pytest.mark.parametrize("known", [False, True])
 def test_another_surface_between_two_ticks_moves_no_voltage(bench, render_settings, known):
-    """Friction without voltage 10 % less and 40 % more rise; with a finger that nobody knows and with a known one."""
+    """Friction without voltage 10 % less and 40 % more rise; with a finger that nobody knows and
+    with a known one.
+    """
 
     def slide(seconds):
         outputs = []
         for i in range(round(seconds / PERIOD_S)):
             outputs += bench.run(PERIOD_S)
             noise = 1e-6 * (i % 2)  # or no reading would be a new one
-            bench.lateral_n = 0.5 * (0.5 + 2.5e-5 * outputs[-1].voltage_v ** 2) + noise if known else math.nan
+            bench.lateral_n = (
+                0.5 * (0.5 + 2.5e-5 * outputs[-1].voltage_v ** 2) + noise if known else math.nan
+            )
         return outputs
 
     bench.render(0.65)
     before = slide(0.4)[-1]
     expected = bench.shared.ring.newest(1)["expected_cof"][0]
-    bench.shared.surfaces.write(1, (other_surface(render_settings, 0.9, 1.4), render_settings.tick.worst_case))
+    bench.shared.surfaces.write(
+        1, (other_surface(render_settings, 0.9, 1.4), render_settings.tick.worst_case)
+    )
     bench.command(surface=1)
     after = slide(0.2)
     moved_v = np.diff([before.voltage_v, *(output.voltage_v for output in after)])
@@ -172,13 +193,17 @@ def test_another_surface_between_two_ticks_moves_no_voltage(bench, render_settin
 
 
 def test_a_new_arming_knows_nothing_of_the_finger_but_keeps_the_surface(bench, render_settings):
-    bench.shared.surfaces.write(1, (other_surface(render_settings, 1.0, 1.4), render_settings.tick.worst_case))
+    bench.shared.surfaces.write(
+        1, (other_surface(render_settings, 1.0, 1.4), render_settings.tick.worst_case)
+    )
     bench.command(surface=1)
     bench.render(0.65)
     with_it = bench.run(0.3)[-1].voltage_v
     bench.command(arming=2)
     assert bench.run(0.3)[-1].voltage_v == pytest.approx(with_it)
-    bench.shared.surfaces.write(2, (render_settings.tick.controller.settings, render_settings.tick.worst_case))
+    bench.shared.surfaces.write(
+        2, (render_settings.tick.controller.settings, render_settings.tick.worst_case)
+    )
     bench.command(surface=2, arming=3)
     assert bench.run(0.3)[-1].voltage_v == pytest.approx(
         math.sqrt(1.4) * with_it, rel=0.04
@@ -208,10 +233,16 @@ def assert_ramps_to_zero(voltages_v, before_v, ramp_s):
 
 @pytest.mark.parametrize(
     ("what", "after_s", "flag"),
-    [("lease", 0.0, Flag.LEASE_LOST), ("beating", 0.25, Flag.CONTROL_SILENT), ("sensing", 0.1, Flag.STALE_SENSOR),
-     ("saturated", 0.0, Flag.SATURATED_SENSOR)],
-)  # fmt: skip
-def test_the_output_ramps_to_zero_when_it_may_not_be_trusted(bench, render_settings, what, after_s, flag):
+    [
+        ("lease", 0.0, Flag.LEASE_LOST),
+        ("beating", 0.25, Flag.CONTROL_SILENT),
+        ("sensing", 0.1, Flag.STALE_SENSOR),
+        ("saturated", 0.0, Flag.SATURATED_SENSOR),
+    ],
+)
+def test_the_output_ramps_to_zero_when_it_may_not_be_trusted(
+    bench, render_settings, what, after_s, flag
+):
     bench.render()
     before_v = bench.run(0.2)[-1].voltage_v
     assert before_v > 10.0
@@ -227,8 +258,12 @@ def test_the_output_ramps_to_zero_when_it_may_not_be_trusted(bench, render_setti
     assert bench.flags() == flag
 
 
-def test_a_finger_that_may_be_beyond_the_textures_finest_detail_has_no_output(bench, render_settings):
-    """At 50 mm/s it goes from ridge to groove in 20 ms: so much longer than usual its place may be unknown."""
+def test_a_finger_that_may_be_beyond_the_textures_finest_detail_has_no_output(
+    bench, render_settings
+):
+    """At 50 mm/s it goes from ridge to groove in 20 ms: so much longer than usual its place may be
+    unknown.
+    """
     bench.render(texture=Grating(0.65, 0.01, period_m=2e-3))
     bench.run(0.2)
     bench.sensing = False
@@ -256,7 +291,9 @@ def test_flags_stay_up_until_the_next_arming(bench):
 
 @pytest.mark.parametrize("missed", [5, 150])
 def test_missed_ticks_are_counted_and_flagged_and_rendering_goes_on(bench, missed):
-    """150 in a row were a fault once: a machine that stood still for so long had to be armed again."""
+    """150 in a row were a fault once: a machine that stood still for so long had to be armed
+    again.
+    """
     bench.render()
     bench.run(0.1)
     for n in (1, 2, 3):
@@ -297,7 +334,9 @@ def test_every_tick_leaves_one_sample(bench):
 
 
 def story(settings, rehearsals):
-    """What is put out and recorded through touch, a new target, missed ticks, a lost lease and a new arming."""
+    """What is put out and recorded through touch, a new target, missed ticks, a lost lease and a
+    new arming.
+    """
     bench = Bench(settings)
     bench.rehearsals, bench.lateral_n = rehearsals, 0.3
     bench.render(0.7)
@@ -347,9 +386,15 @@ def test_friction_is_not_measured_by_sensors_that_are_silent(bench):
 
 def test_a_ramp_begins_again_after_trust_has_returned():
     asked = [
-        (0.0, 80.0, True), (1.0, 80.0, False), (1.5, 80.0, False), (1.6, 10.0, False), (2.5, 80.0, False),
-        (3.0, 60.0, True), (3.5, 60.0, False), (4.0, 60.0, False),
-    ]  # fmt: skip
+        (0.0, 80.0, True),
+        (1.0, 80.0, False),
+        (1.5, 80.0, False),
+        (1.6, 10.0, False),
+        (2.5, 80.0, False),
+        (3.0, 60.0, True),
+        (3.5, 60.0, False),
+        (4.0, 60.0, False),
+    ]
     ramp, given_v = Ramp(), []
     for time_s, voltage_v, trusted in asked:
         ramp, limited_v = ramp.limit(1.0, time_s, voltage_v, trusted)
@@ -359,9 +404,13 @@ def test_a_ramp_begins_again_after_trust_has_returned():
 
 def test_the_process_loads_neither_physics_nor_devices_nor_the_api():
     code = "import sys, haptic_driver.daemon.render_process; print('\\n'.join(sys.modules))"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
     assert "haptic_driver.render.tick" in loaded
-    assert not [name for name in loaded if any(name == f or name.startswith(f + ".") for f in FORBIDDEN)]
+    assert not [
+        name for name in loaded if any(name == f or name.startswith(f + ".") for f in FORBIDDEN)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -404,7 +453,9 @@ assert forms() == before, "a kernel that warming up did not call"
 def test_warming_up_compiles_all_that_ticks_need(request, rig):
     """In a process that refuses to compile more: a tick that had to would raise."""
     given = pickle.dumps(request.getfixturevalue(rig))
-    done = subprocess.run([sys.executable, "-c", AFTER_WARMING_UP], input=given, capture_output=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", AFTER_WARMING_UP], input=given, capture_output=True, check=False
+    )
     assert done.returncode == 0, done.stderr.decode()
 
 
@@ -418,11 +469,16 @@ class Single(Uniform):
 def test_a_tick_that_fails_leaves_zero_and_a_fault_behind(envelope_settings, shared):
     """Here because it would have to compile: seconds of silence while output is on."""
     child = Child(
-        "render", "haptic_driver.daemon.render_process", [shared.descriptor, os.getpid()],
-        given=pickle.dumps(envelope_settings), descriptors=[shared.descriptor],
-    )  # fmt: skip
+        "render",
+        "haptic_driver.daemon.render_process",
+        [shared.descriptor, os.getpid()],
+        given=pickle.dumps(envelope_settings),
+        descriptors=[shared.descriptor],
+    )
     child.ready(240.0)
-    assert len(list(Path(f"/proc/{child.pid}/task").iterdir())) == 1  # a killed one is there until each had a turn
+    assert (
+        len(list(Path(f"/proc/{child.pid}/task").iterdir())) == 1
+    )  # a killed one is there until each had a turn
     shared.targets.write(1, Uniform(0.6))
     shared.targets.write(2, Single(0.6))
     was_on, until_s = False, time.monotonic() + 60.0

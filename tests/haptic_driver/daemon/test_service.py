@@ -54,7 +54,13 @@ def test_pats_only_while_ticks_advance(heard, monkeypatch):
 
 @pytest.mark.parametrize(
     ("microseconds", "pid", "period_s"),
-    [("30000000", None, 15.0), ("30000000", "1", None), ("", None, None), ("0", None, None), ("soon", None, None)],
+    [
+        ("30000000", None, 15.0),
+        ("30000000", "1", None),
+        ("", None, None),
+        ("0", None, None),
+        ("soon", None, None),
+    ],
 )
 def test_the_watchdog_is_patted_twice_as_often_as_asked(monkeypatch, microseconds, pid, period_s):
     monkeypatch.setenv("WATCHDOG_USEC", microseconds)
@@ -101,7 +107,18 @@ def test_a_port_that_is_taken_is_told_before_anything_is_started(tmp_path, monke
     monkeypatch.setattr(run, "daemon_settings", started)
     for name in ("signal", "take_precedence"):
         monkeypatch.setattr(run, name, MagicMock())
-    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(HapticError, match="port") as refused:
-        run.run_daemon("simulated", tmp_path / "d.sock", "reference", False, taken.getsockname()[1], run.Links(), print)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as taken,
+        pytest.raises(HapticError, match="port") as refused,
+    ):
+        run.run_daemon(
+            "simulated",
+            tmp_path / "d.sock",
+            "reference",
+            False,
+            taken.getsockname()[1],
+            run.Links(),
+            print,
+        )
     assert refused.value.code == "no_port"
     assert not (tmp_path / "d.sock").exists()

@@ -18,7 +18,12 @@ def ticks(*numbers, **fields):
 
 def test_of_nothing_nothing_is_said():
     found = timing_of(ticks(), PERIOD_S)
-    assert (found.in_time, found.missed, found.last_cause, sum(found.lateness_counts)) == (None, 0, None, 0)
+    assert (found.in_time, found.missed, found.last_cause, sum(found.lateness_counts)) == (
+        None,
+        0,
+        None,
+        0,
+    )
 
 
 def test_instants_without_a_tick_are_not_in_time_and_each_is_counted():
@@ -41,24 +46,49 @@ def test_the_last_cause_is_the_newest_and_only_the_last_hundred_count():
 
 def test_lateness_is_counted_by_bin():
     late = {"lateness_s": 0.0021}
-    found = timing_of(ticks(*range(10), t3=late, t4={"lateness_s": -1e-6}, t9={"lateness_s": 3.0}), PERIOD_S)
+    found = timing_of(
+        ticks(*range(10), t3=late, t4={"lateness_s": -1e-6}, t9={"lateness_s": 3.0}), PERIOD_S
+    )
     assert dict(zip(found.lateness_edges_s, found.lateness_counts, strict=True)) == {
-        0.0: 8, 1e-4: 0, 2e-4: 0, 5e-4: 0, 1e-3: 0, 2e-3: 1, 5e-3: 0, 1e-2: 0, 1e-1: 1,
-    }  # fmt: skip
+        0.0: 8,
+        1e-4: 0,
+        2e-4: 0,
+        5e-4: 0,
+        1e-3: 0,
+        2e-3: 1,
+        5e-3: 0,
+        1e-2: 0,
+        1e-1: 1,
+    }
 
 
 @pytest.mark.parametrize(
     ("load", "governor", "niceness", "real_time", "said"),
     [
-        (16.2, "powersave", 0, False, "end other programs (load 16 on 2 processors); "
-         "set the processors' governor to performance (it is powersave); allow a niceness of -10 (LimitNICE); "
-         "allow real-time scheduling (LimitRTPRIO)"),
-        (0.5, "performance", -10, True,
-         "look for what else the machine does (virtual machine, interrupts, power saving)"),
+        (
+            16.2,
+            "powersave",
+            0,
+            False,
+            (
+                "end other programs (load 16 on 2 processors); set the processors' governor to"
+                " performance (it is powersave); allow a niceness of -10 (LimitNICE); allow"
+                " real-time scheduling (LimitRTPRIO)"
+            ),
+        ),
+        (
+            0.5,
+            "performance",
+            -10,
+            True,
+            "look for what else the machine does (virtual machine, interrupts, power saving)",
+        ),
         (0.5, None, -10, False, "allow real-time scheduling (LimitRTPRIO)"),
     ],
-)  # fmt: skip
-def test_what_to_do_names_what_is_not_as_it_should_be(monkeypatch, tmp_path, load, governor, niceness, real_time, said):
+)
+def test_what_to_do_names_what_is_not_as_it_should_be(
+    monkeypatch, tmp_path, load, governor, niceness, real_time, said
+):
     monkeypatch.setattr(timing.os, "getloadavg", lambda: (load, 0.0, 0.0))
     monkeypatch.setattr(timing.os, "cpu_count", lambda: 2)
     monkeypatch.setattr(timing.os, "getpriority", lambda *_: niceness)

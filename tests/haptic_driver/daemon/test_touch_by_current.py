@@ -29,22 +29,30 @@ def drawn() -> Rows:
 
 
 @pytest.mark.parametrize("wetness", [0.0, 1.2])
-def test_friction_from_current_of_an_independent_finger_is_nearer_than_the_models(wetness: float) -> None:
+def test_friction_from_current_of_an_independent_finger_is_nearer_than_the_models(
+    wetness: float,
+) -> None:
     rows = drawn()
     state = prepare(rows, MOIST, ROUGHNESS)
     skin_hydration(state, wetness, {"fall": 1.0}, True)
     cof, current_a = friction(state), touch_admittance(state) * rows.v
-    current_a = current_a * (1.0 + 0.01 * np.random.default_rng(3).standard_normal((COUNT, 2)) @ [1.0, 1j])
+    current_a = current_a * (
+        1.0 + 0.01 * np.random.default_rng(3).standard_normal((COUNT, 2)) @ [1.0, 1j]
+    )
     description = load_model("reference")
     touch = TouchByCurrent(description, USUAL_N)
     felt = [
-        touch.felt(CARRIER_HZ, ElectrodeReading(complex(v), 0.0, complex(i), 0.01 * abs(i)), READ_EVERY_S)
+        touch.felt(
+            CARRIER_HZ, ElectrodeReading(complex(v), 0.0, complex(i), 0.01 * abs(i)), READ_EVERY_S
+        )
         for v, i in zip(rows.v, current_a, strict=True)
     ]
     found = np.array([each.cof for each in felt])
     fixed = TouchModel(description).predict(Conditions(rows.f, rows.v, np.full(COUNT, USUAL_N))).cof
     settled = slice(COUNT // 2, None)
-    off, fixed_off = (np.sqrt(np.mean((each[settled] / cof[settled] - 1.0) ** 2)) for each in (found, fixed))
+    off, fixed_off = (
+        np.sqrt(np.mean((each[settled] / cof[settled] - 1.0) ** 2)) for each in (found, fixed)
+    )
     assert found.size == COUNT
     assert off < 0.6 * fixed_off
 

@@ -1,4 +1,6 @@
-"""Orders and what is watched beside them, without a rig: off waits for nobody, and everything is told once."""
+"""Orders and what is watched beside them, without a rig: off waits for nobody, and everything is
+told once.
+"""
 
 from __future__ import annotations
 
@@ -29,18 +31,29 @@ LEASE_S = 0.5
 
 
 class Bench:
-    """Everything of control but its processes and devices; `switched_off` counts how often the actuator was told."""
+    """Everything of control but its processes and devices; `switched_off` counts how often the
+    actuator was told.
+    """
 
     def __init__(self, shared, config, surface_file):
-        self.shared, self.clock, self.events, self.switched_off = shared, ManualClock(100.0), EventLog(), 0
-        settings = DaemonSettings("simulated", "reference", config, surface_file, render_settings(config, surface_file))
+        self.shared, self.clock, self.events, self.switched_off = (
+            shared,
+            ManualClock(100.0),
+            EventLog(),
+            0,
+        )
+        settings = DaemonSettings(
+            "simulated", "reference", config, surface_file, render_settings(config, surface_file)
+        )
         clock = lambda: self.clock.now_s  # noqa: E731
         self.orders = Orders(settings, shared, self.events, clock)
         rig = SimpleNamespace(state=RigState.OFF)
         self.orders.pump.actuator = SimpleNamespace(
             rig=rig, off=self._off, carrier_hz=math.nan, full_scale_v=0.0, switched=0
         )
-        self.targets = Targets(shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3), Loader())
+        self.targets = Targets(
+            shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3), Loader()
+        )
         self.latency = MeasuredLatency(0.0375, 0.0004, 0.0375, "")
         self.watched = Watched(
             shared,
@@ -64,7 +77,9 @@ class Bench:
         """Render has said something now."""
         order = self.orders.order
         self.shared.output.write(
-            NO_OUTPUT._replace(order=order.number, target=order.target, time_s=self.clock.now_s, flags=int(flags))
+            NO_OUTPUT._replace(
+                order=order.number, target=order.target, time_s=self.clock.now_s, flags=int(flags)
+            )
         )
 
     def watch(self, after_s=0.02):
@@ -84,7 +99,9 @@ def bench(shared, rig_config, surface_file):
 def test_switching_off_waits_for_nobody_who_holds_the_lock(bench):
     bench.arm()
     switching = threading.Thread(target=bench.orders.withdraw, args=(bench.orders.machine.disarm,))
-    tripping = threading.Thread(target=bench.orders.rig_says, args=(RigEvent(0.0, RigState.TRIPPED, "over-current"),))
+    tripping = threading.Thread(
+        target=bench.orders.rig_says, args=(RigEvent(0.0, RigState.TRIPPED, "over-current"),)
+    )
     with bench.orders.lock:
         tripping.start()
         tripping.join(HANG_S)
@@ -94,17 +111,29 @@ def test_switching_off_waits_for_nobody_who_holds_the_lock(bench):
         assert bench.orders.machine.state is DaemonState.ARMED  # what the state says waits
     switching.join(HANG_S)
     assert bench.orders.machine.state is DaemonState.IDLE
-    assert ("trip", "over-current") in [(event.kind, event.message) for event in bench.events.since(0)]
+    assert ("trip", "over-current") in [
+        (event.kind, event.message) for event in bench.events.since(0)
+    ]
 
 
 def test_a_fault_is_told_before_silent_instruments_have_been_waited_for(bench):
-    """With all instruments hanging the daemon was "rendering" for half a minute, with its output unknown."""
+    """With all instruments hanging the daemon was "rendering" for half a minute, with its output
+    unknown.
+    """
     answers = threading.Event()
-    bench.orders.pump.actuator.off = lambda: (answers.wait(HANG_S), SimpleNamespace(output_on=None))[1]
+    bench.orders.pump.actuator.off = lambda: (
+        answers.wait(HANG_S),
+        SimpleNamespace(output_on=None),
+    )[1]
     bench.arm()
     failing = threading.Thread(target=bench.orders.fail, args=("the generator does not answer",))
     failing.start()
-    until(lambda: ("fault", "the generator does not answer") in [(e.kind, e.message) for e in bench.events.since(0)])
+    until(
+        lambda: (
+            ("fault", "the generator does not answer")
+            in [(e.kind, e.message) for e in bench.events.since(0)]
+        )
+    )
     assert bench.orders.machine.state is DaemonState.FAULT
     assert failing.is_alive()
     answers.set()
@@ -159,7 +188,9 @@ def test_underruns_are_told_at_most_once_a_second(bench):
 def test_markers_are_told_once_and_again_when_the_script_begins_anew(bench):
     token = bench.arm()
     for number in (1, 2):
-        script = Script((Step(0.0, Uniform(0.6), "hold", "begin"), Step(9.0, Uniform(0.6), "hold", "end")))
+        script = Script(
+            (Step(0.0, Uniform(0.6), "hold", "begin"), Step(9.0, Uniform(0.6), "hold", "end"))
+        )
         bench.targets.target = script.started(bench.clock.now_s)
         bench.orders.render(token, number)
         bench.rendered()
@@ -196,11 +227,14 @@ def test_a_gain_that_is_learnt_in_many_steps_is_told_once_in_five_seconds(bench)
         bench.rendered()
         told += bench.watch(0.125)
     assert [message for kind, message in told if kind == "drift"] == [
-        "the finger's gain is 1.40", "the finger's gain is 9.40"
-    ]  # fmt: skip
+        "the finger's gain is 1.40",
+        "the finger's gain is 9.40",
+    ]
 
 
-def test_ticks_that_come_too_seldom_in_time_are_told_with_cause_and_remedy_and_take_nothing_away(bench):
+def test_ticks_that_come_too_seldom_in_time_are_told_with_cause_and_remedy_and_take_nothing_away(
+    bench,
+):
     """Statistics warn; consequences trip."""
     token = bench.arm()
     bench.orders.render(token, 0)
@@ -212,7 +246,10 @@ def test_ticks_that_come_too_seldom_in_time_are_told_with_cause_and_remedy_and_t
     bench.shared.ring.write(made_tick(100, lateness_s=0.0031))
     bench.rendered()
     (told,) = [event for event in bench.watch() if event[0] == "timing"]
-    assert told[1] == "94% of the last 100 ticks in time; tick 100: render was woken 3.1 ms late: do this"
+    assert (
+        told[1]
+        == "94% of the last 100 ticks in time; tick 100: render was woken 3.1 ms late: do this"
+    )
     bench.rendered()
     assert [event for event in bench.watch() if event[0] == "timing"] == []
     assert bench.orders.rendering

@@ -54,4 +54,7 @@ def test_too_few_rows_and_a_failure_are_said(inquiry):
     with pytest.raises(RefusedError, match="nobody has asked yet"):
         inquiry.page()
     failed = why.answer("no such model", Path("nowhere"))
-    assert (failed["state"], failed["said"].partition(".")[0]) == ("failed", "there is no model named 'no such model'")
+    assert (failed["state"], failed["said"].partition(".")[0]) == (
+        "failed",
+        "there is no model named 'no such model'",
+    )

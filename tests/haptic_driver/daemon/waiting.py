@@ -11,11 +11,16 @@ from haptic_driver.errors import HapticError
 from tests.waiting import until
 
 LEASE_S = 60.0  # one that a busy machine does not lose
-STOOD_STILL = ("not beaten in time", "render has said nothing")  # faults of a machine that did so for half a second
+STOOD_STILL = (
+    "not beaten in time",
+    "render has said nothing",
+)  # faults of a machine that did so for half a second
 
 
 def until_ready(process):
-    """Read a daemon's standard error until it serves; when it ends instead, fail with what it said."""
+    """Read a daemon's standard error until it serves; when it ends instead, fail with what it
+    said.
+    """
     said = []
     for line in process.stderr:
         said.append(line)
@@ -41,10 +46,14 @@ def reset(daemon):
 
 
 def let_go(daemon):
-    """The status once a lease has ended: in idle, or in the fault of a machine that stood still, which is off too."""
+    """The status once a lease has ended: in idle, or in the fault of a machine that stood still,
+    which is off too.
+    """
     until(lambda: daemon.status().state in (DaemonState.IDLE, DaemonState.FAULT), daemon.status)
     status = daemon.status()
-    assert status.state is DaemonState.IDLE or any(reason in status.fault for reason in STOOD_STILL), status
+    assert status.state is DaemonState.IDLE or any(
+        reason in status.fault for reason in STOOD_STILL
+    ), status
     return status
 
 

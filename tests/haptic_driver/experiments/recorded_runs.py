@@ -1,4 +1,6 @@
-"""Recordings of a finger that is simulated tick by tick: command, latency, lag, wobble, sensor noise."""
+"""Recordings of a finger that is simulated tick by tick: command, latency, lag, wobble, sensor
+noise.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,16 @@ TICK_S = 0.001
 LATENCY_S = 0.030
 WOBBLE_S = 0.010
 HEADER = RunHeader(
-    rig="bench", simulated=True, model="reference", surface_hash="ab12", calibration_ids={}, software_version="0.1.0",
-    actuator="none", latency_budget_s={"sensor": 0.004, "tick": 0.0005, "instrument": 0.030, "total": 0.0345},
+    rig="bench",
+    simulated=True,
+    model="reference",
+    surface_hash="ab12",
+    calibration_ids={},
+    software_version="0.1.0",
+    actuator="none",
+    latency_budget_s={"sensor": 0.004, "tick": 0.0005, "instrument": 0.030, "total": 0.0345},
     config={"name": "bench"},
-)  # fmt: skip
+)
 
 
 class Part(NamedTuple):
@@ -36,10 +44,16 @@ LIFT = Part(0.2, normal_force_n=0.0, speed_m_s=0.0)
 
 
 def ticks(
-    parts: Sequence[Part], law: Callable[..., float], rng: np.random.Generator,
-    wobble: float = 0.05, noise_n: float = 0.003, latency_s: float = LATENCY_S,
-) -> np.ndarray:  # fmt: skip
-    """Samples of `parts` one after the other; friction is `law`'s, varied by `wobble` with a memory of WOBBLE_S."""
+    parts: Sequence[Part],
+    law: Callable[..., float],
+    rng: np.random.Generator,
+    wobble: float = 0.05,
+    noise_n: float = 0.003,
+    latency_s: float = LATENCY_S,
+) -> np.ndarray:
+    """Samples of `parts` one after the other; friction is `law`'s, varied by `wobble` with a memory
+    of WOBBLE_S.
+    """
     counts = [round(part.duration_s / TICK_S) for part in parts]
     made = np.zeros(sum(counts), SAMPLE)
     made["tick"] = np.arange(made.size)

@@ -16,11 +16,14 @@ def remembering(kept: float, count: int, repeats: int) -> np.ndarray:
     series = np.empty((repeats, count))
     series[:, 0] = random.standard_normal(repeats)
     for i in range(1, count):
-        series[:, i] = kept * series[:, i - 1] + np.sqrt(1.0 - kept**2) * random.standard_normal(repeats)
+        series[:, i] = kept * series[:, i - 1] + np.sqrt(1.0 - kept**2) * random.standard_normal(
+            repeats
+        )
     return series
 
 
-# 600 repeats know a variance to 6 %; the estimator's own bias is below 5 %, or 10 % where the window is short.
+# 600 repeats know a variance to 6 %; the estimator's own bias is below 5 %, or 10 % where the
+# window is short.
 @pytest.mark.parametrize(("kept", "tolerance"), [(0.0, 0.15), (0.6, 0.15), (0.9, 0.25)])
 def test_the_standard_error_covers_the_scatter_of_means(kept: float, tolerance: float) -> None:
     series = remembering(kept, 200, 600)

@@ -1,4 +1,6 @@
-"""Investigations on simulated rigs: what is hidden in the finger gets its name, and what is proposed is allowed."""
+"""Investigations on simulated rigs: what is hidden in the finger gets its name, and what is
+proposed is allowed.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +31,9 @@ from model.planning.told import Choice
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
 
-# Two effects that no setting tells apart: sweat in columns is a conducting gap. A share of 1e-3 that conducts 1e-4 S/m
-# is so unusual, 4 standard deviations of its prior, that the gap is named alone, with 15 nats between them; 1e-2 that
-# conducts 1.6e-4 S/m with 8.
+# Two effects that no setting tells apart: sweat in columns is a conducting gap. A share of 1e-3
+# that conducts 1e-4 S/m is so unusual, 4 standard deviations of its prior, that the gap is named
+# alone, with 15 nats between them; 1e-2 that conducts 1.6e-4 S/m with 8.
 SWEAT = {"sweat_film": {"share": 1e-2, "sweat_conductivity_s_per_m": 6e-4, "arrangement": 0.9}}
 HUMID = {"humid_gap_conduction": {"gap_conductivity_s_per_m": 8e-9}}
 PLAN = """
@@ -54,7 +56,9 @@ finger = ["none", "resting", "sliding"]
 
 def hiding(effects: dict[str, dict[str, float]]) -> RigConfig:
     config = load_rig("simulated")
-    return config.model_copy(update={"simulation": config.simulation.model_copy(update={"hide": effects})})
+    return config.model_copy(
+        update={"simulation": config.simulation.model_copy(update={"hide": effects})}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +78,12 @@ def found(short: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Invest
 
 @pytest.mark.timeout(600)
 @pytest.mark.soak
-def test_what_settings_cannot_tell_apart_an_intervention_does(found: tuple[Investigation, Path]) -> None:
-    """Once every round chose settings of which the same was expected again, and the budget was spent on them."""
+def test_what_settings_cannot_tell_apart_an_intervention_does(
+    found: tuple[Investigation, Path],
+) -> None:
+    """Once every round chose settings of which the same was expected again, and the budget was
+    spent on them.
+    """
     investigation, _ = found
     assert investigation.outcome == "named"
     (effect,) = investigation.diagnosis["effects"]
@@ -93,10 +101,16 @@ def test_a_plan_that_sees_nothing_is_not_the_end(tmp_path: Path) -> None:
     settings = product((20.0, 100.0, 250.0), (0.0, 75.0, 110.0), (0.25, 1.0), (0.02,))
     plan = Plan(name="one speed", settings=tuple(Setting(*each) for each in settings), repeats=2)
     with without_pictures():
-        subject = Subject(hiding({"velocity_dependent_friction": {"exponent": 0.1}}), load_model("reference"), plan)
+        subject = Subject(
+            hiding({"velocity_dependent_friction": {"exponent": 0.1}}),
+            load_model("reference"),
+            plan,
+        )
         found = investigate(subject, tmp_path, Budget(rounds=2))
     assert found.history[0]["verdict"] == "no_discrepancy"
-    assert [effect["name"] for effect in found.diagnosis["effects"]] == ["velocity_dependent_friction"]
+    assert [effect["name"] for effect in found.diagnosis["effects"]] == [
+        "velocity_dependent_friction"
+    ]
 
 
 def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> None:
@@ -112,8 +126,14 @@ def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> No
 
 
 def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
-    """As if it had been killed in its first round, after so many rows; one frequency tells little apart."""
-    few = Plan(name="few", settings=tuple(Setting(100.0, 75.0, n, 0.02) for n in (0.25, 0.5, 1.0)), repeats=2)
+    """As if it had been killed in its first round, after so many rows; one frequency tells little
+    apart.
+    """
+    few = Plan(
+        name="few",
+        settings=tuple(Setting(100.0, 75.0, n, 0.02) for n in (0.25, 0.5, 1.0)),
+        repeats=2,
+    )
     subject = Subject(hiding(SWEAT), load_model("reference"), few)
 
     def stop_when_measured(what: str) -> None:
@@ -124,7 +144,11 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
         investigate(subject, tmp_path / "first", Budget(rounds=1), stop_when_measured)
     lines = (tmp_path / "first" / "round-1" / "data.csv").read_text().splitlines(keepends=True)
     cells, column = lines[2].split(","), lines[0].split(",").index("cof")
-    kept = [*lines[:2], ",".join([*cells[:column], "0.5", *cells[column + 1 :]]), lines[3]]  # measured again: not 0.5
+    kept = [
+        *lines[:2],
+        ",".join([*cells[:column], "0.5", *cells[column + 1 :]]),
+        lines[3],
+    ]  # measured again: not 0.5
     folder = tmp_path / "again" / "round-1"
     folder.mkdir(parents=True)
     (folder / "data.csv").write_text("".join(kept))
@@ -143,13 +167,18 @@ def test_nothing_is_proposed_that_the_rig_refuses(short: Plan) -> None:
     points, refusals = check(settings, short, config, model)
     assert refusals == []
     assert max(setting.peak_v for setting in settings) <= config.limits.voltage_v
-    assert {setting.intervention for setting in settings} == {"none", *(known.name for known in INTERVENTIONS)}
+    assert {setting.intervention for setting in settings} == {
+        "none",
+        *(known.name for known in INTERVENTIONS),
+    }
     assert possible.pool.block.max() == len(possible.blocks) - 1
     assert len(points) == len(set(settings))
 
 
 def test_a_setting_never_comes_alone(short: Plan) -> None:
-    """Beside the gain of its session one setting tells nothing: none was chosen once they came one by one."""
+    """Beside the gain of its session one setting tells nothing: none was chosen once they came one
+    by one.
+    """
     config, model = load_rig("simulated"), TouchModel(load_model("reference"))
     possible = pool.choices(config, model, short, ())
     assert all(len(block) >= 2 for block in possible.blocks)
@@ -174,7 +203,9 @@ def test_no_name_is_earned_before_what_other_effects_need_was_varied() -> None:
     """At one speed a gap that widens with speed was called air breakdown."""
 
     def after(name: str, *untestable: str) -> Any:
-        return SimpleNamespace(name=name, findings=SimpleNamespace(hypotheses=SimpleNamespace(untestable=untestable)))
+        return SimpleNamespace(
+            name=name, findings=SimpleNamespace(hypotheses=SimpleNamespace(untestable=untestable))
+        )
 
     assert rounds._answer(after("effect_found", "speed_dependent_gap")) == rounds.UNTRIED
     assert rounds._answer(after("unexplained", "speed_dependent_gap")) == rounds.UNTRIED
@@ -224,12 +255,17 @@ def test_a_plan_with_sweeps_and_an_intervention_is_read_back_as_it_was(tmp_path:
 
 
 def test_friction_comes_back_once_the_air_is_dry() -> None:
-    """The simulated finger of a rig on which an intervention was carried out is the model's again."""
+    """The simulated finger of a rig on which an intervention was carried out is the model's
+    again.
+    """
     config, model = carried_out(hiding(HUMID), "dry_air"), TouchModel(load_model("reference"))
     condition = Conditions(np.array([20.0]), np.array([100.0]), np.array([0.5]))
     from haptic_driver.simulation.friction import with_hidden
 
-    assert with_hidden(model, config.simulation.hide).predict(condition).cof == model.predict(condition).cof
+    assert (
+        with_hidden(model, config.simulation.hide).predict(condition).cof
+        == model.predict(condition).cof
+    )
     assert with_hidden(model, HUMID).predict(condition).cof != model.predict(condition).cof
 
 
@@ -241,22 +277,31 @@ def outcome_of_a_list(
     proposed: bool = False,
     beside: bool = False,
 ) -> str:
-    """Of a list of two, of which the second is `behind` in evidence; one block takes 5 s of the hour that is left.
+    """Of a list of two, of which the second is `behind` in evidence; one block takes 5 s of the
+    hour that is left.
 
     Of which either may be the one, or the second may be there `beside` the first.
     """
-    first: Any = SimpleNamespace(name="a", kinds=(SimpleNamespace(name="a"),), alone=SimpleNamespace(log_evidence=0.0))
+    first: Any = SimpleNamespace(
+        name="a", kinds=(SimpleNamespace(name="a"),), alone=SimpleNamespace(log_evidence=0.0)
+    )
     second = SimpleNamespace(name="b", alone=SimpleNamespace(log_evidence=-behind))
     effects = {("a",): 0.6 * (1.0 - none), ("b",): 0.4 * (1.0 - none)}
     group: dict[str, list[str]] = {"a": [], "b": []} if beside else {"a": ["b"]}
     posterior = Posterior(effects | {("none",): none, ("unknown",): 0.0}, {}, ())
-    verdict = Verdict(Decision("ambiguous", tuple(group), group, 1.0 - none, "why"), posterior, first, True)
+    verdict = Verdict(
+        Decision("ambiguous", tuple(group), group, 1.0 - none, "why"), posterior, first, True
+    )
     pool = SimpleNamespace(cost_s=np.array([5.0]))
     monkeypatch.setattr(rounds, "choices", lambda *_: SimpleNamespace(pool=pool, blocks=()))
-    monkeypatch.setattr(rounds, "design", lambda *_: SimpleNamespace(choices=(1,) * proposed, reach={"b": reach}))
+    monkeypatch.setattr(
+        rounds, "design", lambda *_: SimpleNamespace(choices=(1,) * proposed, reach={"b": reach})
+    )
     monkeypatch.setattr(rounds, "_told", lambda *_: {})
     monkeypatch.setattr(rounds, "_parts", lambda *_: [])
-    subject: Any = SimpleNamespace(config=None, plan=SimpleNamespace(model_copy=lambda update: None))
+    subject: Any = SimpleNamespace(
+        config=None, plan=SimpleNamespace(model_copy=lambda update: None)
+    )
     hypotheses = SimpleNamespace(untestable=(), of=lambda names: {("b",): second}[names])
     findings = SimpleNamespace(verdict=verdict, hypotheses=hypotheses)
     diagnosis: Any = SimpleNamespace(name="ambiguous", findings=findings)
@@ -265,7 +310,9 @@ def outcome_of_a_list(
     return found.outcome
 
 
-@pytest.mark.parametrize(("none", "outcome"), [(0.04, "cannot_be_told_apart"), (0.06, "budget_spent")])
+@pytest.mark.parametrize(
+    ("none", "outcome"), [(0.04, "cannot_be_told_apart"), (0.06, "budget_spent")]
+)
 def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
     none: float, outcome: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -275,12 +322,19 @@ def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
 
 @pytest.mark.parametrize(
     ("reach", "behind", "outcome"),
-    [(5.8, 0.0, "cannot_be_told_apart"), (5.9, 0.0, ""), (2.0, 1.9, "cannot_be_told_apart"), (2.0, 2.0, "")],
+    [
+        (5.8, 0.0, "cannot_be_told_apart"),
+        (5.9, 0.0, ""),
+        (2.0, 1.9, "cannot_be_told_apart"),
+        (2.0, 2.0, ""),
+    ],
 )
 def test_effects_are_alike_where_all_that_is_left_to_measure_would_not_tell_them(
     monkeypatch: pytest.MonkeyPatch, reach: float, behind: float, outcome: str
 ) -> None:
-    """SURE takes odds of 19, log odds of 2.94: what the data say already, and half of the chi^2 to come."""
+    """SURE takes odds of 19, log odds of 2.94: what the data say already, and half of the chi^2 to
+    come.
+    """
     assert outcome_of_a_list(monkeypatch, reach=reach, behind=behind, proposed=True) == outcome
 
 
@@ -289,7 +343,9 @@ def test_what_no_setting_is_worth_its_time_for_is_alike(monkeypatch: pytest.Monk
     assert outcome_of_a_list(monkeypatch, reach=11.0) == "cannot_be_told_apart"
 
 
-def test_a_second_effect_that_nothing_would_tell_does_not_spend_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_effect_that_nothing_would_tell_does_not_spend_the_budget(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """It has a place of its own, and no rival there."""
     assert outcome_of_a_list(monkeypatch, beside=True) == "cannot_be_told_apart"
 
@@ -297,23 +353,33 @@ def test_a_second_effect_that_nothing_would_tell_does_not_spend_the_budget(monke
 def without_a_rig(monkeypatch: pytest.MonkeyPatch, out: Path, **made_up: Any) -> Investigation:
     """Two rounds of which what is measured, said and proposed is made up."""
     silent = {
-        "able": lambda *_: [], "_is_done": lambda *_: True, "_measure": lambda *_: out, "write_report": lambda *_: {},
-        "read_measurements": lambda path: path, "together": lambda files: files,
-    }  # fmt: skip
+        "able": lambda *_: [],
+        "_is_done": lambda *_: True,
+        "_measure": lambda *_: out,
+        "write_report": lambda *_: {},
+        "read_measurements": lambda path: path,
+        "together": lambda files: files,
+    }
     for name, fake in (silent | made_up).items():
         monkeypatch.setattr(rounds, name, fake)
     subject = SimpleNamespace(config=None, finger=None, description=None, plan="first", seed=0)
     return investigate(subject, out, Budget(rounds=2))  # type: ignore[arg-type]
 
 
-def test_what_shows_is_told_apart_in_the_same_round(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A round ended where something showed, and four were spent on a friction that 16 settings named."""
+def test_what_shows_is_told_apart_in_the_same_round(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A round ended where something showed, and four were spent on a friction that 16 settings
+    named.
+    """
     answers = iter(["no_discrepancy", "no_discrepancy", "ambiguous", "ambiguous", "effect_found"])
     plans = iter([["look", "look further", "for nothing"], ["tell", "tell further", "for nothing"]])
     measured: list[tuple[str, str, int]] = []
     asked: list[tuple[str, int]] = []
 
-    def measure(subject: object, model: object, plan: str, folder: Path, found: Investigation, number: int) -> Path:
+    def measure(
+        subject: object, model: object, plan: str, folder: Path, found: Investigation, number: int
+    ) -> Path:
         measured.append((folder.name, plan, number))
         return folder / "data.csv"
 
@@ -322,19 +388,31 @@ def test_what_shows_is_told_apart_in_the_same_round(monkeypatch: pytest.MonkeyPa
         return next(plans)
 
     found = without_a_rig(
-        monkeypatch, tmp_path, _measure=measure, _next=propose,
+        monkeypatch,
+        tmp_path,
+        _measure=measure,
+        _next=propose,
         diagnose=lambda *_: SimpleNamespace(name=next(answers), findings=None),
-    )  # fmt: skip
+    )
     looked = [("round-2", "look", 0), ("round-2", "look further", 1)]
-    assert measured == [("round-1", "first", 0), *looked, ("round-2", "tell", 2), ("round-2", "tell further", 3)]
+    assert measured == [
+        ("round-1", "first", 0),
+        *looked,
+        ("round-2", "tell", 2),
+        ("round-2", "tell further", 3),
+    ]
     assert (found.outcome, found.rounds) == ("named", 2)
     assert asked == [("no_discrepancy", 1), ("ambiguous", 2)]  # in the last round, too
 
 
-@pytest.mark.parametrize(("verdict", "outcome"), [("no_discrepancy", "nothing_missing"), ("ambiguous", "budget_spent")])
+@pytest.mark.parametrize(
+    ("verdict", "outcome"), [("no_discrepancy", "nothing_missing"), ("ambiguous", "budget_spent")]
+)
 def test_the_last_round_ends_with_what_it_has(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, verdict: str, outcome: str
 ) -> None:
     said = SimpleNamespace(name=verdict, findings=None)
-    found = without_a_rig(monkeypatch, tmp_path, diagnose=lambda *_: said, _next=lambda *_: ["more"])
+    found = without_a_rig(
+        monkeypatch, tmp_path, diagnose=lambda *_: said, _next=lambda *_: ["more"]
+    )
     assert (found.outcome, found.rounds) == (outcome, 2)

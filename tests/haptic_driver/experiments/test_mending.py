@@ -21,27 +21,40 @@ ERROR = 0.01  # of friction, of a row
 def felt(frequency_hz, voltage_v, load_n, wetness=0.0, **finger):
     """Friction [n] of a finger from outside."""
     columns = np.broadcast_arrays(frequency_hz, voltage_v, load_n, 0.02, 0.0)
-    state = outside.prepare(outside.Rows(*(np.array(c, float) for c in columns)), outside.Finger(**finger), ROUGHNESS)
+    state = outside.prepare(
+        outside.Rows(*(np.array(c, float) for c in columns)), outside.Finger(**finger), ROUGHNESS
+    )
     skin_hydration(state, wetness, {"fall": 1.0}, True)
     return outside.friction(state)
 
 
 def rows(rng, count, start_s, drift=0.0, **finger):
-    """As a texture gives them on one carrier: every voltage, under loads that change, ten in a second."""
+    """As a texture gives them on one carrier: every voltage, under loads that change, ten in a
+    second.
+    """
     voltage_v = np.sqrt(rng.uniform(0.0, 110.0**2, count)) * (np.arange(count) % 6 > 0)
-    load_n, time_s = np.exp(rng.uniform(np.log(0.3), np.log(0.9), count)), start_s + 0.1 * np.arange(count)
+    load_n, time_s = (
+        np.exp(rng.uniform(np.log(0.3), np.log(0.9), count)),
+        start_s + 0.1 * np.arange(count),
+    )
     cof = felt(200.0, voltage_v, load_n, **finger) * np.exp(
         ERROR * rng.standard_normal(count) + drift * (time_s - start_s)
     )
     return [
         Recorded(Row(Setting(200.0 * (v > 0.0), v, n, 0.02), 1, 1), Measured(c, ERROR * c, n, t))
-        for v, n, c, t in zip(voltage_v.tolist(), load_n.tolist(), cof.tolist(), time_s.tolist(), strict=True)
+        for v, n, c, t in zip(
+            voltage_v.tolist(), load_n.tolist(), cof.tolist(), time_s.tolist(), strict=True
+        )
     ]
 
 
 def rise(model, frequency_hz, voltage_v, load_n):
     n = np.array([load_n, load_n])
-    low, high = TouchModel(model).predict(Conditions(np.full(2, frequency_hz), np.array([0.0, voltage_v]), n)).cof
+    low, high = (
+        TouchModel(model)
+        .predict(Conditions(np.full(2, frequency_hz), np.array([0.0, voltage_v]), n))
+        .cof
+    )
     return high / low - 1.0
 
 
@@ -65,7 +78,10 @@ def test_a_moist_finger_is_followed_to_a_carrier_that_was_not_used(moist, descri
     for frequency_hz, load_n in ((200.0, 0.5), (10e3, 0.5), (10e3, 0.8)):
         off, on = felt(frequency_hz, np.array([0.0, 100.0]), load_n, **MOIST)
         truth = on / off - 1.0
-        before, after = (abs(rise(m, frequency_hz, 100.0, load_n) / truth - 1.0) for m in (description, moist.model))
+        before, after = (
+            abs(rise(m, frequency_hz, 100.0, load_n) / truth - 1.0)
+            for m in (description, moist.model)
+        )
         assert after < 0.5 * before
     assert moist.model.effect_parameters["skin_hydration"]["wetness"].value > 0.5
     assert moist.model.parameters["cof_off"].value == pytest.approx(MOIST["mu_off"], rel=0.01)
@@ -83,7 +99,9 @@ def test_a_finger_that_the_model_describes_is_left_alone(rng, description):
 
 
 def test_a_model_mended_before_is_the_one_to_beat(rng, moist, description):
-    found = mend(rows(rng, 200, 0.0, **MOIST), description, rows(rng, 30, 20.0, **MOIST), moist.model)
+    found = mend(
+        rows(rng, 200, 0.0, **MOIST), description, rows(rng, 30, 20.0, **MOIST), moist.model
+    )
     assert isinstance(found, Dropped)
 
 
@@ -100,7 +118,9 @@ def test_friction_that_drifts_as_a_whole_is_taken_as_that(rng, description):
     found = mend(rows(rng, 250, 0.0, 0.002), description, rows(rng, 30, 25.0, mu_off=0.512 * 1.05))
     assert isinstance(found, Mended)
     assert found.model.parameters["cof_off"].value == pytest.approx(0.512 * 1.04, rel=0.012)
-    assert rise(found.model, 200.0, 100.0, 0.5) == pytest.approx(rise(description, 200.0, 100.0, 0.5), rel=0.05)
+    assert rise(found.model, 200.0, 100.0, 0.5) == pytest.approx(
+        rise(description, 200.0, 100.0, 0.5), rel=0.05
+    )
 
 
 def test_too_little_is_said_to_be_too_little(rng, description):

@@ -34,7 +34,12 @@ def refused(folder: Path, text: str) -> BadInputError:
 
 @pytest.mark.parametrize(
     ("name", "settings", "rows"),
-    [("paper", 10, 99), ("voltage_frequency", 25, 171), ("speed_load_time", 36, 288), ("full", 168, 728)],
+    [
+        ("paper", 10, 99),
+        ("voltage_frequency", 25, 171),
+        ("speed_load_time", 36, 288),
+        ("full", 168, 728),
+    ],
 )
 def test_shipped_plans_have_the_rows_they_promise(name: str, settings: int, rows: int) -> None:
     plan = load_plan(name)
@@ -53,7 +58,9 @@ def test_plans_with_spectra_repeat_some_at_another_amplitude(name: str) -> None:
 def test_the_papers_plan_has_its_frequencies() -> None:
     plan = load_plan("paper")
     assert [s.frequency_hz for s in plan.settings] == [1, 10, 50, 100, 250, 500, 1e3, 1e4, 1e5, 1e6]
-    assert {(s.voltage_v, s.normal_force_n, s.speed_m_s) for s in plan.settings} == {(75.0, 0.5, 0.02)}
+    assert {(s.voltage_v, s.normal_force_n, s.speed_m_s) for s in plan.settings} == {
+        (75.0, 0.5, 0.02)
+    }
     without = [r for r in plan.rows(plan.settings, 1) if r.setting.voltage_v == 0.0]
     assert Counter(r.session for r in without) == {1: 3, 2: 3, 3: 3}
 
@@ -68,7 +75,9 @@ def test_lists_are_multiplied_and_repeated_in_every_session(tmp_path: Path) -> N
 
 
 def test_points_take_what_they_do_not_say_from_the_lists(tmp_path: Path) -> None:
-    points = "[[points]]\nvoltage_v = 60.0\nfrequency_hz = [10.0, 20.0]\n[[points]]\nspeed_m_s = 0.05\n"
+    points = (
+        "[[points]]\nvoltage_v = 60.0\nfrequency_hz = [10.0, 20.0]\n[[points]]\nspeed_m_s = 0.05\n"
+    )
     plan = plan_of(tmp_path, GRID + points)
     assert len(plan.settings) == 2 * 2 + 3 * 2 * 2
     assert Setting(10.0, 60.0, 0.25, 0.02) in plan.settings
@@ -97,7 +106,9 @@ def test_without_randomising_the_order_is_the_files(tmp_path: Path) -> None:
     assert [r.setting for r in plan.rows(plan.settings, 7)] == list(plan.settings)
 
 
-def test_rows_without_voltage_come_before_every_so_many_at_the_same_load_and_speed(tmp_path: Path) -> None:
+def test_rows_without_voltage_come_before_every_so_many_at_the_same_load_and_speed(
+    tmp_path: Path,
+) -> None:
     plan = plan_of(tmp_path, GRID + "voltage_off_every = 5\nsessions = 2\n")
     rows = plan.rows(plan.settings, 1)
     for session in (1, 2):
@@ -185,16 +196,24 @@ def test_sweeps_come_last_in_their_own_order_and_without_rows_of_no_voltage(tmp_
 
 
 def test_a_bias_another_waveform_and_a_time_are_settings(tmp_path: Path) -> None:
-    points = '[[points]]\nvoltage_offset_v = [-30.0, 30.0]\n[[points]]\nwaveform = ["square", "dc"]\n'
+    points = (
+        '[[points]]\nvoltage_offset_v = [-30.0, 30.0]\n[[points]]\nwaveform = ["square", "dc"]\n'
+    )
     plan = plan_of(tmp_path, GRID + points)
     assert Setting(60.0, 50.0, 0.25, 0.02, -30.0) in plan.settings
     assert Setting(60.0, 50.0, 0.25, 0.02, 0.0, "square") in plan.settings
     assert {s.frequency_hz for s in plan.settings if s.waveform == "dc"} == {0.0}
-    assert [Setting(60.0, 50.0, 0.5, 0.0, -30.0).peak_v, Setting(0.0, 50.0, 0.5, 0.0, -30.0, "dc").peak_v] == [80, 20]
+    assert [
+        Setting(60.0, 50.0, 0.5, 0.0, -30.0).peak_v,
+        Setting(0.0, 50.0, 0.5, 0.0, -30.0, "dc").peak_v,
+    ] == [80, 20]
 
 
 def test_what_has_a_time_begins_when_it_is_due(tmp_path: Path) -> None:
-    timed = "[[points]]\n[[points]]\nfrequency_hz = 250.0\nvoltage_v = 75.0\ntime_s = [5.0, 20.0, 600.0]\n"
+    timed = (
+        "[[points]]\n[[points]]\nfrequency_hz = 250.0\nvoltage_v = 75.0\ntime_s = [5.0, 20.0,"
+        " 600.0]\n"
+    )
     plan = plan_of(tmp_path, GRID + timed)
     clock_s, began = 0.0, {}
     for row in plan.rows(plan.settings, 1):

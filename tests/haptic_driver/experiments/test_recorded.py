@@ -1,4 +1,6 @@
-"""Recordings as measured data: `haptic_driver/experiments/recorded.py`, `haptic diagnose` and `haptic calibrate`."""
+"""Recordings as measured data: `haptic_driver/experiments/recorded.py`, `haptic diagnose` and
+`haptic calibrate`.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,16 @@ PAUSE = LIFT._replace(duration_s=6.0)
 
 
 def strokes(sessions: int, part_s: float = 0.35) -> list[Part]:
-    """Every carrier, voltage and load, and none; a stroke holds three voltages, with no pause between them."""
+    """Every carrier, voltage and load, and none; a stroke holds three voltages, with no pause
+    between them.
+    """
     parts: list[Part] = []
     for _ in range(sessions):
         for frequency_hz in CARRIERS_HZ:
             for load_n in LOADS_N:
-                parts += [Part(part_s, frequency_hz, v, load_n) for v in (0.0, *VOLTAGES_V)] + [LIFT]
+                parts += [Part(part_s, frequency_hz, v, load_n) for v in (0.0, *VOLTAGES_V)] + [
+                    LIFT
+                ]
         parts[-1] = PAUSE
     return parts
 
@@ -47,27 +53,39 @@ def test_rows_agree_with_the_finger_within_what_they_state(touch, rng, tmp_path)
     """Also right after a step of the voltage, which friction follows 30 ms and some lag later."""
     out = tmp_path / "rows.csv"
     parts = strokes(3)
-    count = write_recorded([record(tmp_path / "run.h5", ticks(parts, friction_of(touch), rng))], out)
+    count = write_recorded(
+        [record(tmp_path / "run.h5", ticks(parts, friction_of(touch), rng))], out
+    )
     rows = read(out)
     assert tuple(rows[0]) == COLUMNS
     assert count == len(rows) >= sum(part.normal_force_n > 0.0 for part in parts)
     f, v, n, s, cof, std = (
-        column(rows, x) for x in ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "cof", "cof_std")
+        column(rows, x)
+        for x in ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "cof", "cof_std")
     )
     z = (cof - touch.predict(Conditions(f, v, n, speed_m_s=s)).cof) / std
     assert abs(np.mean(z)) < 4.0 / np.sqrt(count)
     assert np.mean(z**2) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / count))
-    known = [(part.frequency_hz if part.voltage_v else 0.0, part.voltage_v) for part in parts if part.normal_force_n]
+    known = [
+        (part.frequency_hz if part.voltage_v else 0.0, part.voltage_v)
+        for part in parts
+        if part.normal_force_n
+    ]
     assert set(zip(f, v, strict=True)) == set(known)
 
 
 @pytest.mark.parametrize(
-    ("speed_m_s", "late", "waited_s"), [(0.005, 0, 0.0), (0.05, 0, 0.0), (0.05, 30, 0.0), (0.05, 0, 0.002)]
+    ("speed_m_s", "late", "waited_s"),
+    [(0.005, 0, 0.0), (0.05, 0, 0.0), (0.05, 30, 0.0), (0.05, 0, 0.002)],
 )
-def test_a_texture_finer_than_a_row_gives_rows_of_the_finger(rng, tmp_path, speed_m_s, late, waited_s):
-    """Threads of 2 mm, 2.5 and 25 a second, by an envelope: friction never settles. A late control repeats readings.
+def test_a_texture_finer_than_a_row_gives_rows_of_the_finger(
+    rng, tmp_path, speed_m_s, late, waited_s
+):
+    """Threads of 2 mm, 2.5 and 25 a second, by an envelope: friction never settles. A late control
+    repeats readings.
 
-    Where the envelope waited 2 ms longer than its budget says, low voltages felt stronger and high ones weaker.
+    Where the envelope waited 2 ms longer than its budget says, low voltages felt stronger and high
+    ones weaker.
     """
 
     def law(frequency_hz, voltage_v, normal_force_n, *_):
@@ -77,10 +95,18 @@ def test_a_texture_finer_than_a_row_gives_rows_of_the_finger(rng, tmp_path, spee
     time_s = np.arange(0.0, 12.0, 0.001)
     voltages_v = np.sqrt(4500.0 + 4300.0 * np.sin(2.0 * np.pi * speed_m_s * time_s / 0.002))
     parts = [Part(0.001, 100.0, float(voltage_v), 0.5, speed_m_s) for voltage_v in voltages_v]
-    budget = {"sensor": 0.004, "tick": 0.0005, "envelope": 0.002, "instrument": 0.001, "total": 0.0075}
+    budget = {
+        "sensor": 0.004,
+        "tick": 0.0005,
+        "envelope": 0.002,
+        "instrument": 0.001,
+        "total": 0.0075,
+    }
     made = ticks(parts, law, rng, wobble=0.03, latency_s=0.003 + waited_s)
     made["asked_time_s"] = made["time_s"] + 0.003
-    heard = np.where(made["tick"] % 100 < late, made["tick"] // 100 * 100, made["tick"]).astype(np.intp)
+    heard = np.where(made["tick"] % 100 < late, made["tick"] // 100 * 100, made["tick"]).astype(
+        np.intp
+    )
     for name in ("normal_force_n", "lateral_force_n", "measured_cof", "felt_time_s"):
         made[name] = made[name][heard]
     path = record(tmp_path / "run.h5", made, header=replace(HEADER, latency_budget_s=budget))
@@ -101,8 +127,12 @@ def test_strokes_are_trials_and_pauses_and_runs_are_sessions(rng, tmp_path):
     turning["lateral_force_n"][400:] *= -1.0
     rows = read_rows(record(tmp_path / "run.h5", first, turning), tmp_path)
     assert [(row["session"], row["trial"]) for row in rows] == [
-        ("1", "1"), ("1", "2"), ("2", "1"), ("3", "1"), ("3", "2"),
-    ]  # fmt: skip
+        ("1", "1"),
+        ("1", "2"),
+        ("2", "1"),
+        ("3", "1"),
+        ("3", "2"),
+    ]
     assert all(0.0 < float(row["time_s"]) < 10.0 for row in rows)
 
 
@@ -112,7 +142,10 @@ def read_rows(path, folder):
 
 
 def test_a_long_stroke_gives_a_row_a_second(rng, tmp_path):
-    rows = read_rows(record(tmp_path / "run.h5", ticks([Part(4.2, voltage_v=80.0)], lambda *_: 0.3, rng)), tmp_path)
+    rows = read_rows(
+        record(tmp_path / "run.h5", ticks([Part(4.2, voltage_v=80.0)], lambda *_: 0.3, rng)),
+        tmp_path,
+    )
     times = column(rows, "time_s")
     assert len(rows) == 5
     assert all(b - a <= 1.0 + 1e-6 for a, b in pairwise(times))
@@ -121,9 +154,15 @@ def test_a_long_stroke_gives_a_row_a_second(rng, tmp_path):
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda made: made.__setitem__("voltage_v", 80.0 * (1.0 + 0.3 * np.sin(200.0 * made["time_s"]))),
-        lambda made: made.__setitem__("frequency_hz", np.where(made["tick"] % 90 < 45, 100.0, 110.0)),
-        lambda made: made.__setitem__("normal_force_n", 0.5 * (1.0 + 0.5 * np.sin(30.0 * made["time_s"]))),
+        lambda made: made.__setitem__(
+            "voltage_v", 80.0 * (1.0 + 0.3 * np.sin(200.0 * made["time_s"]))
+        ),
+        lambda made: made.__setitem__(
+            "frequency_hz", np.where(made["tick"] % 90 < 45, 100.0, 110.0)
+        ),
+        lambda made: made.__setitem__(
+            "normal_force_n", 0.5 * (1.0 + 0.5 * np.sin(30.0 * made["time_s"]))
+        ),
         lambda made: made.__setitem__("speed_m_s", 0.001),
         lambda made: made.__setitem__("measured_cof", np.nan),
         lambda made: made.__setitem__("in_contact", 0),

@@ -29,7 +29,9 @@ HIDDEN = {"series_resistance": {"resistance_ohm": 3e6}}
 
 
 def small_plan(**changes: Any) -> Plan:
-    """Eight settings, two of them beyond the shipped rig's limits; rows are short, simulated time costs time."""
+    """Eight settings, two of them beyond the shipped rig's limits; rows are short, simulated time
+    costs time.
+    """
     plan = load_plan("paper")
     frequencies = {100.0, 250.0, 10e3, 1e6}
     settings = [s for s in plan.settings if s.frequency_hz in frequencies]
@@ -46,14 +48,23 @@ def grid(**changes: Any) -> Plan:
 
 
 def hiding(config: RigConfig, hide: dict[str, dict[str, float]]) -> RigConfig:
-    return config.model_copy(update={"simulation": config.simulation.model_copy(update={"hide": hide})})
+    return config.model_copy(
+        update={"simulation": config.simulation.model_copy(update={"hide": hide})}
+    )
 
 
 def measured(
-    experiment: Experiment, out: Path, scatter: Scatter | None = None, friction: FrictionLaw | None = None
+    experiment: Experiment,
+    out: Path,
+    scatter: Scatter | None = None,
+    friction: FrictionLaw | None = None,
 ) -> SimulatedBench:
     bench = SimulatedBench(
-        experiment.config, experiment.model, seed=experiment.seed, scatter=scatter, friction=friction
+        experiment.config,
+        experiment.model,
+        seed=experiment.seed,
+        scatter=scatter,
+        friction=friction,
     )
     with DataFile.create(out, experiment.identity()) as data, bench:
         run(experiment, bench, data)
@@ -82,11 +93,15 @@ def test_waiting_until_it_is_time_counts_as_measuring(config: RigConfig, model: 
     """In each of two sessions; it counted only the rows."""
     settings = tuple(Setting(100.0, 75.0, 0.5, 0.02, time_s=time_s) for time_s in (5.0, 300.0))
     experiment = prepare(config, model, Plan(name="late", settings=settings, repeats=2, sessions=2))
-    after_the_second_s = 0.5 * experiment.plan.average_s + experiment.plan.pause_s + experiment.plan.row_s
+    after_the_second_s = (
+        0.5 * experiment.plan.average_s + experiment.plan.pause_s + experiment.plan.row_s
+    )
     assert experiment.duration_s == pytest.approx(2 * (300.0 + after_the_second_s))
 
 
-def test_data_have_the_contracts_columns_and_units(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_data_have_the_contracts_columns_and_units(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     experiment = prepare(config, model, small_plan())
     measured(experiment, tmp_path / "data.csv")
     rows = table(tmp_path / "data.csv")
@@ -95,7 +110,11 @@ def test_data_have_the_contracts_columns_and_units(config: RigConfig, model: Tou
     for row, expected in zip(rows, experiment.rows, strict=True):
         assert tuple(float(row[c]) for c in expected.setting._fields[:5]) == expected.setting[:5]
         assert (row["waveform"], row["finger"]) == ("sine", "sliding")
-        assert (int(row["session"]), int(row["trial"]), row["simulated"]) == (expected.session, expected.trial, "true")
+        assert (int(row["session"]), int(row["trial"]), row["simulated"]) == (
+            expected.session,
+            expected.trial,
+            "true",
+        )
         assert 0.4 < float(row["cof"]) < 0.8
         assert 0.003 < float(row["cof_std"]) / float(row["cof"]) < 0.04
     for session in ("1", "2"):
@@ -119,12 +138,16 @@ def test_friction_agrees_with_the_model_within_its_stated_error(
 
 
 @pytest.mark.soak
-def test_sessions_differ_by_one_factor(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_sessions_differ_by_one_factor(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     measured(prepare(config, model, grid(sessions=4)), tmp_path / "data.csv")
     data = read_measurements(tmp_path / "data.csv")
     ratio = data.columns["cof"] / model.predict(data.conditions()).cof
     weight = (ratio / data.columns["cof_std"] * data.columns["cof"]) ** -2
-    gains = np.array([np.average(ratio[data.session == i], weights=weight[data.session == i]) for i in range(4)])
+    gains = np.array(
+        [np.average(ratio[data.session == i], weights=weight[data.session == i]) for i in range(4)]
+    )
     assert 0.01 < np.std(np.log(gains)) < 0.12  # 5 % each, four of them
     z = (ratio / gains[data.session] - 1.0) / (data.columns["cof_std"] / data.columns["cof"])
     assert 0.6 < np.mean(z**2) < 1.6
@@ -153,18 +176,28 @@ def test_refused_points_are_reported_with_reasons_and_never_energised(
 
 def test_refusals_are_told_in_a_line_for_each_frequency_voltage_and_reason() -> None:
     fast = [Setting(500.0, 75.0, load_n, speed) for load_n in (0.25, 1.0) for speed in (0.01, 0.04)]
-    refusals = [*(Refusal(setting, "too much") for setting in fast), Refusal(fast[0]._replace(voltage_v=125.0), "high")]
-    assert told(refusals) == ["500 Hz, 75 V, 0.25..1 N, 10..40 mm/s: too much", "500 Hz, 125 V, 0.25 N, 10 mm/s: high"]
+    refusals = [
+        *(Refusal(setting, "too much") for setting in fast),
+        Refusal(fast[0]._replace(voltage_v=125.0), "high"),
+    ]
+    assert told(refusals) == [
+        "500 Hz, 75 V, 0.25..1 N, 10..40 mm/s: too much",
+        "500 Hz, 125 V, 0.25 N, 10 mm/s: high",
+    ]
 
 
 def test_a_plan_refused_throughout_is_an_error(config: RigConfig, model: TouchModel) -> None:
     plan = small_plan()
-    refused = plan.model_copy(update={"settings": tuple(s for s in plan.settings if s.frequency_hz > 1e3)})
+    refused = plan.model_copy(
+        update={"settings": tuple(s for s in plan.settings if s.frequency_hz > 1e3)}
+    )
     with pytest.raises(BadInputError, match="refuses every point"):
         prepare(config, model, refused)
 
 
-def test_a_plan_without_voltage_energises_nothing(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_a_plan_without_voltage_energises_nothing(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     plan = small_plan()
     resting = (plan.settings[0].without_voltage(),)
     plan = plan.model_copy(update={"settings": resting, "repeats": 4, "voltage_off_every": 0})
@@ -173,12 +206,19 @@ def test_a_plan_without_voltage_energises_nothing(config: RigConfig, model: Touc
     assert bench.simulated.amplifier.max_voltage_v == 0.0
 
 
-def test_the_output_is_on_for_rows_with_voltage_only(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_the_output_is_on_for_rows_with_voltage_only(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     experiment = prepare(config, model, small_plan())
     bench = SimulatedBench(config, model, seed=1)
     between: list[float] = []
     with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
-        evidence = run(experiment, bench, data, lambda done: between.append(bench.simulated.instruments.voltage_v))
+        evidence = run(
+            experiment,
+            bench,
+            data,
+            lambda done: between.append(bench.simulated.instruments.voltage_v),
+        )
         assert evidence.output_on is False
     assert between == [0.0] * len(experiment.rows)
     driven = sum(row.setting.voltage_v > 0.0 for row in experiment.rows)
@@ -214,7 +254,12 @@ def test_a_killed_measurement_resumes_to_the_same_rows(
             run(experiment, rest, data)
     assert settings_of(killed) == settings_of(whole)
     assert [row["time_s"] for row in table(killed)] == [row["time_s"] for row in table(whole)]
-    ratio = np.array([float(a["cof"]) / float(b["cof"]) for a, b in zip(table(killed), table(whole), strict=True)])
+    ratio = np.array(
+        [
+            float(a["cof"]) / float(b["cof"])
+            for a, b in zip(table(killed), table(whole), strict=True)
+        ]
+    )
     np.testing.assert_allclose(ratio, 1.0, atol=0.01)  # the same finger; the sensor's noise is new
     assert not np.all(ratio[7:] == 1.0)
 
@@ -243,14 +288,18 @@ def test_the_voltage_falls_when_a_row_is_interrupted(
     assert len(table(tmp_path / "data.csv")) == data.done
 
 
-def test_a_saturated_sensor_stops_the_measurement(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_a_saturated_sensor_stops_the_measurement(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     simulation = config.simulation.model_copy(update={"force_range_n": 0.4})
     experiment = prepare(config.model_copy(update={"simulation": simulation}), model, small_plan())
     with pytest.raises(HapticError, match="end of its range"):
         measured(experiment, tmp_path / "data.csv")
 
 
-def test_resume_refuses_another_plan_seed_rig_or_model(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_resume_refuses_another_plan_seed_rig_or_model(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     out = tmp_path / "data.csv"
     experiment = prepare(config, model, small_plan())
     DataFile.create(out, experiment.identity()).__exit__(None, None, None)
@@ -259,7 +308,11 @@ def test_resume_refuses_another_plan_seed_rig_or_model(config: RigConfig, model:
         "plan": prepare(config, model, small_plan(pause_s=9.0)),
         "seed": prepare(config, model, small_plan(), seed=5),
         "rig": prepare(config.model_copy(update={"output": output}), model, small_plan()),
-        "model": prepare(config, with_hidden(model, {"velocity_dependent_friction": {"exponent": 0.1}}), small_plan()),
+        "model": prepare(
+            config,
+            with_hidden(model, {"velocity_dependent_friction": {"exponent": 0.1}}),
+            small_plan(),
+        ),
     }
     for what, other in others.items():
         with pytest.raises(BadInputError, match=what):
@@ -271,7 +324,9 @@ def test_resume_refuses_another_plan_seed_rig_or_model(config: RigConfig, model:
         DataFile.resume(out, experiment.identity("def friction(): ..."), experiment.rows)
 
 
-def test_resume_refuses_a_file_that_is_not_the_plans(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_resume_refuses_a_file_that_is_not_the_plans(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     out = tmp_path / "data.csv"
     experiment = prepare(config, model, small_plan())
     measured(experiment, out)
@@ -287,7 +342,9 @@ def test_resume_refuses_a_file_that_is_not_the_plans(config: RigConfig, model: T
         DataFile.resume(out, experiment.identity(), experiment.rows)
 
 
-def test_a_file_is_never_overwritten_unasked(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_a_file_is_never_overwritten_unasked(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     out = tmp_path / "data.csv"
     out.write_text("precious\n")
     experiment = prepare(config, model, small_plan())
@@ -316,7 +373,9 @@ def test_a_hidden_effect_changes_the_data_and_leaves_no_trace_in_the_files(
     assert np.mean(residuals(tmp_path / "plain.csv", model) ** 2) < 1.6
     assert np.mean(residuals(tmp_path / "hidden.csv", model) ** 2) > 3.0
     assert np.mean(residuals(tmp_path / "hidden.csv", with_hidden(model, HIDDEN)) ** 2) < 1.6
-    metas = [json.loads(meta_path(tmp_path / f"{name}.csv").read_text()) for name in ("plain", "hidden")]
+    metas = [
+        json.loads(meta_path(tmp_path / f"{name}.csv").read_text()) for name in ("plain", "hidden")
+    ]
     differ = {key for key in metas[0] if metas[0][key] != metas[1][key]}
     assert metas[0].keys() == metas[1].keys()
     assert differ == {"salt", "rig_hash"}  # as they do between any two files
@@ -329,7 +388,9 @@ def test_a_hidden_effect_changes_the_data_and_leaves_no_trace_in_the_files(
     assert again.read_text() == (tmp_path / "plain.csv").read_text()
 
 
-def test_speed_and_time_reach_the_hidden_effects(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_speed_and_time_reach_the_hidden_effects(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     hide = {
         "velocity_dependent_friction": {"exponent": 0.3},
         "contact_ageing": {"share": 0.3, "time_constant_s": 20.0},
@@ -340,10 +401,14 @@ def test_speed_and_time_reach_the_hidden_effects(config: RigConfig, model: Touch
     assert np.mean(residuals(tmp_path / "data.csv", with_hidden(model, hide)) ** 2) < 1.6
 
 
-def test_any_function_can_be_the_fingers_friction(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_any_function_can_be_the_fingers_friction(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     law = friction_of(model)
 
-    def resonance(frequency_hz: float, voltage_v: float, load_n: float, speed_m_s: float, time_s: float) -> float:
+    def resonance(
+        frequency_hz: float, voltage_v: float, load_n: float, speed_m_s: float, time_s: float
+    ) -> float:
         extra = 0.1 * load_n / (1.0 + ((frequency_hz - 100.0) / 20.0) ** 2) if voltage_v else 0.0
         return law(frequency_hz, voltage_v, load_n, speed_m_s, time_s) + extra
 
@@ -374,7 +439,9 @@ def test_what_cannot_be_hidden_is_named(
 
 
 class Straying(SimulatedBench):
-    """The finger presses with another load than it should in the first `missed` rows that are begun."""
+    """The finger presses with another load than it should in the first `missed` rows that are
+    begun.
+    """
 
     missed = 0
     begun = 0
@@ -387,20 +454,28 @@ class Straying(SimulatedBench):
         super().step(dt_s, normal_force_n * (0.7 if self.begun <= self.missed else 1.0), speed_m_s)
 
 
-def test_a_row_whose_load_was_missed_is_measured_again(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_a_row_whose_load_was_missed_is_measured_again(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     experiment = prepare(config, model, small_plan())
     bench, told = Straying(config, model, seed=1), list[str]()
     bench.missed = ATTEMPTS - 1
     with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
         run(experiment, bench, data, tell=told.append)
     wanted = experiment.rows[0].setting.normal_force_n
-    assert told == [f"row 1: the load was {0.7 * wanted:.3g} N, not {wanted:g} N; once more"] * (ATTEMPTS - 1)
+    assert told == [f"row 1: the load was {0.7 * wanted:.3g} N, not {wanted:g} N; once more"] * (
+        ATTEMPTS - 1
+    )
     for row in table(tmp_path / "data.csv"):
-        assert float(row["measured_normal_force_n"]) == pytest.approx(float(row["normal_force_n"]), rel=0.01)
+        assert float(row["measured_normal_force_n"]) == pytest.approx(
+            float(row["normal_force_n"]), rel=0.01
+        )
     assert bench.begun == len(experiment.rows) + ATTEMPTS - 1
 
 
-def test_a_load_missed_again_and_again_is_no_row(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_a_load_missed_again_and_again_is_no_row(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     experiment = prepare(config, model, small_plan())
     bench = Straying(config, model, seed=1)
     bench.missed = 1000
@@ -414,7 +489,9 @@ def test_a_load_missed_again_and_again_is_no_row(config: RigConfig, model: Touch
     assert bench.simulated.amplifier.voltage_v == 0.0
 
 
-def test_a_sensor_too_slow_for_the_window_is_named(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_a_sensor_too_slow_for_the_window_is_named(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     class Slow(SimulatedBench):
         def read_force(self) -> ForceReading:
             self._time_s += 0.1
@@ -430,7 +507,9 @@ def test_a_sensor_too_slow_for_the_window_is_named(config: RigConfig, model: Tou
     assert (error.value.code, data.done) == ("too_few_readings", 0)
 
 
-def test_a_file_of_other_columns_is_not_continued(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_a_file_of_other_columns_is_not_continued(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     experiment = prepare(config, model, small_plan())
     DataFile.create(tmp_path / "data.csv", experiment.identity()).__exit__(None, None, None)
     (tmp_path / "data.csv").write_text(",".join(COLUMNS[:-2]) + "\n")
@@ -459,7 +538,9 @@ def test_a_row_whose_output_went_off_once_is_measured_again(
         run(experiment, bench, data, tell=told.append)
     assert len(table(tmp_path / "data.csv")) == len(experiment.rows)
     [said] = told
-    assert all(words in said for words in ("row 2: the output went off", "not refreshed", "; once more"))
+    assert all(
+        words in said for words in ("row 2: the output went off", "not refreshed", "; once more")
+    )
 
 
 class Jumping(SimulatedBench):
@@ -473,16 +554,24 @@ class Jumping(SimulatedBench):
 def test_the_output_is_held_through_settling_and_averaging(
     config: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:
-    """Settling and averaging take longer than the lease; each step refreshes it, on the clock that commands."""
-    experiment = prepare(config, model, small_plan(sessions=1, repeats=1, settle_s=1.0, average_s=0.5))
+    """Settling and averaging take longer than the lease; each step refreshes it, on the clock that
+    commands.
+    """
+    experiment = prepare(
+        config, model, small_plan(sessions=1, repeats=1, settle_s=1.0, average_s=0.5)
+    )
     bench = measured(experiment, tmp_path / "held.csv")
     on = sum(row.setting.voltage_v > 0.0 for row in experiment.rows)
     assert on > 0
-    assert bench.simulated.amplifier.output_on_s == pytest.approx(on * 1.5, abs=0.2)  # and the ramp up
+    assert bench.simulated.amplifier.output_on_s == pytest.approx(
+        on * 1.5, abs=0.2
+    )  # and the ramp up
     assert "not refreshed" not in {event.reason[:13] for event in bench.rig.events}
 
 
-def test_a_row_whose_output_was_lost_is_not_a_row(config: RigConfig, model: TouchModel, tmp_path: Path) -> None:
+def test_a_row_whose_output_was_lost_is_not_a_row(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
     experiment = prepare(config, model, small_plan())
     bench = Jumping(config, model, seed=1)
     with (

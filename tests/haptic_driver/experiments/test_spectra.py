@@ -1,4 +1,6 @@
-"""Spectra against Kramers and Kronig: circuits written down here pass, what changes on the way does not."""
+"""Spectra against Kramers and Kronig: circuits written down here pass, what changes on the way does
+not.
+"""
 
 from __future__ import annotations
 
@@ -74,13 +76,25 @@ def written(path: Path, spectra: dict[str, np.ndarray], rows: int = 21) -> Path:
         finger, _, session = name.partition(" ")
         for f, z in list(zip(F, impedance, strict=True))[:rows]:
             said = {
-                "frequency_hz": f, "voltage_v": 5.0, "normal_force_n": 0.0 if finger == "none" else 0.5,
-                "speed_m_s": 0.0, "time_s": 1.0, "session": session or 1, "trial": 1, "waveform": "sine",
-                "finger": finger, "electrode_voltage_v": 5.0, "electrode_voltage_std_v": 0.005,
-                "electrode_voltage_phase_rad": -0.1, "electrode_voltage_phase_std_rad": 0.001,
-                "current_a": 5.0 / abs(z), "current_std_a": 0.001 * 5.0 / abs(z),
-                "current_phase_rad": -0.1 - np.angle(z), "current_phase_std_rad": 0.001, "simulated": "true",
-            }  # fmt: skip
+                "frequency_hz": f,
+                "voltage_v": 5.0,
+                "normal_force_n": 0.0 if finger == "none" else 0.5,
+                "speed_m_s": 0.0,
+                "time_s": 1.0,
+                "session": session or 1,
+                "trial": 1,
+                "waveform": "sine",
+                "finger": finger,
+                "electrode_voltage_v": 5.0,
+                "electrode_voltage_std_v": 0.005,
+                "electrode_voltage_phase_rad": -0.1,
+                "electrode_voltage_phase_std_rad": 0.001,
+                "current_a": 5.0 / abs(z),
+                "current_std_a": 0.001 * 5.0 / abs(z),
+                "current_phase_rad": -0.1 - np.angle(z),
+                "current_phase_std_rad": 0.001,
+                "simulated": "true",
+            }
             lines.append([str(said.get(column, "")) for column in COLUMNS])
     path.write_text("\n".join(map(",".join, [COLUMNS, *lines])) + "\n")
     meta_path(path).write_text("{}")
@@ -96,7 +110,10 @@ def test_rows_are_marked_and_nothing_else_changes(tmp_path: Path) -> None:
     z = circuits()
     bad = z["bridged gap"].copy()
     bad[5] *= 1.5
-    path = written(tmp_path / "data.csv", {"none": z["stray alone"], "resting": z["bridged gap"], "resting 2": bad})
+    path = written(
+        tmp_path / "data.csv",
+        {"none": z["stray alone"], "resting": z["bridged gap"], "resting 2": bad},
+    )
     before = path.read_text()
     failed, stray = mark_spectra(path, TODAY)
     assert failed == marks(path).count("fails") >= 1
@@ -110,7 +127,9 @@ def test_rows_are_marked_and_nothing_else_changes(tmp_path: Path) -> None:
     assert json.loads(meta_path(path).read_text())["stray_capacitance"] == stray._asdict()
 
 
-def test_too_few_rows_to_tell_are_left_unmarked_and_no_open_circuit_is_no_calibration(tmp_path: Path) -> None:
+def test_too_few_rows_to_tell_are_left_unmarked_and_no_open_circuit_is_no_calibration(
+    tmp_path: Path,
+) -> None:
     z = circuits()["bridged gap"]
     path = written(tmp_path / "data.csv", {"resting": z}, rows=6)
     assert mark_spectra(path, TODAY) == (0, None)

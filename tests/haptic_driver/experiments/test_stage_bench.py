@@ -1,4 +1,6 @@
-"""Plans run on real drivers in real time: stage, generator, interlock and force box, served over their own wires."""
+"""Plans run on real drivers in real time: stage, generator, interlock and force box, served over
+their own wires.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,11 @@ def served(config: RigConfig, model: TouchModel) -> Iterator[ServedRig]:
 
 @pytest.fixture
 def real(config: RigConfig, served: ServedRig) -> RigConfig:
-    quick = {"velocity_m_s": 0.05, "acceleration_m_s2": 0.05, "travel_m": [0.0, 0.07]}  # strokes lie in its middle
+    quick = {
+        "velocity_m_s": 0.05,
+        "acceleration_m_s2": 0.05,
+        "travel_m": [0.0, 0.07],
+    }  # strokes lie in its middle
     real = as_real(config, served.endpoints)
     return real.model_copy(update={"stage": stage_of(real).model_copy(update=quick)})
 
@@ -59,14 +65,25 @@ def real(config: RigConfig, served: ServedRig) -> RigConfig:
 def plan(*settings: Setting, **changes: Any) -> Plan:
     """Averages twice as long as they must last: the machine may be busy."""
     short = Plan(
-        name="short", settings=settings, randomise=False, voltage_off_every=1, settle_s=0.2, average_s=1.0, pause_s=0.0
+        name="short",
+        settings=settings,
+        randomise=False,
+        voltage_off_every=1,
+        settle_s=0.2,
+        average_s=1.0,
+        pause_s=0.0,
     )
     return short.model_copy(update=changes)
 
 
-def measured(real: RigConfig, model: TouchModel, given: Plan, out: Path, tell: Callable[[str], None]) -> DataFile:
+def measured(
+    real: RigConfig, model: TouchModel, given: Plan, out: Path, tell: Callable[[str], None]
+) -> DataFile:
     experiment = prepare(real, model, given)
-    with DataFile.create(out, experiment.identity()) as data, StageBench(real, given, tell) as bench:
+    with (
+        DataFile.create(out, experiment.identity()) as data,
+        StageBench(real, given, tell) as bench,
+    ):
         run(experiment, bench, data, tell=tell)
     return data
 
@@ -83,7 +100,11 @@ def refused(real: RigConfig, model: TouchModel, given: Plan, out: Path) -> Hapti
 
 
 def off(served: ServedRig) -> bool:
-    return not served.generator.output().on and served.amplifier.voltage_v == 0.0 and not served.stage.moving
+    return (
+        not served.generator.output().on
+        and served.amplifier.voltage_v == 0.0
+        and not served.stage.moving
+    )
 
 
 def test_each_row_is_a_stroke_under_its_load(
@@ -95,7 +116,10 @@ def test_each_row_is_a_stroke_under_its_load(
     without, driven = table(tmp_path / "data.csv")
     assert (float(without["voltage_v"]), float(driven["voltage_v"])) == (0.0, 75.0)
     conditions = Conditions(
-        np.array([250.0, 250.0]), np.array([0.0, 75.0]), np.full(2, NORMAL_FORCE_N), speed_m_s=np.full(2, SPEED_M_S)
+        np.array([250.0, 250.0]),
+        np.array([0.0, 75.0]),
+        np.full(2, NORMAL_FORCE_N),
+        speed_m_s=np.full(2, SPEED_M_S),
     )
     cof = model.predict(conditions).cof
     assert cof[1] > 1.1 * cof[0]
@@ -113,20 +137,30 @@ def test_each_row_is_a_stroke_under_its_load(
 def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(
     served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:
-    """A row of friction, then a resting finger at 5 V beyond what a card could sample; the scope by its own wire."""
+    """A row of friction, then a resting finger at 5 V beyond what a card could sample; the scope by
+    its own wire.
+    """
     law, instruments = electrode_of(model, 300e-12), served.instruments
 
     def state() -> ElectrodeState | None:
         f, v, _, _ = instruments.stimulus()
         return law(f, v, instruments.plant.normal_force_n, instruments.speed_m_s, 0.0)
 
-    scope = SimulatedInfiniiVision(SimulatedLines(state, real.amplifier.monitor_lines(), (2e-4, 2e-4), 1))
+    scope = SimulatedInfiniiVision(
+        SimulatedLines(state, real.amplifier.monitor_lines(), (2e-4, 2e-4), 1)
+    )
     server = TcpServer(scope)
     resting = Setting(20e3, 5.0, NORMAL_FORCE_N, 0.0, finger="resting", sweep=True)
     with server:
         section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
         seen = real.model_copy(update={"electrode_monitors": [section]})
-        measured(seen, model, plan(DRIVEN, resting, voltage_off_every=0), tmp_path / "data.csv", lambda what: None)
+        measured(
+            seen,
+            model,
+            plan(DRIVEN, resting, voltage_off_every=0),
+            tmp_path / "data.csv",
+            lambda what: None,
+        )
     assert off(served)
     slid, rested = table(tmp_path / "data.csv")
     assert float(slid["cof"]) > 0.5
@@ -135,9 +169,12 @@ def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(
     for row, finger, speed in ((slid, "sliding", SPEED_M_S), (rested, "resting", 0.0)):
         f, v = float(row["frequency_hz"]), float(row["voltage_v"])
         conditions = Conditions(
-            np.array([f]), np.array([v]), np.array([NORMAL_FORCE_N]), speed_m_s=np.array([speed]),
+            np.array([f]),
+            np.array([v]),
+            np.array([NORMAL_FORCE_N]),
+            speed_m_s=np.array([speed]),
             finger=np.array([finger]),
-        )  # fmt: skip
+        )
         expected = model.predict(conditions).electrode_current_a[0] + 2j * np.pi * f * 300e-12 * v
         found = float(row["current_a"]) * np.exp(1j * float(row["current_phase_rad"]))
         assert abs(found - expected) < 0.02 * abs(expected) + 5 * float(row["current_std_a"])
@@ -145,7 +182,11 @@ def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(
 
 
 def test_a_load_that_nobody_brings_is_asked_for_and_then_given_up(
-    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    served: ServedRig,
+    real: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(stage_bench, "LOAD_WAIT_S", 0.6)
     told: list[str] = []
@@ -161,7 +202,11 @@ def test_a_load_that_nobody_brings_is_asked_for_and_then_given_up(
 
 
 def test_another_session_waits_for_the_finger_to_lift(
-    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    served: ServedRig,
+    real: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(stage_bench, "LOAD_WAIT_S", 0.6)
     resting = plan(DRIVEN.without_voltage(), sessions=2, voltage_off_every=0)
@@ -172,23 +217,37 @@ def test_another_session_waits_for_the_finger_to_lift(
 
 @pytest.mark.soak
 def test_a_stage_of_another_scale_makes_no_row(
-    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    served: ServedRig,
+    real: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It holds the counts that were sent, and slides at half the speed that they were meant to be."""
+    """It holds the counts that were sent, and slides at half the speed that they were meant to
+    be.
+    """
     honest = devices.stage_settings
     half = honest(stage_of(real)).counts_per_m_s / 2.0
-    monkeypatch.setattr(devices, "stage_settings", lambda given: replace(honest(given), counts_per_m_s=half))
+    monkeypatch.setattr(
+        devices, "stage_settings", lambda given: replace(honest(given), counts_per_m_s=half)
+    )
     error = refused(real, model, plan(DRIVEN), tmp_path / "data.csv")
     assert error.code == "stage_slipped"
     slid = re.fullmatch(r"the stage slid at ([\d.]+) mm/s, not 20.00 mm/s", error.message)
     assert slid is not None
-    assert float(slid[1]) == pytest.approx(10.0, rel=0.03)  # timed by a machine that has other things to do
+    assert float(slid[1]) == pytest.approx(
+        10.0, rel=0.03
+    )  # timed by a machine that has other things to do
     assert table(tmp_path / "data.csv") == []
     assert off(served)
 
 
 def test_a_stage_that_is_stopped_during_a_row_makes_no_row(
-    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    served: ServedRig,
+    real: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     experiment = prepare(real, model, plan(DRIVEN, voltage_off_every=0))
     bench = StageBench(real, experiment.plan)
@@ -212,9 +271,14 @@ def test_a_stage_that_is_stopped_during_a_row_makes_no_row(
     assert off(served)
 
 
-def test_what_the_stage_cannot_do_is_refused_before_anything_moves(config: RigConfig, model: TouchModel) -> None:
+def test_what_the_stage_cannot_do_is_refused_before_anything_moves(
+    config: RigConfig, model: TouchModel
+) -> None:
     endpoints = {"force_sensor": "127.0.0.1:1", "waveform_generator": "TCPIP::127.0.0.1::1::SOCKET"}
-    real = as_real(config, endpoints | dict.fromkeys(("interlock", "interlock_tcp", "stage"), "ASRL/dev/null::INSTR"))
+    real = as_real(
+        config,
+        endpoints | dict.fromkeys(("interlock", "interlock_tcp", "stage"), "ASRL/dev/null::INSTR"),
+    )
     fast, long = DRIVEN._replace(speed_m_s=0.06), DRIVEN._replace(speed_m_s=0.05)
     given = plan(DRIVEN, fast, long, settle_s=1.0, average_s=2.0)
     points, refusals = check(given.settings, given, real, model)
@@ -230,7 +294,8 @@ def test_what_the_stage_cannot_do_is_refused_before_anything_moves(config: RigCo
     assert error.value.code == "no_stage"
 
 
-# --- as it is typed --------------------------------------------------------------------------------------------------
+# --- as it is typed
+# --------------------------------------------------------------------------------------------------
 
 PLAN = f"""
 name = "short"
@@ -274,7 +339,10 @@ def test_a_rigs_file_and_a_plan_are_all_it_takes(
 
 
 def test_without_anybody_there_nothing_begins(
-    served: ServedRig, typed: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    served: ServedRig,
+    typed: list[str],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))  # no terminal
     position_mm = served.stage.position_mm
@@ -286,7 +354,9 @@ def test_without_anybody_there_nothing_begins(
     assert served.stage.position_mm == position_mm
 
 
-def test_nothing_can_be_hidden_in_a_real_finger(typed: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_can_be_hidden_in_a_real_finger(
+    typed: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     Path("hide.toml").write_text("[series_resistance]\nresistance_ohm = 1e8\n", encoding="utf-8")
     assert main([*typed, "--yes", "--hide", "hide.toml"]) == 2
     assert "is real" in capsys.readouterr().err

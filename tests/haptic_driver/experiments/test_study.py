@@ -1,4 +1,6 @@
-"""Population studies: what is drawn, what comes out, and that neither machine nor interruption changes a number."""
+"""Population studies: what is drawn, what comes out, and that neither machine nor interruption
+changes a number.
+"""
 
 import json
 import sys
@@ -74,7 +76,10 @@ def test_every_task_is_the_model_with_that_fingers_numbers(few, tmp_path):
     one = np.ones(1)
     for found in results[:2]:
         reference = load_model("reference")
-        given = {name: replace(p, value=found["values"].get(name, p.value)) for name, p in reference.parameters.items()}
+        given = {
+            name: replace(p, value=found["values"].get(name, p.value))
+            for name, p in reference.parameters.items()
+        }
         description = replace(reference, parameters=given)
         answer = TouchModel(description).predict(Conditions(250.0 * one, 75.0 * one, 0.5 * one))
         assert found["cof"] == pytest.approx(answer.cof[0], rel=ROUNDING)
@@ -87,9 +92,14 @@ def test_fingers_are_spread_as_the_plan_says(few):
     drawn = [few.finger(i) for i in range(2000)]
     for name, log_std in few.plan.spread.items():
         logs = np.log([d[name] for d in drawn]) - np.log(few.description.parameters[name].value)
-        assert logs.std() == pytest.approx(log_std, rel=0.07)  # cut at 2.5: 0.97 of it; 2000 draws: 2 %
+        assert logs.std() == pytest.approx(
+            log_std, rel=0.07
+        )  # cut at 2.5: 0.97 of it; 2000 draws: 2 %
         assert logs.mean() == pytest.approx(0.0, abs=0.1 * log_std)
-    assert np.corrcoef([d["roughness_rms_m"] for d in drawn], [d["leak_scale"] for d in drawn])[0, 1] < 0.1
+    assert (
+        np.corrcoef([d["roughness_rms_m"] for d in drawn], [d["leak_scale"] for d in drawn])[0, 1]
+        < 0.1
+    )
     assert few.finger(5) == drawn[5]
 
 
@@ -149,7 +159,10 @@ def test_surfaces_are_kept_where_asked_for(plan, tmp_path):
     run_study(load_study(str(plan)), tmp_path / "out")
     kept = sorted((tmp_path / "out" / module.SURFACES).iterdir())
     assert [p.name for p in kept] == ["000000.h5", "000001.h5"]
-    assert read_surface(kept[1]).provenance["model"]["parameters"]["insulator_thickness_m"]["value"] == 2e-6
+    assert (
+        read_surface(kept[1]).provenance["model"]["parameters"]["insulator_thickness_m"]["value"]
+        == 2e-6
+    )
 
 
 @pytest.mark.usefixtures("here")
@@ -224,7 +237,9 @@ def dask_cluster():
         yield cluster.scheduler_address
 
 
-@pytest.mark.filterwarnings("ignore")  # of Dask's own making: deprecations and sockets it closes late
+@pytest.mark.filterwarnings(
+    "ignore"
+)  # of Dask's own making: deprecations and sockets it closes late
 @pytest.mark.timeout(280)
 @pytest.mark.soak
 def test_a_cluster_of_two_workers_gives_the_same_numbers(few, tmp_path, dask_cluster):
@@ -239,7 +254,9 @@ def test_a_cluster_of_two_workers_gives_the_same_numbers(few, tmp_path, dask_clu
 @pytest.mark.soak
 def test_processes_of_this_machine_give_the_same_numbers(few, tmp_path):
     found = run_study(few, tmp_path / "processes", workers=2)
-    np.testing.assert_allclose(numbers(found), numbers([few.run(task) for task in range(6)]), rtol=ROUNDING)
+    np.testing.assert_allclose(
+        numbers(found), numbers([few.run(task) for task in range(6)]), rtol=ROUNDING
+    )
 
 
 @pytest.mark.usefixtures("here")

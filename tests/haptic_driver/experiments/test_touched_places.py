@@ -52,11 +52,20 @@ def run(user: User, places: list[tuple[float, float]]) -> tuple[TouchFit, list[S
     steps: list[Step] = []
     descriptor = user.screen.descriptor
     reports = TouchReports(
-        descriptor, TouchEvents(user.screen.current_slot), name="screen", close=lambda: os.close(descriptor)
+        descriptor,
+        TouchEvents(user.screen.current_slot),
+        name="screen",
+        close=lambda: os.close(descriptor),
     )
     try:
         found = touch_places(
-            np.array(places), reports.read, SPREAD_RAW, steps.append, TODAY, clock=user.clock, sleep=user.sleep
+            np.array(places),
+            reports.read,
+            SPREAD_RAW,
+            steps.append,
+            TODAY,
+            clock=user.clock,
+            sleep=user.sleep,
         )
     finally:
         reports.close()
@@ -72,10 +81,15 @@ def counts_of(x_m: float, y_m: float) -> np.ndarray:
     return np.linalg.solve(MATRIX_M[:, :2], np.array([x_m, y_m]) - MATRIX_M[:, 2])
 
 
-def touched(places: list[tuple[float, float]], missed_m: dict[int, tuple[float, float]]) -> list[TouchedPlace]:
+def touched(
+    places: list[tuple[float, float]], missed_m: dict[int, tuple[float, float]]
+) -> list[TouchedPlace]:
     """Touched to the count, except where the finger missed the place."""
     missed = [np.add(place, missed_m.get(i, (0.0, 0.0))) for i, place in enumerate(places)]
-    return [TouchedPlace(*place, *map(float, counts_of(*there))) for place, there in zip(places, missed, strict=True)]
+    return [
+        TouchedPlace(*place, *map(float, counts_of(*there)))
+        for place, there in zip(places, missed, strict=True)
+    ]
 
 
 def same_map(found: TouchFit, tolerance_m: float) -> None:
@@ -87,7 +101,9 @@ def same_map(found: TouchFit, tolerance_m: float) -> None:
 def test_places_touched_in_turn_give_the_screens_own_map() -> None:
     found, steps = run(User(touches(SIX)), SIX)
     same_map(found, COUNT_M)
-    np.testing.assert_allclose(np.array(found.calibration.matrix_m)[:, :2], MATRIX_M[:, :2], atol=2e-8)
+    np.testing.assert_allclose(
+        np.array(found.calibration.matrix_m)[:, :2], MATRIX_M[:, :2], atol=2e-8
+    )
     assert moments(steps) == [(i, name) for i in range(6) for name in ("TOUCH", "HELD")]
     assert found.agrees
     assert found.touch_error_m == pytest.approx(0.0, abs=COUNT_M)
@@ -96,7 +112,9 @@ def test_places_touched_in_turn_give_the_screens_own_map() -> None:
 
 
 def test_noise_is_averaged() -> None:
-    """Even noise of +-5 counts, 3.2 rms, averaged over about 60 reports: within two counts with six places."""
+    """Even noise of +-5 counts, 3.2 rms, averaged over about 60 reports: within two counts with six
+    places.
+    """
     found, steps = run(User(touches(SIX), panel=NoisyPanel()), SIX)
     same_map(found, 2 * COUNT_M)
     assert Moment.RESTLESS not in {step.moment for step in steps}
@@ -108,11 +126,20 @@ def test_a_finger_that_slides_counts_only_once_it_holds_still() -> None:
     there = [(0.05, 0.05), (0.15, 0.05), (0.1, 0.09)]
     script = [away(), drag(0.0, 0.05, 2.5), at(0.05, 0.05), away(), *touches(there[1:])]
     found, steps = run(User(script), there)
-    assert moments(steps) == [(0, "TOUCH"), (0, "HELD"), (1, "TOUCH"), (1, "HELD"), (2, "TOUCH"), (2, "HELD")]
+    assert moments(steps) == [
+        (0, "TOUCH"),
+        (0, "HELD"),
+        (1, "TOUCH"),
+        (1, "HELD"),
+        (2, "TOUCH"),
+        (2, "HELD"),
+    ]
     same_map(found, 4 * COUNT_M)  # the end of the slide is within SPREAD_RAW, and counts
 
 
-def test_a_finger_that_does_not_hold_still_is_told_by_how_much_it_moves_and_once_per_touch() -> None:
+def test_a_finger_that_does_not_hold_still_is_told_by_how_much_it_moves_and_once_per_touch() -> (
+    None
+):
     script = [away(), drag(0.0, 0.05, 6.0), away(), *touches(CORNERS)]
     _, steps = run(User(script), CORNERS)
     assert moments(steps)[:4] == [(0, "TOUCH"), (0, "RESTLESS"), (0, "LIFTED_EARLY"), (0, "HELD")]
@@ -155,7 +182,9 @@ def test_what_still_disagrees_is_given_back_as_that() -> None:
 
 
 def test_a_place_touched_where_another_was_is_refused() -> None:
-    """Three places fit whatever was touched: a finger that never moved would give a map of its noise."""
+    """Three places fit whatever was touched: a finger that never moved would give a map of its
+    noise.
+    """
     with pytest.raises(HapticError, match="place 2 was touched where place 1 was") as refused:
         run(User(touches([CORNERS[0]] * 3), panel=NoisyPanel()), CORNERS[:3])
     assert refused.value.code == "same_counts"
@@ -191,7 +220,8 @@ def test_a_place_is_the_mean_over_the_time_it_was_held() -> None:
     assert not finger.is_over(10.0)
 
 
-# --- whether touches agree -------------------------------------------------------------------------------------
+# --- whether touches agree
+# -------------------------------------------------------------------------------------
 
 
 def test_three_places_fit_exactly_and_nothing_tells_how_well() -> None:
@@ -201,7 +231,9 @@ def test_three_places_fit_exactly_and_nothing_tells_how_well() -> None:
 
 
 def test_four_places_tell_that_one_is_wrong_but_not_which() -> None:
-    """One corner of a rectangle off by e: the others put each corner e away, and the error of a touch is e/2."""
+    """One corner of a rectangle off by e: the others put each corner e away, and the error of a
+    touch is e/2.
+    """
     found = fit_touches(touched(CORNERS, {3: (0.006, 0.0)}), TODAY)
     assert found.suspects == [0, 1, 2, 3]
     assert found.off_m == pytest.approx([0.006] * 4, rel=0.1)
@@ -223,7 +255,9 @@ def test_the_error_of_a_touch_is_that_of_the_finger() -> None:
     squares = []
     for _ in range(400):
         missed = {i: tuple(rng.normal(0.0, 0.5e-3, 2)) for i in range(4)}
-        squares.append(float(fit_touches(touched(CORNERS, missed), TODAY).touch_error_m or 0.0) ** 2)
+        squares.append(
+            float(fit_touches(touched(CORNERS, missed), TODAY).touch_error_m or 0.0) ** 2
+        )
     assert math.sqrt(np.mean(squares)) == pytest.approx(math.sqrt(2.0) * 0.5e-3, rel=0.08)
 
 
@@ -236,7 +270,8 @@ def test_fingers_that_miss_by_a_millimetre_are_accepted() -> None:
         assert (found.touch_error_m or 0.0) < PLAUSIBLE_M
 
 
-# --- files -----------------------------------------------------------------------------------------------------
+# --- files
+# ------------------------------------------------------------------------------------------------
 
 
 def write(folder: Path, text: str) -> Path:
@@ -262,7 +297,9 @@ def test_what_was_touched_is_fitted_again_from_its_file(tmp_path: Path) -> None:
 
 
 def test_a_file_is_as_old_as_its_oldest_touch(tmp_path: Path) -> None:
-    rows = [f"{x},{y},{20e3 * x},{20e3 * y},2025-0{i}-01" for i, (x, y) in enumerate(CORNERS, start=3)]
+    rows = [
+        f"{x},{y},{20e3 * x},{20e3 * y},2025-0{i}-01" for i, (x, y) in enumerate(CORNERS, start=3)
+    ]
     read = read_places(write(tmp_path, "\n".join(["x_m,y_m,x_raw,y_raw,measured_at", *rows])))
     assert read.measured_on == datetime.date(2025, 3, 1)
 
@@ -291,7 +328,9 @@ def test_a_file_is_as_old_as_its_oldest_touch(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_file_that_cannot_be_used_says_what_is_wrong_where(tmp_path: Path, text: str, code: str, said: str) -> None:
+def test_a_file_that_cannot_be_used_says_what_is_wrong_where(
+    tmp_path: Path, text: str, code: str, said: str
+) -> None:
     with pytest.raises(BadInputError) as refused:
         read_places(write(tmp_path, text))
     assert refused.value.code == code

@@ -1,4 +1,6 @@
-"""A user who touches a simulated screen by a script, in time that passes only while the program waits."""
+"""A user who touches a simulated screen by a script, in time that passes only while the program
+waits.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +12,16 @@ import numpy as np
 from hw.finger.simulated_touch_screen import Panel
 from tests.hw.testing.touch_screens import touch_screen
 
-# Counts to metres of a screen that is mirrored, turned a little and not square: (x, y) = MATRIX_M @ (x_raw, y_raw, 1).
+# Counts to metres of a screen that is mirrored, turned a little and not square: (x, y) = MATRIX_M @
+# (x_raw, y_raw, 1).
 MATRIX_M = np.array([[5e-5, 2e-6, -0.004], [1e-6, -4e-5, 0.11]])
 SPAN_RAW = (4000, 3000)
 CORNERS = [(0.02, 0.01), (0.18, 0.01), (0.18, 0.09), (0.02, 0.09)]
 SIX = [*CORNERS, (0.1, 0.05), (0.1, 0.01)]
 
-Where = Callable[[float], tuple[float, float] | None]  # where the finger is after so many seconds of an action
+Where = Callable[
+    [float], tuple[float, float] | None
+]  # where the finger is after so many seconds of an action
 Script = Sequence[tuple[float, Where]]
 
 
@@ -28,7 +33,9 @@ class SkewPanel(Panel):
 
     def counts(self, x_m: float, y_m: float) -> tuple[int, int]:
         x_raw, y_raw = np.linalg.solve(MATRIX_M[:, :2], np.array([x_m, y_m]) - MATRIX_M[:, 2])
-        noise = self.rng.integers(-self.noise_raw, self.noise_raw + 1, 2) if self.noise_raw else (0, 0)
+        noise = (
+            self.rng.integers(-self.noise_raw, self.noise_raw + 1, 2) if self.noise_raw else (0, 0)
+        )
         return round(float(x_raw)) + int(noise[0]), round(float(y_raw)) + int(noise[1])
 
 
@@ -37,7 +44,9 @@ class NoisyPanel(SkewPanel):
 
 
 class User:
-    """Touches by a script while the program sleeps; when it is over and the program still waits, that is an error."""
+    """Touches by a script while the program sleeps; when it is over and the program still waits,
+    that is an error.
+    """
 
     def __init__(self, script: Script, *, slots: int = 10, panel: Panel | None = None) -> None:
         self.now_s = 1000.0

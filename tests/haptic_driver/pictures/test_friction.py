@@ -25,10 +25,13 @@ def test_a_slide(tmp_path):
 def test_a_slide_without_contact_is_drawn_without_a_warning(tmp_path):
     nothing, time = np.zeros(300, bool), np.arange(300) * 1e-3
     lifted = made_record(
-        300, slide=Slide("lifted", time, 0.05 * time, np.zeros(300)),
+        300,
+        slide=Slide("lifted", time, 0.05 * time, np.zeros(300)),
         samples=made_samples(300, measured_cof=np.nan, in_contact=0),
-        voltage_v=np.zeros(300), off_screen=~nothing, max_voltage_v=0.0,
-    )  # fmt: skip
+        voltage_v=np.zeros(300),
+        off_screen=~nothing,
+        max_voltage_v=0.0,
+    )
     draw_slide(lifted, "grating", tmp_path / "slide.png")
     assert_picture(tmp_path / "slide.png")
 
@@ -42,7 +45,9 @@ def test_a_surface_under_the_load_asked_for(small_file, tmp_path, asked_n):
 
 def test_a_section_is_what_the_model_says_between_levels_too(surface_file, touch):
     cof, allowed = surface_file.section(0.5)
-    f, v = np.meshgrid(surface_file.frequency_hz[::40], surface_file.voltage_v[1::40], indexing="ij")
+    f, v = np.meshgrid(
+        surface_file.frequency_hz[::40], surface_file.voltage_v[1::40], indexing="ij"
+    )
     said = touch.predict(Conditions(f.ravel(), v.ravel(), np.full(f.size, 0.5))).cof
     assert cof[::40, 1::40].ravel() == pytest.approx(said, rel=2e-3)
     level = surface_file.normal_force_n.searchsorted(0.5)
@@ -52,7 +57,10 @@ def test_a_section_is_what_the_model_says_between_levels_too(surface_file, touch
 def test_a_surface_of_which_nothing_is_allowed(make_file, tmp_path):
     shape = (5, 6, 4)
     file = make_file(
-        np.geomspace(1, 1e4, 5), np.geomspace(0.1, 2, 4), np.linspace(0, 90, 6), within_limits=np.zeros(shape, bool)
+        np.geomspace(1, 1e4, 5),
+        np.geomspace(0.1, 2, 4),
+        np.linspace(0, 90, 6),
+        within_limits=np.zeros(shape, bool),
     )
     draw_surface(file, 0.5, tmp_path / "surface.png")
     assert_picture(tmp_path / "surface.png")

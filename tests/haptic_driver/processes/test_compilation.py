@@ -1,4 +1,6 @@
-"""What numba compiles is told as it happens, and only then; what it is spared comes back when it is wanted."""
+"""What numba compiles is told as it happens, and only then; what it is spared comes back when it is
+wanted.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A child whose parent is gone says nothing: the log of a daemon that was killed held a traceback for each child."""
+"""A child whose parent is gone says nothing: the log of a daemon that was killed held a traceback
+for each child.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,10 @@ import pytest
 
 GIVEN = pickle.dumps({"period_s": 0.001})
 HEARS = "from haptic_driver.processes import parent; print(parent.given()['period_s'])"
-TELLS = "import sys; sys.stdin.read(); from haptic_driver.processes import parent; parent.tell({'ready': True})"
+TELLS = (
+    "import sys; sys.stdin.read(); from haptic_driver.processes import parent;"
+    " parent.tell({'ready': True})"
+)
 
 
 def started(program: str) -> subprocess.Popen[bytes]:
@@ -20,8 +25,12 @@ def started(program: str) -> subprocess.Popen[bytes]:
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_what_is_handed_over_is_whole_or_the_child_ends(share: float) -> None:
-    said, complaints = (child := started(HEARS)).communicate(GIVEN[: int(share * len(GIVEN))], timeout=60.0)
-    assert (child.returncode, said, complaints) == ((0, b"0.001\n", b"") if share == 1.0 else (1, b"", b""))
+    said, complaints = (child := started(HEARS)).communicate(
+        GIVEN[: int(share * len(GIVEN))], timeout=60.0
+    )
+    assert (child.returncode, said, complaints) == (
+        (0, b"0.001\n", b"") if share == 1.0 else (1, b"", b"")
+    )
 
 
 @pytest.mark.parametrize("gone", [False, True])

@@ -100,10 +100,18 @@ def test_who_has_nothing_to_rehearse_sleeps_until_the_instant():
     clock = ManualClock(100.0)
     slept = []
     beat = Metronome(
-        1e-3, spin_s=real_time.SPIN_S, clock=clock, sleep_until=lambda s: (slept.append(s), clock.sleep_until(s))
+        1e-3,
+        spin_s=real_time.SPIN_S,
+        clock=clock,
+        sleep_until=lambda s: (slept.append(s), clock.sleep_until(s)),
     )
     assert beat.wait().due_s == slept[-1]
-    assert beat.wait(lambda due: None if clock.now_s > due.due_s else clock.sleep_until(due.due_s)).due_s > slept[-1]
+    assert (
+        beat.wait(
+            lambda due: None if clock.now_s > due.due_s else clock.sleep_until(due.due_s)
+        ).due_s
+        > slept[-1]
+    )
 
 
 def test_sleep_until_never_returns_early():
@@ -114,22 +122,33 @@ def test_sleep_until_never_returns_early():
 
 
 def test_precedence_is_taken_where_it_may_be_and_never_given_away():
-    code = "import os; from haptic_driver.processes import real_time; print(real_time.take_precedence(), os.nice(0))"
+    code = (
+        "import os; from haptic_driver.processes import real_time;"
+        " print(real_time.take_precedence(), os.nice(0))"
+    )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     granted, niceness = run.stdout.split()
     before = os.getpriority(os.PRIO_PROCESS, 0)
     assert int(niceness) == (min(-10, before) if granted == "True" else before)
 
 
-@pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="this kernel does not group sessions")
+@pytest.mark.skipif(
+    not Path("/proc/self/autogroup").exists(), reason="this kernel does not group sessions"
+)
 def test_a_service_takes_precedence_over_other_sessions():
-    """Niceness counts within a session alone where the kernel shares a processor among sessions first."""
+    """Niceness counts within a session alone where the kernel shares a processor among sessions
+    first.
+    """
     code = (
         "from haptic_driver.processes import real_time; print(real_time.take_precedence());"
         "print(open('/proc/self/autogroup').read())"
     )
     run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, start_new_session=True
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        start_new_session=True,
     )
     granted, group = run.stdout.split(maxsplit=1)
     assert granted == "False" or group.strip().endswith("nice -10")
@@ -140,7 +159,9 @@ def test_a_machine_that_allows_no_precedence_is_no_failure(monkeypatch):
         raise PermissionError
 
     monkeypatch.setattr(os, "setpriority", refuse)
-    monkeypatch.setattr(sys, "setswitchinterval", lambda interval_s: None)  # of this process, for the tests to come
+    monkeypatch.setattr(
+        sys, "setswitchinterval", lambda interval_s: None
+    )  # of this process, for the tests to come
     assert real_time.take_precedence() is False
 
 
@@ -170,21 +191,29 @@ else:
 
 
 def test_a_child_weighs_what_its_parent_weighs_and_is_not_interrupted_with_it():
-    """Children had the share of any session: a kill beside 4 busy loops took 12 s to recover from, and 8 s since.
+    """Children had the share of any session: a kill beside 4 busy loops took 12 s to recover from,
+    and 8 s since.
 
-    Until they had their weight their start kept control waiting, which waits for the new program to begin.
+    Until they had their weight their start kept control waiting, which waits for the new program to
+    begin.
     """
     run = subprocess.run([sys.executable, "-c", CHILD], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["True", "True", "0"]
 
 
 def test_who_gives_way_has_a_session_of_its_own(tmp_path):
-    """With less than the share of any session an observer that gives way starved, and outlived control by minutes."""
+    """With less than the share of any session an observer that gives way starved, and outlived
+    control by minutes.
+    """
     (tmp_path / "giving_way.py").write_text(GIVING_WAY)
     run = subprocess.run(
-        [sys.executable, "-m", "giving_way"], capture_output=True, text=True, check=True, cwd=tmp_path,
+        [sys.executable, "-m", "giving_way"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(["", *sys.path])},
-    )  # fmt: skip
+    )
     assert run.stdout.split() == ["[True,", "19]"]
 
 

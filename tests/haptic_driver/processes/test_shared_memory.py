@@ -13,7 +13,13 @@ import pytest
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes import shared_memory
 from haptic_driver.processes.samples import SAMPLE
-from haptic_driver.processes.shared_memory import NO_ORDER, NOTHING_SENSED, RING_SAMPLES, Sensed, SharedState
+from haptic_driver.processes.shared_memory import (
+    NO_ORDER,
+    NOTHING_SENSED,
+    RING_SAMPLES,
+    Sensed,
+    SharedState,
+)
 from haptic_driver.render.texture import FrictionMap, Placed, Uniform
 from tests.haptic_driver.daemon.ticks import made_tick
 
@@ -125,7 +131,9 @@ def test_the_ring_keeps_order_over_its_end_and_says_what_a_late_reader_lost(shar
 
 
 def test_a_sample_comes_out_as_it_went_in(shared):
-    values = tuple(float(i) if SAMPLE[name].kind == "f" else i for i, name in enumerate(SAMPLE.names))
+    values = tuple(
+        float(i) if SAMPLE[name].kind == "f" else i for i, name in enumerate(SAMPLE.names)
+    )
     shared.ring.write(values)
     assert shared.ring.read(0).samples[0].item() == values
 

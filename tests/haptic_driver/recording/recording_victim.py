@@ -1,7 +1,8 @@
-"""For each path on standard input a process of its own, which records made-up ticks of 1 ms there till it is killed.
+"""For each path on standard input a process of its own, which records made-up ticks of 1 ms there
+till it is killed.
 
-It goes as fast as the writer does. What is said, a line each: its process id, after each piece how many ticks are on
-the disk, and last `ended` with the signal that killed it.
+It goes as fast as the writer does. What is said, a line each: its process id, after each piece how
+many ticks are on the disk, and last `ended` with the signal that killed it.
 """
 
 import os
@@ -15,9 +16,16 @@ from haptic_driver.recording.event import Event
 from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
 
 HEADER = RunHeader(
-    rig="by hand", simulated=True, model="reference", surface_hash="abc", calibration_ids={"force_sensor": "FT1"},
-    software_version="0", actuator="none", latency_budget_s={"total": 0.01}, config={"name": "by hand"},
-)  # fmt: skip
+    rig="by hand",
+    simulated=True,
+    model="reference",
+    surface_hash="abc",
+    calibration_ids={"force_sensor": "FT1"},
+    software_version="0",
+    actuator="none",
+    latency_budget_s={"total": 0.01},
+    config={"name": "by hand"},
+)
 
 
 def record(path):
@@ -27,7 +35,9 @@ def record(path):
         samples = np.zeros(500, SAMPLE)
         samples["tick"] = np.arange(first, first + 500)
         samples["position_x_m"] = samples["tick"] * 1e-6
-        event = Event(number=first // 500 + 1, time_s=first * 1e-3, kind="marker", message=f"up to {first}")
+        event = Event(
+            number=first // 500 + 1, time_s=first * 1e-3, kind="marker", message=f"up to {first}"
+        )
         first += 500
         writer.append(Chunk(samples, 0, [event]))
         os.write(1, b"%d\n" % first)

@@ -16,9 +16,16 @@ from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
 from tests.haptic_driver.commands import rows_of
 
 HEADER = RunHeader(
-    rig="bench", simulated=True, model="reference", surface_hash="ab12", calibration_ids={}, software_version="0.1.0",
-    actuator="none", latency_budget_s={"total": 0.01}, config={"name": "bench"},
-)  # fmt: skip
+    rig="bench",
+    simulated=True,
+    model="reference",
+    surface_hash="ab12",
+    calibration_ids={},
+    software_version="0.1.0",
+    actuator="none",
+    latency_budget_s={"total": 0.01},
+    config={"name": "bench"},
+)
 EVENTS = [Event(number=1, time_s=0.5, kind="state", message='armed, "quoted"', data={"a": 1})]
 
 
@@ -48,7 +55,10 @@ def _small_blocks(monkeypatch):
 def test_runs_are_in_the_order_of_their_numbers(tmp_path):
     """run_10000 once came before run_9999, and the last one was not the newest."""
     with h5py.File(tmp_path / "many.h5", "w") as file:
-        file.attrs["format"], file.attrs["format_version"] = recording.FORMAT, recording.FORMAT_VERSION
+        file.attrs["format"], file.attrs["format_version"] = (
+            recording.FORMAT,
+            recording.FORMAT_VERSION,
+        )
         for name in ("run_0001", "run_9999", "run_10000"):
             file.create_group(name)
     assert recording.run_names(tmp_path / "many.h5") == ["run_0001", "run_9999", "run_10000"]
@@ -85,7 +95,13 @@ def test_another_run_and_its_events(path, tmp_path):
     assert recording.export(path, tmp_path / "first.csv", run="run_0001") == 10
     assert recording.export(path, tmp_path / "events.csv", events=True) == 1
     (row,) = rows_of(tmp_path / "events.csv")
-    assert row == {"number": "1", "time_s": "0.5", "kind": "state", "message": 'armed, "quoted"', "data": '{"a": 1}'}
+    assert row == {
+        "number": "1",
+        "time_s": "0.5",
+        "kind": "state",
+        "message": 'armed, "quoted"',
+        "data": '{"a": 1}',
+    }
 
 
 def test_a_run_without_samples_is_a_table_without_rows(tmp_path):
@@ -177,23 +193,50 @@ ELSEWHERE = [("/etc/passwd", 0, 5600)]
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda run: put(run, "samples/time_s", shape=(700,), dtype="f8", external=ELSEWHERE), "another file"),
+        (
+            lambda run: put(run, "samples/time_s", shape=(700,), dtype="f8", external=ELSEWHERE),
+            "another file",
+        ),
         (lambda run: put_virtual(run, "samples/time_s"), "another file"),
-        (lambda run: put_link(run, "samples/time_s", h5py.ExternalLink("/etc/passwd", "/x")), "link to elsewhere"),
-        (lambda run: put_link(run, "samples", h5py.SoftLink("/run_0001/samples")), "link to elsewhere"),
-        (lambda run: put_link(run, "config", h5py.ExternalLink("other.h5", "/x")), "link to elsewhere"),
-        (lambda run: [run[f"samples/{name}"].resize(10**12, axis=0) for name in SAMPLE.names], "claims 1.* bytes"),
+        (
+            lambda run: put_link(run, "samples/time_s", h5py.ExternalLink("/etc/passwd", "/x")),
+            "link to elsewhere",
+        ),
+        (
+            lambda run: put_link(run, "samples", h5py.SoftLink("/run_0001/samples")),
+            "link to elsewhere",
+        ),
+        (
+            lambda run: put_link(run, "config", h5py.ExternalLink("other.h5", "/x")),
+            "link to elsewhere",
+        ),
+        (
+            lambda run: [run[f"samples/{name}"].resize(10**12, axis=0) for name in SAMPLE.names],
+            "claims 1.* bytes",
+        ),
         (lambda run: run["samples/time_s"].resize(699, axis=0), "differ in length"),
-        (lambda run: put(run, "samples/time_s", data=np.zeros(700), compression="gzip"), "is packed"),
-        (lambda run: put(run, "samples/time_s", data=np.zeros((700, 2))), "not as a recording has it"),
-        (lambda run: put(run, "samples/time_s", data=np.zeros(700, "f4")), "not as a recording has it"),
+        (
+            lambda run: put(run, "samples/time_s", data=np.zeros(700), compression="gzip"),
+            "is packed",
+        ),
+        (
+            lambda run: put(run, "samples/time_s", data=np.zeros((700, 2))),
+            "not as a recording has it",
+        ),
+        (
+            lambda run: put(run, "samples/time_s", data=np.zeros(700, "f4")),
+            "not as a recording has it",
+        ),
         (lambda run: put(run, "samples/time_s", data=["text"] * 700), "not as a recording has it"),
-        (lambda run: put(run, "config", data="[" * 100_000, dtype=h5py.string_dtype()), "recursion|damaged"),
+        (
+            lambda run: put(run, "config", data="[" * 100_000, dtype=h5py.string_dtype()),
+            "recursion|damaged",
+        ),
         (lambda run: put(run, "events/data", data=["{"], dtype=h5py.string_dtype()), "damaged"),
         (lambda run: run.attrs.__setitem__("complete", [1.0, 2.0]), "damaged"),
         (lambda run: put(run, "config", data=h5py.Empty("f8")), "not as a recording has it"),
     ],
-)  # fmt: skip
+)
 def test_a_recording_from_anybody_leads_nowhere_else(path, change, said):
     """External storage once made a recording of /etc/passwd."""
     with_run(change)(path)
@@ -204,7 +247,10 @@ def test_a_recording_from_anybody_leads_nowhere_else(path, change, said):
 
 def test_a_run_that_is_a_link_is_not_followed(path, tmp_path):
     with h5py.File(tmp_path / "links.h5", "w") as file:
-        file.attrs["format"], file.attrs["format_version"] = recording.FORMAT, recording.FORMAT_VERSION
+        file.attrs["format"], file.attrs["format_version"] = (
+            recording.FORMAT,
+            recording.FORMAT_VERSION,
+        )
         file["run_0001"] = h5py.ExternalLink(str(path), "/run_0001")
     for use in (recording.read_run, recording.row_count):
         with pytest.raises(BadInputError, match="link to elsewhere"):
@@ -221,7 +267,9 @@ def test_one_text_that_many_rows_point_to_is_not_read_for_each(path):
         at = events["message"].id.get_chunk_info(0).byte_offset
     with h5py.File(path, "r+") as file:
         file["run_0002/events/message"][64:] = "y"
-        offsets = [file["run_0002/events/message"].id.get_chunk_info(i).byte_offset for i in range(78)]
+        offsets = [
+            file["run_0002/events/message"].id.get_chunk_info(i).byte_offset for i in range(78)
+        ]
     first = bytes(path.read_bytes()[at : at + 64 * 16])
     content = bytearray(path.read_bytes())
     for offset in offsets[1:]:
@@ -247,15 +295,24 @@ def test_the_command_says_what_it_wrote(haptic, path, tmp_path):
     assert done.status == 0
     assert done.err == ""
     assert done.said == {
-        "recording": str(path), "out": str(tmp_path / "run.csv"), "run": "run_0002", "runs": ["run_0001", "run_0002"],
+        "recording": str(path),
+        "out": str(tmp_path / "run.csv"),
+        "run": "run_0002",
+        "runs": ["run_0001", "run_0002"],
         "rows": 700,
-    }  # fmt: skip
-    assert "700 rows of run_0002" in haptic("export", path, "--out", tmp_path / "run.csv", "--force").out
+    }
+    assert (
+        "700 rows of run_0002"
+        in haptic("export", path, "--out", tmp_path / "run.csv", "--force").out
+    )
 
 
 @pytest.mark.parametrize(
     ("arguments", "code"),
-    [(["--out", "run.txt"], "bad_ending"), (["--out", "run.csv", "--run", "run_0009"], "no_such_run")],
+    [
+        (["--out", "run.txt"], "bad_ending"),
+        (["--out", "run.csv", "--run", "run_0009"], "no_such_run"),
+    ],
 )
 def test_the_command_refuses_with_status_2(haptic, path, tmp_path, monkeypatch, arguments, code):
     monkeypatch.chdir(tmp_path)

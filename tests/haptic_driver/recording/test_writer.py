@@ -35,19 +35,30 @@ CONFIG = {"name": "bench 3", "limits": {"voltage_v": 120.0, "frequency_hz": [1.0
 @pytest.fixture
 def header():
     return RunHeader(
-        rig="bench 3", simulated=True, model="reference", surface_hash="0123abcd",
-        calibration_ids={"force_sensor": "FT12345 2024-03-01"}, software_version="0.1.0",
-        actuator="setpoints over SCPI", latency_budget_s={"sensor": 0.004, "total": 0.01}, config=CONFIG,
-        started_s=1234.5, started_at="2024-05-06T07:08:09+00:00",
+        rig="bench 3",
+        simulated=True,
+        model="reference",
+        surface_hash="0123abcd",
+        calibration_ids={"force_sensor": "FT12345 2024-03-01"},
+        software_version="0.1.0",
+        actuator="setpoints over SCPI",
+        latency_budget_s={"sensor": 0.004, "total": 0.01},
+        config=CONFIG,
+        started_s=1234.5,
+        started_at="2024-05-06T07:08:09+00:00",
         clock=ClockOffsets(wall_offset_s=1.7e9, lsl_offset_s=0.25),
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture
 def samples(rng):
     made = np.zeros(1700, SAMPLE)
     for name in SAMPLE.names:
-        values = rng.integers(0, 200, made.size) if SAMPLE[name].kind == "u" else rng.normal(size=made.size)
+        values = (
+            rng.integers(0, 200, made.size)
+            if SAMPLE[name].kind == "u"
+            else rng.normal(size=made.size)
+        )
         made[name] = values
     made["target_cof"][::7] = np.nan
     return made
@@ -56,7 +67,13 @@ def samples(rng):
 LATE = "the recorder came too late for them"
 EVENTS = [
     Event(number=4, time_s=1235.0, kind="state", message="armed – lease 0.5 s"),
-    Event(number=5, time_s=1235.5, kind="target", message="friction 0.6", data={"cof": 0.6, "who": ["a", None]}),
+    Event(
+        number=5,
+        time_s=1235.5,
+        kind="target",
+        message="friction 0.6",
+        data={"cof": 0.6, "who": ["a", None]},
+    ),
 ]
 
 
@@ -74,7 +91,11 @@ def plain(path, name):
 
 def test_every_field_and_event_comes_back(tmp_path, header, samples):
     path = tmp_path / "run.h5"
-    pieces = [Chunk(samples[:500], 0, EVENTS[:1]), Chunk(samples[500:501], 3, []), Chunk(samples[501:], 4, EVENTS[1:])]
+    pieces = [
+        Chunk(samples[:500], 0, EVENTS[:1]),
+        Chunk(samples[500:501], 3, []),
+        Chunk(samples[501:], 4, EVENTS[1:]),
+    ]
     record(path, header, *pieces)
     with h5py.File(path, "r") as file:  # by h5py alone
         assert list(file) == ["run_0001"]
@@ -82,17 +103,30 @@ def test_every_field_and_event_comes_back(tmp_path, header, samples):
         for name in SAMPLE.names:
             np.testing.assert_array_equal(run["samples"][name][...], samples[name])
             assert run["samples"][name].dtype == SAMPLE[name]
-        assert run["events/message"].asstr()[...].tolist() == ["armed – lease 0.5 s", "friction 0.6"]
+        assert run["events/message"].asstr()[...].tolist() == [
+            "armed – lease 0.5 s",
+            "friction 0.6",
+        ]
         assert json.loads(run["events/data"].asstr()[1]) == {"cof": 0.6, "who": ["a", None]}
         assert json.loads(run["config"].asstr()[()]) == CONFIG
         assert dict(run.attrs) == {
-            "rig": "bench 3", "simulated": 1.0, "model": "reference", "surface_hash": "0123abcd",
-            "calibration_ids": '{"force_sensor": "FT12345 2024-03-01"}', "software_version": "0.1.0",
-            "actuator": "setpoints over SCPI", "latency_budget_s": '{"sensor": 0.004, "total": 0.01}',
-            "started_s": 1234.5, "started_at": "2024-05-06T07:08:09+00:00", "samples_lost": 7.0, "complete": 0.0,
-            "events_lost": 0.0, "why_incomplete": f"7 ticks are missing in {path}: {LATE}".encode(),
-            "wall_offset_s": 1.7e9, "lsl_offset_s": 0.25,
-        }  # fmt: skip
+            "rig": "bench 3",
+            "simulated": 1.0,
+            "model": "reference",
+            "surface_hash": "0123abcd",
+            "calibration_ids": '{"force_sensor": "FT12345 2024-03-01"}',
+            "software_version": "0.1.0",
+            "actuator": "setpoints over SCPI",
+            "latency_budget_s": '{"sensor": 0.004, "total": 0.01}',
+            "started_s": 1234.5,
+            "started_at": "2024-05-06T07:08:09+00:00",
+            "samples_lost": 7.0,
+            "complete": 0.0,
+            "events_lost": 0.0,
+            "why_incomplete": f"7 ticks are missing in {path}: {LATE}".encode(),
+            "wall_offset_s": 1.7e9,
+            "lsl_offset_s": 0.25,
+        }
     read = read_run(path)
     assert read.samples.tobytes() == samples.tobytes()
     assert read.events == EVENTS
@@ -106,7 +140,9 @@ def test_no_attribute_is_an_integer(tmp_path, header, samples):
     attributes = {}
     with h5py.File(tmp_path / "run.h5", "r") as file:
         attributes |= dict(file.attrs)
-        file.visititems(lambda name, item: attributes.update({f"{name}.{k}": v for k, v in item.attrs.items()}))
+        file.visititems(
+            lambda name, item: attributes.update({f"{name}.{k}": v for k, v in item.attrs.items()})
+        )
     assert len(attributes) == 18
     assert {type(value) for value in attributes.values()} == {str, np.bytes_, np.float64}
 
@@ -135,15 +171,22 @@ def test_the_visible_file_is_whole_after_every_piece(tmp_path, header, samples):
     for stop in range(400, 1700, 400):
         writer.append(Chunk(samples[stop - 400 : stop], 0, []))
         copy = shutil.copy(path, tmp_path / "copy.h5")
-        np.testing.assert_array_equal(plain(copy, "run_0001/samples/time_s"), samples["time_s"][:stop])
+        np.testing.assert_array_equal(
+            plain(copy, "run_0001/samples/time_s"), samples["time_s"][:stop]
+        )
         assert read_run(path).attributes["complete"] is False
     writer.close()
 
 
 @pytest.mark.parametrize(
-    ("name", "code"), [("run.csv", "bad_ending"), ("run", "bad_ending"), ("foreign.h5", "recording_foreign"),
-                       ("text.h5", "recording_unreadable")],
-)  # fmt: skip
+    ("name", "code"),
+    [
+        ("run.csv", "bad_ending"),
+        ("run", "bad_ending"),
+        ("foreign.h5", "recording_foreign"),
+        ("text.h5", "recording_unreadable"),
+    ],
+)
 def test_what_is_no_recording_is_not_touched(tmp_path, header, name, code):
     with h5py.File(tmp_path / "foreign.h5", "w") as file:
         file["mine"] = 1.0
@@ -166,7 +209,9 @@ def test_a_relative_path_and_an_impossible_place_are_refused(tmp_path, header):
 @pytest.fixture
 def victims():
     command = [sys.executable, str(VICTIM)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
         yield process
 
 
@@ -175,10 +220,15 @@ def kill_while_it_writes(victims, path, delay_s):
     victims.stdin.write(f"{path}\n")
     victims.stdin.flush()
     said = [victims.stdout.readline() for _ in range(2)]  # in either order
-    pid, reported = (line.removeprefix("pid ") for line in sorted(said, key=lambda line: not line.startswith("pid")))
+    pid, reported = (
+        line.removeprefix("pid ")
+        for line in sorted(said, key=lambda line: not line.startswith("pid"))
+    )
     time.sleep(delay_s)
     os.kill(int(pid), signal.SIGKILL)
-    while (line := victims.stdout.readline()) and not line.startswith("ended"):  # what was in the pipe
+    while (line := victims.stdout.readline()) and not line.startswith(
+        "ended"
+    ):  # what was in the pipe
         reported = line
     assert line == f"ended {signal.SIGKILL:d}\n"
     return int(reported)
@@ -283,7 +333,9 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, share
 
 
 def test_its_last_word_is_heard_though_it_leaves_an_event_unread(tmp_path, shared, header):
-    """A full disk was once told as "ended with status 1": the kernel first tells of the event that nobody has read."""
+    """A full disk was once told as "ended with status 1": the kernel first tells of the event that
+    nobody has read.
+    """
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     recorder._talk.close()
     recorder._talk, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -316,8 +368,12 @@ def record_meanwhile(path, header, samples, meddle):
     ],
     ids=["the file", "the hidden copy", "their folder", "both"],
 )
-def test_who_deletes_the_file_of_a_running_recording_loses_nothing(tmp_path, header, samples, meddle):
-    """The hidden copy was once deleted as well: all was lost, while the message said that it was kept."""
+def test_who_deletes_the_file_of_a_running_recording_loses_nothing(
+    tmp_path, header, samples, meddle
+):
+    """The hidden copy was once deleted as well: all was lost, while the message said that it was
+    kept.
+    """
     path = tmp_path / "folder" / "run.h5"
     news = record_meanwhile(path, header, samples, meddle)
     run = read_run(path)
@@ -326,7 +382,9 @@ def test_who_deletes_the_file_of_a_running_recording_loses_nothing(tmp_path, hea
     assert run.attributes["complete"] is True
     assert os.listdir(path.parent) == ["run.h5"]
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert all(said == f"{path} was deleted while it is recorded, and is put back, whole" for said in news)
+    assert all(
+        said == f"{path} was deleted while it is recorded, and is put back, whole" for said in news
+    )
 
 
 def test_a_deleted_file_is_told_and_put_back(tmp_path, shared, header):
@@ -347,7 +405,9 @@ def test_what_a_killed_recorder_has_left_of_a_deleted_file_is_put_back(tmp_path,
     tell_ticks(shared, 0, 20)
     await_samples(path, 20)
     os.kill(recorder.pid, signal.SIGSTOP)
-    until(lambda: Path(f"/proc/{recorder.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T")
+    until(
+        lambda: Path(f"/proc/{recorder.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
+    )
     path.unlink()
     os.kill(recorder.pid, signal.SIGKILL)
     why = until(recorder.ended)
@@ -359,7 +419,9 @@ def test_what_a_killed_recorder_has_left_of_a_deleted_file_is_put_back(tmp_path,
     assert os.listdir(tmp_path) in (["run.h5"], [])
 
 
-def test_another_file_in_its_place_is_left_alone_and_what_came_before_is_beside_it(tmp_path, header, samples):
+def test_another_file_in_its_place_is_left_alone_and_what_came_before_is_beside_it(
+    tmp_path, header, samples
+):
     path, mine = tmp_path / "run.h5", tmp_path / "mine"
     writer = RunWriter(path, header)
     writer.append(Chunk(samples[:500], 0, EVENTS))
@@ -379,7 +441,9 @@ def test_another_file_in_its_place_is_left_alone_and_what_came_before_is_beside_
 def test_events_that_are_missing_are_counted_whatever_their_order(tmp_path, header, samples):
     writer = RunWriter(tmp_path / "run.h5", header)
     numbers = [12, 11, 15, 14, 10]
-    writer.append(Chunk(samples, 0, [EVENTS[0].model_copy(update={"number": number}) for number in numbers]))
+    writer.append(
+        Chunk(samples, 0, [EVENTS[0].model_copy(update={"number": number}) for number in numbers])
+    )
     assert writer.close() == f"1 events are missing in {tmp_path / 'run.h5'}: {LATE}"
     attributes = read_run(tmp_path / "run.h5").attributes
     assert (attributes["complete"], attributes["events_lost"]) == (False, 1.0)
@@ -418,8 +482,12 @@ def append_for_ever(writer, chunk):
 
 
 @pytest.mark.parametrize("at_write", range(1, 12, 2))
-def test_no_refused_byte_is_ever_taken_for_written(tmp_path, header, samples, monkeypatch, at_write):
-    """HDF5 prints a full disk and goes on: such a run once said it was complete, with a fifth of its ticks gone."""
+def test_no_refused_byte_is_ever_taken_for_written(
+    tmp_path, header, samples, monkeypatch, at_write
+):
+    """HDF5 prints a full disk and goes on: such a run once said it was complete, with a fifth of
+    its ticks gone.
+    """
     path = tmp_path / "run.h5"
     writer = RunWriter(path, header)
     writer.append(Chunk(samples[:500], 0, EVENTS[:1]))
@@ -447,8 +515,12 @@ def test_no_refused_byte_is_ever_taken_for_written(tmp_path, header, samples, mo
 
 def test_what_the_system_takes_in_pieces_is_whole(tmp_path, header, samples, monkeypatch):
     pwrite = os.pwrite
-    monkeypatch.setattr(os, "pwrite", lambda descriptor, data, offset: pwrite(descriptor, data[:999], offset))
-    record(tmp_path / "run.h5", header, Chunk(samples[:900], 0, EVENTS), Chunk(samples[900:], 0, []))
+    monkeypatch.setattr(
+        os, "pwrite", lambda descriptor, data, offset: pwrite(descriptor, data[:999], offset)
+    )
+    record(
+        tmp_path / "run.h5", header, Chunk(samples[:900], 0, EVENTS), Chunk(samples[900:], 0, [])
+    )
     assert read_run(tmp_path / "run.h5").samples.tobytes() == samples.tobytes()
 
 

@@ -20,7 +20,9 @@ SOURCES = Path(haptic_driver.__file__).parent
 
 @pytest.fixture
 def package(tmp_path) -> Path:
-    """A small package of its own: what compiles, signals, a constant, and a kernel that uses both."""
+    """A small package of its own: what compiles, signals, a constant, and a kernel that uses
+    both.
+    """
     folder = tmp_path / "haptic_driver" / "render"
     folder.mkdir(parents=True)
     (folder.parent / "__init__.py").touch()
@@ -32,8 +34,8 @@ def package(tmp_path) -> Path:
     )
     (folder / "constant.py").write_text("FACTOR = 2.0\n")
     (folder / "user.py").write_text(
-        "from haptic_driver.render.compiled import kernel\nfrom haptic_driver.render.constant import FACTOR\n\n\n"
-        "@kernel\ndef scaled(finger):\n    return FACTOR * finger.first\n"
+        "from haptic_driver.render.compiled import kernel\nfrom haptic_driver.render.constant"
+        " import FACTOR\n\n\n@kernel\ndef scaled(finger):\n    return FACTOR * finger.first\n"
     )
     return folder
 
@@ -51,7 +53,12 @@ def scaled(package: Path, first: float, second: float) -> float:
         f"print(scaled(Finger(first={first!r}, second={second!r})))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, cwd=top, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        env=environment,
+        cwd=top,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return float(done.stdout)
 
@@ -83,7 +90,12 @@ def test_fields_of_a_signal_that_change_places_are_not_mixed_up(package) -> None
     """Both are floats, so that to numba the record looks as before."""
     assert scaled(package, 3.0, 4.0) == 6.0
     signals = package.parent / "signals.py"
-    signals.write_text(signals.read_text().replace("first", "x").replace("second", "first").replace("x:", "second:"))
+    signals.write_text(
+        signals.read_text()
+        .replace("first", "x")
+        .replace("second", "first")
+        .replace("x:", "second:")
+    )
     assert scaled(package, 3.0, 4.0) == 6.0
 
 
@@ -130,5 +142,7 @@ assert len(half.signatures) == 1
 def test_an_integer_where_a_float_belongs_is_refused_and_not_compiled_for(tmp_path) -> None:
     """In a process of its own: in this one the other tests go on compiling."""
     (tmp_path / "refused.py").write_text(REFUSED)
-    done = subprocess.run([sys.executable, tmp_path / "refused.py"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "refused.py"], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,6 @@
-"""The controller: what each policy chooses, that it does not hop, and that all it wants passes the gate."""
+"""The controller: what each policy chooses, that it does not hop, and that all it wants passes the
+gate.
+"""
 
 import math
 import pickle
@@ -36,7 +38,9 @@ from model.conditions import Conditions
 AUTHORITY, VOLTAGE, CURRENT = (0.0, 0.0), (1.0, 0.0), (0.0, 1e6)  # per volt and per ampere
 CHOOSING = [policy for policy in POLICIES if policy != "fixed_frequency"]
 COF_OFF = 0.512
-WIDE = OperatingLimits(1e3, 1e-3, 1e7, contact_current_a_rms=((1.0, 1.0),))  # the surface has its own
+WIDE = OperatingLimits(
+    1e3, 1e-3, 1e7, contact_current_a_rms=((1.0, 1.0),)
+)  # the surface has its own
 ON_SURFACE = 1e-9  # node frequencies and friction go through a logarithm and back
 
 
@@ -57,12 +61,15 @@ def controllers(surface):
     return {policy: make(surface, policy) for policy in CHOOSING}
 
 
-# --- what each policy chooses ----------------------------------------------------------------------------------
+# --- what each policy chooses
+# ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("policy", "lowest_hz"), [("max_authority", 100.0), ("carrier", 10e3)])
 @pytest.mark.parametrize("force", [0.02, 0.13, 0.5, 1.7, 9.0])
-def test_most_authority_is_that_of_trying_all(controllers, brute_force, grid, policy, lowest_hz, force):
+def test_most_authority_is_that_of_trying_all(
+    controllers, brute_force, grid, policy, lowest_hz, force
+):
     _, point = ask(controllers[policy], 0.513, force)
     high = np.where(grid.frequency_hz >= lowest_hz, brute_force(force, 0.513).cof_high, 0.0)
     assert point.frequency_hz == pytest.approx(grid.frequency_hz[high.argmax()], rel=ON_SURFACE)
@@ -70,7 +77,9 @@ def test_most_authority_is_that_of_trying_all(controllers, brute_force, grid, po
     assert point.reachable
 
 
-@pytest.mark.parametrize(("policy", "cost"), [("min_voltage", "voltage_v"), ("min_current", "current_rms_a")])
+@pytest.mark.parametrize(
+    ("policy", "cost"), [("min_voltage", "voltage_v"), ("min_current", "current_rms_a")]
+)
 @pytest.mark.parametrize("force", [0.13, 0.5, 1.7])
 @pytest.mark.parametrize("target", [0.52, 0.6, 0.8, 1.0])
 def test_least_volts_and_least_current_are_those_of_trying_all(
@@ -102,7 +111,9 @@ def some_ranks(rng):
 @pytest.mark.parametrize("costs", [AUTHORITY, VOLTAGE, CURRENT])
 @pytest.mark.parametrize("ranked", [False, True])
 def test_the_best_node_of_any_band_is_that_of_trying_all(surface, brute_force, rng, costs, ranked):
-    """Those that reach the target, of them the least rank, of them the least cost or most authority."""
+    """Those that reach the target, of them the least rank, of them the least cost or most
+    authority.
+    """
     for _ in range(150):
         rank = some_ranks(rng)
         if not ranked:
@@ -153,13 +164,17 @@ def test_carrier_policy_stays_above_10_khz_and_the_others_above_their_lowest(sur
 
 def test_the_bands_end_exactly_where_they_say(make_file):
     """Each node below 10 kHz and below 100 Hz is better than all above it, and is not taken."""
-    frequency = 99.0 * (10_050.0 / 99.0) ** (np.arange(7) / 6.0)  # 99 Hz, 214 Hz ... 4657 Hz, 10050 Hz
+    frequency = 99.0 * (10_050.0 / 99.0) ** (
+        np.arange(7) / 6.0
+    )  # 99 Hz, 214 Hz ... 4657 Hz, 10050 Hz
     rise = np.broadcast_to(np.linspace(2e-4, 1e-4, 7)[:, None], (7, 4))
     file = make_file(frequency, np.geomspace(0.1, 2.0, 4), np.linspace(0.0, 100.0, 11), rise)
     near = make_file(frequency * (9_900.0 / 10_050.0), file.normal_force_n, file.voltage_v, rise)
     wide = OperatingLimits(1e3, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0),))
     surface = ready_for_lookup(file, wide)
-    assert ask(make(surface, "carrier"), 0.7)[1].frequency_hz == pytest.approx(10_050.0, rel=ON_SURFACE)
+    assert ask(make(surface, "carrier"), 0.7)[1].frequency_hz == pytest.approx(
+        10_050.0, rel=ON_SURFACE
+    )
     assert ask(make(surface), 0.7)[1].frequency_hz == pytest.approx(frequency[1], rel=ON_SURFACE)
     with pytest.raises(BadInputError):
         make(ready_for_lookup(near, wide), "carrier")  # its last node is 9.9 kHz
@@ -173,12 +188,16 @@ def test_reachable_is_what_the_policy_reaches(controllers, brute_force, grid, po
     tried = brute_force(force, 0.6).cof_high[grid.frequency_hz >= lowest_hz]
     assert low == pytest.approx(COF_OFF, abs=ON_SURFACE)
     assert high == pytest.approx(tried.max(), abs=ON_SURFACE)
-    inside, outside = ask(controllers[policy], high - 1e-6, force)[1], ask(controllers[policy], high + 1e-3, force)[1]
+    inside, outside = (
+        ask(controllers[policy], high - 1e-6, force)[1],
+        ask(controllers[policy], high + 1e-3, force)[1],
+    )
     assert inside.reachable
     assert not outside.reachable
 
 
-# --- targets out of reach, and none at all ---------------------------------------------------------------------
+# --- targets out of reach, and none at all
+# ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("policy", CHOOSING)
@@ -206,7 +225,9 @@ def test_too_little_friction_gives_zero_volts_flagged(controllers, policy):
 @pytest.mark.parametrize("policy", CHOOSING)
 @pytest.mark.parametrize("before", [0.514, 0.6, 0.9])
 def test_history_does_not_spoil_the_nearest_reachable_friction(controllers, policy, before):
-    """A target out of reach gives the nearest reachable friction, also when the frequency was chosen for another."""
+    """A target out of reach gives the nearest reachable friction, also when the frequency was
+    chosen for another.
+    """
     controller = controllers[policy]
     state, _ = ask(controller, before)
     _, point = ask(controller, 3.0, state=state)
@@ -237,7 +258,8 @@ def test_nothing_asked_or_no_load_is_zero_volts(controllers, policy, target, for
     assert point.frequency_hz == state.frequency_hz
 
 
-# --- the frequency does not hop --------------------------------------------------------------------------------
+# --- the frequency does not hop
+# --------------------------------------------------------------------------------
 
 
 def count_changes(controller, targets, forces):
@@ -251,16 +273,22 @@ def count_changes(controller, targets, forces):
 def test_a_varying_target_under_a_noisy_finger_does_not_hop(surface, rng):
     targets = 0.8 - 0.25 * np.cos(np.linspace(0.0, 2.0 * np.pi, 1500))
     forces = 0.5 + 0.05 * rng.standard_normal(1500)
-    assert count_changes(make(surface, "min_voltage", hysteresis=0.0), targets, forces) > 100  # it would
+    assert (
+        count_changes(make(surface, "min_voltage", hysteresis=0.0), targets, forces) > 100
+    )  # it would
     assert count_changes(make(surface, "min_voltage"), targets, forces) <= 2
 
 
 @pytest.fixture(scope="module")
 def rivals(make_file):
-    """Two frequencies of which each is a little better on one side of 0.45 N; the others are far worse."""
+    """Two frequencies of which each is a little better on one side of 0.45 N; the others are far
+    worse.
+    """
     rise = np.full((6, 4), 1e-6)
     rise[2], rise[4] = 1.00e-4, [1.03e-4, 1.01e-4, 0.99e-4, 0.97e-4]
-    file = make_file(np.geomspace(1e2, 1e4, 6), np.geomspace(0.1, 2.0, 4), np.linspace(0.0, 100.0, 11), rise)
+    file = make_file(
+        np.geomspace(1e2, 1e4, 6), np.geomspace(0.1, 2.0, 4), np.linspace(0.0, 100.0, 11), rise
+    )
     wide = OperatingLimits(1e3, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0),))
     return ready_for_lookup(file, wide)
 
@@ -336,12 +364,16 @@ def test_what_is_asked_of_a_finger_that_is_not_known_costs_least(target_cof, cau
 
     def loss(on_surface):
         shares = np.array([factors.off * low, factors.rise * (on_surface - low)])
-        covariance = np.array([[gains.off_variance, gains.covariance], [gains.covariance, gains.rise_variance]])
+        covariance = np.array(
+            [[gains.off_variance, gains.covariance], [gains.covariance, gains.rise_variance]]
+        )
         error = shares @ [gains.off, gains.rise] - target_cof
         return error**2 + caution * shares @ covariance @ shares
 
     expected = minimize_scalar(loss, bounds=(low, 3.0), method="bounded", options={"xatol": 1e-9}).x
-    assert careful_cof(gains, factors, low, target_cof, caution) == pytest.approx(expected, abs=1e-6)
+    assert careful_cof(gains, factors, low, target_cof, caution) == pytest.approx(
+        expected, abs=1e-6
+    )
 
 
 def test_a_finger_that_is_known_is_met_whatever_is_asked():
@@ -351,12 +383,17 @@ def test_a_finger_that_is_known_is_met_whatever_is_asked():
         assert 1.1 * 1.05 * 0.5 + 0.9 * 0.8 * (asked - 0.5) == pytest.approx(target_cof, rel=1e-12)
 
 
-# --- safety ----------------------------------------------------------------------------------------------------
+# --- safety
+# ------------------------------------------------------------------------------------------------
 
 RIGS = {
     "public limit": {},
     "series resistance": {"series_resistance_ohm": 100e3},
-    "weak amplifier": {"amplifier_current_a": 2e-3, "panel_capacitance_f": 1e-9, "slew_v_per_s": 1e6},
+    "weak amplifier": {
+        "amplifier_current_a": 2e-3,
+        "panel_capacitance_f": 1e-9,
+        "slew_v_per_s": 1e6,
+    },
     "narrow": {"voltage_v": 37.0, "frequency_low_hz": 150.0, "frequency_high_hz": 20e3},
 }
 
@@ -377,7 +414,9 @@ def rigs(surface_file):
 )
 def test_every_point_passes_the_gate(rigs, refusal, surface_file, rig, policy, cof, force, present):
     limits, ready = rigs[rig]
-    before = ControllerState(math.nan if present is None else float(surface_file.frequency_hz[present]))
+    before = ControllerState(
+        math.nan if present is None else float(surface_file.frequency_hz[present])
+    )
     _, point = ask(make(ready, policy), cof, force, before)
     assert refusal(limits, point) is None
 
@@ -385,18 +424,23 @@ def test_every_point_passes_the_gate(rigs, refusal, surface_file, rig, policy, c
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("cof", [math.inf, 0.5145])
 def test_every_point_at_a_fixed_frequency_passes_the_gate(rigs, refusal, rig, cof):
-    """Also between the nodes, where limit curve and worst-case current are not those of either neighbour."""
+    """Also between the nodes, where limit curve and worst-case current are not those of either
+    neighbour.
+    """
     limits, ready = rigs[rig]
     refused = []
     for frequency in [*np.geomspace(1.0, 1e6, 1500)[:-1].tolist(), 2.5e3, 100e3, 1e6]:
-        _, point = ask(make(ready, "fixed_frequency", fixed_frequency_hz=frequency, limits=limits), cof)
+        _, point = ask(
+            make(ready, "fixed_frequency", fixed_frequency_hz=frequency, limits=limits), cof
+        )
         reason = refusal(limits, point)
         if reason is not None:
             refused.append((frequency, point.voltage_v, reason))
     assert not refused, f"{len(refused)} of 1502 refused; the first: {refused[0]}"
 
 
-# --- settings --------------------------------------------------------------------------------------------------
+# --- settings
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -406,7 +450,11 @@ def test_every_point_at_a_fixed_frequency_passes_the_gate(rigs, refusal, rig, co
         ({"policy": "fixed_frequency"}, "bad_frequency", "1..1e+06 Hz"),
         ({"policy": "fixed_frequency", "fixed_frequency_hz": 0.5}, "bad_frequency", "1..1e+06 Hz"),
         ({"policy": "fixed_frequency", "fixed_frequency_hz": 2e6}, "bad_frequency", "1..1e+06 Hz"),
-        ({"policy": "fixed_frequency", "fixed_frequency_hz": math.nan}, "bad_frequency", "1..1e+06 Hz"),
+        (
+            {"policy": "fixed_frequency", "fixed_frequency_hz": math.nan},
+            "bad_frequency",
+            "1..1e+06 Hz",
+        ),
         ({"lowest_carrier_hz": 1.1e6}, "bad_frequency", "surface"),
     ],
 )
@@ -418,19 +466,33 @@ def test_settings_without_a_frequency_to_use_are_refused(surface, settings, code
 
 
 def test_the_stage_is_compiled_once_for_all_rigs(surface):
-    """However their arrays lie in memory: a daemon that compiles at its start takes many times as long."""
+    """However their arrays lie in memory: a daemon that compiles at its start takes many times as
+    long.
+    """
     state, _ = ask(make(surface), 0.6)
     forms = list(step.signatures)
-    turned = NO_CORRECTION._replace(gain_factor=np.ones((2, 2, 2, 2)).transpose(1, 0, 3, 2)[:, ::-1])
+    turned = NO_CORRECTION._replace(
+        gain_factor=np.ones((2, 2, 2, 2)).transpose(1, 0, 3, 2)[:, ::-1]
+    )
     read_only = surface.cof.copy()
     read_only.setflags(write=False)
-    ask(make(surface._replace(cof=read_only), correction=turned, feedback=FeedbackSettings(0.05)), 0.6, state=state)
-    fixed = make(surface._replace(cof=np.asfortranarray(surface.cof)), "fixed_frequency", fixed_frequency_hz=250)
+    ask(
+        make(surface._replace(cof=read_only), correction=turned, feedback=FeedbackSettings(0.05)),
+        0.6,
+        state=state,
+    )
+    fixed = make(
+        surface._replace(cof=np.asfortranarray(surface.cof)),
+        "fixed_frequency",
+        fixed_frequency_hz=250,
+    )
     ask(pickle.loads(pickle.dumps(fixed)), 0.6)  # as the daemon sends it to render
     assert step.signatures == forms
 
 
-@pytest.mark.parametrize(("target", "in_reach"), [(0.65, False), (0.66, True), (0.82, True), (0.83, False)])
+@pytest.mark.parametrize(
+    ("target", "in_reach"), [(0.65, False), (0.66, True), (0.82, True), (0.83, False)]
+)
 def test_friction_is_told_as_this_finger_feels_it(target, in_reach):
     """Without voltage 1.1 * 1.2 * 0.5; each step above it counts 0.8 * 0.5."""
     found = Inverse(60.0, 0.7, 1e-4, 2e-4, 0.5, 0.9)
@@ -438,20 +500,29 @@ def test_friction_is_told_as_this_finger_feels_it(target, in_reach):
     assert point == pytest.approx((200.0, 60.0, 0.74, 1e-4, 2e-4, in_reach, 0.66, 0.82))
 
 
-# --- another surface -------------------------------------------------------------------------------------------
+# --- another surface
+# -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("voltage_v", "told"), [(70.0, True), (1e-12, False), (0.0, False), (math.nan, False)])
+@pytest.mark.parametrize(
+    ("voltage_v", "told"), [(70.0, True), (1e-12, False), (0.0, False), (math.nan, False)]
+)
 def test_another_surface_takes_one_gain_that_leaves_friction_as_it_was(surface, voltage_v, told):
-    """Also from next to no voltage, where two rises have no ratio: there it is friction at half the highest voltage."""
+    """Also from next to no voltage, where two rises have no ratio: there it is friction at half the
+    highest voltage.
+    """
     low = surface.cof[:, :, :1]
     other = surface._replace(cof=0.9 * low + 1.4 * (surface.cof - low))
     law = {"fixed_frequency_hz": 200.0, "feedback": FeedbackSettings(0.03)}
     before, after = (make(each, "fixed_frequency", **law) for each in (surface, other))
     known = Estimate(Gains(1.1, 0.8, 0.01, 0.0, 0.01), time_s=1.0, normal_force_n=0.5)
-    gains = after.carried(before, ControllerState(200.0, known), 0.02, 1.0, voltage_v).estimate.gains
+    gains = after.carried(
+        before, ControllerState(200.0, known), 0.02, 1.0, voltage_v
+    ).estimate.gains
     assert gains.off == gains.rise
     assert 0.5 < gains.off < 2.0
     at_v = voltage_v if told else 0.5 * surface.voltage_v[-1]
     off, on = (cof_at(surface, 200.0, v, 0.5) for v in (0.0, at_v))
-    assert gains.off * cof_at(other, 200.0, at_v, 0.5) == pytest.approx(1.1 * off + 0.8 * (on - off))
+    assert gains.off * cof_at(other, 200.0, at_v, 0.5) == pytest.approx(
+        1.1 * off + 0.8 * (on - off)
+    )

@@ -1,4 +1,6 @@
-"""Effects of speed and time reach the electrode through the controller's correction of the surface."""
+"""Effects of speed and time reach the electrode through the controller's correction of the
+surface.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from model.conditions import Conditions
 from model.parameters import Parameter
 from model.touch_model import TouchModel
 
-AXES = SurfaceAxes(frequency_count=40, voltage_count=64, frequency_low_hz=50.0, frequency_high_hz=2e3)
+AXES = SurfaceAxes(
+    frequency_count=40, voltage_count=64, frequency_low_hz=50.0, frequency_high_hz=2e3
+)
 HIDDEN = {
     "velocity_dependent_friction": {"exponent": 0.15},
     "speed_dependent_gap": {"lift_m": 5e-7, "speed_scale_m_s": 0.03},
@@ -25,13 +29,18 @@ HIDDEN = {
 
 
 def described(model_description, *names):
-    on = {name: {key: Parameter(value, "", "") for key, value in HIDDEN[name].items()} for name in names}
+    on = {
+        name: {key: Parameter(value, "", "") for key, value in HIDDEN[name].items()}
+        for name in names
+    }
     return replace(model_description, effect_parameters=on)
 
 
 def finger(speed_m_s: float, time_s: float, force_n: float) -> FingerState:
     """The machine may have run for long: time counts from the touch."""
-    return FingerState(1e6, 0.0, 0.0, 0.6 * speed_m_s, 0.8 * speed_m_s, force_n, True, contact_s=time_s)
+    return FingerState(
+        1e6, 0.0, 0.0, 0.6 * speed_m_s, 0.8 * speed_m_s, force_n, True, contact_s=time_s
+    )
 
 
 def test_a_model_without_speed_or_time_has_no_correction(surface_file) -> None:
@@ -40,11 +49,15 @@ def test_a_model_without_speed_or_time_has_no_correction(surface_file) -> None:
 
 @pytest.mark.parametrize("names", [(name,) for name in HIDDEN] + [tuple(HIDDEN)], ids="+".join)
 def test_the_target_is_met_at_any_speed_and_time(model_description, limits, names) -> None:
-    """By the direct model at that speed and time; 1.5 % for factors between few nodes; 5 % is promised."""
+    """By the direct model at that speed and time; 1.5 % for factors between few nodes; 5 % is
+    promised.
+    """
     model = described(model_description, *names)
     file = build_surface(model, limits, AXES)
     assert file.correction is not None
-    controller = Controller(ControllerSettings(ready_for_lookup(file, limits), limits, correction=file.correction))
+    controller = Controller(
+        ControllerSettings(ready_for_lookup(file, limits), limits, correction=file.correction)
+    )
     touch = TouchModel(model)
     reached = 0
     for speed in (0.005, 0.02, 0.1):
@@ -52,12 +65,16 @@ def test_the_target_is_met_at_any_speed_and_time(model_description, limits, name
             for force in (0.2, 0.5, 1.2):
                 for target in (0.55, 0.65, 0.8):
                     here = finger(speed, time_s, force)
-                    _, point = controller.step(INITIAL, TargetFriction(target, True), here, NO_COMMAND)
+                    _, point = controller.step(
+                        INITIAL, TargetFriction(target, True), here, NO_COMMAND
+                    )
                     if not point.reachable:
                         continue
                     reached += 1
                     at = (np.array([x]) for x in (point.frequency_hz, point.voltage_v, force))
-                    got = touch.predict(Conditions(*at, speed_m_s=np.array([speed]), time_s=np.array([time_s]))).cof[0]
+                    got = touch.predict(
+                        Conditions(*at, speed_m_s=np.array([speed]), time_s=np.array([time_s]))
+                    ).cof[0]
                     assert got == pytest.approx(target, rel=0.015)
                     assert point.cof == pytest.approx(target, rel=5e-3)  # the last round's factors
     assert reached >= 20
@@ -72,11 +89,15 @@ def test_it_is_kept_in_the_file(model_description, limits, tmp_path) -> None:
         np.testing.assert_array_equal(ours, theirs)
 
 
-def test_where_the_amplifier_leaves_no_voltage_nothing_is_corrected(model_description, limits) -> None:
+def test_where_the_amplifier_leaves_no_voltage_nothing_is_corrected(
+    model_description, limits
+) -> None:
     """A rise of nothing over a rise of nothing is no factor."""
     weak = {"cutoff_hz": Parameter(100.0, "Hz", ""), "order": Parameter(4.0, "1", "")}
     model = described(model_description, "viscoelastic_skin")
-    model = replace(model, effect_parameters=model.effect_parameters | {"amplifier_bandwidth": weak})
+    model = replace(
+        model, effect_parameters=model.effect_parameters | {"amplifier_bandwidth": weak}
+    )
     correction = build_surface(model, limits, replace(AXES, frequency_high_hz=1e6)).correction
     assert np.isfinite(correction.gain_factor).all()
     np.testing.assert_array_equal(correction.gain_factor[-1], 1.0)

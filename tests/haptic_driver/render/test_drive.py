@@ -33,7 +33,9 @@ def test_voltage_falls_at_once():
 
 
 def test_zero_volts_are_off_at_once():
-    state, command = drive(SETTINGS, DriveState(1.0, 120.0), SafeOperatingPoint(250.0, 0.0, "too much"), 1.001)
+    state, command = drive(
+        SETTINGS, DriveState(1.0, 120.0), SafeOperatingPoint(250.0, 0.0, "too much"), 1.001
+    )
     assert command == DriveCommand(250.0, 0.0, False)
     assert state == DriveState(1.001, 0.0)
 
@@ -49,13 +51,19 @@ def test_a_clock_that_stands_or_goes_back_lets_nothing_rise(time_s):
 
 def test_the_first_command_of_all_rises_like_any_other():
     """Nothing was commanded before it, so it starts from zero, whatever the clock says."""
-    assert drive(SETTINGS, INITIAL, safe(100.0), 1234.5)[1].voltage_v <= 10.0  # what one tick of 1 ms allows
+    assert (
+        drive(SETTINGS, INITIAL, safe(100.0), 1234.5)[1].voltage_v <= 10.0
+    )  # what one tick of 1 ms allows
 
 
 def test_after_a_sample_without_a_time_the_rise_is_still_bounded():
-    state, command = drive(SETTINGS, DriveState(1.0, 0.0), SafeOperatingPoint(250.0, 0.0, None), math.nan)
+    state, command = drive(
+        SETTINGS, DriveState(1.0, 0.0), SafeOperatingPoint(250.0, 0.0, None), math.nan
+    )
     assert not command.output_on
-    assert drive(SETTINGS, state, safe(100.0), 1.002)[1].voltage_v <= 20.001  # 2 ms since the last good time
+    assert (
+        drive(SETTINGS, state, safe(100.0), 1.002)[1].voltage_v <= 20.001
+    )  # 2 ms since the last good time
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 5e-3), st.floats(0.0, 150.0)), min_size=1, max_size=40))

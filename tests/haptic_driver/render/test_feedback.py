@@ -1,4 +1,6 @@
-"""The estimate of the finger's gains: when it learns, that it stays within bounds, that it never asks for too much."""
+"""The estimate of the finger's gains: when it learns, that it stays within bounds, that it never
+asks for too much.
+"""
 
 import math
 
@@ -10,7 +12,13 @@ from hypothesis import strategies as st
 from haptic_driver.errors import BadInputError
 from haptic_driver.render import feedback
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings, ControllerState
-from haptic_driver.render.feedback import LONGEST_STEP_S, FeedbackSettings, Gains, elsewhere, in_force
+from haptic_driver.render.feedback import (
+    LONGEST_STEP_S,
+    FeedbackSettings,
+    Gains,
+    elsewhere,
+    in_force,
+)
 from haptic_driver.signals import NO_COMMAND, DriveCommand, FingerState, TargetFriction
 from model.conditions import Conditions
 
@@ -36,9 +44,13 @@ def finger(k, lateral_n, speed_m_s=0.05, normal_n=FORCE_N, in_contact=True):
 
 
 def run(controller, ticks, state=INITIAL, start=0, command=HELD):
-    """Ticks of (lateral force, changes) under a command that is held whatever the controller says."""
+    """Ticks of (lateral force, changes) under a command that is held whatever the controller
+    says.
+    """
     for k, (lateral_n, changed) in enumerate(ticks, start=start):
-        state, _ = controller.step(state, TargetFriction(0.7, True), finger(k, lateral_n, **changed), command)
+        state, _ = controller.step(
+            state, TargetFriction(0.7, True), finger(k, lateral_n, **changed), command
+        )
     return state
 
 
@@ -68,7 +80,9 @@ def test_the_rate_of_a_finger_that_stays_as_it_is_goes_to_zero(controller, taugh
 
 
 def test_drift_shows_in_the_rate(controller, taught, typical_n, rng):
-    drifting = [(typical_n * (1.3 + 0.2e-3 * k) + float(rng.normal(0.0, 1e-3)), {}) for k in range(1500)]
+    drifting = [
+        (typical_n * (1.3 + 0.2e-3 * k) + float(rng.normal(0.0, 1e-3)), {}) for k in range(1500)
+    ]
     known = run(controller, drifting, taught, start=500).estimate
     assert known.gain_rate_per_s == pytest.approx(0.2, rel=0.15)
     assert known.gain == pytest.approx(1.6 - 0.2 * LAW.time_constant_s, rel=0.01)
@@ -86,7 +100,9 @@ FROZEN = {
 def test_nothing_is_learnt_while_it(controller, taught, typical_n, rng, why):
     changed = dict(FROZEN[why])
     stuck = changed.pop("lateral", None)
-    after = run(controller, [(0.1, changed)], taught, start=500)  # at most one reading that may count
+    after = run(
+        controller, [(0.1, changed)], taught, start=500
+    )  # at most one reading that may count
     ticks = [(stuck, changed)] * 300 if stuck is not None else noisy(rng, 0.1, 300, **changed)
     later = run(controller, ticks, after, start=501).estimate
     assert later.gains[:2] == after.estimate.gains[:2]
@@ -103,10 +119,18 @@ def test_a_stroke_must_be_on_its_way_before_it_teaches(controller, taught, rng):
 
 def test_a_ramp_of_the_output_teaches_nothing(controller, taught):
     """At the rate of a touch-down, 10 V per tick; it is felt 20 ms later, give or take 10 ms."""
-    state = run(controller, [(0.4, {})] * 2, taught, start=500, command=DriveCommand(250.0, 20.0, output_on=True))
+    state = run(
+        controller,
+        [(0.4, {})] * 2,
+        taught,
+        start=500,
+        command=DriveCommand(250.0, 20.0, output_on=True),
+    )
     for k in range(502, 545):
         ramp = DriveCommand(250.0, min(20.0 + 10.0 * (k - 502), 140.0), output_on=True)
-        state, _ = controller.step(state, TargetFriction(0.7, True), finger(k, 0.1 + 1e-6 * k), ramp)
+        state, _ = controller.step(
+            state, TargetFriction(0.7, True), finger(k, 0.1 + 1e-6 * k), ramp
+        )
         if 524 <= k <= 532:
             assert not state.estimate.learning
 
@@ -114,7 +138,9 @@ def test_a_ramp_of_the_output_teaches_nothing(controller, taught):
 def test_a_change_of_the_carrier_teaches_nothing(controller, taught):
     state, other = taught, DriveCommand(300.0, 80.0, output_on=True)
     for k in range(500, 560):
-        state, _ = controller.step(state, TargetFriction(0.7, True), finger(k, 0.1 + 1e-6 * k), other)
+        state, _ = controller.step(
+            state, TargetFriction(0.7, True), finger(k, 0.1 + 1e-6 * k), other
+        )
         if k <= 528:  # the change is felt within 20 ms, give or take 10 ms
             assert not state.estimate.learning
     assert state.estimate.learning
@@ -126,7 +152,11 @@ def test_what_is_known_of_the_rise_is_forgotten_with_the_carrier(controller, tau
     assert near.rise == pytest.approx(0.5, abs=0.01)
     assert far.rise == pytest.approx(known.gains.off, rel=0.02)
     assert far.rise_variance == pytest.approx(LAW.deviation**2, rel=0.1)
-    assert (near.off, near.off_variance) == (far.off, far.off_variance) == (known.gains.off, known.gains.off_variance)
+    assert (
+        (near.off, near.off_variance)
+        == (far.off, far.off_variance)
+        == (known.gains.off, known.gains.off_variance)
+    )
     there = taught._replace(estimate=known, frequency_hz=10e3)
     moved = run(controller, [(0.3, {"speed_m_s": 0.0})], there, start=500)
     assert moved.frequency_hz < 1e3  # where authority is
@@ -147,7 +177,11 @@ def test_one_wild_reading_moves_little(controller, taught):
 
 
 @given(
-    forces=st.lists(st.one_of(st.floats(-50.0, 50.0), st.just(math.nan), st.just(math.inf)), min_size=1, max_size=60),
+    forces=st.lists(
+        st.one_of(st.floats(-50.0, 50.0), st.just(math.nan), st.just(math.inf)),
+        min_size=1,
+        max_size=60,
+    ),
     times=st.lists(st.one_of(st.floats(-0.01, 0.1), st.just(math.nan)), min_size=60, max_size=60),
     speed=st.floats(0.0, 1.0),
     load=st.floats(0.1, 2.0),
@@ -174,17 +208,23 @@ def test_whatever_is_felt_gains_stay_bounded_and_points_safe(
 
 
 def test_an_unknown_finger_is_approached_from_below(controller, limits, surface):
-    """With a reading but nothing learnt; and one of which most is known is met in a texture's valleys as well."""
+    """With a reading but nothing learnt; and one of which most is known is met in a texture's
+    valleys as well.
+    """
     plain = Controller(ControllerSettings(surface, limits))
     _, bold = plain.step(INITIAL, TargetFriction(0.8, True), finger(0, 0.2), NO_COMMAND)
     state = run(controller, [(0.2, {"speed_m_s": 0.0})])
-    _, careful = controller.step(state, TargetFriction(0.8, True), finger(1, 0.2001, speed_m_s=0.0), HELD)
+    _, careful = controller.step(
+        state, TargetFriction(0.8, True), finger(1, 0.2001, speed_m_s=0.0), HELD
+    )
     assert 0.0 < careful.voltage_v < bold.voltage_v
     lifted = 0.4  # s
     faded = (1.0 - math.exp(-lifted / LAW.memory_s)) * LAW.deviation**2
     gains = Gains(1.0, 1.0, faded, LAW.correlation * faded, faded)
     back = ControllerState(estimate=state.estimate._replace(gains=gains))
-    _, valley = controller.step(back, TargetFriction(0.55, True), finger(1, 0.2001, speed_m_s=0.0), HELD)
+    _, valley = controller.step(
+        back, TargetFriction(0.55, True), finger(1, 0.2001, speed_m_s=0.0), HELD
+    )
     assert valley.cof == pytest.approx(0.55, rel=0.05)
     assert valley.voltage_v > 0.0
 

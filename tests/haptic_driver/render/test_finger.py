@@ -1,4 +1,6 @@
-"""Finger stage: contact with hysteresis, velocity, position at output time, and what bad samples do."""
+"""Finger stage: contact with hysteresis, velocity, position at output time, and what bad samples
+do.
+"""
 
 import math
 
@@ -38,7 +40,8 @@ def test_steady_slide_has_no_bias_in_velocity_or_position(speed_x, speed_y, inte
     for interval in intervals:
         times.append(times[-1] + interval)
     finger = follow(slide(times, speed_x, speed_y), FingerSettings(output_latency_s=latency))[-1]
-    # rounding of positions near 1 m (2e-16) over 0.5 ms stays below 1e-12 m/s; the margin is for accumulation
+    # rounding of positions near 1 m (2e-16) over 0.5 ms stays below 1e-12 m/s; the margin is for
+    # accumulation
     assert finger.velocity_x_m_s == pytest.approx(speed_x, abs=1e-10)
     assert finger.velocity_y_m_s == pytest.approx(speed_y, abs=1e-10)
     assert finger.position_x_m == pytest.approx(0.02 + speed_x * (times[-1] + latency), abs=1e-11)
@@ -57,7 +60,9 @@ def test_velocity_follows_a_change_of_speed_with_the_time_constant():
     x_m, times = still[-1][1], [0.199 + k * 1e-3 for k in range(1, 11)]
     moving = [(t, x_m + 0.1 * (t - 0.199), 0.02, PRESSED_N) for t in times]
     finger = follow(still + moving)[-1]
-    assert finger.velocity_x_m_s == pytest.approx(0.1 * (1.0 - math.exp(-1.0)), rel=1e-6)  # one time constant later
+    assert finger.velocity_x_m_s == pytest.approx(
+        0.1 * (1.0 - math.exp(-1.0)), rel=1e-6
+    )  # one time constant later
 
 
 def test_jitter_in_the_position_is_smoothed():
@@ -65,7 +70,9 @@ def test_jitter_in_the_position_is_smoothed():
     samples = [(k * 1e-3, 0.02 + noise_m * (-1) ** k, 0.02, PRESSED_N) for k in range(300)]
     speeds = [finger.velocity_x_m_s for finger in follow(samples)[100:]]
     raw_speed = 2 * noise_m / 1e-3
-    assert max(map(abs, speeds)) < raw_speed / 15  # theory for alternating noise: gain a / (2 - a), a = 1 - exp(-0.1)
+    assert (
+        max(map(abs, speeds)) < raw_speed / 15
+    )  # theory for alternating noise: gain a / (2 - a), a = 1 - exp(-0.1)
 
 
 def test_two_samples_at_almost_the_same_time_make_no_speed():
@@ -77,7 +84,17 @@ def test_two_samples_at_almost_the_same_time_make_no_speed():
 def test_contact_has_hysteresis():
     forces = [0.0, 0.07, 0.08, 0.06, 0.05, 0.049, 0.06, 0.079, 0.081]
     fingers = follow([(k * 1e-3, 0.02, 0.02, force) for k, force in enumerate(forces)])
-    assert [finger.in_contact for finger in fingers] == [False, False, True, True, True, False, False, False, True]
+    assert [finger.in_contact for finger in fingers] == [
+        False,
+        False,
+        True,
+        True,
+        True,
+        False,
+        False,
+        False,
+        True,
+    ]
 
 
 def test_a_new_touch_elsewhere_starts_without_the_old_velocity():
@@ -87,7 +104,9 @@ def test_a_new_touch_elsewhere_starts_without_the_old_velocity():
     fingers = follow([*first, lifted, *second], FingerSettings(output_latency_s=0.02))
     assert fingers[50].in_contact is False
     assert fingers[50].velocity_x_m_s == 0.0
-    assert [(f.position_x_m, f.velocity_x_m_s, f.in_contact) for f in fingers[51:]] == [(0.09, 0.0, True)] * 3
+    assert [(f.position_x_m, f.velocity_x_m_s, f.in_contact) for f in fingers[51:]] == [
+        (0.09, 0.0, True)
+    ] * 3
 
 
 @pytest.mark.parametrize("field", range(4))
@@ -142,7 +161,9 @@ def test_settings_without_meaning_are_refused_by_name(wrong):
 
 
 def test_a_touch_counts_from_its_own_beginning_whatever_the_clock_says():
-    """Friction that ages with contact once aged with the machine: 93.9 V at its start, 0 V a day later."""
+    """Friction that ages with contact once aged with the machine: 93.9 V at its start, 0 V a day
+    later.
+    """
     day_s = 86_400.0
     pressed = [(day_s + 0.1 * k, 0.02, 0.02, PRESSED_N) for k in range(4)]
     lifted = [(day_s + 0.4, 0.02, 0.02, 0.0)]

@@ -1,4 +1,6 @@
-"""The last gate: by hand-computed limits, and against the array code that says the same in other words."""
+"""The last gate: by hand-computed limits, and against the array code that says the same in other
+words.
+"""
 
 import math
 
@@ -26,7 +28,9 @@ NO_MORE = Worst(0.0, 0.0)  # than the point says itself
 
 
 def point(frequency_hz=1e3, voltage_v=100.0, current_rms_a=1e-4, stuck_current_rms_a=2e-4):
-    return OperatingPoint(frequency_hz, voltage_v, 0.6, current_rms_a, stuck_current_rms_a, True, 0.5, 1.0)
+    return OperatingPoint(
+        frequency_hz, voltage_v, 0.6, current_rms_a, stuck_current_rms_a, True, 0.5, 1.0
+    )
 
 
 def powers(low, high, off=1.0000137):
@@ -59,7 +63,8 @@ def some_limits(draw):
 def limits_and_point(draw):
     limits = draw(some_limits())
     p = point(
-        frequency_hz=math.sqrt(limits.frequency_low_hz * limits.frequency_high_hz) * draw(of_a_point(-2.5, 2.5)),
+        frequency_hz=math.sqrt(limits.frequency_low_hz * limits.frequency_high_hz)
+        * draw(of_a_point(-2.5, 2.5)),
         voltage_v=limits.voltage_v * draw(of_a_point(-3.0, 0.2)),
         current_rms_a=draw(of_a_point(-7.0, -1.0)),
         stuck_current_rms_a=draw(of_a_point(-6.0, 0.0)),
@@ -71,7 +76,9 @@ def limits_and_point(draw):
 def test_gate_and_operating_limits_agree(drawn):
     limits, p, worst = drawn
     stuck_a = max(p.stuck_current_rms_a, worst.stuck_current_rms_a)
-    permitted = limits.permits(p.frequency_hz, p.voltage_v, p.current_rms_a, stuck_a, worst.electrode_voltage_v)
+    permitted = limits.permits(
+        p.frequency_hz, p.voltage_v, p.current_rms_a, stuck_a, worst.electrode_voltage_v
+    )
     assert (violation(limits, p, worst) is None) == bool(permitted)
 
 
@@ -112,10 +119,16 @@ def test_default_curve_is_the_general_public_one():
     assert LIMITS.contact_current_a_rms == ICNIRP_PUBLIC_A_RMS
 
 
-SERIES = OperatingLimits(150.0, 10.0, 1e6, series_resistance_ohm=100e3)  # sqrt(2) 0.5 mA 100 kohm = 70.71 V
-WEAK = OperatingLimits(150.0, 10.0, 1e6, amplifier_current_a=0.7e-3)  # 0.495 mA rms: never more than 0.5 mA
+SERIES = OperatingLimits(
+    150.0, 10.0, 1e6, series_resistance_ohm=100e3
+)  # sqrt(2) 0.5 mA 100 kohm = 70.71 V
+WEAK = OperatingLimits(
+    150.0, 10.0, 1e6, amplifier_current_a=0.7e-3
+)  # 0.495 mA rms: never more than 0.5 mA
 SLOW = OperatingLimits(150.0, 10.0, 1e6, slew_v_per_s=1e6)  # 2 pi 10 kHz V: 15.915 V
-PANEL = OperatingLimits(150.0, 10.0, 1e6, amplifier_current_a=0.1, panel_capacitance_f=1e-9)  # 1 MHz: 15.915 V
+PANEL = OperatingLimits(
+    150.0, 10.0, 1e6, amplifier_current_a=0.1, panel_capacitance_f=1e-9
+)  # 1 MHz: 15.915 V
 
 
 @pytest.mark.parametrize(
@@ -153,13 +166,22 @@ def test_by_hand(limits, p, allowed):
     assert (violation(limits, p, NO_MORE) is None) is allowed
     # the array code, where its inputs make sense
     if min(p.current_rms_a, p.stuck_current_rms_a) >= 0.0:
-        assert bool(limits.permits(p.frequency_hz, p.voltage_v, p.current_rms_a, p.stuck_current_rms_a)) is allowed
+        assert (
+            bool(
+                limits.permits(p.frequency_hz, p.voltage_v, p.current_rms_a, p.stuck_current_rms_a)
+            )
+            is allowed
+        )
 
 
-@pytest.mark.parametrize("field", ["frequency_hz", "voltage_v", "current_rms_a", "stuck_current_rms_a"])
+@pytest.mark.parametrize(
+    "field", ["frequency_hz", "voltage_v", "current_rms_a", "stuck_current_rms_a"]
+)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_refused(field, value):
-    assert violation(LIMITS, point(**{field: value}), NO_MORE) == "the operating point is not finite"
+    assert (
+        violation(LIMITS, point(**{field: value}), NO_MORE) == "the operating point is not finite"
+    )
 
 
 @given(limits=some_limits(), frequency=powers(-3.0, 9.0), current=powers(-9.0, 2.0))
@@ -173,7 +195,10 @@ def test_zero_volts_always_pass(limits, frequency, current):
         (point(frequency_hz=5.0), "5 Hz is outside 10..1e+06 Hz"),
         (point(voltage_v=200.0), "200 V is outside 0..150 V"),
         (point(current_rms_a=1e-3), "finger current 0.001 A rms exceeds 0.0005 A rms at 1000 Hz"),
-        (point(stuck_current_rms_a=1e-3), "worst-case finger current 0.001 A rms exceeds 0.0005 A rms"),
+        (
+            point(stuck_current_rms_a=1e-3),
+            "worst-case finger current 0.001 A rms exceeds 0.0005 A rms",
+        ),
     ],
 )
 def test_the_reason_says_which_limit_and_by_how_much(p, words):
@@ -202,7 +227,8 @@ def test_rejections_are_counted_and_the_last_reason_stays():
     assert state == SafetyState(2, "5 Hz is outside 10..1e+06 Hz")
 
 
-# --- what is looked up -----------------------------------------------------------------------------------------
+# --- what is looked up
+# -----------------------------------------------------------------------------------------
 
 SIX_V = [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
 
@@ -220,22 +246,40 @@ def worst_case(stuck_a_per_v, gain=1.0, frequencies_hz=(100.0, 200.0, 400.0, 800
 @given(st.floats(100.0, 800.0), st.floats(1e-3, 50.0))
 def test_what_is_proportional_is_looked_up_as_it_is(frequency_hz, voltage_v):
     table = table_of(worst_case(1e-6, 1.5))
-    assert worst_at(table, frequency_hz, voltage_v) == pytest.approx((1e-6 * voltage_v, 1.5 * voltage_v), rel=1e-9)
+    assert worst_at(table, frequency_hz, voltage_v) == pytest.approx(
+        (1e-6 * voltage_v, 1.5 * voltage_v), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize(
     ("stuck_a_per_v", "gain"),
     [
-        (lambda f, v: 1e-6 / (1.0 + v / 10.0), lambda f, v: 1.0 / (1.0 + v / 10.0)),  # bends down with voltage
+        (
+            lambda f, v: 1e-6 / (1.0 + v / 10.0),
+            lambda f, v: 1.0 / (1.0 + v / 10.0),
+        ),  # bends down with voltage
         (lambda f, v: 1e-6 * (1.0 + v**2), lambda f, v: 1.0 + v / 10.0),  # and up
-        (lambda f, v: 1e-6 * f / np.hypot(1.0, f / 300.0) + 0.0 * v, lambda f, v: np.hypot(1.0, f / 300.0) ** -4),
-        (lambda f, v: 1e-6 * np.minimum(f, 310.0) + 0.0 * v, lambda f, v: np.minimum(f / 310.0, 1.0)),  # kinks
-        (lambda f, v: 1e-3 * np.exp(-v / 20.0), lambda f, v: 3.0 * np.exp(-v / 30.0)),  # less at more voltage
+        (
+            lambda f, v: 1e-6 * f / np.hypot(1.0, f / 300.0) + 0.0 * v,
+            lambda f, v: np.hypot(1.0, f / 300.0) ** -4,
+        ),
+        (
+            lambda f, v: 1e-6 * np.minimum(f, 310.0) + 0.0 * v,
+            lambda f, v: np.minimum(f / 310.0, 1.0),
+        ),  # kinks
+        (
+            lambda f, v: 1e-3 * np.exp(-v / 20.0),
+            lambda f, v: 3.0 * np.exp(-v / 30.0),
+        ),  # less at more voltage
     ],
 )
 @pytest.mark.parametrize("frequency_hz", [100.0, 145.0, 200.0, 290.0, 310.0, 330.0, 799.0, 800.0])
-def test_what_bends_with_voltage_or_frequency_stays_below_what_is_looked_up(stuck_a_per_v, gain, frequency_hz):
-    """The stuck current was once taken at 150 V and scaled down, which let 6.6 times the limit out."""
+def test_what_bends_with_voltage_or_frequency_stays_below_what_is_looked_up(
+    stuck_a_per_v, gain, frequency_hz
+):
+    """The stuck current was once taken at 150 V and scaled down, which let 6.6 times the limit
+    out.
+    """
     table = table_of(worst_case(stuck_a_per_v, gain))
     for voltage_v in (0.5, 3.0, 10.0, 17.0, 20.0, 49.0, 50.0):
         below_v = np.linspace(voltage_v / 100.0, voltage_v, 100)
@@ -245,7 +289,8 @@ def test_what_bends_with_voltage_or_frequency_stays_below_what_is_looked_up(stuc
 
 
 @pytest.mark.parametrize(
-    ("frequency_hz", "voltage_v"), [(99.0, 1.0), (801.0, 1.0), (100.0, 50.1), (math.nan, 1.0), (200.0, math.nan)]
+    ("frequency_hz", "voltage_v"),
+    [(99.0, 1.0), (801.0, 1.0), (100.0, 50.1), (math.nan, 1.0), (200.0, math.nan)],
 )
 def test_nobody_knows_what_lies_beyond_the_table(frequency_hz, voltage_v):
     worst = Worst(*worst_at(table_of(worst_case(1e-9)), frequency_hz, voltage_v))
@@ -255,7 +300,15 @@ def test_nobody_knows_what_lies_beyond_the_table(frequency_hz, voltage_v):
 
 @pytest.mark.parametrize(
     ("limits", "gain"),
-    [(LIMITS, 1.6), (SLOW, 1.0), (SLOW, 1.6), (SERIES, 1.0), (SERIES, 1.6), (PANEL, 1.6), (LIMITS, 0.5)],
+    [
+        (LIMITS, 1.6),
+        (SLOW, 1.0),
+        (SLOW, 1.6),
+        (SERIES, 1.0),
+        (SERIES, 1.6),
+        (PANEL, 1.6),
+        (LIMITS, 0.5),
+    ],
 )
 @pytest.mark.parametrize("frequency_hz", [100.0, 110.0, 200.0, 770.0])
 def test_the_array_code_ends_where_the_gate_begins_to_refuse(limits, gain, frequency_hz):

@@ -16,7 +16,9 @@ from model.conditions import Conditions
 ROUNDING = 1e-12  # of a few sums of numbers near 1
 SURFACE_ERROR = 2e-3  # the surface's promise, of friction
 INVERSION_ERROR = 1e-3  # the inversion's promise, of friction
-WIDE = OperatingLimits(voltage_v=1e3, frequency_low_hz=1e-3, frequency_high_hz=1e9, contact_current_a_rms=((1.0, 1e3),))
+WIDE = OperatingLimits(
+    voltage_v=1e3, frequency_low_hz=1e-3, frequency_high_hz=1e9, contact_current_a_rms=((1.0, 1e3),)
+)
 
 
 def random_points(rng, count):
@@ -27,7 +29,9 @@ def random_points(rng, count):
 
 def looked_up(surface, *points):
     """Friction at n points, one by one."""
-    return np.array([cof_at(surface, *point) for point in zip(*(x.tolist() for x in points), strict=True)])
+    return np.array(
+        [cof_at(surface, *point) for point in zip(*(x.tolist() for x in points), strict=True)]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +48,12 @@ def test_look_up_agrees_with_scipy_at_random_points(surface, scipy_cof, rng):
 
 
 def test_nodes_are_returned_as_they_are(surface, surface_file):
-    f, v, n = np.meshgrid(surface_file.frequency_hz, surface_file.voltage_v, surface_file.normal_force_n, indexing="ij")
+    f, v, n = np.meshgrid(
+        surface_file.frequency_hz,
+        surface_file.voltage_v,
+        surface_file.normal_force_n,
+        indexing="ij",
+    )
     found = looked_up(surface, *(x.ravel() for x in (f, v, n)))
     # the node's friction goes through a logarithm and back before it is looked up
     np.testing.assert_allclose(found, surface_file.cof.ravel(), rtol=0.0, atol=1e-9)
@@ -64,7 +73,9 @@ def test_nodes_are_returned_as_they_are(surface, surface_file):
 )
 def test_outside_the_surface_its_edge_holds(surface, scipy_cof, outside, edge):
     expected = scipy_cof(*(np.array([x]) for x in edge))[0]
-    assert cof_at(surface, *outside) == pytest.approx(expected, abs=1e-9)  # the edge through a logarithm and back
+    assert cof_at(surface, *outside) == pytest.approx(
+        expected, abs=1e-9
+    )  # the edge through a logarithm and back
 
 
 @pytest.mark.parametrize("which", [0, 1, 2])
@@ -99,9 +110,17 @@ def test_inversion_returns_the_target_on_surface_and_model(surface, touch, rng):
     assert np.max(np.abs(model_cof / target - 1.0)) <= INVERSION_ERROR
 
 
-@given(frequency=st.floats(1.0, 1e6), force=st.floats(0.1, 2.0), low=st.floats(0.4, 2.0), step=st.floats(1e-3, 0.5))
+@given(
+    frequency=st.floats(1.0, 1e6),
+    force=st.floats(0.1, 2.0),
+    low=st.floats(0.4, 2.0),
+    step=st.floats(1e-3, 0.5),
+)
 def test_more_friction_never_takes_less_voltage(surface, frequency, force, low, step):
-    less, more = invert(surface, low, frequency, force, NO_CAPS), invert(surface, low + step, frequency, force, NO_CAPS)
+    less, more = (
+        invert(surface, low, frequency, force, NO_CAPS),
+        invert(surface, low + step, frequency, force, NO_CAPS),
+    )
     assert less.voltage_v <= more.voltage_v
 
 
@@ -109,7 +128,9 @@ def test_more_friction_never_takes_less_voltage(surface, frequency, force, low, 
 def test_targets_below_the_reachable_give_zero_volts(surface, target):
     found = invert(surface, target, 250.0, 0.5, NO_CAPS)
     assert found.voltage_v == 0.0
-    assert found.cof == found.cof_low == pytest.approx(0.512, abs=ROUNDING)  # friction without voltage
+    assert (
+        found.cof == found.cof_low == pytest.approx(0.512, abs=ROUNDING)
+    )  # friction without voltage
     assert found.current_rms_a == 0.0
     assert found.stuck_current_rms_a == 0.0
 
@@ -125,7 +146,8 @@ def test_targets_above_the_reachable_give_the_highest_allowed(surface, scipy_cof
 def test_currents_of_an_inversion_are_those_of_the_model(surface, touch):
     found = invert(surface, 0.65, 137.0, 0.7, NO_CAPS)
     answer = touch.predict(Conditions(*(np.array([x]) for x in (137.0, found.voltage_v, 0.7))))
-    # linear between nodes 7 % apart in frequency: 0.5 % of a current that rises a little slower than frequency
+    # linear between nodes 7 % apart in frequency: 0.5 % of a current that rises a little slower
+    # than frequency
     assert found.current_rms_a == pytest.approx(answer.current_rms_a[0], rel=5e-3)
     assert found.stuck_current_rms_a == pytest.approx(answer.stuck_current_rms_a[0], rel=5e-3)
 
@@ -136,7 +158,11 @@ def test_caps_hold_and_are_made_use_of(surface, frequency_hz):
     free = invert(surface, math.inf, frequency_hz, 0.5, NO_CAPS)
     by_voltage = invert(surface, math.inf, frequency_hz, 0.5, Caps(0.5 * free.voltage_v, math.inf))
     assert by_voltage.voltage_v == 0.5 * free.voltage_v
-    assert by_voltage.cof == by_voltage.cof_high == cof_at(surface, frequency_hz, by_voltage.voltage_v, 0.5)
+    assert (
+        by_voltage.cof
+        == by_voltage.cof_high
+        == cof_at(surface, frequency_hz, by_voltage.voltage_v, 0.5)
+    )
     cap = Caps(math.inf, 0.5 * free.current_rms_a)
     by_current = invert(surface, math.inf, frequency_hz, 0.5, cap)
     assert by_current.current_rms_a <= cap.current_a
@@ -146,10 +172,14 @@ def test_caps_hold_and_are_made_use_of(surface, frequency_hz):
 
 
 def test_a_node_has_its_own_limit(surface, surface_file):
-    """The frequency of a node goes through a logarithm: rounding must not bring the neighbour's limit in."""
+    """The frequency of a node goes through a logarithm: rounding must not bring the neighbour's
+    limit in.
+    """
     f = surface_file.frequency_hz
     per_volt = surface_file.stuck_current_rms_a[:, -1] / 150.0
-    curve = np.interp(np.log(f), np.log([2.5e3, 100e3]), np.log([0.5e-3, 20e-3]))  # ICNIRP 2010, general public
+    curve = np.interp(
+        np.log(f), np.log([2.5e3, 100e3]), np.log([0.5e-3, 20e-3])
+    )  # ICNIRP 2010, general public
     own_v = np.minimum(150.0, np.exp(curve) / per_volt)
     used_v = np.array([invert(surface, math.inf, float(x), 0.5, NO_CAPS).voltage_v for x in f])
     # 1 % leaves room for any margin below the limit; the neighbour's is up to 8 % lower
@@ -158,19 +188,29 @@ def test_a_node_has_its_own_limit(surface, surface_file):
 
 FORBIDDEN = st.lists(st.booleans(), min_size=4 * 6 * 4, max_size=4 * 6 * 4)
 # In cells; on a node, or clearly off it: within 1e-8 the look-up takes it for the node.
-PLACE = st.one_of(st.integers(0, 3).map(float), st.floats(0.0, 3.0).filter(lambda x: abs(x - round(x)) > 1e-8))
+PLACE = st.one_of(
+    st.integers(0, 3).map(float), st.floats(0.0, 3.0).filter(lambda x: abs(x - round(x)) > 1e-8)
+)
 
 
-@given(forbidden=FORBIDDEN, x=PLACE, y=PLACE, target=st.one_of(st.floats(0.5, 2.0), st.just(math.inf)))
+@given(
+    forbidden=FORBIDDEN, x=PLACE, y=PLACE, target=st.one_of(st.floats(0.5, 2.0), st.just(math.inf))
+)
 def test_nothing_at_or_beyond_a_forbidden_node_is_offered(make_file, forbidden, x, y, target):
-    """Between an allowed and a forbidden node nothing is allowed either: the lower limit of the two holds."""
+    """Between an allowed and a forbidden node nothing is allowed either: the lower limit of the two
+    holds.
+    """
     voltage = np.linspace(0.0, 100.0, 6)
     sound = ~np.array(forbidden).reshape(4, 6, 4)
     sound[:, 0] = True
-    file = make_file(np.geomspace(10.0, 1e4, 4), np.geomspace(0.1, 2.0, 4), voltage, within_theory=sound)
+    file = make_file(
+        np.geomspace(10.0, 1e4, 4), np.geomspace(0.1, 2.0, 4), voltage, within_theory=sound
+    )
     around_x, around_y = {math.floor(x), math.ceil(x)}, {math.floor(y), math.ceil(y)}
     allowed_v = min(
-        voltage[next((k for k in range(6) if not sound[i, k, j]), 6) - 1] for i in around_x for j in around_y
+        voltage[next((k for k in range(6) if not sound[i, k, j]), 6) - 1]
+        for i in around_x
+        for j in around_y
     )
     frequency_hz, force_n = float(10.0 ** (1.0 + x)), float(0.1 * 20.0 ** (y / 3.0))
     found = invert(ready_for_lookup(file, WIDE), target, frequency_hz, force_n, NO_CAPS)

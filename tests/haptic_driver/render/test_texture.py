@@ -25,7 +25,8 @@ from haptic_driver.signals import FingerState, TargetFriction
 
 # Bilinear and linear interpolation round a few times at values below 5: a few 1e-16, with room.
 ROUNDING = 1e-12
-# Arrays and single positions may round a tile's share differently: 1e-13 m of 1000 over 1e-4 m, times a step of 5.
+# Arrays and single positions may round a tile's share differently: 1e-13 m of 1000 over 1e-4 m,
+# times a step of 5.
 TILED = 1e-8
 
 cofs = st.floats(0.01, 5.0)
@@ -38,7 +39,9 @@ ends = st.sampled_from(["nothing", "clamp", "tile"])
 def maps(draw, outside=ends):
     rows, columns = draw(st.integers(1, 6)), draw(st.integers(1, 6))
     values = draw(st.lists(cofs, min_size=rows * columns, max_size=rows * columns))
-    return FrictionMap(np.reshape(values, (rows, columns)), draw(lengths), draw(lengths), draw(outside))
+    return FrictionMap(
+        np.reshape(values, (rows, columns)), draw(lengths), draw(lengths), draw(outside)
+    )
 
 
 @st.composite
@@ -48,7 +51,9 @@ def profiles(draw):
     return Profile(draw(positions) + np.cumsum(steps), values, draw(ends))
 
 
-gratings = st.builds(Grating, cofs, st.floats(0.0, 0.5), lengths, st.floats(-7, 7), st.floats(-7, 7))
+gratings = st.builds(
+    Grating, cofs, st.floats(0.0, 0.5), lengths, st.floats(-7, 7), st.floats(-7, 7)
+)
 unplaced = st.one_of(st.builds(Uniform, cofs), gratings, profiles(), maps())
 textures = st.one_of(unplaced, st.builds(Placed, unplaced, positions, positions, st.floats(-7, 7)))
 
@@ -57,7 +62,9 @@ textures = st.one_of(unplaced, st.builds(Placed, unplaced, positions, positions,
 def scripts(draw):
     times_s = np.cumsum(draw(st.lists(st.floats(1e-3, 5.0), min_size=2, max_size=5))).tolist()
     ways = st.sampled_from(["hold", "linear", "cosine"])
-    steps = tuple(Step(t, draw(textures), draw(ways), draw(st.sampled_from(["", "a", "b"]))) for t in times_s)
+    steps = tuple(
+        Step(t, draw(textures), draw(ways), draw(st.sampled_from(["", "a", "b"]))) for t in times_s
+    )
     return Script(steps, draw(st.floats(-10, 10)))
 
 
@@ -69,7 +76,9 @@ def test_friction_lies_within_bounds(texture, x_m, y_m):
 
 
 @given(st.one_of(textures, scripts()), st.floats(), st.floats(), st.floats(), st.booleans())
-def test_every_target_is_finite_and_within_bounds_or_none_wherever_and_whenever(asked, time_s, x_m, y_m, in_contact):
+def test_every_target_is_finite_and_within_bounds_or_none_wherever_and_whenever(
+    asked, time_s, x_m, y_m, in_contact
+):
     low, high = asked.bounds()
     answer = target(asked, FingerState(time_s, x_m, y_m, 0.0, 0.0, 0.5, in_contact))
     if answer.active:
@@ -86,13 +95,18 @@ def test_clamped_and_tiled_textures_ask_for_something_everywhere(texture, x_m, y
         assert math.isfinite(texture.cof_at(x_m, y_m))
 
 
-@given(textures, st.lists(st.tuples(st.floats(), st.floats()) | st.tuples(positions, positions), max_size=20))
+@given(
+    textures,
+    st.lists(st.tuples(st.floats(), st.floats()) | st.tuples(positions, positions), max_size=20),
+)
 def test_arrays_give_what_single_positions_give(texture, points):
     x_m, y_m = np.array(points, dtype=float).reshape(-1, 2).T
     together = texture.cof_at(x_m, y_m)
     one_by_one = [texture.cof_at(x, y) for x, y in points]
     assert together.shape == x_m.shape
-    np.testing.assert_allclose(together, np.array(one_by_one, dtype=float), rtol=0, atol=TILED, equal_nan=True)
+    np.testing.assert_allclose(
+        together, np.array(one_by_one, dtype=float), rtol=0, atol=TILED, equal_nan=True
+    )
 
 
 def test_array_positions_broadcast_and_may_be_numpy_scalars():
@@ -129,14 +143,17 @@ def test_no_texture_asks_for_anything_off_every_screen(nowhere):
     ],
 )
 def test_grating_has_its_crests_where_they_belong(x_m, y_m, direction_rad, phase_rad, cof):
-    assert Grating(0.6, 0.1, 0.01, direction_rad, phase_rad).cof_at(x_m, y_m) == pytest.approx(cof, abs=1e-12)
+    assert Grating(0.6, 0.1, 0.01, direction_rad, phase_rad).cof_at(x_m, y_m) == pytest.approx(
+        cof, abs=1e-12
+    )
 
 
 @given(gratings, positions, positions, st.integers(-3, 3))
 def test_grating_repeats_after_its_period_along_its_direction(grating, x_m, y_m, periods):
     along_m = periods * grating.period_m
     shifted = grating.cof_at(
-        x_m + along_m * math.cos(grating.direction_rad), y_m + along_m * math.sin(grating.direction_rad)
+        x_m + along_m * math.cos(grating.direction_rad),
+        y_m + along_m * math.sin(grating.direction_rad),
     )
     # 1e-16 of position over a period of 1e-4 m is 1e-11 of phase
     assert shifted == pytest.approx(grating.cof_at(x_m, y_m), abs=1e-10)
@@ -147,7 +164,9 @@ def test_profile_is_linear_between_its_points_and_nothing_outside():
     x_m = np.array([-1e-9, 0.0, 0.005, 0.01, 0.02, 0.03, 0.03 + 1e-9])
     expected = [math.nan, 0.5, 0.6, 0.7, 0.65, 0.6, math.nan]
     np.testing.assert_allclose(profile.cof_at(x_m, np.zeros(7)), expected, atol=ROUNDING)
-    np.testing.assert_allclose([profile.cof_at(x, 5.0) for x in x_m.tolist()], expected, atol=ROUNDING)
+    np.testing.assert_allclose(
+        [profile.cof_at(x, 5.0) for x in x_m.tolist()], expected, atol=ROUNDING
+    )
     assert profile.bounds() == (0.5, 0.7)
 
 
@@ -172,7 +191,10 @@ def test_placed_moves_first_and_turns_about_the_new_origin():
 
 
 def test_map_puts_rows_along_y_and_columns_along_x():
-    picture = Placed(FrictionMap(np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]), pitch_x_m=0.01, pitch_y_m=0.02), 0.1)
+    picture = Placed(
+        FrictionMap(np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]]), pitch_x_m=0.01, pitch_y_m=0.02),
+        0.1,
+    )
     assert picture.cof_at(0.105, 0.01) == pytest.approx(0.1)  # centre of the first pixel
     assert picture.cof_at(0.125, 0.01) == pytest.approx(0.3)
     assert picture.cof_at(0.105, 0.03) == pytest.approx(0.4)
@@ -181,7 +203,9 @@ def test_map_puts_rows_along_y_and_columns_along_x():
     assert picture.bounds() == (0.1, 0.6)
 
 
-@pytest.mark.parametrize(("x_m", "y_m"), [(-1e-6, 0.01), (0.030001, 0.01), (0.01, -1e-6), (0.01, 0.040001)])
+@pytest.mark.parametrize(
+    ("x_m", "y_m"), [(-1e-6, 0.01), (0.030001, 0.01), (0.01, -1e-6), (0.01, 0.040001)]
+)
 def test_map_ends_at_its_corners_unless_tiled_or_clamped(x_m, y_m):
     picture = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
     assert math.isnan(FrictionMap(picture, 0.01, 0.02).cof_at(x_m, y_m))
@@ -191,14 +215,20 @@ def test_map_ends_at_its_corners_unless_tiled_or_clamped(x_m, y_m):
 
 def test_clamped_map_holds_its_nearest_edge():
     picture = FrictionMap(np.array([[0.1, 0.2], [0.3, 0.4]]), 0.01, 0.01, "clamp")
-    corners = [picture.cof_at(x, y) for x, y in [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]]
+    corners = [
+        picture.cof_at(x, y) for x, y in [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)]
+    ]
     assert corners == pytest.approx([0.1, 0.2, 0.3, 0.4])
-    assert picture.cof_at(0.01, 9.0) == pytest.approx(0.35)  # halfway between the pixels of the last row
+    assert picture.cof_at(0.01, 9.0) == pytest.approx(
+        0.35
+    )  # halfway between the pixels of the last row
 
 
 def test_tiled_map_interpolates_across_its_seam():
     picture = FrictionMap(np.array([[0.2, 0.3, 0.6]]), 0.01, 0.01, "tile")
-    assert picture.cof_at(0.0, 0.005) == pytest.approx(0.4)  # halfway from the last pixel to the first
+    assert picture.cof_at(0.0, 0.005) == pytest.approx(
+        0.4
+    )  # halfway from the last pixel to the first
     assert picture.cof_at(0.03, 0.005) == pytest.approx(0.4)
     assert picture.cof_at(-0.005, 0.005) == pytest.approx(0.6)
 
@@ -206,7 +236,9 @@ def test_tiled_map_interpolates_across_its_seam():
 @given(maps(outside=st.just("tile")), positions, positions, st.integers(-5, 5), st.integers(-5, 5))
 def test_tiled_map_is_periodic(picture, x_m, y_m, tiles_x, tiles_y):
     rows, columns = picture.cof.shape
-    shifted = picture.cof_at(x_m + tiles_x * columns * picture.pitch_x_m, y_m + tiles_y * rows * picture.pitch_y_m)
+    shifted = picture.cof_at(
+        x_m + tiles_x * columns * picture.pitch_x_m, y_m + tiles_y * rows * picture.pitch_y_m
+    )
     # 1e-15 m of rounding over a pixel of 1e-4 m, times a step of at most 5 from pixel to pixel
     assert shifted == pytest.approx(picture.cof_at(x_m, y_m), abs=1e-9)
 
@@ -220,7 +252,9 @@ def test_tiled_map_is_periodic(picture, x_m, y_m, tiles_x, tiles_y):
     share_y=st.floats(0, 1),
     corner=st.tuples(positions, positions),
 )
-def test_interpolation_is_exact_on_a_plane(*, slope_x, slope_y, rows, columns, share_x, share_y, corner):
+def test_interpolation_is_exact_on_a_plane(
+    *, slope_x, slope_y, rows, columns, share_x, share_y, corner
+):
     pitch_x_m, pitch_y_m = 0.002, 0.003
     centres_x_m = corner[0] + pitch_x_m * (np.arange(columns) + 0.5)
     centres_y_m = corner[1] + pitch_y_m * (np.arange(rows) + 0.5)
@@ -228,15 +262,17 @@ def test_interpolation_is_exact_on_a_plane(*, slope_x, slope_y, rows, columns, s
     x_m = centres_x_m[0] + share_x * (centres_x_m[-1] - centres_x_m[0])
     y_m = centres_y_m[0] + share_y * (centres_y_m[-1] - centres_y_m[0])
     picture = Placed(FrictionMap(plane, pitch_x_m, pitch_y_m), *corner)
-    assert picture.cof_at(float(x_m), float(y_m)) == pytest.approx(2.0 + slope_x * x_m + slope_y * y_m, abs=1e-11)
+    assert picture.cof_at(float(x_m), float(y_m)) == pytest.approx(
+        2.0 + slope_x * x_m + slope_y * y_m, abs=1e-11
+    )
 
 
 def test_the_finest_detail_is_that_of_the_finest_part():
     grating, picture = Grating(0.6, 0.1, period_m=4e-3), FrictionMap(np.ones((2, 3)), 2e-3, 1e-3)
     profile = Profile([0.0, 3e-3, 3.5e-3], [0.6, 0.7, 0.6])
-    assert [texture.detail_m for texture in (Uniform(0.6), grating, picture, profile)] == pytest.approx(
-        [math.inf, 2e-3, 1e-3, 0.5e-3]
-    )
+    assert [
+        texture.detail_m for texture in (Uniform(0.6), grating, picture, profile)
+    ] == pytest.approx([math.inf, 2e-3, 1e-3, 0.5e-3])
     assert Script((Step(0.0, grating), Step(1.0, Placed(picture)))).detail_m == 1e-3
 
 
@@ -284,10 +320,14 @@ def finger(x_m, in_contact=True, time_s=0.0):
 
 
 def test_target_is_the_friction_under_the_finger():
-    assert target(Profile([0.0, 0.1], [0.5, 0.7]), finger(0.05)) == TargetFriction(pytest.approx(0.6), True)
+    assert target(Profile([0.0, 0.1], [0.5, 0.7]), finger(0.05)) == TargetFriction(
+        pytest.approx(0.6), True
+    )
 
 
-@pytest.mark.parametrize("nothing_here", [finger(0.05, in_contact=False), finger(0.2), finger(math.nan)])
+@pytest.mark.parametrize(
+    "nothing_here", [finger(0.05, in_contact=False), finger(0.2), finger(math.nan)]
+)
 def test_target_is_inactive_without_contact_and_off_the_texture(nothing_here):
     answer = target(Profile([0.0, 0.1], [0.5, 0.7]), nothing_here)
     assert answer.active is False
@@ -341,7 +381,11 @@ def test_script_fades_between_textures_under_the_finger():
 def test_script_gives_every_marker_once_at_its_own_time():
     script = Script(STEPS).started(100.0)
     assert script.end_s == 105.0
-    assert script.markers(-math.inf, 105.0) == (Marker(101.0, "go"), Marker(104.0, "top"), Marker(105.0, "end"))
+    assert script.markers(-math.inf, 105.0) == (
+        Marker(101.0, "go"),
+        Marker(104.0, "top"),
+        Marker(105.0, "end"),
+    )
     assert script.markers(101.0, 104.0) == (Marker(104.0, "top"),)
     assert script.markers(100.9, 100.999) == ()
 

@@ -35,7 +35,9 @@ def run(settings, forces, state=None, start_s=1.0, speed_m_s=0.0):
     state, done = state or TickState(), []
     for k, force in enumerate(forces):
         time_s = start_s + 1e-3 * k
-        state, one = tick(settings, state, FingerSample(time_s, 0.01 + speed_m_s * 1e-3 * k, 0.0, force))
+        state, one = tick(
+            settings, state, FingerSample(time_s, 0.01 + speed_m_s * 1e-3 * k, 0.0, force)
+        )
         done.append(one)
     return state, done
 
@@ -53,7 +55,9 @@ def test_touch_rises_to_the_voltage_that_gives_the_target(settings, touch):
     assert np.diff(rising).max() <= 10.0 + 1e-9  # 10 V per tick of 1 ms
     command = done[-1].command
     assert command.output_on
-    answer = touch.predict(Conditions(*(np.array([x]) for x in (command.frequency_hz, command.voltage_v, 0.5))))
+    answer = touch.predict(
+        Conditions(*(np.array([x]) for x in (command.frequency_hz, command.voltage_v, 0.5)))
+    )
     assert answer.cof[0] == pytest.approx(0.6, rel=1e-3)  # the inversion's promise
 
 
@@ -102,7 +106,9 @@ def test_signals_go_from_stage_to_stage(settings):
 
 
 def test_what_the_gate_refuses_is_off_and_counted(settings, limits):
-    """The surface was made ready for 150 V; a gate that knows of 50 V refuses what it offers, and does not clamp."""
+    """The surface was made ready for 150 V; a gate that knows of 50 V refuses what it offers, and
+    does not clamp.
+    """
     strict = replace(settings, limits=replace(limits, voltage_v=50.0))
     state, done = run(strict, [0.0] + [0.5] * 10)
     assert state.safety.rejections == 10

@@ -1,10 +1,17 @@
-"""Both ways to the generator, and an envelope's: what the simulated amplifier saw, and what a failure leaves there."""
+"""Both ways to the generator, and an envelope's: what the simulated amplifier saw, and what a
+failure leaves there.
+"""
 
 import numpy as np
 import pytest
 
 from haptic_driver.errors import HapticError
-from haptic_driver.rig.actuator import CarrierActuator, SetpointActuator, actuator_name, make_actuator
+from haptic_driver.rig.actuator import (
+    CarrierActuator,
+    SetpointActuator,
+    actuator_name,
+    make_actuator,
+)
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import build_rig, modulation_input
 from haptic_driver.rig.envelope_writer import EnvelopeWriter
@@ -26,7 +33,9 @@ ON = DriveCommand(250.0, 80.0, True, 150.0)
 
 
 class Bench:
-    """A rig whose generator is modulated by a simulated analog output; time in steps of one tick."""
+    """A rig whose generator is modulated by a simulated analog output; time in steps of one
+    tick.
+    """
 
     def __init__(self, config):
         self.electrode = simulated_amplifier(config)
@@ -35,9 +44,13 @@ class Bench:
         sensor = PlantSensor(FingerPlant(lambda f, v, n, s: 0.5 * n), noise_n=0.0)
         self.lie_v = None
         self.rig = build_rig(
-            config, MemoryTransport(self.generator), sensor, Wiring(enable=self.electrode, voltage_monitor=self),
-            modulated=True, sleep=lambda seconds: None,
-        )  # fmt: skip
+            config,
+            MemoryTransport(self.generator),
+            sensor,
+            Wiring(enable=self.electrode, voltage_monitor=self),
+            modulated=True,
+            sleep=lambda seconds: None,
+        )
         self.time_s, self.seen_v = 1.0, []
         self.actuator = make_actuator(config, self.rig)
         self.writer = EnvelopeWriter(self.output, modulation_input(config), RATE_HZ, RISE_V_PER_S)
@@ -48,7 +61,6 @@ class Bench:
             self.writer.go_on(course, self.actuator.full_scale_v, LEAD_S)
 
     def read_v(self):
-        """The voltage monitor."""
         return self.electrode.read_v() if self.lie_v is None else self.lie_v
 
     def connect(self):
@@ -90,12 +102,16 @@ def bench():
 
 
 def test_the_electrode_follows_the_voltages_straight_in_their_square_and_late_by_the_lead(bench):
-    """A texture of 50 Hz; between two ticks the force, which goes with voltage squared, runs straight."""
+    """A texture of 50 Hz; between two ticks the force, which goes with voltage squared, runs
+    straight.
+    """
     ticks = np.arange(400)
     wanted_v = 70.0 + 30.0 * np.sin(2.0 * np.pi * 50.0 * ticks * 1e-3)
     seen_v = bench.run(wanted_v)
     ends_s = 1e-3 * ticks + LEAD_S  # played so much after it was commanded
-    at_s = np.arange(2, seen_v.size + 2) / RATE_HZ  # a sample is out from its beginning on, and made for its end
+    at_s = (
+        np.arange(2, seen_v.size + 2) / RATE_HZ
+    )  # a sample is out from its beginning on, and made for its end
     expected_v = np.sqrt(np.interp(at_s, ends_s, wanted_v**2))
     settled = slice(250 * SAMPLES, 395 * SAMPLES)  # the carrier has come up over SCPI
     np.testing.assert_allclose(seen_v[settled], expected_v[settled], rtol=2e-3)
@@ -104,7 +120,9 @@ def test_the_electrode_follows_the_voltages_straight_in_their_square_and_late_by
 
 
 def test_the_voltage_of_a_new_carrier_waits_for_it(bench):
-    """SCPI brings the carrier 10 ms after the course of its voltages; what is more than before may be too much."""
+    """SCPI brings the carrier 10 ms after the course of its voltages; what is more than before may
+    be too much.
+    """
     bench.run(np.full(300, 20.0))
     new = DriveCommand(100.0, 90.0, True, 150.0)
     while_old_v = []
@@ -147,7 +165,10 @@ def test_an_envelope_that_runs_dry_goes_on_from_where_it_was_by_a_bounded_rise(b
     seen_v = bench.run(np.full(30, 140.0))
     assert bench.writer.underruns == 1
     assert seen_v[again:].min() == pytest.approx(60.0, abs=1.0)
-    assert np.diff(seen_v[again : again + round(LEAD_S * RATE_HZ)]).max() < 2.0 * RISE_V_PER_S / RATE_HZ
+    assert (
+        np.diff(seen_v[again : again + round(LEAD_S * RATE_HZ)]).max()
+        < 2.0 * RISE_V_PER_S / RATE_HZ
+    )
     assert seen_v[-1] == pytest.approx(140.0, rel=2e-3)
 
 
@@ -164,11 +185,16 @@ def test_an_envelope_that_nobody_writes_for_long_is_zero_and_begins_again_from_z
 
 
 def test_commands_faster_or_slower_than_the_output_plays_keep_the_lead(bench):
-    within_s = LEAD_S / 8 + 1.1 / RATE_HZ  # nearer to it courses are left as they are: every change bends a texture
+    within_s = (
+        LEAD_S / 8 + 1.1 / RATE_HZ
+    )  # nearer to it courses are left as they are: every change bends a texture
     for steps in (1, 2):
         bench.run(np.full(200, 90.0), steps)
         assert bench.output.buffered_s == pytest.approx(LEAD_S - steps * 1e-3, abs=within_s)
-    for span_s in (0.999e-3, 1.001e-3):  # a card whose clock is off by a tenth of a percent, more than any is
+    for span_s in (
+        0.999e-3,
+        1.001e-3,
+    ):  # a card whose clock is off by a tenth of a percent, more than any is
         for _ in range(2000):
             bench.play(to(90.0, span_s))
             bench.output.advance(1e-3)
@@ -190,7 +216,9 @@ def test_without_anything_new_the_last_voltage_is_held_and_not_for_nothing(bench
 
 
 def test_a_thread_that_plays_late_or_early_does_not_bend_the_texture(bench):
-    """Courses come in time with the ticks, two at once now and then: on the electrode they are as long as they were."""
+    """Courses come in time with the ticks, two at once now and then: on the electrode they are as
+    long as they were.
+    """
     bench.run(np.full(300, 90.0))
     ticks = np.arange(400)
     powers_v2 = (70.0 + 30.0 * np.sin(2.0 * np.pi * 100.0 * ticks * 1e-3)) ** 2
@@ -205,7 +233,9 @@ def test_a_thread_that_plays_late_or_early_does_not_bend_the_texture(bench):
     at_s = np.arange(2, seen_v2.size + 2) / RATE_HZ
     expected_v2 = np.interp(at_s, 1e-3 * ticks + LEAD_S, powers_v2)
     # Nothing is stretched: what is late is within an eighth of the lead.
-    assert np.abs(seen_v2 - expected_v2)[50 * SAMPLES : 395 * SAMPLES].max() < 2e-3 * np.ptp(powers_v2)
+    assert np.abs(seen_v2 - expected_v2)[50 * SAMPLES : 395 * SAMPLES].max() < 2e-3 * np.ptp(
+        powers_v2
+    )
     assert bench.writer.underruns == 0
 
 
@@ -232,7 +262,9 @@ def test_off_leaves_nothing(bench):
     assert bench.seen_v[-1] == 0.0
 
 
-@pytest.mark.parametrize(("monitor_v", "trips"), [(0.0, False), (1.49, False), (1.70, True)])  # at 0.01 V per V
+@pytest.mark.parametrize(
+    ("monitor_v", "trips"), [(0.0, False), (1.49, False), (1.70, True)]
+)  # at 0.01 V per V
 def test_a_monitor_may_show_less_than_the_carrier_and_never_more(bench, monitor_v, trips):
     bench.run(np.full(300, 90.0))
     bench.lie_v = monitor_v
@@ -266,7 +298,9 @@ def test_set_points_are_the_command(rig_config, touch):
 
 
 def test_what_is_asked_to_be_little_stays_on_at_the_lowest_voltage(rig_config, touch):
-    """A valley of a texture below the friction without voltage; a relay would have clicked at each of them."""
+    """A valley of a texture below the friction without voltage; a relay would have clicked at each
+    of them.
+    """
     with SimulatedRig(rig_config, touch) as bench:
         bench.rig.connect()
         actuator = SetpointActuator(bench.rig, 1.0)
@@ -275,11 +309,15 @@ def test_what_is_asked_to_be_little_stays_on_at_the_lowest_voltage(rig_config, t
             actuator.command(1e-3 * k, ON._replace(voltage_v=0.0 if valley else 80.0))
             bench.step(1e-3, 0.5, 0.04)
             if valley and k % 50 == 49:
-                assert bench.instruments.voltage_v == pytest.approx(bench.rig.minimum_voltage_v, rel=1e-3)
+                assert bench.instruments.voltage_v == pytest.approx(
+                    bench.rig.minimum_voltage_v, rel=1e-3
+                )
         assert actuator.switched == 1
 
 
-def test_a_relay_has_its_pause_before_it_comes_on_again_and_none_before_it_goes_off(rig_config, touch):
+def test_a_relay_has_its_pause_before_it_comes_on_again_and_none_before_it_goes_off(
+    rig_config, touch
+):
     with SimulatedRig(rig_config, touch) as bench:
         bench.rig.connect()
         actuator = SetpointActuator(bench.rig, relay_interval_s=0.5)

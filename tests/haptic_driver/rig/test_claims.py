@@ -79,7 +79,11 @@ def test_all_or_none(hold):
     [
         ("TCPIP::192.0.2.5::5025::SOCKET", "tcpip0::192.0.2.5::INSTR", True),
         ("TCPIP::192.0.2.5::5025::SOCKET", "TCPIP::192.0.2.6::5025::SOCKET", False),
-        ("TCPIP::127.0.0.1::5025::SOCKET", "TCPIP::127.0.0.1::5026::SOCKET", False),  # simulated ones live there
+        (
+            "TCPIP::127.0.0.1::5025::SOCKET",
+            "TCPIP::127.0.0.1::5026::SOCKET",
+            False,
+        ),  # simulated ones live there
         ("USB0::0x0957::0x0407::MY1::INSTR", "usb::2391::1031::my1::instr", True),
         ("TCPIP::localhost::5025::SOCKET", "TCPIP0::127.0.0.1::5025::SOCKET", True),
         ("visa:TCPIP::192.0.2.5::INSTR", "192.0.2.5:5025", True),

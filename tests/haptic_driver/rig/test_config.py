@@ -1,4 +1,6 @@
-"""What a rig's file may say of real devices: contradictions, nearest keys inside variants, and what keeps it off."""
+"""What a rig's file may say of real devices: contradictions, nearest keys inside variants, and what
+keeps it off.
+"""
 
 import tomllib
 from pathlib import Path
@@ -35,8 +37,14 @@ def test_the_template_holds_every_key_but_those_of_other_variants():
     for name, section in config:
         if not hasattr(type(section), "model_fields"):
             continue
-        explained = {key for key in type(section).model_fields if f"{key} = " in TEMPLATE or f"{key}." in TEMPLATE}
-        explained |= {"model", "hide"} if name == "simulation" else set()  # of a simulation, told in its own files
+        explained = {
+            key
+            for key in type(section).model_fields
+            if f"{key} = " in TEMPLATE or f"{key}." in TEMPLATE
+        }
+        explained |= (
+            {"model", "hide"} if name == "simulation" else set()
+        )  # of a simulation, told in its own files
         assert set(type(section).model_fields) - explained - {"modulation_input"} == set(), name
         assert set(said.get(name, {})) <= set(type(section).model_fields)
 
@@ -53,7 +61,8 @@ def test_filled_in_nothing_is_left_open(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "half", ['measured_by = "A. Student"', "measured_at = 2025-06-01", VOUCHED.replace("A. Student", " ")]
+    "half",
+    ['measured_by = "A. Student"', "measured_at = 2025-06-01", VOUCHED.replace("A. Student", " ")],
 )
 def test_half_a_voucher_is_none(tmp_path, half):
     content = TEMPLATE.replace('measured_by = ""', half)
@@ -62,9 +71,14 @@ def test_half_a_voucher_is_none(tmp_path, half):
 
 @pytest.mark.parametrize(
     ("name", "following", "plainly"),
-    [("watchdog", "[force_sensor]", 'generator = "none"'), ("interlock", "[watchdog]", 'kind = "none"')],
+    [
+        ("watchdog", "[force_sensor]", 'generator = "none"'),
+        ("interlock", "[watchdog]", 'kind = "none"'),
+    ],
 )
-def test_no_word_about_a_watchdog_or_an_interlock_keeps_a_rig_off(tmp_path, name, following, plainly):
+def test_no_word_about_a_watchdog_or_an_interlock_keeps_a_rig_off(
+    tmp_path, name, following, plainly
+):
     section = TEMPLATE[TEMPLATE.index(f"[{name}]") : TEMPLATE.index(following)]
     assert any(name in what for what in load_rig(rig_file(tmp_path, (section, ""))).unverified)
     said = rig_file(tmp_path, (section, f"[{name}]\n{plainly}\n"))
@@ -77,9 +91,13 @@ WATCHDOG = 'generator = "TCPIP::192.168.0.5::5025::SOCKET"'
 USB = "USB0::0x0957::0x0407::MY44000001::0::INSTR"
 
 
-@pytest.mark.parametrize("resource", [USB, "ASRL/dev/ttyUSB7::INSTR", "GPIB0::10::INSTR", "/dev/ttyUSB7"])
+@pytest.mark.parametrize(
+    "resource", [USB, "ASRL/dev/ttyUSB7::INSTR", "GPIB0::10::INSTR", "/dev/ttyUSB7"]
+)
 def test_a_connection_that_the_driver_holds_is_refused_to_the_watchdog(tmp_path, resource):
-    shared = rig_file(tmp_path, (RESOURCE, f'resource = "{resource}"'), (WATCHDOG, f'generator = "{resource}"'))
+    shared = rig_file(
+        tmp_path, (RESOURCE, f'resource = "{resource}"'), (WATCHDOG, f'generator = "{resource}"')
+    )
     assert "connection of its own" in refused(shared).message
     own = rig_file(tmp_path, (RESOURCE, f'resource = "{resource}"'))
     assert load_rig(own).waveform_generator.resource == resource
@@ -94,7 +112,11 @@ def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        (MODEL, 'model = "keysight_33500b"', "did you mean 'keysight_33500'? Installed: agilent_33220a, "),
+        (
+            MODEL,
+            'model = "keysight_33500b"',
+            "did you mean 'keysight_33500'? Installed: agilent_33220a, ",
+        ),
         (MODEL, 'model = "siglent_sdg"', "siglent_sdg is not modulated from outside by its driver"),
         ("gain_v_per_v", 'kind = "digital"\ngain_v_per_v', "amplifier"),
         ("period_s = 0.5", "period_s = 0.4", "watchdog.period_s 0.4 is below safety.lease_s 0.5"),
@@ -104,7 +126,11 @@ def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
         ("monitor_window_s = 0.02", "monitor_window_s = 0.2", "not below safety.settle_s"),
         ("[10.0, 8e3] ", "[10.0, 10e3] ", "let it end at 8000, or sample at 25000 or faster"),
         ("sample_rate_hz = 20e3  ", "sample_rate_hz = 19e3  ", "aliases carriers above 7600 Hz"),
-        ("[[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]]", "[[1e-5, 0.0], [0.0, 1e-5]]", "finger_tracker.matrix_m"),
+        (
+            "[[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]]",
+            "[[1e-5, 0.0], [0.0, 1e-5]]",
+            "finger_tracker.matrix_m",
+        ),
         ("voltage_v = 100.0", "voltage_v = 800.0", "above amplifier.voltage_limit_v"),
         (RESOURCE, 'resource = "TCPIP::192.168.0.5::5025::SOKET"', "TCPIP::host::port::SOCKET"),
         (RESOURCE, 'resource = "simulated"', "disagree about whether this rig is simulated"),
@@ -131,13 +157,30 @@ def test_what_cannot_be_is_named(tmp_path, old, new, words):
     [
         ("counts_per_n = ", "count_per_n = ", "force_sensor.count_per_n", "counts_per_n"),
         ("matrix_m = ", "matix_m = ", "finger_tracker.matix_m", "matrix_m"),
-        ("monitor_tolerance_v = ", "monitr_tolerance_v = ", "safety.monitr_tolerance_v", "monitor_tolerance_v"),
-        ("full_scale_v = ", "fullscale_v = ", "waveform_generator.modulation_input.fullscale_v", "full_scale_v"),
+        (
+            "monitor_tolerance_v = ",
+            "monitr_tolerance_v = ",
+            "safety.monitr_tolerance_v",
+            "monitor_tolerance_v",
+        ),
+        (
+            "full_scale_v = ",
+            "fullscale_v = ",
+            "waveform_generator.modulation_input.fullscale_v",
+            "full_scale_v",
+        ),
         ("[watchdog]", "[watchdgo]", "watchdgo", "watchdog"),
-        ("reply_timeout_s = 0.05 ", "replytimeout_s = 0.05 ", "interlock.replytimeout_s", "reply_timeout_s"),
+        (
+            "reply_timeout_s = 0.05 ",
+            "replytimeout_s = 0.05 ",
+            "interlock.replytimeout_s",
+            "reply_timeout_s",
+        ),
     ],
 )
-def test_an_unknown_key_is_named_with_the_nearest_also_inside_variants(tmp_path, old, new, key, offered):
+def test_an_unknown_key_is_named_with_the_nearest_also_inside_variants(
+    tmp_path, old, new, key, offered
+):
     error = refused(rig_file(tmp_path, (old, new)))
     assert f"unknown key '{key}'" in error.message
     assert f"'{offered}'" in error.hint
@@ -163,7 +206,10 @@ def test_the_calibration_file_is_looked_for_beside_the_rigs_file():
 
 def test_a_simulated_rig_has_no_real_devices(tmp_path):
     content = SIMULATED + '[watchdog]\ngenerator = "TCPIP::h::1::SOCKET"\n'
-    assert "watchdog: a simulated rig has no such real device" in refused(rig_file(tmp_path, content=content)).message
+    assert (
+        "watchdog: a simulated rig has no such real device"
+        in refused(rig_file(tmp_path, content=content)).message
+    )
 
 
 @pytest.mark.parametrize("monitor", ["voltage_monitor", "current_monitor"])
@@ -194,8 +240,13 @@ def test_the_first_monitor_that_tells_a_carrier_reads_it():
 
 
 def test_a_faster_monitor_widens_what_may_be_swept_and_nothing_else(tmp_path):
-    scope = '[[electrode_monitors]]\nkind = "infiniivision"\nresource = "TCPIP::192.168.0.7::5025::SOCKET"\n'
-    path = rig_file(tmp_path, ("[10.0, 8e3] ", "[10.0, 1e6] "), ("[interlock] ", scope + "[interlock] "))
+    scope = (
+        '[[electrode_monitors]]\nkind = "infiniivision"\nresource ='
+        ' "TCPIP::192.168.0.7::5025::SOCKET"\n'
+    )
+    path = rig_file(
+        tmp_path, ("[10.0, 8e3] ", "[10.0, 1e6] "), ("[interlock] ", scope + "[interlock] ")
+    )
     rig = load_rig(path)
     assert rig.operating_limits().frequency_high_hz == 8e3
     assert rig.sweep_limits().frequency_high_hz == 1e6

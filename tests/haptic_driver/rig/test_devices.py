@@ -1,4 +1,6 @@
-"""A rig's file becomes devices: every driver of a real rig, on instruments served over their own wires."""
+"""A rig's file becomes devices: every driver of a real rig, on instruments served over their own
+wires.
+"""
 
 import dataclasses
 import datetime
@@ -43,7 +45,9 @@ def drive_until(devices, condition):
 
 
 def touching(devices):
-    """Whether the finger touches; not known while a busy machine brings positions too late to be used."""
+    """Whether the finger touches; not known while a busy machine brings positions too late to be
+    used.
+    """
     with suppress(DeviceTimeout):
         return devices.tracker.read().touching
     return False
@@ -87,7 +91,9 @@ def test_without_a_force_sensor_the_load_is_held_and_friction_unknown(tmp_path):
 
 def test_what_fails_on_the_way_closes_what_was_opened(rig_config, served):
     config = as_real(rig_config, served.endpoints)
-    config = config.model_copy(update={"force_sensor": config.force_sensor.model_copy(update={"port": 1})})
+    config = config.model_copy(
+        update={"force_sensor": config.force_sensor.model_copy(update={"port": 1})}
+    )
     devices = connect_devices(config)
     with pytest.raises(DeviceError), devices:
         pytest.fail("opened without a force sensor")
@@ -106,7 +112,9 @@ def test_a_box_that_answers_late_at_the_start_is_asked_again(rig_config, served,
         return handle(data)
 
     monkeypatch.setattr(served.interlock, "handle", late)
-    with_patience = lambda transport, reply_timeout_s: HeartbeatInterlock(transport, reply_timeout_s=1.0)  # noqa: E731
+    with_patience = lambda transport, reply_timeout_s: HeartbeatInterlock(  # noqa: E731
+        transport, reply_timeout_s=1.0
+    )
     monkeypatch.setattr(devices_module, "HeartbeatInterlock", with_patience)
     with connect_devices(as_real(rig_config, served.endpoints)) as devices:
         assert devices.rig.state is RigState.OFF
@@ -131,7 +139,9 @@ def test_a_close_that_fails_exits_or_hangs_skips_no_other(rig_config, served, mo
     if closing is hangs:
         monkeypatch.setattr("haptic_driver.rig.devices.CLOSE_S", 2.0)  # enough for the others
     devices = connect_devices(as_real(rig_config, served.endpoints))
-    devices = dataclasses.replace(devices, closing=[closing, lambda: closed.append("last"), *devices.closing])
+    devices = dataclasses.replace(
+        devices, closing=[closing, lambda: closed.append("last"), *devices.closing]
+    )
     with devices:
         pass
     assert closed == ["last"]
@@ -140,7 +150,9 @@ def test_a_close_that_fails_exits_or_hangs_skips_no_other(rig_config, served, mo
 
 def test_an_unverified_rig_connects_and_refuses_to_come_on(rig_config, served):
     config = as_real(rig_config, served.endpoints)
-    config = config.model_copy(update={"limits": config.limits.model_copy(update={"measured_by": ""})})
+    config = config.model_copy(
+        update={"limits": config.limits.model_copy(update={"measured_by": ""})}
+    )
     with connect_devices(config) as devices:
         with pytest.raises(HapticError) as error:
             devices.rig.command(time.monotonic(), ON)
@@ -157,7 +169,8 @@ def test_a_rig_that_is_simulated_or_feels_nothing_has_no_devices(rig_config):
         connect_devices(without)
 
 
-# --- a card for gauges and monitors ------------------------------------------------------------------------------
+# --- a card for gauges and monitors
+# ------------------------------------------------------------------------------
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 CARD = """
@@ -181,13 +194,19 @@ generator = "none"
 
 
 class Card:
-    """Stands in for `NiAnalogInputs`: sines on its channels, 1 N per V on the gauges once `loaded`."""
+    """Stands in for `NiAnalogInputs`: sines on its channels, 1 N per V on the gauges once
+    `loaded`.
+    """
 
     made: ClassVar[list["Card"]] = []
     loaded = False
 
     def __init__(self, channels, *, sample_rate_hz, **rest):
-        self.channels, self.sample_rate_hz, self.buffer_s = tuple(channels), sample_rate_hz, rest["buffer_s"]
+        self.channels, self.sample_rate_hz, self.buffer_s = (
+            tuple(channels),
+            sample_rate_hz,
+            rest["buffer_s"],
+        )
         self.opened = self.closed = 0
         Card.made.append(self)
 
@@ -218,19 +237,25 @@ class _Columns:
         return self.card.latest_v(count)[:, self.columns]
 
 
-def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(tmp_path, monkeypatch, served):
+def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(
+    tmp_path, monkeypatch, served
+):
     rows = "".join(
-        f'<UserAxis Name="{name}" values="{" ".join(str(float(i == j)) for j in range(6))}" max="50"/>'
+        f'<UserAxis Name="{name}" values="{" ".join(str(float(i == j)) for j in range(6))}"'
+        ' max="50"/>'
         for i, name in enumerate(AXES)
     )
     (tmp_path / "unity.cal").write_text(
-        '<FTSensor Serial="FT1" NumGages="6"><Calibration PartNumber="SI" CalDate="1/1/2024" ForceUnits="N" '
-        f'TorqueUnits="N-m" DistUnits="m" OutputRange="20">{rows}</Calibration></FTSensor>'
+        '<FTSensor Serial="FT1" NumGages="6"><Calibration PartNumber="SI" CalDate="1/1/2024"'
+        ' ForceUnits="N" TorqueUnits="N-m" DistUnits="m"'
+        f' OutputRange="20">{rows}</Calibration></FTSensor>'
     )
     lines = 'voltage_monitor = "Dev1/ai6"\ncurrent_monitor = "Dev1/ai7"\n'
     real = as_real_rig(served.endpoints["waveform_generator"])
     band = ("frequency_hz = [1.0, 1e6]", "frequency_hz = [1.0, 4e3]")  # what the card's rate tells
-    text = changed(real, ("voltage_monitor_v_per_v", lines + "voltage_monitor_v_per_v"), band) + CARD
+    text = (
+        changed(real, ("voltage_monitor_v_per_v", lines + "voltage_monitor_v_per_v"), band) + CARD
+    )
     (tmp_path / "card.toml").write_text(text, encoding="utf-8")
     monkeypatch.setattr(devices_module, "NiAnalogInputs", Card)
     monkeypatch.setattr(Card, "made", [])
@@ -239,7 +264,8 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(tmp_path,
     (card,) = Card.made
     assert card.channels == tuple(f"Dev1/ai{i}" for i in range(8))
     assert devices.watchdog is None
-    # 0.8 V peak at 0.01 V/V: 80 V at the electrode, whose mean would be 0; the rig does not take that for off
+    # 0.8 V peak at 0.01 V/V: 80 V at the electrode, whose mean would be 0; the rig does not take
+    # that for off
     with pytest.raises(HapticError, match="monitor reads 80 V"), devices:
         pytest.fail("connected under voltage")
     assert card.closed == 1
@@ -248,7 +274,8 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(tmp_path,
     electrode = monitor.read(250.0, 80.0)
     assert not electrode.referenced  # the generator is on no channel
     assert electrode.voltage_v == pytest.approx(80.0, rel=1e-4)  # its bandwidth of 1 MHz taken out
-    # 20 mV at 500 V/A; a channel later by 5 us, so the same phase on both lines is an earlier current
+    # 20 mV at 500 V/A; a channel later by 5 us, so the same phase on both lines is an earlier
+    # current
     assert electrode.current_a == pytest.approx(4e-5 * np.exp(-2j * np.pi * 250.0 * 5e-6), rel=1e-4)
     devices.force_sensor.take_bias()
     monkeypatch.setattr(Card, "loaded", False)
@@ -264,12 +291,17 @@ def test_a_recording_says_what_each_figure_rests_on(rig_config, served):
     real = as_real(rig_config, served.endpoints)
     assert calibration_ids(real) == signed | {"force_sensor": "1e+06 counts per N, 1e+06 per N m"}
     screen = EvdevFingerConfig(
-        kind="evdev", device="/dev/input/event0", matrix_m=[[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]],
-        measured_at=datetime.date(2026, 3, 1), placeholder=True,
-    )  # fmt: skip
+        kind="evdev",
+        device="/dev/input/event0",
+        matrix_m=[[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]],
+        measured_at=datetime.date(2026, 3, 1),
+        placeholder=True,
+    )
     touched = real.model_copy(update={"finger_tracker": screen})
     assert calibration_ids(touched)["touch_screen"] == "2026-03-01, placeholder"
-    unsigned = real.model_copy(update={"amplifier": real.amplifier.model_copy(update={"measured_by": " "})})
+    unsigned = real.model_copy(
+        update={"amplifier": real.amplifier.model_copy(update={"measured_by": " "})}
+    )
     assert "amplifier" not in calibration_ids(unsigned)
 
 

@@ -41,7 +41,9 @@ def statuses(checks):
 
 
 def with_generator(config, resource):
-    generator = config.waveform_generator.model_copy(update={"resource": resource, "reply_timeout_s": 0.2})
+    generator = config.waveform_generator.model_copy(
+        update={"resource": resource, "reply_timeout_s": 0.2}
+    )
     watchdog = config.watchdog.model_copy(update={"generator": resource})
     return config.model_copy(update={"waveform_generator": generator, "watchdog": watchdog})
 
@@ -53,9 +55,14 @@ def test_nothing_is_set_and_nothing_comes_on(rig_config, served):
     before = Simulated33220A()  # the same, to compare with
     before.handle(b"FUNC SQU;FREQ 777;VOLT 3.3;VOLT:OFFS 0.5;BOGUS\n")
     with TcpServer(generator) as server:
-        checks = examine(with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY)
+        checks = examine(
+            with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY
+        )
     assert generator.messages
-    assert all(m.strip().endswith("?") and ";" not in m and " " not in m.strip() for m in generator.messages)
+    assert all(
+        m.strip().endswith("?") and ";" not in m and " " not in m.strip()
+        for m in generator.messages
+    )
     assert served.generator.handle(SETTINGS) == before.handle(SETTINGS)  # the error queue too
     assert not served.generator.output().on
     assert served.amplifier.max_voltage_v == 0.0
@@ -68,20 +75,30 @@ def test_nothing_is_set_and_nothing_comes_on(rig_config, served):
 def test_a_sound_rig(rig_config, served):
     checks = examine(as_real(rig_config, served.endpoints), TODAY)
     assert {
-        ("waveform generator", Status.OK), ("watchdog", Status.OK), ("interlock", Status.OK),
-        ("force sensor", Status.OK), ("stage", Status.OK), ("amplifier", Status.NOT_VERIFIED),
-        ("voltage monitor", Status.NOT_VERIFIED), ("limits figures", Status.OK), ("load setting", Status.WARNING),
+        ("waveform generator", Status.OK),
+        ("watchdog", Status.OK),
+        ("interlock", Status.OK),
+        ("force sensor", Status.OK),
+        ("stage", Status.OK),
+        ("amplifier", Status.NOT_VERIFIED),
+        ("voltage monitor", Status.NOT_VERIFIED),
+        ("limits figures", Status.OK),
+        ("load setting", Status.WARNING),
         ("firmware", Status.NOT_VERIFIED),
-    } <= statuses(checks)  # fmt: skip
+    } <= statuses(checks)
     assert Status.FAILED not in {check.status for check in checks}
     assert "2.02-2.02-22-2" in found(checks, "firmware").message
 
 
 def test_what_stays_on_without_an_interlock_is_told(rig_config, served):
-    without = as_real(rig_config, served.endpoints).model_copy(update={"interlock": rig_config_module.NoInterlock()})
+    without = as_real(rig_config, served.endpoints).model_copy(
+        update={"interlock": rig_config_module.NoInterlock()}
+    )
     check = found(examine(without, TODAY), "interlock")
     assert check.status is Status.WARNING
-    assert "where the computer stops, or driver and watchdog do, the output stays on" in check.message
+    assert (
+        "where the computer stops, or driver and watchdog do, the output stays on" in check.message
+    )
 
 
 def test_what_somebody_left_on_is_told(rig_config, served):
@@ -94,10 +111,14 @@ def test_what_somebody_left_on_is_told(rig_config, served):
 
 @pytest.mark.parametrize(("answers", "status"), [(True, Status.OK), (False, Status.FAILED)])
 def test_the_electrodes_monitors_are_asked_who_they_are(rig_config, served, answers, status):
-    scope = SimulatedInfiniiVision(SimulatedLines(lambda: None, MonitorLines(0.01, 500.0), (0.0, 0.0), 1))
+    scope = SimulatedInfiniiVision(
+        SimulatedLines(lambda: None, MonitorLines(0.01, 500.0), (0.0, 0.0), 1)
+    )
     with TcpServer(scope if answers else Stranger()) as server:
         section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
-        real = as_real(rig_config, served.endpoints).model_copy(update={"electrode_monitors": [section]})
+        real = as_real(rig_config, served.endpoints).model_copy(
+            update={"electrode_monitors": [section]}
+        )
         check = found(examine(real, TODAY), "electrode monitor, infiniivision")
     assert check.status is status
     assert ("DSO-X" if answers else "4711") in check.message
@@ -111,7 +132,9 @@ class Stranger:
 
 def test_another_instrument_at_the_address_fails(rig_config, served):
     with TcpServer(Stranger()) as server:
-        checks = examine(with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY)
+        checks = examine(
+            with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY
+        )
     check = found(checks, "waveform generator")
     assert check.status is Status.FAILED
     assert "ACME" in check.message
@@ -171,9 +194,13 @@ def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
 
     monkeypatch.setattr(devices, "NiAnalogInputs", Absent)
     config = load_rig("paper")
-    card = rig_config_module.AnalogInputsConfig(sample_rate_hz=20e3, range_v=5.0, terminal="RSE", timeout_s=0.3)
+    card = rig_config_module.AnalogInputsConfig(
+        sample_rate_hz=20e3, range_v=5.0, terminal="RSE", timeout_s=0.3
+    )
     amplifier = config.amplifier.model_copy(update={"voltage_monitor": "Dev1/ai6"})
-    (check,) = doctor._monitors(config.model_copy(update={"analog_inputs": card, "amplifier": amplifier}))
+    (check,) = doctor._monitors(
+        config.model_copy(update={"analog_inputs": card, "amplifier": amplifier})
+    )
     assert check == ("voltage monitor", Status.FAILED, "no such card", "look at it")
     (channels, how), closed = asked
     assert channels == ["Dev1/ai6"]
@@ -186,15 +213,25 @@ def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
     [
         ({}, Status.WARNING, "a placeholder"),
         ({"placeholder": False}, Status.OK, "measured on"),
-        ({"placeholder": False, "measured_at": datetime.date(2020, 1, 1)}, Status.WARNING, "days ago"),
+        (
+            {"placeholder": False, "measured_at": datetime.date(2020, 1, 1)},
+            Status.WARNING,
+            "days ago",
+        ),
         ({"matrix_m": [[0.0] * 3] * 2}, Status.FAILED, "finger_tracker.matrix_m"),
     ],
 )
-def test_a_touch_screen_that_is_not_calibrated_names_the_command_that_does_it(changed, status, said):
+def test_a_touch_screen_that_is_not_calibrated_names_the_command_that_does_it(
+    changed, status, said
+):
     """A matrix of zeros once ended the doctor with a traceback."""
     config = load_rig("template")
-    screen = config.finger_tracker.model_copy(update={"measured_at": TODAY, "device": "/dev/null"} | changed)
-    checks = list(doctor._finger_tracker(config.model_copy(update={"finger_tracker": screen}), TODAY))
+    screen = config.finger_tracker.model_copy(
+        update={"measured_at": TODAY, "device": "/dev/null"} | changed
+    )
+    checks = list(
+        doctor._finger_tracker(config.model_copy(update={"finger_tracker": screen}), TODAY)
+    )
     check = found(checks, "touch calibration")
     assert check.status is status
     assert said in check.message
@@ -216,7 +253,12 @@ def test_the_command_on_the_simulated_rig(haptic):
     assert said["rig"] == "simulated"
     assert said["simulated"] is True
     assert said["ok"] is True
-    assert {check["status"] for check in said["checks"]} <= {"ok", "warning", "failed", "not verified"}
+    assert {check["status"] for check in said["checks"]} <= {
+        "ok",
+        "warning",
+        "failed",
+        "not verified",
+    }
     assert all(set(check) == {"name", "status", "message", "hint"} for check in said["checks"])
 
 

@@ -1,4 +1,6 @@
-"""Figures of a rig's file: each has a range that something real gives, so that none switches off what it is for."""
+"""Figures of a rig's file: each has a range that something real gives, so that none switches off
+what it is for.
+"""
 
 from __future__ import annotations
 
@@ -95,24 +97,78 @@ def refused(tmp_path, *changes):
 
 
 LIFTING = [
-    ("gain_v_per_v = 100.0", "gain_v_per_v = {}", "amplifier.gain_v_per_v", "1e-308", "0.1 to 10000"),
-    ("gain_v_per_v = 100.0", "gain_v_per_v = {}", "amplifier.gain_v_per_v", "1e+308", "0.1 to 10000"),
-    ("current_limit_a = 0.1", "current_limit_a = {}", "amplifier.current_limit_a", "1e-308", "0.0001 to 10"),
-    ("slew_limit_v_per_s = 370e6", "slew_limit_v_per_s = {}", "amplifier.slew_limit_v_per_s", "1e+308", "1 to 1e+11"),
-    ("voltage_limit_v = 700.0", "voltage_limit_v = {}", "amplifier.voltage_limit_v", "1e+308", "1 to 50000"),
-    ("voltage_v = 150.0", "voltage_v = {}", "limits.voltage_v", "1e+308", "0.001 to 1000"),
-    ("direct_voltage_v = 150.0", "direct_voltage_v = {}", "limits.direct_voltage_v", "1e+308", "0 to 1000"),
     (
-        "series_resistance_ohm = 0.0", "series_resistance_ohm = {}", "limits.series_resistance_ohm", "1e+308",
+        "gain_v_per_v = 100.0",
+        "gain_v_per_v = {}",
+        "amplifier.gain_v_per_v",
+        "1e-308",
+        "0.1 to 10000",
+    ),
+    (
+        "gain_v_per_v = 100.0",
+        "gain_v_per_v = {}",
+        "amplifier.gain_v_per_v",
+        "1e+308",
+        "0.1 to 10000",
+    ),
+    (
+        "current_limit_a = 0.1",
+        "current_limit_a = {}",
+        "amplifier.current_limit_a",
+        "1e-308",
+        "0.0001 to 10",
+    ),
+    (
+        "slew_limit_v_per_s = 370e6",
+        "slew_limit_v_per_s = {}",
+        "amplifier.slew_limit_v_per_s",
+        "1e+308",
+        "1 to 1e+11",
+    ),
+    (
+        "voltage_limit_v = 700.0",
+        "voltage_limit_v = {}",
+        "amplifier.voltage_limit_v",
+        "1e+308",
+        "1 to 50000",
+    ),
+    ("voltage_v = 150.0", "voltage_v = {}", "limits.voltage_v", "1e+308", "0.001 to 1000"),
+    (
+        "direct_voltage_v = 150.0",
+        "direct_voltage_v = {}",
+        "limits.direct_voltage_v",
+        "1e+308",
+        "0 to 1000",
+    ),
+    (
+        "series_resistance_ohm = 0.0",
+        "series_resistance_ohm = {}",
+        "limits.series_resistance_ohm",
+        "1e+308",
         "0 to 1e+07",
     ),
-    ("[2.5e3, 0.5e-3]", "[2.5e3, {}]", "limits.contact_current_a_rms.1.1", "1e+308", "1e-09 to 1e+09"),
-    ("voltage_rise_v_per_s = 10e3", "voltage_rise_v_per_s = {}", "output.voltage_rise_v_per_s", "1e+308", "1 to 1e+06"),
     (
-        "voltage_monitor_v_per_v = 0.01", "voltage_monitor_v_per_v = {}", "amplifier.voltage_monitor_v_per_v",
-        "1e+308", "1e-05 to 1",
+        "[2.5e3, 0.5e-3]",
+        "[2.5e3, {}]",
+        "limits.contact_current_a_rms.1.1",
+        "1e+308",
+        "1e-09 to 1e+09",
     ),
-]  # fmt: skip
+    (
+        "voltage_rise_v_per_s = 10e3",
+        "voltage_rise_v_per_s = {}",
+        "output.voltage_rise_v_per_s",
+        "1e+308",
+        "1 to 1e+06",
+    ),
+    (
+        "voltage_monitor_v_per_v = 0.01",
+        "voltage_monitor_v_per_v = {}",
+        "amplifier.voltage_monitor_v_per_v",
+        "1e+308",
+        "1e-05 to 1",
+    ),
+]
 
 
 @pytest.mark.parametrize(("old", "new", "key", "value", "bounds"), LIFTING)
@@ -123,10 +179,17 @@ def test_a_figure_that_would_lift_a_limit_is_refused(tmp_path, old, new, key, va
 
 
 def test_a_limit_curve_ends_at_what_workers_may_bear(tmp_path):
-    said = refused(tmp_path, ("[1.0, 0.5e-3], [2.5e3, 0.5e-3]", "[1.0, 0.5e-3], [50.0, 2e-3], [2.5e3, 0.5e-3]"))
+    said = refused(
+        tmp_path, ("[1.0, 0.5e-3], [2.5e3, 0.5e-3]", "[1.0, 0.5e-3], [50.0, 2e-3], [2.5e3, 0.5e-3]")
+    )
     assert "contact_current_a_rms allows 0.002 A at 50 Hz, more than 0.001 A" in said
-    said = refused(tmp_path, ("[[1.0, 0.5e-3], [2.5e3, 0.5e-3], [100e3, 20e-3], [10e6, 20e-3]]", "[[1e6, 40e-3]]"))
-    assert "contact_current_a_rms allows 0.04 A at 1 Hz" in said  # the curve is held below its first point
+    said = refused(
+        tmp_path,
+        ("[[1.0, 0.5e-3], [2.5e3, 0.5e-3], [100e3, 20e-3], [10e6, 20e-3]]", "[[1e6, 40e-3]]"),
+    )
+    assert (
+        "contact_current_a_rms allows 0.04 A at 1 Hz" in said
+    )  # the curve is held below its first point
 
 
 def with_accepted(section, figures, tried):
@@ -140,7 +203,12 @@ def with_accepted(section, figures, tried):
 
 LIMITS = {"voltage_v": 150.0}
 RIG = load_rig("simulated")
-AMPLIFIER = {"gain_v_per_v": 100.0, "voltage_limit_v": 1e3, "current_limit_a": 0.1, "slew_limit_v_per_s": 1e9}
+AMPLIFIER = {
+    "gain_v_per_v": 100.0,
+    "voltage_limit_v": 1e3,
+    "current_limit_a": 0.1,
+    "slew_limit_v_per_s": 1e9,
+}
 
 
 @given(
@@ -149,13 +217,19 @@ AMPLIFIER = {"gain_v_per_v": 100.0, "voltage_limit_v": 1e3, "current_limit_a": 0
         optional={
             "voltage_v": ANY,
             "series_resistance_ohm": ANY,
-            "contact_current_a_rms": st.lists(st.tuples(ANY, ANY).map(list), min_size=1, max_size=3),
+            "contact_current_a_rms": st.lists(
+                st.tuples(ANY, ANY).map(list), min_size=1, max_size=3
+            ),
         },
     ),
-    amplifier=st.fixed_dictionaries({}, optional={"current_limit_a": ANY, "slew_limit_v_per_s": ANY}),
+    amplifier=st.fixed_dictionaries(
+        {}, optional={"current_limit_a": ANY, "slew_limit_v_per_s": ANY}
+    ),
     frequency_hz=st.floats(0.0, 6.0).map(lambda power: 10.0**power),
 )
-def test_no_accepted_figure_lifts_the_current_bound_above_what_physics_gives(limits, amplifier, frequency_hz):
+def test_no_accepted_figure_lifts_the_current_bound_above_what_physics_gives(
+    limits, amplifier, frequency_hz
+):
     """Nor is what a lead or an amplifier is said to withhold more than a real one does."""
     found = {
         "limits": with_accepted(LimitsConfig, LIMITS, limits),
@@ -165,15 +239,23 @@ def test_no_accepted_figure_lifts_the_current_bound_above_what_physics_gives(lim
     public_a = math.exp(np.interp(math.log(frequency_hz), *np.log(np.array(ICNIRP_PUBLIC_A_RMS).T)))
     assert float(allowed.contact_current_limit_a_rms(frequency_hz)) <= 2.0 * public_a * (1.0 + 1e-6)
     assert 0.0 < allowed.voltage_v <= 1000.0
-    assert 2.0 * math.pi * 160.0 * ELECTRODE_F * allowed.series_resistance_ohm <= 1.01  # it follows some carrier
-    assert allowed.amplifier_current_a >= 2.0 * math.pi * 1590.0 * ELECTRODE_F * 100.0  # it drives some electrode
+    assert (
+        2.0 * math.pi * 160.0 * ELECTRODE_F * allowed.series_resistance_ohm <= 1.01
+    )  # it follows some carrier
+    assert (
+        allowed.amplifier_current_a >= 2.0 * math.pi * 1590.0 * ELECTRODE_F * 100.0
+    )  # it drives some electrode
     by_slew_v = allowed.slew_v_per_s / (2.0 * math.pi * frequency_hz)
     assert math.isfinite(by_slew_v)
 
 
 def test_every_figure_of_a_model_has_a_finite_range():
     ranges = {name: (said["low"], said["high"]) for name, said in SPECIFICATION.items()}
-    ranges |= {f"{effect.name}.{p.name}": (p.low, p.high) for effect in CATALOGUE for p in effect.parameters()}
+    ranges |= {
+        f"{effect.name}.{p.name}": (p.low, p.high)
+        for effect in CATALOGUE
+        for p in effect.parameters()
+    }
     ranges |= {name: (low, high) for name, (_, low, high) in POWER_LAW.items()}
     for name, (low, high) in ranges.items():
         assert -math.inf < low < high < math.inf, name

@@ -1,4 +1,6 @@
-"""A generator from a package outside the project: installed by pip, and everything follows from its entry point."""
+"""A generator from a package outside the project: installed by pip, and everything follows from its
+entry point.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,16 @@ def environment(tmp_path_factory):
     source = tmp_path_factory.mktemp("source")  # building leaves files beside the source
     for name in ("pyproject.toml", "lab_generator.py"):
         (source / name).write_text((PACKAGE / name).read_text())
-    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps", "--no-build-isolation"]
+    pip = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--no-index",
+        "--no-deps",
+        "--no-build-isolation",
+    ]
     subprocess.run([*pip, "--target", str(folder), str(source)], check=True, timeout=HANG_S)
     return {**os.environ, "PYTHONPATH": str(folder)}
 
@@ -48,7 +59,9 @@ def rig(tmp_path_factory):
 def haptic(environment):
     def run(*arguments, status=0):
         command = [str(HAPTIC), *map(str, arguments), "--json"]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANG_S, check=False)
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, timeout=HANG_S, check=False
+        )
         assert done.returncode == status, done.stderr + done.stdout
         return json.loads(done.stdout)
 
@@ -78,7 +91,11 @@ def asked(resource, question):
 
 
 def test_the_page_about_hardware_shows_the_package_word_for_word():
-    page = (ROOT / "docs" / "hardware.md").read_text(encoding="utf-8").partition("\n## A driver of your own\n")[2]
+    page = (
+        (ROOT / "docs" / "hardware.md")
+        .read_text(encoding="utf-8")
+        .partition("\n## A driver of your own\n")[2]
+    )
     shown = re.findall(r"^```(python|toml)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
     files = {"python": "lab_generator.py", "toml": "pyproject.toml"}
     assert [mark for mark, _ in shown] == ["toml", "python", "python"]
@@ -103,11 +120,18 @@ def test_without_the_package_its_name_is_refused_with_what_is_installed(rig):
 def test_a_surface_a_point_and_a_demo(haptic, rig, tmp_path):
     surface = tmp_path / "surface.h5"
     haptic("surface", "build", "--rig", rig, "--out", surface)
-    assert haptic("solve", "--friction", 0.6, "--rig", rig, "--surface", surface)["cof"] == pytest.approx(0.6, rel=0.02)
+    assert haptic("solve", "--friction", 0.6, "--rig", rig, "--surface", surface)[
+        "cof"
+    ] == pytest.approx(0.6, rel=0.02)
     trace = tmp_path / "stroke.csv"
-    rows = "".join(f"{t:.2f},{0.02 + 0.03 * t:.5f},{0.5 * (0.2 < t < 1.8)}\n" for t in np.arange(0.0, 2.0, 0.01))
+    rows = "".join(
+        f"{t:.2f},{0.02 + 0.03 * t:.5f},{0.5 * (0.2 < t < 1.8)}\n"
+        for t in np.arange(0.0, 2.0, 0.01)
+    )
     trace.write_text("time_s,position_m,normal_force_n\n" + rows)
-    said = haptic("demo", "--rig", rig, "--surface", surface, "--trace", trace, "--out", tmp_path / "demo")
+    said = haptic(
+        "demo", "--rig", rig, "--surface", surface, "--trace", trace, "--out", tmp_path / "demo"
+    )
     assert said["contact_time_s"] > 1.0
     assert said["share_within_5_percent"] > 0.5
     assert 0.0 < said["max_voltage_v"] <= 150.0
@@ -122,8 +146,18 @@ def test_the_doctor_asks_the_packages_driver(haptic, rig):
 
 
 def test_the_watchdog_switches_it_off_when_its_driver_dies(served, environment):
-    command = [sys.executable, "-m", "hw.safety.watchdog", "--generator", served, "--model", "lab_generator"]
-    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as watchdog:
+    command = [
+        sys.executable,
+        "-m",
+        "hw.safety.watchdog",
+        "--generator",
+        served,
+        "--model",
+        "lab_generator",
+    ]
+    with subprocess.Popen(
+        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as watchdog:
         assert watchdog.stdin is not None
         assert watchdog.stdout is not None
         assert watchdog.stdout.readline() == b"ready\n"

@@ -1,4 +1,6 @@
-"""Kinds of parts that fail, exit or hang at import, from packages outside: they break no rig but their own."""
+"""Kinds of parts that fail, exit or hang at import, from packages outside: they break no rig but
+their own.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +11,26 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.rig.part import AMPLIFIERS, ANALOG_OUTPUTS, ELECTRODE_MONITORS, FINGER_TRACKERS, FORCE_SENSORS
+from haptic_driver.rig.part import (
+    AMPLIFIERS,
+    ANALOG_OUTPUTS,
+    ELECTRODE_MONITORS,
+    FINGER_TRACKERS,
+    FORCE_SENSORS,
+)
 from hw.generator import contract as generators
 from tests.haptic_driver.config_texts import SIMULATED
 from tests.waiting import HANG_S
 
 HAPTIC = Path(sys.executable).with_name("haptic")
-GROUPS = (AMPLIFIERS, ANALOG_OUTPUTS, ELECTRODE_MONITORS, FINGER_TRACKERS, FORCE_SENSORS, generators.GROUP)
+GROUPS = (
+    AMPLIFIERS,
+    ANALOG_OUTPUTS,
+    ELECTRODE_MONITORS,
+    FINGER_TRACKERS,
+    FORCE_SENSORS,
+    generators.GROUP,
+)
 AT_IMPORT = {
     "fails": "raise RuntimeError('no licence')",
     "exits": "raise SystemExit(3)",
@@ -27,14 +42,18 @@ pytestmark = pytest.mark.timeout(300)
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """The environment of a computer on which packages are installed whose kinds leave a file when they are imported."""
+    """The environment of a computer on which packages are installed whose kinds leave a file when
+    they are imported.
+    """
     folder = tmp_path_factory.mktemp("installed")
     for name, code in AT_IMPORT.items():
         left = f"open({str(folder / (name + '.imported'))!r}, 'w').close()\n"
         (folder / f"kind_that_{name}.py").write_text(left + code)
         about = folder / f"kind_that_{name}-1.0.dist-info"
         about.mkdir()
-        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: kind-that-{name}\nVersion: 1.0\n")
+        (about / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: kind-that-{name}\nVersion: 1.0\n"
+        )
         points = "".join(f"[{group}]\n{name} = kind_that_{name}:KIND\n" for group in GROUPS)
         (about / "entry_points.txt").write_text(points)
     return {**os.environ, "PYTHONPATH": str(folder), "FOLDER": str(folder)}
@@ -42,7 +61,9 @@ def installed(tmp_path_factory):
 
 def run(installed, *arguments):
     command = [str(HAPTIC), *map(str, arguments)]
-    return subprocess.run(command, env=installed, capture_output=True, text=True, timeout=HANG_S, check=False)
+    return subprocess.run(
+        command, env=installed, capture_output=True, text=True, timeout=HANG_S, check=False
+    )
 
 
 def imported(installed):
@@ -61,14 +82,18 @@ def test_a_rig_that_does_not_name_them_imports_none_of_them(installed, surface_p
     assert imported(installed) == []
 
 
-@pytest.mark.parametrize(("name", "said"), [("fails", "RuntimeError: no licence"), ("exits", "SystemExit: 3")])
+@pytest.mark.parametrize(
+    ("name", "said"), [("fails", "RuntimeError: no licence"), ("exits", "SystemExit: 3")]
+)
 @pytest.mark.parametrize("section", ["force_sensor", "finger_tracker"])
 def test_a_rig_that_names_one_is_refused_and_says_which(installed, tmp_path, section, name, said):
     rig = tmp_path / "lab.toml"
     rig.write_text(f'{SIMULATED}\n[{section}]\nkind = "{name}"\n')
     done = run(installed, "doctor", "--rig", rig)
     assert done.returncode == 2
-    assert f"'{name}' (kind_that_{name}:KIND) cannot be loaded: {said}" in " ".join(done.stderr.split())
+    assert f"'{name}' (kind_that_{name}:KIND) cannot be loaded: {said}" in " ".join(
+        done.stderr.split()
+    )
 
 
 def test_a_kind_that_is_not_there_is_told_with_the_nearest_of_all_names(installed, tmp_path):

@@ -1,4 +1,6 @@
-"""The rig as drivers see it: when set points are sent, when it switches off, and what it claims to know then."""
+"""The rig as drivers see it: when set points are sent, when it switches off, and what it claims to
+know then.
+"""
 
 import math
 import threading
@@ -104,7 +106,8 @@ def bench(rig_config: RigConfig):
     return Bench(rig_config)
 
 
-# --- commands --------------------------------------------------------------------------------------------------
+# --- commands
+# --------------------------------------------------------------------------------------------------
 
 
 def test_connecting_leaves_everything_off(bench):
@@ -135,7 +138,9 @@ def test_a_carrier_that_the_monitors_alias_is_refused_but_for_a_voltage_that_rea
     bench.rig.command(1.0, on(5.0, frequency_hz))
     assert bench.voltage_v == pytest.approx(5.0, rel=1e-2)
     assert rig_config.operating_limits().frequency_high_hz == 1e6
-    narrow = rig_config.model_copy(update={"analog_inputs": card, "amplifier": amplifier}).operating_limits()
+    narrow = rig_config.model_copy(
+        update={"analog_inputs": card, "amplifier": amplifier}
+    ).operating_limits()
     assert narrow.frequency_high_hz == 8e3  # the controller looks no further
 
 
@@ -151,10 +156,16 @@ def test_a_bias_rises_with_the_amplitude_and_counts_for_the_peak(bench):
 
 def test_another_waveform_reaches_the_electrode(bench):
     bench.rig.command(0.0, on(60.0), 0.0, Shape.SQUARE)
-    assert (bench.generator.output().shape, bench.voltage_v) == (Shape.SQUARE, pytest.approx(60.0, rel=1e-3))
+    assert (bench.generator.output().shape, bench.voltage_v) == (
+        Shape.SQUARE,
+        pytest.approx(60.0, rel=1e-3),
+    )
     bench.rig.off()
     bench.rig.command(1.0, on(60.0), 0.0, Shape.DC)
-    assert (bench.generator.output().shape, bench.voltage_v) == (Shape.DC, pytest.approx(60.0, rel=1e-3))
+    assert (bench.generator.output().shape, bench.voltage_v) == (
+        Shape.DC,
+        pytest.approx(60.0, rel=1e-3),
+    )
 
 
 @pytest.mark.parametrize(
@@ -165,7 +176,9 @@ def test_another_waveform_reaches_the_electrode(bench):
         (120.0, -39.0, Shape.SINE, "159 V at 250 Hz is beyond 150 V"),
     ],
 )
-def test_a_direct_voltage_or_a_peak_beyond_the_limits_never_comes_on(rig_config, voltage_v, offset_v, shape, said):
+def test_a_direct_voltage_or_a_peak_beyond_the_limits_never_comes_on(
+    rig_config, voltage_v, offset_v, shape, said
+):
     limits = rig_config.limits.model_copy(update={"direct_voltage_v": 40.0})
     bench = Bench(rig_config.model_copy(update={"limits": limits}))
     with pytest.raises(HapticError, match=said):
@@ -220,7 +233,16 @@ def test_below_the_generators_minimum_is_off(bench, voltage_v):
 
 
 @pytest.mark.parametrize(
-    "command", [on(150.1), on(math.nan), on(math.inf), on(50.0, 2e6), on(50.0, 0.5), on(50.0, math.nan), on(50.0, 1e6)]
+    "command",
+    [
+        on(150.1),
+        on(math.nan),
+        on(math.inf),
+        on(50.0, 2e6),
+        on(50.0, 0.5),
+        on(50.0, math.nan),
+        on(50.0, 1e6),
+    ],
 )  # the last: 1 nF of panel draws 0.31 A, the amplifier gives 0.1 A
 def test_a_command_beyond_the_limits_switches_off_and_raises(bench, command):
     bench.rig.command(0.0, on(50.0))
@@ -253,7 +275,8 @@ def test_a_dead_force_sensor_switches_off(bench):
     assert bench.voltage_v == 0.0
 
 
-# --- evidence --------------------------------------------------------------------------------------------------
+# --- evidence
+# --------------------------------------------------------------------------------------------------
 
 ENABLED, DISABLED, UNKNOWN = AmplifierState.ENABLED, AmplifierState.DISABLED, AmplifierState.UNKNOWN
 
@@ -277,8 +300,14 @@ def test_off_is_claimed_only_with_evidence(generator_off, amplifier, output_on):
 
 
 def test_evidence_in_words():
-    assert str(OffEvidence(None, UNKNOWN, None)) == "generator does not answer, amplifier unknown, no monitor"
-    assert str(OffEvidence(False, ENABLED, 87.66)) == "generator says ON, amplifier enabled, monitor reads 87.7 V"
+    assert (
+        str(OffEvidence(None, UNKNOWN, None))
+        == "generator does not answer, amplifier unknown, no monitor"
+    )
+    assert (
+        str(OffEvidence(False, ENABLED, 87.66))
+        == "generator says ON, amplifier enabled, monitor reads 87.7 V"
+    )
 
 
 @pytest.mark.parametrize("enable", [True, False])
@@ -288,10 +317,14 @@ def test_what_off_claims_is_so(rig_config, enable, answers):
     bench.rig.command(0.0, on(80.0))
     assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
     if not answers:
-        bench.faults.inject(Fault.HANG, count=math.inf)  # the message is lost as well: the generator stays on
+        bench.faults.inject(
+            Fault.HANG, count=math.inf
+        )  # the message is lost as well: the generator stays on
     evidence = bench.rig.off()
     known_off = enable or answers
-    assert evidence.output_on is not known_off  # a generator that does not answer is seen by the monitor
+    assert (
+        evidence.output_on is not known_off
+    )  # a generator that does not answer is seen by the monitor
     assert (bench.voltage_v == 0.0) is known_off
     assert evidence.generator_off is (True if answers else None)
 
@@ -320,7 +353,8 @@ def test_closing_switches_off_and_says_so(bench):
     assert bench.voltage_v == 0.0
 
 
-# --- ramps -----------------------------------------------------------------------------------------------------
+# --- ramps
+# ------------------------------------------------------------------------------------------------
 
 
 def test_it_comes_on_at_the_minimum_and_rises_by_bounded_steps(bench):
@@ -335,7 +369,8 @@ def test_it_comes_on_at_the_minimum_and_rises_by_bounded_steps(bench):
     assert "VOLT 1" not in first_on  # the output itself comes on before the ramp
 
 
-# --- lease, heartbeats, guard ------------------------------------------------------------------------------------
+# --- lease, heartbeats, guard
+# ------------------------------------------------------------------------------------
 
 
 def test_output_that_is_not_refreshed_goes_to_zero(bench):
@@ -353,7 +388,9 @@ def test_output_that_is_not_refreshed_goes_to_zero(bench):
 
 
 def test_output_that_lapses_and_is_not_shown_off_is_told_after_one_try(rig_config):
-    """It was tried a second time first: of a rig whose instruments all hung the daemon spoke after 30 s."""
+    """It was tried a second time first: of a rig whose instruments all hung the daemon spoke after
+    30 s.
+    """
     bench = Bench(rig_config, enable=False, monitor=False)
     bench.rig.command(0.0, on(50.0))
     bench.wire.take()
@@ -416,7 +453,9 @@ def test_hearts_are_beaten_while_refreshed_and_rest_when_off(rig_config):
 
 
 def test_hearts_hear_from_a_rig_between_two_touches(rig_config):
-    """A watchdog that was stopped meanwhile let the next touch have voltage until its period was over."""
+    """A watchdog that was stopped meanwhile let the next touch have voltage until its period was
+    over.
+    """
     heart = Heart()
     bench = Bench(rig_config, heartbeats=[heart])
     interval_s = bench.rig._safety.beat_interval_s
@@ -424,7 +463,9 @@ def test_hearts_hear_from_a_rig_between_two_touches(rig_config):
     bench.rig.command(0.1, OFF)
     beats, rests = heart.beats, heart.rests
     for i in range(1, 11):
-        bench.rig.command(0.1 + i * 0.6 * interval_s, on(0.0))  # something is rendered, and no finger is there
+        bench.rig.command(
+            0.1 + i * 0.6 * interval_s, on(0.0)
+        )  # something is rendered, and no finger is there
     assert heart.rests == rests + 5
     assert heart.beats == beats
     bench.rig.command(2.0, on(60.0))
@@ -441,7 +482,9 @@ def test_a_dead_heart_switches_off(rig_config):
     assert bench.voltage_v == 0.0
 
 
-def test_a_heart_that_switched_off_for_want_of_beats_lets_the_output_come_back_from_the_minimum(rig_config):
+def test_a_heart_that_switched_off_for_want_of_beats_lets_the_output_come_back_from_the_minimum(
+    rig_config,
+):
     heart = Heart()
     bench = Bench(rig_config, heartbeats=[heart])
     bench.rig.command(0.0, on(50.0))
@@ -464,7 +507,8 @@ def test_a_heart_does_not_rest_while_the_output_is_unknown(rig_config):
     assert heart.rests == rests
 
 
-# --- trips -----------------------------------------------------------------------------------------------------
+# --- trips
+# ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -484,7 +528,9 @@ def test_a_monitor_that_contradicts_the_command_latches_a_trip(bench, lie_v, las
     assert bench.voltage_v == 0.0
     assert bench.rig.state is RigState.TRIPPED
     bench.monitor.lie_v = None
-    with pytest.raises(HapticError, match=r"rig is tripped: the monitor reads .* where 80\.\.80 V were commanded"):
+    with pytest.raises(
+        HapticError, match=r"rig is tripped: the monitor reads .* where 80\.\.80 V were commanded"
+    ):
         bench.rig.command(0.4, on(80.0))
     bench.rig.command(0.5, OFF)  # off needs no permission
     bench.rig.reset_trip()
@@ -504,7 +550,9 @@ def test_the_monitor_may_lag_by_the_settling_time_and_be_off_by_the_tolerance(be
 
 
 def test_a_dialogue_that_stalled_is_no_contradiction(bench):
-    """A busy machine kept a set point waiting longer than the settling time: what it replaces was there until then."""
+    """A busy machine kept a set point waiting longer than the settling time: what it replaces was
+    there until then.
+    """
     bench.rig.command(0.0, on(80.0))
     bench.rig.hold(0.2)
     bench.rig.hold(0.4)
@@ -518,7 +566,9 @@ def test_a_dialogue_that_stalled_is_no_contradiction(bench):
 
 @pytest.mark.parametrize("late_s", [0.001, 0.2])
 def test_a_command_timed_before_another_threads_look_forgets_nothing(bench, late_s):
-    """Found after 22 minutes of rendering: the history began anew, without the zero that was still on the monitor."""
+    """Found after 22 minutes of rendering: the history began anew, without the zero that was still
+    on the monitor.
+    """
     bench.rig.command(0.0, on(80.0))
     bench.rig.watch(0.230)
     bench.rig.command(0.235, on(90.0))
@@ -530,7 +580,9 @@ def test_a_command_timed_before_another_threads_look_forgets_nothing(bench, late
 
 
 def test_a_voltage_that_comes_late_and_then_comes_is_no_trip(bench):
-    """Found after 13 minutes of rendering on a busy machine: 0 V for a moment where 91 V had been commanded."""
+    """Found after 13 minutes of rendering on a busy machine: 0 V for a moment where 91 V had been
+    commanded.
+    """
     bench.rig.command(0.0, on(80.0))
     bench.rig.hold(0.3)
     bench.monitor.lie_v = 0.0
@@ -546,7 +598,9 @@ def test_a_voltage_that_comes_late_and_then_comes_is_no_trip(bench):
 @pytest.mark.parametrize("seen_by", ["watch", "command"])
 @pytest.mark.parametrize("began", ["before", "meanwhile"])
 def test_an_off_of_another_thread_is_no_contradiction(bench, monkeypatch, seen_by, began):
-    """Found in the daemon: who looked while somebody switched off saw the enable line low, and tripped."""
+    """Found in the daemon: who looked while somebody switched off saw the enable line low, and
+    tripped.
+    """
     bench.rig.command(0.0, on(80.0))
     bench.rig.hold(0.3)
     reading, thread = bench.amplifier.read, threading.Thread(target=bench.rig.off)
@@ -597,7 +651,9 @@ def test_voltage_that_appears_while_off_is_a_trip(bench):
 
 @pytest.mark.parametrize("monitor", [True, False])
 def test_a_generator_that_somebody_switches_on_while_off_is_a_trip(rig_config, monitor):
-    """Off was once what the last command had left, however long ago; a second program's 95 V were "idle, 0 V"."""
+    """Off was once what the last command had left, however long ago; a second program's 95 V were
+    "idle, 0 V".
+    """
     bench = Bench(rig_config, monitor=monitor)
     bench.rig.watch(10.0)
     bench.rig.watch(10.5)
@@ -637,7 +693,10 @@ def test_every_change_of_state_is_told_once_with_its_reason(rig_config):
     bench.rig.command(0.1, on(90.0))
     bench.rig.command(0.2, OFF)
     bench.rig.off()
-    assert [(event.time_s, event.state) for event in told[1:]] == [(0.0, RigState.ON), (0.2, RigState.OFF)]
+    assert [(event.time_s, event.state) for event in told[1:]] == [
+        (0.0, RigState.ON),
+        (0.2, RigState.OFF),
+    ]
     assert told[0].state is RigState.OFF
     assert "generator says off" in told[2].reason
     assert list(bench.rig.events) == told
@@ -664,7 +723,9 @@ def test_an_off_that_was_not_heard_is_tried_again(rig_config):
 
 
 def test_an_interlock_box_opens_by_itself_when_the_caller_stalls(rig_config):
-    """The box is enable line and heartbeat at once; nobody calls the rig any more, and nobody needs to."""
+    """The box is enable line and heartbeat at once; nobody calls the rig any more, and nobody needs
+    to.
+    """
     clock = ManualClock()
     box = SimulatedInterlock(clock)
     interlock = HeartbeatInterlock(MemoryTransport(box))
@@ -690,7 +751,8 @@ def test_an_interlock_box_opens_by_itself_when_the_caller_stalls(rig_config):
     assert rig.state is RigState.OFF
 
 
-# --- errors that are no DeviceError ----------------------------------------------------------------------------
+# --- errors that are no DeviceError
+# ----------------------------------------------------------------------------
 
 
 class Dropped(Heard):
@@ -786,7 +848,8 @@ def test_closing_over_a_link_with_errors_of_its_own_does_not_raise(dropping):
     assert dropping.rig.close().output_on is False
 
 
-# --- faults that no test noticed once --------------------------------------------------------------------------------
+# --- faults that no test noticed once
+# --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -808,7 +871,9 @@ def test_the_amplifiers_fast_line_goes_first_and_once_more_last(bench, monkeypat
     bench.rig.command(0.0, on(80.0))
     order = []
     generator, write, off = bench.rig._generator, bench.amplifier.write, bench.rig._generator.off
-    monkeypatch.setattr(bench.amplifier, "write", lambda value: (order.append(("enable", value)), write(value)))
+    monkeypatch.setattr(
+        bench.amplifier, "write", lambda value: (order.append(("enable", value)), write(value))
+    )
     monkeypatch.setattr(generator, "off", lambda: (order.append(("generator", False)), off())[1])
     bench.rig.off()
     assert order == [("enable", False), ("generator", False), ("enable", False)]
@@ -840,19 +905,27 @@ def test_a_permit_ends_with_every_withdrawal_and_a_new_one_holds_however_many_th
 
 
 class Withdrawing:
-    """Wraps a step on the way to voltage: right after it, the first time, another thread begins to switch off.
+    """Wraps a step on the way to voltage: right after it, the first time, another thread begins to
+    switch off.
 
     `steps` lists the steps that followed.
     """
 
     def __init__(self, bench, monkeypatch, after):
-        self.bench, self.steps, self.after, self.thread = bench, [], after, threading.Thread(target=bench.rig.off)
+        self.bench, self.steps, self.after, self.thread = (
+            bench,
+            [],
+            after,
+            threading.Thread(target=bench.rig.off),
+        )
         switch = bench.rig._switch
         self.withdrawals, self.before = switch._withdrawals, switch._withdrawals.begun
         for owner, name in (
-            (switch, "check"), (switch._generator, "set_point"), (switch._generator, "set_output"),
+            (switch, "check"),
+            (switch._generator, "set_point"),
+            (switch._generator, "set_output"),
             (switch._amplifier, "enable"),
-        ):  # fmt: skip
+        ):
             monkeypatch.setattr(owner, name, self.wrapped(name, getattr(owner, name)))
 
     def wrapped(self, name, step):
@@ -871,7 +944,9 @@ class Withdrawing:
 
 
 @pytest.mark.parametrize("after", ["set_point", "set_output", "enable"])
-def test_who_switches_on_stops_at_the_next_step_after_somebody_switches_off(bench, monkeypatch, after):
+def test_who_switches_on_stops_at_the_next_step_after_somebody_switches_off(
+    bench, monkeypatch, after
+):
     withdrawing = Withdrawing(bench, monkeypatch, after)
     bench.rig.command(0.0, on(80.0))  # says nothing: it is no fault that somebody switches off
     withdrawing.thread.join()
@@ -892,7 +967,9 @@ def test_a_set_point_after_somebody_has_switched_off_is_not_sent(bench, monkeypa
 
 
 def test_off_waits_for_whoever_is_switching_on_as_long_as_four_answers_may_take(bench, rig_config):
-    """No longer: a thread that hangs while it switches on keeps nobody from knowing that the output is unknown."""
+    """No longer: a thread that hangs while it switches on keeps nobody from knowing that the output
+    is unknown.
+    """
     waited_s = []
 
     def taken(blocking=True, timeout=0.0):

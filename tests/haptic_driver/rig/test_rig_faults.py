@@ -1,7 +1,7 @@
 """Whatever fails, and whenever: the electrode ends at zero, or the rig does not claim that it did.
 
-Scripts of calls, pauses and faults, drawn at random, run on simulated instruments and a simulated clock. The truth is
-the simulated amplifier's own voltage; the rig is judged by it after every call.
+Scripts of calls, pauses and faults, drawn at random, run on simulated instruments and a simulated
+clock. The truth is the simulated amplifier's own voltage; the rig is judged by it after every call.
 """
 
 from __future__ import annotations
@@ -35,15 +35,20 @@ from tests.hw.testing.tripping_amplifier import TrippingAmplifier
 REPLY_TIMEOUT_S = 0.2
 LINE_TIMEOUT_S = 0.05
 LIMIT_V = 150.0
-HIGHEST_V = LIMIT_V * 1.002  # the generator's amplitude may be off by a thousandth before it is refused
-# The longest call is `command`, which may look at the lines, set up, set, switch on, and then `off`: each question one
-# reply timeout, each line one line timeout; on top, `stop` ramps for a second and the monitor is polled for 0.15 s.
+HIGHEST_V = (
+    LIMIT_V * 1.002
+)  # the generator's amplitude may be off by a thousandth before it is refused
+# The longest call is `command`, which may look at the lines, set up, set, switch on, and then
+# `off`: each question one reply timeout, each line one line timeout; on top, `stop` ramps for a
+# second and the monitor is polled for 0.15 s.
 CALL_BOUND_S = 20 * REPLY_TIMEOUT_S + 40 * LINE_TIMEOUT_S + 2.0
 
 CONFIG = load_rig("simulated")
 CONFIG = CONFIG.model_copy(
     update={
-        "waveform_generator": CONFIG.waveform_generator.model_copy(update={"reply_timeout_s": REPLY_TIMEOUT_S}),
+        "waveform_generator": CONFIG.waveform_generator.model_copy(
+            update={"reply_timeout_s": REPLY_TIMEOUT_S}
+        ),
         "limits": CONFIG.limits.model_copy(update={"voltage_v": LIMIT_V}),
     }
 )
@@ -119,11 +124,14 @@ class Bench:
         self.clock = Clock()
         self.amplifier = TrippingAmplifier(100.0, 1e6, enabled=not enable)
         self.generator = Simulated33220A(
-            GeneratorLatency(latency_s, 0.1 * latency_s, latency_s, 0.0), listener=self.amplifier.drive
+            GeneratorLatency(latency_s, 0.1 * latency_s, latency_s, 0.0),
+            listener=self.amplifier.drive,
         )
         self.clock.listeners.append(self.generator.advance)
         self.instrument = FaultyInstrument(self.generator, sleep=self.clock.sleep)
-        self.link = ScriptedLink(WaitingTransport(self.instrument, self.clock), link, sleep=self.clock.sleep)
+        self.link = ScriptedLink(
+            WaitingTransport(self.instrument, self.clock), link, sleep=self.clock.sleep
+        )
         self.enable = Line(self.amplifier, self.clock)
         self.monitor = Line(self.amplifier, self.clock)
         self.sensor = BreakableSensor()
@@ -154,16 +162,23 @@ class Bench:
         self.sensor.broken = False
 
 
-VOLTAGE = st.one_of(st.floats(0.0, 160.0), st.sampled_from([1.0, 150.0, 150.1, 1e6, math.nan, -1.0]))
+VOLTAGE = st.one_of(
+    st.floats(0.0, 160.0), st.sampled_from([1.0, 150.0, 150.1, 1e6, math.nan, -1.0])
+)
 STEP = st.one_of(
     st.tuples(st.just("command"), st.tuples(st.sampled_from([50.0, 250.0, 7e3, 2e6]), VOLTAGE)),
     st.tuples(st.just("command"), st.tuples(st.just(250.0), st.floats(20.0, 150.0))),
-    st.tuples(st.sampled_from(["off_command", "hold", "watch", "read", "off", "reset", "connect"]), st.none()),
+    st.tuples(
+        st.sampled_from(["off_command", "hold", "watch", "read", "off", "reset", "connect"]),
+        st.none(),
+    ),
     st.tuples(st.just("wait"), st.sampled_from([0.001, 0.01, 0.1, 0.6])),
     st.tuples(
         st.just("fault"),
         st.tuples(
-            st.sampled_from(list(Fault)), st.sampled_from([1, 2, 3, 5, math.inf]), st.sampled_from([0.01, 0.3, 1.0])
+            st.sampled_from(list(Fault)),
+            st.sampled_from([1, 2, 3, 5, math.inf]),
+            st.sampled_from([0.01, 0.3, 1.0]),
         ),
     ),
     st.tuples(st.just("enable"), st.sampled_from(["none", "dead", "slow", "loses"])),
@@ -180,7 +195,9 @@ LINK_FAULT = st.builds(
 )
 # Where the link's script ends the link is good; the first commands are those of `connect`.
 LINK = st.lists(st.one_of(st.just(LinkFault(LinkFaultKind.NONE)), LINK_FAULT), max_size=40)
-HARDWARE = st.tuples(st.booleans(), st.booleans(), st.booleans(), st.sampled_from([0.0, 0.03]), LINK)
+HARDWARE = st.tuples(
+    st.booleans(), st.booleans(), st.booleans(), st.sampled_from([0.0, 0.03]), LINK
+)
 
 
 def take(bench, what, argument):  # noqa: PLR0912 - one branch per kind of step
@@ -257,7 +274,9 @@ def test_ten_thousand_random_faults_end_at_zero_or_unknown(hardware, script):
 
 
 def recovered(bench):
-    """Once everything answers again, watching alone gets the output off; evidence needs a link that was ever open."""
+    """Once everything answers again, watching alone gets the output off; evidence needs a link that
+    was ever open.
+    """
     bench.heal()
     bench.link.end_script()
     bench.clock.sleep(1.0)
@@ -274,22 +293,33 @@ def recovered(bench):
 def test_the_scripts_do_reach_high_voltage_and_every_state():
     """Guards the tests above against scripts that never switch anything on."""
     on = ("command", (250.0, 120.0))
-    bench = run((False, True, False, 0.0), [on, ("wait", 0.01), on, ("fault", (Fault.HANG, math.inf, 0.0))])
+    bench = run(
+        (False, True, False, 0.0), [on, ("wait", 0.01), on, ("fault", (Fault.HANG, math.inf, 0.0))]
+    )
     assert bench.amplifier.max_voltage_v == pytest.approx(120.0, rel=1e-3)
-    assert bench.voltage_v == pytest.approx(120.0, rel=1e-3)  # nothing could be done about it, and it says so
+    assert bench.voltage_v == pytest.approx(
+        120.0, rel=1e-3
+    )  # nothing could be done about it, and it says so
     assert bench.rig.state is RigState.TRIPPED
-    assert {event.state for event in bench.rig.events} == {RigState.OFF, RigState.ON, RigState.TRIPPED}
+    assert {event.state for event in bench.rig.events} == {
+        RigState.OFF,
+        RigState.ON,
+        RigState.TRIPPED,
+    }
     dark = run((False, False, False, 0.0), [on, ("fault", (Fault.HANG, math.inf, 0.0))])
     assert dark.voltage_v > 0.0
     assert dark.rig.state is RigState.UNKNOWN
     recovered(dark)
 
 
-# --- two threads -------------------------------------------------------------------------------------------------
+# --- two threads
+# -------------------------------------------------------------------------------------------------
 
 
 class Gate:
-    """A generator that keeps whoever sets 120 V waiting until it is let go, far beyond any timeout."""
+    """A generator that keeps whoever sets 120 V waiting until it is let go, far beyond any
+    timeout.
+    """
 
     def __init__(self, core):
         self.core = core

@@ -1,4 +1,6 @@
-"""The closed loop over TCP: the main job, and what is left at the electrode when an instrument fails in the middle."""
+"""The closed loop over TCP: the main job, and what is left at the electrode when an instrument
+fails in the middle.
+"""
 
 import math
 
@@ -30,17 +32,23 @@ GRATING = Grating(0.70, 0.10, 10e-3)
 @pytest.fixture(scope="module")
 def stages(surface, surface_file, limits, rig_config):
     def make(texture):
-        finger = FingerSettings(**rig_config.finger.model_dump(), output_latency_s=rig_config.output.latency_s)
+        finger = FingerSettings(
+            **rig_config.finger.model_dump(), output_latency_s=rig_config.output.latency_s
+        )
         controller = Controller(ControllerSettings(surface, limits))
         drive = DriveSettings(rig_config.output.voltage_rise_v_per_s)
         return RenderSettings(
-            TickSettings(finger, texture, controller, limits, drive, table_of(surface_file.worst_case))
+            TickSettings(
+                finger, texture, controller, limits, drive, table_of(surface_file.worst_case)
+            )
         )
 
     return make
 
 
-FALL_TICKS = 50  # a set point is due every 10 ms, the generator takes 30 ms, and the pump a tick or two
+FALL_TICKS = (
+    50  # a set point is due every 10 ms, the generator takes 30 ms, and the pump a tick or two
+)
 SILENT_S = 0.25  # is waited for an instrument that is going to be silent
 
 
@@ -49,7 +57,8 @@ def press(duration_s=0.4, force_n=0.5, speed_m_s=0.04):
     return Slide("press", time, speed_m_s * time, np.full(time.size, force_n))
 
 
-# --- the main job ----------------------------------------------------------------------------------------------
+# --- the main job
+# ----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -67,36 +76,50 @@ def test_grating_is_rendered_within_5_percent(record):
 
 
 def test_the_score_is_that_of_the_record(record):
-    """The share again, from what the finger did: the texture where it was, and forces averaged over 11 ms."""
+    """The share again, from what the finger did: the texture where it was, and forces averaged over
+    11 ms.
+    """
     slide, samples = record.slide, record.samples
     touching = slide.normal_force_n > 0.15
     touched = np.flatnonzero(np.diff(touching.astype(int)) == 1) + 1
-    since = np.arange(touching.size) - touched[np.searchsorted(touched, np.arange(touching.size), side="right") - 1]
+    since = (
+        np.arange(touching.size)
+        - touched[np.searchsorted(touched, np.arange(touching.size), side="right") - 1]
+    )
     judged = touching & (np.abs(slide.speed_m_s) >= 3e-3) & (since > 110)
     lateral, normal = (
-        np.convolve(np.abs(samples[name]), np.ones(11) / 11.0, "same") for name in ("lateral_force_n", "normal_force_n")
+        np.convolve(np.abs(samples[name]), np.ones(11) / 11.0, "same")
+        for name in ("lateral_force_n", "normal_force_n")
     )
-    wanted = np.convolve(GRATING.cof_at(slide.position_m, 0.03 * np.ones(touching.size)), np.ones(11) / 11.0, "same")
+    wanted = np.convolve(
+        GRATING.cof_at(slide.position_m, 0.03 * np.ones(touching.size)), np.ones(11) / 11.0, "same"
+    )
     error = lateral[judged] / normal[judged] / wanted[judged] - 1.0
     share = score(record).fidelity.share_within_5_percent
     assert share == pytest.approx(np.mean(np.abs(error) <= 0.05), abs=0.01)
 
 
 def test_under_another_finger_the_same_slide_fails(stages, rig_config):
-    """The figure above is not given: on the finger of Table I, which feels six times less force, it is missed."""
+    """The figure above is not given: on the finger of Table I, which feels six times less force, it
+    is missed.
+    """
     with SimulatedRig(rig_config, TouchModel(load_model("table1"))) as bench:
         record = render_slide(press(), GRATING, stages(GRATING), bench, lambda _: None)
     assert score(record).fidelity.share_within_5_percent < 0.5
 
 
 def test_the_electrode_sees_voltage_in_contact_and_none_off_the_screen(record, limits):
-    lifted = np.convolve(record.slide.normal_force_n < 0.02, np.ones(FALL_TICKS), "full")[: record.voltage_v.size]
+    lifted = np.convolve(record.slide.normal_force_n < 0.02, np.ones(FALL_TICKS), "full")[
+        : record.voltage_v.size
+    ]
     gone = lifted >= FALL_TICKS
     assert gone.sum() > 100
     assert record.voltage_v[gone].max() <= 1.001 * record.lowest_voltage_v
     assert np.median(record.voltage_v[record.samples["in_contact"] == 1]) > 50.0
     assert record.voltage_v.max() <= record.max_voltage_v <= limits.voltage_v
-    assert score(record).output_on_without_contact_s < 3 * FALL_TICKS * 1e-3  # two lifts, and before the first touch
+    assert (
+        score(record).output_on_without_contact_s < 3 * FALL_TICKS * 1e-3
+    )  # two lifts, and before the first touch
     assert record.off.output_on is False
 
 
@@ -111,9 +134,13 @@ def test_targets_out_of_reach_are_flagged_and_do_not_count(stages, rig_config, t
 
 
 @pytest.mark.parametrize("force_n", [0.0, 0.05, 0.09])
-def test_a_wobble_below_the_contact_threshold_keeps_the_output_at_its_lowest(stages, rig_config, touch, force_n):
+def test_a_wobble_below_the_contact_threshold_keeps_the_output_at_its_lowest(
+    stages, rig_config, touch, force_n
+):
     time = np.arange(0.0, 0.5, 1e-3)
-    wobble = Slide("wobble", time, 0.04 * time, force_n * (1.0 + np.sin(2.0 * np.pi * 8.0 * time)) * 0.5)
+    wobble = Slide(
+        "wobble", time, 0.04 * time, force_n * (1.0 + np.sin(2.0 * np.pi * 8.0 * time)) * 0.5
+    )
     with SimulatedRig(rig_config, touch) as bench:
         record = render_slide(wobble, GRATING, stages(GRATING), bench, lambda _: None)
         assert bench.amplifier.max_voltage_v <= 1.001 * record.lowest_voltage_v
@@ -148,7 +175,8 @@ def test_friction_of_the_plant_is_the_models(touch):
     assert friction_n(250.0, 75.0, 0.0, 0.05, 0.0) == 0.0
 
 
-# --- faults ----------------------------------------------------------------------------------------------------
+# --- faults
+# ------------------------------------------------------------------------------------------------
 
 CODES = {
     Fault.GARBAGE: {"bad_reply"},
@@ -197,7 +225,8 @@ def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, tou
         assert failed.value.exit_status == 1
         assert "TCPIP::127.0.0.1" in failed.value.message
         assert "amplifier disabled" in failed.value.message
-        # each question costs at most one reply timeout; off asks twice, and is asked again on the way out
+        # each question costs at most one reply timeout; off asks twice, and is asked again on the
+        # way out
         assert faulty.asked <= 10
         energised_s = bench.amplifier.output_on_s
         assert energised_s > 0.05

@@ -37,7 +37,8 @@ def refused(path):
     return error.value
 
 
-# --- files -----------------------------------------------------------------------------------------------------
+# --- files
+# ------------------------------------------------------------------------------------------------
 
 
 def test_a_slide_is_resampled_to_the_tick(tmp_path):
@@ -51,7 +52,9 @@ def test_a_slide_is_resampled_to_the_tick(tmp_path):
 
 def test_columns_may_stand_in_any_order_among_others(tmp_path):
     path = write(
-        tmp_path, [f"x,0.5,{1e-4 * i},{0.005 * i}" for i in range(20)], "note,normal_force_n,position_m,time_s"
+        tmp_path,
+        [f"x,0.5,{1e-4 * i},{0.005 * i}" for i in range(20)],
+        "note,normal_force_n,position_m,time_s",
     )
     slide = read_slide(path)
     assert slide.normal_force_n[0] == 0.5
@@ -84,7 +87,10 @@ def test_what_is_no_number_is_named_with_its_line(tmp_path, text, column):
 
 
 def test_a_short_line_is_named(tmp_path):
-    assert "line 3" in refused(write(tmp_path, ["0.0,0.0,0.5", "0.01,0.0", *rows(20, start_s=1.0)])).message
+    assert (
+        "line 3"
+        in refused(write(tmp_path, ["0.0,0.0,0.5", "0.01,0.0", *rows(20, start_s=1.0)])).message
+    )
 
 
 def test_a_blank_line_does_not_shift_the_line_numbers(tmp_path):
@@ -146,14 +152,16 @@ def test_a_table_saved_by_a_spreadsheet_is_read(tmp_path):
     assert slide.position_m[50] == pytest.approx(1e-3, abs=1e-12)
 
 
-# --- made up ---------------------------------------------------------------------------------------------------
+# --- made up
+# ------------------------------------------------------------------------------------------------
 
 
 def test_the_synthetic_slide_is_what_it_says():
     slide = synthetic_slide()
     assert np.ptp(slide.position_m) == pytest.approx(0.080, rel=1e-6)
     assert slide.position_m[-1] == pytest.approx(0.0, abs=1e-9)
-    # a least-jerk stroke peaks at 15/8 of its mean speed, 80 mm in 2.2 s; averaging over 10 ms takes a little off
+    # a least-jerk stroke peaks at 15/8 of its mean speed, 80 mm in 2.2 s; averaging over 10 ms
+    # takes a little off
     assert slide.speed_m_s.max() == pytest.approx(15.0 / 8.0 * 0.080 / 2.2, rel=1e-3)
     pressed = slide.normal_force_n > 0.3
     assert 0.4 < slide.normal_force_n[pressed].mean() < 0.6
@@ -167,7 +175,8 @@ def test_speed_is_that_of_a_steady_slide():
     np.testing.assert_allclose(slide.speed_m_s[10:-10], -0.03, rtol=1e-9)
 
 
-# --- score -----------------------------------------------------------------------------------------------------
+# --- score
+# ------------------------------------------------------------------------------------------------
 
 
 def test_what_is_counted_besides_fidelity():
@@ -177,11 +186,16 @@ def test_what_is_counted_besides_fidelity():
     off_screen[50:], voltage[70:], saturated[:5] = True, 1.0, True
     result = score(
         made_record(
-            samples=made_samples(in_contact=contact), off_screen=off_screen, voltage_v=voltage, saturated=saturated
+            samples=made_samples(in_contact=contact),
+            off_screen=off_screen,
+            voltage_v=voltage,
+            saturated=saturated,
         )
     )
     assert result.contact_time_s == pytest.approx(0.090)
-    assert result.output_on_without_contact_s == pytest.approx(0.020)  # 1 V is the lowest that an output has
+    assert result.output_on_without_contact_s == pytest.approx(
+        0.020
+    )  # 1 V is the lowest that an output has
     assert result.saturated_time_s == pytest.approx(0.005)
     assert result.max_voltage_v == 77.0
 
@@ -192,9 +206,13 @@ def test_a_slide_is_judged_by_the_measure_of_fidelity():
     contact[:50] = False
     measured[50:150] = 0.9  # within 0.1 s of the touch
     measured[300:] = 0.66
-    result = score(made_record(400, samples=made_samples(400, in_contact=contact, measured_cof=measured))).fidelity
+    result = score(
+        made_record(400, samples=made_samples(400, in_contact=contact, measured_cof=measured))
+    ).fidelity
     assert result.sliding_time_s == pytest.approx(0.250, abs=0.0011)
-    assert result.share_within_5_percent == pytest.approx(0.6, abs=0.03)  # averages reach over the edge
+    assert result.share_within_5_percent == pytest.approx(
+        0.6, abs=0.03
+    )  # averages reach over the edge
 
 
 def test_a_resting_finger_is_not_judged():

@@ -1,4 +1,6 @@
-"""The loop closed on the simulated rig: a finger whose friction is not the surface's is met all the same."""
+"""The loop closed on the simulated rig: a finger whose friction is not the surface's is met all the
+same.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +23,8 @@ from haptic_driver.simulation.slide import score
 SETTLED_S = 0.5  # of sliding, as promised
 WITHIN, OVERSHOOT = 0.05, 0.10
 STROKE_S = 1.05
-AROUND_EDGE_S = 0.080  # latency, its spread and the averages of target and reading: here no controller can be judged
+# latency, its spread and the averages of target and reading: here no controller can be judged
+AROUND_EDGE_S = 0.080
 
 
 def slide(speed_m_s, force_n):
@@ -44,7 +47,9 @@ def steps(speed_m_s, low, high):
 
 @pytest.fixture(scope="module")
 def render(surface, surface_file, limits, rig_config, touch):
-    """One stroke of a finger whose gain is `gain(time_s)` and whose rise through attraction has one of its own."""
+    """One stroke of a finger whose gain is `gain(time_s)` and whose rise through attraction has one
+    of its own.
+    """
 
     def run(texture, gain, speed_m_s=0.04, force_n=0.5, rise_gain=1.0, feedback=True):
         latency_s = rig_config.output.latency_s
@@ -67,13 +72,17 @@ def render(surface, surface_file, limits, rig_config, touch):
             return gain(t) * force_n
 
         with SimulatedRig(rig_config, touch, friction=friction_n) as bench:
-            return render_slide(slide(speed_m_s, force_n), texture, RenderSettings(stages), bench, lambda _: None)
+            return render_slide(
+                slide(speed_m_s, force_n), texture, RenderSettings(stages), bench, lambda _: None
+            )
 
     return run
 
 
 def judged(record):
-    """Relative error over sliding time, which of it is away from edges of the texture, and which is late enough."""
+    """Relative error over sliding time, which of it is away from edges of the texture, and which is
+    late enough.
+    """
     sliding = record.sliding & (np.abs(record.slide.speed_m_s) >= SLIDING_M_S)
     slid_s = np.cumsum(sliding) * 1e-3
     edge = np.abs(np.gradient(record.target_cof)) > 1e-4
@@ -98,7 +107,9 @@ def texture_of(kind, speed_m_s, gain):
 
 @pytest.mark.parametrize("gain", [0.6, pytest.param(1.4, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(("kind", "speed_m_s", "force_n"), SLIDES)
-def test_another_finger_is_met_within_half_a_second_of_sliding(render, gain, kind, speed_m_s, force_n):
+def test_another_finger_is_met_within_half_a_second_of_sliding(
+    render, gain, kind, speed_m_s, force_n
+):
     """Its gain off by 40 % and drifting by 10 % per second, under force noise."""
     texture = texture_of(kind, speed_m_s, gain)
     record = render(texture, lambda t: gain * (1.0 + 0.1 * (t - 0.2)), speed_m_s, force_n)
@@ -110,7 +121,9 @@ def test_another_finger_is_met_within_half_a_second_of_sliding(render, gain, kin
     assert record.rejections == 0
     settled = seen & (np.arange(seen.size) >= np.flatnonzero(np.abs(error) <= WITHIN)[0])
     assert error[settled].min() >= -OVERSHOOT  # once met, it is not missed on the other side
-    assert record.samples["feedback_gain"][-1] == pytest.approx(gain * (1.0 + 0.1 * STROKE_S), rel=0.02)
+    assert record.samples["feedback_gain"][-1] == pytest.approx(
+        gain * (1.0 + 0.1 * STROKE_S), rel=0.02
+    )
 
 
 @pytest.mark.parametrize("gain", [0.6, pytest.param(1.4, marks=pytest.mark.soak)])
@@ -124,7 +137,9 @@ def test_without_feedback_it_is_not_met(render, gain):
 
 @pytest.mark.parametrize("rise_gain", [0.6, pytest.param(1.4, marks=pytest.mark.soak)])
 def test_attraction_alone_may_be_off(render, rise_gain):
-    """Friction without voltage is the surface's, what voltage adds is not: no one factor fits both levels."""
+    """Friction without voltage is the surface's, what voltage adds is not: no one factor fits both
+    levels.
+    """
     record = render(texture_of("steps", 0.04, 1.0), lambda t: 1.0, rise_gain=rise_gain)
     error, seen, late = judged(record)
     assert np.abs(error[late]).max() <= WITHIN
@@ -146,8 +161,12 @@ def test_no_gain_of_a_finger_gives_more_voltage_than_the_limits(render, limits):
     assert not record.samples["reachable"][900]
 
 
-def test_a_saturated_sensor_teaches_nothing_and_is_shown(surface, surface_file, limits, rig_config, touch, render):
-    """Friction beyond the range of the sensor: its readings end at the range, and would look like less friction."""
+def test_a_saturated_sensor_teaches_nothing_and_is_shown(
+    surface, surface_file, limits, rig_config, touch, render
+):
+    """Friction beyond the range of the sensor: its readings end at the range, and would look like
+    less friction.
+    """
     narrow = rig_config.model_copy(
         update={"simulation": rig_config.simulation.model_copy(update={"force_range_n": 0.2})}
     )
@@ -161,16 +180,22 @@ def test_a_saturated_sensor_teaches_nothing_and_is_shown(surface, surface_file, 
         table_of(surface_file.worst_case),
     )
     with SimulatedRig(narrow, touch) as bench:
-        record = render_slide(slide(0.04, 0.5), Uniform(0.7), RenderSettings(stages), bench, lambda _: None)
+        record = render_slide(
+            slide(0.04, 0.5), Uniform(0.7), RenderSettings(stages), bench, lambda _: None
+        )
     assert record.saturated.all()
     assert set(record.samples["feedback_gain"]) == {1.0}
     assert np.isnan(record.measured_cof).all()
     assert score(record).saturated_time_s == pytest.approx(record.slide.time_s.size * 1e-3)
 
 
-@pytest.mark.parametrize("above", [1.03, *(pytest.param(above, marks=pytest.mark.soak) for above in (1.08, 1.15))])
+@pytest.mark.parametrize(
+    "above", [1.03, *(pytest.param(above, marks=pytest.mark.soak) for above in (1.08, 1.15))]
+)
 def test_a_target_just_above_friction_without_voltage_is_not_given_up(render, above):
-    """A finger with 17 % more friction; too careful a start would leave the voltage at zero and learn nothing."""
+    """A finger with 17 % more friction; too careful a start would leave the voltage at zero and
+    learn nothing.
+    """
     record = render(Uniform(0.512 * 1.17 * above), lambda t: 1.17)
     error, _, late = judged(record)
     assert late.sum() > 250

@@ -1,4 +1,6 @@
-"""A recorded wire log of a whole demo run replays byte for byte; a driver that does otherwise is found out."""
+"""A recorded wire log of a whole demo run replays byte for byte; a driver that does otherwise is
+found out.
+"""
 
 import json
 
@@ -17,7 +19,9 @@ from tests.hw.testing.recording import Recording, Replay, ReplayMismatch
 
 
 class DrivingReplay(Replay):
-    """A replay under which the simulated electrode still sees what is commanded: only the answers are the log's."""
+    """A replay under which the simulated electrode still sees what is commanded: only the answers
+    are the log's.
+    """
 
     def __init__(self, path, generator):
         super().__init__(path)
@@ -43,7 +47,9 @@ def replaying(path):
 
 @pytest.fixture(scope="module")
 def demo(rig_config, touch, surface_file, limits):
-    """The demo's own slide, texture and stages on a rig whose transport goes `through` something."""
+    """The demo's own slide, texture and stages on a rig whose transport goes `through`
+    something.
+    """
     texture = load_texture("grating", texture_dirs())
     settings = render_settings(rig_config, surface_file)
     friction = surface_friction(surface_file, limits)  # the finger matters less here than its speed
@@ -58,7 +64,9 @@ def demo(rig_config, touch, surface_file, limits):
             through=lambda transport: through(transport, generators[0]),
         )
         with bench:
-            return render_slide(slide or synthetic_slide(), texture, settings, bench, lambda _: None)
+            return render_slide(
+                slide or synthetic_slide(), texture, settings, bench, lambda _: None
+            )
 
     return run
 
@@ -95,7 +103,9 @@ def test_a_whole_demo_run_replays_byte_for_byte(demo, recorded):
 def test_another_slide_is_found_out_at_its_first_different_byte(demo, recorded):
     path, _ = recorded
     whole = synthetic_slide()
-    heavier = Slide("heavier", whole.time_s[:900], whole.position_m[:900], 1.2 * whole.normal_force_n[:900])
+    heavier = Slide(
+        "heavier", whole.time_s[:900], whole.position_m[:900], 1.2 * whole.normal_force_n[:900]
+    )
     replays, replay = replaying(path)
     with pytest.raises(HapticError, match=r"byte \d+ of the command"):
         demo(replay, heavier)

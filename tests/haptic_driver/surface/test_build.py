@@ -1,4 +1,6 @@
-"""Model to surface: axes, provenance, and the numbers themselves against the model asked point by point."""
+"""Model to surface: axes, provenance, and the numbers themselves against the model asked point by
+point.
+"""
 
 import json
 import math
@@ -27,7 +29,9 @@ def test_default_axes_are_what_the_surface_promises():
 
 def test_axes_are_even_in_log_frequency_voltage_and_log_force():
     axes = SurfaceAxes(10.0, 1e3, 5, 90.0, 4, 0.1, 0.8, 4)
-    np.testing.assert_allclose(axes.frequency_hz, [10.0, 10**1.5, 100.0, 10**2.5, 1000.0], rtol=ROUNDING)
+    np.testing.assert_allclose(
+        axes.frequency_hz, [10.0, 10**1.5, 100.0, 10**2.5, 1000.0], rtol=ROUNDING
+    )
     np.testing.assert_allclose(axes.voltage_v, [0.0, 30.0, 60.0, 90.0], rtol=ROUNDING)
     np.testing.assert_allclose(axes.normal_force_n, [0.1, 0.2, 0.4, 0.8], rtol=ROUNDING)
 
@@ -61,19 +65,27 @@ def test_axes_that_cannot_carry_a_surface_are_refused(wrong):
 
 
 def test_every_point_is_the_models(small_file, touch):
-    f, v, n = np.meshgrid(small_file.frequency_hz, small_file.voltage_v, small_file.normal_force_n, indexing="ij")
+    f, v, n = np.meshgrid(
+        small_file.frequency_hz, small_file.voltage_v, small_file.normal_force_n, indexing="ij"
+    )
     answer = touch.predict(Conditions(f.ravel(), v.ravel(), n.ravel()))
     # the surface is solved from 128 pressures per frequency with a cubic between them
     for name in ("cof", "electrostatic_force_n", "current_rms_a"):
-        np.testing.assert_allclose(getattr(small_file, name).ravel(), getattr(answer, name), rtol=2e-4, atol=1e-12)
+        np.testing.assert_allclose(
+            getattr(small_file, name).ravel(), getattr(answer, name), rtol=2e-4, atol=1e-12
+        )
     stuck = np.broadcast_to(small_file.stuck_current_rms_a[:, :, None], f.shape)
     np.testing.assert_allclose(stuck.ravel(), answer.stuck_current_rms_a, rtol=1e-9)
     np.testing.assert_array_equal(small_file.within_theory.ravel(), answer.within_theory)
 
 
 def test_slew_rate_is_two_pi_f_v(small_file):
-    assert small_file.slew_v_per_s[-1, -1] == pytest.approx(2.0 * math.pi * 1e6 * 150.0, rel=ROUNDING)
-    assert small_file.slew_v_per_s[0, 1] == pytest.approx(2.0 * math.pi * 1.0 * 150.0 / 7.0, rel=ROUNDING)
+    assert small_file.slew_v_per_s[-1, -1] == pytest.approx(
+        2.0 * math.pi * 1e6 * 150.0, rel=ROUNDING
+    )
+    assert small_file.slew_v_per_s[0, 1] == pytest.approx(
+        2.0 * math.pi * 1.0 * 150.0 / 7.0, rel=ROUNDING
+    )
 
 
 def test_within_limits_is_the_public_contact_current(small_file):
@@ -88,8 +100,16 @@ def test_within_limits_is_the_public_contact_current(small_file):
 def test_provenance_says_all_that_is_needed_to_build_it_again(small_file, model_description):
     said = small_file.provenance
     assert set(said) >= {
-        "model", "model_hash", "gap_table_hash", "limits", "waveform", "program", "numpy", "scipy", "built_at"
-    }  # fmt: skip
+        "model",
+        "model_hash",
+        "gap_table_hash",
+        "limits",
+        "waveform",
+        "program",
+        "numpy",
+        "scipy",
+        "built_at",
+    }
     assert said["model"]["name"] == "reference"
     assert said["model"]["friction_law"] == "applied_load"
     assert said["model"]["dielectric"]["name"] == "gabriel_dry"
@@ -119,13 +139,19 @@ def test_a_surface_knows_the_model_that_it_was_solved_from(model_description, sm
 def test_another_finger_has_another_surface(model_description, limits, small_file):
     axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
     rougher = replace(model_description.parameters["roughness_rms_m"], value=25e-6)
-    changed = replace(model_description, parameters={**model_description.parameters, "roughness_rms_m": rougher})
+    changed = replace(
+        model_description, parameters={**model_description.parameters, "roughness_rms_m": rougher}
+    )
     other = build_surface(changed, limits, axes)
     assert other.content_hash != small_file.content_hash
-    assert (other.electrostatic_force_n[:, 1:] < small_file.electrostatic_force_n[:, 1:]).all()  # wider gaps
+    assert (
+        other.electrostatic_force_n[:, 1:] < small_file.electrostatic_force_n[:, 1:]
+    ).all()  # wider gaps
 
 
-def test_an_interval_is_made_where_asked_for_and_says_from_what(model_description, limits, small_file):
+def test_an_interval_is_made_where_asked_for_and_says_from_what(
+    model_description, limits, small_file
+):
     axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
     found = build_surface(model_description, limits, axes, with_interval=True)
     assert small_file.cof_interval is None
@@ -133,8 +159,13 @@ def test_an_interval_is_made_where_asked_for_and_says_from_what(model_descriptio
     assert (low <= found.cof).all()
     assert (high >= found.cof).all()
     np.testing.assert_array_equal(found.cof, small_file.cof)
-    assert found.provenance["uncertainty"]["numbers"]["roughness_rms_m"]["std"] == pytest.approx(0.1)
-    assert build_surface(model_description, limits, axes, with_interval=True).content_hash == found.content_hash
+    assert found.provenance["uncertainty"]["numbers"]["roughness_rms_m"]["std"] == pytest.approx(
+        0.1
+    )
+    assert (
+        build_surface(model_description, limits, axes, with_interval=True).content_hash
+        == found.content_hash
+    )
 
 
 @pytest.fixture
@@ -145,7 +176,9 @@ def learned(touch):
         Term(("speed_m_s",), ((0.01, 0.05),)),
     )
     form = LearnedForm("friction", "spline", terms, 40.0)
-    numbers = {p.name: Parameter(0.1 * i, "1", "") for i, p in enumerate(learned_kind(form).parameters())}
+    numbers = {
+        p.name: Parameter(0.1 * i, "1", "") for i, p in enumerate(learned_kind(form).parameters())
+    }
     return replace(touch.description, effect_parameters={"learned": numbers}, learned_form=form)
 
 
@@ -156,7 +189,9 @@ def test_a_surface_is_built_with_what_was_learned_as_far_as_its_range_goes(learn
     assert axes.voltage_high_v == SMALL.voltage_high_v
     built = build_surface(learned, limits, axes)
     plain = build_surface(touch.description, limits, axes)
-    at_nodes = np.log(built.cof / plain.cof)[0, -1, [0, -1]]  # 20 Hz, the highest voltage, both loads
+    at_nodes = np.log(built.cof / plain.cof)[
+        0, -1, [0, -1]
+    ]  # 20 Hz, the highest voltage, both loads
     held = 0.6 + 0.1 * np.log(2.0) / np.log(5.0)  # of speed at the surface's own, 0.02 m/s
     assert at_nodes == pytest.approx(np.array([0.0, 0.1]) + held, abs=1e-9)
     assert built.correction is not None
@@ -188,11 +223,15 @@ def test_axes_of_a_model_that_learned_nothing_stay(touch):
 
 
 def test_a_model_whose_worst_case_is_not_finite_has_no_surface(model_description, limits):
-    """A learned term that overshoots once gave limits that were no numbers, and 93 kV were asked of the gate."""
+    """A learned term that overshoots once gave limits that were no numbers, and 93 kV were asked of
+    the gate.
+    """
     nodes = (0.0, 81.0, 90.0, 1e5)
     form = LearnedForm("voltage", "spline", (Term(("time_s",), (nodes,), 1.0),), 1.0)
     values = {f"time_s_{i}": Parameter(v, "1", "") for i, v in enumerate((0.0, -20.0, 20.0, 0.0))}
     model = replace(model_description, effect_parameters={"learned": values}, learned_form=form)
     with pytest.raises(BadInputError) as refused:
-        build_surface(model, limits, SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4))
+        build_surface(
+            model, limits, SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
+        )
     assert refused.value.code == "not_finite"

@@ -1,4 +1,6 @@
-"""The surface file: what is written comes back, and what is damaged, foreign or forbidden is not used."""
+"""The surface file: what is written comes back, and what is damaged, foreign or forbidden is not
+used.
+"""
 
 import json
 import math
@@ -18,10 +20,19 @@ from model.conditions import Conditions
 from model.parameters import Parameter
 from model.touch_model import TouchModel
 
-NUMBERS = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "electrostatic_force_n", "current_rms_a")
+NUMBERS = (
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "cof",
+    "electrostatic_force_n",
+    "current_rms_a",
+)
 MORE_NUMBERS = ("stuck_current_a_per_v", "electrode_gain", "slew_v_per_s")
 MASKS = ("pulled_in", "within_theory", "within_limits")
-WIDE = OperatingLimits(voltage_v=1e3, frequency_low_hz=1e-3, frequency_high_hz=1e9, contact_current_a_rms=((1.0, 1e3),))
+WIDE = OperatingLimits(
+    voltage_v=1e3, frequency_low_hz=1e-3, frequency_high_hz=1e9, contact_current_a_rms=((1.0, 1e3),)
+)
 
 
 @pytest.fixture
@@ -31,7 +42,8 @@ def written(small_file, tmp_path):
     return path
 
 
-# --- round trip ------------------------------------------------------------------------------------------------
+# --- round trip
+# ------------------------------------------------------------------------------------------------
 
 
 def test_what_is_written_comes_back(small_file, written):
@@ -87,7 +99,9 @@ def test_attributes_are_strings_and_floats_so_that_matlab_reads_them(written):
             assert isinstance(value, str | float), name
         assert set(file) == {*NUMBERS, *MORE_NUMBERS, *MASKS}
         assert file["cof"].shape == (6, 8, 4)
-        assert {file[name].dtype for name in MASKS} == {np.dtype("u1")}  # MATLAB has no HDF5 booleans
+        assert {file[name].dtype for name in MASKS} == {
+            np.dtype("u1")
+        }  # MATLAB has no HDF5 booleans
 
 
 def test_an_existing_file_is_replaced(small_file, written):
@@ -129,7 +143,8 @@ def test_a_write_that_breaks_off_keeps_the_old_file(small_file, written, monkeyp
     assert [p.name for p in written.parent.iterdir()] == ["s.h5"]
 
 
-# --- damage ----------------------------------------------------------------------------------------------------
+# --- damage
+# ------------------------------------------------------------------------------------------------
 
 
 def assert_refused(path, code):
@@ -181,7 +196,11 @@ def test_any_flipped_byte_is_refused_or_harmless(small_file, written, rng):
         try:
             found = read_surface(written)
         except BadInputError as error:
-            assert error.code in ("surface_corrupt", "surface_foreign", "surface_version")  # noqa: PT017
+            assert error.code in (  # noqa: PT017
+                "surface_corrupt",
+                "surface_foreign",
+                "surface_version",
+            )
         else:
             np.testing.assert_array_equal(found.cof, small_file.cof)
 
@@ -218,7 +237,9 @@ def test_the_interval_at_a_point_is_linear_between_nodes(small_file):
     low, high = 0.9 * small_file.cof, 1.2 * small_file.cof
     bounded = replace(small_file, cof_interval=CofInterval(low, high))
     f, v, n = small_file.frequency_hz, small_file.voltage_v, small_file.normal_force_n
-    assert cof_interval_at(bounded, f[2], v[3], n[1]) == pytest.approx((low[2, 3, 1], high[2, 3, 1]))
+    assert cof_interval_at(bounded, f[2], v[3], n[1]) == pytest.approx(
+        (low[2, 3, 1], high[2, 3, 1])
+    )
     half = cof_interval_at(bounded, math.sqrt(f[2] * f[3]), v[3], n[1])
     assert half[0] == pytest.approx(0.5 * (low[2, 3, 1] + low[3, 3, 1]))
     assert cof_interval_at(small_file, f[2], v[3], n[1]) is None
@@ -256,9 +277,14 @@ def test_provenance_that_is_no_json(written):
     assert_refused(written, "surface_corrupt")
 
 
-# --- masks -----------------------------------------------------------------------------------------------------
+# --- masks
+# ------------------------------------------------------------------------------------------------
 
-FREQUENCY, FORCE, VOLTAGE = np.geomspace(10.0, 1e4, 4), np.geomspace(0.1, 2.0, 4), np.linspace(0.0, 100.0, 11)
+FREQUENCY, FORCE, VOLTAGE = (
+    np.geomspace(10.0, 1e4, 4),
+    np.geomspace(0.1, 2.0, 4),
+    np.linspace(0.0, 100.0, 11),
+)
 SHAPE = (4, 11, 4)
 FRICTION_AT_NODE = 1e-9  # the node goes through a logarithm and back
 
@@ -275,7 +301,9 @@ def test_nothing_beyond_a_forbidden_island_is_offered(make_file):
     island = invert(surface, math.inf, float(FREQUENCY[1]), 0.5, NO_CAPS)
     assert island.voltage_v == pytest.approx(30.0)
     assert island.cof == pytest.approx(0.5 + 1e-4 * 30.0**2, abs=FRICTION_AT_NODE)
-    assert invert(surface, math.inf, float(FREQUENCY[2]), 0.5, NO_CAPS).voltage_v == pytest.approx(100.0)
+    assert invert(surface, math.inf, float(FREQUENCY[2]), 0.5, NO_CAPS).voltage_v == pytest.approx(
+        100.0
+    )
 
 
 def test_forbidden_already_without_voltage(make_file):
@@ -286,10 +314,15 @@ def test_forbidden_already_without_voltage(make_file):
 
 def test_pulled_in_points_are_nan_and_end_the_range(make_file):
     plain = make_file(FREQUENCY, FORCE, VOLTAGE)
-    changed = {name: at(getattr(plain, name).copy(), np.nan, 2, slice(7, None), 0) for name in ("cof", "current_rms_a")}
+    changed = {
+        name: at(getattr(plain, name).copy(), np.nan, 2, slice(7, None), 0)
+        for name in ("cof", "current_rms_a")
+    }
     pulled_in = at(np.zeros(SHAPE, bool), True, 2, slice(7, None), 0)
     theory = ~pulled_in
-    file = make_file(FREQUENCY, FORCE, VOLTAGE, pulled_in=pulled_in, within_theory=theory, **changed)
+    file = make_file(
+        FREQUENCY, FORCE, VOLTAGE, pulled_in=pulled_in, within_theory=theory, **changed
+    )
     surface = ready_for_lookup(file, WIDE)
     assert np.isfinite(surface.cof).all()
     light = invert(surface, math.inf, float(FREQUENCY[2]), 0.1, NO_CAPS)
@@ -300,7 +333,9 @@ def test_pulled_in_points_are_nan_and_end_the_range(make_file):
             found = invert(surface, target, float(FREQUENCY[2]), force, NO_CAPS)
             assert np.isfinite(found).all()
             assert found.voltage_v <= 60.0 + 1e-9
-    assert cof_at(surface, float(FREQUENCY[2]), 60.0, 0.5) == pytest.approx(0.86, abs=FRICTION_AT_NODE)
+    assert cof_at(surface, float(FREQUENCY[2]), 60.0, 0.5) == pytest.approx(
+        0.86, abs=FRICTION_AT_NODE
+    )
 
 
 @pytest.mark.parametrize("mask", ["pulled_in", "within_theory"])
@@ -308,7 +343,10 @@ def test_each_mask_alone_forbids(make_file, mask):
     forbidden = np.zeros(SHAPE, bool)
     forbidden[:, 5:, :] = True
     surface = ready_for_lookup(
-        make_file(FREQUENCY, FORCE, VOLTAGE, **{mask: forbidden if mask == "pulled_in" else ~forbidden}), WIDE
+        make_file(
+            FREQUENCY, FORCE, VOLTAGE, **{mask: forbidden if mask == "pulled_in" else ~forbidden}
+        ),
+        WIDE,
     )
     assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(40.0)
 
@@ -317,24 +355,32 @@ def test_a_forbidden_force_forbids_the_forces_up_to_its_neighbours(make_file):
     theory = at(np.ones(SHAPE, bool), False, slice(None), slice(3, None), 0)
     surface = ready_for_lookup(make_file(FREQUENCY, FORCE, VOLTAGE, within_theory=theory), WIDE)
     for force, expected_v in ((0.1, 20.0), (0.15, 20.0), (0.26, 20.0), (0.5, 100.0), (2.0, 100.0)):
-        assert invert(surface, math.inf, 300.0, force, NO_CAPS).voltage_v == pytest.approx(expected_v), force
+        assert invert(surface, math.inf, 300.0, force, NO_CAPS).voltage_v == pytest.approx(
+            expected_v
+        ), force
 
 
 def test_the_sliding_current_counts_too(make_file):
-    just_allowed = 1e-5 * (1.0 - 1e-12)  # A/V; between normal forces it is interpolated, with rounding
+    just_allowed = 1e-5 * (
+        1.0 - 1e-12
+    )  # A/V; between normal forces it is interpolated, with rounding
     current = np.broadcast_to(just_allowed * VOLTAGE[:, None], SHAPE).copy()
     stuck = np.full(SHAPE[:2], 1e-7)
     file = make_file(FREQUENCY, FORCE, VOLTAGE, current_rms_a=current, stuck_current_a_per_v=stuck)
     public = OperatingLimits(voltage_v=1e3, frequency_low_hz=1.0, frequency_high_hz=1e6)
     # 0.5 mA at 10 uA/V: 50 V, and the last node that is not above it
-    assert invert(ready_for_lookup(file, public), math.inf, 100.0, 0.5, NO_CAPS).voltage_v == pytest.approx(50.0)
+    assert invert(
+        ready_for_lookup(file, public), math.inf, 100.0, 0.5, NO_CAPS
+    ).voltage_v == pytest.approx(50.0)
 
 
 def test_the_rigs_limits_are_applied_and_not_those_of_the_file(make_file):
     file = make_file(FREQUENCY, FORCE, VOLTAGE, within_limits=np.zeros(SHAPE, bool))
     for allowed_v in (17.0, 83.0):
         surface = ready_for_lookup(file, replace(WIDE, voltage_v=allowed_v))
-        assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(allowed_v, rel=1e-6)
+        assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(
+            allowed_v, rel=1e-6
+        )
 
 
 def test_a_finger_that_sticks_by_itself_has_no_surface(make_file):
@@ -346,12 +392,20 @@ def test_a_finger_that_sticks_by_itself_has_no_surface(make_file):
 
 @pytest.mark.parametrize("force_n", [0.1, 0.35, 0.8, 1.7, 2.0])
 def test_friction_without_voltage_follows_the_load(model_description, limits, force_n):
-    """The lowest load's once held for all: under 2 N a target of 0.55 gave 1.01, and was called reachable."""
+    """The lowest load's once held for all: under 2 N a target of 0.55 gave 1.01, and was called
+    reachable.
+    """
     effect = {"load_dependent_friction": {"exponent": Parameter(1.3, "1", "")}}
     model = replace(model_description, effect_parameters=effect)
-    surface = ready_for_lookup(build_surface(model, limits, SurfaceAxes(frequency_count=8, voltage_count=8)), limits)
+    surface = ready_for_lookup(
+        build_surface(model, limits, SurfaceAxes(frequency_count=8, voltage_count=8)), limits
+    )
     for voltage_v in (0.0, 60.0):
         at = (np.array([x]) for x in (200.0, voltage_v, force_n))
         expected = TouchModel(model).predict(Conditions(*at)).cof[0]
-        between_nodes = 0.03 if voltage_v else 1e-3  # of frequency, voltage and load, or of load alone
-        assert cof_at(surface, 200.0, voltage_v, force_n) == pytest.approx(expected, rel=between_nodes)
+        between_nodes = (
+            0.03 if voltage_v else 1e-3
+        )  # of frequency, voltage and load, or of load alone
+        assert cof_at(surface, 200.0, voltage_v, force_n) == pytest.approx(
+            expected, rel=between_nodes
+        )

@@ -49,9 +49,10 @@ def test_a_surface_over_its_axes(small_file):
     assert found.attrs["content_hash"] == small_file.content_hash
     frame = small_file.to_frame()
     assert len(frame) == small_file.cof.size
-    row = frame[(frame.frequency_hz == small_file.frequency_hz[2]) & (frame.voltage_v == small_file.voltage_v[5])].iloc[
-        1
-    ]
+    row = frame[
+        (frame.frequency_hz == small_file.frequency_hz[2])
+        & (frame.voltage_v == small_file.voltage_v[5])
+    ].iloc[1]
     assert row["cof"] == small_file.cof[2, 5, 1]
 
 
@@ -66,19 +67,30 @@ def test_a_measured_table_has_phasors_and_what_its_sidecar_says(tmp_path):
     assert np.isnan(frame["current"][1])
     assert frame["cof"].tolist() == [0.6, 0.5]
     assert frame.attrs["rig"] == "bench"
-    assert frame.attrs["units"] | {"current": "A", "current_phase_rad": "rad", "cof": "1"} == frame.attrs["units"]
+    assert (
+        frame.attrs["units"] | {"current": "A", "current_phase_rad": "rad", "cof": "1"}
+        == frame.attrs["units"]
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "unit"),
-    [("slew_v_per_s", "V/s"), ("voltage_v", "V"), ("current_rms_a", "A"), ("position_x_m", "m"), ("cof", "1")],
+    [
+        ("slew_v_per_s", "V/s"),
+        ("voltage_v", "V"),
+        ("current_rms_a", "A"),
+        ("position_x_m", "m"),
+        ("cof", "1"),
+    ],
 )
 def test_units_stand_in_the_names(name, unit):
     assert unit_of(name) == unit
 
 
 @pytest.mark.parametrize(("package", "method"), [("pandas", "to_frame"), ("xarray", "to_xarray")])
-def test_a_package_that_is_missing_is_named_with_what_installs_it(run, monkeypatch, package, method):
+def test_a_package_that_is_missing_is_named_with_what_installs_it(
+    run, monkeypatch, package, method
+):
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(HapticError) as caught:
         getattr(run, method)()

@@ -1,4 +1,6 @@
-"""Bands of frequency, worked out by hand: waves of known height, an output's and a finger's gain at known places."""
+"""Bands of frequency, worked out by hand: waves of known height, an output's and a finger's gain at
+known places.
+"""
 
 import math
 
@@ -6,7 +8,14 @@ import numpy as np
 import pytest
 
 from haptic_driver.render.texture import Grating, Placed, Profile, Uniform
-from haptic_driver.textures.bands import EDGES_HZ, Output, asked, finger_gain, predicted, rms_in_bands
+from haptic_driver.textures.bands import (
+    EDGES_HZ,
+    Output,
+    asked,
+    finger_gain,
+    predicted,
+    rms_in_bands,
+)
 
 SCREEN_M = (0.1, 0.06)
 
@@ -18,7 +27,9 @@ def test_nine_bands_of_two_thirds_of_an_octave():
 @pytest.mark.parametrize(("speed_m_s", "band"), [(0.02, 0), (0.1, 3), (0.4, 6)])
 def test_a_wave_is_in_the_band_that_the_speed_puts_it_in(speed_m_s, band):
     x_m = np.arange(0.0, 0.1, 1e-5)
-    rms = rms_in_bands(0.6 + 0.1 * np.sin(math.tau * x_m / 1.3e-3), 1e-5, speed_m_s)  # 15, 77 and 308 Hz
+    rms = rms_in_bands(
+        0.6 + 0.1 * np.sin(math.tau * x_m / 1.3e-3), 1e-5, speed_m_s
+    )  # 15, 77 and 308 Hz
     assert rms[band] == pytest.approx(0.1 / math.sqrt(2.0), rel=0.01)
     assert np.delete(rms, band) == pytest.approx(0.0, abs=1e-3)
 
@@ -33,17 +44,22 @@ def test_strokes_go_across_the_texture_whatever_its_direction(direction_rad):
 def test_beside_the_texture_nothing_is_asked():
     rms, mean = asked(Profile([1.0, 2.0], [0.5, 0.7]), 0.1, SCREEN_M)
     assert math.isnan(mean)
-    assert {band.verdict for band in predicted(rms, mean, (0.5, 1.0), Output(1e-2, False), 0.1)} == {"nothing_asked"}
+    assert {
+        band.verdict for band in predicted(rms, mean, (0.5, 1.0), Output(1e-2, False), 0.1)
+    } == {"nothing_asked"}
     assert asked(Uniform(0.6), 0.1, SCREEN_M)[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_finger_follows_to_its_cut_off():
-    assert finger_gain(np.array([0.0, 276.0]), 0.020) == pytest.approx([1.0, math.sqrt(0.5)])  # 13.8 Hz per mm/s
+    assert finger_gain(np.array([0.0, 276.0]), 0.020) == pytest.approx(
+        [1.0, math.sqrt(0.5)]
+    )  # 13.8 Hz per mm/s
 
 
 def test_an_output_holds_or_joins_and_ends_at_half_its_rate():
     held, joined = Output(0.01, False), Output(0.01, True)
-    # The mean of a wave over a quarter of its period, around its crest: sin(pi/4)/(pi/4); for straight lines squared.
+    # The mean of a wave over a quarter of its period, around its crest: sin(pi/4)/(pi/4); for
+    # straight lines squared.
     mean = math.sin(math.pi / 4.0) / (math.pi / 4.0)
     assert held.gain(np.array([25.0])) == pytest.approx([mean])
     assert joined.gain(np.array([25.0])) == pytest.approx([mean**2])
@@ -55,7 +71,12 @@ def test_an_output_holds_or_joins_and_ends_at_half_its_rate():
     [
         (0.05, 0.9, 0.1, "reached"),
         (0.0, 0.9, 0.1, "nothing_asked"),
-        (0.05, 0.9, 0.01, "with_boost"),  # a finger at 10 mm/s follows to 138 Hz, at 635 Hz with 0.21
+        (
+            0.05,
+            0.9,
+            0.01,
+            "with_boost",
+        ),  # a finger at 10 mm/s follows to 138 Hz, at 635 Hz with 0.21
         (0.05, 0.55, 0.1, "out_of_reach"),  # an amplitude of 0.07 where 0.05 are left
         (0.08, 0.9, 0.01, "out_of_reach"),  # 0.11 are there, but not 0.11/0.21
     ],

@@ -1,4 +1,6 @@
-"""Gratings against their formulas, noise against a sum of cosines and spectrum, averaging against hand-made maps."""
+"""Gratings against their formulas, noise against a sum of cosines and spectrum, averaging against
+hand-made maps.
+"""
 
 import math
 
@@ -19,7 +21,13 @@ def grating(**keys):
 
 
 def noise(**keys):
-    plain = {"mean_cof": 0.6, "amplitude_cof": 0.1, "shortest_mm": 1.0, "longest_mm": 3.0, "tile_mm": 12.0}
+    plain = {
+        "mean_cof": 0.6,
+        "amplitude_cof": 0.1,
+        "shortest_mm": 1.0,
+        "longest_mm": 3.0,
+        "tile_mm": 12.0,
+    }
     return NoiseDescription(kind="noise", **(plain | keys))
 
 
@@ -42,12 +50,16 @@ def test_square_is_high_for_its_duty_and_turns_within_a_tenth_of_a_millimetre():
 
 def test_square_has_the_mean_of_its_duty():
     x_m = (np.arange(40_000) + 0.5) * 1e-6  # ten periods
-    assert grating(wave="square", duty=0.25).cof_at(x_m, np.zeros(1)).mean() == pytest.approx(0.55, abs=1e-6)
+    assert grating(wave="square", duty=0.25).cof_at(x_m, np.zeros(1)).mean() == pytest.approx(
+        0.55, abs=1e-6
+    )
 
 
 def test_sawtooth_rises_over_its_duty():
     triangle = grating(wave="sawtooth", duty=0.5)
-    assert along_x(triangle, [0, 0.5, 1, 1.5, 2, 3, 3.5]) == pytest.approx([0.6, 0.65, 0.7, 0.65, 0.6, 0.5, 0.55])
+    assert along_x(triangle, [0, 0.5, 1, 1.5, 2, 3, 3.5]) == pytest.approx(
+        [0.6, 0.65, 0.7, 0.65, 0.6, 0.5, 0.55]
+    )
     steep = grating(wave="sawtooth")  # rises for 3.9 mm, falls within 0.1 mm
     assert along_x(steep, [0, 1.95, 2.0, 2.05]) == pytest.approx([0.6, 0.7, 0.6, 0.5])
     falling = grating(wave="sawtooth", duty=0.0)
@@ -62,7 +74,9 @@ def test_phase_and_direction_move_and_turn_every_wave(wave):
     for along_mm in (0.3, 1.2, 2.6, 3.3):
         x_m, y_m = along_mm * 1e-3 * 0.5, along_mm * 1e-3 * math.sqrt(0.75)
         assert turned.cof_at(x_m, y_m) == pytest.approx(plain.cof_at(along_mm * 1e-3, 0.0))
-        assert moved.cof_at(along_mm * 1e-3, 0.0) == pytest.approx(plain.cof_at((along_mm + 1.0) * 1e-3, 0.0))
+        assert moved.cof_at(along_mm * 1e-3, 0.0) == pytest.approx(
+            plain.cof_at((along_mm + 1.0) * 1e-3, 0.0)
+        )
 
 
 def test_noise_is_the_sum_of_cosines_it_says():
@@ -106,7 +120,9 @@ def test_noise_reaches_its_amplitude_and_never_more(seed, shortest, ratio):
 
 def test_averaging_by_hand():
     # Five pixels of 0.04 mm make two of 0.1 mm: 1, 1, half of 4 | half of 4, 2, 3.
-    values, pitch_x_m, pitch_y_m = formulas.averaged(np.array([[1.0, 1.0, 4.0, 2.0, 3.0]]), 4e-5, 1e-3)
+    values, pitch_x_m, pitch_y_m = formulas.averaged(
+        np.array([[1.0, 1.0, 4.0, 2.0, 3.0]]), 4e-5, 1e-3
+    )
     np.testing.assert_allclose(values, [[4.0 / 2.5, 7.0 / 2.5]])
     assert (pitch_x_m, pitch_y_m) == (pytest.approx(1e-4), 1e-3)
 
@@ -126,4 +142,6 @@ def test_averaging_keeps_size_mean_and_bounds(rows, columns, pitch_um, seed):
     assert coarse.mean() == pytest.approx(values.mean(), abs=1e-10)
     assert values.min() <= coarse.min()
     assert coarse.max() <= values.max()
-    assert coarse_x_m >= 1e-4 * (1 - 1e-6) or coarse.shape[1] == 1 or coarse_x_m == pitch_x_m >= 1e-4
+    assert (
+        coarse_x_m >= 1e-4 * (1 - 1e-6) or coarse.shape[1] == 1 or coarse_x_m == pitch_x_m >= 1e-4
+    )

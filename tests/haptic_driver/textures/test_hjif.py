@@ -1,4 +1,6 @@
-"""MPEG .hjif friction: own fixtures with values worked out by hand, and a refusal for everything else."""
+"""MPEG .hjif friction: own fixtures with values worked out by hand, and a refusal for everything
+else.
+"""
 
 import copy
 import json
@@ -22,15 +24,33 @@ EFFECT = {
     ],
 }
 BAND = {"band_type": "Curve", "curve_type": "Linear", "effects": [EFFECT]}
-CHANNEL = {"id": 0, "gain": 1.0, "mixing_coefficient": 1.0, "body_part_mask": 0, "bands": [BAND], "vertices": []}
+CHANNEL = {
+    "id": 0,
+    "gain": 1.0,
+    "mixing_coefficient": 1.0,
+    "body_part_mask": 0,
+    "bands": [BAND],
+    "vertices": [],
+}
 FRICTION = {
-    "id": 3, "avatar_id": 0, "description": "", "perception_modality": "Friction", "effect_library": [],
+    "id": 3,
+    "avatar_id": 0,
+    "description": "",
+    "perception_modality": "Friction",
+    "effect_library": [],
     "channels": [CHANNEL],
-}  # fmt: skip
+}
 CONTENT = {
-    "version": "2023", "profile": "Main", "level": 1, "date": "2026-01-01", "description": "own fixture",
-    "timescale": 1000, "perceptions": [FRICTION], "avatars": [], "syncs": [],
-}  # fmt: skip
+    "version": "2023",
+    "profile": "Main",
+    "level": 1,
+    "date": "2026-01-01",
+    "description": "own fixture",
+    "timescale": 1000,
+    "perceptions": [FRICTION],
+    "avatars": [],
+    "syncs": [],
+}
 TOML = 'kind = "hjif"\nfile = "effect.hjif"\ncof_low = 0.5\ncof_high = 0.7\n'
 
 
@@ -54,7 +74,9 @@ E = (*B, "effects", 0)
 
 
 def load(folder, content, toml=TOML):
-    (folder / "effect.hjif").write_text(content if isinstance(content, str) else json.dumps(content))
+    (folder / "effect.hjif").write_text(
+        content if isinstance(content, str) else json.dumps(content)
+    )
     (folder / "effect.toml").write_text(toml)
     return load_texture(str(folder / "effect.toml"), [])
 
@@ -95,7 +117,8 @@ def test_curved_through_its_keyframes(tmp_path, kind):
 
 
 def test_natural_cubic_against_its_formula(tmp_path):
-    # One inner knot: second derivative m there, 4 m h/6 = (difference of the slopes); see any text on splines.
+    # One inner knot: second derivative m there, 4 m h/6 = (difference of the slopes); see any text
+    # on splines.
     curve = load(tmp_path, changed((*B, "curve_type"), ...))
     h, (a, b, c) = 20.0, (0.5, 0.66, 0.58)
     m = 1.5 * ((c - b) / h - (b - a) / h) / h
@@ -104,7 +127,10 @@ def test_natural_cubic_against_its_formula(tmp_path):
 
 
 def test_overshoot_of_a_curve_is_cut(tmp_path):
-    frames = [{"relative_position": 10 * i, "amplitude_modulation": a} for i, a in enumerate([0.0, 0.0, 1.0, 1.0, 1.0])]
+    frames = [
+        {"relative_position": 10 * i, "amplitude_modulation": a}
+        for i, a in enumerate([0.0, 0.0, 1.0, 1.0, 1.0])
+    ]
     content = changed((*E, "keyframes"), frames)
     content["perceptions"][0]["channels"][0]["bands"][0]["curve_type"] = "Cubic"
     curve = load(tmp_path, content)
@@ -135,7 +161,10 @@ def test_overshoot_of_a_curve_is_cut(tmp_path):
         (changed((*E, "keyframes"), EFFECT["keyframes"][:1]), "has 1 keyframes"),
         (changed((*E, "keyframes"), EFFECT["keyframes"][::-1]), "do not increase"),
         (changed((*E, "keyframes", 1, "amplitude_modulation"), -0.1), "amplitudes -0.1 to 0.4"),
-        (changed((*E, "keyframes", 1, "amplitude_modulation"), math.nan), "amplitude_modulation = nan"),
+        (
+            changed((*E, "keyframes", 1, "amplitude_modulation"), math.nan),
+            "amplitude_modulation = nan",
+        ),
         (changed((*P, "unit_exponent"), 3), "is 40000 m long"),
     ],
 )

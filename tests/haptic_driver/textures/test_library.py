@@ -16,8 +16,17 @@ from haptic_driver.render.texture import FrictionMap, Grating, Placed, Profile, 
 from haptic_driver.textures.library import load, load_texture, script_names, texture_names
 
 TEN = [
-    "braille", "brushed_metal", "fine_grating", "grating", "linen", "ramp", "ratchet", "ridges", "sandpaper", "uniform",
-]  # fmt: skip
+    "braille",
+    "brushed_metal",
+    "fine_grating",
+    "grating",
+    "linen",
+    "ramp",
+    "ratchet",
+    "ridges",
+    "sandpaper",
+    "uniform",
+]
 SHIPPED = [Path(__file__).parents[3] / "configs" / "textures"]
 MAP = 'kind = "map"\nfile = "{}"\npitch_mm = 2.0\n'
 NOISE = 'kind = "noise"\nmean_cof = 0.6\namplitude_cof = 0.1\n'
@@ -85,7 +94,9 @@ class TestShipped:
         assert isinstance(linen, FrictionMap)
         assert linen.cof.shape == (96, 96)
         assert linen.bounds() == pytest.approx((0.55, 0.70))
-        assert linen.cof_at(0.013, 0.007) == pytest.approx(linen.cof_at(0.013 - 0.024, 0.007 + 0.048))
+        assert linen.cof_at(0.013, 0.007) == pytest.approx(
+            linen.cof_at(0.013 - 0.024, 0.007 + 0.048)
+        )
 
     @pytest.mark.parametrize("name", TEN)
     def test_lies_where_the_default_model_reaches_and_says_what_it_is(self, name):
@@ -101,7 +112,9 @@ class TestNames:
         with pytest.raises(BadInputError, match="no texture 'linnen'") as caught:
             load_texture("linnen", SHIPPED)
         assert caught.value.code == "unknown_texture"
-        assert caught.value.hint.startswith("Did you mean 'linen'? textures: braille, brushed_metal, ")
+        assert caught.value.hint.startswith(
+            "Did you mean 'linen'? textures: braille, brushed_metal, "
+        )
 
     @pytest.mark.parametrize("name", ["", ".", "..", "a\0b", "uniform\n", "zzzz"])
     def test_odd_names_are_unknown(self, name):
@@ -124,7 +137,9 @@ class TestNames:
         (folder / "silk.v2.toml").write_text('kind = "uniform"\ncof = 0.9\n')
         assert load_texture("silk.v2", [folder]) == Uniform(0.9)
 
-    @pytest.mark.parametrize("name", ["gone/linnen.toml", "linnen.toml", "gone/linnen.csv", "gone/linnen"])
+    @pytest.mark.parametrize(
+        "name", ["gone/linnen.toml", "linnen.toml", "gone/linnen.csv", "gone/linnen"]
+    )
     def test_missing_file(self, name):
         with pytest.raises(BadInputError, match="does not exist") as caught:
             load_texture(name, SHIPPED)
@@ -160,7 +175,8 @@ class TestNames:
 class TestDescriptions:
     def test_grating_in_millimetres_and_degrees(self, folder):
         text = (
-            'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 8\ndirection_deg = 90\nphase_deg = 180'
+            'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 8\ndirection_deg ='
+            " 90\nphase_deg = 180"
         )
         assert write(folder, text) == Grating(0.6, 0.1, 0.008, math.pi / 2, math.pi)
 
@@ -178,8 +194,14 @@ class TestDescriptions:
             ('kind = "uniform"\ncof = 1' + "0" * 400, ": cof"),
             ('kind = "uniform"\ncof = true', ": cof"),
             ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0', ": period_mm"),
-            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = -0.1\nperiod_mm = 1', ": amplitude_cof"),
-            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.6\nperiod_mm = 1', "reach 0 to 1.2"),
+            (
+                'kind = "grating"\nmean_cof = 0.6\namplitude_cof = -0.1\nperiod_mm = 1',
+                ": amplitude_cof",
+            ),
+            (
+                'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.6\nperiod_mm = 1',
+                "reach 0 to 1.2",
+            ),
             ('kind = "profile"', "file is missing"),
             ('kind = "profile"\nfile = ""', ": file"),
             ('kind = "map"\nfile = "a.png"', "pitch_mm is missing"),
@@ -190,17 +212,38 @@ class TestDescriptions:
             ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = [1, nan]', ": origin_mm"),
             ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = 1', ": origin_mm"),
             ('kind = "map"\nfile = "a.png"\npitch_mm = 1\noutside = 1', ": outside"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\ncof_black = 0.5', "cof_black and cof_white go together"),
-            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0.19', ": period_mm"),
-            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nduty = 0.5', "not to a sine"),
             (
-                'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nwave = "square"\nduty = 0.9',
+                'kind = "map"\nfile = "a.png"\npitch_mm = 1\ncof_black = 0.5',
+                "cof_black and cof_white go together",
+            ),
+            (
+                'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0.19',
+                ": period_mm",
+            ),
+            (
+                'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nduty = 0.5',
+                "not to a sine",
+            ),
+            (
+                (
+                    'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nwave ='
+                    ' "square"\nduty = 0.9'
+                ),
                 "a part of 0.1 mm",
             ),
-            ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nwave = "round"', ": wave"),
+            (
+                (
+                    'kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 1\nwave ='
+                    ' "round"'
+                ),
+                ": wave",
+            ),
             (NOISE + "shortest_mm = 2\nlongest_mm = 1", "do not increase"),
             (NOISE + "shortest_mm = 1\nlongest_mm = 20", "do not increase"),
-            (NOISE + "shortest_mm = 0.2\nlongest_mm = 2\ntile_mm = 100", "'tile_mm': at most 23.33"),
+            (
+                NOISE + "shortest_mm = 0.2\nlongest_mm = 2\ntile_mm = 100",
+                "'tile_mm': at most 23.33",
+            ),
             (NOISE + "shortest_mm = 1\nlongest_mm = 2\nseed = -1", ": seed"),
             ('kind = "hjif"\nfile = "a.hjif"', "cof_low is missing"),
         ],
@@ -237,7 +280,9 @@ class TestDescriptions:
 
 class TestProfiles:
     def test_alone(self, folder):
-        profile = write(folder, "# comment\nposition_m , cof, note\n0.0, 0.5, a\n\n0.1, 0.7, b\n", "profile.csv")
+        profile = write(
+            folder, "# comment\nposition_m , cof, note\n0.0, 0.5, a\n\n0.1, 0.7, b\n", "profile.csv"
+        )
         assert profile == Profile([0.0, 0.1], [0.5, 0.7])
 
     def test_positions_in_millimetres(self, folder):
@@ -247,7 +292,10 @@ class TestProfiles:
 
     def test_along_another_direction_and_repeated(self, folder):
         (folder / "p.csv").write_text("position_mm,cof\n0,0.5\n10,0.7\n20,0.5\n")
-        more = 'kind = "profile"\nfile = "p.csv"\ndirection_deg = 90\norigin_mm = [0, 5]\noutside = "tile"\n'
+        more = (
+            'kind = "profile"\nfile = "p.csv"\ndirection_deg = 90\norigin_mm = [0, 5]\noutside ='
+            ' "tile"\n'
+        )
         profile = write(folder, more)
         assert profile.cof_at(0.3, 0.010) == pytest.approx(0.6)
         assert profile.cof_at(0.3, 0.015 + 0.040) == pytest.approx(0.7)
@@ -277,8 +325,14 @@ class TestProfiles:
     )
     def test_fault_is_named_with_file_and_line(self, folder, text, words):
         error = refused(folder, text, "profile.csv")
-        codes = {"missing": "missing_column", "separated": "bad_table", "not a number": "not_a_number"}
-        assert error.code == next((code for said, code in codes.items() if said in words), "bad_profile")
+        codes = {
+            "missing": "missing_column",
+            "separated": "bad_table",
+            "not a number": "not_a_number",
+        }
+        assert error.code == next(
+            (code for said, code in codes.items() if said in words), "bad_profile"
+        )
         assert words in error.message
         assert error.hint
 
@@ -310,20 +364,28 @@ class TestPictures:
 
     def test_black_may_be_the_higher_friction(self, folder):
         Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(folder / "a.png")
-        np.testing.assert_allclose(map_of(folder, "a.png", "cof_black = 0.7\ncof_white = 0.5\n").cof, [[0.7, 0.5]])
+        np.testing.assert_allclose(
+            map_of(folder, "a.png", "cof_black = 0.7\ncof_white = 0.5\n").cof, [[0.7, 0.5]]
+        )
 
     def test_pitch_place_and_outside(self, folder):
         Image.fromarray(np.array([[0, 255]], dtype=np.uint8)).save(folder / "a.png")
         where = SCALE + 'origin_mm = [10, -20.0]\nrotation_deg = 90\noutside = "tile"\n'
         placed = write(folder, MAP.format("a.png").replace("2.0", "[2.0, 3]") + where)
         assert isinstance(placed, Placed)
-        assert (placed.origin_x_m, placed.origin_y_m, placed.rotation_rad) == (0.010, -0.020, math.pi / 2)
+        assert (placed.origin_x_m, placed.origin_y_m, placed.rotation_rad) == (
+            0.010,
+            -0.020,
+            math.pi / 2,
+        )
         picture = placed.texture
         assert (picture.pitch_x_m, picture.pitch_y_m, picture.outside) == (0.002, 0.003, "tile")
 
     @pytest.mark.parametrize("mode", ["RGB", "RGBA", "LA", "P"])
     def test_grey_saved_as_opaque_colour_is_grey(self, folder, mode):
-        Image.fromarray(np.array([[0, 51, 255]], dtype=np.uint8)).convert(mode).save(folder / "a.png")
+        Image.fromarray(np.array([[0, 51, 255]], dtype=np.uint8)).convert(mode).save(
+            folder / "a.png"
+        )
         np.testing.assert_allclose(map_of(folder, "a.png").cof, [[0.5, 0.54, 0.7]])
 
     def test_colour_is_refused_with_its_place(self, folder):
@@ -359,7 +421,9 @@ class TestPictures:
         png(folder / "a.png", 0, 5, bits=8, colour_type=0)
         assert "is empty" in map_refused(folder, "a.png").message
 
-    @pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff\xe0 a photo", b"GIF89a" + b"0" * 40])
+    @pytest.mark.parametrize(
+        "content", [b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff\xe0 a photo", b"GIF89a" + b"0" * 40]
+    )
     def test_something_else_is_no_png(self, folder, content):
         (folder / "a.png").write_bytes(content)
         error = map_refused(folder, "a.png")
@@ -387,7 +451,9 @@ class TestFinePictures:
     """Detail finer than 0.1 mm is averaged: a sliding finger would pick from it by chance."""
 
     def test_stripes_finer_than_a_finger_can_be_driven_become_their_mean(self, folder):
-        Image.fromarray(np.tile(np.array([0, 255], dtype=np.uint8), (4, 100))).save(folder / "a.png")
+        Image.fromarray(np.tile(np.array([0, 255], dtype=np.uint8), (4, 100))).save(
+            folder / "a.png"
+        )
         picture = write(folder, MAP.format("a.png").replace("2.0", "0.01") + SCALE)
         np.testing.assert_allclose(picture.cof, 0.6, atol=1e-12)
         assert picture.pitch_x_m * picture.cof.shape[1] == pytest.approx(200 * 1e-5)
@@ -402,7 +468,9 @@ class TestFinePictures:
 class TestArrays:
     def test_npy_of_cof(self, folder):
         np.save(folder / "a.npy", np.array([[0.5, 0.6], [0.7, 0.8]], dtype=np.float32))
-        np.testing.assert_allclose(map_of(folder, "a.npy", "").cof, [[0.5, 0.6], [0.7, 0.8]], rtol=1e-7)
+        np.testing.assert_allclose(
+            map_of(folder, "a.npy", "").cof, [[0.5, 0.6], [0.7, 0.8]], rtol=1e-7
+        )
 
     def test_npy_with_scale(self, folder):
         np.save(folder / "a.npy", np.asfortranarray([[0.0, 0.25, 1.0], [1.0, 0.0, 0.0]]))
@@ -435,7 +503,11 @@ class TestArrays:
 
     def test_npy_whose_header_asks_for_all_memory(self, folder):
         np.save(folder / "a.npy", np.zeros((1, 1)))
-        content = (folder / "a.npy").read_bytes().replace(b"(1, 1), }" + b" " * 20, b"(10000000000, 10000000000), }")
+        content = (
+            (folder / "a.npy")
+            .read_bytes()
+            .replace(b"(1, 1), }" + b" " * 20, b"(10000000000, 10000000000), }")
+        )
         (folder / "a.npy").write_bytes(content)
         assert "more than 4 million" in map_refused(folder, "a.npy").message
 
@@ -468,7 +540,9 @@ class TestArrays:
         assert words in error.message
 
 
-DAMAGE = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=4)
+DAMAGE = st.lists(
+    st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=4
+)
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
@@ -481,7 +555,9 @@ def test_a_damaged_file_loads_or_is_refused_and_nothing_else(folder, damage, kee
     elif suffix == "csv":
         np.savetxt(folder / name, grey / 255, delimiter=",")
     else:
-        Image.fromarray(grey if suffix == "png" else grey.astype(np.uint16) * 257).save(folder / name)
+        Image.fromarray(grey if suffix == "png" else grey.astype(np.uint16) * 257).save(
+            folder / name
+        )
     content = bytearray((folder / name).read_bytes())
     for place, byte in damage:
         content[int(place**3 * len(content))] = byte  # mostly in the header
@@ -494,6 +570,8 @@ def test_a_damaged_file_loads_or_is_refused_and_nothing_else(folder, damage, kee
 
 
 def test_a_name_too_long_for_a_file_system_is_unknown(tmp_path):
-    """Bug: 200 two-byte characters raised OSError, which the API would have answered with status 500."""
+    """Bug: 200 two-byte characters raised OSError, which the API would have answered with status
+    500.
+    """
     with pytest.raises(BadInputError, match="no texture"):
         load("ä" * 200, [tmp_path])

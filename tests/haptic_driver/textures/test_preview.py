@@ -10,7 +10,11 @@ from haptic_driver.render.texture import FrictionMap, Grating, Profile, Script, 
 
 HALVES = Profile([0.0, 0.040, 0.041, 0.080], [0.5, 0.5, 0.8, 0.8])
 SCRIPT = Script(
-    (Step(0.0, Uniform(0.6), "linear", "up"), Step(1.0, Uniform(0.8)), Step(2.0, Uniform(0.6), label="end"))
+    (
+        Step(0.0, Uniform(0.6), "linear", "up"),
+        Step(1.0, Uniform(0.8)),
+        Step(2.0, Uniform(0.6), label="end"),
+    )
 )
 
 
@@ -18,14 +22,17 @@ def test_low_friction_is_dark_and_high_is_bright(tmp_path):
     preview(HALVES, tmp_path / "a.png", "halves")
     picture = matplotlib.image.imread(tmp_path / "a.png")[..., :3]
     dark, bright = (
-        np.all(np.abs(picture - colour) < 0.02, axis=2) for colour in ((0.267, 0.005, 0.329), (0.993, 0.906, 0.144))
+        np.all(np.abs(picture - colour) < 0.02, axis=2)
+        for colour in ((0.267, 0.005, 0.329), (0.993, 0.906, 0.144))
     )
     assert dark.sum() > 20_000
     assert bright.sum() > 20_000
     assert np.argwhere(dark)[:, 1].mean() < np.argwhere(bright)[:, 1].mean()  # rising to the right
 
 
-@pytest.mark.parametrize("target", [SCRIPT, Uniform(0.6), FrictionMap(np.array([[0.5, 0.7]]), 1e-3, 1e-3)])
+@pytest.mark.parametrize(
+    "target", [SCRIPT, Uniform(0.6), FrictionMap(np.array([[0.5, 0.7]]), 1e-3, 1e-3)]
+)
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_every_kind_can_be_drawn(tmp_path, target, suffix):
     preview(target, tmp_path / "new" / f"a{suffix}", "title")
@@ -41,7 +48,12 @@ def test_contact_sheet_grows_with_what_it_holds(tmp_path):
 
 @pytest.mark.parametrize(
     ("texture", "window_m"),
-    [(Grating(0.6, 0.1, 0.001), 0.010), (Grating(0.6, 0.1, 0.010), 0.040), (HALVES, 0.080), (Uniform(0.6), 0.010)],
+    [
+        (Grating(0.6, 0.1, 0.001), 0.010),
+        (Grating(0.6, 0.1, 0.010), 0.040),
+        (HALVES, 0.080),
+        (Uniform(0.6), 0.010),
+    ],
 )
 def test_window_fits_the_texture(texture, window_m):
     assert _window_m(texture) == window_m

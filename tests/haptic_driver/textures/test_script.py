@@ -1,4 +1,6 @@
-"""Timed target scripts: CSV and TOML alike, textures by name, and what is refused with which words."""
+"""Timed target scripts: CSV and TOML alike, textures by name, and what is refused with which
+words.
+"""
 
 from pathlib import Path
 
@@ -10,7 +12,10 @@ from haptic_driver.signals import FingerState
 from haptic_driver.textures.library import load
 
 SHIPPED = [Path(__file__).parents[3] / "configs" / "textures"]
-TABLE = "time_s,cof,texture,interpolation,label\n0,0.6,,,start\n1,0.7,,linear,\n2,,uniform,cosine,fade\n3,,mine,,end\n"
+TABLE = (
+    "time_s,cof,texture,interpolation,label\n"
+    "0,0.6,,,start\n1,0.7,,linear,\n2,,uniform,cosine,fade\n3,,mine,,end\n"
+)
 TOML = """
 kind = "script"
 interpolation = "{}"
@@ -49,7 +54,9 @@ def refused(folder, text, name="script.csv"):
     return caught.value
 
 
-@pytest.mark.parametrize(("text", "name"), [(TABLE, "script.csv"), (TOML.format("hold"), "script.toml")])
+@pytest.mark.parametrize(
+    ("text", "name"), [(TABLE, "script.csv"), (TOML.format("hold"), "script.toml")]
+)
 def test_csv_and_toml_say_the_same(folder, text, name):
     script = read(folder, text, name)
     assert [s.time_s for s in script.steps] == [0.0, 1.0, 2.0, 3.0]
@@ -58,7 +65,11 @@ def test_csv_and_toml_say_the_same(folder, text, name):
     assert isinstance(script.steps[3].texture, Profile)  # found beside the script
     assert [at(script, t) for t in (0.5, 1.5, 2.5)] == pytest.approx([0.6, 0.65, 0.6])
     assert at(script, 2.5, x_m=0.1) == pytest.approx(0.65)  # halfway from 0.6 to the profile's 0.7
-    assert script.markers(-1.0, 9.0) == (Marker(0.0, "start"), Marker(2.0, "fade"), Marker(3.0, "end"))
+    assert script.markers(-1.0, 9.0) == (
+        Marker(0.0, "start"),
+        Marker(2.0, "fade"),
+        Marker(3.0, "end"),
+    )
 
 
 def test_interpolation_for_steps_that_do_not_say(folder):
@@ -72,7 +83,14 @@ def test_interpolation_for_steps_that_do_not_say(folder):
 
 def test_shipped_script():
     loaded = load("steps", SHIPPED)
-    assert [m.label for m in loaded.target.markers(-1.0, 9.0)] == ["low", "high", "ramp", "fade", "linen", "end"]
+    assert [m.label for m in loaded.target.markers(-1.0, 9.0)] == [
+        "low",
+        "high",
+        "ramp",
+        "fade",
+        "linen",
+        "end",
+    ]
     assert [at(loaded.target, t) for t in (0.5, 1.5, 2.5)] == pytest.approx([0.60, 0.75, 0.675])
 
 
@@ -86,7 +104,10 @@ def test_shipped_script():
         ("time_s,cof\n0,0.6\nnan,0.7\n", "line 3: time_s is 'nan', not a number"),
         ("time_s,cof\n0,0.6\nx,0.7\n", "line 3: time_s is 'x', not a number"),
         ("time_s,cof\n0,-0.6\n1,0.7\n", "line 2: cof"),
-        ("time_s,cof,texture\n0,0.6,uniform\n1,0.7,\n", "line 2: a step has either a cof or a texture"),
+        (
+            "time_s,cof,texture\n0,0.6,uniform\n1,0.7,\n",
+            "line 2: a step has either a cof or a texture",
+        ),
         ("time_s,cof\n0,\n1,0.7\n", "line 2: a step has either a cof or a texture"),
         ("time_s,cof,interpolation\n0,0.6,sudden\n1,0.7,\n", "line 2: interpolation"),
         ("time_s,texture\n0,linnen\n1,linen\n", "line 2: there is no texture 'linnen'"),
@@ -105,7 +126,10 @@ def test_fault_is_named_with_its_line(folder, text, words):
 @pytest.mark.parametrize("name", ["round", "a"])
 def test_scripts_in_a_circle_are_refused(folder, name):
     for own, other in (("a", "b"), ("b", "a"), ("round", "round")):
-        text = f'kind = "script"\nstep = [{{ time_s = 0, texture = "{other}" }}, {{ time_s = 1, cof = 0.6 }}]\n'
+        text = (
+            f'kind = "script"\nstep = [{{ time_s = 0, texture = "{other}" }}, {{ time_s = 1, cof ='
+            " 0.6 }]\n"
+        )
         (folder / f"{own}.toml").write_text(text)
     with pytest.raises(BadInputError, match="is a script itself"):
         load(name, [folder])
@@ -120,10 +144,16 @@ def test_unknown_texture_and_column_get_the_nearest(folder):
     ("text", "words"),
     [
         ("", "either the key 'file' or tables [[step]]"),
-        ('file = "a.csv"\nstep = [{ time_s = 0, cof = 0.6 }, { time_s = 1, cof = 0.6 }]', "either the key 'file'"),
+        (
+            'file = "a.csv"\nstep = [{ time_s = 0, cof = 0.6 }, { time_s = 1, cof = 0.6 }]',
+            "either the key 'file'",
+        ),
         ("step = [{ time_s = 0, cof = 0.6 }]", "step: "),
         ("step = [{ time_s = 0, cof = 0.6 }, { time_s = 1, cof = 99.0 }]", "step.1.cof: "),
-        ("step = [{ time_s = 0, cof = 0.6 }, { time_s = 0, cof = 0.7 }]", "step 2: time_s 0 comes after 0"),
+        (
+            "step = [{ time_s = 0, cof = 0.6 }, { time_s = 0, cof = 0.7 }]",
+            "step 2: time_s 0 comes after 0",
+        ),
         ('file = "gone.csv"', "gone.csv does not exist"),
     ],
 )

@@ -25,12 +25,19 @@ def series(texture, tile_m=0.064, speed_m_s=0.05):
     """Frequencies and mean squares of the waves that a finger at that speed crosses in one tile."""
     count = 1 << 16
     cof = texture.cof_at(tile_m * np.arange(count) / count, np.zeros(count))
-    return np.arange(1, count // 2) * speed_m_s / tile_m, 2.0 * np.abs(np.fft.rfft(cof)[1:-1] / count) ** 2
+    return (
+        np.arange(1, count // 2) * speed_m_s / tile_m,
+        2.0 * np.abs(np.fft.rfft(cof)[1:-1] / count) ** 2,
+    )
 
 
 def ringing(frequency_hz):
     """Coefficients of a process that rings at a frequency, at 2000 samples per second."""
-    return np.poly(0.98 * np.exp(np.array([1j, -1j]) * math.tau * frequency_hz / 2000.0)).real[1:].tolist()
+    return (
+        np.poly(0.98 * np.exp(np.array([1j, -1j]) * math.tau * frequency_hz / 2000.0))
+        .real[1:]
+        .tolist()
+    )
 
 
 def process(speed_mm_s, normal_force_n, ar, more="", rate="rate_hz = 2000\n"):
@@ -58,7 +65,9 @@ def test_at_twice_the_speed_every_frequency_doubles(tmp_path):
 
 
 def test_waves_that_no_finger_follows_are_left_out(tmp_path):
-    slow = in_bands(load(tmp_path, BANDS + "speed_mm_s = 10\n"), speed_m_s=0.01)  # 0.05 mm are 200 Hz
+    slow = in_bands(
+        load(tmp_path, BANDS + "speed_mm_s = 10\n"), speed_m_s=0.01
+    )  # 0.05 mm are 200 Hz
     assert slow[:6] == pytest.approx(RMS[:6], rel=0.025, abs=1e-3)
     assert slow[7:] == pytest.approx(0.0, abs=1e-3)
 
@@ -67,7 +76,8 @@ def test_gain_and_inverse_of_the_finger(tmp_path):
     plain = in_bands(load(tmp_path, BANDS))
     assert in_bands(load(tmp_path, BANDS + "perceptual_gain = 3\n")) == pytest.approx(3.0 * plain)
     inverted = in_bands(load(tmp_path, BANDS + "invert_finger = true\n"))
-    # A finger at 50 mm/s is cut off at 690 Hz: waves of 504 to 800 Hz need 1.24 to 1.53 times as much.
+    # A finger at 50 mm/s is cut off at 690 Hz: waves of 504 to 800 Hz need 1.24 to 1.53 times as
+    # much.
     assert 1.24 < inverted[8] / plain[8] < 1.54
     assert inverted[0] == pytest.approx(plain[0], rel=1e-3)
 
@@ -79,7 +89,9 @@ def test_a_beta_form_has_its_energy_and_the_mean_and_spread_of_its_distribution(
     assert math.sqrt(square.sum()) == pytest.approx(0.05, rel=0.01)
     mean = np.sum(place * square) / square.sum()
     assert mean == pytest.approx(4.0 / 6.0, abs=0.01)
-    assert np.sum((place - mean) ** 2 * square) / square.sum() == pytest.approx(8.0 / (36.0 * 7.0), rel=0.05)
+    assert np.sum((place - mean) ** 2 * square) / square.sum() == pytest.approx(
+        8.0 / (36.0 * 7.0), rel=0.05
+    )
 
 
 def test_an_autoregressive_form_rings_where_its_poles_are(tmp_path):
@@ -95,30 +107,41 @@ def finger(speed_m_s, normal_force_n, x_m, y_m=0.0):
 
 def test_processes_change_with_speed_and_load_and_stay_where_they_are(tmp_path):
     given = ((20, 0.2, 100.0), (20, 1.0, 200.0), (160, 0.2, 300.0), (160, 1.0, 400.0))
-    text = "".join(process(v, n, ringing(f), rate="" if i else "rate_hz = 2000\n") for i, (v, n, f) in enumerate(given))
+    text = "".join(
+        process(v, n, ringing(f), rate="" if i else "rate_hz = 2000\n")
+        for i, (v, n, f) in enumerate(given)
+    )
     texture = load(tmp_path, text)
     for speed_mm_s, load_n, ring_hz in (*given, (160, 3.0, 400.0), (300, 0.2, 300.0 * 300 / 160)):
         met = texture.under(1e-3 * speed_mm_s, load_n)
         frequency_hz, square = series(met, speed_m_s=1e-3 * speed_mm_s)
         assert math.sqrt(square.sum()) == pytest.approx(0.02, rel=0.02)
         assert frequency_hz[square.argmax()] == pytest.approx(ring_hz, rel=0.04)
-    # Between them everything lies between, and neighbouring speeds have nearly the same waves: it is one surface.
+    # Between them everything lies between, and neighbouring speeds have nearly the same waves: it
+    # is one surface.
     met = [texture.under(speed_m_s, 0.2) for speed_m_s in (0.060, 0.062)]
     frequency_hz, square = series(met[0], speed_m_s=0.060)
     assert 100.0 < frequency_hz[square.argmax()] < 300.0
     first, second = (one.cof_at(np.linspace(0.0, 0.064, 5000), np.zeros(5000)) for one in met)
     assert np.corrcoef(first, second)[0, 1] > 0.97
-    # The ticks ask the same as pictures do, by the finger's own speed and load; who rests is at the slowest.
+    # The ticks ask the same as pictures do, by the finger's own speed and load; who rests is at the
+    # slowest.
     ahead_s = np.arange(20) * 5e-5
     along = texture.cof_along(finger(0.08, 0.6, 0.01), ahead_s)
-    assert along == pytest.approx(texture.under(0.08, 0.6).cof_at(0.01 + 0.08 * ahead_s, np.zeros(20)))
+    assert along == pytest.approx(
+        texture.under(0.08, 0.6).cof_at(0.01 + 0.08 * ahead_s, np.zeros(20))
+    )
     assert texture.cof_under(finger(0.08, 0.6, 0.01)) == pytest.approx(along[0])
-    assert texture.cof_under(finger(0.0, 0.2, 0.01)) == pytest.approx(texture.under(0.02, 0.2).cof_at(0.01, 0.0))
+    assert texture.cof_under(finger(0.0, 0.2, 0.01)) == pytest.approx(
+        texture.under(0.02, 0.2).cof_at(0.01, 0.0)
+    )
     assert math.isnan(texture.cof_under(finger(0.0, 0.2, math.inf)))
 
 
 def test_processes_on_one_line_of_speeds_are_enough(tmp_path):
-    texture = load(tmp_path, process(20, 0.5, ringing(100.0)) + process(80, 0.5, ringing(200.0), rate=""))
+    texture = load(
+        tmp_path, process(20, 0.5, ringing(100.0)) + process(80, 0.5, ringing(200.0), rate="")
+    )
     frequency_hz, square = series(texture.under(0.08, 0.7), speed_m_s=0.08)
     assert frequency_hz[square.argmax()] == pytest.approx(200.0, rel=0.04)
 
@@ -127,7 +150,11 @@ def test_processes_on_one_line_of_speeds_are_enough(tmp_path):
 def test_any_mixture_of_two_processes_that_die_away_dies_away(order):
     rng = np.random.default_rng(order)
     for _ in range(20):
-        zeros = 0.99 * np.sqrt(rng.random((2, order // 2))) * np.exp(1j * math.pi * rng.random((2, order // 2)))
+        zeros = (
+            0.99
+            * np.sqrt(rng.random((2, order // 2)))
+            * np.exp(1j * math.pi * rng.random((2, order // 2)))
+        )
         pair = [np.poly([*z, *z.conj(), *([0.9] if order % 2 else [])]).real[1:] for z in zeros]
         one, other = (reflections(ar) for ar in pair)
         assert coefficients(one) == pytest.approx(pair[0], abs=1e-6)
@@ -138,7 +165,9 @@ def test_any_mixture_of_two_processes_that_die_away_dies_away(order):
 def test_it_repeats_without_a_seam_and_in_its_direction(tmp_path):
     texture = load(tmp_path, BANDS + "direction_deg = 90\n")
     places = np.array([0.0, 0.0123, 0.0639])
-    assert texture.cof_at(0.0 * places, places) == pytest.approx(texture.cof_at(0.5 + 0.0 * places, places + 0.064))
+    assert texture.cof_at(0.0 * places, places) == pytest.approx(
+        texture.cof_at(0.5 + 0.0 * places, places + 0.064)
+    )
 
 
 @pytest.mark.parametrize(
@@ -158,8 +187,14 @@ def test_it_repeats_without_a_seam_and_in_its_direction(tmp_path):
         (BANDS + "ma = [0.1]\n", "'ma' goes together with ar"),
         (process(20, 0.5, [-1.1]), "key 'ar' has a zero on or outside the unit circle"),
         (process(20, 0.5, [0.0, 1.0]), "key 'ar' has a zero on or outside the unit circle"),
-        (process(20, 0.5, [0.1], "ma = [-2.0]\n"), "key 'ma' has a zero on or outside the unit circle"),
-        (process(20, 0.5, [0.1]) + process(40, 0.5, [0.1, 0.1], rate=""), "unequal numbers of coefficients"),
+        (
+            process(20, 0.5, [0.1], "ma = [-2.0]\n"),
+            "key 'ma' has a zero on or outside the unit circle",
+        ),
+        (
+            process(20, 0.5, [0.1]) + process(40, 0.5, [0.1, 0.1], rate=""),
+            "unequal numbers of coefficients",
+        ),
         (process(20, 0.5, [0.1], rate=""), "'rate_hz' goes together with ar or process"),
     ],
 )

@@ -1,4 +1,6 @@
-"""Pictures of textures: where things are, and that nothing is made up where they are finer than a cell."""
+"""Pictures of textures: where things are, and that nothing is made up where they are finer than a
+cell.
+"""
 
 import math
 

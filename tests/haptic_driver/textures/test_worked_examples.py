@@ -10,12 +10,16 @@ from haptic_driver.config import texture_dirs
 from haptic_driver.textures.library import load
 
 PAGE = Path(__file__).parents[3] / "docs" / "textures.md"
-NAMED = re.compile(r"`([a-z]+\.(?:toml|csv|hjif))`[^`]*:\n\n```(?:toml|csv|json)\n(.*?)```", re.DOTALL)
+NAMED = re.compile(
+    r"`([a-z]+\.(?:toml|csv|hjif))`[^`]*:\n\n```(?:toml|csv|json)\n(.*?)```", re.DOTALL
+)
 
 
 @pytest.fixture
 def page(tmp_path, monkeypatch):
-    """The page's text, in a folder with all the files that it shows and that its first snippet writes."""
+    """The page's text, in a folder with all the files that it shows and that its first snippet
+    writes.
+    """
     monkeypatch.chdir(tmp_path)
     text = PAGE.read_text(encoding="utf-8")
     for name, content in NAMED.findall(text):
@@ -41,12 +45,17 @@ def test_textures(page, name, x_m, y_m, cof):
 
 
 def test_grains_spectra_and_scripts(page):
-    assert load("./grains.toml", texture_dirs()).target.bounds() == pytest.approx((0.53, 0.77), abs=0.02)
+    assert load("./grains.toml", texture_dirs()).target.bounds() == pytest.approx(
+        (0.53, 0.77), abs=0.02
+    )
     low, high = load("./weave.toml", texture_dirs()).target.bounds()
     assert 0.5 < low < 0.65
     assert 0.71 < high < 0.9
     tweed = load("./tweed.toml", texture_dirs()).target
-    slow, fast = (tweed.under(speed_m_s, 0.5).cof_at(np.linspace(0.0, 0.064, 5000), 0.0) for speed_m_s in (0.02, 0.12))
+    slow, fast = (
+        tweed.under(speed_m_s, 0.5).cof_at(np.linspace(0.0, 0.064, 5000), 0.0)
+        for speed_m_s in (0.02, 0.12)
+    )
     assert (slow.std(), fast.std()) == pytest.approx((0.012, 0.020), rel=0.05)
     assert load("./edge.csv", texture_dirs()).kind == "profile"
     for name in ("./trial.csv", "./trial.toml"):

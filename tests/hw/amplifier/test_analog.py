@@ -68,7 +68,9 @@ def test_a_dead_line_is_unknown_and_disabling_does_not_raise() -> None:
         amplifier.enable()
 
 
-@pytest.mark.parametrize(("reading_v", "voltage_v"), [(2.5, 250.0), (math.nan, None), (math.inf, None)])
+@pytest.mark.parametrize(
+    ("reading_v", "voltage_v"), [(2.5, 250.0), (math.nan, None), (math.inf, None)]
+)
 def test_the_monitor_is_scaled(reading_v: float, voltage_v: float | None) -> None:
     assert AnalogAmplifier(SETTINGS, None, Monitor(reading_v)).monitor_voltage_v() == voltage_v
 
@@ -123,7 +125,9 @@ class Level:
         (None, None, AmplifierState.UNKNOWN),
     ],
 )
-def test_what_is_known_from_the_lines_there_are(enable: Any, fault: Any, state: AmplifierState) -> None:
+def test_what_is_known_from_the_lines_there_are(
+    enable: Any, fault: Any, state: AmplifierState
+) -> None:
     assert AnalogAmplifier(SETTINGS, enable, None, fault=fault).state is state
 
 
@@ -135,9 +139,13 @@ def test_a_fault_line_may_be_low_when_it_means_fault() -> None:
 
 
 def test_current_is_scaled_and_the_simulated_amplifier_trips_on_it() -> None:
-    box = TrippingAmplifier(100.0, 700.0, current_monitor_v_per_a=50.0, current_limit_a=0.01, panel_capacitance_f=1e-8)
+    box = TrippingAmplifier(
+        100.0, 700.0, current_monitor_v_per_a=50.0, current_limit_a=0.01, panel_capacitance_f=1e-8
+    )
     settings = replace(SETTINGS, current_monitor_v_per_a=50.0)
-    amplifier = AnalogAmplifier(settings, box, box, current_monitor=box.current_monitor, fault=box.fault_line)
+    amplifier = AnalogAmplifier(
+        settings, box, box, current_monitor=box.current_monitor, fault=box.fault_line
+    )
     amplifier.enable()
     box.drive(TerminalOutput(1e3, 1.0, 0.0, True))  # 2 pi 1 kHz 10 nF 100 V = 6.28 mA
     assert amplifier.monitor_current_a() == pytest.approx(6.283e-3, rel=1e-3)

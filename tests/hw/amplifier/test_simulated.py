@@ -23,11 +23,16 @@ def test_gain_clip_and_offset() -> None:
     [
         (TerminalOutput(1e3, 1.5, 0.0, True), 9.4248e-3),  # 2 pi * 1 kHz * 10 nF * 150 V
         (TerminalOutput(1e3, 1.5, -1.0, True), 9.4248e-3),
-        (TerminalOutput(1e3, 0.0, 2.0, True), 0.0),  # a constant voltage, whatever the frequency was before
+        (
+            TerminalOutput(1e3, 0.0, 2.0, True),
+            0.0,
+        ),  # a constant voltage, whatever the frequency was before
     ],
 )
 def test_only_what_alternates_drives_a_current(output: TerminalOutput, current_a: float) -> None:
-    amplifier = TrippingAmplifier(100.0, 300.0, enabled=True, panel_capacitance_f=10e-9, current_limit_a=9.5e-3)
+    amplifier = TrippingAmplifier(
+        100.0, 300.0, enabled=True, panel_capacitance_f=10e-9, current_limit_a=9.5e-3
+    )
     amplifier.drive(output)
     assert amplifier.current_a == pytest.approx(current_a, rel=1e-4)
     assert not amplifier.tripped

@@ -1,4 +1,6 @@
-"""A simulated card in this process, for tests of what uses an analog output; its time passes in steps."""
+"""A simulated card in this process, for tests of what uses an analog output; its time passes in
+steps.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ Array = NDArray[np.float64]
 class SteppedAnalogOutput(SimulatedAnalogOutput):
     """An analog output that nobody watches; `advance` lets time pass.
 
-    `terminal_v` is what is at the terminal now, `played_v` every sample of streams so far, `broken` makes every access
-    fail as an unplugged card does.
+    `terminal_v` is what is at the terminal now, `played_v` every sample of streams so far, `broken`
+    makes every access fail as an unplugged card does.
     """
 
     def __init__(self, settings: AnalogOutputSettings) -> None:
@@ -32,7 +34,9 @@ class SteppedAnalogOutput(SimulatedAnalogOutput):
         return self.card.terminal_v(self.time_s, self.time_s)
 
     def advance(self, dt_s: float) -> float:
-        """Let time pass; return the level at the terminal at its end, V, after what was not refreshed went to zero."""
+        """Let time pass; return the level at the terminal at its end, V, after what was not
+        refreshed went to zero.
+        """
         with self._exclusive():
             self.play(dt_s)
             self._expire()
@@ -46,7 +50,8 @@ class SteppedAnalogOutput(SimulatedAnalogOutput):
         played = before - self.card.waiting(self.time_s) if told.rate_hz else 0
         first = told.written - before
         self.played_v += [
-            float(v) for v in self.card._samples[np.arange(first, first + played) % self.card._samples.size]
+            float(v)
+            for v in self.card._samples[np.arange(first, first + played) % self.card._samples.size]
         ]
 
     def _connected(self) -> CardMemory:

@@ -21,9 +21,13 @@ def record(frequency_hz, n, parts, mean=0.0, rate_hz=RATE_HZ):
 def test_amplitudes_phases_and_mean_of_an_exact_signal(frequency_hz):
     parts = {1: (1.7, 0.6), 2: (0.05, -2.0), 3: (0.02, 1.1)}
     n = whole_periods(frequency_hz, RATE_HZ, 0.1)
-    two = np.column_stack([record(frequency_hz, n, parts, 0.3), record(frequency_hz, n, {1: (0.2, -3.0)})])
+    two = np.column_stack(
+        [record(frequency_hz, n, parts, 0.3), record(frequency_hz, n, {1: (0.2, -3.0)})]
+    )
     found = demodulate(two, RATE_HZ, frequency_hz)
-    np.testing.assert_allclose(found.fundamental, [1.7 * np.exp(0.6j), 0.2 * np.exp(-3.0j)], atol=1e-9)
+    np.testing.assert_allclose(
+        found.fundamental, [1.7 * np.exp(0.6j), 0.2 * np.exp(-3.0j)], atol=1e-9
+    )
     np.testing.assert_allclose(found.second, [0.05 * np.exp(-2.0j), 0.0], atol=1e-9)
     np.testing.assert_allclose(found.third, [0.02 * np.exp(1.1j), 0.0], atol=1e-9)
     np.testing.assert_allclose(found.mean, [0.3, 0.0], atol=1e-9)
@@ -38,7 +42,8 @@ def test_noise_shrinks_with_the_root_of_the_record_and_is_told():
         found = demodulate(signal, RATE_HZ, 250.0)
         error = found.fundamental - np.exp(0.4j)
         spread[n] = np.sqrt(np.mean(np.abs(error) ** 2) / 2)
-        # Hann's equivalent noise bandwidth of 1.5 bins: variance 2 s^2 / n of each part, times 1.5 (Harris 1978)
+        # Hann's equivalent noise bandwidth of 1.5 bins: variance 2 s^2 / n of each part, times 1.5
+        # (Harris 1978)
         assert spread[n] == pytest.approx(0.1 * np.sqrt(3.0 / n), rel=0.08)
         assert np.mean(found.std) == pytest.approx(spread[n], rel=0.08)
     assert spread[400] / spread[6400] == pytest.approx(4.0, rel=0.15)

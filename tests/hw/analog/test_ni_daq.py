@@ -1,4 +1,6 @@
-"""NI cards against a fake nidaqmx that knows only what the package documents, with its real constants and errors."""
+"""NI cards against a fake nidaqmx that knows only what the package documents, with its real
+constants and errors.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +17,40 @@ import numpy as np
 import pytest
 from nidaqmx.task import InStream, OutStream
 from nidaqmx.task import Timing as RealTiming
-from nidaqmx.task.collections import AIChannelCollection, AOChannelCollection, DIChannelCollection, DOChannelCollection
+from nidaqmx.task.collections import (
+    AIChannelCollection,
+    AOChannelCollection,
+    DIChannelCollection,
+    DOChannelCollection,
+)
 
 from hw.amplifier.analog import AmplifierSettings, AmplifierState, AnalogAmplifier
-from hw.analog.ni_daq import NiAnalogInput, NiAnalogInputs, NiAnalogOutput, NiDigitalInput, NiDigitalOutput
+from hw.analog.ni_daq import (
+    NiAnalogInput,
+    NiAnalogInputs,
+    NiAnalogOutput,
+    NiDigitalInput,
+    NiDigitalOutput,
+)
 from hw.analog.output import AnalogOutputSettings, OutputUnderrun
-from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, InstrumentRejected, LimitExceeded
+from hw.errors import (
+    DeviceDisconnected,
+    DeviceError,
+    DeviceTimeout,
+    InstrumentRejected,
+    LimitExceeded,
+)
 
 constants = nidaqmx.constants
 NAMES = ("Dev1/ai0", "Dev1/ai1", "Dev1/ai2")
 SETTINGS = AnalogOutputSettings(
-    low_v=-5.0, high_v=5.0, zero_level_v=-5.0, sample_rate_limit_hz=100e3, buffer_s=0.1, lease_s=0.5, timeout_s=0.2
+    low_v=-5.0,
+    high_v=5.0,
+    zero_level_v=-5.0,
+    sample_rate_limit_hz=100e3,
+    buffer_s=0.1,
+    lease_s=0.5,
+    timeout_s=0.2,
 )
 
 
@@ -35,11 +60,13 @@ def daq_error(code: int, text: str) -> Exception:
 
 
 class Card:
-    """What is behind the driver: a clock, input signals, a port, one output that keeps its last sample."""
+    """What is behind the driver: a clock, input signals, a port, one output that keeps its last
+    sample.
+    """
 
     def __init__(self) -> None:
         self.now_s = 0.0
-        self.signals = {name: (lambda t, offset=i: offset + 0.0 * t) for i, name in enumerate(NAMES)}
+        self.signals = {name: lambda t, offset=i: offset + 0.0 * t for i, name in enumerate(NAMES)}
         self.ai_clock_runs = True
         self.lines = {"Dev1/port0/line0": False, "Dev1/port0/line1": True}
         self.ao_v = 3.0  # left from before
@@ -55,7 +82,9 @@ class Card:
 
     def check(self) -> None:
         if self.broken:
-            raise daq_error(-88709, "The specified device is not present or is not active in the system.")
+            raise daq_error(
+                -88709, "The specified device is not present or is not active in the system."
+            )
 
     def reserve(self, resource: str, task: Any) -> None:
         self.check()
@@ -204,13 +233,19 @@ class Task:
         self._started = self._dry = self._closed = False
         self.ai_channels, self.ao_channels = AIChannels(self), AOChannels(self)
         self.di_channels, self.do_channels = DIChannels(self), DOChannels(self)
-        self.in_stream, self.out_stream, self.timing = InStreamFake(self), OutStreamFake(self), Timing(self)
+        self.in_stream, self.out_stream, self.timing = (
+            InStreamFake(self),
+            OutStreamFake(self),
+            Timing(self),
+        )
         self._card.tasks.append(self)
 
     def start(self) -> None:
         self._card.reserve("ai clock" if "ai" in self._names[0] else self._names[0], self)
         if "ao" in self._names[0] and not self._queue:
-            raise daq_error(-200462, "Generation cannot be started, because the output buffer is empty.")
+            raise daq_error(
+                -200462, "Generation cannot be started, because the output buffer is empty."
+            )
         self._started = True
 
     def close(self) -> None:
@@ -263,7 +298,9 @@ class Task:
     def _check_stream(self) -> None:
         self._card.check()
         if self._dry:
-            raise daq_error(-200290, "The generation has stopped to prevent the regeneration of old samples.")
+            raise daq_error(
+                -200290, "The generation has stopped to prevent the regeneration of old samples."
+            )
 
     def _advance(self, dt_s: float) -> None:
         if not self._started:
@@ -294,7 +331,12 @@ def card(monkeypatch: pytest.MonkeyPatch) -> Card:
 
 def inputs_on(card: Card, rate_hz: float = 1000.0, **kwargs: Any) -> NiAnalogInputs:
     return NiAnalogInputs(
-        NAMES, sample_rate_hz=rate_hz, timeout_s=0.2, clock=lambda: card.now_s, sleep=card.advance, **kwargs
+        NAMES,
+        sample_rate_hz=rate_hz,
+        timeout_s=0.2,
+        clock=lambda: card.now_s,
+        sleep=card.advance,
+        **kwargs,
     )
 
 
@@ -316,14 +358,20 @@ def output_on(card: Card) -> NiAnalogOutput:
         (Task.close, nidaqmx.task.Task.close),
     ],
 )
-def test_the_fake_takes_the_arguments_of_the_real_package_in_its_order(fake: Any, real: Any) -> None:
+def test_the_fake_takes_the_arguments_of_the_real_package_in_its_order(
+    fake: Any, real: Any
+) -> None:
     expected = list(inspect.signature(real).parameters)
     given = list(inspect.signature(fake).parameters)
     assert given == expected[: len(given)]
 
 
 def test_the_fake_has_no_attribute_that_the_real_package_lacks() -> None:
-    for fake, real in ((Task, nidaqmx.task.Task), (InStreamFake, InStream), (OutStreamFake, OutStream)):
+    for fake, real in (
+        (Task, nidaqmx.task.Task),
+        (InStreamFake, InStream),
+        (OutStreamFake, OutStream),
+    ):
         public = [name for name in dir(fake) if not name.startswith("_") and name != "card"]
         assert public
         assert [name for name in public if not hasattr(real, name)] == []
@@ -411,7 +459,9 @@ def test_a_failed_opening_releases_its_task(card: Card) -> None:
     assert card.tasks == []
 
 
-@pytest.mark.parametrize("bad", [{"terminal": "DIFFERENTIAL"}, {"channels": []}, {"channels": ["a", "a"]}])
+@pytest.mark.parametrize(
+    "bad", [{"terminal": "DIFFERENTIAL"}, {"channels": []}, {"channels": ["a", "a"]}]
+)
 def test_impossible_inputs_are_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"terminal|channels"):
         NiAnalogInputs(**({"channels": NAMES, "sample_rate_hz": 1e3} | bad))
@@ -439,7 +489,9 @@ def test_the_lines_serve_an_amplifier(card: Card) -> None:
         slew_limit_v_per_s=10e6,
         voltage_monitor_v_per_v=0.01,
     )
-    amplifier = AnalogAmplifier(settings, enable, NiAnalogInput(inputs, "Dev1/ai2", samples=10, peak=True))
+    amplifier = AnalogAmplifier(
+        settings, enable, NiAnalogInput(inputs, "Dev1/ai2", samples=10, peak=True)
+    )
     assert amplifier.enable() is AmplifierState.ENABLED
     assert card.lines["Dev1/port0/line0"] is True
     assert amplifier.monitor_voltage_v() == pytest.approx(120.0)

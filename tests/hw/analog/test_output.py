@@ -14,9 +14,15 @@ from hw.errors import DeviceDisconnected, DeviceError, LimitExceeded
 from tests.hw.analog.simulated_analog_output import SteppedAnalogOutput
 
 SETTINGS = AnalogOutputSettings(
-    low_v=0.0, high_v=5.0, zero_level_v=0.5, sample_rate_limit_hz=100e3, buffer_s=0.1, lease_s=0.2, timeout_s=0.2,
+    low_v=0.0,
+    high_v=5.0,
+    zero_level_v=0.5,
+    sample_rate_limit_hz=100e3,
+    buffer_s=0.1,
+    lease_s=0.2,
+    timeout_s=0.2,
     gap_s=0.02,
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +129,9 @@ def test_a_failed_write_is_zeroed_or_reported_as_unknown() -> None:
 
 
 @pytest.mark.parametrize("step", ["start", "set_level"])
-def test_an_interrupt_leaves_no_output_that_nobody_watches(monkeypatch: pytest.MonkeyPatch, step: str) -> None:
+def test_an_interrupt_leaves_no_output_that_nobody_watches(
+    monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
     """The card has begun when Ctrl-C comes; it would keep its last sample."""
     with SteppedAnalogOutput(SETTINGS) as output:
         begin = getattr(output.card, step)

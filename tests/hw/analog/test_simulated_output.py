@@ -1,4 +1,6 @@
-"""A simulated card in memory: what its terminal has follows from what was written and from the time."""
+"""A simulated card in memory: what its terminal has follows from what was written and from the
+time.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,9 @@ def test_what_the_settings_refuse_never_reaches_the_card(card, clock):
 
 @given(st.lists(st.integers(1, 3000), min_size=1, max_size=30), st.integers(1, 30))
 def test_no_sample_is_lost_where_the_buffer_wraps(blocks, reader_samples):
-    """Written block by block at the rate at which it plays, and read in other steps than it was written in."""
+    """Written block by block at the rate at which it plays, and read in other steps than it was
+    written in.
+    """
     card, rate_hz = CardMemory(), 50e3
     values = np.arange(sum(blocks), dtype=float)
     card.start(values[: blocks[0]], rate_hz, 0.0)

@@ -12,7 +12,13 @@ from hw.analog.sound_card import SoundCardOutput, SoundSettings
 from hw.errors import DeviceDisconnected, DeviceError, InstrumentRejected, LimitExceeded
 
 SETTINGS = AnalogOutputSettings(
-    low_v=-1.0, high_v=1.0, zero_level_v=0.0, sample_rate_limit_hz=48e3, buffer_s=0.1, lease_s=0.5, timeout_s=0.2
+    low_v=-1.0,
+    high_v=1.0,
+    zero_level_v=0.0,
+    sample_rate_limit_hz=48e3,
+    buffer_s=0.1,
+    lease_s=0.5,
+    timeout_s=0.2,
 )
 
 
@@ -28,7 +34,13 @@ class OutputStream:
     newest: OutputStream
 
     def __init__(
-        self, samplerate: float, device: Any, channels: int, dtype: str, latency: float, callback: Any
+        self,
+        samplerate: float,
+        device: Any,
+        channels: int,
+        dtype: str,
+        latency: float,
+        callback: Any,
     ) -> None:
         assert dtype == "float32"
         assert samplerate == 48e3
@@ -66,7 +78,9 @@ def _sounddevice(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def card(**kwargs: Any) -> SoundCardOutput:
     sound = SoundSettings(48e3, 2.0, dc_coupled=True)
-    sound = sound._replace(**{name: kwargs.pop(name) for name in SoundSettings._fields if name in kwargs})
+    sound = sound._replace(
+        **{name: kwargs.pop(name) for name in SoundSettings._fields if name in kwargs}
+    )
     return SoundCardOutput("DAC", SETTINGS, sound, **({"watch": False} | kwargs))
 
 
@@ -138,7 +152,9 @@ def test_an_ac_coupled_card_refuses_to_hold() -> None:
     with pytest.raises(ValueError, match="AC-coupled"):
         SoundCardOutput(
             "DAC",
-            AnalogOutputSettings(low_v=-1.0, high_v=1.0, zero_level_v=-1.0, sample_rate_limit_hz=48e3),
+            AnalogOutputSettings(
+                low_v=-1.0, high_v=1.0, zero_level_v=-1.0, sample_rate_limit_hz=48e3
+            ),
             SoundSettings(48e3, 1.0, dc_coupled=False),
         )
 

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from hw.finger.plant import FingerPlant
 
 
-def friction(frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float) -> float:
+def friction(
+    frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float
+) -> float:
     """0.4 N/N, and 1 N more at 100 V."""
     return 0.4 * normal_force_n + (voltage_v / 100.0) ** 2
 
@@ -22,11 +24,19 @@ def test_the_step_response_is_the_closed_form() -> None:
         force_n = plant.step(1e-4, 250.0, 100.0, 0.5, 0.020)
         time_s += 1e-4
         # 13.8 Hz per mm/s at 20 mm/s: 276 Hz
-        assert force_n == pytest.approx(0.2 + 1.0 - math.exp(-2.0 * math.pi * 276.0 * time_s), rel=1e-9)
+        assert force_n == pytest.approx(
+            0.2 + 1.0 - math.exp(-2.0 * math.pi * 276.0 * time_s), rel=1e-9
+        )
 
 
-@given(st.lists(st.floats(1e-6, 1e-2), min_size=1, max_size=20), st.floats(0.0, 0.2), st.floats(0.0, 200.0))
-def test_the_result_does_not_depend_on_the_step(steps_s: list[float], speed_m_s: float, voltage_v: float) -> None:
+@given(
+    st.lists(st.floats(1e-6, 1e-2), min_size=1, max_size=20),
+    st.floats(0.0, 0.2),
+    st.floats(0.0, 200.0),
+)
+def test_the_result_does_not_depend_on_the_step(
+    steps_s: list[float], speed_m_s: float, voltage_v: float
+) -> None:
     fine, coarse = FingerPlant(friction), FingerPlant(friction)
     for dt_s in steps_s:
         fine.step(dt_s, 250.0, voltage_v, 0.5, speed_m_s)
@@ -52,7 +62,8 @@ def test_no_contact_no_force_and_each_contact_starts_without_voltage(normal_forc
     assert plant.lateral_force_n == pytest.approx(1.2)
     assert plant.step(1e-3, 250.0, 100.0, normal_force_n, 0.02) == 0.0
     assert plant.normal_force_n == 0.0
-    # 0.4 * 1 N, and the first part of the rise towards 1.4 N: 1 - exp(-2 pi 276 Hz 0.1 ms) = 0.159258...
+    # 0.4 * 1 N, and the first part of the rise towards 1.4 N: 1 - exp(-2 pi 276 Hz 0.1 ms) =
+    # 0.159258...
     assert plant.step(1e-4, 250.0, 100.0, 1.0, 0.02) == pytest.approx(0.4 + 0.15925, abs=1e-4)
 
 

@@ -102,10 +102,14 @@ def test_lost_events_are_announced(reader: Reader) -> None:
 
 @pytest.mark.parametrize("reader", [0, 5], indirect=True)
 def test_a_reader_that_comes_late_learns_where_the_finger_is(reader: Reader) -> None:
-    """Bug: only changes are told, so a tracker that missed the touch never knew the axis along which nothing moved."""
+    """Bug: only changes are told, so a tracker that missed the touch never knew the axis along
+    which nothing moved.
+    """
     reader.screen.put(0.010, 0.050)
     os.read(reader.screen.descriptor, 1 << 16)  # nobody there yet
-    late = TouchEvents(reader.screen.current_slot if isinstance(reader.screen, SlottedTouchScreen) else None)
+    late = TouchEvents(
+        reader.screen.current_slot if isinstance(reader.screen, SlottedTouchScreen) else None
+    )
     reader.screen.repeat()
     reader.now_s += 0.25
     reader.screen.put(0.020, 0.050)

@@ -33,7 +33,9 @@ from tests.hw.testing.touch_screens import touch_screen
 
 TODAY = datetime.date(2026, 1, 31)
 # The inverse of the panel by hand: 20 counts per mm, origin at (50, 3000), y counted downwards.
-CALIBRATION = TouchCalibration(((5e-5, 0.0, -50 * 5e-5), (0.0, -5e-5, 3000 * 5e-5)), TODAY, placeholder=False)
+CALIBRATION = TouchCalibration(
+    ((5e-5, 0.0, -50 * 5e-5), (0.0, -5e-5, 3000 * 5e-5)), TODAY, placeholder=False
+)
 COUNT_M = 5e-5
 
 
@@ -125,7 +127,11 @@ def test_a_finger_at_rest_is_where_it_is_now(bench: Bench) -> None:
     assert bench.tracker.read().time_s == bench.clock()
 
 
-@given(st.lists(st.tuples(st.sampled_from(["put", "lift", "wait", "read"]), st.integers(0, 30)), max_size=60))
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["put", "lift", "wait", "read"]), st.integers(0, 30)), max_size=60
+    )
+)
 def test_times_never_go_back(script: list[tuple[str, int]]) -> None:
     bench = Bench(slots=3)
     told_s = 0.0
@@ -148,7 +154,11 @@ def test_a_second_finger_changes_nothing_until_the_first_lifts(slotted: Bench) -
     assert slotted.put(0.03, 0.03, finger=4).position_x_m == pytest.approx(0.03)
     lifted = slotted.lift(finger=4)
     assert lifted[1:] == (pytest.approx(0.03), pytest.approx(0.03), False)
-    assert slotted.put(0.091, 0.09, finger=1)[1:] == (pytest.approx(0.091), pytest.approx(0.09), True)
+    assert slotted.put(0.091, 0.09, finger=1)[1:] == (
+        pytest.approx(0.091),
+        pytest.approx(0.09),
+        True,
+    )
     assert slotted.lift(finger=1).touching is False
 
 
@@ -193,7 +203,9 @@ def test_an_unplugged_screen_is_an_error(bench: Bench) -> None:
             bench.tracker.read()
 
 
-def test_a_kernel_error_is_an_unplugged_screen(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_error_is_an_unplugged_screen(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def gone(descriptor: int, count: int) -> bytes:
         raise OSError(errno.ENODEV, "No such device")
 
@@ -228,11 +240,20 @@ def test_a_backlog_that_ran_over_ends_the_touch(bench: Bench) -> None:
 
 
 EVENT = struct.Struct("@llHHi")
-RECORDING = [  # as by evtest on a screen with slots: one touch at (100, 200), moved to (110, 200), lifted
-    (10, 0, 3, 0x39, 45), (10, 0, 3, 0x35, 100), (10, 0, 3, 0x36, 200), (10, 0, 1, 0x14A, 1), (10, 0, 0, 0, 0),
-    (10, 8000, 3, 0x35, 110), (10, 8000, 3, 0x00, 110), (10, 8000, 0, 0, 0),
-    (10, 16000, 3, 0x39, -1), (10, 16000, 1, 0x14A, 0), (10, 16000, 0, 0, 0),
-]  # fmt: skip
+# as by evtest on a screen with slots: one touch at (100, 200), moved to (110, 200), lifted
+RECORDING = [
+    (10, 0, 3, 0x39, 45),
+    (10, 0, 3, 0x35, 100),
+    (10, 0, 3, 0x36, 200),
+    (10, 0, 1, 0x14A, 1),
+    (10, 0, 0, 0, 0),
+    (10, 8000, 3, 0x35, 110),
+    (10, 8000, 3, 0x00, 110),
+    (10, 8000, 0, 0, 0),
+    (10, 16000, 3, 0x39, -1),
+    (10, 16000, 1, 0x14A, 0),
+    (10, 16000, 0, 0, 0),
+]
 
 
 @given(st.lists(st.integers(1, 60), max_size=40))
@@ -244,10 +265,22 @@ def test_events_may_be_cut_anywhere(cuts: list[int]) -> None:
         stream = stream[cut:]
     told = [report for report in seen if report is not None]
     assert told[-1] == (10.016, 110, 200, False)
-    assert set(told) <= {(10.0, 100, 200, True), (10.008, 110, 200, True), (10.016, 110, 200, False)}
+    assert set(told) <= {
+        (10.0, 100, 200, True),
+        (10.008, 110, 200, True),
+        (10.016, 110, 200, False),
+    }
 
 
-@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 0x40) | st.just(0x14A), st.integers(-(2**31), 2**31 - 1))))
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 4),
+            st.integers(0, 0x40) | st.just(0x14A),
+            st.integers(-(2**31), 2**31 - 1),
+        )
+    )
+)
 def test_senseless_events_break_nothing(events: list[tuple[int, int, int]]) -> None:
     stream = b"".join(EVENT.pack(1, 2, *event) for event in events)
     for slots in (None, lambda: 0):
@@ -262,7 +295,11 @@ def test_the_codes_are_those_of_evdev() -> None:
     assert (codes.EV_SYN, codes.EV_KEY, codes.EV_ABS) == (0, 1, 3)
     assert (codes.SYN_REPORT, codes.SYN_DROPPED, codes.BTN_TOUCH) == (0, 3, 0x14A)
     assert (codes.ABS_X, codes.ABS_Y) == (0, 1)
-    assert (codes.ABS_MT_SLOT, codes.ABS_MT_POSITION_X, codes.ABS_MT_POSITION_Y) == (0x2F, 0x35, 0x36)
+    assert (codes.ABS_MT_SLOT, codes.ABS_MT_POSITION_X, codes.ABS_MT_POSITION_Y) == (
+        0x2F,
+        0x35,
+        0x36,
+    )
     assert codes.ABS_MT_TRACKING_ID == 0x39
 
 
@@ -315,7 +352,9 @@ def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(
     made: list[Device] = []
     monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
     monkeypatch.setattr("fcntl.ioctl", lambda *_: unplugged("ioctl"))
-    with pytest.raises(BadReply if fails_at == "no touch screen" else DeviceDisconnected, match="/dev/input/event0"):
+    with pytest.raises(
+        BadReply if fails_at == "no touch screen" else DeviceDisconnected, match="/dev/input/event0"
+    ):
         EvdevTouchScreen("/dev/input/event0", CALIBRATION).open()
     assert [device.closed for device in made] == [True]
 
@@ -354,8 +393,12 @@ def test_uinput_without_touch_is_refused() -> None:
 
 def test_calibration_is_recovered_from_points() -> None:
     """A turned, sheared and mirrored screen, by a map written down here."""
-    raw = np.array([[200.0, 300.0], [3900.0, 250.0], [3800.0, 2900.0], [150.0, 3000.0], [2000.0, 1500.0]])
-    place = np.column_stack([5e-5 * raw[:, 0] + 2e-6 * raw[:, 1] + 0.003, -4e-5 * raw[:, 1] + 1e-6 * raw[:, 0] + 0.11])
+    raw = np.array(
+        [[200.0, 300.0], [3900.0, 250.0], [3800.0, 2900.0], [150.0, 3000.0], [2000.0, 1500.0]]
+    )
+    place = np.column_stack(
+        [5e-5 * raw[:, 0] + 2e-6 * raw[:, 1] + 0.003, -4e-5 * raw[:, 1] + 1e-6 * raw[:, 0] + 0.11]
+    )
     fitted = fit_calibration(raw, place, TODAY)
     assert fitted.matrix_m[0] == pytest.approx((5e-5, 2e-6, 0.003), rel=1e-9)
     assert fitted.matrix_m[1] == pytest.approx((1e-6, -4e-5, 0.11), rel=1e-9)
@@ -385,7 +428,9 @@ def test_the_residual_says_how_badly_points_agree() -> None:
         ([[0, 0], [1000, 0], [0, 1000]], [[0, 0], [0.1, 0]]),
     ],
 )
-def test_points_that_tell_no_map_are_refused(raw: list[list[float]], place: list[list[float]]) -> None:
+def test_points_that_tell_no_map_are_refused(
+    raw: list[list[float]], place: list[list[float]]
+) -> None:
     with pytest.raises(ValueError, match=r"give \[n, 2\]|points|maps"):
         fit_calibration(np.array(raw), np.array(place), TODAY)
 

@@ -25,7 +25,9 @@ def test_a_stage_carries_the_finger() -> None:
     clock = ManualClock(1000.0)
     instrument = SimulatedLts150(clock)
     settings = StageSettings(0.0, 0.15, 0.02, 0.02, 0.05, 0.05)
-    stage = Lts150(MemoryTransport(instrument, clock=clock), settings, clock=clock, sleep=clock.sleep)
+    stage = Lts150(
+        MemoryTransport(instrument, clock=clock), settings, clock=clock, sleep=clock.sleep
+    )
     stage.connect()
     before = StageFinger(stage.read_status, origin_m=(0.01, 0.02), clock=clock)
     with before:
@@ -36,7 +38,9 @@ def test_a_stage_carries_the_finger() -> None:
     stage.wait(60.0)
     stage.move_to(0.05)
     stage.wait(60.0)
-    with StageFinger(stage.read_status, origin_m=(0.01, 0.02), direction=(0.6, -0.8), clock=clock) as finger:
+    with StageFinger(
+        stage.read_status, origin_m=(0.01, 0.02), direction=(0.6, -0.8), clock=clock
+    ) as finger:
         assert finger.read()[1:] == (pytest.approx(0.04), pytest.approx(-0.02), True)
 
 
@@ -81,7 +85,11 @@ def test_a_stage_finger_that_was_not_started_is_an_error() -> None:
     with pytest.raises(DeviceTimeout, match="no position"):
         StageFinger(lambda: StageStatus(0.0, 0.0, False, True, False), origin_m=(0.0, 0.0)).read()
     with pytest.raises(ValueError, match="unit vector"):
-        StageFinger(lambda: StageStatus(0.0, 0.0, False, True, False), origin_m=(0.0, 0.0), direction=(1.0, 1.0))
+        StageFinger(
+            lambda: StageStatus(0.0, 0.0, False, True, False),
+            origin_m=(0.0, 0.0),
+            direction=(1.0, 1.0),
+        )
 
 
 def test_a_recording_is_played_from_the_first_reading_on() -> None:
@@ -104,7 +112,8 @@ def test_a_recording_is_played_from_the_first_reading_on() -> None:
 
 
 @pytest.mark.parametrize(
-    ("times", "count"), [([0.0, 0.0], 2), ([1.0, 0.0], 2), ([0.0, math.nan], 2), ([0.0, 1.0], 3), ([], 0)]
+    ("times", "count"),
+    [([0.0, 0.0], 2), ([1.0, 0.0], 2), ([0.0, math.nan], 2), ([0.0, 1.0], 3), ([], 0)],
 )
 def test_what_is_no_recording_is_refused(times: list[float], count: int) -> None:
     column = np.zeros(count)
@@ -119,7 +128,9 @@ def test_a_single_number_is_no_recording() -> None:
 
 
 def test_all_trackers_keep_the_protocol() -> None:
-    still = StageFinger(lambda: StageStatus(time.monotonic(), 0.0, False, True, False), origin_m=(0.0, 0.0))
+    still = StageFinger(
+        lambda: StageStatus(time.monotonic(), 0.0, False, True, False), origin_m=(0.0, 0.0)
+    )
     recorded = RecordedFinger(np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1, bool))
     with still:
         trackers: list[FingerTracker] = [still, recorded]

@@ -1,4 +1,6 @@
-"""Calibration files made from an independent matrix, in both forms, by the rule of the file format."""
+"""Calibration files made from an independent matrix, in both forms, by the rule of the file
+format.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ def old_axes(matrix: np.ndarray, dz: float) -> str:
     at_origin[3] = matrix[3] - dz * matrix[1]
     at_origin[4] = matrix[4] + dz * matrix[0]
     rows = zip(AXES, at_origin, MAXIMA, SCALES, strict=True)
-    return "".join(axis("Axis", name, row * scale, top, f' scale="{scale}"') for name, row, top, scale in rows)
+    return "".join(
+        axis("Axis", name, row * scale, top, f' scale="{scale}"') for name, row, top, scale in rows
+    )
 
 
 def new_axes(matrix: np.ndarray) -> str:
@@ -47,11 +51,11 @@ def new_axes(matrix: np.ndarray) -> str:
 
 def file_of(body: str, units: str = 'ForceUnits="N" TorqueUnits="N-m" DistUnits="m"') -> bytes:
     return (
-        '<?xml version="1.0" encoding="utf-8"?><!-- a note -->'
-        '<FTSensor Serial="FT00001" BodyStyle="Mini40" Family="DAQ" NumGages="6" CalFileVersion="1.1">'
-        f'<Calibration PartNumber="SI-80-4" CalDate="3/5/2014" {units} OutputMode="Ground Referenced Differential" '
-        'OutputRange="20" HWTempComp="True" GainMultiplier="1" CableLossDetection="False" OutputBipolar="True">'
-        f"{body}</Calibration></FTSensor>"
+        '<?xml version="1.0" encoding="utf-8"?><!-- a note --><FTSensor Serial="FT00001"'
+        ' BodyStyle="Mini40" Family="DAQ" NumGages="6" CalFileVersion="1.1"><Calibration'
+        f' PartNumber="SI-80-4" CalDate="3/5/2014" {units} OutputMode="Ground Referenced'
+        ' Differential" OutputRange="20" HWTempComp="True" GainMultiplier="1"'
+        f' CableLossDetection="False" OutputBipolar="True">{body}</Calibration></FTSensor>'
     ).encode()
 
 
@@ -67,7 +71,9 @@ def test_both_forms_give_the_matrix_they_were_made_from() -> None:
 
 
 def test_without_the_translation_the_old_form_would_be_wrong() -> None:
-    moved = AtiCalibration.from_xml(file_of(old_axes(MATRIX, DZ_M) + TRANSFORM.replace(f"{DZ_M}", "0")), "file")
+    moved = AtiCalibration.from_xml(
+        file_of(old_axes(MATRIX, DZ_M) + TRANSFORM.replace(f"{DZ_M}", "0")), "file"
+    )
     assert np.abs(moved.matrix[3:5] - MATRIX[3:5]).max() > 0.05
     np.testing.assert_allclose(moved.matrix[:3], MATRIX[:3], atol=1e-5)
 
@@ -78,7 +84,9 @@ def test_the_newer_elements_win() -> None:
 
 
 def test_units_are_turned_into_newtons_and_metres() -> None:
-    """A Nano17 file is in N, N-mm and mm: the same sensor, its torque rows and displacement 1000 times larger."""
+    """A Nano17 file is in N, N-mm and mm: the same sensor, its torque rows and displacement 1000
+    times larger.
+    """
     in_mm = MATRIX.copy()
     in_mm[3:] *= 1e3
     units = 'ForceUnits="N" TorqueUnits="N-mm" DistUnits="mm"'
@@ -98,7 +106,9 @@ def test_a_known_load_comes_back() -> None:
     bias_v = np.array([0.3, -0.2, 0.1, 0.5, -0.4, 0.05])
     load = np.array([0.3, -0.1, -0.5, 0.01, -0.02, 0.003])
     gauges_v = np.linalg.solve(MATRIX, load) + bias_v
-    np.testing.assert_allclose(AtiCalibration.from_xml(BOTH, "file").wrench(gauges_v, bias_v), load, atol=1e-6)
+    np.testing.assert_allclose(
+        AtiCalibration.from_xml(BOTH, "file").wrench(gauges_v, bias_v), load, atol=1e-6
+    )
 
 
 def test_what_the_file_says_of_the_transducer(tmp_path: Path) -> None:
@@ -138,9 +148,20 @@ def replaced(old: str, new: str, xml: bytes = BOTH) -> bytes:
         (replaced('ForceUnits="N"', ""), "no ForceUnits"),
         (replaced("<UserAxis Name=.Tz.[^>]*>", ""), "missing: Tz"),
         (replaced("<UserAxis Name=.Tz.", '<UserAxis Name="Ty"'), "missing: Tz"),
-        (replaced('<UserAxis Name="Fx" values=" -0.12000000', '<UserAxis Name="Fx" values="'), "5 values"),
-        (replaced('<UserAxis Name="Fx" values=" -0.12000000', '<UserAxis Name="Fx" values=" nan'), "not a number"),
-        (replaced('Fx" values="[^>]*" max="80.0"/>', 'Fx" values="1 2 3 4 5 6" max="0"/>'), "max > 0"),
+        (
+            replaced('<UserAxis Name="Fx" values=" -0.12000000', '<UserAxis Name="Fx" values="'),
+            "5 values",
+        ),
+        (
+            replaced(
+                '<UserAxis Name="Fx" values=" -0.12000000', '<UserAxis Name="Fx" values=" nan'
+            ),
+            "not a number",
+        ),
+        (
+            replaced('Fx" values="[^>]*" max="80.0"/>', 'Fx" values="1 2 3 4 5 6" max="0"/>'),
+            "max > 0",
+        ),
         (replaced("<BasicTransform[^>]*>", "", OLD), "neither"),
         (replaced('Rx="0"', 'Rx="1"', OLD), "rotated"),
         (replaced('scale="2.34"', 'scale="0"', OLD), "scale 0"),

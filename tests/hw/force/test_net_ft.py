@@ -26,7 +26,12 @@ def client_of(port: int, **kwargs: Any) -> NetFt:
     clock = kwargs.pop("clock", time.monotonic)
     given: dict[str, Any] = {"timeout_s": 2.0, "scale": NetFtScale(1e6, 1e6)}
     return NetFt(
-        NetFtSettings(host="127.0.0.1", port=port, axes=ForceAxes(normal="-z", lateral="x"), **(given | kwargs)),
+        NetFtSettings(
+            host="127.0.0.1",
+            port=port,
+            axes=ForceAxes(normal="-z", lateral="x"),
+            **(given | kwargs),
+        ),
         clock=clock,
     )
 
@@ -67,7 +72,12 @@ def test_the_bytes_on_the_wire_are_those_of_the_protocol() -> None:
         def answer() -> None:
             request, source = box.recvfrom(100)
             asked.append(request)
-            counts = b"\x00\x00\x03\xe8" + b"\xff\xff\xff\xff" + b"\xff\xff\xf6\x3c" + b"\x00\x00\x00\x0a" * 3
+            counts = (
+                b"\x00\x00\x03\xe8"
+                + b"\xff\xff\xff\xff"
+                + b"\xff\xff\xf6\x3c"
+                + b"\x00\x00\x00\x0a" * 3
+            )
             box.sendto(b"\x00\x00\x00\x07" + b"\x00\x00\x00\x09" + bytes(4) + counts, source)
             asked.append(box.recvfrom(100)[0])
 
@@ -86,7 +96,12 @@ def test_the_bytes_on_the_wire_are_those_of_the_protocol() -> None:
 def test_the_simulated_box_answers_a_client_written_by_hand(box: FaultyNetFt) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
         plain.settimeout(HANG_S)
-        for wrong in (b"", b"\x12\x34", bytes.fromhex("4321000200000000"), bytes.fromhex("1234000200000000ff")):
+        for wrong in (
+            b"",
+            b"\x12\x34",
+            bytes.fromhex("4321000200000000"),
+            bytes.fromhex("1234000200000000ff"),
+        ):
             plain.sendto(wrong, (box.host, box.port))
         plain.sendto(bytes.fromhex("1234000200000003"), (box.host, box.port))
         records = [struct.unpack(">3I6i", plain.recv(100)) for _ in range(3)]
@@ -180,7 +195,9 @@ def test_ignored_status_bits_do_not_mark_the_reading(box: FaultyNetFt) -> None:
 
 
 @pytest.mark.parametrize("fault", [RdtFault.SILENCE, RdtFault.FROZEN, RdtFault.WRONG_SOURCE])
-def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(box: FaultyNetFt, fault: RdtFault) -> None:
+def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(
+    box: FaultyNetFt, fault: RdtFault
+) -> None:
     offset_s = [0.0]
     device = client_of(box.port, clock=lambda: time.monotonic() + offset_s[0], timeout_s=0.5)
     device.open()
@@ -198,7 +215,9 @@ def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(box: F
 
 def test_forces_end_at_the_range_of_the_sensor_and_are_then_not_to_be_trusted() -> None:
     force_n = [19.9]
-    with FaultyNetFt(lambda: (-force_n[0], 0.0, 0.0, 0.0, 0.0, 0.0), rate_hz=None, range_n=20.0) as box:
+    with FaultyNetFt(
+        lambda: (-force_n[0], 0.0, 0.0, 0.0, 0.0, 0.0), rate_hz=None, range_n=20.0
+    ) as box:
         device = client_of(box.port)
         device.open()
         reading = device.read()
@@ -274,7 +293,9 @@ def test_a_box_that_is_not_there_is_a_timeout() -> None:
 
 
 def test_an_impossible_host_is_refused() -> None:
-    device = NetFt(NetFtSettings(host="x" * 300, scale=NetFtScale(1.0, 1.0), axes=ForceAxes("z", "x")))
+    device = NetFt(
+        NetFtSettings(host="x" * 300, scale=NetFtScale(1.0, 1.0), axes=ForceAxes("z", "x"))
+    )
     with pytest.raises(DeviceDisconnected, match="no such host"):
         device.open()
 
@@ -308,13 +329,19 @@ def test_a_record_has_the_time_at_which_it_came_and_not_at_which_somebody_looked
         box.emit(1)
         after_s = time.monotonic()
         time.sleep(0.1)
-        assert before_s - 0.01 <= device.read().time_s <= after_s + 0.05  # the thread that sends is this one
+        assert (
+            before_s - 0.01 <= device.read().time_s <= after_s + 0.05
+        )  # the thread that sends is this one
         device.close()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel's times of arrival are Linux's")
-def test_times_do_not_go_back_when_the_clock_of_the_day_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The kernel tells arrivals by that clock: one set forward between arrival and look makes a record look older."""
+def test_times_do_not_go_back_when_the_clock_of_the_day_is_set(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The kernel tells arrivals by that clock: one set forward between arrival and look makes a
+    record look older.
+    """
     with FaultyNetFt(lambda: LOAD, rate_hz=None) as box:
         device = client_of(box.port)
         device.open()

@@ -31,7 +31,9 @@ class Gauges:
 
 def sensor(gauges: Gauges) -> GaugeForceSensor:
     axes = ForceAxes(normal="-z", lateral="x")
-    return GaugeForceSensor(gauges, CALIBRATION, axes, samples_per_reading=4, samples_per_bias=8, clock=lambda: 1.5)
+    return GaugeForceSensor(
+        gauges, CALIBRATION, axes, samples_per_reading=4, samples_per_bias=8, clock=lambda: 1.5
+    )
 
 
 def test_the_bias_is_taken_off_the_gauges_and_the_axes_are_turned() -> None:
@@ -100,7 +102,9 @@ def test_a_dead_card_is_an_error() -> None:
         device.read()
 
 
-@pytest.mark.parametrize(("normal", "lateral"), [("w", "x"), ("--z", "x"), ("z", "-z"), ("", "x"), ("zz", "x")])
+@pytest.mark.parametrize(
+    ("normal", "lateral"), [("w", "x"), ("--z", "x"), ("z", "-z"), ("", "x"), ("zz", "x")]
+)
 def test_axes_must_be_axes(normal: str, lateral: str) -> None:
     with pytest.raises(ValueError, match="axis"):
         ForceAxes(normal, lateral)

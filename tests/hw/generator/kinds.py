@@ -1,4 +1,6 @@
-"""Every built-in kind of generator, with its simulator behind its driver, for tests that must hold for all."""
+"""Every built-in kind of generator, with its simulator behind its driver, for tests that must hold
+for all.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,25 @@ class Words:
 
 _KEYSIGHT = Words(
     (
-        *("OUTP:LOAD 50", "OUTP:LOAD INF", "OUTP:LOAD 1", "VOLT MAX", "VOLT 1E9", "VOLT:UNIT DBM", "VOLT:UNIT VRMS"),
-        *("VOLT:OFFS MAX", "FUNC SQU", "FUNC DC", "FREQ MAX", "APPL:PULS 1E3,5,1", "OUTP 1", "BURS:STAT 1", "NO"),
+        *(
+            "OUTP:LOAD 50",
+            "OUTP:LOAD INF",
+            "OUTP:LOAD 1",
+            "VOLT MAX",
+            "VOLT 1E9",
+            "VOLT:UNIT DBM",
+            "VOLT:UNIT VRMS",
+        ),
+        *(
+            "VOLT:OFFS MAX",
+            "FUNC SQU",
+            "FUNC DC",
+            "FREQ MAX",
+            "APPL:PULS 1E3,5,1",
+            "OUTP 1",
+            "BURS:STAT 1",
+            "NO",
+        ),
         *("AM:SOUR EXT;:AM:STAT 1", "VOLT:RANG:AUTO OFF", "VOLT:LIM:HIGH 0.1", "VOLT:LIM:STAT 1"),
     ),
     "OUTP:LOAD 50;:VOLT 2.4",
@@ -40,8 +59,21 @@ WORDS = {
     "keysight_33500": _KEYSIGHT,
     "siglent_sdg": Words(
         (
-            *("C1:OUTP LOAD,50", "C1:OUTP LOAD,HZ", "C1:BSWV AMP,20", "C1:BSWV AMP,1E9", "C1:BSWV OFST,9", "NO"),
-            *("C1:BSWV WVTP,DC", "C1:BSWV WVTP,SQUARE", "C1:BSWV FRQ,3E7", "C1:OUTP ON", "C1:MDWV STATE,ON"),
+            *(
+                "C1:OUTP LOAD,50",
+                "C1:OUTP LOAD,HZ",
+                "C1:BSWV AMP,20",
+                "C1:BSWV AMP,1E9",
+                "C1:BSWV OFST,9",
+                "NO",
+            ),
+            *(
+                "C1:BSWV WVTP,DC",
+                "C1:BSWV WVTP,SQUARE",
+                "C1:BSWV FRQ,3E7",
+                "C1:OUTP ON",
+                "C1:MDWV STATE,ON",
+            ),
         ),
         "C1:OUTP LOAD,50\nC1:BSWV AMP,2.4",
         "C1:OUTP ON",
@@ -52,7 +84,9 @@ KINDS = list(WORDS)
 
 
 class Bench:
-    """Driver and simulated generator, and the highest peak times gain that ever was at the terminals."""
+    """Driver and simulated generator, and the highest peak times gain that ever was at the
+    terminals.
+    """
 
     def __init__(
         self,
@@ -66,7 +100,9 @@ class Bench:
         self.words = WORDS[name]
         self.peak_v = 0.0
         self.seen: list[TerminalOutput] = []
-        self.generator = self.kind.simulator(latency, listener=self._listen, am_full_scale=am_full_scale)
+        self.generator = self.kind.simulator(
+            latency, listener=self._listen, am_full_scale=am_full_scale
+        )
         self.driver: Any = self.kind.make(MemoryTransport(self.generator), settings)
 
     def _listen(self, output: TerminalOutput) -> None:

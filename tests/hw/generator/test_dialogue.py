@@ -1,4 +1,6 @@
-"""One line of the dialogue with a generator: what is checked, and what the gate forgets when it fails."""
+"""One line of the dialogue with a generator: what is checked, and what the gate forgets when it
+fails.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ class Bench:
     def __init__(self) -> None:
         self.line = FaultyInstrument(Simulated33220A(IMMEDIATE))
         self.dialogue = ScpiDialogue(
-            MemoryTransport(self.line), KeysightGate(GeneratorSettings(100.0, 300.0, 10.0, 10e3)), 1.0
+            MemoryTransport(self.line),
+            KeysightGate(GeneratorSettings(100.0, 300.0, 10.0, 10e3)),
+            1.0,
         )
         self.dialogue.open()
         self.dialogue.command(READY, [])

@@ -1,4 +1,6 @@
-"""What must hold for every kind of generator, whatever its driver is asked, with its simulator behind it."""
+"""What must hold for every kind of generator, whatever its driver is asked, with its simulator
+behind it.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +33,19 @@ NUMBER = st.one_of(
     st.sampled_from([300.0, math.nextafter(300.0, 400.0), 1.0, 0.0, -300.0]),
 )
 FREQUENCY = st.one_of(st.floats(10.0, 10e3), st.floats(allow_nan=True, allow_infinity=True))
-OFFSET = st.one_of(st.just(0.0), st.floats(-310.0, 310.0), st.sampled_from([300.0, -300.0, math.inf]))
+OFFSET = st.one_of(
+    st.just(0.0), st.floats(-310.0, 310.0), st.sampled_from([300.0, -300.0, math.inf])
+)
 SHAPE = st.sampled_from([Shape.SINE, Shape.SINE, Shape.SQUARE, Shape.DC])
 MODULATION = st.sampled_from([None, None, ExternalModulation()])
 SET_POINT = st.builds(
     lambda f, v, o, s, m: lambda d: d.set_point(f, v, o, shape=s, modulation=m),
-    FREQUENCY, NUMBER, OFFSET, SHAPE, MODULATION,
-)  # fmt: skip
+    FREQUENCY,
+    NUMBER,
+    OFFSET,
+    SHAPE,
+    MODULATION,
+)
 OTHER: st.SearchStrategy[Callable[[Any], object]] = st.sampled_from(
     [
         lambda d: d.set_output(True),
@@ -59,9 +67,16 @@ OTHER: st.SearchStrategy[Callable[[Any], object]] = st.sampled_from(
     slow=st.booleans(),
 )
 def test_nothing_that_a_driver_is_told_exceeds_the_limit_and_off_is_off(
-    name: str, data: st.DataObject, calls: list[Callable[[Any], object]], factor: float, policy: RangePolicy, slow: bool
+    name: str,
+    data: st.DataObject,
+    calls: list[Callable[[Any], object]],
+    factor: float,
+    policy: RangePolicy,
+    slow: bool,
 ) -> None:
-    """At every change at the terminals, whatever was left behind, with the envelope at its highest."""
+    """At every change at the terminals, whatever was left behind, with the envelope at its
+    highest.
+    """
     wired = replace(SETTINGS, modulation_input=ModulationInput(5.0, factor), range_policy=policy)
     bench = Bench(name, wired, GeneratorLatency() if slow else IMMEDIATE, am_full_scale=factor)
     bench.generator.set_modulation_input(5.0)
@@ -84,8 +99,14 @@ def test_nothing_that_a_driver_is_told_exceeds_the_limit_and_off_is_off(
 
 @every_kind
 @settings(max_examples=100)
-@given(points=st.lists(st.tuples(st.floats(10.0, 10e3), st.floats(1.0, 300.0)), min_size=2, max_size=20))
-def test_nothing_in_between_exceeds_what_was_asked(name: str, points: list[tuple[float, float]]) -> None:
+@given(
+    points=st.lists(
+        st.tuples(st.floats(10.0, 10e3), st.floats(1.0, 300.0)), min_size=2, max_size=20
+    )
+)
+def test_nothing_in_between_exceeds_what_was_asked(
+    name: str, points: list[tuple[float, float]]
+) -> None:
     bench = Bench(name)
     bench.connect()
     bench.driver.set_output(True)
@@ -103,10 +124,14 @@ def test_nothing_in_between_exceeds_what_was_asked(name: str, points: list[tuple
 @settings(max_examples=100)
 @given(
     points=st.lists(
-        st.tuples(st.floats(10.0, 10e3), st.floats(1.0, 150.0), st.floats(-150.0, 150.0)), min_size=2, max_size=10
+        st.tuples(st.floats(10.0, 10e3), st.floats(1.0, 150.0), st.floats(-150.0, 150.0)),
+        min_size=2,
+        max_size=10,
     )
 )
-def test_no_step_between_two_set_points_is_above_both(name: str, points: list[tuple[float, float, float]]) -> None:
+def test_no_step_between_two_set_points_is_above_both(
+    name: str, points: list[tuple[float, float, float]]
+) -> None:
     bench = Bench(name)
     bench.connect()
     bench.driver.set_output(True)
@@ -119,7 +144,11 @@ def test_no_step_between_two_set_points_is_above_both(name: str, points: list[tu
 
 @every_kind
 @settings(max_examples=50)
-@given(point=st.tuples(FREQUENCY, NUMBER).filter(lambda p: not (10.0 <= p[0] <= 10e3 and 0.05 <= p[1] <= 300.0)))
+@given(
+    point=st.tuples(FREQUENCY, NUMBER).filter(
+        lambda p: not (10.0 <= p[0] <= 10e3 and 0.05 <= p[1] <= 300.0)
+    )
+)
 def test_a_refused_set_point_changes_nothing(name: str, point: tuple[float, float]) -> None:
     bench = Bench(name)
     bench.connect()
@@ -256,5 +285,8 @@ def test_what_the_kind_says_is_what_the_driver_does(name: str) -> None:
 
 
 def test_an_unknown_kind_names_the_nearest_and_all() -> None:
-    with pytest.raises(ValueError, match=r"'keysight_33500b' .*did you mean 'keysight_33500'.*agilent_33220a.*siglent"):
+    with pytest.raises(
+        ValueError,
+        match=r"'keysight_33500b' .*did you mean 'keysight_33500'.*agilent_33220a.*siglent",
+    ):
         generator_kind("keysight_33500b")

@@ -1,4 +1,6 @@
-"""The LCR meter's driver against its simulator; a voltage is on the electrode only while it reads."""
+"""The LCR meter's driver against its simulator; a voltage is on the electrode only while it
+reads.
+"""
 
 from __future__ import annotations
 

@@ -25,7 +25,8 @@ def bench(state, lines=LINES, noise_v=(2e-4, 2e-4), core=None):
 
 
 @pytest.mark.parametrize(
-    ("frequency_hz", "capacitance_f"), [(100.0, 1e-9), (8e3, 30e-12), (8e3, 1e-9), (1e5, 30e-12), (1e6, 1e-9)]
+    ("frequency_hz", "capacitance_f"),
+    [(100.0, 1e-9), (8e3, 30e-12), (8e3, 1e-9), (1e5, 30e-12), (1e6, 1e-9)],
 )
 def test_voltage_and_current_are_read_with_their_phases(frequency_hz, capacitance_f):
     voltage = 4.9 * np.exp(-0.3j)
@@ -74,7 +75,9 @@ class Answering:
     ],
 )
 def test_what_makes_no_sense_is_a_device_error(answers, error, said):
-    core = SimulatedInfiniiVision(SimulatedLines(lambda: ElectrodeState(1e4, 5.0, 1e-4j), LINES, (0.0, 0.0), 1))
+    core = SimulatedInfiniiVision(
+        SimulatedLines(lambda: ElectrodeState(1e4, 5.0, 1e-4j), LINES, (0.0, 0.0), 1)
+    )
     with pytest.raises(error, match=said):
         bench(None, core=Answering(core, answers)).read(1e4, 5.0)
 

@@ -1,4 +1,6 @@
-"""The heartbeat interlock: only a live program keeps the contact closed, whatever the wire between them."""
+"""The heartbeat interlock: only a live program keeps the contact closed, whatever the wire between
+them.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,8 @@ def bench() -> Bench:
     return Bench()
 
 
-# --- the box by its protocol, byte for byte as the docstring of hw.safety.interlock says ----------------------------
+# --- the box by its protocol, byte for byte as the docstring of hw.safety.interlock says
+# ----------------------------
 
 
 @pytest.mark.parametrize(
@@ -54,9 +57,18 @@ def bench() -> Bench:
         ([("ID?", "HAPTIC-INTERLOCK 1"), ("STATUS?", "OFF DISABLED 0")], False),
         ([("BEAT 7", "OFF DISABLED 7"), ("ENABLE", "ON OK 7"), ("BEAT 8", "ON OK 8")], True),
         ([("BEAT 255", "OFF DISABLED 255"), ("ENABLE", "ON OK 255"), ("BEAT 0", "ON OK 0")], True),
-        ([("BEAT 1", "OFF DISABLED 1"), ("ENABLE", "ON OK 1"), ("DISABLE", "OFF DISABLED 1")], False),
-        ([("BEAT 1", "OFF DISABLED 1"), ("ENABLE", "ON OK 1"), ("BEAT 1", "OFF SEQUENCE 1")], False),
-        ([("BEAT 1", "OFF DISABLED 1"), ("ENABLE", "ON OK 1"), ("BEAT 3", "OFF SEQUENCE 3")], False),
+        (
+            [("BEAT 1", "OFF DISABLED 1"), ("ENABLE", "ON OK 1"), ("DISABLE", "OFF DISABLED 1")],
+            False,
+        ),
+        (
+            [("BEAT 1", "OFF DISABLED 1"), ("ENABLE", "ON OK 1"), ("BEAT 1", "OFF SEQUENCE 1")],
+            False,
+        ),
+        (
+            [("BEAT 1", "OFF DISABLED 1"), ("ENABLE", "ON OK 1"), ("BEAT 3", "OFF SEQUENCE 3")],
+            False,
+        ),
         ([("ENABLE", "OFF SILENT 0")], False),
         ([("BEAT 256", "ERROR"), ("BEAT -1", "ERROR"), ("beat 1", "ERROR"), ("", "ERROR")], False),
     ],
@@ -81,11 +93,16 @@ def test_silence_opens_the_contact_by_the_boxs_own_clock(silence_s: float, close
     clock.now_s = silence_s
     assert box.closed is closed
     clock.now_s = 0.3
-    assert box.handle(b"BEAT 2\n") == (b"OFF SILENT 2\n")  # beats alone never close it again
+    assert box.handle(b"BEAT 2\n") == b"OFF SILENT 2\n"  # beats alone never close it again
     assert box.closed is False
 
 
-@given(st.lists(st.one_of(st.binary(max_size=20), st.sampled_from([b"BEAT 1\n", b"STATUS?\n", b"ID?\n"])), max_size=20))
+@given(
+    st.lists(
+        st.one_of(st.binary(max_size=20), st.sampled_from([b"BEAT 1\n", b"STATUS?\n", b"ID?\n"])),
+        max_size=20,
+    )
+)
 @settings(max_examples=100)
 def test_noise_never_closes_the_contact(chunks: list[bytes]) -> None:
     box = SimulatedInterlock(ManualClock())
@@ -94,7 +111,8 @@ def test_noise_never_closes_the_contact(chunks: list[bytes]) -> None:
     assert box.closed is False
 
 
-# --- the driver ------------------------------------------------------------------------------------------------------
+# --- the driver
+# ------------------------------------------------------------------------------------------------
 
 
 def test_it_is_an_enable_line(bench: Bench) -> None:
@@ -130,13 +148,17 @@ def test_a_lost_beat_opens_the_contact(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("fault", list(Fault))
-def test_a_bad_wire_is_a_clear_error_and_the_box_opens_by_itself(bench: Bench, fault: Fault) -> None:
+def test_a_bad_wire_is_a_clear_error_and_the_box_opens_by_itself(
+    bench: Bench, fault: Fault
+) -> None:
     bench.interlock.write(True)
     bench.wire.inject(fault, count=float("inf"), delay_s=0.0)
     bench.wire._due = lambda data: (fault, 0.1)  # type: ignore[method-assign] # beats ask no question
     with pytest.raises(DeviceError):
         bench.interlock.beat()
-    amplifier = AnalogAmplifier(AmplifierSettings(100.0, 300.0, 0.01, 10e6, 0.01), bench.interlock, None)
+    amplifier = AnalogAmplifier(
+        AmplifierSettings(100.0, 300.0, 0.01, 10e6, 0.01), bench.interlock, None
+    )
     assert amplifier.disable() is AmplifierState.UNKNOWN
     bench.clock.now_s += 0.201
     assert bench.box.closed is False
@@ -162,7 +184,9 @@ def test_over_real_wires(served: tuple[SimulatedInterlock, str]) -> None:
     box, resource = served
     interlock = HeartbeatInterlock(make_transport(resource), reply_timeout_s=2.0)
     interlock.connect()
-    interlock.write(True)  # the box's clock is real here: on a slow machine it may be open again when asked
+    interlock.write(
+        True
+    )  # the box's clock is real here: on a slow machine it may be open again when asked
     interlock.write(False)
     assert interlock.status() == (False, "DISABLED", 0)
     assert box.closed is False
@@ -180,7 +204,8 @@ def test_it_gates_the_simulated_amplifier() -> None:
     assert amplifier.voltage_v == 0.0
 
 
-# --- modem lines -----------------------------------------------------------------------------------------------------
+# --- modem lines
+# ------------------------------------------------------------------------------------------------
 
 
 class Port:

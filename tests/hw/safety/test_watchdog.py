@@ -1,4 +1,6 @@
-"""The watchdog process: real processes, killed for real; the simulated generator's own record says what happened."""
+"""The watchdog process: real processes, killed for real; the simulated generator's own record says
+what happened.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,15 @@ import hw.safety.watchdog
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, SwitchedOff
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.safety.simulated_interlock import SimulatedInterlock
-from hw.safety.watchdog import BEAT, FEWEST_UNANSWERED, REST, Outcome, Watchdog, WatchdogSettings, wait_for_silence
+from hw.safety.watchdog import (
+    BEAT,
+    FEWEST_UNANSWERED,
+    REST,
+    Outcome,
+    Watchdog,
+    WatchdogSettings,
+    wait_for_silence,
+)
 from hw.serving.tcp import TcpServer
 from tests.clock import ManualClock
 from tests.hw.instruments import IMMEDIATE, closed_port
@@ -67,7 +77,9 @@ class Bench:
         return self.generator.output().on
 
     def settings(self, **changed: float) -> WatchdogSettings:
-        return WatchdogSettings(self.server.resource, **{"period_s": 5.0, "give_up_s": 10.0, **changed})  # type: ignore[arg-type]
+        return WatchdogSettings(
+            self.server.resource, **{"period_s": 5.0, "give_up_s": 10.0, **changed}
+        )  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -86,39 +98,52 @@ def drivers() -> Iterator[list[subprocess.Popen[str]]]:
         process.communicate()
 
 
-def driver(bench: Bench, drivers: list[subprocess.Popen[str]], period_s: float) -> tuple[subprocess.Popen[str], int]:
+def driver(
+    bench: Bench, drivers: list[subprocess.Popen[str]], period_s: float
+) -> tuple[subprocess.Popen[str], int]:
     """A process that beats a watchdog of its own; its handle and the watchdog's process id."""
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(DRIVER), bench.server.resource, str(period_s)],
-        stdout=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     drivers.append(process)
     assert process.stdout is not None
     return process, int(process.stdout.readline())
 
 
-# --- the driver dies -------------------------------------------------------------------------------------------------
+# --- the driver dies
+# -------------------------------------------------------------------------------------------------
 
 
 MAY_GO_FIRST = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
 
 
 def test_a_busy_machine_does_not_let_it_wait_where_that_is_granted(bench: Bench) -> None:
-    asked = subprocess.run([sys.executable, "-c", MAY_GO_FIRST], stderr=subprocess.DEVNULL, check=False)
+    asked = subprocess.run(
+        [sys.executable, "-c", MAY_GO_FIRST], stderr=subprocess.DEVNULL, check=False
+    )
     dog = Watchdog(bench.settings())
     dog.start()
     try:
         assert dog.pid is not None
         granted = os.SCHED_FIFO if asked.returncode == 0 else os.SCHED_OTHER
         found = [os.sched_getscheduler(int(task)) for task in os.listdir(f"/proc/{dog.pid}/task")]
-        assert sorted(found) == sorted([os.SCHED_OTHER, *[granted] * (len(found) - 1)])  # the log's alone waits
+        assert sorted(found) == sorted(
+            [os.SCHED_OTHER, *[granted] * (len(found) - 1)]
+        )  # the log's alone waits
     finally:
         assert dog.close() is True
 
 
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGSEGV", "SIGTERM", "SIGINT"])
-def test_whatever_ends_the_driver_switches_off(bench: Bench, drivers: list[subprocess.Popen[str]], name: str) -> None:
-    """To the whole process group where that is how it comes; the period is long, so only the pipe can have told."""
+def test_whatever_ends_the_driver_switches_off(
+    bench: Bench, drivers: list[subprocess.Popen[str]], name: str
+) -> None:
+    """To the whole process group where that is how it comes; the period is long, so only the pipe
+    can have told.
+    """
     process, pid = driver(bench, drivers, period_s=1e3)
     assert bench.on
     if name in ("SIGTERM", "SIGINT"):
@@ -130,7 +155,9 @@ def test_whatever_ends_the_driver_switches_off(bench: Bench, drivers: list[subpr
     until(lambda: not exists(pid))
 
 
-def test_after_kill_9_the_output_is_off_within_the_period(bench: Bench, drivers: list[subprocess.Popen[str]]) -> None:
+def test_after_kill_9_the_output_is_off_within_the_period(
+    bench: Bench, drivers: list[subprocess.Popen[str]]
+) -> None:
     period_s = 5.0  # the bound of the contract, and generous for a busy machine
     process, _ = driver(bench, drivers, period_s)
     killed_s = time.monotonic()
@@ -163,7 +190,8 @@ def test_the_watchdog_ignores_what_is_meant_for_the_driver(bench: Bench) -> None
     assert not bench.on
 
 
-# --- beats -----------------------------------------------------------------------------------------------------------
+# --- beats
+# ------------------------------------------------------------------------------------------------
 
 
 def beat_until_hang(watchdog: Watchdog) -> None:
@@ -223,8 +251,12 @@ def test_one_that_is_stopped_is_noticed_and_ended(bench: Bench) -> None:
     watchdog.close()
 
 
-def test_one_that_is_stopped_while_the_finger_is_lifted_is_noticed_by_the_next_beats(bench: Bench) -> None:
-    """A watchdog stopped as a finger was lifted let the next touch have voltage for its whole period."""
+def test_one_that_is_stopped_while_the_finger_is_lifted_is_noticed_by_the_next_beats(
+    bench: Bench,
+) -> None:
+    """A watchdog stopped as a finger was lifted let the next touch have voltage for its whole
+    period.
+    """
     watchdog = Watchdog(bench.settings(period_s=1.0))
     watchdog.start()
     watchdog.beat()
@@ -321,7 +353,9 @@ def test_one_that_has_ended_is_started_again(bench: Bench) -> None:
     with Watchdog(bench.settings()) as watchdog:
         assert watchdog.pid is not None
         os.kill(watchdog.pid, signal.SIGKILL)
-        os.waitid(os.P_PID, watchdog.pid, os.WEXITED | os.WNOWAIT)  # ended, and nobody has noticed yet
+        os.waitid(
+            os.P_PID, watchdog.pid, os.WEXITED | os.WNOWAIT
+        )  # ended, and nobody has noticed yet
         watchdog.start()
         watchdog.beat()
 
@@ -329,7 +363,9 @@ def test_one_that_has_ended_is_started_again(bench: Bench) -> None:
 def test_an_input_that_cannot_be_read_is_at_its_end(bench: Bench, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hw.safety.watchdog", "--generator", bench.server.resource]
     with (tmp_path / "written").open("w") as write_only:
-        ended = subprocess.run(command, stdin=write_only, capture_output=True, text=True, check=False, timeout=HANG_S)
+        ended = subprocess.run(
+            command, stdin=write_only, capture_output=True, text=True, check=False, timeout=HANG_S
+        )
     assert ended.returncode == Outcome.OFF
     assert "the pipe is closed" in ended.stderr
     assert not bench.on
@@ -356,7 +392,8 @@ def test_a_watchdog_that_was_killed_is_noticed(bench: Bench) -> None:
     assert watchdog.close() is None  # it cannot say
 
 
-# --- denials -------------------------------------------------------------------------------------------------------
+# --- denials
+# ------------------------------------------------------------------------------------------------
 
 DENYING = """
 import _thread, os, resource, sys, threading
@@ -424,7 +461,8 @@ def test_whatever_is_denied_after_arming_it_switches_off(bench: Bench, denied: s
         os.close(writing)
 
 
-# --- evidence --------------------------------------------------------------------------------------------------------
+# --- evidence
+# ------------------------------------------------------------------------------------------------
 
 
 def test_a_generator_that_fails_for_a_while_is_tried_again(bench: Bench) -> None:
@@ -449,11 +487,16 @@ def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
 
     made = hw.safety.watchdog.make_transport
     monkeypatch.setattr(
-        hw.safety.watchdog, "make_transport", lambda name, **said: Broken() if name == "broken" else made(name, **said)
+        hw.safety.watchdog,
+        "make_transport",
+        lambda name, **said: Broken() if name == "broken" else made(name, **said),
     )
     settings = WatchdogSettings("broken", bench.server.resource, give_up_s=0.3, retry_s=0.1)
     broken, other = hw.safety.watchdog._instruments(settings)
-    other._off, other._answers = broken._off, broken._answers  # a second generator in the interlock's place
+    other._off, other._answers = (
+        broken._off,
+        broken._answers,
+    )  # a second generator in the interlock's place
     hands = [hw.safety.watchdog.Hand(broken), hw.safety.watchdog.Hand(other)]
     assert hw.safety.watchdog.switch_off(hands, settings) is Outcome.OFF
     assert not bench.on
@@ -483,18 +526,24 @@ def test_the_interlock_is_opened_as_well_and_is_evidence_alone(bench: Bench) -> 
     box = SimulatedInterlock(ManualClock())
     box.handle(b"BEAT 1\nENABLE\n")
     with TcpServer(box) as server:
-        settings = WatchdogSettings(bench.server.resource, server.resource, give_up_s=0.5, reply_timeout_s=0.1)
+        settings = WatchdogSettings(
+            bench.server.resource, server.resource, give_up_s=0.5, reply_timeout_s=0.1
+        )
         watchdog = Watchdog(settings)
         watchdog.start()
         assert box.closed is True
         bench.faults.inject(Fault.HANG, count=float("inf"))
         assert watchdog.close() is True
     assert box.closed is False
-    assert bench.on  # nothing could be done about the generator; the open contact takes its voltage away
+    assert (
+        bench.on
+    )  # nothing could be done about the generator; the open contact takes its voltage away
 
 
 def test_a_generator_that_is_late_at_the_start_is_asked_again(bench: Bench) -> None:
-    """A daemon that took over from a killed one ended, since a busy machine let its generator answer after 0.4 s."""
+    """A daemon that took over from a killed one ended, since a busy machine let its generator
+    answer after 0.4 s.
+    """
     bench.faults.inject(Fault.SILENCE, count=2)
     watchdog = Watchdog(bench.settings(reply_timeout_s=0.1))
     watchdog.start()
@@ -506,7 +555,8 @@ def test_a_generator_that_is_not_there_is_refused_at_the_start() -> None:
         Watchdog(WatchdogSettings(f"TCPIP::127.0.0.1::{closed_port()}::SOCKET")).start()
 
 
-# --- settings --------------------------------------------------------------------------------------------------------
+# --- settings
+# ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["period_s", "reply_timeout_s", "retry_s", "give_up_s"])
@@ -517,20 +567,31 @@ def test_senseless_times_are_refused(name: str, value: float) -> None:
 
 
 def test_its_process_is_told_every_setting() -> None:
-    settings = WatchdogSettings("/dev/ttyS0", "/dev/ttyS1", "siglent_sdg", "@sim", 0.6, 0.4, 0.3, 50.0)
+    settings = WatchdogSettings(
+        "/dev/ttyS0", "/dev/ttyS1", "siglent_sdg", "@sim", 0.6, 0.4, 0.3, 50.0
+    )
     assert hw.safety.watchdog._parse(settings.arguments()) == settings
 
 
-def test_it_reaches_the_generator_through_the_library_it_is_told(caplog: pytest.LogCaptureFixture) -> None:
-    (generator,) = hw.safety.watchdog._instruments(WatchdogSettings("GPIB0::10::INSTR", visa_backend="@nosuch"))
+def test_it_reaches_the_generator_through_the_library_it_is_told(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    (generator,) = hw.safety.watchdog._instruments(
+        WatchdogSettings("GPIB0::10::INSTR", visa_backend="@nosuch")
+    )
     assert generator.ask() is None
     assert "no VISA library for '@nosuch'" in caplog.text
 
 
-@pytest.mark.parametrize(("given", "said"), [(["--generator", "nonsense"], "nonsense"), ([], "--generator")])
+@pytest.mark.parametrize(
+    ("given", "said"), [(["--generator", "nonsense"], "nonsense"), ([], "--generator")]
+)
 def test_a_wrong_command_line_ends_with_status_2_and_says_why(given: list[str], said: str) -> None:
     ended = subprocess.run(
-        [sys.executable, "-m", "hw.safety.watchdog", *given], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "hw.safety.watchdog", *given],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert ended.returncode == Outcome.NOT_STARTED
     assert said in ended.stderr

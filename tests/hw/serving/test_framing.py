@@ -17,7 +17,9 @@ from hw.serving.framing import MAX_MESSAGE_BYTES, MessageFramer, MessageTooLong
 def test_messages_end_at_line_ends(stream: bytes, messages: list[bytes]) -> None:
     assert list(MessageFramer().feed(stream)) == messages
     framer = MessageFramer()
-    assert [message for i in range(len(stream)) for message in framer.feed(stream[i : i + 1])] == messages
+    assert [
+        message for i in range(len(stream)) for message in framer.feed(stream[i : i + 1])
+    ] == messages
 
 
 def test_endless_messages_are_given_up() -> None:

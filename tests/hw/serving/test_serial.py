@@ -29,7 +29,10 @@ class Raw:
 
 @pytest.mark.parametrize("rtscts", [False, True])
 def test_pyserial_talks_to_it(rtscts: bool) -> None:
-    with SerialServer(generator()) as server, serial.Serial(server.path, 9600, timeout=5.0, rtscts=rtscts) as port:
+    with (
+        SerialServer(generator()) as server,
+        serial.Serial(server.path, 9600, timeout=5.0, rtscts=rtscts) as port,
+    ):
         port.write(b"FRE")
         port.write(b"Q 250\r\nFREQ?\n")
         assert port.readline() == b"+2.5000000000000E+02\n"
@@ -56,7 +59,10 @@ def test_one_client_after_the_other() -> None:
 
 
 def test_bytes_without_framing_go_to_the_instrument_as_they_come() -> None:
-    with SerialServer(Raw(), framed=False) as server, serial.Serial(server.path, timeout=5.0) as port:
+    with (
+        SerialServer(Raw(), framed=False) as server,
+        serial.Serial(server.path, timeout=5.0) as port,
+    ):
         for data in (b"\x00\n\xfe", b"\xff"):
             port.write(data)
             assert port.read(len(data)) == bytes((byte + 1) % 256 for byte in data)
@@ -69,8 +75,13 @@ def test_every_byte_value_passes_unchanged() -> None:
         def handle(self, data: bytes) -> bytes:
             return data
 
-    with SerialServer(Echo(), framed=False) as server, serial.Serial(server.path, timeout=5.0) as port:
-        for _ in range(100):  # piece by piece: an echo of more than both buffers hold would block both sides
+    with (
+        SerialServer(Echo(), framed=False) as server,
+        serial.Serial(server.path, timeout=5.0) as port,
+    ):
+        for _ in range(
+            100
+        ):  # piece by piece: an echo of more than both buffers hold would block both sides
             port.write(every)
             assert port.read(len(every)) == every
 

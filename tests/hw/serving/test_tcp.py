@@ -23,7 +23,10 @@ def test_it_serves_lines_over_loopback() -> None:
 def test_connections_share_one_instrument() -> None:
     with TcpServer(Simulated33220A()) as server:
         address = (server.host, server.port)
-        with socket.create_connection(address, 5.0) as one, socket.create_connection(address, 5.0) as two:
+        with (
+            socket.create_connection(address, 5.0) as one,
+            socket.create_connection(address, 5.0) as two,
+        ):
             one.sendall(b"FREQ 250;*OPC?\n")
             assert one.makefile("rb").readline() == b"1\n"
             two.sendall(b"FREQ?\n")
@@ -32,7 +35,10 @@ def test_connections_share_one_instrument() -> None:
 
 def test_an_unfinished_line_is_not_carried_out() -> None:
     generator = Simulated33220A()
-    with TcpServer(generator) as server, socket.create_connection((server.host, server.port), 5.0) as client:
+    with (
+        TcpServer(generator) as server,
+        socket.create_connection((server.host, server.port), 5.0) as client,
+    ):
         client.sendall(b"FREQ 250")
         client.shutdown(socket.SHUT_WR)
         assert client.recv(1) == b""  # the server has seen the end

@@ -1,4 +1,6 @@
-"""Our APT messages against the bytes on record and against thorlabs-apt-protocol, which shares no code with ours."""
+"""Our APT messages against the bytes on record and against thorlabs-apt-protocol, which shares no
+code with ours.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +17,41 @@ from hypothesis import strategies as st
 from hw.stage import apt
 from hw.stage.apt import Frame, Message, StatusBit, StopMode
 
-# 10 mm, -1 mm; 5 mm/s² and 10 mm/s, in counts (409600 per mm; velocity x 53.68; acceleration x 53.68 x 204.94e-6).
+# 10 mm, -1 mm; 5 mm/s² and 10 mm/s, in counts (409600 per mm; velocity x 53.68; acceleration x
+# 53.68 x 204.94e-6).
 SPEED = apt.Velocity(acceleration_raw=22530, velocity_raw=219873280)
 COMMANDS: list[tuple[Frame, str, Callable[[], bytes] | None]] = [
     (Frame(Message.REQUEST_INFO), "05 00 00 00 50 01", lambda: reference.hw_req_info(0x50, 1)),
-    (Frame(Message.START_UPDATES), "11 00 00 00 50 01", lambda: reference.hw_start_updatemsgs(0x50, 1)),
-    (Frame(Message.STOP_UPDATES), "12 00 00 00 50 01", lambda: reference.hw_stop_updatemsgs(0x50, 1)),
-    (Frame(Message.NO_FLASH), "18 00 00 00 50 01", lambda: reference.hw_no_flash_programming(0x50, 1)),
-    (apt.on_channel(Message.IDENTIFY), "23 02 01 00 50 01", lambda: reference.mod_identify(0x50, 1, 1)),
+    (
+        Frame(Message.START_UPDATES),
+        "11 00 00 00 50 01",
+        lambda: reference.hw_start_updatemsgs(0x50, 1),
+    ),
+    (
+        Frame(Message.STOP_UPDATES),
+        "12 00 00 00 50 01",
+        lambda: reference.hw_stop_updatemsgs(0x50, 1),
+    ),
+    (
+        Frame(Message.NO_FLASH),
+        "18 00 00 00 50 01",
+        lambda: reference.hw_no_flash_programming(0x50, 1),
+    ),
+    (
+        apt.on_channel(Message.IDENTIFY),
+        "23 02 01 00 50 01",
+        lambda: reference.mod_identify(0x50, 1, 1),
+    ),
     (
         apt.on_channel(Message.SET_CHANNEL_ENABLED, 1),
         "10 02 01 01 50 01",
         lambda: reference.mod_set_chanenablestate(0x50, 1, 1, 1),
     ),
-    (apt.on_channel(Message.MOVE_HOME), "43 04 01 00 50 01", lambda: reference.mot_move_home(0x50, 1, 1)),
+    (
+        apt.on_channel(Message.MOVE_HOME),
+        "43 04 01 00 50 01",
+        lambda: reference.mot_move_home(0x50, 1, 1),
+    ),
     (
         apt.with_counts(Message.MOVE_ABSOLUTE, 4_096_000),
         "53 04 06 00 d0 01 01 00 00 80 3e 00",
@@ -64,8 +87,16 @@ COMMANDS: list[tuple[Frame, str, Callable[[], bytes] | None]] = [
         "80 04 01 00 50 01",
         lambda: reference.mot_req_statusupdate(0x50, 1, 1),
     ),
-    (apt.on_channel(Message.REQUEST_STATUS_BITS), "29 04 01 00 50 01", None),  # absent from the package
-    (apt.on_channel(Message.REQUEST_POSITION), "11 04 01 00 50 01", lambda: reference.mot_req_poscounter(0x50, 1, 1)),
+    (
+        apt.on_channel(Message.REQUEST_STATUS_BITS),
+        "29 04 01 00 50 01",
+        None,
+    ),  # absent from the package
+    (
+        apt.on_channel(Message.REQUEST_POSITION),
+        "11 04 01 00 50 01",
+        lambda: reference.mot_req_poscounter(0x50, 1, 1),
+    ),
 ]
 ANSWERS = [
     apt.with_info(apt.Info(45_000_123, "LTS150", "2.1.7")),
@@ -87,7 +118,9 @@ def parse(frame: Frame) -> Any:
     return next(reference.Unpacker(io.BytesIO(from_stage(frame)), on_error="raise"))
 
 
-@pytest.mark.parametrize(("frame", "expected", "independent"), COMMANDS, ids=[row[1] for row in COMMANDS])
+@pytest.mark.parametrize(
+    ("frame", "expected", "independent"), COMMANDS, ids=[row[1] for row in COMMANDS]
+)
 def test_commands_have_the_bytes_on_record(
     frame: Frame, expected: str, independent: Callable[[], bytes] | None
 ) -> None:
@@ -102,7 +135,9 @@ def test_the_stage_announces_that_it_is_homed() -> None:
 
 
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**31 - 1), st.integers(0, 2**31 - 1))
-def test_numbers_are_packed_as_by_the_independent_package(counts: int, acceleration: int, velocity: int) -> None:
+def test_numbers_are_packed_as_by_the_independent_package(
+    counts: int, acceleration: int, velocity: int
+) -> None:
     for message, independent in (
         (Message.MOVE_ABSOLUTE, reference.mot_move_absolute),
         (Message.MOVE_RELATIVE, reference.mot_move_relative),
@@ -132,7 +167,11 @@ def test_identity_and_velocity_are_read_as_by_the_independent_package() -> None:
     assert (info.serial_number, info.model_number) == (45_000_123, b"LTS150\0\0")
     assert info.firmware_version == [2, 1, 7]
     velocity = parse(ANSWERS[2])
-    assert (velocity.acceleration, velocity.max_velocity, velocity.min_velocity) == (22530, 219873280, 0)
+    assert (velocity.acceleration, velocity.max_velocity, velocity.min_velocity) == (
+        22530,
+        219873280,
+        0,
+    )
 
 
 def test_answers_built_by_hand_are_read() -> None:
@@ -143,22 +182,30 @@ def test_answers_built_by_hand_are_read() -> None:
         + struct.pack("<HHH", 3, 4, 1)
     )
     assert apt.read_info(info) == apt.Info(45_000_123, "LTS150", "2.1.7")
-    (status,) = apt.Decoder().feed(bytes.fromhex("81 04 0e 00 81 50 01 00 c0 bd f0 ff 00 00 00 00 10 04 00 80"))
+    (status,) = apt.Decoder().feed(
+        bytes.fromhex("81 04 0e 00 81 50 01 00 c0 bd f0 ff 00 00 00 00 10 04 00 80")
+    )
     assert apt.read_status(status).position_raw == -1_000_000
     assert apt.read_status(status).bits == 0x8000_0410
     (bits,) = apt.Decoder().feed(bytes.fromhex("2a 04 06 00 81 50 01 00 00 04 00 80"))
     assert bits.message is apt.Message.STATUS_BITS
     (position,) = apt.Decoder().feed(bytes.fromhex("12 04 06 00 81 50 01 00 00 80 3e 00"))
     assert apt.read_counts(position) == 4_096_000
-    (velocity,) = apt.Decoder().feed(bytes.fromhex("15 04 0e 00 81 50 01 00 00 00 00 00 02 58 00 00 00 00 1b 0d"))
+    (velocity,) = apt.Decoder().feed(
+        bytes.fromhex("15 04 0e 00 81 50 01 00 00 00 00 00 02 58 00 00 00 00 1b 0d")
+    )
     assert apt.read_velocity(velocity) == SPEED
 
 
-# Garbage free of the stage's address 0x50 can hold no header, so every message around it must be found.
+# Garbage free of the stage's address 0x50 can hold no header, so every message around it must be
+# found.
 GARBAGE = st.binary(max_size=20).map(lambda data: data.replace(b"\x50", b"\x51"))
 
 
-@given(st.lists(st.tuples(GARBAGE, st.sampled_from(ANSWERS)), max_size=6), st.lists(st.integers(1, 40), max_size=30))
+@given(
+    st.lists(st.tuples(GARBAGE, st.sampled_from(ANSWERS)), max_size=6),
+    st.lists(st.integers(1, 40), max_size=30),
+)
 def test_messages_are_found_between_garbage_however_the_stream_is_cut(
     parts: list[tuple[bytes, Frame]], cuts: list[int]
 ) -> None:
@@ -177,7 +224,9 @@ def test_noise_breaks_nothing_and_the_next_messages_are_found(noise: bytes) -> N
     decoder.feed(noise)
     assert 0 < decoder.missing_bytes <= 90
     homed = from_stage(apt.on_channel(Message.HOMED))
-    assert apt.on_channel(Message.HOMED) in decoder.feed(homed * 16)  # more than the longest message can swallow
+    assert apt.on_channel(Message.HOMED) in decoder.feed(
+        homed * 16
+    )  # more than the longest message can swallow
 
 
 def test_a_reader_may_ask_for_just_the_missing_bytes() -> None:

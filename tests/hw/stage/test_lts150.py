@@ -29,7 +29,9 @@ SETTINGS = StageSettings(
 
 
 class Wire:
-    """Records what the host writes, on its way to the instrument; `spoil` may change what comes back."""
+    """Records what the host writes, on its way to the instrument; `spoil` may change what comes
+    back.
+    """
 
     def __init__(self, core: FaultyLts150) -> None:
         self._core = core
@@ -103,7 +105,9 @@ def test_a_move_is_refused_before_homing(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("position_m", [-1e-6, 0.1500001, 1.0, math.nan, math.inf])
-def test_a_move_beyond_the_travel_is_refused_and_names_the_nearest(bench: Bench, position_m: float) -> None:
+def test_a_move_beyond_the_travel_is_refused_and_names_the_nearest(
+    bench: Bench, position_m: float
+) -> None:
     stage = bench.homed()
     sent = len(bench.wire.written)
     with pytest.raises(LimitExceeded, match=r"outside 0\.\.0\.15;") as refusal:
@@ -124,14 +128,22 @@ def test_a_second_move_is_refused_while_one_is_under_way(bench: Bench) -> None:
 
 def test_velocity_is_limited_and_read_back(bench: Bench) -> None:
     stage = bench.homed()
-    for velocity_m_s, acceleration_m_s2 in ((0.051, 0.02), (0.02, 0.051), (-0.01, 0.02), (math.nan, 0.02), (0, 0.02)):
+    for velocity_m_s, acceleration_m_s2 in (
+        (0.051, 0.02),
+        (0.02, 0.051),
+        (-0.01, 0.02),
+        (math.nan, 0.02),
+        (0, 0.02),
+    ):
         with pytest.raises(LimitExceeded):
             stage.set_velocity(velocity_m_s, acceleration_m_s2)
     stage.set_velocity(0.010, 0.050)
     stage.move_to(0.050)
     started_s = bench.clock()
     stage.wait(60.0)
-    assert bench.clock() - started_s == pytest.approx(5.0 + 0.2, abs=0.05)  # way/velocity + velocity/acceleration
+    assert bench.clock() - started_s == pytest.approx(
+        5.0 + 0.2, abs=0.05
+    )  # way/velocity + velocity/acceleration
 
 
 def test_a_velocity_that_the_stage_clips_is_an_error() -> None:
@@ -258,7 +270,10 @@ def test_endless_noise_ends_with_the_reply_timeout(bench: Bench) -> None:
     bench.wire.spoil = lambda _: b"\x55" * 1000
     ticking = bench.clock
     bench.stage = Lts150(
-        MemoryTransport(bench.wire, clock=ticking), SETTINGS, clock=lambda: _advance(ticking), sleep=ticking.sleep
+        MemoryTransport(bench.wire, clock=ticking),
+        SETTINGS,
+        clock=lambda: _advance(ticking),
+        sleep=ticking.sleep,
     )
     with pytest.raises(DeviceTimeout):
         bench.stage.connect()
@@ -292,11 +307,16 @@ def test_closing_stops_and_says_so(bench: Bench) -> None:
 @settings(max_examples=40)
 @given(
     st.lists(
-        st.one_of(st.floats(-0.05, 0.2), st.sampled_from(["home", "stop", "silent", "cut", "hung_up", "heal"])),
+        st.one_of(
+            st.floats(-0.05, 0.2),
+            st.sampled_from(["home", "stop", "silent", "cut", "hung_up", "heal"]),
+        ),
         max_size=12,
     )
 )
-def test_whatever_happens_the_stage_stays_within_its_travel_and_nothing_hangs(script: list[float | str]) -> None:
+def test_whatever_happens_the_stage_stays_within_its_travel_and_nothing_hangs(
+    script: list[float | str],
+) -> None:
     bench = Bench(replace(SETTINGS, travel_low_m=0.010, travel_high_m=0.100))
     bench.homed()
     furthest_mm, hints = 0.0, []
@@ -391,7 +411,9 @@ def test_the_rts_pulse_comes_before_the_first_message() -> None:
         return True
 
     transport = MemoryTransport(bench.wire, clock=bench.clock)
-    Lts150(transport, SETTINGS, set_rts=set_rts, clock=bench.clock, sleep=bench.clock.sleep).connect()
+    Lts150(
+        transport, SETTINGS, set_rts=set_rts, clock=bench.clock, sleep=bench.clock.sleep
+    ).connect()
     assert levels == [(True, 100.0, 0), (False, 100.05, 0)]
 
 

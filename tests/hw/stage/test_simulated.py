@@ -53,7 +53,11 @@ class Client:
 
 def test_identity() -> None:
     (info,) = Client().ask(client.hw_req_info(*TO_STAGE))
-    assert (info.msg, info.serial_number, info.model_number) == ("hw_get_info", 45_000_001, b"LTS150\0\0")
+    assert (info.msg, info.serial_number, info.model_number) == (
+        "hw_get_info",
+        45_000_001,
+        b"LTS150\0\0",
+    )
 
 
 def test_after_power_up_it_reports_by_itself_until_told_not_to() -> None:
@@ -135,13 +139,17 @@ def test_velocity_and_acceleration_are_clipped() -> None:
 def test_the_motion_obeys_velocity_and_acceleration(
     target_mm: float, velocity_mm_s: float, acceleration_mm_s2: float, stop_after: float | None
 ) -> None:
-    """The position sampled in time, differentiated twice; a gentle stop somewhere keeps to the same limits."""
+    """The position sampled in time, differentiated twice; a gentle stop somewhere keeps to the same
+    limits.
+    """
     rig = Client()
     rig.home()
     rig.set_speed(velocity_mm_s, acceleration_mm_s2)
     rig.move_to(target_mm)
     duration_s = target_mm / velocity_mm_s + velocity_mm_s / acceleration_mm_s2
-    if target_mm * acceleration_mm_s2 < velocity_mm_s**2:  # a triangle, which never reaches that velocity
+    if (
+        target_mm * acceleration_mm_s2 < velocity_mm_s**2
+    ):  # a triangle, which never reaches that velocity
         duration_s = 2.0 * (target_mm / acceleration_mm_s2) ** 0.5
     steps = 80
     step_s = duration_s * 1.02 / steps

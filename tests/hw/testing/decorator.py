@@ -6,7 +6,8 @@ from hw.transport.contract import Transport
 
 
 class TransportDecorator(Transport):
-    """Transport that hands every step to the link of `inner`; subclasses look at the steps or spoil them.
+    """Transport that hands every step to the link of `inner`; subclasses look at the steps or spoil
+    them.
 
     Lock, deadlines and dirtiness are the decorator's own: use `inner` through it only.
     """

@@ -1,4 +1,6 @@
-"""Faults between an instrument and whoever asks it, as a wrapper around any simulated instrument."""
+"""Faults between an instrument and whoever asks it, as a wrapper around any simulated
+instrument.
+"""
 
 from __future__ import annotations
 
@@ -33,17 +35,20 @@ class FaultyInstrument:
         self._delay_s = 0.0
 
     def inject(self, fault: Fault, *, count: float = 1, delay_s: float = 0.0) -> None:
-        """Spoil the next `count` answers (`math.inf`: all until `heal`); Fault.HANG swallows commands till then."""
+        """Spoil the next `count` answers (`math.inf`: all until `heal`); Fault.HANG swallows
+        commands till then.
+        """
         with self._lock:
             self._fault, self._remaining, self._delay_s = fault, count, delay_s
 
     def heal(self) -> None:
-        """Answer properly again."""
         with self._lock:
             self._remaining = 0.0
 
     def handle(self, data: bytes) -> bytes:
-        """Carry out complete messages, and spoil their answer when a fault is due; raises Disconnect."""
+        """Carry out complete messages, and spoil their answer when a fault is due; raises
+        Disconnect.
+        """
         fault, delay_s = self._due(data)
         if fault is Fault.HANG:
             return b""

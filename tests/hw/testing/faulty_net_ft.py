@@ -34,7 +34,11 @@ class FaultyNetFt(NetFtServer):
         range_n: float = float("inf"),
     ) -> None:
         super().__init__(
-            wrench, counts_per_n=counts_per_n, counts_per_n_m=counts_per_n_m, rate_hz=rate_hz, range_n=range_n
+            wrench,
+            counts_per_n=counts_per_n,
+            counts_per_n_m=counts_per_n_m,
+            rate_hz=rate_hz,
+            range_n=range_n,
         )
         self._fault: RdtFault | None = None
         self._fault_count = 0.0

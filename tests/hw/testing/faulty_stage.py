@@ -16,7 +16,9 @@ class StageFaults:
 
     silent: bool = False  # commands are carried out, nothing is answered
     hung_up: bool = False  # the USB cable is out; what moves goes on moving
-    blocked_at_mm: float | None = None  # the carriage cannot pass: it rests there, with the error bit set
+    blocked_at_mm: float | None = (
+        None  # the carriage cannot pass: it rests there, with the error bit set
+    )
     ignores_profiled_stop: bool = False
     noise: bytes = b""  # comes before every answer
     delivered_bytes: float = math.inf  # each answer is cut after so many
@@ -49,6 +51,9 @@ class FaultyLts150(SimulatedLts150):
         if (motion.start_mm - blocked_mm) * (here_mm - blocked_mm) >= 0.0:  # not past it
             return super()._advance()
         # one count short of it, so that it is still in the way of the next move
-        self._motion, self._rest_mm = None, blocked_mm - math.copysign(1.0 / COUNTS_PER_MM, motion.way_mm)
+        self._motion, self._rest_mm = (
+            None,
+            blocked_mm - math.copysign(1.0 / COUNTS_PER_MM, motion.way_mm),
+        )
         self._set_bits(StatusBit.MOTION_ERROR, True)
         return []

@@ -18,7 +18,9 @@ class LinkFaultKind(enum.Enum):
     """What happens to one command and its answer."""
 
     NONE = "none"
-    DELAY = "delay"  # the answer comes `delay_s` later; after the reader's deadline it is a late answer
+    DELAY = (  # the answer comes `delay_s` later; after the reader's deadline it is a late answer
+        "delay"
+    )
     DROP_COMMAND = "drop_command"  # the instrument never hears it
     DROP_ANSWER = "drop_answer"  # carried out, answer lost
     GARBAGE = "garbage"  # `data` comes instead of the answer
@@ -43,14 +45,20 @@ _NO_FAULT = LinkFault(LinkFaultKind.NONE)
 
 
 class Faulty(TransportDecorator):
-    """Transport that spoils the n-th command and its answer by the n-th step of `script`; after that, nothing.
+    """Transport that spoils the n-th command and its answer by the n-th step of `script`; after
+    that, nothing.
 
-    Faults are those of a link: they act on bytes between `inner` and the contract's own checks. A command
-    without an answer uses up a step too. Waiting is by `sleep`, which has to move `inner`'s clock.
+    Faults are those of a link: they act on bytes between `inner` and the contract's own checks. A
+    command without an answer uses up a step too. Waiting is by `sleep`, which has to move `inner`'s
+    clock.
     """
 
     def __init__(
-        self, inner: Transport, script: Iterable[LinkFault] = (), *, sleep: Callable[[float], None] = time.sleep
+        self,
+        inner: Transport,
+        script: Iterable[LinkFault] = (),
+        *,
+        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         super().__init__(inner)
         self._script = iter(tuple(script))
@@ -119,7 +127,10 @@ class Faulty(TransportDecorator):
 
     def _receive_delayed(self, deadline_s: float, count: int) -> bytes:
         if self._delayed is None:
-            self._delayed = (self._clock() + self._step.delay_s, super()._receive(deadline_s, count))
+            self._delayed = (
+                self._clock() + self._step.delay_s,
+                super()._receive(deadline_s, count),
+            )
         due_s, data = self._delayed
         self._sleep(max(0.0, min(due_s, deadline_s) - self._clock()))
         if due_s > deadline_s:

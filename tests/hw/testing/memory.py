@@ -16,9 +16,9 @@ def _standing() -> float:
 class MemoryTransport(Transport):
     """Transport that calls a responder in the caller's own thread.
 
-    What the responder returns in time is the answer; what it returns later is a late answer, and what it
-    never returns is a timeout at once, without waiting. Time stands still unless a `clock` is given: on a busy machine
-    no answer is late by accident.
+    What the responder returns in time is the answer; what it returns later is a late answer, and
+    what it never returns is a timeout at once, without waiting. Time stands still unless a `clock`
+    is given: on a busy machine no answer is late by accident.
     """
 
     def __init__(
@@ -51,7 +51,9 @@ class MemoryTransport(Transport):
     def _receive(self, deadline_s: float, count: int) -> bytes:
         self._check_connected()
         if not self._answers or self._clock() > deadline_s:
-            raise DeviceTimeout(f"{self.resource} did not answer in time", "check the simulated instrument")
+            raise DeviceTimeout(
+                f"{self.resource} did not answer in time", "check the simulated instrument"
+            )
         data = bytes(self._answers)
         self._answers.clear()
         return data

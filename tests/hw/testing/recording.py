@@ -1,9 +1,9 @@
 """Wire logs: what went over a link, written while it happens, and played back byte for byte.
 
-A log is a text file of JSON objects, one per line: first `{"wire_log": 1, "resource": ...}`, then events in
-order. An event has `t_s`, seconds since the log began, and `event`: `connect` or `reset`; `sent` or `received`
-with `data`, bytes as the Unicode characters 0 to 255; `disconnect`; or `failed` with `during` (the step),
-`code`, `message` and `hint`.
+A log is a text file of JSON objects, one per line: first `{"wire_log": 1, "resource": ...}`, then
+events in order. An event has `t_s`, seconds since the log began, and `event`: `connect` or `reset`;
+`sent` or `received` with `data`, bytes as the Unicode characters 0 to 255; `disconnect`; or
+`failed` with `during` (the step), `code`, `message` and `hint`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from hw.transport.contract import NO_OTHER_BOUNDS, Bounds, Transport
 from tests.hw.testing.decorator import TransportDecorator
 
 _VERSION = 1
-_FAILURES: dict[str, type[DeviceError]] = {kind.code: kind for kind in (DeviceTimeout, DeviceDisconnected, BadReply)}
+_FAILURES: dict[str, type[DeviceError]] = {
+    kind.code: kind for kind in (DeviceTimeout, DeviceDisconnected, BadReply)
+}
 _SHOWN_BYTES = 40
 
 
@@ -33,9 +35,10 @@ class ReplayMismatch(DeviceError):  # noqa: N818 - as in hw.errors
 class Recording(TransportDecorator):
     """Transport that writes every step of `inner` to a wire log.
 
-    The file is private (0600), only ever appended to, and each event reaches the system before the next step
-    begins, so a crash of the program loses nothing. Raises FileExistsError at construction: a log is never
-    written over. When the disk fails afterwards, recording ends and the dialogue goes on; `log_error` says why.
+    The file is private (0600), only ever appended to, and each event reaches the system before the
+    next step begins, so a crash of the program loses nothing. Raises FileExistsError at
+    construction: a log is never written over. When the disk fails afterwards, recording ends and
+    the dialogue goes on; `log_error` says why.
     """
 
     def __init__(self, inner: Transport, path: Path) -> None:
@@ -85,11 +88,15 @@ class Recording(TransportDecorator):
         try:
             yield
         except DeviceError as error:
-            self._log("failed", during=during, code=error.code, message=error.message, hint=error.hint)
+            self._log(
+                "failed", during=during, code=error.code, message=error.message, hint=error.hint
+            )
             raise
 
     def _log(self, event: str, **details: str) -> None:
-        self._write_line({"t_s": round(self._clock() - self._began_s, 6), "event": event, **details})
+        self._write_line(
+            {"t_s": round(self._clock() - self._began_s, 6), "event": event, **details}
+        )
 
     def _write_line(self, record: dict[str, Any]) -> None:
         if self.log_error is not None or self._file < 0:
@@ -103,10 +110,12 @@ class Recording(TransportDecorator):
 
 
 class Replay(Transport):
-    """Transport that answers from a wire log, at once, as long as the program does what the log holds.
+    """Transport that answers from a wire log, at once, as long as the program does what the log
+    holds.
 
-    At the first difference it raises ReplayMismatch, and again at every later step: a program that swallows
-    DeviceError cannot go on. Ask `check_finished` at the end. Raises ValueError for a file that is no wire log.
+    At the first difference it raises ReplayMismatch, and again at every later step: a program that
+    swallows DeviceError cannot go on. Ask `check_finished` at the end. Raises ValueError for a file
+    that is no wire log.
     """
 
     def __init__(self, path: Path, *, bounds: Bounds = NO_OTHER_BOUNDS) -> None:
@@ -184,7 +193,8 @@ class Replay(Transport):
     def _difference(self, expected: str, got: str, where: str = "") -> ReplayMismatch:
         return ReplayMismatch(
             f"{self._path}, line {self._next + 2}: expected {expected}, got {got}{where}",
-            "the program or its configuration differs from when the log was recorded; record a new one if meant",
+            "the program or its configuration differs from when the log was recorded; record a new"
+            " one if meant",
         )
 
 
@@ -193,7 +203,12 @@ _FIELDS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("sent", "received"), ("data",)),
     "failed": ("during", "code", "message", "hint"),
 }
-_STEPS = {"connect": "a connect", "reset": "a reset", "sent": "a command", "received": "waiting for an answer"}
+_STEPS = {
+    "connect": "a connect",
+    "reset": "a reset",
+    "sent": "a command",
+    "received": "waiting for an answer",
+}
 
 
 def _read_log(path: Path) -> list[dict[str, Any]]:
@@ -203,8 +218,12 @@ def _read_log(path: Path) -> list[dict[str, Any]]:
             record = json.loads(line)
         except json.JSONDecodeError:
             record = None
-        if not (isinstance(record, dict) and (_is_header(record) if number == 1 else _is_event(record))):
-            raise ValueError(f"{path}, line {number} is not part of a wire log of version {_VERSION}")
+        if not (
+            isinstance(record, dict) and (_is_header(record) if number == 1 else _is_event(record))
+        ):
+            raise ValueError(
+                f"{path}, line {number} is not part of a wire log of version {_VERSION}"
+            )
         records.append(record)
     if not records:
         raise ValueError(f"{path} is empty, not a wire log of version {_VERSION}")

@@ -34,7 +34,9 @@ class Bench:
 
 
 def test_the_nth_command_gets_the_nth_fault_and_then_all_is_well() -> None:
-    bench = Bench([NONE, LinkFault(LinkFaultKind.DROP_ANSWER), LinkFault(LinkFaultKind.GARBAGE, data=GARBAGE)])
+    bench = Bench(
+        [NONE, LinkFault(LinkFaultKind.DROP_ANSWER), LinkFault(LinkFaultKind.GARBAGE, data=GARBAGE)]
+    )
     assert bench.faulty.query(b"1\n", 1.0) == b"got 1"
     with pytest.raises(DeviceTimeout):
         bench.faulty.query(b"2\n", 1.0)
@@ -56,7 +58,9 @@ def test_a_delay_within_the_deadline_is_waited_for() -> None:
     assert bench.now_s == pytest.approx(0.4)
 
 
-def test_a_delay_beyond_the_deadline_is_a_timeout_at_the_deadline_and_the_answer_is_dropped() -> None:
+def test_a_delay_beyond_the_deadline_is_a_timeout_at_the_deadline_and_the_answer_is_dropped() -> (
+    None
+):
     bench = Bench([LinkFault(LinkFaultKind.DELAY, delay_s=1.5)])
     with pytest.raises(DeviceTimeout, match="BENCH"):
         bench.faulty.query(b"1\n", 1.0)
@@ -136,9 +140,13 @@ FAULTS = st.builds(
 @settings(max_examples=200)
 @given(script=st.lists(FAULTS, max_size=12))
 def test_no_script_hangs_mixes_up_answers_or_stays_broken(script: list[LinkFault]) -> None:
-    """Each query ends within its timeout, in its own answer, a device error, or what garbage and copies explain."""
+    """Each query ends within its timeout, in its own answer, a device error, or what garbage and
+    copies explain.
+    """
     bench = Bench(script)
-    believable = all(fault.kind not in (LinkFaultKind.GARBAGE, LinkFaultKind.DUPLICATE) for fault in script)
+    believable = all(
+        fault.kind not in (LinkFaultKind.GARBAGE, LinkFaultKind.DUPLICATE) for fault in script
+    )
     for i in range(130):  # 12 faults, and at most 8 refused connections for each
         before_s = bench.now_s
         try:

@@ -63,7 +63,10 @@ def test_a_log_replays_to_the_same_outcomes(tmp_path: Path) -> None:
     path = tmp_path / "wire.jsonl"
     outcomes = every_kind_of_step(record(path))
     assert outcomes[:2] == [b"HELLO", b"\x00\xff\x80"]
-    assert [outcome[0] for outcome in outcomes if isinstance(outcome, tuple)] == [DeviceTimeout, DeviceDisconnected]
+    assert [outcome[0] for outcome in outcomes if isinstance(outcome, tuple)] == [
+        DeviceTimeout,
+        DeviceDisconnected,
+    ]
     replay = Replay(path)
     assert replay.resource == "UPPER"
     assert every_kind_of_step(replay) == outcomes
@@ -118,11 +121,10 @@ def test_a_log_is_never_written_over(tmp_path: Path) -> None:
 def test_a_crash_loses_nothing(tmp_path: Path) -> None:
     path = tmp_path / "wire.jsonl"
     program = (
-        "import os, sys; from pathlib import Path\n"
-        "from tests.hw.testing.memory import MemoryTransport; from tests.hw.testing.recording import Recording\n"
-        "class Echo:\n    def handle(self, data): return data\n"
-        "t = Recording(MemoryTransport(Echo()), Path(sys.argv[1])); t.open(); t.query(b'last words\\n', 1.0)\n"
-        "os.kill(os.getpid(), 9)\n"
+        "import os, sys; from pathlib import Path\nfrom tests.hw.testing.memory import"
+        " MemoryTransport; from tests.hw.testing.recording import Recording\nclass Echo:\n    def"
+        " handle(self, data): return data\nt = Recording(MemoryTransport(Echo()),"
+        " Path(sys.argv[1])); t.open(); t.query(b'last words\\n', 1.0)\nos.kill(os.getpid(), 9)\n"
     )
     root = Path(__file__).parents[3]
     result = subprocess.run([sys.executable, "-c", program, str(path)], cwd=root, check=False)
@@ -146,7 +148,8 @@ def test_a_full_disk_ends_the_log_and_not_the_dialogue(tmp_path: Path) -> None:
     recording.finish()
 
 
-# --- differences ---------------------------------------------------------------------------------------------
+# --- differences
+# ---------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -163,7 +166,10 @@ def replay(tmp_path: Path) -> Replay:
 
 
 def test_the_first_byte_that_differs_is_shown(replay: Replay) -> None:
-    message = r"line 3: expected b'FREQ 250\.0;:FREQ\?\\n', got b'FREQ 240\.0;:FREQ\?\\n' at byte 6 of the command"
+    message = (
+        r"line 3: expected b'FREQ 250\.0;:FREQ\?\\n', got b'FREQ 240\.0;:FREQ\?\\n' at byte 6 of"
+        r" the command"
+    )
     with pytest.raises(ReplayMismatch, match=message):
         replay.query(b"FREQ 240.0;:FREQ?\n", 1.0)
 
@@ -185,7 +191,15 @@ def test_a_program_that_swallows_the_refusal_cannot_go_on(replay: Replay) -> Non
 def test_after_a_difference_no_recorded_failure_is_played(tmp_path: Path) -> None:
     path = tmp_path / "wire.jsonl"
     events: list[dict[str, str]] = [{"event": "connect"}]
-    events.append({"event": "failed", "during": "discard", "code": "device_disconnected", "message": "m", "hint": "h"})
+    events.append(
+        {
+            "event": "failed",
+            "during": "discard",
+            "code": "device_disconnected",
+            "message": "m",
+            "hint": "h",
+        }
+    )
     path.write_text("\n".join(map(json.dumps, [{"wire_log": 1, "resource": "X"}, *events])))
     replay = Replay(path)
     replay.open()
@@ -197,7 +211,9 @@ def test_after_a_difference_no_recorded_failure_is_played(tmp_path: Path) -> Non
 
 
 def test_another_step_than_the_recorded_one_is_refused(replay: Replay) -> None:
-    with pytest.raises(ReplayMismatch, match=r"expected sent b'FREQ 250.0;:FREQ\?\\n', got waiting for an answer"):
+    with pytest.raises(
+        ReplayMismatch, match=r"expected sent b'FREQ 250.0;:FREQ\?\\n', got waiting for an answer"
+    ):
         replay.read_until(b"\n", 1.0)
 
 
@@ -236,9 +252,16 @@ def test_a_file_that_is_no_log_is_refused(tmp_path: Path, text: str, message: st
     assert message in str(caught.value)
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
-@given(steps=st.lists(st.tuples(st.binary(max_size=40), st.sampled_from([None, *Fault])), max_size=8))
-def test_any_dialogue_with_any_faults_replays_alike(tmp_path: Path, steps: list[tuple[bytes, Fault | None]]) -> None:
+@settings(
+    max_examples=60,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+@given(
+    steps=st.lists(st.tuples(st.binary(max_size=40), st.sampled_from([None, *Fault])), max_size=8)
+)
+def test_any_dialogue_with_any_faults_replays_alike(
+    tmp_path: Path, steps: list[tuple[bytes, Fault | None]]
+) -> None:
     def session(transport: Transport, line: FaultyInstrument | None) -> list[object]:
         outcomes: list[object] = []
         transport.open()

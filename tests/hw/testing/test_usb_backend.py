@@ -47,14 +47,25 @@ def test_the_descriptors_are_those_of_a_usbtmc_instrument(device: Any) -> None:
         "MY44000001",
     )
     (interface,) = device.get_active_configuration()
-    assert (interface.bInterfaceClass, interface.bInterfaceSubClass, interface.bInterfaceProtocol) == (0xFE, 3, 1)
-    assert [endpoint.bEndpointAddress for endpoint in interface] == [BULK_OUT, BULK_IN, INTERRUPT_IN]
+    assert (
+        interface.bInterfaceClass,
+        interface.bInterfaceSubClass,
+        interface.bInterfaceProtocol,
+    ) == (0xFE, 3, 1)
+    assert [endpoint.bEndpointAddress for endpoint in interface] == [
+        BULK_OUT,
+        BULK_IN,
+        INTERRUPT_IN,
+    ]
 
 
 def test_an_answer_on_the_wire(device: Any) -> None:
     device.write(BULK_OUT, command(1, b"*OPC?\n"))
     device.write(BULK_OUT, out(2, 2, 100, 0))
-    assert bytes(device.read(BULK_IN, 512, 5000)) == b"\x02\x02\xfd\x00\x02\x00\x00\x00\x01\x00\x00\x001\n\x00\x00"
+    assert (
+        bytes(device.read(BULK_IN, 512, 5000))
+        == b"\x02\x02\xfd\x00\x02\x00\x00\x00\x01\x00\x00\x001\n\x00\x00"
+    )
 
 
 def test_an_answer_longer_than_the_request_comes_in_parts(device: Any) -> None:
@@ -94,7 +105,9 @@ def test_a_broken_rule_halts_the_endpoint_until_the_halt_is_cleared(
     device.write(BULK_OUT, command(7, b"*CLS\n"))
 
 
-def test_a_tag_twice_and_two_open_requests_are_refused(device: Any, backend: SimulatedUsbBackend) -> None:
+def test_a_tag_twice_and_two_open_requests_are_refused(
+    device: Any, backend: SimulatedUsbBackend
+) -> None:
     device.write(BULK_OUT, command(1, b"*CLS\n"))
     for transfer in (command(1, b"*CLS\n"), out(2, 2, 100, 0), out(2, 3, 100, 0)):
         try:
@@ -131,7 +144,9 @@ def test_the_trigger_message_triggers(device: Any) -> None:
     device.write(BULK_OUT, out(128, 2, 0, 0))
     device.write(BULK_OUT, command(3, b"SYST:ERR?\n"))
     device.write(BULK_OUT, out(2, 4, 100, 0))
-    assert bytes(device.read(BULK_IN, 512, 5000))[12:16] == b"-113"  # *TRG arrives, and this instrument has none
+    assert (
+        bytes(device.read(BULK_IN, 512, 5000))[12:16] == b"-113"
+    )  # *TRG arrives, and this instrument has none
 
 
 def test_the_status_byte_comes_on_the_interrupt_endpoint(device: Any) -> None:
@@ -143,7 +158,9 @@ def test_the_status_byte_comes_on_the_interrupt_endpoint(device: Any) -> None:
         device.ctrl_transfer(0xA1, 128, 1, 0, 3)  # tags run from 2 to 127
 
 
-@pytest.mark.parametrize(("kind", "request_", "index"), [(0xA1, 99, 0), (0xA2, 9, BULK_IN), (0xA2, 1, 0x55)])
+@pytest.mark.parametrize(
+    ("kind", "request_", "index"), [(0xA1, 99, 0), (0xA2, 9, BULK_IN), (0xA2, 1, 0x55)]
+)
 def test_unknown_requests_stall(device: Any, kind: int, request_: int, index: int) -> None:
     with pytest.raises(usb.core.USBError) as caught:
         device.ctrl_transfer(kind, request_, 0, index, 8)
@@ -162,7 +179,9 @@ def test_a_clear_halts_bulk_out_and_drops_everything(device: Any) -> None:
     assert bytes(device.read(BULK_IN, 512, 5000))[12:32] == b"+1.0000000000000E+03"
 
 
-def test_a_pulled_cable_kills_handles_and_waiting_reads(device: Any, backend: SimulatedUsbBackend) -> None:
+def test_a_pulled_cable_kills_handles_and_waiting_reads(
+    device: Any, backend: SimulatedUsbBackend
+) -> None:
     device.write(BULK_OUT, out(2, 1, 100, 0))
     pull = threading.Timer(0.05, backend.replug)
     pull.start()
@@ -175,7 +194,9 @@ def test_a_pulled_cable_kills_handles_and_waiting_reads(device: Any, backend: Si
     usb.util.dispose_resources(again)
 
 
-def test_a_cable_pulled_before_a_read_does_not_leave_it_waiting(device: Any, backend: SimulatedUsbBackend) -> None:
+def test_a_cable_pulled_before_a_read_does_not_leave_it_waiting(
+    device: Any, backend: SimulatedUsbBackend
+) -> None:
     device.write(BULK_OUT, out(2, 1, 100, 0))
     backend.replug()
     with pytest.raises(usb.core.USBError) as caught:

@@ -37,11 +37,15 @@ class FaultyTouchScreen(SimulatedTouchScreen):
         return 0
 
     def lose_events(self) -> None:
-        """Until `find_events`, what happens is not told; the reader learns that something is missing."""
+        """Until `find_events`, what happens is not told; the reader learns that something is
+        missing.
+        """
         self._lost = True
 
     def find_events(self) -> None:
-        """Say that events were dropped, as the kernel does, with the end of the report that was under way."""
+        """Say that events were dropped, as the kernel does, with the end of the report that was
+        under way.
+        """
         self._lost = False
         self._write([(SYN_DROPPED, 0), (ABS_X, 1), (SYN_REPORT, 0)])
 

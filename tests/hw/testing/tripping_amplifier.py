@@ -9,7 +9,8 @@ from hw.amplifier.simulated import SimulatedAmplifier
 
 
 class TrippingAmplifier(SimulatedAmplifier):
-    """More than `current_limit_a` through `panel_capacitance_f` trips it until the enable line is dropped.
+    """More than `current_limit_a` through `panel_capacitance_f` trips it until the enable line is
+    dropped.
 
     Peak, 2 pi f C V, V without the offset.
     """
@@ -35,7 +36,13 @@ class TrippingAmplifier(SimulatedAmplifier):
     def current_a(self) -> float:
         """Peak current into the panel now; a constant voltage drives none."""
         output = self._input
-        return 2.0 * math.pi * output.frequency_hz * self._panel_capacitance_f * self._amplified_v(output.amplitude_v)
+        return (
+            2.0
+            * math.pi
+            * output.frequency_hz
+            * self._panel_capacitance_f
+            * self._amplified_v(output.amplitude_v)
+        )
 
     def trip(self) -> None:
         """Switch itself off, as for heat or a short circuit, until the enable line is dropped."""

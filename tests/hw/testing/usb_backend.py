@@ -23,17 +23,21 @@ _PACKET_BYTES = 512
 _LANGUAGE_EN_US = 0x0409
 _STRINGS = ("", "Agilent Technologies", "33220A")  # by index; the serial number follows
 _SUCCESS, _PENDING, _NOT_IN_PROGRESS = 1, 2, 0x81
-# USBTMC 1.0, no TermChar; USB488 1.0 with 488.2, remote/local and trigger; SCPI, service requests, RL1, DT1
-_CAPABILITIES = bytes([_SUCCESS, 0, 0x00, 0x01, 0, 0, *[0] * 6, 0x00, 0x01, 0b111, 0b1111, *[0] * 8])
+# USBTMC 1.0, no TermChar; USB488 1.0 with 488.2, remote/local and trigger; SCPI, service requests,
+# RL1, DT1
+_CAPABILITIES = bytes(
+    [_SUCCESS, 0, 0x00, 0x01, 0, 0, *[0] * 6, 0x00, 0x01, 0b111, 0b1111, *[0] * 8]
+)
 
 
 class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb has no types
     """A pyusb back end with one USBTMC device on it, as strict as the class allows.
 
-    A message that breaks the rules (tag zero, repeated or without its complement; size zero or not that of the
-    transfer; a request while one is open) halts Bulk-OUT, as does a device clear, until the halt is cleared;
-    `violations` says why. The instrument works in a thread of its own, which `close`, or leaving a `with`
-    block, ends. `pending_checks` is how often a split request answers "pending".
+    A message that breaks the rules (tag zero, repeated or without its complement; size zero or not
+    that of the transfer; a request while one is open) halts Bulk-OUT, as does a device clear, until
+    the halt is cleared; `violations` says why. The instrument works in a thread of its own, which
+    `close`, or leaving a `with` block, ends. `pending_checks` is how often a split request answers
+    "pending".
     """
 
     def __init__(
@@ -46,7 +50,11 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         pending_checks: int = 0,
     ) -> None:
         self._core = core
-        self._vendor_id, self._product_id, self._serial_number = vendor_id, product_id, serial_number
+        self._vendor_id, self._product_id, self._serial_number = (
+            vendor_id,
+            product_id,
+            serial_number,
+        )
         self._pending_checks = pending_checks
         self.resource = f"USB0::0x{vendor_id:04X}::0x{product_id:04X}::{serial_number}::0::INSTR"
         self.violations: list[str] = []
@@ -56,7 +64,9 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         self._plugged_in = 0  # counts pluggings; a handle belongs to one of them
         self._configuration = 1
         self._forget()
-        self._thread = threading.Thread(target=self._work, name=f"serve {self.resource}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._work, name=f"serve {self.resource}", daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:
@@ -65,7 +75,6 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         self._thread.join()
 
     def __enter__(self) -> Self:
-        """Nothing to start."""
         return self
 
     def __exit__(self, *reason: object) -> None:
@@ -80,10 +89,13 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
             self._forget()
             self._changed.notify_all()
 
-    # --- the instrument's side -----------------------------------------------------------------------------
+    # --- the instrument's side
+    # -----------------------------------------------------------------------------
 
     def _forget(self) -> None:
-        """Drop everything under way; answers still being made belong to an older generation, as after each message."""
+        """Drop everything under way; answers still being made belong to an older generation, as
+        after each message.
+        """
         self._generation = getattr(self, "_generation", 0) + 1
         self._command = bytearray()  # of a message whose end has not come
         self._answers = bytearray()
@@ -107,7 +119,8 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
                     self._answers += answer
                     self._changed.notify_all()
 
-    # --- bulk and interrupt transfers ----------------------------------------------------------------------
+    # --- bulk and interrupt transfers
+    # ----------------------------------------------------------------------
 
     def bulk_write(self, dev_handle: Any, ep: int, intf: int, data: Any, timeout: int) -> int:
         """Take one transfer; raises USBError EPIPE when the endpoint is halted."""
@@ -135,7 +148,9 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
             f"tag {tag} twice": tag != self._last_tag,
             f"message kind {kind}": kind in (1, 2, 128),
             "size 0": size > 0 or kind == 128,
-            f"{len(transfer)} bytes for a payload of {payload}": len(transfer) == _HEADER.size + payload + -payload % 4,
+            f"{len(transfer)} bytes for a payload of {payload}": (
+                len(transfer) == _HEADER.size + payload + -payload % 4
+            ),
             "a request while one is open": kind != 2 or self._request is None,
         }
         return next((broken for broken, kept in rules.items() if not kept), None)
@@ -152,7 +167,9 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
             message = bytes(self._command)
             self._command.clear()
             self._generation += 1
-            self._messages.put((self._generation, message if message.endswith(b"\n") else message + b"\n"))
+            self._messages.put(
+                (self._generation, message if message.endswith(b"\n") else message + b"\n")
+            )
 
     def bulk_read(self, dev_handle: Any, ep: int, intf: int, buff: Any, timeout: int) -> int:
         """Hand over packets until a short one or until `buff` is full."""
@@ -211,10 +228,18 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
             if ep == BULK_OUT:
                 self._halted = False
 
-    # --- control requests ----------------------------------------------------------------------------------
+    # --- control requests
+    # ----------------------------------------------------------------------------------
 
     def ctrl_transfer(
-        self, dev_handle: Any, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: Any, timeout: int
+        self,
+        dev_handle: Any,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: Any,
+        timeout: int,
     ) -> int:
         """Answer string descriptors and the class's requests; anything else stalls."""
         if (bmRequestType, bRequest) == (0x80, 6) and wValue >> 8 == 3:
@@ -263,14 +288,21 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
                 self._request, self._transfer = None, bytearray()
             return self._initiated(tag, underway)
         queued = self._transfer is not None
-        return bytes([_PENDING if queued else self._check_status(), queued, *[0] * 6]) if request == 4 else None
+        return (
+            bytes([_PENDING if queued else self._check_status(), queued, *[0] * 6])
+            if request == 4
+            else None
+        )
 
     def _interface_request(self, request: int) -> bytes | None:
         if request == 5:
             self._forget()
             self._halted = True
             return self._initiated(0, True)[:1]
-        answers = {7: _CAPABILITIES, **dict.fromkeys((64, 160, 161, 162), bytes([_SUCCESS]))}  # pulse, remote, lockout
+        answers = {
+            7: _CAPABILITIES,
+            **dict.fromkeys((64, 160, 161, 162), bytes([_SUCCESS])),
+        }  # pulse, remote, lockout
         return bytes([self._check_status(), 0]) if request == 6 else answers.get(request)
 
     def _initiated(self, tag: int, underway: bool) -> bytes:
@@ -290,10 +322,10 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
             self._interrupts.append(bytes([tag | 0x80, status]))
         return bytes([_SUCCESS, tag, 0])
 
-    # --- what enumeration asks -----------------------------------------------------------------------------
+    # --- what enumeration asks
+    # -----------------------------------------------------------------------------
 
     def enumerate_devices(self) -> Iterator[Any]:
-        """The one device."""
         yield self
 
     def get_parent(self, dev: Any) -> None:
@@ -302,45 +334,90 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
     def get_device_descriptor(self, dev: Any) -> SimpleNamespace:
         """USB 2.0, table 9-8, and where the device is plugged in."""
         return SimpleNamespace(
-            bLength=18, bDescriptorType=1, bcdUSB=0x0200, bDeviceClass=0, bDeviceSubClass=0, bDeviceProtocol=0,
-            bMaxPacketSize0=64, idVendor=self._vendor_id, idProduct=self._product_id, bcdDevice=0x0100,
-            iManufacturer=1, iProduct=2, iSerialNumber=3, bNumConfigurations=1,
-            bus=1, address=1, port_number=1, port_numbers=(1,), speed=3,
-        )  # fmt: skip
+            bLength=18,
+            bDescriptorType=1,
+            bcdUSB=0x0200,
+            bDeviceClass=0,
+            bDeviceSubClass=0,
+            bDeviceProtocol=0,
+            bMaxPacketSize0=64,
+            idVendor=self._vendor_id,
+            idProduct=self._product_id,
+            bcdDevice=0x0100,
+            iManufacturer=1,
+            iProduct=2,
+            iSerialNumber=3,
+            bNumConfigurations=1,
+            bus=1,
+            address=1,
+            port_number=1,
+            port_numbers=(1,),
+            speed=3,
+        )
 
     def get_configuration_descriptor(self, dev: Any, config: int) -> SimpleNamespace:
         """USB 2.0, table 9-10."""
         _only(config)
         return SimpleNamespace(
-            bLength=9, bDescriptorType=2, wTotalLength=39, bNumInterfaces=1, bConfigurationValue=1, iConfiguration=0,
-            bmAttributes=0xC0, bMaxPower=1, extra_descriptors=[],
-        )  # fmt: skip
+            bLength=9,
+            bDescriptorType=2,
+            wTotalLength=39,
+            bNumInterfaces=1,
+            bConfigurationValue=1,
+            iConfiguration=0,
+            bmAttributes=0xC0,
+            bMaxPower=1,
+            extra_descriptors=[],
+        )
 
-    def get_interface_descriptor(self, dev: Any, intf: int, alt: int, config: int) -> SimpleNamespace:
+    def get_interface_descriptor(
+        self, dev: Any, intf: int, alt: int, config: int
+    ) -> SimpleNamespace:
         """USB 2.0, table 9-12: USBTMC with the USB488 subclass."""
         _only(intf, alt, config)
         return SimpleNamespace(
-            bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=3,
-            bInterfaceClass=0xFE, bInterfaceSubClass=3, bInterfaceProtocol=1, iInterface=0, extra_descriptors=[],
-        )  # fmt: skip
+            bLength=9,
+            bDescriptorType=4,
+            bInterfaceNumber=0,
+            bAlternateSetting=0,
+            bNumEndpoints=3,
+            bInterfaceClass=0xFE,
+            bInterfaceSubClass=3,
+            bInterfaceProtocol=1,
+            iInterface=0,
+            extra_descriptors=[],
+        )
 
-    def get_endpoint_descriptor(self, dev: Any, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
+    def get_endpoint_descriptor(
+        self, dev: Any, ep: int, intf: int, alt: int, config: int
+    ) -> SimpleNamespace:
         """USB 2.0, table 9-13."""
         _only(intf, alt, config)
-        address, kind, packet = ((BULK_OUT, 2, _PACKET_BYTES), (BULK_IN, 2, _PACKET_BYTES), (INTERRUPT_IN, 3, 8))[ep]
+        address, kind, packet = (
+            (BULK_OUT, 2, _PACKET_BYTES),
+            (BULK_IN, 2, _PACKET_BYTES),
+            (INTERRUPT_IN, 3, 8),
+        )[ep]
         return SimpleNamespace(
-            bLength=7, bDescriptorType=5, bEndpointAddress=address, bmAttributes=kind, wMaxPacketSize=packet,
-            bInterval=1, bRefresh=0, bSynchAddress=0, extra_descriptors=[],
-        )  # fmt: skip
+            bLength=7,
+            bDescriptorType=5,
+            bEndpointAddress=address,
+            bmAttributes=kind,
+            wMaxPacketSize=packet,
+            bInterval=1,
+            bRefresh=0,
+            bSynchAddress=0,
+            extra_descriptors=[],
+        )
 
-    # --- handles -------------------------------------------------------------------------------------------
+    # --- handles
+    # -------------------------------------------------------------------------------------------
 
     def open_device(self, dev: Any) -> Any:
         """A handle that dies with the present plugging."""
         return SimpleNamespace(plugged_in=self._plugged_in)
 
     def close_device(self, dev_handle: Any) -> None:
-        """Let go."""
         with self._changed:
             if self._owner is dev_handle:
                 self._owner = None
@@ -354,7 +431,6 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         return self._configuration
 
     def set_interface_altsetting(self, dev_handle: Any, intf: int, altsetting: int) -> None:
-        """Only 0 exists."""
         _only(intf, altsetting)
 
     def claim_interface(self, dev_handle: Any, intf: int) -> None:
@@ -370,7 +446,6 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         self.close_device(dev_handle)
 
     def is_kernel_driver_active(self, dev_handle: Any, intf: int) -> bool:
-        """No kernel here."""
         return False
 
     def _check(self, dev_handle: Any, *, claimed: bool = True) -> None:

@@ -31,9 +31,18 @@ from tests.hw.testing.usb_backend import SimulatedUsbBackend
 pytestmark = pytest.mark.timeout(60)
 
 KINDS = [
-    "memory", "tcp", "serial", "usbtmc", "visa-tcp", "visa-serial",
-    "recording-tcp", "recording-usbtmc", "faulty-memory", "faulty-tcp", "recording-faulty-serial",
-]  # fmt: skip
+    "memory",
+    "tcp",
+    "serial",
+    "usbtmc",
+    "visa-tcp",
+    "visa-serial",
+    "recording-tcp",
+    "recording-usbtmc",
+    "faulty-memory",
+    "faulty-tcp",
+    "recording-faulty-serial",
+]
 LONG = bytes(range(256)) * 560  # 143,360 bytes of every value
 LONGEST_REPLY = 150_000
 QUESTIONS = 300  # of a thread
@@ -52,7 +61,9 @@ ANSWERS = {
 
 
 class Instrument:
-    """Answers `ECHO? x` with x, `BLOCK? #...` with the length and sum of its bytes, and misbehaves on request."""
+    """Answers `ECHO? x` with x, `BLOCK? #...` with the length and sum of its bytes, and misbehaves
+    on request.
+    """
 
     def handle(self, data: bytes) -> bytes:
         verb, _, rest = data.removesuffix(b"\n").removesuffix(b"\r").partition(b" ")
@@ -174,7 +185,9 @@ def test_a_line_without_end_is_refused(transport: Transport) -> None:
     assert transport.query(b"ECHO? fine\n", 20.0) == b"fine"
 
 
-def test_a_hang_up_in_mid_answer_is_a_disconnect_and_the_next_query_reconnects(transport: Transport) -> None:
+def test_a_hang_up_in_mid_answer_is_a_disconnect_and_the_next_query_reconnects(
+    transport: Transport,
+) -> None:
     with pytest.raises(DeviceDisconnected, match=transport.resource):
         transport.query(b"GOODBYE?\n", 5.0)
     assert transport.dirty
@@ -238,7 +251,11 @@ def test_waiting_for_a_busy_transport_is_bounded(transport: Transport) -> None:
         with transport.exchange(timeout_s=0.05):
             pytest.fail("the lock was not held")
 
-    with ThreadPoolExecutor(1) as pool, transport.exchange(), pytest.raises(DeviceTimeout, match="busy"):
+    with (
+        ThreadPoolExecutor(1) as pool,
+        transport.exchange(),
+        pytest.raises(DeviceTimeout, match="busy"),
+    ):
         pool.submit(wait).result(10.0)
 
 

@@ -26,7 +26,8 @@ def test_everything_before_the_second_answer_is_dropped(before: bytes) -> None:
     sent: list[bytes] = []
     Resynchroniser(numbered, "BOX")(sent.append, lambda: next(line), 1000)
     assert sent == [b"n 1\nn 2\n"]
-    # An old "2" among what is owed is believed; markers of consecutive numbers differ, so it cannot be the last one.
+    # An old "2" among what is owed is believed; markers of consecutive numbers differ, so it cannot
+    # be the last one.
     assert next(line) in ((b"never read",) if before != b"2\n2\n" else (b"1\n", b"2"))
 
 

@@ -19,13 +19,25 @@ from hw.transport.visa import VisaTransport
         ("/dev/ttyUSB0", SerialTransport, "ASRL/dev/ttyUSB0::INSTR"),
         ("ASRL/dev/ttyX::INSTR", SerialTransport, "ASRL/dev/ttyX::INSTR"),
         ("COM3", SerialTransport, "ASRLCOM3::INSTR"),
-        ("USB0::0x0957::0x0407::MY44::0::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::MY44::INSTR"),
+        (
+            "USB0::0x0957::0x0407::MY44::0::INSTR",
+            UsbTmcTransport,
+            "USB0::0x0957::0x0407::MY44::INSTR",
+        ),
         ("USB0::2391::1031::MY44::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::MY44::INSTR"),
         ("USB::0x957::0x407::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::INSTR"),
         ("TCPIP::192.0.2.7::inst0::INSTR", VisaTransport, "TCPIP::192.0.2.7::inst0::INSTR"),
         ("TCPIP::192.0.2.7::INSTR", VisaTransport, "TCPIP::192.0.2.7::INSTR"),
-        ("TCPIP::192.0.2.7::hislip0,4880::INSTR", VisaTransport, "TCPIP::192.0.2.7::hislip0,4880::INSTR"),
-        ("TCPIP0::[2001:db8::7]::inst0::INSTR", VisaTransport, "TCPIP0::[2001:db8::7]::inst0::INSTR"),
+        (
+            "TCPIP::192.0.2.7::hislip0,4880::INSTR",
+            VisaTransport,
+            "TCPIP::192.0.2.7::hislip0,4880::INSTR",
+        ),
+        (
+            "TCPIP0::[2001:db8::7]::inst0::INSTR",
+            VisaTransport,
+            "TCPIP0::[2001:db8::7]::inst0::INSTR",
+        ),
         ("TCPIP::[2001:db8::7]::5025::SOCKET", TcpTransport, "TCPIP::[2001:db8::7]::5025::SOCKET"),
         ("ASRL3::INSTR", VisaTransport, "ASRL3::INSTR"),
         ("GPIB0::10::INSTR", VisaTransport, "GPIB0::10::INSTR"),
@@ -49,7 +61,10 @@ def test_every_form_named_in_an_error_is_valid(form: str) -> None:
     [
         ("TCPIP::192.0.2.7::SOCKET", "TCPIP::host::port::SOCKET"),
         ("USB0::0x0957::INSTR", "USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR"),
-        ("USB0::0957::0407::MY44::0::INSTR", "USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR"),  # as lsusb prints ids
+        (
+            "USB0::0957::0407::MY44::0::INSTR",
+            "USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR",
+        ),  # as lsusb prints ids
         ("GPIB::INSTR", "GPIB0::10::INSTR"),
         ("dev/ttyUSB0", "/dev/ttyUSB0"),
         ("192.0.2.7", "::"),

@@ -45,7 +45,9 @@ def test_the_port_is_held_exclusively(server: SerialServer) -> None:
 
 
 @pytest.mark.parametrize("baud_rate", [9600, 115200])
-def test_baud_rate_and_hardware_handshake_reach_the_port(server: SerialServer, baud_rate: int) -> None:
+def test_baud_rate_and_hardware_handshake_reach_the_port(
+    server: SerialServer, baud_rate: int
+) -> None:
     import termios
 
     transport = SerialTransport(server.path, baud_rate, rtscts=True)
@@ -84,8 +86,12 @@ def test_without_a_marker_a_late_answer_is_waited_out(server: SerialServer) -> N
     transport.close()
 
 
-def test_questions_with_less_time_than_the_line_needs_to_settle_come_through_in_the_end(server: SerialServer) -> None:
-    """As an interlock box is asked: each try settled from the beginning, and after one late answer all failed."""
+def test_questions_with_less_time_than_the_line_needs_to_settle_come_through_in_the_end(
+    server: SerialServer,
+) -> None:
+    """As an interlock box is asked: each try settled from the beginning, and after one late answer
+    all failed.
+    """
     transport = SerialTransport(server.path, settle_s=0.25)
     transport.open()
     with pytest.raises(DeviceTimeout):
@@ -126,7 +132,9 @@ def test_the_scpi_marker_finds_the_place_again_without_an_error_in_the_queue() -
 
 def test_a_marker_that_is_not_answered_is_reported(server: SerialServer) -> None:
     transport = SerialTransport(
-        server.path, marker=lambda number: (b"a?\n" * 600, b"b"), bounds=Bounds(max_reply_bytes=1000)
+        server.path,
+        marker=lambda number: (b"a?\n" * 600, b"b"),
+        bounds=Bounds(max_reply_bytes=1000),
     )
     transport.open()
     with pytest.raises(BadReply, match="does not answer"):
@@ -135,7 +143,9 @@ def test_a_marker_that_is_not_answered_is_reported(server: SerialServer) -> None
     transport.close()
 
 
-def test_an_adapter_that_was_pulled_and_put_back_is_found_again(server: SerialServer, tmp_path: Path) -> None:
+def test_an_adapter_that_was_pulled_and_put_back_is_found_again(
+    server: SerialServer, tmp_path: Path
+) -> None:
     adapter = tmp_path / "adapter"
     controller, terminal = os.openpty()
     adapter.symlink_to(os.ttyname(terminal))

@@ -43,7 +43,9 @@ class Echo:
 
 
 class SpyingBackend(SimulatedUsbBackend):
-    """Keeps every Bulk-OUT transfer and control request; `spoil` changes replies, `deaf` times Bulk-OUT out."""
+    """Keeps every Bulk-OUT transfer and control request; `spoil` changes replies, `deaf` times
+    Bulk-OUT out.
+    """
 
     def __init__(self, core: Any, **settings: Any) -> None:
         self.out: list[bytes] = []
@@ -59,10 +61,19 @@ class SpyingBackend(SimulatedUsbBackend):
         return super().bulk_write(dev_handle, ep, intf, data, timeout)
 
     def ctrl_transfer(
-        self, dev_handle: Any, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: Any, timeout: int
+        self,
+        dev_handle: Any,
+        bmRequestType: int,
+        bRequest: int,
+        wValue: int,
+        wIndex: int,
+        data: Any,
+        timeout: int,
     ) -> int:
         self.controls.append(bRequest)
-        return super().ctrl_transfer(dev_handle, bmRequestType, bRequest, wValue, wIndex, data, timeout)
+        return super().ctrl_transfer(
+            dev_handle, bmRequestType, bRequest, wValue, wIndex, data, timeout
+        )
 
     def reply(self, tag: int, payload: bytes, *, last: bool) -> bytes:
         return self.spoil(super().reply(tag, payload, last=last))
@@ -84,13 +95,15 @@ def transport(backend: SpyingBackend) -> Iterator[UsbTmcTransport]:
     transport.close()
 
 
-# --- bytes on the wire ---------------------------------------------------------------------------------------
+# --- bytes on the wire
+# ---------------------------------------------------------------------------------------
 
 
 def test_a_query_on_the_wire(transport: UsbTmcTransport, backend: SpyingBackend) -> None:
     assert transport.query(b"?hello\n", 5.0) == b"hello"
     command, request = backend.out
-    # USBTMC 1.0, tables 1 and 3: MsgID, bTag, ~bTag, 0, size, EOM, then data and padding to four bytes
+    # USBTMC 1.0, tables 1 and 3: MsgID, bTag, ~bTag, 0, size, EOM, then data and padding to four
+    # bytes
     assert command == b"\x01\x01\xfe\x00\x07\x00\x00\x00\x01\x00\x00\x00?hello\n\x00"
     # table 4: MsgID 2, no TermChar
     assert request[:4] == b"\x02\x02\xfd\x00"
@@ -98,7 +111,9 @@ def test_a_query_on_the_wire(transport: UsbTmcTransport, backend: SpyingBackend)
     assert int.from_bytes(request[4:8], "little") > 0
 
 
-def test_tags_run_from_1_to_255_and_skip_0(transport: UsbTmcTransport, backend: SpyingBackend) -> None:
+def test_tags_run_from_1_to_255_and_skip_0(
+    transport: UsbTmcTransport, backend: SpyingBackend
+) -> None:
     for _ in range(200):
         transport.query(b"?x\n", 5.0)
     tags = [transfer[1] for transfer in backend.out]
@@ -114,7 +129,9 @@ def test_commands_of_every_size_are_split_and_padded(
     data = (bytes(range(256)) * (size // 256 + 1))[:size]
     assert transport.query(b"SUM?" + data, 10.0) == b"%d,%d" % (size, sum(data))
     sent = [transfer for transfer in backend.out if transfer[0] == 1]
-    assert [transfer[8] for transfer in sent] == [0] * (len(sent) - 1) + [1]  # only the last ends the message
+    assert [transfer[8] for transfer in sent] == [0] * (len(sent) - 1) + [
+        1
+    ]  # only the last ends the message
     assert all(len(transfer) % 4 == 0 for transfer in sent)
     sizes = [struct.unpack_from("<I", transfer, 4)[0] for transfer in sent]
     assert sum(sizes) == size + 4
@@ -123,12 +140,14 @@ def test_commands_of_every_size_are_split_and_padded(
 
 @pytest.mark.parametrize("size", [498, 499, 500, 501, 65522, 65523, 65524, 140_000])
 def test_answers_of_every_size_come_whole(transport: UsbTmcTransport, size: int) -> None:
-    # 500 - 1 and 65524 - 1 with the line end fill whole packets: an empty packet ends those transfers
+    # 500 - 1 and 65524 - 1 with the line end fill whole packets: an empty packet ends those
+    # transfers
     data = b"y" * size
     assert transport.query(b"?" + data + b"\n", 10.0) == data
 
 
-# --- replies that are wrong ----------------------------------------------------------------------------------
+# --- replies that are wrong
+# ----------------------------------------------------------------------------------
 
 
 def with_byte(index: int, value: int) -> Callable[[bytes], bytes]:
@@ -151,7 +170,10 @@ def with_byte(index: int, value: int) -> Callable[[bytes], bytes]:
     ],
 )
 def test_a_malformed_reply_is_refused_and_the_next_is_right(
-    transport: UsbTmcTransport, backend: SpyingBackend, spoil: Callable[[bytes], bytes], message: str
+    transport: UsbTmcTransport,
+    backend: SpyingBackend,
+    spoil: Callable[[bytes], bytes],
+    message: str,
 ) -> None:
     backend.spoil = spoil
     with pytest.raises(BadReply, match=message):
@@ -168,14 +190,18 @@ def test_a_message_that_never_ends_is_refused() -> None:
             return super().reply(tag, payload, last=False)
 
     with Babble(Echo()) as babble:
-        transport = UsbTmcTransport(0x0957, 0x0407, backend=babble, bounds=Bounds(max_reply_bytes=1000))
+        transport = UsbTmcTransport(
+            0x0957, 0x0407, backend=babble, bounds=Bounds(max_reply_bytes=1000)
+        )
         transport.open()
         with pytest.raises(BadReply, match="end of message"):
             transport.query(b"?x\n", 5.0)
         transport.close()
 
 
-def test_an_answer_in_many_transfers_is_one_line(transport: UsbTmcTransport, backend: SpyingBackend) -> None:
+def test_an_answer_in_many_transfers_is_one_line(
+    transport: UsbTmcTransport, backend: SpyingBackend
+) -> None:
     parts = iter([b"on", b"e l", b"ine\n"])
 
     def piecewise(reply: bytes) -> bytes:
@@ -192,7 +218,8 @@ def test_an_answer_in_many_transfers_is_one_line(transport: UsbTmcTransport, bac
     assert transport.query(b"?anything\n", 5.0) == b"one line"
 
 
-# --- timeouts, abort and clear -------------------------------------------------------------------------------
+# --- timeouts, abort and clear
+# -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("pending_checks", [0, 3])
@@ -257,14 +284,17 @@ def test_a_timeout_in_the_middle_of_a_long_command_drops_what_was_taken(
     assert backend._core.heard == [b"?short\n"]  # half a command is never carried out
 
 
-def test_a_halted_endpoint_is_refused_and_cleared(transport: UsbTmcTransport, backend: SpyingBackend) -> None:
+def test_a_halted_endpoint_is_refused_and_cleared(
+    transport: UsbTmcTransport, backend: SpyingBackend
+) -> None:
     backend._halted = True
     with pytest.raises(BadReply, match="refusal"):
         transport.query(b"?x\n", 5.0)
     assert transport.query(b"?y\n", 5.0) == b"y"
 
 
-# --- finding the device --------------------------------------------------------------------------------------
+# --- finding the device
+# --------------------------------------------------------------------------------------
 
 
 def test_no_usb_library_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -290,7 +320,10 @@ def test_two_alike_need_a_serial_number() -> None:
         def enumerate_devices(self) -> Iterator[Any]:
             yield from (self, self)
 
-    with Two(Echo()) as two, pytest.raises(DeviceDisconnected, match="could be any of SIM0001, SIM0001") as caught:
+    with (
+        Two(Echo()) as two,
+        pytest.raises(DeviceDisconnected, match="could be any of SIM0001, SIM0001") as caught,
+    ):
         UsbTmcTransport(0x0957, 0x0407, backend=two).open()
     assert "serial number" in caught.value.hint
 
@@ -304,7 +337,9 @@ def test_an_interface_in_use_is_refused(transport: UsbTmcTransport, backend: Spy
 def test_an_open_that_fails_does_not_keep_the_interface(
     backend: SpyingBackend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It used to stay claimed after a timeout, so that nobody else could have it until the object was gone."""
+    """It used to stay claimed after a timeout, so that nobody else could have it until the object
+    was gone.
+    """
     answered = backend.ctrl_transfer
 
     def ctrl_transfer(dev_handle: Any, kind: int, request: int, *rest: Any) -> int:
@@ -331,7 +366,8 @@ def test_a_pulled_cable_is_a_disconnect_and_the_device_is_found_again(
     assert transport.query(b"?y\n", 5.0) == b"y"
 
 
-# --- independent clients -------------------------------------------------------------------------------------
+# --- independent clients
+# -------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -344,8 +380,12 @@ def system_backend(monkeypatch: pytest.MonkeyPatch) -> Iterator[SpyingBackend]:
 
 
 @pytest.fixture
-def pyvisa_py_with_usb(system_backend: SpyingBackend, monkeypatch: pytest.MonkeyPatch) -> SpyingBackend:
-    """pyvisa-py looks for a USB library once, at import; here it looks again, and forgets it afterwards."""
+def pyvisa_py_with_usb(
+    system_backend: SpyingBackend, monkeypatch: pytest.MonkeyPatch
+) -> SpyingBackend:
+    """pyvisa-py looks for a USB library once, at import; here it looks again, and forgets it
+    afterwards.
+    """
     from pyvisa_py.sessions import Session
 
     monkeypatch.setattr(Session, "_session_classes", dict(Session._session_classes))
@@ -356,13 +396,23 @@ def pyvisa_py_with_usb(system_backend: SpyingBackend, monkeypatch: pytest.Monkey
 
 def python_usbtmc(resource: str) -> Any:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # its own, escapes in a regular expression
+        warnings.simplefilter(
+            "ignore", DeprecationWarning
+        )  # its own, escapes in a regular expression
         warnings.simplefilter("ignore", SyntaxWarning)
         import usbtmc
     return usbtmc.Instrument(resource)
 
 
-QUESTIONS = ["*IDN?", "FREQ 250;FREQ?", "VOLT?", "FREQ?;VOLT?", "*OPC?", "*STB?", "*IDN?;" * 300 + "*OPC?"]
+QUESTIONS = [
+    "*IDN?",
+    "FREQ 250;FREQ?",
+    "VOLT?",
+    "FREQ?;VOLT?",
+    "*OPC?",
+    "*STB?",
+    "*IDN?;" * 300 + "*OPC?",
+]
 
 
 def test_python_usbtmc_gets_the_answers_that_ours_gets(system_backend: SpyingBackend) -> None:
@@ -380,11 +430,19 @@ def test_python_usbtmc_gets_the_answers_that_ours_gets(system_backend: SpyingBac
 
 
 def test_python_usbtmc_sends_the_bytes_that_ours_sends(monkeypatch: pytest.MonkeyPatch) -> None:
-    payloads = [b"?a\n", b"?ab\n", b"?abc\n", b"?" + b"d" * 511 + b"\n", b"?" + bytes(range(11, 256)) * 250 + b"\n"]
+    payloads = [
+        b"?a\n",
+        b"?ab\n",
+        b"?abc\n",
+        b"?" + b"d" * 511 + b"\n",
+        b"?" + bytes(range(11, 256)) * 250 + b"\n",
+    ]
     streams = []
     for client in ("ours", "theirs"):
         with SpyingBackend(Echo()) as backend:
-            monkeypatch.setattr(usb.backend.libusb1, "get_backend", lambda find_library=None, it=backend: it)
+            monkeypatch.setattr(
+                usb.backend.libusb1, "get_backend", lambda find_library=None, it=backend: it
+            )
             if client == "ours":
                 ours = UsbTmcTransport(0x0957, 0x0407)
                 ours.open()
@@ -413,7 +471,9 @@ def test_pyvisa_py_gets_the_answers_that_ours_gets(pyvisa_py_with_usb: SpyingBac
     session.close()
     ours = UsbTmcTransport.from_resource(pyvisa_py_with_usb.resource)
     ours.open()
-    assert [ours.query(question.encode() + b"\n", 5.0).decode() for question in short] == their_answers
+    assert [
+        ours.query(question.encode() + b"\n", 5.0).decode() for question in short
+    ] == their_answers
     ours.close()
     assert not pyvisa_py_with_usb.violations
 
@@ -433,7 +493,9 @@ def test_pyvisa_py_breaks_the_class_with_long_commands(pyvisa_py_with_usb: Spyin
     """Why USB resources go to our own transport: every other transfer of pyvisa-py is empty."""
     import pyvisa
 
-    session: Any = pyvisa.ResourceManager("@py").open_resource(pyvisa_py_with_usb.resource, write_termination="\n")
+    session: Any = pyvisa.ResourceManager("@py").open_resource(
+        pyvisa_py_with_usb.resource, write_termination="\n"
+    )
     with pytest.raises(ValueError, match="EPIPE"):
         session.write("*IDN?;" * 300 + "*OPC?")
     session.close()
@@ -446,7 +508,11 @@ def test_pymeasure_works_over_usb(pyvisa_py_with_usb: SpyingBackend) -> None:
         from pymeasure.instruments.agilent import Agilent33220A
 
         client = Agilent33220A(
-            pyvisa_py_with_usb.resource, visa_library="@py", read_termination="\n", write_termination="\n", timeout=3000
+            pyvisa_py_with_usb.resource,
+            visa_library="@py",
+            read_termination="\n",
+            write_termination="\n",
+            timeout=3000,
         )
     client.frequency = 4700.0
     assert client.frequency == 4700.0

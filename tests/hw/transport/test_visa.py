@@ -72,7 +72,9 @@ def test_a_peer_that_does_not_read_is_a_timeout() -> None:
 
 
 def test_an_unknown_library_says_what_to_install() -> None:
-    with pytest.raises(DeviceDisconnected, match=re.escape("no VISA library for '@nosuch'")) as caught:
+    with pytest.raises(
+        DeviceDisconnected, match=re.escape("no VISA library for '@nosuch'")
+    ) as caught:
         VisaTransport("GPIB0::10::INSTR", backend="@nosuch").open()
     assert "pyvisa-py" in caught.value.hint
 
@@ -85,11 +87,17 @@ def test_a_resource_that_the_library_cannot_parse_is_a_disconnect() -> None:
 def test_the_simulated_generator_over_a_socket_and_a_serial_line() -> None:
     generator = Simulated33220A(IMMEDIATE)
     with TcpServer(generator) as tcp, SerialServer(generator) as serial:
-        for resource, marker in ((tcp.resource, None), (f"ASRL{serial.terminal}::INSTR", scpi_marker)):
+        for resource, marker in (
+            (tcp.resource, None),
+            (f"ASRL{serial.terminal}::INSTR", scpi_marker),
+        ):
             transport = VisaTransport(resource, marker=marker)
             transport.open()
             transport.write(b"FREQ 250\n")
-            assert transport.query(b"FREQ?;VOLT?\n", 5.0) == b"+2.5000000000000E+02;+1.0000000000000E-01"
+            assert (
+                transport.query(b"FREQ?;VOLT?\n", 5.0)
+                == b"+2.5000000000000E+02;+1.0000000000000E-01"
+            )
             transport.clear()
             assert transport.query(b"*IDN?\n", 5.0).split(b",")[1] == b"33220A"
             transport.close()
@@ -124,7 +132,9 @@ class Session:
 
 
 @contextmanager
-def library(monkeypatch: pytest.MonkeyPatch, opens: Callable[[], Session]) -> Iterator[VisaTransport]:
+def library(
+    monkeypatch: pytest.MonkeyPatch, opens: Callable[[], Session]
+) -> Iterator[VisaTransport]:
     """A transport over a VISA library whose sessions are what `opens` makes."""
 
     class Manager:
@@ -145,18 +155,26 @@ def fails() -> None:
 
 
 @pytest.mark.parametrize("step", ["read", "write"])
-def test_a_dropped_link_that_raises_what_it_likes_is_a_disconnect(monkeypatch: pytest.MonkeyPatch, step: str) -> None:
-    with library(monkeypatch, lambda: Session(**{step: fails, "close": fails, "clear": fails})) as transport:
+def test_a_dropped_link_that_raises_what_it_likes_is_a_disconnect(
+    monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    with library(
+        monkeypatch, lambda: Session(**{step: fails, "close": fails, "clear": fails})
+    ) as transport:
         transport.open()
         with pytest.raises(DeviceDisconnected, match="connection dropped"):
             transport.query(b"*IDN?\n", 1.0)
         transport.clear()
 
 
-def test_closing_and_clearing_a_link_that_does_not_answer_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_closing_and_clearing_a_link_that_does_not_answer_is_given_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """pyvisa-py waits 7 to 14 s for the answers of a dead VXI-11 link; here they never come."""
     answered = threading.Event()
-    with library(monkeypatch, lambda: Session(close=answered.wait, clear=answered.wait)) as transport:
+    with library(
+        monkeypatch, lambda: Session(close=answered.wait, clear=answered.wait)
+    ) as transport:
         transport.open()
         transport.clear()
         transport.close()
@@ -164,7 +182,9 @@ def test_closing_and_clearing_a_link_that_does_not_answer_is_given_up(monkeypatc
         answered.set()
 
 
-def test_a_link_that_opens_too_late_is_a_disconnect_and_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_link_that_opens_too_late_is_a_disconnect_and_is_closed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     may_open, closed = threading.Event(), threading.Event()
 
     def opens() -> Session:

@@ -18,7 +18,12 @@ from model.touch_model import TouchModel
 from tests.blind.generator import build, designs
 from tests.blind.generator.__main__ import csv_text
 
-TRUTH = {"cof_off": "mu_off", "roughness_rms_m": "h_rms", "skin_thickness_m": "skin", "leak_scale": "leak"}
+TRUTH = {
+    "cof_off": "mu_off",
+    "roughness_rms_m": "h_rms",
+    "skin_thickness_m": "skin",
+    "leak_scale": "leak",
+}
 DESIGNS = list(designs.GOOD)
 SEED = 4321
 
@@ -37,7 +42,10 @@ def hits(description, folder: Path, count: int) -> tuple[np.ndarray, np.ndarray]
     for index in range(count):
         data, truth = finger_data(folder, index)
         fitted = calibrate(description, data).parameters
-        inside = [[low <= truth[p.name] <= high for low, high in (p.interval_68, p.interval_95)] for p in fitted]
+        inside = [
+            [low <= truth[p.name] <= high for low, high in (p.interval_68, p.interval_95)]
+            for p in fitted
+        ]
         found.append(inside)
     all_hits = np.array(found)
     return all_hits[:, :, 0], all_hits[:, :, 1]
@@ -106,13 +114,17 @@ def test_data_that_say_nothing_of_a_number_leave_it_at_its_prior(reference, rich
     """Without voltage only friction without voltage is known; a few volts are next to none."""
     data, _ = rich
     weak = data.columns | {"voltage_v": np.where(data.columns["voltage_v"] > 0.0, 1.0, 0.0)}
-    weak["cof"] = np.where(data.driven, np.median(data.columns["cof"][~data.driven]), data.columns["cof"])
+    weak["cof"] = np.where(
+        data.driven, np.median(data.columns["cof"][~data.driven]), data.columns["cof"]
+    )
     found = calibrate(reference, replace(data, columns=weak))
     learnt = {p.name: p.learnt for p in found.parameters}
     assert learnt["leak_scale"] > 0.9
     assert any("leak_scale" in w and "next to nothing" in w for w in found.warnings)
     prior = {p.name: p.prior_68 for p in found.parameters}["leak_scale"]
-    assert prior == pytest.approx((1.0 / 1.5, 1.5), rel=0.05)  # a factor 1.5, but for the longer tails
+    assert prior == pytest.approx(
+        (1.0 / 1.5, 1.5), rel=0.05
+    )  # a factor 1.5, but for the longer tails
 
 
 def test_numbers_known_only_together_are_named(reference, rich):
@@ -172,14 +184,21 @@ def test_data_without_any_noise_are_refused(reference):
 
 
 def test_what_a_finger_keeps_is_believed_as_far_as_its_model_says(found, rich):
-    """The same data again: a finger that was calibrated moves no farther than its own uncertainty."""
+    """The same data again: a finger that was calibrated moves no farther than its own
+    uncertainty.
+    """
     own = found.model.parameters["roughness_rms_m"]
     sure = replace(
-        found.model, parameters=found.model.parameters | {"roughness_rms_m": replace(own, std=1e-3 * own.value)}
+        found.model,
+        parameters=found.model.parameters | {"roughness_rms_m": replace(own, std=1e-3 * own.value)},
     )
-    wrong = replace(rich[0], columns=rich[0].columns | {"voltage_v": 0.9 * rich[0].columns["voltage_v"]})
+    wrong = replace(
+        rich[0], columns=rich[0].columns | {"voltage_v": 0.9 * rich[0].columns["voltage_v"]}
+    )
     moved = [
-        calibrate(sure, wrong, same_finger=same).model.parameters["roughness_rms_m"].value / own.value - 1.0
+        calibrate(sure, wrong, same_finger=same).model.parameters["roughness_rms_m"].value
+        / own.value
+        - 1.0
         for same in (False, True)
     ]
     assert abs(moved[0]) > 0.03
@@ -187,13 +206,15 @@ def test_what_a_finger_keeps_is_believed_as_far_as_its_model_says(found, rich):
 
 
 def test_an_effect_is_fitted_with_the_finger(reference, rich):
-    """Of a finger without any it stays off; with one that is on in the model the fit begins anew."""
+    """Of a finger without any it stays off; with one that is on in the model the fit begins
+    anew.
+    """
     fitted = calibrate(reference, rich[0], kinds=(SkinHydration,))
     wetness = fitted.model.effect_parameters["skin_hydration"]["wetness"]
     assert abs(wetness.value) < 3.0 * wetness.std < 1.0
-    again = calibrate(fitted.model, rich[0], kinds=(SkinHydration,)).model.effect_parameters["skin_hydration"][
-        "wetness"
-    ]
+    again = calibrate(fitted.model, rich[0], kinds=(SkinHydration,)).model.effect_parameters[
+        "skin_hydration"
+    ]["wetness"]
     assert again.value == pytest.approx(wetness.value, abs=wetness.std)
     np.testing.assert_allclose(
         TouchModel(fitted.model).predict(rich[0].conditions()).cof, fitted.predicted_cof, rtol=1e-9
@@ -204,7 +225,9 @@ def test_only_friction_is_used(reference, rich, found):
     """Currents beside it, however wrong, change nothing."""
     data, _ = rich
     twice = np.tile(np.arange(data.count), 2)
-    columns = {name: values[twice] for name, values in data.columns.items()} | {"current_a": np.ones(twice.size)}
+    columns = {name: values[twice] for name, values in data.columns.items()} | {
+        "current_a": np.ones(twice.size)
+    }
     witness = np.repeat([FRICTION, CURRENT], data.count)
     mixed = replace(data, columns=columns, session=data.session[twice], witness=witness, row=twice)
     np.testing.assert_array_equal(calibrate(reference, mixed).fit.vector, found.fit.vector)

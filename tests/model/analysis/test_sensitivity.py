@@ -49,7 +49,9 @@ def test_what_matters_where(models):
     assert "cof_off" not in by_name  # the force does not know it
     assert by_name["leak_scale"][0] > 0.1  # leakage takes the force away at 10 Hz
     assert by_name["leak_scale"][2] < 0.01
-    assert by_name["skin_thickness_m"][2] > 10.0 * by_name["skin_thickness_m"][0]  # at high frequency skin insulates
+    assert (
+        by_name["skin_thickness_m"][2] > 10.0 * by_name["skin_thickness_m"][0]
+    )  # at high frequency skin insulates
     assert (found.first.sum(axis=1) < 1.05).all()
     assert (found.relative_std > 0.2).all()
 
@@ -58,7 +60,9 @@ def test_pull_in_and_printed_equations_are_refused(models):
     with pytest.raises(ModelError, match="pulls in"):
         force_sensitivity(models["reference"].description, at(250.0, 3000.0), draws=64)
     with pytest.raises(ModelError, match="printed"):
-        force_sensitivity(replace(models["reference"].description, variant="published"), at(250.0), draws=64)
+        force_sensitivity(
+            replace(models["reference"].description, variant="published"), at(250.0), draws=64
+        )
 
 
 def test_no_voltage_has_no_force_to_be_sensitive(models):

@@ -1,4 +1,6 @@
-"""Drives beyond the sine, against what squaring a voltage must give and against sampling in time."""
+"""Drives beyond the sine, against what squaring a voltage must give and against sampling in
+time.
+"""
 
 from dataclasses import replace
 
@@ -7,7 +9,15 @@ import pytest
 from scipy.integrate import quad
 
 from model.analysis import spectra
-from model.analysis.spectra import Tones, amplitude_modulated, force_spectrum, impedance, sine, square, steepness
+from model.analysis.spectra import (
+    Tones,
+    amplitude_modulated,
+    force_spectrum,
+    impedance,
+    sine,
+    square,
+    steepness,
+)
 from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
 from model.electric.dielectrics import EPS0, PowerLaw
@@ -19,8 +29,10 @@ AREA, LOAD = 1e-4, 0.5
 TABLE = 2e-4  # of the tabulated integrals against the table's own distributions
 LOSSLESS = PowerLaw(eps_inf=1000.0, amplitude=0.0, exponent=0.5, conductivity_s_per_m=0.0)
 NO_CONDUCTION = {
-    "insulator_conductivity_s_per_m": 0.0, "air_conductivity_s_per_m": 0.0, "leak_scale": 0.0
-}  # fmt: skip
+    "insulator_conductivity_s_per_m": 0.0,
+    "air_conductivity_s_per_m": 0.0,
+    "leak_scale": 0.0,
+}
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +42,9 @@ def touch(models):
 
 @pytest.fixture(scope="module")
 def lossless(variant):
-    """Nothing conducts and nothing disperses: the field follows the voltage at every frequency, 0 included."""
+    """Nothing conducts and nothing disperses: the field follows the voltage at every frequency, 0
+    included.
+    """
     return variant(dielectric=LOSSLESS, **NO_CONDUCTION)
 
 
@@ -39,7 +53,8 @@ def predicted(model, f, v, offset=0.0):
     return model.predict(Conditions(f * one, v * one, LOAD * one, voltage_offset_v=offset * one))
 
 
-# --- force -----------------------------------------------------------------------------------------------------
+# --- force
+# ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("f", [3.0, 250.0, 1e4, 1e6])
@@ -63,12 +78,16 @@ def test_bias_and_tone_meet_at_the_drives_own_frequency(lossless):
     bias, voltage = 30.0, 20.0
     found = force_spectrum(lossless, sine(250.0, voltage, bias), LOAD)
     mean = bias**2 + voltage**2 / 2.0
-    assert found.line(250.0) / found.line(0.0) == pytest.approx(2.0 * bias * voltage / mean, rel=1e-9)
+    assert found.line(250.0) / found.line(0.0) == pytest.approx(
+        2.0 * bias * voltage / mean, rel=1e-9
+    )
     assert found.line(500.0) / found.line(0.0) == pytest.approx(voltage**2 / 2.0 / mean, rel=1e-9)
 
 
 def test_a_conducting_gap_takes_the_bias_away(touch):
-    """Steady voltage drops across the insulator once charge has crossed: hardly a line at f is left."""
+    """Steady voltage drops across the insulator once charge has crossed: hardly a line at f is
+    left.
+    """
     found = force_spectrum(touch, sine(250.0, 75.0, 20.0), LOAD)
     assert abs(found.line(250.0)) < 0.01 * abs(found.line(500.0))
 
@@ -80,7 +99,9 @@ def test_the_square_wave_has_twice_the_sines_mean_square_and_no_ripple(lossless)
     same_mean_square = force_spectrum(lossless, sine(250.0, 5.0 * np.sqrt(2.0)), LOAD)
     assert found.line(0.0).real == pytest.approx(same_mean_square.line(0.0).real, rel=3e-3)
     single = force_spectrum(lossless, sine(250.0, 5.0), LOAD)
-    assert found.line(0.0).real == pytest.approx(2.0 * single.line(0.0).real, rel=0.01)  # the gaps hardly give way
+    assert found.line(0.0).real == pytest.approx(
+        2.0 * single.line(0.0).real, rel=0.01
+    )  # the gaps hardly give way
     assert abs(found.line(500.0)) < 0.01 * found.line(0.0).real
 
 
@@ -105,16 +126,23 @@ def test_direct_voltage_gives_a_steady_force_only(touch):
     np.testing.assert_array_equal(found.frequency_hz, [0.0])
     one = np.ones(1)
     dc = touch.predict(Conditions(0.0 * one, 10.0 * one, LOAD * one, waveform=np.array(["dc"])))
-    # the contact's leak leaves a length shorter than any of the table's, whose limit there is good to 0.5 %
+    # the contact's leak leaves a length shorter than any of the table's, whose limit there is good
+    # to 0.5 %
     assert found.force_n[0].real == pytest.approx(dc.electrostatic_force_n[0], rel=1e-2)
 
 
 def test_every_line_against_sampling_in_time(touch):
-    """Three tones and a bias: fields of each gap in time, squared, averaged over gaps, and Fourier-transformed."""
-    tones = Tones(np.array([0.0, 40.0, 200.0, 240.0]), np.array([15.0, 20.0 - 5.0j, 30.0j, 10.0 + 0j]))
+    """Three tones and a bias: fields of each gap in time, squared, averaged over gaps, and
+    Fourier-transformed.
+    """
+    tones = Tones(
+        np.array([0.0, 40.0, 200.0, 240.0]), np.array([15.0, 20.0 - 5.0j, 30.0j, 10.0 + 0j])
+    )
     found = force_spectrum(touch, tones, LOAD)
     _, circuit = spectra._one_touch(touch, tones, LOAD, 0.02)
-    field, mass = spectra._field_per_v(touch, circuit, circuit.load_pa + found.line(0.0).real / AREA)
+    field, mass = spectra._field_per_v(
+        touch, circuit, circuit.load_pa + found.line(0.0).real / AREA
+    )
     time = np.arange(400) / 400 / 40.0
     phase = np.exp(2j * np.pi * tones.frequency_hz[:, None] * time)
     in_time = ((tones.amplitude_v[:, None] * field).T @ phase).real
@@ -127,12 +155,18 @@ def test_every_line_against_sampling_in_time(touch):
 
 def test_the_voltage_in_time_is_the_named_waveform():
     time = (np.arange(100) + 0.5) / 100 / 250.0
-    np.testing.assert_allclose(sine(250.0, 3.0, 1.0).at(time), 1.0 + 3.0 * np.cos(2 * np.pi * 250.0 * time), atol=1e-12)
+    np.testing.assert_allclose(
+        sine(250.0, 3.0, 1.0).at(time), 1.0 + 3.0 * np.cos(2 * np.pi * 250.0 * time), atol=1e-12
+    )
     flat = np.abs(np.abs(time * 1000.0 % 2.0 - 1.0)) > 0.2  # away from the edges
     found = square(250.0, 3.0, harmonics=400).at(time)
-    np.testing.assert_allclose(found[flat], 3.0 * np.sign(np.cos(2 * np.pi * 250.0 * time))[flat], atol=0.02)
+    np.testing.assert_allclose(
+        found[flat], 3.0 * np.sign(np.cos(2 * np.pi * 250.0 * time))[flat], atol=0.02
+    )
     carrier = 5.0 * (1.0 + 0.3 * np.cos(2 * np.pi * 10.0 * time)) * np.cos(2 * np.pi * 250.0 * time)
-    np.testing.assert_allclose(amplitude_modulated(250.0, 5.0, 10.0, 0.3).at(time), carrier, atol=1e-12)
+    np.testing.assert_allclose(
+        amplitude_modulated(250.0, 5.0, 10.0, 0.3).at(time), carrier, atol=1e-12
+    )
 
 
 def test_effects_on_the_drive_act_on_every_tone(touch):
@@ -149,9 +183,13 @@ def test_effects_that_know_one_tone_only_are_refused(touch, name):
     """They act on one amplitude, or add to one mean square."""
     from model.effects import BY_NAME
 
-    on = {name: {p.name: Parameter(float(p.median), p.unit, "") for p in BY_NAME[name].parameters()}}
+    on = {
+        name: {p.name: Parameter(float(p.median), p.unit, "") for p in BY_NAME[name].parameters()}
+    }
     with pytest.raises(ModelError, match=name):
-        force_spectrum(TouchModel(replace(touch.description, effect_parameters=on)), sine(250.0, 75.0), LOAD)
+        force_spectrum(
+            TouchModel(replace(touch.description, effect_parameters=on)), sine(250.0, 75.0), LOAD
+        )
 
 
 def test_drives_that_cannot_be_are_refused(touch):
@@ -163,7 +201,8 @@ def test_drives_that_cannot_be_are_refused(touch):
         force_spectrum(touch, sine(250.0, 5e4), LOAD)
 
 
-# --- impedance and current ---------------------------------------------------------------------------------------
+# --- impedance and current
+# ---------------------------------------------------------------------------------------
 
 FREQUENCIES = np.array([1.0, 250.0, 1e4, 1e6])
 
@@ -174,36 +213,51 @@ def test_a_stuck_finger_is_two_layers_in_series(touch):
     w = 2.0 * np.pi * FREQUENCIES
     insulator = 1e-6 / (AREA * (1e-13 + 1j * w * EPS0 * 3.9))
     skin = 200e-6 / (AREA * 1j * w * EPS0 * k_skin)
-    np.testing.assert_allclose(impedance(touch, FREQUENCIES, LOAD, stuck=True), insulator + skin, rtol=1e-12)
+    np.testing.assert_allclose(
+        impedance(touch, FREQUENCIES, LOAD, stuck=True), insulator + skin, rtol=1e-12
+    )
 
 
 def test_a_sliding_finger_without_leak_is_the_stack_with_every_gap_in_series(variant, scales_of):
-    """alpha = 0: gaps lie side by side, each in series with insulator and skin; by quadrature past the table."""
+    """alpha = 0: gaps lie side by side, each in series with insulator and skin; by quadrature past
+    the table.
+    """
     model = variant(leak_scale=0.0, air_conductivity_s_per_m=0.0)
     scales = scales_of(model)
     distribution = gap_distribution(model.table.shape, LOAD / AREA / scales.pressure_pa)
     for f, got in zip(FREQUENCIES, impedance(model, FREQUENCIES, LOAD), strict=True):
         jw_eps0 = 2j * np.pi * f * EPS0
-        h = 1e-6 / (3.9 + 1e-13 / jw_eps0) + 200e-6 / model.description.dielectric.permittivity(np.array([f]))[0]
+        h = (
+            1e-6 / (3.9 + 1e-13 / jw_eps0)
+            + 200e-6 / model.description.dielectric.permittivity(np.array([f]))[0]
+        )
 
         def integrand(log_u, part, h=h):
             u = np.exp(log_u)
             value = u * distribution.density(np.array([u]))[0] / (u * scales.length_m + h)
             return value.real if part == "re" else value.imag
 
-        parts = [quad(integrand, np.log(1e-12), np.log(50.0), args=(p,), limit=400)[0] for p in ("re", "im")]
+        parts = [
+            quad(integrand, np.log(1e-12), np.log(50.0), args=(p,), limit=400)[0]
+            for p in ("re", "im")
+        ]
         expected = 1.0 / (AREA * jw_eps0 * complex(*parts))
         assert got == pytest.approx(expected, rel=1e-3)
 
 
 def test_leak_without_end_leaves_the_stack_alone(variant):
-    """alpha -> infinity: the gaps are bridged wherever skin and screen are apart, which is all but 2e-4 of the area."""
+    """alpha -> infinity: the gaps are bridged wherever skin and screen are apart, which is all but
+    2e-4 of the area.
+    """
     bridged = variant(leak_scale=1e6, insulator_conductivity_s_per_m=0.0)
     found = impedance(bridged, np.array([250.0]), LOAD)
-    assert found[0] == pytest.approx(impedance(bridged, np.array([250.0]), LOAD, stuck=True)[0], rel=1e-3)
+    assert found[0] == pytest.approx(
+        impedance(bridged, np.array([250.0]), LOAD, stuck=True)[0], rel=1e-3
+    )
 
 
-# --- where the force turns steep ---------------------------------------------------------------------------------
+# --- where the force turns steep
+# ---------------------------------------------------------------------------------
 
 
 def test_force_goes_with_the_square_of_few_volts_and_steeper_later(touch):
@@ -213,7 +267,9 @@ def test_force_goes_with_the_square_of_few_volts_and_steeper_later(touch):
     assert found.exponent[0, 1, 1] == pytest.approx(2.0, abs=0.005)
     assert (np.diff(found.exponent[0, 2:70, 1]) > 0.0).all()
     assert found.exponent[0, 70, 0] > found.exponent[0, 70, 1]  # a light touch turns steep first
-    force = touch.surface(np.array([250.0]), v[49:52], np.array([0.5])).electrostatic_force_n[0, :, 0]
+    force = touch.surface(np.array([250.0]), v[49:52], np.array([0.5])).electrostatic_force_n[
+        0, :, 0
+    ]
     expected = np.log(force[2] / force[0]) / np.log(v[51] / v[49])
     assert found.exponent[0, 50, 1] == pytest.approx(expected, rel=1e-3)
     assert np.isnan(found.pull_in_v).all()
@@ -240,7 +296,9 @@ def test_more_load_closes_the_gaps_and_raises_the_force_but_not_the_friction(tou
 
 
 def test_effects_on_the_drive_act_on_the_current(variant):
-    """A weak amplifier's current was that of the voltage asked for; the force was that of the voltage delivered."""
+    """A weak amplifier's current was that of the voltage asked for; the force was that of the
+    voltage delivered.
+    """
 
     def current(gain, voltage_v):
         on = {"drive_gain_error": {"gain": Parameter(gain, "1", "")}}

@@ -35,7 +35,10 @@ def interval(reference, cof):
 
 def only(description, **log_std):
     """The model with these numbers uncertain and no others."""
-    parameters = {name: replace(p, std=p.value * log_std.get(name, 0.0)) for name, p in description.parameters.items()}
+    parameters = {
+        name: replace(p, std=p.value * log_std.get(name, 0.0))
+        for name, p in description.parameters.items()
+    }
     return replace(description, parameters=parameters)
 
 
@@ -67,7 +70,11 @@ def test_effects_bring_their_own_uncertainty(reference):
 
 def test_no_deviation_is_the_model_itself(reference, cof):
     numbers = uncertainty.uncertain_numbers(reference)
-    same = TouchModel(uncertainty.varied(reference, numbers, np.zeros(len(numbers)))).surface(F, V, N).cof
+    same = (
+        TouchModel(uncertainty.varied(reference, numbers, np.zeros(len(numbers))))
+        .surface(F, V, N)
+        .cof
+    )
     np.testing.assert_allclose(same, cof, rtol=1e-12)
 
 
@@ -97,7 +104,9 @@ def test_a_small_spread_is_carried_linearly(reference, variant, cof):
     expected = 2.0 * norm.ppf(0.84) * np.abs(np.log(thick / cof))[driven]
     seen = expected > 1e-5
     assert seen.mean() > 0.5
-    np.testing.assert_allclose(width[seen], expected[seen], rtol=0.3)  # quantiles, and curvature where it is steep
+    np.testing.assert_allclose(
+        width[seen], expected[seen], rtol=0.3
+    )  # quantiles, and curvature where it is steep
 
 
 def test_without_voltage_only_friction_without_voltage_matters(interval, cof):
@@ -120,7 +129,9 @@ def test_the_same_seed_gives_the_same_interval(reference, cof, interval):
 
 
 def test_more_draws_change_the_interval_by_chance_alone(reference, cof):
-    """The widths of one set of 64 draws scatter by 11 %: those of four sets together, and those of 256, by half."""
+    """The widths of one set of 64 draws scatter by 11 %: those of four sets together, and those of
+    256, by half.
+    """
 
     def width(draws, seed):
         low, high = uncertainty.cof_interval(reference, F, V, N, cof, draws=draws, seed=seed)
@@ -131,10 +142,14 @@ def test_more_draws_change_the_interval_by_chance_alone(reference, cof):
 
 
 def test_the_theory_alone_spreads_the_force_by_what_it_says(reference, monkeypatch):
-    """At few volts pressure does not feed back: the rise has the theory's own standard deviation."""
+    """At few volts pressure does not feed back: the rise has the theory's own standard
+    deviation.
+    """
     monkeypatch.setattr(uncertainty, "SKIN_LOG_STD", {})
     nothing = only(reference)
-    nothing = replace(nothing, parameters=nothing.parameters | {"leak_scale": Parameter(0.0, "1", "")})
+    nothing = replace(
+        nothing, parameters=nothing.parameters | {"leak_scale": Parameter(0.0, "1", "")}
+    )
     base = TouchModel(nothing).surface(F, V, N)
     _, high = uncertainty.cof_interval(nothing, F, V, N, base.cof)
     volts, off = 2, 0.512
@@ -156,16 +171,24 @@ def test_a_contact_that_may_have_pulled_in_has_no_upper_end():
     assert np.isinf(found).sum() == 1
 
 
-@pytest.mark.parametrize("effects", [{}, {"series_resistance": {"resistance_ohm": Parameter(2e4, "ohm", "", 4e3)}}])
-@pytest.mark.parametrize(("frequency_hz", "voltage_v", "normal_force_n"), [(200.0, 60.0, 0.5), (2e4, 0.0, 1.0)])
+@pytest.mark.parametrize(
+    "effects", [{}, {"series_resistance": {"resistance_ohm": Parameter(2e4, "ohm", "", 4e3)}}]
+)
+@pytest.mark.parametrize(
+    ("frequency_hz", "voltage_v", "normal_force_n"), [(200.0, 60.0, 0.5), (2e4, 0.0, 1.0)]
+)
 def test_under_one_condition_the_interval_is_that_of_the_surface(
     reference, monkeypatch, effects, frequency_hz, voltage_v, normal_force_n
 ):
-    """Solved apart, by the same draws; the surface interpolates the voltage that a wrong theory stands for."""
+    """Solved apart, by the same draws; the surface interpolates the voltage that a wrong theory
+    stands for.
+    """
     reference = replace(reference, effect_parameters=effects)
     monkeypatch.setattr(uncertainty, "DRAWS_AT_ONE", uncertainty.DRAWS)
     f, v, n = np.array([frequency_hz]), np.linspace(0.0, 120.0, 31), np.array([normal_force_n])
-    surface = uncertainty.cof_interval(reference, f, v, n, TouchModel(reference).surface(f, v, n).cof)
+    surface = uncertainty.cof_interval(
+        reference, f, v, n, TouchModel(reference).surface(f, v, n).cof
+    )
     there = np.searchsorted(v, voltage_v)
     found = uncertainty.cof_interval_at(reference, frequency_hz, voltage_v, normal_force_n)
     np.testing.assert_allclose(found, [end[0, there, 0] for end in surface], rtol=2e-3)

@@ -28,27 +28,39 @@ def test_area_and_mean_gap_against_reference(shape_and_scales, reference, name: 
     shape, scales = shape_and_scales(name)
     contact = reference[name]["contact"]
     p_hat = contact["pressure_pa"] / scales.pressure_pa
-    np.testing.assert_allclose(area_ratio(shape, p_hat), contact["area_ratio"], rtol=2e-3)  # reference: 0.05 %
+    np.testing.assert_allclose(
+        area_ratio(shape, p_hat), contact["area_ratio"], rtol=2e-3
+    )  # reference: 0.05 %
     gap = [mean_gap(shape, p) * scales.length_m for p in p_hat]
     np.testing.assert_allclose(gap, contact["mean_gap_m"], rtol=2e-3)
 
 
-@pytest.mark.parametrize(("name", "mean_gap_um", "ratio"), [("reference", 43.8, 1.785e-4), ("table1", 66.6, 1.941e-4)])
-def test_headline_values_at_5_kpa(shape_and_scales, name: str, mean_gap_um: float, ratio: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "mean_gap_um", "ratio"), [("reference", 43.8, 1.785e-4), ("table1", 66.6, 1.941e-4)]
+)
+def test_headline_values_at_5_kpa(
+    shape_and_scales, name: str, mean_gap_um: float, ratio: float
+) -> None:
     shape, scales = shape_and_scales(name)
     p_hat = 5e3 / scales.pressure_pa
-    assert mean_gap(shape, p_hat) * scales.length_m == pytest.approx(mean_gap_um * 1e-6, abs=0.05e-6)  # last digit
+    assert mean_gap(shape, p_hat) * scales.length_m == pytest.approx(
+        mean_gap_um * 1e-6, abs=0.05e-6
+    )  # last digit
     assert float(area_ratio(shape, p_hat)) == pytest.approx(ratio, abs=6e-8)  # last digit
 
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("pressure_pa", [1e3, 5e3, 3e4, 1e5])
-def test_gaps_fill_all_the_area_that_is_not_in_contact(shape_and_scales, name: str, pressure_pa: float) -> None:
+def test_gaps_fill_all_the_area_that_is_not_in_contact(
+    shape_and_scales, name: str, pressure_pa: float
+) -> None:
     shape, scales = shape_and_scales(name)
     d = gap_distribution(shape, pressure_pa / scales.pressure_pa)
     # 2e-4 is asked of the theory; a grid that misses zeta -> 1 loses nearly all of it
     assert integral_of_density(d) == pytest.approx(1.0 - d.area_ratio, abs=2e-4)
-    assert d.weight.sum() == pytest.approx(1.0 - d.area_ratio, abs=1e-6)  # rule and cut at erfc(6.5)
+    assert d.weight.sum() == pytest.approx(
+        1.0 - d.area_ratio, abs=1e-6
+    )  # rule and cut at erfc(6.5)
 
 
 @pytest.mark.parametrize("name", FINGERS)
@@ -60,31 +72,46 @@ def test_mean_of_the_distribution_is_the_mean_separation(shape_and_scales, name:
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_nearly_all_the_area_leaves_contact_at_the_first_magnifications(shape_and_scales, name: str) -> None:
-    """The trap of a grid in log zeta: 92 to 99 % of the nominal area has left contact before zeta = 1.1."""
+def test_nearly_all_the_area_leaves_contact_at_the_first_magnifications(
+    shape_and_scales, name: str
+) -> None:
+    """The trap of a grid in log zeta: 92 to 99 % of the nominal area has left contact before zeta =
+    1.1.
+    """
     shape, scales = shape_and_scales(name)
     p_hat = 5e3 / scales.pressure_pa
     k = 2.0 - 2.0 * shape.hurst
     still = erf(p_hat / np.sqrt(shape.hurst * (1.1**k - 1.0) / k))  # (42)-(43) at zeta = 1.1
-    spread_there = np.sqrt(1.1 ** (-2.0 * shape.hurst) - shape.zeta1 ** (-2.0 * shape.hurst))  # (49)
+    spread_there = np.sqrt(
+        1.1 ** (-2.0 * shape.hurst) - shape.zeta1 ** (-2.0 * shape.hurst)
+    )  # (49)
     d = gap_distribution(shape, p_hat, step=0.01)
     left = d.weight[d.spread > spread_there].sum()
     assert still < 0.09
-    assert left == pytest.approx(1.0 - still, abs=0.01 * still)  # one step of the grid moves ln A by 0.005
+    assert left == pytest.approx(
+        1.0 - still, abs=0.01 * still
+    )  # one step of the grid moves ln A by 0.005
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_mean_separation_against_the_printed_equations(models, shape_and_scales, printed_theory, name: str) -> None:
+def test_mean_separation_against_the_printed_equations(
+    models, shape_and_scales, printed_theory, name: str
+) -> None:
     shape, scales = shape_and_scales(name)
     theory = printed_theory(models[name])
     for pressure_pa in (2e3, 2e4, 2e5):
         slow = theory.at_zeta_one(pressure_pa)
         # both rules have converged: 1e-9; the spline of the inner integral is good to that
-        assert mean_gap(shape, pressure_pa / scales.pressure_pa) * scales.length_m == pytest.approx(slow, rel=1e-9)
+        assert mean_gap(shape, pressure_pa / scales.pressure_pa) * scales.length_m == pytest.approx(
+            slow, rel=1e-9
+        )
 
 
 shapes = st.builds(
-    SelfAffineShape, st.floats(0.3, 0.95), st.floats(np.log(50.0), np.log(1e8)).map(np.exp), st.floats(0.2, 1.0)
+    SelfAffineShape,
+    st.floats(0.3, 0.95),
+    st.floats(np.log(50.0), np.log(1e8)).map(np.exp),
+    st.floats(0.2, 1.0),
 )
 pressures = st.floats(np.log(1e-5), np.log(1.0)).map(np.exp)
 
@@ -100,7 +127,9 @@ def test_any_shape_keeps_its_area(shape: SelfAffineShape, p_hat: float) -> None:
 
 @given(shapes, pressures, st.floats(1.01, 3.0))
 @settings(max_examples=25)
-def test_pressing_harder_closes_the_gap_and_enlarges_the_contact(shape, p_hat: float, factor: float) -> None:
+def test_pressing_harder_closes_the_gap_and_enlarges_the_contact(
+    shape, p_hat: float, factor: float
+) -> None:
     assert mean_gap(shape, factor * p_hat) < mean_gap(shape, p_hat)
     assert area_ratio(shape, factor * p_hat) > area_ratio(shape, p_hat)
 
@@ -111,7 +140,9 @@ def test_light_contact_area_is_proportional_to_pressure() -> None:
     p_hat = 1e-3
     moment = (1e6**0.4 - 1.0) / 0.4
     expected = 2.0 / np.sqrt(np.pi) * p_hat / np.sqrt(0.8 * moment)
-    assert float(area_ratio(shape, p_hat)) == pytest.approx(expected, rel=1e-8)  # next term: (p/2 sqrt G)^2/3 = 1e-9
+    assert float(area_ratio(shape, p_hat)) == pytest.approx(
+        expected, rel=1e-8
+    )  # next term: (p/2 sqrt G)^2/3 = 1e-9
 
 
 def test_a_contact_pressed_flat_has_no_gap() -> None:
@@ -121,7 +152,9 @@ def test_a_contact_pressed_flat_has_no_gap() -> None:
 
 
 def test_far_gaps_form_a_tail_and_no_bump() -> None:
-    """Beyond five h_rms at 100 kPa: what looks like a bump at the step of the integrals is one hill per step."""
+    """Beyond five h_rms at 100 kPa: what looks like a bump at the step of the integrals is one hill
+    per step.
+    """
     shape, p_hat = SelfAffineShape(0.71, 1e7, 0.45), 0.375
     far = np.linspace(5.5, 9.0, 60)
     coarse, fine = (gap_distribution(shape, p_hat, step) for step in (0.1, 0.02))

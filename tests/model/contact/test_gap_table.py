@@ -54,17 +54,25 @@ def test_direct_quadrature_against_the_printed_equations(
     scales = scales_of(models[name])
     slow_k, slow_l, slow_mass = printed_theory(models[name]).gap_integrals(pressure_pa, z_m)
     k, l = direct(models[name].table.shape, pressure_pa / scales.pressure_pa, z_m / scales.length_m)  # noqa: E741
-    # the slow side differentiates by central differences of step 1e-3: 2e-7 of a derivative, a few of them
+    # the slow side differentiates by central differences of step 1e-3: 2e-7 of a derivative, a few
+    # of them
     assert k / scales.length_m**2 == pytest.approx(slow_k, rel=1e-6)
     assert l / scales.length_m == pytest.approx(slow_l, rel=1e-6)
-    not_in_contact = 1.0 - float(area_ratio(models[name].table.shape, pressure_pa / scales.pressure_pa))
+    not_in_contact = 1.0 - float(
+        area_ratio(models[name].table.shape, pressure_pa / scales.pressure_pa)
+    )
     assert slow_mass == pytest.approx(not_in_contact, rel=1e-6)
 
 
 def test_one_table_serves_another_finger(models, scales_of, printed_theory, variant) -> None:
-    """K(p, z) = h^-2 K^(p/(Y* q0 h), z/h): three times the height, a fifth of q0 and q1, half the modulus."""
+    """K(p, z) = h^-2 K^(p/(Y* q0 h), z/h): three times the height, a fifth of q0 and q1, half the
+    modulus.
+    """
     other = variant(
-        roughness_rms_m=60e-6, roll_off_wavenumber_per_m=200.0, cut_off_wavenumber_per_m=2e9, skin_modulus_pa=5e6
+        roughness_rms_m=60e-6,
+        roll_off_wavenumber_per_m=200.0,
+        cut_off_wavenumber_per_m=2e9,
+        skin_modulus_pa=5e6,
     )
     assert other.table is models["reference"].table
     slow_k, slow_l, _ = printed_theory(other).gap_integrals(4e3, 2e-6 * np.exp(0.4j))
@@ -81,7 +89,9 @@ def test_one_table_serves_another_finger(models, scales_of, printed_theory, vari
     angle=st.floats(-np.pi / 2.0, np.pi / 2.0),
 )
 @settings(max_examples=40)
-def test_table_against_direct_quadrature(models, name: str, log_p: float, log_z: float, angle: float) -> None:
+def test_table_against_direct_quadrature(
+    models, name: str, log_p: float, log_z: float, angle: float
+) -> None:
     table = models[name].table
     p_hat, z_hat = np.exp(log_p), np.exp(log_z + 1j * angle)
     k, l = direct(table.shape, p_hat, z_hat)  # noqa: E741
@@ -93,12 +103,16 @@ def test_table_against_direct_quadrature(models, name: str, log_p: float, log_z:
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("p_hat", [4.5, 6.3, 8.1, 9.7])
 def test_table_where_the_contact_is_nearly_complete(models, name: str, p_hat: float) -> None:
-    """More than 1 MPa: the area out of contact vanishes like an error function, which four nodes follow less well."""
+    """More than 1 MPa: the area out of contact vanishes like an error function, which four nodes
+    follow less well.
+    """
     table = models[name].table
     for z_hat in (1e-4, 0.3 * np.exp(0.9j), 50.0):
         k, l = direct(table.shape, p_hat, z_hat)  # noqa: E741
         table_k, table_l = look_up(table, p_hat, z_hat)
-        assert table_k == pytest.approx(k, rel=1e-3)  # 4e-4 at most, in the last cells; the reference asks 2e-3
+        assert table_k == pytest.approx(
+            k, rel=1e-3
+        )  # 4e-4 at most, in the last cells; the reference asks 2e-3
         assert abs(table_l - l) <= 1e-3 * abs(l)
 
 
@@ -107,8 +121,8 @@ def test_beyond_the_lengths_of_the_table_its_limits_hold(models, z_hat: complex)
     table = models["reference"].table
     k, l = direct(table.shape, 0.02, z_hat)  # noqa: E741
     table_k, table_l = look_up(table, 0.02, z_hat)
-    # past the edge at 1e3, K z^2 still moves by 2<u>/z = 4e-3; below the edge at 1e-7, P is not yet quite constant
-    # and K |z| rises by 2.3 %
+    # past the edge at 1e3, K z^2 still moves by 2<u>/z = 4e-3; below the edge at 1e-7, P is not yet
+    # quite constant and K |z| rises by 2.3 %
     assert table_k == pytest.approx(k, rel=5e-3 if abs(z_hat) > 1.0 else 3e-2)
     if abs(z_hat) > 1.0:
         assert abs(table_l - l) <= 5e-3 * abs(l)  # L moves half as much
@@ -118,7 +132,9 @@ def test_far_limit_is_the_area_out_of_contact(models) -> None:
     """K z^2 -> L z -> 1 - A_real/A0 where the stack is far thicker than the gap."""
     table = models["reference"].table
     k, l = look_up(table, 5e3 / 266617.0, 1e5)  # noqa: E741
-    assert k * 1e10 == pytest.approx(1.0 - 1.785e-4, rel=6e-3)  # the correction 2<u>/z is frozen at z = 1e3: 0.44 %
+    assert k * 1e10 == pytest.approx(
+        1.0 - 1.785e-4, rel=6e-3
+    )  # the correction 2<u>/z is frozen at z = 1e3: 0.44 %
     assert l * 1e5 == pytest.approx(1.0 - 1.785e-4, rel=3e-3)
 
 
@@ -140,7 +156,9 @@ def test_conjugate_symmetry(models, log_p: float, log_z: float, angle: float) ->
 def test_beyond_its_pressures_the_table_holds_its_ends(models) -> None:
     for outside, end in ((0.9e-6, 1e-6), (11.0, 10.0)):
         for found, expected in zip(
-            look_up(models["reference"].table, outside, 1.0), look_up(models["reference"].table, end, 1.0), strict=True
+            look_up(models["reference"].table, outside, 1.0),
+            look_up(models["reference"].table, end, 1.0),
+            strict=True,
         ):
             assert found == pytest.approx(expected, rel=1e-12)  # rounding of the end's logarithm
 
@@ -149,7 +167,9 @@ def test_grid_of_magnifications_has_converged() -> None:
     z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
     for p_hat in (1e-4, 0.02, 1.0):
         coarse, fine = (integrals_of(gap_mass(SHAPE, p_hat, step), z) for step in (0.2, 0.05))
-        np.testing.assert_allclose(coarse[0], fine[0], rtol=1e-5)  # a tenth of what interpolation may cost
+        np.testing.assert_allclose(
+            coarse[0], fine[0], rtol=1e-5
+        )  # a tenth of what interpolation may cost
         np.testing.assert_allclose(coarse[1], fine[1], rtol=1e-5)
 
 
@@ -164,7 +184,9 @@ def test_grid_of_gaps_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def save(path: Path, **changes: np.ndarray) -> None:
-    np.savez(path, **{"values": np.full(NODES, 0.25), "mass": np.full((NODES[0], GAPS), 0.5), **changes})
+    np.savez(
+        path, **{"values": np.full(NODES, 0.25), "mass": np.full((NODES[0], GAPS), 0.5), **changes}
+    )
 
 
 def plain_array() -> bytes:
@@ -197,7 +219,10 @@ class TestCache:
         return gap_table.__wrapped__(SHAPE, folder)  # past the memory of this process
 
     def test_second_load_reads_what_the_first_wrote(self, tmp_path, builds) -> None:
-        first, second = self.load(tmp_path / "new" / "folder"), self.load(tmp_path / "new" / "folder")
+        first, second = (
+            self.load(tmp_path / "new" / "folder"),
+            self.load(tmp_path / "new" / "folder"),
+        )
         assert len(builds) == 1
         np.testing.assert_array_equal(second.values, first.values)
         np.testing.assert_array_equal(second.mass, first.mass)
@@ -229,11 +254,25 @@ class TestCache:
             lambda path: save(path, mass=np.full((NODES[0], GAPS), 0.25)),
         ],
         ids=[
-            "cut", "header-cut", "text", "shape", "nan", "pickle", "empty", "strings", "mass-shape", "mass-inf",
-            "mass-strings", "no-mass", "plain-array", "flipped-byte", "flipped-header",
-            "other-values", "other-mass",
+            "cut",
+            "header-cut",
+            "text",
+            "shape",
+            "nan",
+            "pickle",
+            "empty",
+            "strings",
+            "mass-shape",
+            "mass-inf",
+            "mass-strings",
+            "no-mass",
+            "plain-array",
+            "flipped-byte",
+            "flipped-header",
+            "other-values",
+            "other-mass",
         ],
-    )  # fmt: skip
+    )
     def test_a_damaged_or_foreign_file_is_built_again(self, tmp_path, builds, damage) -> None:
         path = tmp_path / f"gap-table-{self.load(tmp_path).content_hash}.npz"
         damage(path)
@@ -250,7 +289,9 @@ class TestCache:
         in_the_way.write_text("a file where the folder should be")
         assert self.load(in_the_way).values.shape == NODES
 
-    def test_a_failed_write_leaves_the_old_file(self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_failed_write_leaves_the_old_file(
+        self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         def full_disk(file, **arrays) -> None:
             file.write(b"half")
             raise OSError(28, "No space left on device")
@@ -269,7 +310,9 @@ class TestCache:
         module._write(tmp_path / "table.npz", GapTable(SHAPE, np.zeros(3), np.zeros(3)))
         assert list(tmp_path.iterdir()) == []
 
-    def test_each_shape_and_each_grid_has_its_own_file(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_each_shape_and_each_grid_has_its_own_file(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         shapes = [
             SHAPE,
             SelfAffineShape(0.81, 1e4, 0.45),
@@ -277,7 +320,10 @@ class TestCache:
             SelfAffineShape(0.8, 1e4, 0.5),
         ]
         hashes = [GapTable(s, np.zeros(NODES), np.zeros(3)).content_hash for s in shapes]
-        assert GapTable(SelfAffineShape(0.8, 1e4, 0.45), np.ones(1), np.ones(1)).content_hash == hashes[0]
+        assert (
+            GapTable(SelfAffineShape(0.8, 1e4, 0.45), np.ones(1), np.ones(1)).content_hash
+            == hashes[0]
+        )
         for rule in (name for name in vars(resolution) if name.isupper()):
             with monkeypatch.context() as patch:
                 patch.setattr(resolution, rule, -1)
@@ -285,7 +331,9 @@ class TestCache:
         assert len(hashes) == len(shapes) + 10
         assert len(set(hashes)) == len(hashes)
 
-    def test_environment_names_the_folder(self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_environment_names_the_folder(
+        self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path / "own"))
         table = gap_table.__wrapped__(SHAPE)
         assert (tmp_path / "own" / f"gap-table-{table.content_hash}.npz").is_file()
@@ -300,13 +348,19 @@ def test_a_smooth_shape_has_a_finite_table() -> None:
 
 @pytest.mark.parametrize("name", ["reference", "table1"])
 def test_the_tables_step_of_pressure_is_of_fourth_order(models, name: str) -> None:
-    """Cubics through direct quadratures 4, 2 and 1 steps of the table apart, in the middle between two of them."""
+    """Cubics through direct quadratures 4, 2 and 1 steps of the table apart, in the middle between
+    two of them.
+    """
     shape = models[name].table.shape
     table_step = (LOG_P_AXIS[1] - LOG_P_AXIS[0]) / (LOG_P_AXIS[2] - 1)
     weights = np.array([-1.0, 9.0, 9.0, -1.0]) / 16.0
 
     def log_k(log_p: float) -> float:
-        return float(np.log(integrals_of(gap_mass(shape, float(np.exp(log_p))), np.array([0.03 + 0.01j]))[0][0]))
+        return float(
+            np.log(
+                integrals_of(gap_mass(shape, float(np.exp(log_p))), np.array([0.03 + 0.01j]))[0][0]
+            )
+        )
 
     for middle in np.log([5e-3, 2e-2, 0.1]):
         errors = []

@@ -139,7 +139,9 @@ def test_only_differences_of_evidence_count(found: Evidences, shift: float) -> N
 
 
 @given(made(), st.floats(0.0, 10.0))
-def test_more_evidence_for_an_effect_never_makes_it_less_likely(found: Evidences, more: float) -> None:
+def test_more_evidence_for_an_effect_never_makes_it_less_likely(
+    found: Evidences, more: float
+) -> None:
     better = found._replace(alone=found.alone | {("a",): found.alone["a",] + more})
     assert posterior(better).inclusion["a"] >= posterior(found).inclusion["a"] - 1e-12
 

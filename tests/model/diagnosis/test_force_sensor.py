@@ -1,4 +1,6 @@
-"""A force sensor whose lateral reading has its zero off, or some of the load in it, beside the law it looks like."""
+"""A force sensor whose lateral reading has its zero off, or some of the load in it, beside the law
+it looks like.
+"""
 
 from itertools import product
 from pathlib import Path
@@ -18,7 +20,13 @@ NOISE = 0.01
 HEADER = "frequency_hz,voltage_v,normal_force_n,cof,cof_std"
 
 
-def read(folder: Path, loads: tuple[float, ...], zero_n: float = 0.0, share: float = 0.0, law: float = 0.0) -> Problem:
+def read(
+    folder: Path,
+    loads: tuple[float, ...],
+    zero_n: float = 0.0,
+    share: float = 0.0,
+    law: float = 0.0,
+) -> Problem:
     """What such a sensor reads of a finger with a law of load, `law` prior deviations strong."""
     scatter = (NOISE, 0.0, -NOISE)  # as replicates tell
     conditions = product(loads, (0.0, 40.0, 80.0, 120.0), scatter)
@@ -27,7 +35,9 @@ def read(folder: Path, loads: tuple[float, ...], zero_n: float = 0.0, share: flo
     vector = np.append(np.zeros(len(predictor.free)), law)
     cof = np.exp(predictor.predicted((LOAD,), vector[None])[0])
     seen = np.log(cof + zero_n / predictor.data.columns["normal_force_n"] + share)
-    return Problem(predictor, seen + NOISE * np.random.default_rng(3).standard_normal(seen.size), noise)
+    return Problem(
+        predictor, seen + NOISE * np.random.default_rng(3).standard_normal(seen.size), noise
+    )
 
 
 def gains(problem: Problem) -> tuple[float, float]:
@@ -39,8 +49,12 @@ def gains(problem: Problem) -> tuple[float, float]:
     return force_sensor(problem, base) - nothing, law.alone.log_evidence - nothing
 
 
-@pytest.mark.parametrize(("zero_n", "share"), [(0.05, 0.0), (-0.05, 0.0), (-0.06, 0.12), (0.06, -0.12)])
-def test_the_sensor_is_certain_where_it_does_it(tmp_path: Path, zero_n: float, share: float) -> None:
+@pytest.mark.parametrize(
+    ("zero_n", "share"), [(0.05, 0.0), (-0.05, 0.0), (-0.06, 0.12), (0.06, -0.12)]
+)
+def test_the_sensor_is_certain_where_it_does_it(
+    tmp_path: Path, zero_n: float, share: float
+) -> None:
     """Three of 640 blind sets were called friction that depends on load, with 0.95 to 0.99."""
     sensor, law = gains(read(tmp_path, (0.25, 0.5, 1.0), zero_n, share))
     assert law > 50.0
@@ -55,7 +69,9 @@ def test_the_law_is_certain_where_it_is_there(tmp_path: Path, strength: float) -
 
 
 def test_it_is_not_worth_its_numbers_where_it_does_nothing(tmp_path: Path) -> None:
-    """What it would add to friction as observed, noise and all, gained 80 nats on three sessions of nothing."""
+    """What it would add to friction as observed, noise and all, gained 80 nats on three sessions of
+    nothing.
+    """
     sensor, _ = gains(read(tmp_path, (0.25, 0.5, 1.0)))
     assert -5.0 < sensor < 0.0
 

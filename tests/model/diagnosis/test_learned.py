@@ -1,6 +1,8 @@
-"""A discrepancy that is made at one place of the chain is learned at that place, and the gap shrinks.
+"""A discrepancy that is made at one place of the chain is learned at that place, and the gap
+shrinks.
 
-What is hidden has forms of its own (sines, bells, a hyperbolic tangent), none of which the learned terms have.
+What is hidden has forms of its own (sines, bells, a hyperbolic tangent), none of which the learned
+terms have.
 """
 
 from __future__ import annotations
@@ -40,7 +42,10 @@ class AtDrive(Effect):
     """The electrode's voltage swings over frequency."""
 
     def drive(self, drive):
-        return replace(drive, voltage_v=drive.voltage_v * np.exp(0.3 * np.sin(1.3 * np.log(drive.frequency_hz))))
+        return replace(
+            drive,
+            voltage_v=drive.voltage_v * np.exp(0.3 * np.sin(1.3 * np.log(drive.frequency_hz))),
+        )
 
 
 @dataclass(frozen=True)
@@ -73,10 +78,15 @@ class AtFriction(Effect):
     """The sensor resonates at a speed."""
 
     def friction(self, friction, drive):
-        return replace(friction, cof_off_factor=1.0 + 0.15 * np.exp(-((np.log(drive.speed_m_s / 0.02) / 0.4) ** 2)))
+        return replace(
+            friction,
+            cof_off_factor=1.0 + 0.15 * np.exp(-((np.log(drive.speed_m_s / 0.02) / 0.4) ** 2)),
+        )
 
 
-def measured(tmp_path: Path, hidden: Effect, touch: TouchModel, electrode: bool, seed: int = 5) -> Measurements:
+def measured(
+    tmp_path: Path, hidden: Effect, touch: TouchModel, electrode: bool, seed: int = 5
+) -> Measurements:
     rng = np.random.default_rng(seed)
     count = SESSIONS * ROWS
     columns = {
@@ -98,7 +108,9 @@ def measured(tmp_path: Path, hidden: Effect, touch: TouchModel, electrode: bool,
     lines = [",".join(columns)]
     for i in range(count):
         quiet = columns["voltage_v"][i] == 0.0
-        lines.append(",".join("" if quiet and n in ELECTRODE else f"{x[i]:.9g}" for n, x in columns.items()))
+        lines.append(
+            ",".join("" if quiet and n in ELECTRODE else f"{x[i]:.9g}" for n, x in columns.items())
+        )
     path = tmp_path / "data.csv"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return read_measurements(path)
@@ -133,12 +145,16 @@ def made(tmp_path, with_effects):
     ("hidden", "electrode", "place", "inputs"),
     [
         (AtDrive(), True, "drive", {"frequency_hz"}),
-        pytest.param(AtStack(), True, "stack", {"frequency_hz"}, marks=pytest.mark.soak),  # long: 10 s each
+        pytest.param(
+            AtStack(), True, "stack", {"frequency_hz"}, marks=pytest.mark.soak
+        ),  # long: 10 s each
         pytest.param(AtGap(), True, "air gap", {"speed_m_s"}, marks=pytest.mark.soak),
         pytest.param(AtContact(), True, "contact", {"normal_force_n"}, marks=pytest.mark.soak),
         pytest.param(AtFriction(), True, "friction", {"speed_m_s"}, marks=pytest.mark.soak),
         (AtGap(), False, "air gap", {"speed_m_s"}),
-        pytest.param(AtFriction(), False, "friction", {"speed_m_s"}, marks=pytest.mark.soak),  # as below, whole
+        pytest.param(
+            AtFriction(), False, "friction", {"speed_m_s"}, marks=pytest.mark.soak
+        ),  # as below, whole
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Effect) else None,
 )
@@ -173,11 +189,15 @@ def test_a_model_that_has_learned_once_learns_no_second_term(made) -> None:
         p.name: replace(given.description.parameters["cof_off"], value=0.0)
         for p in learned_kind(found.form).parameters()
     }
-    again = replace(given.description, effect_parameters={"learned": numbers}, learned_form=found.form)
+    again = replace(
+        given.description, effect_parameters={"learned": numbers}, learned_form=found.form
+    )
     assert given._replace(description=again).learned() is None
 
 
-def test_what_no_effect_explains_goes_into_the_model_file_as_learned(tmp_path, with_effects) -> None:
+def test_what_no_effect_explains_goes_into_the_model_file_as_learned(
+    tmp_path, with_effects
+) -> None:
     hidden = AtFriction()
     data = measured(tmp_path, hidden, with_effects(hidden), electrode=False)
     description = read_model(MODEL)
@@ -190,9 +210,14 @@ def test_what_no_effect_explains_goes_into_the_model_file_as_learned(tmp_path, w
     assert report["learned"]["in_model"]
     assert set(report["learned"]["range"]) == {"speed_m_s"}
     assert report["fit"]["gap_closed"] > 0.8
-    assert report["fit"]["held_out_chi2_per_point"]["after"] < 0.2 * report["fit"]["held_out_chi2_per_point"]["before"]
+    assert (
+        report["fit"]["held_out_chi2_per_point"]["after"]
+        < 0.2 * report["fit"]["held_out_chi2_per_point"]["before"]
+    )
     assert "learned" not in {entry["name"] for entry in report["alternatives"]}
-    assert json.loads((tmp_path / "out" / "report.json").read_text()) == json.loads(json.dumps(report))
+    assert json.loads((tmp_path / "out" / "report.json").read_text()) == json.loads(
+        json.dumps(report)
+    )
     assert "Learned term" in (tmp_path / "out" / "report.html").read_text()
 
     corrected, new = (
@@ -202,6 +227,7 @@ def test_what_no_effect_explains_goes_into_the_model_file_as_learned(tmp_path, w
     assert corrected.learned_form == found.findings.learned.form
     cof = new.columns["cof"]
     before, after = (
-        np.std(np.log(TouchModel(model).predict(new.conditions()).cof / cof)) for model in (description, corrected)
+        np.std(np.log(TouchModel(model).predict(new.conditions()).cof / cof))
+        for model in (description, corrected)
     )
     assert after < 0.4 * before  # data of another day; noise alone is a fifth of it

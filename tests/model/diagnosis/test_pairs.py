@@ -21,13 +21,16 @@ def made(names: str, evidence: float) -> Any:
     return SimpleNamespace(kinds=kinds, alone=alone, name="+".join(names))
 
 
-def pairs(monkeypatch: pytest.MonkeyPatch, evidence: Table, promise: dict[str, Table]) -> dict[str, float]:
+def pairs(
+    monkeypatch: pytest.MonkeyPatch, evidence: Table, promise: dict[str, Table]
+) -> dict[str, float]:
     """Pairs that are fitted, with evidences and promises from tables instead of fits."""
 
     def beside(_: object, first: Candidate, singles: list[Candidate]) -> list[Promise]:
         gains = promise.get(LETTERS[first.kinds[0]], {})
         return [
-            Promise(frozenset((*first.kinds, KINDS[n])), first.alone.log_evidence + gain) for n, gain in gains.items()
+            Promise(frozenset((*first.kinds, KINDS[n])), first.alone.log_evidence + gain)
+            for n, gain in gains.items()
         ]
 
     def with_one_more(_: object, first: Candidate, more: Any) -> Any:
@@ -90,7 +93,9 @@ def test_what_one_more_effect_explains_is_judged_with_all_as_loose_as_it_is(bent
     def whitened(_: object, vectors: np.ndarray) -> np.ndarray:
         return residual - (vectors[:, :3] - vector) @ jacobian.T - vectors[:, 3:4] * direction
 
-    around = SimpleNamespace(residual=residual, jacobian=jacobian, vector=vector, kinds=(KINDS["a"],))
+    around = SimpleNamespace(
+        residual=residual, jacobian=jacobian, vector=vector, kinds=(KINDS["a"],)
+    )
     alone = SimpleNamespace(scale=scale, log_evidence=7.0)
     chosen: Any = SimpleNamespace(around=around, bent=loose, alone=alone, kinds=(KINDS["a"],))
     fit = SimpleNamespace(vector=np.zeros(count))

@@ -30,7 +30,9 @@ def data(rows_per_session: list[int]) -> Measurements:
         "voltage_v": rng.choice([0.0, 60.0, 120.0], count),
         "normal_force_n": rng.choice([0.3, 1.0], count),
     }
-    cof = TouchModel(FINGER).predict(Conditions(**columns)).cof * np.exp(NOISE * rng.standard_normal(count))
+    cof = TouchModel(FINGER).predict(Conditions(**columns)).cof * np.exp(
+        NOISE * rng.standard_normal(count)
+    )
     session = np.repeat(np.arange(len(rows_per_session)), rows_per_session)
     names = tuple("abcdef"[: len(rows_per_session)])
     return Measurements({**columns, "cof": cof, "cof_std": NOISE * cof}, session, names, None, "00")
@@ -45,7 +47,9 @@ def held_out(measured: Measurements, scale: float = 1.0) -> Proof:
 
 
 def test_a_session_of_one_row_is_no_fold_and_leaves_the_others_their_names() -> None:
-    """The names of all sessions stood beside the errors of some: session c's error under b's name."""
+    """The names of all sessions stood beside the errors of some: session c's error under b's
+    name.
+    """
     found = held_out(data([15, 1, 15, 15]))
     assert found.by == "session"
     assert found.folds == ("a", "c", "d")
@@ -53,7 +57,9 @@ def test_a_session_of_one_row_is_no_fold_and_leaves_the_others_their_names() -> 
 
 
 def test_errors_are_counted_in_the_noise_that_is_asked_for() -> None:
-    """The rival's error was counted in its own noise, and compared with the chosen model's in that one's."""
+    """The rival's error was counted in its own noise, and compared with the chosen model's in that
+    one's.
+    """
     measured = data([15, 15, 15])
     once, twice = held_out(measured), held_out(measured, 2.0)
     assert twice.before == pytest.approx(once.before / 4.0, rel=1e-9)

@@ -1,4 +1,6 @@
-"""Sessions that are noisier than the others are told from sessions that have an effect which the others do not."""
+"""Sessions that are noisier than the others are told from sessions that have an effect which the
+others do not.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,10 @@ def sessions_only(count: int = 20) -> Measurements:
 
 def test_equal_sessions_are_not_singled_out() -> None:
     data = sessions_only()
-    found = [unlike_sessions(data, np.random.default_rng(i).standard_normal(data.session.size)) for i in range(200)]
+    found = [
+        unlike_sessions(data, np.random.default_rng(i).standard_normal(data.session.size))
+        for i in range(200)
+    ]
     assert sum(map(bool, found)) <= 1  # 200 x 1e-4 expected
 
 
@@ -47,7 +52,9 @@ def test_loud_sessions_are_found_with_their_loudness(loud) -> None:
 
 def test_never_half_of_the_sessions_or_more() -> None:
     data = sessions_only(40)
-    loud = np.where(np.isin(data.session, [0, 1, 2]), 9.0, 1.0) * np.random.default_rng(3).standard_normal(200)
+    loud = np.where(np.isin(data.session, [0, 1, 2]), 9.0, 1.0) * np.random.default_rng(
+        3
+    ).standard_normal(200)
     assert len(unlike_sessions(data, loud)) <= 2
     two = data.subset(data.session < 2)
     assert unlike_sessions(two, loud[data.session < 2]) == {}
@@ -67,9 +74,14 @@ def test_a_predictor_switches_effects_on_only_where_the_data_say_so(tmp_path) ->
 
 
 def write(folder: Path, hidden: np.ndarray, noisier: float) -> Path:
-    """Five sessions of a voltage x frequency grid; a roll-off of the drive in some, more noise in the last."""
+    """Five sessions of a voltage x frequency grid; a roll-off of the drive in some, more noise in
+    the last.
+    """
     rng = np.random.default_rng(8)
-    f, v = (a.ravel() for a in np.meshgrid(np.geomspace(50, 2e4, 8), [0.0, 60.0, 100.0, 140.0], indexing="ij"))
+    f, v = (
+        a.ravel()
+        for a in np.meshgrid(np.geomspace(50, 2e4, 8), [0.0, 60.0, 100.0, 140.0], indexing="ij")
+    )
     model = TouchModel(read_model(MODEL))
     lines = ["frequency_hz,voltage_v,normal_force_n,cof,cof_std,session"]
     for s in range(SESSIONS):
@@ -78,7 +90,8 @@ def write(folder: Path, hidden: np.ndarray, noisier: float) -> Path:
         noise = 0.008 * (noisier if s == SESSIONS - 1 else 1.0) * rng.standard_normal(f.size)
         measured = cof * np.exp(0.03 * rng.standard_normal() + noise)
         lines += [
-            f"{a:.6g},{b:g},0.5,{c:.6f},{0.008 * c:.6f},{'abcde'[s]}" for a, b, c in zip(f, v, measured, strict=True)
+            f"{a:.6g},{b:g},0.5,{c:.6f},{0.008 * c:.6f},{'abcde'[s]}"
+            for a, b, c in zip(f, v, measured, strict=True)
         ]
     path = folder / "data.csv"
     path.write_text("\n".join(lines) + "\n")
@@ -97,13 +110,17 @@ def test_an_effect_in_two_of_five_sessions_is_named_with_its_sessions(tmp_path) 
 
 
 def test_a_noisy_session_is_given_less_weight_and_no_name(tmp_path) -> None:
-    found = diagnose(read_model(MODEL), read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 5.0)))
+    found = diagnose(
+        read_model(MODEL), read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 5.0))
+    )
     assert found.name == "no_discrepancy"
     assert any("noisier than the others: session e" in warning for warning in found.warnings)
 
 
 def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path) -> None:
-    """What correlation was left after the first was taken out took its place: 0.8, then 0.31, was 0.31."""
+    """What correlation was left after the first was taken out took its place: 0.8, then 0.31, was
+    0.31.
+    """
     data = read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 1.0))
     wander = np.cumsum(np.random.default_rng(25).standard_normal(data.count))
     cof = data.columns["cof"] * np.exp(0.02 * wander)
@@ -116,7 +133,10 @@ def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path) -> None:
 
 def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path) -> None:
     """It ended in a bare error about an empty sequence."""
-    on = {kind.name: {p.name: Parameter(p.median, p.unit, "") for p in kind.parameters()} for kind in BY_NAME.values()}
+    on = {
+        kind.name: {p.name: Parameter(p.median, p.unit, "") for p in kind.parameters()}
+        for kind in BY_NAME.values()
+    }
     found = diagnose(
         replace(read_model(MODEL), effect_parameters=on),
         read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 1.0)),
@@ -126,11 +146,15 @@ def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path) -> Non
 
 
 def test_a_session_of_sweeps_is_no_worse_for_being_unlike() -> None:
-    """Three sessions of friction, one of currents that fit six times worse; of friction, such a one is found."""
+    """Three sessions of friction, one of currents that fit six times worse; of friction, such a one
+    is found.
+    """
     session = np.repeat(np.arange(4), 30)
     columns = {"voltage_v": np.ones(120), "frequency_hz": np.ones(120)}
     left = np.random.default_rng(0).standard_normal(120)
     left[session == 3] *= 6.0
-    data = Measurements(columns, session, tuple("abcd"), None, "", witness=np.where(session == 3, CURRENT, FRICTION))
+    data = Measurements(
+        columns, session, tuple("abcd"), None, "", witness=np.where(session == 3, CURRENT, FRICTION)
+    )
     assert unlike_sessions(data, left) == {}
     assert list(unlike_sessions(replace(data, witness=None), left)) == [3]

@@ -1,4 +1,6 @@
-"""A discrepancy of unknown shape: of the electrostatic force, of friction while there is voltage, or of friction."""
+"""A discrepancy of unknown shape: of the electrostatic force, of friction while there is voltage,
+or of friction.
+"""
 
 import warnings
 from pathlib import Path
@@ -26,20 +28,30 @@ VOLTAGES = (0.0, 50.0, 75.0, 100.0, 125.0)
 
 
 def measured(tmp_path: Path, drift: float, of_force: bool) -> Measurements:
-    """Friction of the reference finger, 1 % noise; from first to last row the force, or friction, grows by `drift`."""
+    """Friction of the reference finger, 1 % noise; from first to last row the force, or friction,
+    grows by `drift`.
+    """
     chance = np.random.default_rng(3)
-    rows = np.array([(f, v) for f in (30.0, 100.0, 300.0, 1000.0) for v in VOLTAGES for _ in range(4)])
+    rows = np.array(
+        [(f, v) for f in (30.0, 100.0, 300.0, 1000.0) for v in VOLTAGES for _ in range(4)]
+    )
     rows = chance.permutation(rows)
     load = np.full(len(rows), 0.5)
-    cof, off = (TouchModel(FINGER).cof(Conditions(rows[:, 0], v, load)) for v in (rows[:, 1], 0.0 * rows[:, 1]))
+    cof, off = (
+        TouchModel(FINGER).cof(Conditions(rows[:, 0], v, load))
+        for v in (rows[:, 1], 0.0 * rows[:, 1])
+    )
     ramp = 1.0 + drift * np.linspace(-0.5, 0.5, len(rows))
     cof = off + (cof - off) * ramp if of_force else cof * ramp
     cof *= np.exp(NOISE * chance.standard_normal(len(rows)))
     lines = [
-        f"{f},{v},0.5,{c:.6g},{NOISE * c:.6g},{10.0 * i}" for i, ((f, v), c) in enumerate(zip(rows, cof, strict=True))
+        f"{f},{v},0.5,{c:.6g},{NOISE * c:.6g},{10.0 * i}"
+        for i, ((f, v), c) in enumerate(zip(rows, cof, strict=True))
     ]
     path = tmp_path / "data.csv"
-    path.write_text("\n".join(["frequency_hz,voltage_v,normal_force_n,cof,cof_std,time_s", *lines]) + "\n")
+    path.write_text(
+        "\n".join(["frequency_hz,voltage_v,normal_force_n,cof,cof_std,time_s", *lines]) + "\n"
+    )
     return read_measurements(path)
 
 
@@ -49,7 +61,9 @@ def weighed(data: Measurements, *names: str) -> tuple[Candidate, list[Candidate]
     assert noise is not None
     problem = Problem(Predictor(FINGER, data), data.observed, noise)
     base = candidate(problem, (), problem.fit((), np.zeros(len(problem.predictor.free))))
-    return base, fit_candidates(problem, base.fit, [(BY_NAME[name],) for name in names], lambda _: None)
+    return base, fit_candidates(
+        problem, base.fit, [(BY_NAME[name],) for name in names], lambda _: None
+    )
 
 
 def beside(base: Candidate) -> float:
@@ -58,8 +72,12 @@ def beside(base: Candidate) -> float:
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_a_force_that_drifts_shows_by_how_much_of_friction_is_the_forces(tmp_path: Path, sign: float) -> None:
-    """It was named trapped charge of another form, by a discrepancy that knew only whether there is voltage."""
+def test_a_force_that_drifts_shows_by_how_much_of_friction_is_the_forces(
+    tmp_path: Path, sign: float
+) -> None:
+    """It was named trapped charge of another form, by a discrepancy that knew only whether there is
+    voltage.
+    """
     data = measured(tmp_path, 0.3 * sign, of_force=True)
     base, (charge,) = weighed(data, "trapped_charge")
     assert base.beside_discrepancy.log_evidence > charge.alone.log_evidence
@@ -81,16 +99,21 @@ def test_nothing_that_drifts_is_none(tmp_path: Path) -> None:
     assert beside(base) < 0.0
 
 
-def test_the_share_of_the_force_is_what_friction_has_more_than_without_voltage(tmp_path: Path) -> None:
+def test_the_share_of_the_force_is_what_friction_has_more_than_without_voltage(
+    tmp_path: Path,
+) -> None:
     data = measured(tmp_path, 0.0, of_force=True)
     share = Predictor(FINGER, data).force_share()
     frequency, voltage = data.columns["frequency_hz"], data.columns["voltage_v"]
     friction: list[Array] = [
-        TouchModel(FINGER).cof(Conditions(frequency, v, np.full(data.count, 0.5))) for v in (voltage, 0.0 * voltage)
+        TouchModel(FINGER).cof(Conditions(frequency, v, np.full(data.count, 0.5)))
+        for v in (voltage, 0.0 * voltage)
     ]
     expected = 1.0 - friction[1] / friction[0]
     assert np.all(share[voltage == 0.0] == 0.0)
-    np.testing.assert_allclose(share, expected / expected.max(), rtol=0.01)  # the usual finger has 3 nm of dust
+    np.testing.assert_allclose(
+        share, expected / expected.max(), rtol=0.01
+    )  # the usual finger has 3 nm of dust
     assert share.max() == 1.0
 
 
@@ -109,16 +132,34 @@ def test_a_current_has_no_share_of_the_force(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("off", "is_one"), [(0.0025, False), (0.03, True)])
-def test_a_monitors_response_within_what_it_is_believed_to_is_none(tmp_path: Path, off: float, is_one: bool) -> None:
-    """A viscoelastic skin was unexplained, by what was off smoothly and by less than 0.3 % in precise readings."""
+def test_a_monitors_response_within_what_it_is_believed_to_is_none(
+    tmp_path: Path, off: float, is_one: bool
+) -> None:
+    """A viscoelastic skin was unexplained, by what was off smoothly and by less than 0.3 % in
+    precise readings.
+    """
     frequency_hz = np.geomspace(10.0, 1e5, 41)
     said = TouchModel(FINGER).predict(Conditions(frequency_hz, np.full(41, 75.0), np.full(41, 0.5)))
     current_a = said.electrode_current_a * np.exp(off * np.exp(1j * np.log(frequency_hz)))
     amount, phase_rad = np.abs(current_a), np.angle(current_a)
-    columns = (frequency_hz, said.cof, 0.05 * said.cof, amount, 1e-4 * amount, phase_rad, np.full(41, 1e-4))
-    header = "frequency_hz,voltage_v,normal_force_n,cof,cof_std,current_a,current_std_a,current_phase_rad"
+    columns = (
+        frequency_hz,
+        said.cof,
+        0.05 * said.cof,
+        amount,
+        1e-4 * amount,
+        phase_rad,
+        np.full(41, 1e-4),
+    )
+    header = (
+        "frequency_hz,voltage_v,normal_force_n,cof,cof_std,"
+        "current_a,current_std_a,current_phase_rad"
+    )
     path = tmp_path / "data.csv"
-    rows = (",".join([f"{c[0]:.9g},75,0.5", *(f"{x:.9g}" for x in c[1:])]) for c in zip(*columns, strict=True))
+    rows = (
+        ",".join([f"{c[0]:.9g},75,0.5", *(f"{x:.9g}" for x in c[1:])])
+        for c in zip(*columns, strict=True)
+    )
     path.write_text("\n".join([f"{header},current_phase_std_rad", *rows]) + "\n")
     base, _ = weighed(read_measurements(path))
     assert (beside(base) > 1.0) is is_one

@@ -15,8 +15,11 @@ from model.effects import BY_NAME
 EFFECT = BY_NAME["drive_gain_error"]  # of one parameter
 
 
-def evidence_of_the_unseen(signature: np.ndarray, residual: np.ndarray, nuisance: np.ndarray, at: float = 0.0) -> float:
-    """`signature` [n] per prior standard deviation of an effect that is linear in its parameter; base evidence 0.
+def evidence_of_the_unseen(
+    signature: np.ndarray, residual: np.ndarray, nuisance: np.ndarray, at: float = 0.0
+) -> float:
+    """`signature` [n] per prior standard deviation of an effect that is linear in its parameter;
+    base evidence 0.
 
     `at`: where the base model's one parameter was fitted.
     """
@@ -25,7 +28,9 @@ def evidence_of_the_unseen(signature: np.ndarray, residual: np.ndarray, nuisance
         return residual - (vectors - np.array([at, 0.0])) @ np.stack([nuisance, signature])
 
     problem: Any = SimpleNamespace(whitened=whitened)
-    fit = SimpleNamespace(vector=np.array([at]), residual=residual, jacobian=nuisance[:, None], scale2=1.0)
+    fit = SimpleNamespace(
+        vector=np.array([at]), residual=residual, jacobian=nuisance[:, None], scale2=1.0
+    )
     base: Any = SimpleNamespace(fit=fit, alone=SimpleNamespace(log_evidence=0.0))
     return unseen(problem, base, EFFECT)
 
@@ -34,7 +39,9 @@ def evidence_of_the_unseen(signature: np.ndarray, residual: np.ndarray, nuisance
 def test_it_is_the_posterior_where_lambda_is_small(size: float, residual: float) -> None:
     signature, nothing = np.array([size, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     edge = np.sqrt(NO_TRACE) / size
-    expected, _ = quad(lambda x: norm.pdf(x) * np.exp(residual * size * x - 0.5 * (size * x) ** 2), -edge, edge)
+    expected, _ = quad(
+        lambda x: norm.pdf(x) * np.exp(residual * size * x - 0.5 * (size * x) ** 2), -edge, edge
+    )
     got = np.exp(evidence_of_the_unseen(signature, np.array([residual, 0.0, 0.0]), nothing))
     assert got == pytest.approx(expected, abs=0.03)  # some of 64 draws lie near the edge
 
@@ -42,13 +49,19 @@ def test_it_is_the_posterior_where_lambda_is_small(size: float, residual: float)
 def test_what_the_finger_can_take_up_leaves_no_trace() -> None:
     """A nuisance with a wide prior moves the prediction as the effect does."""
     signature = np.array([3.0, 3.0, 0.0])
-    assert evidence_of_the_unseen(signature, np.zeros(3), 100.0 * signature) == pytest.approx(0.0, abs=0.01)
+    assert evidence_of_the_unseen(signature, np.zeros(3), 100.0 * signature) == pytest.approx(
+        0.0, abs=0.01
+    )
     assert evidence_of_the_unseen(signature, np.zeros(3), np.array([1.0, -1.0, 0.0])) < -0.5
 
 
 def test_a_parameter_at_its_end_takes_nothing_up() -> None:
-    """A body that floats was "nothing missing" with 1.00: the touch's area, at its end, left what the body explains."""
+    """A body that floats was "nothing missing" with 1.00: the touch's area, at its end, left what
+    the body explains.
+    """
     signature = np.array([3.0, 3.0, 0.0])
     left = -0.5 * signature  # of what the parameter would explain beyond its end
-    inside, outside = (evidence_of_the_unseen(signature, left, 10.0 * signature, at) for at in (0.0, -FARTHEST))
+    inside, outside = (
+        evidence_of_the_unseen(signature, left, 10.0 * signature, at) for at in (0.0, -FARTHEST)
+    )
     assert outside < 0.0 < inside

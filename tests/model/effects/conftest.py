@@ -45,5 +45,7 @@ def unbiased() -> Conditions:
 @pytest.fixture(scope="session")
 def biased() -> Conditions:
     """The same kinds, most of them with a bias of either sign."""
-    offset = np.where(np.arange(45) % 4 == 3, 0.0, np.random.default_rng(3).uniform(-60.0, 60.0, 45))
+    offset = np.where(
+        np.arange(45) % 4 == 3, 0.0, np.random.default_rng(3).uniform(-60.0, 60.0, 45)
+    )
     return Conditions(**columns(45, 2), voltage_offset_v=offset)

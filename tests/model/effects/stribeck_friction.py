@@ -27,6 +27,5 @@ class StribeckFriction(Effect):
     speed_scale_m_s: float = log_parameter("m/s", 0.02, 2.5, (1e-5, 10.0), off=1.0)
 
     def friction(self, friction: Friction, drive: Drive) -> Friction:
-        """See `Effect`."""
         factor = 1.0 + self.rise * np.exp(-np.abs(drive.speed_m_s) / self.speed_scale_m_s)
         return replace(friction, cof_off_factor=friction.cof_off_factor * factor)

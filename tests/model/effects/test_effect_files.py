@@ -14,10 +14,14 @@ from model.effects import BY_NAME, CATALOGUE, Effect
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
-SHIPPED = (Path(__file__).parents[3] / "configs" / "models" / "reference.toml").read_text(encoding="utf-8")
+SHIPPED = (Path(__file__).parents[3] / "configs" / "models" / "reference.toml").read_text(
+    encoding="utf-8"
+)
 RESISTANCE = "[effects.series_resistance]\nresistance_ohm = 1e4\n"
 BANDWIDTH = "[effects.amplifier_bandwidth]\ncutoff_hz = 2e4\norder = 1.5\n"
-every_effect = pytest.mark.parametrize("effect", CATALOGUE, ids=[effect.name for effect in CATALOGUE])
+every_effect = pytest.mark.parametrize(
+    "effect", CATALOGUE, ids=[effect.name for effect in CATALOGUE]
+)
 
 
 @pytest.fixture
@@ -34,7 +38,9 @@ def read(tmp_path) -> Callable[..., ModelDescription]:
 
 def table(effect: type[Effect], **changes: str | None) -> str:
     entries = {p.name: repr(p.median) for p in effect.parameters()} | changes
-    return "\n".join([f"[effects.{effect.name}]", *(f"{k} = {v}" for k, v in entries.items() if v is not None)])
+    return "\n".join(
+        [f"[effects.{effect.name}]", *(f"{k} = {v}" for k, v in entries.items() if v is not None)]
+    )
 
 
 def test_without_a_table_there_is_no_effect(read) -> None:
@@ -56,19 +62,27 @@ def test_every_effect_is_read(read, effect: type[Effect]) -> None:
 
 
 @every_effect
-def test_every_parameter_must_be_given_or_is_as_usual_and_in_range(read, effect: type[Effect]) -> None:
+def test_every_parameter_must_be_given_or_is_as_usual_and_in_range(
+    read, effect: type[Effect]
+) -> None:
     for p in effect.parameters():
         if p.name in effect.usual():
             (found,) = read(table(effect, **{p.name: None})).effects
             assert getattr(found, p.name) == effect.usual()[p.name]
         else:
-            with pytest.raises(ModelError, match=rf"\[effects\.{effect.name}\]: {p.name} is missing") as caught:
+            with pytest.raises(
+                ModelError, match=rf"\[effects\.{effect.name}\]: {p.name} is missing"
+            ) as caught:
                 read(table(effect, **{p.name: None}))
             assert all(
-                known.name in caught.value.hint for known in effect.parameters() if known.name not in effect.usual()
+                known.name in caught.value.hint
+                for known in effect.parameters()
+                if known.name not in effect.usual()
             )
         for wrong in (p.low - 0.01 * abs(p.low) - 1e-30, 1.01 * p.high):
-            with pytest.raises(ModelError, match=rf"finger\.toml, \[effects\.{effect.name}\]: {p.name} = ") as caught:
+            with pytest.raises(
+                ModelError, match=rf"finger\.toml, \[effects\.{effect.name}\]: {p.name} = "
+            ) as caught:
                 read(table(effect, **{p.name: repr(wrong)}))
             assert "out of range" in caught.value.message
             assert p.unit in caught.value.hint
@@ -106,7 +120,9 @@ def test_an_unknown_effect_is_an_error_with_the_nearest(read, wrong: str, choice
 
 
 def test_an_unknown_parameter_is_an_error_with_the_nearest(read) -> None:
-    with pytest.raises(ModelError, match=r"\[effects\.series_resistance\]: unknown key 'resistance'") as caught:
+    with pytest.raises(
+        ModelError, match=r"\[effects\.series_resistance\]: unknown key 'resistance'"
+    ) as caught:
         read("[effects.series_resistance]\nresistance = 1e4")
     assert "Did you mean 'resistance_ohm'?" in caught.value.hint
     with pytest.raises(ModelError, match="unknown key 'sd'") as caught:
@@ -115,7 +131,9 @@ def test_an_unknown_parameter_is_an_error_with_the_nearest(read) -> None:
 
 
 def test_what_is_no_table_is_refused(read, tmp_path) -> None:
-    with pytest.raises(ModelError, match=r"\[effects\]: series_resistance is not a table") as caught:
+    with pytest.raises(
+        ModelError, match=r"\[effects\]: series_resistance is not a table"
+    ) as caught:
         read("[effects]\nseries_resistance = 1e4")
     assert "resistance_ohm" in caught.value.hint
     path = tmp_path / "flat.toml"
@@ -125,9 +143,17 @@ def test_what_is_no_table_is_refused(read, tmp_path) -> None:
 
 
 def test_std_and_source_are_kept_and_do_not_count(read) -> None:
-    rich = read('[effects.series_resistance]\nresistance_ohm = { value = 1e4, std = 500.0, source = "ohmmeter" }')
+    rich = read(
+        "[effects.series_resistance]\nresistance_ohm = { value = 1e4, std = 500.0, source ="
+        ' "ohmmeter" }'
+    )
     parameter = rich.effect_parameters["series_resistance"]["resistance_ohm"]
-    assert (parameter.value, parameter.std, parameter.source, parameter.unit) == (1e4, 500.0, "ohmmeter", "ohm")
+    assert (parameter.value, parameter.std, parameter.source, parameter.unit) == (
+        1e4,
+        500.0,
+        "ohmmeter",
+        "ohm",
+    )
     assert rich.content_hash == read(RESISTANCE).content_hash
     assert rich.provenance() != read(RESISTANCE).provenance()
     with pytest.raises(ModelError, match=r"resistance_ohm\.std = -1 is negative"):
@@ -166,31 +192,46 @@ class TestPrediction:
 
     def test_a_surface_has_the_same_effects(self, models, with_effects) -> None:
         model = with_effects(
-            BY_NAME["capillary_adhesion"](pressure_pa=400.0), BY_NAME["electrowetting"](0.05, 80.0, 200.0)
+            BY_NAME["capillary_adhesion"](pressure_pa=400.0),
+            BY_NAME["electrowetting"](0.05, 80.0, 200.0),
         )
         f, v, n = np.array([10.0, 1e4]), np.array([0.0, 30.0, 75.0]), np.array([0.2, 1.0])
         surface = model.surface(f, v, n)
         grid = [x.ravel() for x in np.meshgrid(f, v, n, indexing="ij")]
         single = model.predict(Conditions(*grid))
         for name in ("electrostatic_force_n", "cof", "current_rms_a"):
-            np.testing.assert_allclose(getattr(surface, name).ravel(), getattr(single, name), rtol=1e-12)  # rounding
+            np.testing.assert_allclose(
+                getattr(surface, name).ravel(), getattr(single, name), rtol=1e-12
+            )  # rounding
         np.testing.assert_array_equal(surface.within_theory.ravel(), single.within_theory)
         assert not surface.pulled_in.any()
 
-    def test_an_effect_that_is_off_gives_the_surface_of_the_grid(self, models, with_effects) -> None:
-        f, v, n = np.array([10.0, 250.0, 1e5]), np.array([0.0, 30.0, 120.0]), np.array([0.1, 0.5, 1.5])
+    def test_an_effect_that_is_off_gives_the_surface_of_the_grid(
+        self, models, with_effects
+    ) -> None:
+        f, v, n = (
+            np.array([10.0, 250.0, 1e5]),
+            np.array([0.0, 30.0, 120.0]),
+            np.array([0.1, 0.5, 1.5]),
+        )
         grid = models["reference"].surface(f, v, n)
         points = with_effects(BY_NAME["skin_hydration"].off()).surface(f, v, n)
         for name in ("electrostatic_force_n", "cof", "current_rms_a", "stuck_current_rms_a"):
-            np.testing.assert_allclose(getattr(points, name), getattr(grid, name), rtol=1e-12)  # rounding
+            np.testing.assert_allclose(
+                getattr(points, name), getattr(grid, name), rtol=1e-12
+            )  # rounding
 
 
 @every_effect
-def test_a_model_that_leaves_out_what_it_may_has_an_uncertainty_all_the_same(read, effect: type[Effect]) -> None:
+def test_a_model_that_leaves_out_what_it_may_has_an_uncertainty_all_the_same(
+    read, effect: type[Effect]
+) -> None:
     """A slew limit without its sharpness once ended `haptic solve` with a KeyError."""
     found = read(table(effect, **dict.fromkeys(effect.usual())))
     numbers = uncertain_numbers(found)
-    assert not {f"{effect.name}.{name}" for name in effect.usual()} & {number.name for number in numbers}
+    assert not {f"{effect.name}.{name}" for name in effect.usual()} & {
+        number.name for number in numbers
+    }
     interval = cof_interval_at(found, 250.0, 75.0, 0.5)
     assert interval is not None
     assert interval[0] <= interval[1]

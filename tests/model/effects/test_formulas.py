@@ -1,4 +1,6 @@
-"""Each effect against numbers by hand, another model that must come out the same, or the printed integral."""
+"""Each effect against numbers by hand, another model that must come out the same, or the printed
+integral.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -24,22 +26,30 @@ FREQUENCIES = np.array([1.0, 10.0, 250.0, 3e3, 1e5, 1e6])
 def touches(frequency_hz, voltage_v, normal_force_n=0.5, **columns) -> Conditions:
     """Scalars and lists to columns of one length."""
     names = ["frequency_hz", "voltage_v", "normal_force_n", *columns]
-    arrays = np.broadcast_arrays(*(np.atleast_1d(x) for x in (frequency_hz, voltage_v, normal_force_n)),
-                                 *(np.atleast_1d(x) for x in columns.values()))  # fmt: skip
+    arrays = np.broadcast_arrays(
+        *(np.atleast_1d(x) for x in (frequency_hz, voltage_v, normal_force_n)),
+        *(np.atleast_1d(x) for x in columns.values()),
+    )
     return Conditions(**dict(zip(names, arrays, strict=True)))
 
 
-def assert_same(one: Prediction, other: Prediction, rtol: float = 1e-8, without: tuple[str, ...] = ()) -> None:
+def assert_same(
+    one: Prediction, other: Prediction, rtol: float = 1e-8, without: tuple[str, ...] = ()
+) -> None:
     """To what the loop is closed to, 1e-10 of the total pressure."""
     for f in fields(Prediction):
         if f.name not in without:
             a, b = getattr(one, f.name), getattr(other, f.name)
-            np.testing.assert_allclose(a, b, rtol=rtol, atol=1e-10 * (f.name == "electrostatic_force_n"))
+            np.testing.assert_allclose(
+                a, b, rtol=rtol, atol=1e-10 * (f.name == "electrostatic_force_n")
+            )
 
 
 @pytest.fixture
 def prepared(models) -> Callable[..., PreparedTouch]:
-    def run(conditions: Conditions, *effects: e.Effect, model: TouchModel | None = None) -> PreparedTouch:
+    def run(
+        conditions: Conditions, *effects: e.Effect, model: TouchModel | None = None
+    ) -> PreparedTouch:
         d = (model or models["reference"]).description
         return prepare(d.values, d.dielectric, effects, conditions.drive())
 
@@ -62,11 +72,17 @@ class Skin:
 
 class TestAmplifierBandwidth:
     def test_by_hand(self, prepared) -> None:
-        """First order: V/sqrt 2 at f_c, V/sqrt 5 at 2 f_c, V/sqrt 101 at 10 f_c; third order: V/sqrt 65 at 2 f_c."""
+        """First order: V/sqrt 2 at f_c, V/sqrt 5 at 2 f_c, V/sqrt 101 at 10 f_c; third order:
+        V/sqrt 65 at 2 f_c.
+        """
         c = touches([100.0, 1e3, 2e3, 1e4], 60.0)
-        first = prepared(c, BY_NAME["amplifier_bandwidth"](cutoff_hz=1e3, order=1.0)).circuit.mean_square_v2[:, 0]
+        first = prepared(
+            c, BY_NAME["amplifier_bandwidth"](cutoff_hz=1e3, order=1.0)
+        ).circuit.mean_square_v2[:, 0]
         np.testing.assert_allclose(first, 1800.0 / np.array([1.01, 2.0, 5.0, 101.0]), rtol=1e-14)
-        third = prepared(c, BY_NAME["amplifier_bandwidth"](cutoff_hz=1e3, order=3.0)).circuit.mean_square_v2[:, 0]
+        third = prepared(
+            c, BY_NAME["amplifier_bandwidth"](cutoff_hz=1e3, order=3.0)
+        ).circuit.mean_square_v2[:, 0]
         np.testing.assert_allclose(third[1:3], 1800.0 / np.array([2.0, 65.0]), rtol=1e-14)
 
     def test_is_a_lower_voltage(self, with_effects, models) -> None:
@@ -74,12 +90,18 @@ class TestAmplifierBandwidth:
         limited = with_effects(BY_NAME["amplifier_bandwidth"](cutoff_hz=2e4, order=1.0))
         voltage = 75.0 / np.sqrt([1.00000025, 2.0, 5.0])
         lags = ("electrode_voltage_v", "electrode_current_a")
-        assert_same(limited.predict(touches(f, 75.0)), models["reference"].predict(touches(f, voltage)), without=lags)
+        assert_same(
+            limited.predict(touches(f, 75.0)),
+            models["reference"].predict(touches(f, voltage)),
+            without=lags,
+        )
 
     @pytest.mark.parametrize("order", [1, 2, 3, 4])
     def test_the_lag_of_a_whole_order_is_butterworths(self, prepared, order: int) -> None:
         f = np.array([1.0, 50.0, 500.0, 1e3, 2e3, 2e4, 1e6])
-        got = prepared(touches(f, 60.0), BY_NAME["amplifier_bandwidth"](cutoff_hz=1e3, order=order)).electrode_v
+        got = prepared(
+            touches(f, 60.0), BY_NAME["amplifier_bandwidth"](cutoff_hz=1e3, order=order)
+        ).electrode_v
         poles = np.exp(0.5j * np.pi * (1.0 + (2.0 * np.arange(order) + 1.0) / order))
         gain = np.prod(-poles[:, None] / (1j * f / 1e3 - poles[:, None]), axis=0)
         np.testing.assert_allclose(
@@ -89,8 +111,13 @@ class TestAmplifierBandwidth:
     def test_the_lag_grows_steadily_with_the_order(self, prepared) -> None:
         """By Bode's relation it ends at 90 degrees per order."""
         orders = np.array([0.5, 1.0, 1.3, 2.0, 3.7])
-        end = [prepared(touches(1e9, 1.0), BY_NAME["amplifier_bandwidth"](1.0, n)).electrode_v[0] for n in orders]
-        np.testing.assert_allclose(np.exp(1j * np.angle(end)), np.exp(-0.5j * np.pi * orders), atol=2e-4)
+        end = [
+            prepared(touches(1e9, 1.0), BY_NAME["amplifier_bandwidth"](1.0, n)).electrode_v[0]
+            for n in orders
+        ]
+        np.testing.assert_allclose(
+            np.exp(1j * np.angle(end)), np.exp(-0.5j * np.pi * orders), atol=2e-4
+        )
 
     def test_a_bias_passes(self, prepared) -> None:
         slow = BY_NAME["amplifier_bandwidth"](cutoff_hz=1.0, order=4.0)
@@ -103,26 +130,42 @@ class TestAmplifierBandwidth:
 
 class TestAmplifierSlewLimit:
     def test_by_hand(self, prepared) -> None:
-        """1 V/us at 10 kHz: 15.9 V is the largest sine; from 29.7 V on a triangle of 25 V, its fundamental 20.264 V."""
+        """1 V/us at 10 kHz: 15.9 V is the largest sine; from 29.7 V on a triangle of 25 V, its
+        fundamental 20.264 V.
+        """
         limit = BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e6)
         volts = np.array([5.0, 15.9, 29.7, 100.0])
         square = prepared(touches(1e4, volts), limit).circuit.mean_square_v2[:, 0]
         assert 8.0 / np.pi**2 * 25.0 == pytest.approx(20.264236728467556, rel=1e-14)
-        np.testing.assert_allclose(square, np.minimum(volts, 20.264236728467556) ** 2 / 2.0, rtol=1e-14)
+        np.testing.assert_allclose(
+            square, np.minimum(volts, 20.264236728467556) ** 2 / 2.0, rtol=1e-14
+        )
 
     def test_falls_with_frequency(self, with_effects, models) -> None:
         f = np.array([100.0, 1e4, 1e5])
         limited = with_effects(BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e6))
         voltage = np.array([75.0, 20.264236728467556, 2.0264236728467556])
         lags = ("electrode_voltage_v", "electrode_current_a")
-        assert_same(limited.predict(touches(f, 75.0)), models["reference"].predict(touches(f, voltage)), without=lags)
+        assert_same(
+            limited.predict(touches(f, 75.0)),
+            models["reference"].predict(touches(f, voltage)),
+            without=lags,
+        )
 
     @pytest.mark.parametrize("share", [0.2, 0.3, 0.5, 0.54, 0.6, 0.7, 0.8, 0.9, 1.1])
-    def test_amount_and_lag_are_those_of_an_output_that_follows_as_fast_as_it_can(self, prepared, share: float) -> None:
-        """Stepped through eight periods of 1 V at 1 Hz; `share` of the sine's steepest slope is the limit."""
+    def test_amount_and_lag_are_those_of_an_output_that_follows_as_fast_as_it_can(
+        self, prepared, share: float
+    ) -> None:
+        """Stepped through eight periods of 1 V at 1 Hz; `share` of the sine's steepest slope is the
+        limit.
+        """
         count = 10_000
         time_s = np.arange(8 * count) / count
-        wanted, out, most = np.sin(2.0 * np.pi * time_s), np.zeros(time_s.size), share * 2.0 * np.pi / count
+        wanted, out, most = (
+            np.sin(2.0 * np.pi * time_s),
+            np.zeros(time_s.size),
+            share * 2.0 * np.pi / count,
+        )
         for i in range(1, time_s.size):
             out[i] = out[i - 1] + min(max(wanted[i] - out[i - 1], -most), most)
         fundamental = 2j * np.mean(out[-count:] * np.exp(-2j * np.pi * time_s[-count:]))
@@ -131,12 +174,20 @@ class TestAmplifierSlewLimit:
         assert got == pytest.approx(fundamental, abs=5e-4)
 
     @pytest.mark.parametrize("over", [0.1, 0.5, 1.0, 2.0, 10.0])
-    def test_what_is_lacking_of_a_soft_limit_leads_by_a_quarter_period(self, prepared, over: float) -> None:
-        """V/(1 + (V/V_t)^3)^(1/3), V_t = 20.264 V, as far as that is softer than the lesser of V and V_t."""
+    def test_what_is_lacking_of_a_soft_limit_leads_by_a_quarter_period(
+        self, prepared, over: float
+    ) -> None:
+        """V/(1 + (V/V_t)^3)^(1/3), V_t = 20.264 V, as far as that is softer than the lesser of V
+        and V_t.
+        """
         volts = over * 20.264236728467556
-        soft, hard = (BY_NAME["amplifier_slew_limit"](1e6, sharpness) for sharpness in (3.0, float("inf")))
+        soft, hard = (
+            BY_NAME["amplifier_slew_limit"](1e6, sharpness) for sharpness in (3.0, float("inf"))
+        )
         got, sharp = (prepared(touches(1e4, volts), limit).electrode_v[0] for limit in (soft, hard))
-        left = (1.0 + over**3) ** (-1.0 / 3.0)  # of the sine; the hard limit leaves the lesser of 1 and 1/over
+        left = (1.0 + over**3) ** (
+            -1.0 / 3.0
+        )  # of the sine; the hard limit leaves the lesser of 1 and 1/over
         hard_left = min(1.0, 1.0 / over)
         more_lag = np.arccos(left) - np.arccos(hard_left)
         assert got == pytest.approx(sharp * left / hard_left * np.exp(-1j * more_lag), rel=1e-9)
@@ -145,7 +196,9 @@ class TestAmplifierSlewLimit:
 
     def test_a_sharp_limit_is_the_hard_one(self, prepared) -> None:
         volts = np.array([0.0, 5.0, 15.0, 100.0])
-        sharp, hard = (BY_NAME["amplifier_slew_limit"](1e6, sharpness) for sharpness in (1e4, float("inf")))
+        sharp, hard = (
+            BY_NAME["amplifier_slew_limit"](1e6, sharpness) for sharpness in (1e4, float("inf"))
+        )
         got = prepared(touches(1e4, volts), sharp).electrode_v
         np.testing.assert_allclose(got, prepared(touches(1e4, volts), hard).electrode_v, rtol=1e-12)
 
@@ -160,7 +213,9 @@ class TestDriveGainError:
     def test_is_another_voltage(self, with_effects, models, waveform: str) -> None:
         doubled = with_effects(BY_NAME["drive_gain_error"](gain=2.0))
         for offset in (0.0, 15.0, -7.0):
-            got = doubled.predict(touches(FREQUENCIES, 30.0, waveform=waveform, voltage_offset_v=offset))
+            got = doubled.predict(
+                touches(FREQUENCIES, 30.0, waveform=waveform, voltage_offset_v=offset)
+            )
             base = models["reference"].predict(
                 touches(FREQUENCIES, 60.0, waveform=waveform, voltage_offset_v=2.0 * offset)
             )
@@ -169,10 +224,15 @@ class TestDriveGainError:
 
 class TestSeriesResistance:
     def test_length_by_hand(self, prepared) -> None:
-        """10 kohm behind 1 cm2 at 1 kHz: j w eps0 R A0 = j 55.6 nm; 10 Mohm at 100 Hz: j 5.56 um."""
+        """10 kohm behind 1 cm2 at 1 kHz: j w eps0 R A0 = j 55.6 nm; 10 Mohm at 100 Hz: j 5.56
+        um.
+        """
         for f, ohm, length_m in ((1e3, 1e4, 5.563250275e-8), (100.0, 1e7, 5.563250275e-6)):
             c = touches(f, 75.0)
-            h = prepared(c, BY_NAME["series_resistance"](resistance_ohm=ohm)).circuit.h_m - prepared(c).circuit.h_m
+            h = (
+                prepared(c, BY_NAME["series_resistance"](resistance_ohm=ohm)).circuit.h_m
+                - prepared(c).circuit.h_m
+            )
             # eps0 = 8.8541878e-12: ten digits; rounding of h
             assert h[0, 0].imag == pytest.approx(length_m, rel=1e-7)
             assert abs(h[0, 0].real) < 1e-18
@@ -191,7 +251,10 @@ class TestFloatingBody:
     def test_is_a_thicker_insulator(self, with_effects, variant) -> None:
         """eps0 A0/C is 8.854 um of air for 100 pF: 34.5 um more of an insulator of 3.9."""
         plain = variant(insulator_conductivity_s_per_m=0.0)
-        thick = variant(insulator_conductivity_s_per_m=0.0, insulator_thickness_m=1e-6 + 3.9 * EPS0 * AREA_M2 / 1e-10)
+        thick = variant(
+            insulator_conductivity_s_per_m=0.0,
+            insulator_thickness_m=1e-6 + 3.9 * EPS0 * AREA_M2 / 1e-10,
+        )
         assert thick.description.values.insulator_thickness_m == pytest.approx(35.531e-6, abs=1e-9)
         floating = with_effects(BY_NAME["floating_body"](body_capacitance_f=1e-10), base=plain)
         c = touches(FREQUENCIES, 75.0)
@@ -199,8 +262,12 @@ class TestFloatingBody:
 
 
 class TestSkinHydration:
-    @pytest.mark.parametrize(("wetness", "eps", "sigma"), [(1.0, 1.5, 14.0), (-1.0, 1 / 1.5, 1 / 14), (2.0, 2.25, 196)])
-    def test_is_another_data_set(self, with_effects, variant, wetness: float, eps: float, sigma: float) -> None:
+    @pytest.mark.parametrize(
+        ("wetness", "eps", "sigma"), [(1.0, 1.5, 14.0), (-1.0, 1 / 1.5, 1 / 14), (2.0, 2.25, 196)]
+    )
+    def test_is_another_data_set(
+        self, with_effects, variant, wetness: float, eps: float, sigma: float
+    ) -> None:
         """Leak included: it follows the skin's conductivity."""
         wet = with_effects(BY_NAME["skin_hydration"](wetness=wetness))
         c = touches(FREQUENCIES, 75.0, voltage_offset_v=20.0)
@@ -209,11 +276,15 @@ class TestSkinHydration:
 
 class TestSkinNonlinearity:
     @pytest.mark.parametrize("gap_m", [0.0, 6e-6])
-    @pytest.mark.parametrize(("frequency_hz", "voltage_v"), [(10.0, 75.0), (250.0, 30.0), (1e5, 100.0)])
+    @pytest.mark.parametrize(
+        ("frequency_hz", "voltage_v"), [(10.0, 75.0), (250.0, 30.0), (1e5, 100.0)]
+    )
     def test_is_a_better_conductor(
         self, with_effects, variant, frequency_hz: float, voltage_v: float, gap_m: float
     ) -> None:
-        """V_skin is V |d2/k2|/|d1/k1 + gap + d2/k2| of the skin as it conducts then: halved until both agree."""
+        """V_skin is V |d2/k2|/|d1/k1 + gap + d2/k2| of the skin as it conducts then: halved until
+        both agree.
+        """
         skin = complex(GABRIEL_DRY.permittivity(np.array([frequency_hz]))[0])
         jw_eps0 = 2j * np.pi * frequency_hz * EPS0
         others = 1e-6 / (3.9 + 1e-13 / jw_eps0) + gap_m / (1.0 + 1e-14 / jw_eps0)
@@ -226,23 +297,35 @@ class TestSkinNonlinearity:
         low, high = 1.0, 1e9
         for _ in range(200):
             middle = (low * high) ** 0.5
-            low, high = (middle, high) if middle < 1.0 + (across_v(middle) / scale_v) ** 2 else (low, middle)
+            low, high = (
+                (middle, high)
+                if middle < 1.0 + (across_v(middle) / scale_v) ** 2
+                else (low, middle)
+            )
         leakless = variant(leak_scale=0.0)
-        got = with_effects(BY_NAME["skin_nonlinearity"](voltage_scale_v=scale_v, gap_m=gap_m), base=leakless)
+        got = with_effects(
+            BY_NAME["skin_nonlinearity"](voltage_scale_v=scale_v, gap_m=gap_m), base=leakless
+        )
         c = touches(frequency_hz, voltage_v)
         assert_same(got.predict(c), variant(leak_scale=0.0, dielectric=Skin(1.0, low)).predict(c))
         assert low > 1.05  # the factor differs from 1
 
     @pytest.mark.parametrize("gap_m", [0.0, 7e-6, 1e-3])
-    def test_a_leak_beside_the_gap_leaves_more_to_the_skin(self, with_effects, variant, gap_m: float) -> None:
-        """As much as without a gap where it leaks a lot; where there is no gap, nothing leaks beside it."""
+    def test_a_leak_beside_the_gap_leaves_more_to_the_skin(
+        self, with_effects, variant, gap_m: float
+    ) -> None:
+        """As much as without a gap where it leaks a lot; where there is no gap, nothing leaks
+        beside it.
+        """
         skin_s = [
             with_effects(BY_NAME["skin_nonlinearity"](1.0, gap_m), base=variant(leak_scale=leak))
             .predict(touches(250.0, 75.0))
             .stuck_current_rms_a[0]
             for leak in (0.0, 1.0, 1e5)
         ]
-        touching = with_effects(BY_NAME["skin_nonlinearity"](1.0, 0.0)).predict(touches(250.0, 75.0))
+        touching = with_effects(BY_NAME["skin_nonlinearity"](1.0, 0.0)).predict(
+            touches(250.0, 75.0)
+        )
         assert skin_s[2] == pytest.approx(touching.stuck_current_rms_a[0], rel=1e-3)
         assert skin_s[0] < skin_s[1] < skin_s[2] if gap_m else skin_s[0] == skin_s[2]
 
@@ -266,7 +349,10 @@ def k_hat(model: TouchModel, pressure_pa: float, z_m: complex) -> float:
     v = model.description.values
     scale_pa = v.effective_modulus_pa * v.roll_off_wavenumber_per_m * v.roughness_rms_m
     z = np.array([z_m / v.roughness_rms_m], complex)
-    return float(integrals_of(gap_mass(model.table.shape, pressure_pa / scale_pa), z)[0][0]) / v.roughness_rms_m**2
+    return (
+        float(integrals_of(gap_mass(model.table.shape, pressure_pa / scale_pa), z)[0][0])
+        / v.roughness_rms_m**2
+    )
 
 
 class TestElectrodePolarization:
@@ -280,7 +366,9 @@ class TestElectrodePolarization:
             (500.0, 0.5, 1.0 / (500.0 + 500.0 * np.exp(-0.25j * np.pi))),
         ):
             effect = BY_NAME["electrode_polarization"](
-                transfer_resistance_ohm_m2=resistance, admittance_s_sn_per_m2=2e-4, exponent=exponent
+                transfer_resistance_ohm_m2=resistance,
+                admittance_s_sn_per_m2=2e-4,
+                exponent=exponent,
             )
             bypass = prepared(touches(f, 75.0), effect).circuit.bypass_per_m[0, 0]
             assert bypass * 1j * 100.0 * EPS0 == pytest.approx(expected, rel=1e-4)
@@ -294,31 +382,45 @@ class TestElectrodePolarization:
         pressure_pa = (0.5 + force_n) / AREA_M2
         s = stack_of(models["reference"], np.array([frequency_hz]))
         jw = 2j * np.pi * frequency_hz
-        beside = 1.0 / (30.0 + 1.0 / (1e-3 * jw**0.75)) + s.leak_per_m_pa[0] * pressure_pa * jw * EPS0
+        beside = (
+            1.0 / (30.0 + 1.0 / (1e-3 * jw**0.75)) + s.leak_per_m_pa[0] * pressure_pa * jw * EPS0
+        )
         a, b = 1.0 + beside * s.h_m[0] / (jw * EPS0), s.k_gap[0] * s.h_m[0]
-        expected = EPS0 / 4.0 * 75.0**2 * k_hat(models["reference"], pressure_pa, b / a) / abs(a) ** 2
+        expected = (
+            EPS0 / 4.0 * 75.0**2 * k_hat(models["reference"], pressure_pa, b / a) / abs(a) ** 2
+        )
         assert force_n == pytest.approx(AREA_M2 * expected, rel=1e-4)  # interpolation
 
-    def test_a_plain_resistance_is_a_leak_that_no_load_changes(self, with_effects, prepared) -> None:
+    def test_a_plain_resistance_is_a_leak_that_no_load_changes(
+        self, with_effects, prepared
+    ) -> None:
         effect = BY_NAME["electrode_polarization"](
             transfer_resistance_ohm_m2=10.0, admittance_s_sn_per_m2=1e6, exponent=1.0
         )
         circuit = prepared(touches(250.0, 75.0, [0.1, 1.0]), effect).circuit
         assert circuit.bypass_per_m[0, 0] == circuit.bypass_per_m[1, 0]
-        assert circuit.bypass_per_m[0, 0] == pytest.approx(0.1 / (2j * np.pi * 250.0 * EPS0), rel=1e-9)
+        assert circuit.bypass_per_m[0, 0] == pytest.approx(
+            0.1 / (2j * np.pi * 250.0 * EPS0), rel=1e-9
+        )
 
 
 class TestSweatFilm:
     """k^m = (1 - phi) k_air^m + phi k_sweat^m; m may be off by the 1e-3 that keeps it from 0."""
 
-    def gap(self, prepared, frequency_hz: float, share: float, arrangement: float) -> tuple[complex, float]:
-        effect = BY_NAME["sweat_film"](share=share, sweat_conductivity_s_per_m=0.1, arrangement=arrangement)
+    def gap(
+        self, prepared, frequency_hz: float, share: float, arrangement: float
+    ) -> tuple[complex, float]:
+        effect = BY_NAME["sweat_film"](
+            share=share, sweat_conductivity_s_per_m=0.1, arrangement=arrangement
+        )
         circuit = prepared(touches(frequency_hz, np.sqrt(2.0)), effect).circuit
         return circuit.k_gap[0, 0], circuit.mean_square_v2[0, 0]
 
     @pytest.mark.parametrize("frequency_hz", [10.0, 1e3, 1e6])
     @pytest.mark.parametrize("share", [0.01, 0.4])
-    def test_columns_are_in_parallel_with_the_air(self, prepared, frequency_hz: float, share: float) -> None:
+    def test_columns_are_in_parallel_with_the_air(
+        self, prepared, frequency_hz: float, share: float
+    ) -> None:
         jw = 2j * np.pi * frequency_hz * EPS0
         k, square = self.gap(prepared, frequency_hz, share, 1.0)
         expected = (1.0 - share) * (1.0 + 1e-14 / jw) + share * (80.0 + 0.1 / jw)
@@ -327,13 +429,17 @@ class TestSweatFilm:
 
     @pytest.mark.parametrize("frequency_hz", [10.0, 1e3, 1e6])
     @pytest.mark.parametrize("share", [0.01, 0.4])
-    def test_films_are_in_series_with_the_air(self, prepared, frequency_hz: float, share: float) -> None:
+    def test_films_are_in_series_with_the_air(
+        self, prepared, frequency_hz: float, share: float
+    ) -> None:
         jw = 2j * np.pi * frequency_hz * EPS0
         air, sweat = 1.0 + 1e-14 / jw, 80.0 + 0.1 / jw
         k, square = self.gap(prepared, frequency_hz, share, -1.0)
         expected = 1.0 / ((1.0 - share) / air + share / sweat)
         assert abs(k - expected) <= 6e-3 * abs(expected)
-        assert square == pytest.approx(abs(expected / air) ** 2, rel=1.2e-2)  # one displacement crosses both
+        assert square == pytest.approx(
+            abs(expected / air) ** 2, rel=1.2e-2
+        )  # one displacement crosses both
 
     def test_between_the_ends_the_product_of_powers(self, prepared) -> None:
         jw = 2j * np.pi * 250.0 * EPS0
@@ -354,7 +460,9 @@ class TestSpeedDependentGap:
         lift = BY_NAME["speed_dependent_gap"](lift_m=2e-6, speed_scale_m_s=0.05)
         speeds = np.array([0.0, 0.05, 0.1, 10.0])
         shift = prepared(touches(250.0, 75.0, speed_m_s=speeds), lift).circuit.gap_shift_m
-        np.testing.assert_allclose(shift, 2e-6 * np.array([0.0, 0.632121, 0.864665, 1.0]), rtol=1e-6, atol=0.0)
+        np.testing.assert_allclose(
+            shift, 2e-6 * np.array([0.0, 0.632121, 0.864665, 1.0]), rtol=1e-6, atol=0.0
+        )
 
     def test_a_finger_at_rest_is_the_base_models(self, with_effects, models) -> None:
         lift = with_effects(BY_NAME["speed_dependent_gap"](lift_m=1e-4, speed_scale_m_s=1e-3))
@@ -362,8 +470,14 @@ class TestSpeedDependentGap:
         assert_same(lift.predict(c), models["reference"].predict(c), 1e-12)
 
     def test_more_air_everywhere_is_a_thicker_insulator(self, with_effects, variant) -> None:
-        """Without leak, air in series may as well lie in the insulator: 1 um of it is 3.9 um of 3.9."""
-        dry = {"leak_scale": 0.0, "air_conductivity_s_per_m": 0.0, "insulator_conductivity_s_per_m": 0.0}
+        """Without leak, air in series may as well lie in the insulator: 1 um of it is 3.9 um of
+        3.9.
+        """
+        dry = {
+            "leak_scale": 0.0,
+            "air_conductivity_s_per_m": 0.0,
+            "insulator_conductivity_s_per_m": 0.0,
+        }
         lift = with_effects(
             BY_NAME["speed_dependent_gap"](lift_m=1e-6, speed_scale_m_s=1e-5), base=variant(**dry)
         )  # at 1 m/s all of the lift
@@ -372,14 +486,22 @@ class TestSpeedDependentGap:
         assert_same(lift.predict(c), expected, without=("stuck_current_rms_a",))
 
     @pytest.mark.parametrize("frequency_hz", [10.0, 1e4])
-    def test_a_leak_beside_the_wider_gap(self, with_effects, models, stack_of, frequency_hz: float) -> None:
+    def test_a_leak_beside_the_wider_gap(
+        self, with_effects, models, stack_of, frequency_hz: float
+    ) -> None:
         """E = V/(a (u + du) + b)."""
         lift = with_effects(BY_NAME["speed_dependent_gap"](lift_m=3e-6, speed_scale_m_s=1e-5))
         force_n = lift.predict(touches(frequency_hz, 75.0, speed_m_s=1.0)).electrostatic_force_n[0]
         pressure_pa = (0.5 + force_n) / AREA_M2
         s = stack_of(models["reference"], np.array([frequency_hz]))
         a, b = 1.0 + s.leak_per_m_pa[0] * pressure_pa * s.h_m[0], s.k_gap[0] * s.h_m[0]
-        expected = EPS0 / 4.0 * 75.0**2 * k_hat(models["reference"], pressure_pa, 3e-6 + b / a) / abs(a) ** 2
+        expected = (
+            EPS0
+            / 4.0
+            * 75.0**2
+            * k_hat(models["reference"], pressure_pa, 3e-6 + b / a)
+            / abs(a) ** 2
+        )
         assert force_n == pytest.approx(AREA_M2 * expected, rel=1e-4)  # interpolation
 
 
@@ -388,9 +510,17 @@ class TestTrappedCharge:
         return BY_NAME["trapped_charge"](surface_voltage_v=volts, share_at_rest=at_rest)
 
     def test_mean_squares_by_hand(self, prepared) -> None:
-        """V^2/2 + V_s^2 for a sine, V^2 + V_s^2 for a square wave, (V - V_s)^2 for direct current."""
-        for waveform, expected in (("sine", 450.0 + 400.0), ("square", 900.0 + 400.0), ("dc", 100.0)):
-            square = prepared(touches(250.0, 30.0, waveform=waveform), self.charge(20.0)).circuit.mean_square_v2
+        """V^2/2 + V_s^2 for a sine, V^2 + V_s^2 for a square wave, (V - V_s)^2 for direct
+        current.
+        """
+        for waveform, expected in (
+            ("sine", 450.0 + 400.0),
+            ("square", 900.0 + 400.0),
+            ("dc", 100.0),
+        ):
+            square = prepared(
+                touches(250.0, 30.0, waveform=waveform), self.charge(20.0)
+            ).circuit.mean_square_v2
             assert square.tolist() == [[expected]]
         for offset, bias in ((20.0, 0.0), (-20.0, 1600.0), (50.0, 900.0)):
             biased = touches(250.0, 30.0, voltage_offset_v=offset)
@@ -403,7 +533,9 @@ class TestTrappedCharge:
         assert found.electrostatic_force_n[1] == 0.0
         assert found.cof[1] == MU
         # equally far from the charge on either side, at the same light pressure
-        assert found.electrostatic_force_n[0] == pytest.approx(found.electrostatic_force_n[2], rel=1e-6)
+        assert found.electrostatic_force_n[0] == pytest.approx(
+            found.electrostatic_force_n[2], rel=1e-6
+        )
         offset = charged.predict(touches(0.0, 0.0, voltage_offset_v=[20.0, -20.0], waveform="dc"))
         assert offset.electrostatic_force_n[0] == 0.0
         assert offset.electrostatic_force_n[1] > 0.0
@@ -425,7 +557,9 @@ class TestTrappedCharge:
             assert_same(got, base, without=CURRENTS)
 
     def test_a_bias_on_a_sine_cancels_the_charge(self, with_effects, models) -> None:
-        got = with_effects(self.charge(20.0)).predict(touches(FREQUENCIES, 30.0, voltage_offset_v=20.0))
+        got = with_effects(self.charge(20.0)).predict(
+            touches(FREQUENCIES, 30.0, voltage_offset_v=20.0)
+        )
         base = models["reference"].predict(touches(FREQUENCIES, 30.0))
         assert_same(got, base, without=CURRENTS)  # the bias drives its own
 
@@ -437,7 +571,8 @@ class TestTrappedCharge:
 
 class TestAirBreakdown:
     @pytest.mark.parametrize(
-        ("frequency_hz", "voltage_v", "limit"), [(250.0, 75.0, 3e6), (1e4, 100.0, 2e7), (10.0, 60.0, 1e6)]
+        ("frequency_hz", "voltage_v", "limit"),
+        [(250.0, 75.0, 3e6), (1e4, 100.0, 2e7), (10.0, 60.0, 1e6)],
     )
     def test_the_capped_field_by_quadrature(
         self, with_effects, models, stack_of, frequency_hz: float, voltage_v: float, limit: float
@@ -452,7 +587,11 @@ class TestAirBreakdown:
         a, b = 1.0 + s.leak_per_m_pa[0] * pressure_pa * s.h_m[0], s.k_gap[0] * s.h_m[0]
         gaps = np.exp(np.arange(np.log(1e-13), np.log(60.0), 2e-3))  # in h_rms
         mass = (
-            gap_distribution(model.table.shape, pressure_pa / (13.330851e6 * 1e3 * 20e-6)).density(gaps) * gaps * 2e-3
+            gap_distribution(model.table.shape, pressure_pa / (13.330851e6 * 1e3 * 20e-6)).density(
+                gaps
+            )
+            * gaps
+            * 2e-3
         )
         field = np.minimum(voltage_v / np.abs(a * 20e-6 * gaps + b), limit)
         expected = EPS0 / 4.0 * np.sum(mass * field**2)
@@ -467,14 +606,19 @@ class TestAirBreakdown:
         assert_same(capped.predict(c), models["reference"].predict(c), 1e-12)
 
     @pytest.mark.parametrize("waveform", ["square", "dc"])
-    def test_of_a_square_wave_the_field_itself_is_capped(self, with_effects, models, waveform: str) -> None:
+    def test_of_a_square_wave_the_field_itself_is_capped(
+        self, with_effects, models, waveform: str
+    ) -> None:
         """All gaps at the cap: p = eps0 E_bd^2/2 over all of them."""
         capped = with_effects(BY_NAME["air_breakdown"](breakdown_field_v_per_m=1e4))
         c = touches(1e4, 1e3, waveform=waveform)
-        leakless = replace(capped.description, parameters={
-            **capped.description.parameters,
-            "leak_scale": replace(capped.description.parameters["leak_scale"], value=0.0),
-        })  # fmt: skip
+        leakless = replace(
+            capped.description,
+            parameters={
+                **capped.description.parameters,
+                "leak_scale": replace(capped.description.parameters["leak_scale"], value=0.0),
+            },
+        )
         model = TouchModel(leakless)
         model.__dict__["table"] = models["reference"].table
         force_n = model.predict(c).electrostatic_force_n[0]
@@ -494,18 +638,26 @@ class TestCapillaryAdhesion:
         got = wet.predict(touches(FREQUENCIES, 75.0, 0.5))
         base = models["reference"].predict(touches(FREQUENCIES, 75.0, 0.7))
         assert_same(got, base, without=("cof", "within_theory"))
-        np.testing.assert_allclose(got.cof, MU * (1.0 + (got.electrostatic_force_n + 0.2) / 0.5), rtol=1e-12)
+        np.testing.assert_allclose(
+            got.cof, MU * (1.0 + (got.electrostatic_force_n + 0.2) / 0.5), rtol=1e-12
+        )
 
 
 class TestElectrowetting:
-    EFFECT = BY_NAME["electrowetting"](coefficient_pa_per_v2=0.5, saturation_v=80.0, cutoff_hz=200.0)
+    EFFECT = BY_NAME["electrowetting"](
+        coefficient_pa_per_v2=0.5, saturation_v=80.0, cutoff_hz=200.0
+    )
 
     def test_pressure_by_hand(self, prepared) -> None:
-        """c V^2/(1 + (V/V_sat)^2)/(1 + (f/f_c)^2): 1600 Pa at V_sat, half at f_c, a tenth at 3 f_c; 3200 Pa at last."""
+        """c V^2/(1 + (V/V_sat)^2)/(1 + (f/f_c)^2): 1600 Pa at V_sat, half at f_c, a tenth at 3 f_c;
+        3200 Pa at last.
+        """
         c = touches([1e-3, 200.0, 600.0, 1e-3, 1e-3], [80.0, 80.0, 80.0, 0.0, 1e5])
         added = prepared(c, self.EFFECT).circuit.added_pa
         np.testing.assert_allclose(added, [1600.0, 800.0, 160.0, 0.0, 3200.0], rtol=1e-6)
-        np.testing.assert_allclose(prepared(touches(1e-3, 40.0), self.EFFECT).circuit.added_pa, 640.0, rtol=1e-6)
+        np.testing.assert_allclose(
+            prepared(touches(1e-3, 40.0), self.EFFECT).circuit.added_pa, 640.0, rtol=1e-6
+        )
 
     def test_presses_and_rubs_as_load_does(self, with_effects, models) -> None:
         f = np.array([10.0, 200.0, 1e4])
@@ -513,26 +665,36 @@ class TestElectrowetting:
         got = with_effects(self.EFFECT).predict(touches(f, 80.0))
         base = models["reference"].predict(touches(f, 80.0, 0.5 + extra_n))
         assert_same(got, base, without=("cof", "within_theory"))
-        np.testing.assert_allclose(got.cof, MU * (1.0 + (got.electrostatic_force_n + extra_n) / 0.5), rtol=1e-12)
+        np.testing.assert_allclose(
+            got.cof, MU * (1.0 + (got.electrostatic_force_n + extra_n) / 0.5), rtol=1e-12
+        )
 
     def test_an_offset_alone_is_direct_current(self, with_effects) -> None:
         wet = with_effects(self.EFFECT)
         offset = wet.predict(touches(250.0, 0.0, voltage_offset_v=60.0))
         direct = wet.predict(touches(250.0, 60.0, waveform="dc"))
-        assert_same(offset, direct, without=("electrode_current_a", "electrode_voltage_v"))  # of a sine of 0 V
+        assert_same(
+            offset, direct, without=("electrode_current_a", "electrode_voltage_v")
+        )  # of a sine of 0 V
 
 
 class TestFriction:
     def test_load_dependent_by_hand(self) -> None:
-        """F_t = mu_off 0.5 N (F/0.5 N)^m; with m = 2/3: mu 1.2599 times as high at half the reference load."""
+        """F_t = mu_off 0.5 N (F/0.5 N)^m; with m = 2/3: mu 1.2599 times as high at half the
+        reference load.
+        """
         loads = np.array([0.25, 0.5, 1.0, 4.0])
         bent = cof("applied_load", MU, np.zeros(4), loads, Friction(load_exponent=2.0 / 3.0))
-        np.testing.assert_allclose(bent, MU * np.array([2.0 ** (1 / 3), 1.0, 0.5 ** (1 / 3), 0.5]), rtol=1e-12)
+        np.testing.assert_allclose(
+            bent, MU * np.array([2.0 ** (1 / 3), 1.0, 0.5 ** (1 / 3), 0.5]), rtol=1e-12
+        )
 
     @pytest.mark.parametrize("exponent", [0.5, 2.0 / 3.0, 1.3])
     def test_load_dependent_under_attraction(self, with_effects, models, exponent: float) -> None:
         loads = np.array([0.1, 0.5, 2.0])
-        got = with_effects(BY_NAME["load_dependent_friction"](exponent=exponent)).predict(touches(250.0, 75.0, loads))
+        got = with_effects(BY_NAME["load_dependent_friction"](exponent=exponent)).predict(
+            touches(250.0, 75.0, loads)
+        )
         base = models["reference"].predict(touches(250.0, 75.0, loads))
         assert_same(got, base, 1e-12, without=("cof",))
         tangential_n = MU * 0.5 * ((loads + got.electrostatic_force_n) / 0.5) ** exponent
@@ -541,17 +703,22 @@ class TestFriction:
     def test_load_dependent_with_capillary_adhesion(self, with_effects) -> None:
         """Without voltage: F_t = mu_off 0.5 N ((F_n + 0.1 N)/0.5 N)^m."""
         model = with_effects(
-            BY_NAME["load_dependent_friction"](exponent=0.8), BY_NAME["capillary_adhesion"](pressure_pa=1e3)
+            BY_NAME["load_dependent_friction"](exponent=0.8),
+            BY_NAME["capillary_adhesion"](pressure_pa=1e3),
         )
         got = model.predict(touches(250.0, 0.0, [0.2, 0.9])).cof
-        np.testing.assert_allclose(got, MU * 0.5 * np.array([0.6, 2.0]) ** 0.8 / [0.2, 0.9], rtol=1e-12)
+        np.testing.assert_allclose(
+            got, MU * 0.5 * np.array([0.6, 2.0]) ** 0.8 / [0.2, 0.9], rtol=1e-12
+        )
 
     def test_velocity_dependent_by_hand(self, with_effects, models) -> None:
         """(v/20 mm/s)^s."""
         speeds = np.array([5e-3, 0.02, 0.08])
         got = with_effects(BY_NAME["velocity_dependent_friction"](exponent=0.5))
         np.testing.assert_allclose(
-            got.predict(touches(250.0, 0.0, speed_m_s=speeds)).cof, MU * np.array([0.5, 1.0, 2.0]), rtol=1e-12
+            got.predict(touches(250.0, 0.0, speed_m_s=speeds)).cof,
+            MU * np.array([0.5, 1.0, 2.0]),
+            rtol=1e-12,
         )
         base = models["reference"].predict(touches(250.0, 75.0, speed_m_s=speeds))
         loaded = got.predict(touches(250.0, 75.0, speed_m_s=speeds))
@@ -570,7 +737,9 @@ class TestFriction:
         loaded = ageing.predict(touches(250.0, 75.0, time_s=times))
         np.testing.assert_allclose(loaded.cof, base.cof * share, rtol=1e-10)
         rising = with_effects(BY_NAME["contact_ageing"](share=-0.5, time_constant_s=10.0))
-        assert rising.predict(touches(250.0, 0.0, time_s=0.0)).cof[0] == pytest.approx(1.5 * MU, rel=1e-12)
+        assert rising.predict(touches(250.0, 0.0, time_s=0.0)).cof[0] == pytest.approx(
+            1.5 * MU, rel=1e-12
+        )
 
 
 class TestViscoelasticSkin:
@@ -588,17 +757,23 @@ class TestViscoelasticSkin:
 
 
 @pytest.mark.parametrize("name", ["velocity_dependent_friction", "viscoelastic_skin"])
-def test_at_the_papers_speed_the_base_model_comes_back(with_effects, models, median, name: str) -> None:
+def test_at_the_papers_speed_the_base_model_comes_back(
+    with_effects, models, median, name: str
+) -> None:
     """20 mm/s, given or not; the effect itself is strong."""
     moved = with_effects(median(BY_NAME[name], 2.0))
     for columns in ({}, {"speed_m_s": 0.02}):
         c = touches(FREQUENCIES, 75.0, voltage_offset_v=20.0, **columns)
         assert_same(moved.predict(c), models["reference"].predict(c), 1e-12)
     fast = touches(FREQUENCIES, 75.0, speed_m_s=0.2)
-    assert np.abs(moved.predict(fast).cof / models["reference"].predict(fast).cof - 1.0).max() > 1e-3
+    assert (
+        np.abs(moved.predict(fast).cof / models["reference"].predict(fast).cof - 1.0).max() > 1e-3
+    )
 
 
-@pytest.mark.parametrize("name", ["velocity_dependent_friction", "viscoelastic_skin", "speed_dependent_gap"])
+@pytest.mark.parametrize(
+    "name", ["velocity_dependent_friction", "viscoelastic_skin", "speed_dependent_gap"]
+)
 def test_a_finger_at_rest_has_an_answer(with_effects, median, name: str) -> None:
     found = with_effects(median(BY_NAME[name], 1.0)).predict(touches(250.0, 40.0, speed_m_s=0.0))
     assert np.isfinite(found.cof).all()
@@ -610,16 +785,22 @@ def test_skin_and_film_reach_the_current_of_a_stuck_finger(with_effects, variant
     c = touches(FREQUENCIES, 75.0)
     for effect in (
         BY_NAME["humid_gap_conduction"](gap_conductivity_s_per_m=1e-7),
-        BY_NAME["electrode_polarization"](transfer_resistance_ohm_m2=1.0, admittance_s_sn_per_m2=1.0, exponent=0.8),
+        BY_NAME["electrode_polarization"](
+            transfer_resistance_ohm_m2=1.0, admittance_s_sn_per_m2=1.0, exponent=0.8
+        ),
         BY_NAME["capillary_adhesion"](pressure_pa=1e3),
         BY_NAME["sweat_film"](share=0.1, sweat_conductivity_s_per_m=1.0, arrangement=1.0),
     ):
         got = with_effects(effect, base=wet).predict(c)
-        np.testing.assert_allclose(got.stuck_current_rms_a, wet.predict(c).stuck_current_rms_a, rtol=1e-12)
+        np.testing.assert_allclose(
+            got.stuck_current_rms_a, wet.predict(c).stuck_current_rms_a, rtol=1e-12
+        )
 
 
 def test_how_sweat_lies_in_the_gap_does_not_reach_a_stuck_finger(with_effects, models) -> None:
     c = touches(FREQUENCIES, 75.0)
-    film = with_effects(BY_NAME["sweat_film"](share=0.1, sweat_conductivity_s_per_m=1.0, arrangement=0.0))
+    film = with_effects(
+        BY_NAME["sweat_film"](share=0.1, sweat_conductivity_s_per_m=1.0, arrangement=0.0)
+    )
     expected = models["reference"].predict(c).stuck_current_rms_a
     np.testing.assert_allclose(film.predict(c).stuck_current_rms_a, expected, rtol=1e-12)

@@ -12,15 +12,26 @@ from scipy.interpolate import CubicSpline
 from model.conditions import sines
 from model.description import ModelDescription, read_model
 from model.effects import BY_NAME, CATALOGUE
-from model.effects.learned import LEARNED, QUANTITIES, LearnedForm, Term, learned_kind, spline_weights
+from model.effects.learned import (
+    LEARNED,
+    QUANTITIES,
+    LearnedForm,
+    Term,
+    learned_kind,
+    spline_weights,
+)
 from model.learned_file import form_lines
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
-SHIPPED = (Path(__file__).parents[3] / "configs" / "models" / "reference.toml").read_text(encoding="utf-8")
+SHIPPED = (Path(__file__).parents[3] / "configs" / "models" / "reference.toml").read_text(
+    encoding="utf-8"
+)
 FREQUENCIES = (10.0, 100.0, 250.0, 1e4)
 SPEEDS = (0.01, 0.02, 0.05)
-OVER_FREQUENCY = LearnedForm("friction", "spline", (Term(("frequency_hz",), (FREQUENCIES,), 0.1),), 40.0)
+OVER_FREQUENCY = LearnedForm(
+    "friction", "spline", (Term(("frequency_hz",), (FREQUENCIES,), 0.1),), 40.0
+)
 PAIR = LearnedForm(
     "gap_field",
     "spline",
@@ -36,14 +47,20 @@ def learned(form: LearnedForm, *values: float):
 def model_with(tmp_path: Path, form: LearnedForm, *values: float) -> ModelDescription:
     names = [p.name for p in learned_kind(form).parameters()]
     table = "\n".join(
-        [f"[effects.{LEARNED}]", *form_lines(form), *(f"{n} = {v}" for n, v in zip(names, values, strict=True))]
+        [
+            f"[effects.{LEARNED}]",
+            *form_lines(form),
+            *(f"{n} = {v}" for n, v in zip(names, values, strict=True)),
+        ]
     )
     path = tmp_path / "learned.toml"
     path.write_text(f"{SHIPPED}\n{table}\n", encoding="utf-8")
     return read_model(path)
 
 
-def friction_factor(description: ModelDescription, plain: TouchModel, f: float, v: float, speed: float = 0.02) -> float:
+def friction_factor(
+    description: ModelDescription, plain: TouchModel, f: float, v: float, speed: float = 0.02
+) -> float:
     drive = sines(np.array([f]), np.array([v]), np.array([0.5]), speed, 0.0)
     return float(TouchModel(description).answer(drive).cof[0] / plain.answer(drive).cof[0])
 
@@ -52,7 +69,11 @@ def friction_factor(description: ModelDescription, plain: TouchModel, f: float, 
 def test_splines_are_scipys_natural_ones(nodes: tuple[float, ...]) -> None:
     values = np.random.default_rng(1).standard_normal(len(nodes))
     x = np.linspace(nodes[0], nodes[-1], 57)
-    theirs = CubicSpline(nodes, values, bc_type="natural")(x) if len(nodes) > 2 else np.interp(x, nodes, values)
+    theirs = (
+        CubicSpline(nodes, values, bc_type="natural")(x)
+        if len(nodes) > 2
+        else np.interp(x, nodes, values)
+    )
     assert spline_weights(x, np.array(nodes)) @ values == pytest.approx(theirs, abs=1e-12)
 
 
@@ -65,7 +86,9 @@ def test_it_is_no_candidate_and_has_no_physical_name() -> None:
 
 
 @pytest.mark.parametrize("acts_on", QUANTITIES)
-def test_with_every_value_zero_the_base_model_comes_back(acts_on: str, models, with_effects) -> None:
+def test_with_every_value_zero_the_base_model_comes_back(
+    acts_on: str, models, with_effects
+) -> None:
     phase = QUANTITIES[acts_on].has_phase
     form = LearnedForm(acts_on, "spline", (Term(("time_s",), ((0.0, 9.0),)),), 40.0, phase)
     drive = sines(np.array([30.0, 1e4]), np.array([80.0]), np.array([0.5]), 0.02, 3.0)
@@ -81,17 +104,25 @@ def test_friction_is_multiplied_by_the_values_at_the_nodes(tmp_path, models) -> 
     assert np.log(factors) == pytest.approx([0.1, -0.2, 0.3, 0.05], abs=1e-12)
 
 
-def test_without_voltage_there_is_no_frequency_and_little_of_it_at_little_voltage(tmp_path, models) -> None:
+def test_without_voltage_there_is_no_frequency_and_little_of_it_at_little_voltage(
+    tmp_path, models
+) -> None:
     found = model_with(tmp_path, OVER_FREQUENCY, 0.4, 0.4, 0.4, 0.4)
-    factors = [friction_factor(found, models["reference"], 100.0, v) for v in (0.0, 20.0, 40.0, 80.0)]
+    factors = [
+        friction_factor(found, models["reference"], 100.0, v) for v in (0.0, 20.0, 40.0, 80.0)
+    ]
     assert np.log(factors) == pytest.approx([0.0, 0.1, 0.4, 0.4], abs=1e-12)
 
 
 def test_beyond_its_range_it_stays_as_at_the_nearest_end(tmp_path, models) -> None:
     form = replace(OVER_FREQUENCY, terms=(Term(("speed_m_s",), (SPEEDS,)),))
     found = model_with(tmp_path, form, 0.1, 0.0, -0.3)
-    assert np.log(friction_factor(found, models["reference"], 100.0, 80.0, 1.0)) == pytest.approx(-0.3, abs=1e-12)
-    assert np.log(friction_factor(found, models["reference"], 100.0, 80.0, 0.001)) == pytest.approx(0.1, abs=1e-12)
+    assert np.log(friction_factor(found, models["reference"], 100.0, 80.0, 1.0)) == pytest.approx(
+        -0.3, abs=1e-12
+    )
+    assert np.log(friction_factor(found, models["reference"], 100.0, 80.0, 0.001)) == pytest.approx(
+        0.1, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -105,7 +136,9 @@ def test_beyond_its_range_it_stays_as_at_the_nearest_end(tmp_path, models) -> No
 def test_short_formulas(tmp_path, models, shape, values, at, wanted) -> None:
     form = LearnedForm("friction", shape, (Term(("speed_m_s",), ((0.01, 0.05),)),), 40.0)
     found = model_with(tmp_path, form, *values)
-    assert np.log(friction_factor(found, models["reference"], 100.0, 80.0, at)) == pytest.approx(wanted, abs=1e-9)
+    assert np.log(friction_factor(found, models["reference"], 100.0, 80.0, at)) == pytest.approx(
+        wanted, abs=1e-9
+    )
 
 
 def test_what_lies_outside_is_said_with_the_range() -> None:
@@ -135,8 +168,16 @@ def test_a_form_reads_back_as_it_was_written(tmp_path, form: LearnedForm) -> Non
         ('shape = "spline"', 'shape = "splines"', "'splines' is unknown"),
         ("with_phase = false", "with_phase = true", "friction has no phase"),
         ("lowest_voltage_v = 40.0", "lowest_voltage_v = 0.0", "not a positive number"),
-        ("lowest_voltage_v = 40.0", "lowest_voltage_v = 1e308", "= 1e+308 is not a positive number up to 1000"),
-        ("amplitude = 0.1", "amplitude = 1e308", "amplitude = 1e+308 is not a positive number up to 10"),
+        (
+            "lowest_voltage_v = 40.0",
+            "lowest_voltage_v = 1e308",
+            "= 1e+308 is not a positive number up to 1000",
+        ),
+        (
+            "amplitude = 0.1",
+            "amplitude = 1e308",
+            "amplitude = 1e+308 is not a positive number up to 10",
+        ),
         ("frequency_hz = [10.0, 100.0", "frequency_hz = [100.0, 10.0", "no list of rising numbers"),
         ("frequency_hz = [10.0,", "frequency_hz = [0.0,", "no list of rising numbers"),
         ("frequency_hz = [", "frequency = [", "has no input 'frequency'"),
@@ -167,6 +208,8 @@ def test_without_its_form_it_is_unknown(tmp_path) -> None:
 
 
 def test_a_term_bends_with_the_drive_where_the_drive_reaches_its_place() -> None:
-    """One at friction was let off over frequency: which effects are not was said by each of them, but not by it."""
+    """One at friction was let off over frequency: which effects are not was said by each of them,
+    but not by it.
+    """
     assert learned_kind(OVER_FREQUENCY).bends_with() == ()
     assert learned_kind(PAIR).bends_with() == ("frequency_hz",)

@@ -42,7 +42,9 @@ class Transient:
         return 0.5 * EPS0 * self.fields.gap**2
 
 
-def fields(layers: Layers, gap_m: np.ndarray, voltage_v: np.ndarray, rho1: np.ndarray, rho2: np.ndarray) -> Fields:
+def fields(
+    layers: Layers, gap_m: np.ndarray, voltage_v: np.ndarray, rho1: np.ndarray, rho2: np.ndarray
+) -> Fields:
     """(9)-(11): fields under a voltage and interface charges; everything broadcasts."""
     l1, lg, l2 = layers.elastances(gap_m)
     displacement = (voltage_v + l1 * rho1 - l2 * rho2) / (l1 + lg + l2)  # eps_g E_g
@@ -53,7 +55,9 @@ def fields(layers: Layers, gap_m: np.ndarray, voltage_v: np.ndarray, rho1: np.nd
     )
 
 
-def simulate(layers: Layers, gap_m: np.ndarray, time_s: np.ndarray, voltage_v: np.ndarray) -> Transient:
+def simulate(
+    layers: Layers, gap_m: np.ndarray, time_s: np.ndarray, voltage_v: np.ndarray
+) -> Transient:
     """The charges that the model finds, with their fields by (9)-(11)."""
     rho1, rho2 = charges.simulate(layers, gap_m, time_s, voltage_v)
     return Transient(rho1, rho2, fields(layers, gap_m, voltage_v[:, None], rho1, rho2))
@@ -64,11 +68,17 @@ def sine(amplitude_v: float, frequency_hz: float, time_s: np.ndarray) -> np.ndar
     return amplitude_v * np.cos(2.0 * np.pi * frequency_hz * time_s)
 
 
-def steady_charges(layers: Layers, gap_m: np.ndarray, voltage_v: float) -> tuple[np.ndarray, np.ndarray]:
-    """rho1 and rho2 in C/m^2 long after a direct voltage: one current crosses three resistances in series."""
+def steady_charges(
+    layers: Layers, gap_m: np.ndarray, voltage_v: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """rho1 and rho2 in C/m^2 long after a direct voltage: one current crosses three resistances in
+    series.
+    """
     air = layers.air_conductivity_s_per_m + layers.contact_conductance_s_per_m2 * gap_m
     resistance = layers.insulator_thickness_m / layers.insulator_conductivity_s_per_m
-    resistance = resistance + gap_m / air + layers.skin_thickness_m / layers.skin_conductivity_s_per_m
+    resistance = (
+        resistance + gap_m / air + layers.skin_thickness_m / layers.skin_conductivity_s_per_m
+    )
     current = voltage_v / resistance
     tau1 = layers.insulator_permittivity_f_per_m / layers.insulator_conductivity_s_per_m
     tau_gap = layers.air_permittivity_f_per_m / air
@@ -79,7 +89,9 @@ def steady_charges(layers: Layers, gap_m: np.ndarray, voltage_v: float) -> tuple
 def mean_pressure_pa(
     model, layers: Layers, pressure_pa: float, time_s: np.ndarray, voltage_v: np.ndarray
 ) -> np.ndarray:
-    """Electrostatic pressure over time [t], averaged over the gaps of a contact held by `pressure_pa`."""
+    """Electrostatic pressure over time [t], averaged over the gaps of a contact held by
+    `pressure_pa`.
+    """
     p = model.description.values
     scale = p.effective_modulus_pa * p.roll_off_wavenumber_per_m * p.roughness_rms_m
     transient = simulate(layers, gap_nodes() * p.roughness_rms_m, time_s, voltage_v)
@@ -92,20 +104,30 @@ def layers_of(models):
 
     def of(name: str = "reference", at_hz: float = KEY_HZ, alpha: float = 0.0) -> Layers:
         d = models[name].description
-        return replace(constant_layers(d.values, d.dielectric, at_hz), contact_conductance_s_per_m2=alpha)
+        return replace(
+            constant_layers(d.values, d.dielectric, at_hz), contact_conductance_s_per_m2=alpha
+        )
 
     return of
 
 
-def rates(layers: Layers, gap_m: float, voltage_v: float, rho: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """d rho/dt and the fields from (2)-(8), the laws as one linear system: no formula of (9)-(17)."""
+def rates(
+    layers: Layers, gap_m: float, voltage_v: float, rho: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """d rho/dt and the fields from (2)-(8), the laws as one linear system: no formula of
+    (9)-(17).
+    """
     e1, eg, e2 = (
         layers.insulator_permittivity_f_per_m,
         layers.air_permittivity_f_per_m,
         layers.skin_permittivity_f_per_m,
     )
     law = np.array(
-        [[-e1, eg, 0.0], [0.0, -eg, e2], [layers.insulator_thickness_m, gap_m, layers.skin_thickness_m]]
+        [
+            [-e1, eg, 0.0],
+            [0.0, -eg, e2],
+            [layers.insulator_thickness_m, gap_m, layers.skin_thickness_m],
+        ]
     )  # (4), (5), (8)
     size = np.abs(law).max(axis=1)
     field = np.linalg.solve(law / size[:, None], np.array([rho[0], rho[1], voltage_v]) / size)
@@ -141,7 +163,9 @@ def by_ode(layers: Layers, gap_m: float, time_s: np.ndarray, voltage) -> np.ndar
 def test_coefficients_are_those_of_the_laws(layers_of, name: str, gap_m: float) -> None:
     layers = layers_of(name, alpha=1e-4)
     k = coefficients(layers, gap_m)
-    for column, (state, volt) in enumerate([((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((0.0, 0.0), 1.0)]):
+    for column, (state, volt) in enumerate(
+        [((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((0.0, 0.0), 1.0)]
+    ):
         expected = -rates(layers, gap_m, volt, np.array(state))[0]
         got = [(k.a, k.d), (k.b, k.e), (k.c, k.f)][column]
         np.testing.assert_allclose(got, expected, rtol=1e-9)  # conditioning of the linear solve
@@ -165,7 +189,11 @@ def test_fields_obey_gauss_and_kirchhoff(layers_of, gap_m, volt, rho1, rho2) -> 
     size = abs(d1) + abs(dg) + abs(d2)
     assert dg - d1 == pytest.approx(rho1, abs=1e-14 * size)
     assert d2 - dg == pytest.approx(rho2, abs=1e-14 * size)
-    drops = [layers.insulator_thickness_m * got.insulator, gap_m * got.gap, layers.skin_thickness_m * got.skin]
+    drops = [
+        layers.insulator_thickness_m * got.insulator,
+        gap_m * got.gap,
+        layers.skin_thickness_m * got.skin,
+    ]
     assert sum(drops) == pytest.approx(volt, abs=1e-13 * sum(map(abs, drops)))
 
 
@@ -173,7 +201,9 @@ class TestAgainstAnOdeSolver:
     """Asked: 1e-8."""
 
     @pytest.mark.parametrize("gap_m", [1e-6, 44e-6])
-    @pytest.mark.parametrize("until_s", [1e-3, 5e3])  # the skin's charging, and that of the slowest layer
+    @pytest.mark.parametrize(
+        "until_s", [1e-3, 5e3]
+    )  # the skin's charging, and that of the slowest layer
     def test_direct_current(self, layers_of, gap_m: float, until_s: float) -> None:
         layers, time = layers_of(), np.linspace(0.0, until_s, 41)
         expected = KEY_V * by_ode(layers, gap_m, time, lambda t: 1.0)
@@ -188,7 +218,9 @@ class TestAgainstAnOdeSolver:
     def test_alternating_current(self, layers_of, frequency_hz: float) -> None:
         layers, gap_m = layers_of(at_hz=frequency_hz), 44e-6
         time = np.linspace(0.0, 3.0 / frequency_hz, 61)
-        expected = KEY_V * by_ode(layers, gap_m, time, lambda t: np.cos(2.0 * np.pi * frequency_hz * t))
+        expected = KEY_V * by_ode(
+            layers, gap_m, time, lambda t: np.cos(2.0 * np.pi * frequency_hz * t)
+        )
         closed = closed_form(coefficients(layers, gap_m), frequency_hz).charges(time)
         fine = np.linspace(0.0, 3.0 / frequency_hz, 60_001)
         got = simulate(layers, np.array([gap_m]), fine, sine(KEY_V, frequency_hz, fine))
@@ -207,7 +239,9 @@ class TestAgainstAnOdeSolver:
         for i in range(time.size - 1):  # the solver is restarted at every corner
             unit = EPS0 / gap_m
             found = solve_ivp(
-                lambda t, y, unit=unit: rates(layers, gap_m, np.interp(t, time, voltage), y * unit)[0] / unit,
+                lambda t, y, unit=unit: (
+                    rates(layers, gap_m, np.interp(t, time, voltage), y * unit)[0] / unit
+                ),
                 (time[i], time[i + 1]),
                 y,
                 method="Radau",
@@ -218,18 +252,26 @@ class TestAgainstAnOdeSolver:
             expected.append(y * unit)
         for i, rho in enumerate((got.rho1_c_per_m2, got.rho2_c_per_m2)):
             column = np.array(expected)[:, i]
-            np.testing.assert_allclose(rho[:, 0], column, rtol=1e-8, atol=1e-8 * np.abs(column).max())
+            np.testing.assert_allclose(
+                rho[:, 0], column, rtol=1e-8, atol=1e-8 * np.abs(column).max()
+            )
 
 
 class TestClosedFormAsPrinted:
-    """Where the gap conducts better than its neighbours, the two charges couple and the missing terms show."""
+    """Where the gap conducts better than its neighbours, the two charges couple and the missing
+    terms show.
+    """
 
     COUPLED = Layers(1e-6, EPS0, 1e-10, EPS0, 1e-9, 2e-6, EPS0, 3e-10)
     GAP_M = 1e-6
 
     @pytest.mark.parametrize("frequency_hz", [0.0, 1.0, 5.0])
-    def test_neutral_layers_start_with_the_current_of_the_voltage(self, frequency_hz: float) -> None:
-        """d rho/dt (0) = -(c, f) V0: so it is with the mended lambda and delta, and is not with the printed ones."""
+    def test_neutral_layers_start_with_the_current_of_the_voltage(
+        self, frequency_hz: float
+    ) -> None:
+        """d rho/dt (0) = -(c, f) V0: so it is with the mended lambda and delta, and is not with the
+        printed ones.
+        """
         k = coefficients(self.COUPLED, self.GAP_M)
 
         def start(*, printed: bool) -> np.ndarray:
@@ -239,7 +281,9 @@ class TestClosedFormAsPrinted:
             return np.array([rho1, rho2])
 
         drive = np.array([-k.c, -k.f])
-        np.testing.assert_allclose(start(printed=False), drive, rtol=1e-11)  # rounding, eased by the differences
+        np.testing.assert_allclose(
+            start(printed=False), drive, rtol=1e-11
+        )  # rounding, eased by the differences
         off = np.abs(start(printed=True) / drive - 1.0)
         assert (off > 1e-2).all()
 
@@ -256,11 +300,15 @@ class TestClosedFormAsPrinted:
 
 class TestLimits:
     @pytest.mark.parametrize("name", FINGERS)
-    def test_long_after_switching_on_one_current_crosses_all_layers(self, layers_of, name: str) -> None:
+    def test_long_after_switching_on_one_current_crosses_all_layers(
+        self, layers_of, name: str
+    ) -> None:
         layers = layers_of(name)
         got = simulate(layers, GAP_M, np.array([0.0, 1e6]), np.full(2, KEY_V))
         rho1, rho2 = steady_charges(layers, GAP_M, KEY_V)
-        np.testing.assert_allclose(got.rho1_c_per_m2[-1], rho1, rtol=1e-9)  # 1e7 between the rates of the two modes
+        np.testing.assert_allclose(
+            got.rho1_c_per_m2[-1], rho1, rtol=1e-9
+        )  # 1e7 between the rates of the two modes
         np.testing.assert_allclose(got.rho2_c_per_m2[-1], rho2, rtol=1e-9)
         conduction = [
             layers.insulator_conductivity_s_per_m * got.fields.insulator[-1],
@@ -280,11 +328,15 @@ class TestLimits:
         """Appendix B: the limit that the paper states, as 1/w."""
         k = coefficients(layers_of(), GAP_M)
         amplitude = [np.abs(np.array(k.response(2j * np.pi * f))) for f in (1e8, 1e9)]
-        np.testing.assert_allclose(amplitude[1] / amplitude[0], 0.1, rtol=1e-6)  # (rate/w)^2 is 1e-9
+        np.testing.assert_allclose(
+            amplitude[1] / amplitude[0], 0.1, rtol=1e-6
+        )  # (rate/w)^2 is 1e-9
 
     def test_insulators_keep_no_charge(self) -> None:
         layers = Layers(1e-6, 4 * EPS0, 0.0, EPS0, 0.0, 1e-4, 1e3 * EPS0, 0.0)
-        got = simulate(layers, GAP_M, np.linspace(0.0, 1.0, 5), np.array([0.0, 5.0, -5.0, 70.0, 70.0]))
+        got = simulate(
+            layers, GAP_M, np.linspace(0.0, 1.0, 5), np.array([0.0, 5.0, -5.0, 70.0, 70.0])
+        )
         np.testing.assert_array_equal(got.rho1_c_per_m2, 0.0)
         np.testing.assert_array_equal(got.rho2_c_per_m2, 0.0)
 
@@ -302,18 +354,25 @@ def test_total_current_is_conserved_through_the_stack(layers_of, alpha: float) -
     """Conduction and displacement together are the same in all three layers: 1e-9."""
     layers, gap_m = layers_of(alpha=alpha), 10e-6
     time = np.linspace(0.0, 8e-3, 201)
-    volt, slope = sine(KEY_V, KEY_HZ, time), -2.0 * np.pi * KEY_HZ * KEY_V * np.sin(2.0 * np.pi * KEY_HZ * time)
+    volt, slope = (
+        sine(KEY_V, KEY_HZ, time),
+        -2.0 * np.pi * KEY_HZ * KEY_V * np.sin(2.0 * np.pi * KEY_HZ * time),
+    )
     got = simulate(layers, np.array([gap_m]), time, volt)
     rho1, rho2 = got.rho1_c_per_m2[:, 0], got.rho2_c_per_m2[:, 0]
     k = coefficients(layers, gap_m)
-    d_rho1, d_rho2 = -(k.a * rho1 + k.b * rho2 + k.c * volt), -(k.d * rho1 + k.e * rho2 + k.f * volt)
+    d_rho1, d_rho2 = (
+        -(k.a * rho1 + k.b * rho2 + k.c * volt),
+        -(k.d * rho1 + k.e * rho2 + k.f * volt),
+    )
     rate = fields(layers, gap_m, slope, d_rho1, d_rho2)  # fields are linear in voltage and charges
     air = layers.air_conductivity_s_per_m + alpha * gap_m
     through = [
         layers.insulator_conductivity_s_per_m * got.fields.insulator[:, 0]
         + layers.insulator_permittivity_f_per_m * rate.insulator,
         air * got.fields.gap[:, 0] + layers.air_permittivity_f_per_m * rate.gap,
-        layers.skin_conductivity_s_per_m * got.fields.skin[:, 0] + layers.skin_permittivity_f_per_m * rate.skin,
+        layers.skin_conductivity_s_per_m * got.fields.skin[:, 0]
+        + layers.skin_permittivity_f_per_m * rate.skin,
     ]
     size = np.abs(through[1]).max()
     assert np.abs(through[0] - through[1]).max() < 1e-9 * size
@@ -323,8 +382,12 @@ def test_total_current_is_conserved_through_the_stack(layers_of, alpha: float) -
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("frequency_hz", [1.0, 250.0, 1e5])
 @pytest.mark.parametrize("with_leak", [False, True])
-def test_steady_alternation_is_the_frequency_domain(models, layers_of, stack_of, name, frequency_hz, with_leak) -> None:
-    """Section 2 of the physics at the frequency where the constants are taken, with alpha = 0 and with the leak."""
+def test_steady_alternation_is_the_frequency_domain(
+    models, layers_of, stack_of, name, frequency_hz, with_leak
+) -> None:
+    """Section 2 of the physics at the frequency where the constants are taken, with alpha = 0 and
+    with the leak.
+    """
     model, jw = models[name], 2j * np.pi * frequency_hz
     stack = stack_of(model, np.array([frequency_hz]))
     beta = stack.leak_per_m_pa[0] * 5e3 if with_leak else 0.0
@@ -349,24 +412,32 @@ class TestPressure:
     def test_mean_over_gaps_and_time_is_the_chain(
         self, models, layers_of, circuit_of, stack_of, scales_of, name
     ) -> None:
-        """After the start-up the mean over one period is p_e of the chain without leak, at the same pressure."""
+        """After the start-up the mean over one period is p_e of the chain without leak, at the same
+        pressure.
+        """
         model = models[name]
         stack, scales = stack_of(model, np.array([KEY_HZ])), scales_of(model)
-        circuit = circuit_of(scales, [(replace(stack, leak_per_m_pa=0.0), np.array([KEY_V**2 / 2]))], np.array([5e3]))
+        circuit = circuit_of(
+            scales, [(replace(stack, leak_per_m_pa=0.0), np.array([KEY_V**2 / 2]))], np.array([5e3])
+        )
         p_e = float(solve(model.table, circuit)[0][0])
         layers = layers_of(name, KEY_HZ)
-        # the slow mode (minutes) has not decayed after one period; it holds a share (skin's w tau)^-2 of the charge
+        # the slow mode (minutes) has not decayed after one period; it holds a share (skin's w
+        # tau)^-2 of the charge
         time = np.arange(0, 4001) / 2000 / KEY_HZ
         over_time = mean_pressure_pa(model, layers, 5e3 + p_e, time, sine(KEY_V, KEY_HZ, time))
         period = over_time[2000:4000]
         assert float(period.mean()) == pytest.approx(p_e, rel=2e-3)
 
-    def test_direct_voltage_at_once_is_the_integral_over_the_gaps(self, models, layers_of, scales_of) -> None:
+    def test_direct_voltage_at_once_is_the_integral_over_the_gaps(
+        self, models, layers_of, scales_of
+    ) -> None:
         model, layers = models["reference"], layers_of()
         scales = scales_of(model)
         z = 1e-6 / 3.9 + 200e-6 * EPS0 / layers.skin_permittivity_f_per_m
         k_hat, _ = integrals_of(
-            gap_mass(model.table.shape, 6e3 / scales.pressure_pa), np.array([z / scales.length_m], complex)
+            gap_mass(model.table.shape, 6e3 / scales.pressure_pa),
+            np.array([z / scales.length_m], complex),
         )
         got = mean_pressure_pa(model, layers, 6e3, np.array([0.0]), np.array([KEY_V]))
         expected = 0.5 * EPS0 * KEY_V**2 * k_hat[0] / scales.length_m**2

@@ -19,21 +19,29 @@ def layer_impedances(model, frequency_hz: float) -> tuple[complex, complex]:
     v = model.description.values
     jw = 2j * np.pi * frequency_hz
     k_skin = complex(model.description.dielectric.permittivity(np.array([frequency_hz]))[0])
-    insulator = v.insulator_thickness_m / (jw * EPS0 * v.insulator_permittivity + v.insulator_conductivity_s_per_m)
+    insulator = v.insulator_thickness_m / (
+        jw * EPS0 * v.insulator_permittivity + v.insulator_conductivity_s_per_m
+    )
     return insulator, v.skin_thickness_m / (jw * EPS0 * k_skin)
 
 
 @pytest.fixture(scope="module")
 def sliding_rms_a(scales_of, stack_of, circuit_of):
-    """Current of the sliding finger, A rms, of frequencies, rms voltages and total pressures that broadcast."""
+    """Current of the sliding finger, A rms, of frequencies, rms voltages and total pressures that
+    broadcast.
+    """
 
     def current(model, frequency_hz, voltage_rms_v, pressure_pa, area_m2: float) -> np.ndarray:
-        f, v, p = np.broadcast_arrays(*(np.asarray(x, float) for x in (frequency_hz, voltage_rms_v, pressure_pa)))
+        f, v, p = np.broadcast_arrays(
+            *(np.asarray(x, float) for x in (frequency_hz, voltage_rms_v, pressure_pa))
+        )
         s, flat = stack_of(model, f.ravel()), np.array(p).ravel()
         circuit = circuit_of(scales_of(model), [(s, v.ravel() ** 2)], flat)
         admittance = sliding_admittance_per_m(model.table, circuit, flat)
         assert admittance.shape == (f.size, 1)
-        return current_rms_a(admittance, s.omega[:, None], v.reshape(-1, 1), area_m2).reshape(f.shape)
+        return current_rms_a(admittance, s.omega[:, None], v.reshape(-1, 1), area_m2).reshape(
+            f.shape
+        )
 
     return current
 
@@ -44,7 +52,9 @@ def sliding_rms_a(scales_of, stack_of, circuit_of):
 def test_sliding_current_is_the_mean_over_the_gaps(
     models, scales_of, stack_of, sliding_rms_a, name: str, f: float, p: float
 ) -> None:
-    """A ladder of admittances for each gap: insulator, then air beside the leak, then skin; averaged with P(u)."""
+    """A ladder of admittances for each gap: insulator, then air beside the leak, then skin;
+    averaged with P(u).
+    """
     model = models[name]
     s, scales = stack_of(model, np.array([f])), scales_of(model)
     insulator, skin = layer_impedances(model, f)
@@ -52,11 +62,15 @@ def test_sliding_current_is_the_mean_over_the_gaps(
     alpha = s.leak_per_m_pa[0] * p * jw * EPS0
     u_hat = np.exp(LOG_U)
     mass = gap_distribution(model.table.shape, p / scales.pressure_pa).density(u_hat) * u_hat * 0.05
-    air = (jw * EPS0 + model.description.values.air_conductivity_s_per_m) / (u_hat * scales.length_m)
+    air = (jw * EPS0 + model.description.values.air_conductivity_s_per_m) / (
+        u_hat * scales.length_m
+    )
     density = 1.0 / (insulator + skin + 1.0 / (air + alpha))
     expected = AREA_M2 * abs(np.sum(density * mass)) * 30.0
     got = sliding_rms_a(model, [f], 30.0, p, AREA_M2)
-    assert got[0] == pytest.approx(expected, rel=2e-4)  # interpolation 1e-4; the area of P is known to 1e-4 of itself
+    assert got[0] == pytest.approx(
+        expected, rel=2e-4
+    )  # interpolation 1e-4; the area of P is known to 1e-4 of itself
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +81,9 @@ def stuck_rms_a(scales_of, stack_of, circuit_of):
         s = stack_of(model, np.array([frequency_hz]))
         circuit = circuit_of(scales_of(model), [(s, np.array([900.0]))], np.array([5e3]))
         rms_v = np.full((1, 1), 30.0)
-        return float(current_rms_a(stuck_admittance_per_m(circuit), s.omega[:, None], rms_v, AREA_M2)[0])
+        return float(
+            current_rms_a(stuck_admittance_per_m(circuit), s.omega[:, None], rms_v, AREA_M2)[0]
+        )
 
     return current
 
@@ -96,16 +112,22 @@ def test_currents_are_proportional_to_voltage_and_area(variant, sliding_rms_a) -
     models = {area: variant("table1", contact_area_m2=area) for area in (1e-4, 3e-4)}
 
     def predicted(voltage_v: float, area_m2: float):
-        return models[area_m2].predict(Conditions(f, np.full(2, voltage_v), np.full(2, 5e3 * area_m2)))
+        return models[area_m2].predict(
+            Conditions(f, np.full(2, voltage_v), np.full(2, 5e3 * area_m2))
+        )
 
     one, six = predicted(10.0, 1e-4), predicted(20.0, 3e-4)
-    np.testing.assert_allclose(six.stuck_current_rms_a, 6.0 * one.stuck_current_rms_a, rtol=1e-12)  # rounding
+    np.testing.assert_allclose(
+        six.stuck_current_rms_a, 6.0 * one.stuck_current_rms_a, rtol=1e-12
+    )  # rounding
     for voltage_v, area_m2, got in ((10.0, 1e-4, one), (20.0, 3e-4, six)):
         pressure_pa = 5e3 + got.electrostatic_force_n / area_m2
         expected = sliding_rms_a(models[area_m2], f, voltage_v / np.sqrt(2.0), pressure_pa, area_m2)
         np.testing.assert_allclose(got.current_rms_a, expected, rtol=1e-12)
     at_one_volt = sliding_rms_a(models[1e-4], f, 1.0, 5e3, 1.0)
-    np.testing.assert_allclose(sliding_rms_a(models[3e-4], f, 20.0, 5e3, 3e-4), 6e-3 * at_one_volt, rtol=1e-12)
+    np.testing.assert_allclose(
+        sliding_rms_a(models[3e-4], f, 20.0, 5e3, 3e-4), 6e-3 * at_one_volt, rtol=1e-12
+    )
 
 
 def test_without_equilibrium_there_is_no_sliding_current(models, sliding_rms_a) -> None:
@@ -124,7 +146,9 @@ def test_grids_broadcast(models, scales_of, stack_of, circuit_of, sliding_rms_a)
     one = sliding_rms_a(model, [250.0], 20.0, pressure[0, 1, 2:3], AREA_M2)
     assert grid[1, 1, 2] == pytest.approx(one[0], rel=1e-14)  # rounding
     each = stack_of(model, np.repeat(f.ravel(), 8))
-    whole = circuit_of(scales_of(model), [(each, np.ones(24)), (each, np.ones(24))], np.full(24, 5e3))
+    whole = circuit_of(
+        scales_of(model), [(each, np.ones(24)), (each, np.ones(24))], np.full(24, 5e3)
+    )
     rows = np.tile(pressure.ravel(), 3)
     admittance = sliding_admittance_per_m(model.table, whole, rows)
     assert admittance.shape == (24, 2)
@@ -134,7 +158,9 @@ def test_grids_broadcast(models, scales_of, stack_of, circuit_of, sliding_rms_a)
     np.testing.assert_allclose(both.reshape(3, 2, 4), grid, rtol=1e-14)
 
 
-def test_a_touch_that_is_pulled_in_has_no_current(models, scales_of, stack_of, circuit_of, monkeypatch) -> None:
+def test_a_touch_that_is_pulled_in_has_no_current(
+    models, scales_of, stack_of, circuit_of, monkeypatch
+) -> None:
     """Its place once held whatever the memory held before."""
     model = models["reference"]
     pressure_pa = np.array([1e4, np.nan, np.inf])

@@ -42,7 +42,9 @@ def test_sets_against_reference(reference, dielectric) -> None:
         ("gabriel_wet", 1e3, 3.21e4, 6.57e-4, 0.368),
     ],
 )
-def test_check_values(name: str, frequency_hz: float, eps: float, sigma: float, loss_tangent: float) -> None:
+def test_check_values(
+    name: str, frequency_hz: float, eps: float, sigma: float, loss_tangent: float
+) -> None:
     k = at(named(name), frequency_hz)
     # half of the last digit printed, in each column
     assert k.real == pytest.approx(eps, rel=5e-5 if name == "gabriel_dry" else 2e-3)
@@ -66,20 +68,28 @@ def test_one_debye_term_in_closed_form() -> None:
 
 
 def test_conduction_is_counted_once() -> None:
-    """Table I's k1 is eps + sigma/(j w eps0): doubling sigma doubles what is lost, and nothing else."""
+    """Table I's k1 is eps + sigma/(j w eps0): doubling sigma doubles what is lost, and nothing
+    else.
+    """
     one, two = (ColeCole("c", "test", 4.0, (), s) for s in (1e-4, 2e-4))
-    assert at(one, 50.0).imag == pytest.approx(-1e-4 / (100.0 * np.pi * EPS0), rel=1e-12)  # rounding
+    assert at(one, 50.0).imag == pytest.approx(
+        -1e-4 / (100.0 * np.pi * EPS0), rel=1e-12
+    )  # rounding
     assert at(two, 50.0).imag == pytest.approx(2.0 * at(one, 50.0).imag, rel=1e-12)
     assert at(one, 50.0).real == at(two, 50.0).real == 4.0
 
 
-@pytest.mark.parametrize("dielectric", [GABRIEL_DRY, GABRIEL_WET, PowerLaw(4.0, 1e3, 0.3, 2e-4)], ids=lambda d: d.name)
+@pytest.mark.parametrize(
+    "dielectric", [GABRIEL_DRY, GABRIEL_WET, PowerLaw(4.0, 1e3, 0.3, 2e-4)], ids=lambda d: d.name
+)
 @given(f=frequencies)
 def test_every_set_is_passive_and_disperses_downwards(dielectric, f: float) -> None:
     k, later = at(dielectric, f), at(dielectric, 1.5 * f)
     assert k.imag < 0.0
     assert later.real <= k.real * (1.0 + 1e-12)  # rounding
-    sigma, sigma_later = (total_conductivity_s_per_m(np.array(v), g) for v, g in ((k, f), (later, 1.5 * f)))
+    sigma, sigma_later = (
+        total_conductivity_s_per_m(np.array(v), g) for v, g in ((k, f), (later, 1.5 * f))
+    )
     assert sigma_later >= sigma * (1.0 - 1e-12)
 
 
@@ -90,7 +100,9 @@ def test_limits_of_frequency(dielectric) -> None:
     assert low.real == pytest.approx(static, rel=1e-6)  # (w tau)^0.8 of the slowest term: 1e-7
     sigma = total_conductivity_s_per_m(np.array(low), 1e-7)
     assert sigma == pytest.approx(dielectric.conductivity_s_per_m, rel=1e-6)
-    assert at(dielectric, 1e18).real == pytest.approx(dielectric.eps_inf, rel=1e-4)  # D (w tau)^-0.8 and below
+    assert at(dielectric, 1e18).real == pytest.approx(
+        dielectric.eps_inf, rel=1e-4
+    )  # D (w tau)^-0.8 and below
 
 
 def test_power_law_at_its_own_frequency() -> None:
@@ -141,7 +153,20 @@ class TestTable:
             (HEADER + "1,nan,1e-4\n2,11,1e-4\n", "line 2: eps_real is 'nan'"),
             (HEADER + "1,10,1e-4\n2,inf,1e-4\n", "line 3: eps_real is 'inf'"),
         ],
-        ids=["text", "short", "column", "row", "none", "empty", "falling", "equal", "zero", "minus", "nan", "inf"],
+        ids=[
+            "text",
+            "short",
+            "column",
+            "row",
+            "none",
+            "empty",
+            "falling",
+            "equal",
+            "zero",
+            "minus",
+            "nan",
+            "inf",
+        ],
     )
     def test_bad_tables_are_refused(self, tmp_path, text: str, says: str) -> None:
         path = self.write(tmp_path, text)
@@ -163,7 +188,9 @@ class TestTable:
             read_csv(self.write(tmp_path, HEADER + "\n1,10,1e-4\n2,ten,1e-4\n"))
 
     def test_byte_order_mark_is_no_part_of_a_name(self, tmp_path) -> None:
-        assert read_csv(self.write(tmp_path, "\ufeff" + HEADER + "1,10,1e-4\n2,11,1e-4\n")).eps_real == (10.0, 11.0)
+        assert read_csv(
+            self.write(tmp_path, "\ufeff" + HEADER + "1,10,1e-4\n2,11,1e-4\n")
+        ).eps_real == (10.0, 11.0)
 
 
 def test_unknown_set_offers_the_nearest() -> None:

@@ -8,9 +8,10 @@ from model.contact.gap_distribution import gap_distribution
 from model.effects import BY_NAME
 from model.electric.dielectrics import EPS0
 
-# Frequency in Hz, then the electrode's current in A peak and its phase in rad at 5 V, 0.5 N, sliding, 300 pF beside the
-# finger, from another implementation. Its touch has 9 % more leak and 10 % less capacitance than docs/physics.md gives,
-# also by direct quadrature (below): hence no closer than this.
+# Frequency in Hz, then the electrode's current in A peak and its phase in rad at 5 V, 0.5 N,
+# sliding, 300 pF beside the finger, from another implementation. Its touch has 9 % more leak and 10
+# % less capacitance than docs/physics.md gives, also by direct quadrature (below): hence no closer
+# than this.
 ELSEWHERE = [
     (10.0, 1.13e-6, 1.31),
     (100.0, 3.89e-6, 0.60),
@@ -24,7 +25,9 @@ AMPERE, RADIAN = 0.08, 0.045
 LOG_U = np.arange(np.log(1e-12), np.log(60.0), 0.05)
 
 
-def sines(frequency_hz, voltage_v=5.0, normal_force_n=0.5, finger="sliding", **columns) -> Conditions:
+def sines(
+    frequency_hz, voltage_v=5.0, normal_force_n=0.5, finger="sliding", **columns
+) -> Conditions:
     f, v, n = np.broadcast_arrays(
         *(np.atleast_1d(np.asarray(x, float)) for x in (frequency_hz, voltage_v, normal_force_n))
     )
@@ -40,15 +43,25 @@ def test_sizes_of_another_implementation(variant) -> None:
 
 
 @pytest.mark.parametrize("frequency_hz", [10.0, 250.0, 1e4, 1e6])
-def test_is_the_mean_over_gaps_and_real_contact(models, scales_of, stack_of, frequency_hz: float) -> None:
-    """A ladder of admittances for each gap: insulator, air beside the leak, skin; without air where they touch."""
+def test_is_the_mean_over_gaps_and_real_contact(
+    models, scales_of, stack_of, frequency_hz: float
+) -> None:
+    """A ladder of admittances for each gap: insulator, air beside the leak, skin; without air where
+    they touch.
+    """
     model = models["reference"]
     got = model.predict(sines(frequency_hz))
-    s, scales, v = stack_of(model, np.array([frequency_hz])), scales_of(model), model.description.values
+    s, scales, v = (
+        stack_of(model, np.array([frequency_hz])),
+        scales_of(model),
+        model.description.values,
+    )
     pressure_pa = (0.5 + got.electrostatic_force_n[0]) / v.contact_area_m2
     jw = 2j * np.pi * frequency_hz
     k_skin = model.description.dielectric.permittivity(np.array([frequency_hz]))[0]
-    series = v.insulator_thickness_m / (jw * EPS0 * v.insulator_permittivity + v.insulator_conductivity_s_per_m)
+    series = v.insulator_thickness_m / (
+        jw * EPS0 * v.insulator_permittivity + v.insulator_conductivity_s_per_m
+    )
     series += v.skin_thickness_m / (jw * EPS0 * k_skin)
     u_hat = np.exp(LOG_U)
     contact = gap_distribution(model.table.shape, pressure_pa / scales.pressure_pa)
@@ -57,7 +70,8 @@ def test_is_the_mean_over_gaps_and_real_contact(models, scales_of, stack_of, fre
     alpha = s.leak_per_m_pa[0] * pressure_pa * jw * EPS0
     density = np.sum(mass / (series + 1.0 / (air + alpha))) + (1.0 - np.sum(mass)) / series
     expected = 5.0 * v.contact_area_m2 * density
-    # The area in contact is what the gaps leave, known to 2e-5 of the whole: so to that share of a stuck finger's.
+    # The area in contact is what the gaps leave, known to 2e-5 of the whole: so to that share of a
+    # stuck finger's.
     known = 2e-4 * abs(expected) + 2e-5 * abs(5.0 * v.contact_area_m2 / series)
     assert abs(got.electrode_current_a[0] - expected) < known
 
@@ -69,7 +83,11 @@ def test_without_loss_it_leads_by_90_degrees(variant) -> None:
         def permittivity(self, frequency_hz):
             return np.full(np.shape(frequency_hz), 1000.0 + 0.0j)
 
-    lossless = {"leak_scale": 0.0, "insulator_conductivity_s_per_m": 0.0, "air_conductivity_s_per_m": 0.0}
+    lossless = {
+        "leak_scale": 0.0,
+        "insulator_conductivity_s_per_m": 0.0,
+        "air_conductivity_s_per_m": 0.0,
+    }
     model = variant(dielectric=Glass(), stray_capacitance_f=1e-10, **lossless)
     current = model.predict(sines([1.0, 250.0, 1e6])).electrode_current_a
     np.testing.assert_allclose(np.angle(current), np.pi / 2.0, atol=1e-6)  # the table's angles
@@ -78,7 +96,9 @@ def test_without_loss_it_leads_by_90_degrees(variant) -> None:
 def test_gaps_far_thinner_than_the_layers_leave_insulator_and_skin(variant) -> None:
     model = variant(roughness_rms_m=4e-8)
     got = model.predict(sines([250.0, 1e5], 1e-3, 0.5))
-    np.testing.assert_allclose(np.abs(got.electrode_current_a), np.sqrt(2.0) * got.stuck_current_rms_a, rtol=1e-3)
+    np.testing.assert_allclose(
+        np.abs(got.electrode_current_a), np.sqrt(2.0) * got.stuck_current_rms_a, rtol=1e-3
+    )
 
 
 def test_a_series_resistance_is_what_is_left_at_high_frequency(with_effects) -> None:
@@ -90,29 +110,39 @@ def test_a_series_resistance_is_what_is_left_at_high_frequency(with_effects) -> 
     assert phase[2] < 1e-3
 
 
-def test_stray_current_stands_beside_the_finger_before_any_resistance(variant, with_effects) -> None:
+def test_stray_current_stands_beside_the_finger_before_any_resistance(
+    variant, with_effects
+) -> None:
     f = np.array([10.0, 1e3, 1e5])
     resistance = BY_NAME["series_resistance"](resistance_ohm=1e5)
     plain = with_effects(resistance).predict(sines(f))
     stray = with_effects(resistance, base=variant(stray_capacitance_f=2e-10)).predict(sines(f))
     beside = stray.electrode_current_a - plain.electrode_current_a
     np.testing.assert_allclose(beside, 2j * np.pi * f * 2e-10 * 5.0, rtol=1e-9)
-    np.testing.assert_array_equal(stray.current_rms_a, plain.current_rms_a)  # what may go through the finger
+    np.testing.assert_array_equal(
+        stray.current_rms_a, plain.current_rms_a
+    )  # what may go through the finger
 
 
 def test_without_a_finger_only_the_stray_current_is_left(variant) -> None:
     f = np.array([10.0, 1e3, 1e5])
     got = variant(stray_capacitance_f=3e-10).predict(sines(f, finger="none"))
-    np.testing.assert_allclose(got.electrode_current_a, 2j * np.pi * f * 3e-10 * 5.0, rtol=1e-12, atol=1e-30)
+    np.testing.assert_allclose(
+        got.electrode_current_a, 2j * np.pi * f * 3e-10 * 5.0, rtol=1e-12, atol=1e-30
+    )
     np.testing.assert_array_equal(got.electrostatic_force_n, 0.0)
     np.testing.assert_array_equal(got.current_rms_a, 0.0)
     assert np.all(np.isnan(got.cof))
 
 
 def test_sliding_has_two_to_eleven_times_the_impedance_of_rest(models) -> None:
-    """Shultz 2018: the gap's impedance rises by 100 to 1000 %; below 100 Hz the leak shorts it either way."""
+    """Shultz 2018: the gap's impedance rises by 100 to 1000 %; below 100 Hz the leak shorts it
+    either way.
+    """
     f = np.logspace(2.0, 6.0, 9)
-    sliding, resting = (models["reference"].predict(sines(f, finger=finger)) for finger in ("sliding", "resting"))
+    sliding, resting = (
+        models["reference"].predict(sines(f, finger=finger)) for finger in ("sliding", "resting")
+    )
     ratio = np.abs(resting.electrode_current_a / sliding.electrode_current_a)
     assert np.all((ratio > 2.0) & (ratio < 11.0))
     assert np.all(np.isnan(resting.cof))
@@ -141,16 +171,25 @@ class Debye:
     name = source = "made up"
 
     def permittivity(self, frequency_hz):
-        return 20.0 + 2000.0 / (1.0 + 1j * frequency_hz / 3e3) + 1e-5 / (2j * np.pi * frequency_hz * EPS0)
+        return (
+            20.0
+            + 2000.0 / (1.0 + 1j * frequency_hz / 3e3)
+            + 1e-5 / (2j * np.pi * frequency_hz * EPS0)
+        )
 
 
 def test_is_causal(variant) -> None:
-    """Kramers and Kronig for the complex capacitance I/(j w V), less its steady conduction, at a voltage without force.
+    """Kramers and Kronig for the complex capacitance I/(j w V), less its steady conduction, at a
+    voltage without force.
 
-    C'(f) - C'(inf) = -(2/pi) int x (C''(x) - C''(f) f/x)/(x^2 - f^2) dx, where what is subtracted takes out the pole.
+    C'(f) - C'(inf) = -(2/pi) int x (C''(x) - C''(f) f/x)/(x^2 - f^2) dx, where what is subtracted
+    takes out the pole.
     """
     model = variant(
-        dielectric=Debye(), leak_scale=0.0, insulator_conductivity_s_per_m=0.0, air_conductivity_s_per_m=0.0
+        dielectric=Debye(),
+        leak_scale=0.0,
+        insulator_conductivity_s_per_m=0.0,
+        air_conductivity_s_per_m=0.0,
     )
     log_f = np.linspace(np.log(1e-2), np.log(1e9), 4001)
     f = np.exp(log_f)

@@ -13,7 +13,9 @@ pressures = st.floats(1.0, 6.0).map(lambda exponent: 10.0**exponent)
 
 
 def network(model, frequency_hz: float, u: float, alpha: float) -> np.ndarray:
-    """Fields E1, Eg, E2 for 1 V: the voltages add up and one total current crosses all layers (conduction once)."""
+    """Fields E1, Eg, E2 for 1 V: the voltages add up and one total current crosses all layers
+    (conduction once).
+    """
     v = model.description.values
     jw = 2j * np.pi * frequency_hz * EPS0
     k2 = complex(model.description.dielectric.permittivity(np.array([frequency_hz]))[0])
@@ -27,7 +29,9 @@ def network(model, frequency_hz: float, u: float, alpha: float) -> np.ndarray:
 @pytest.mark.parametrize("name", FINGERS)
 @given(f=frequencies, u=gaps, p=pressures)
 @settings(max_examples=60)
-def test_field_of_the_gap_is_that_of_the_network(models, stack_of, name: str, f: float, u: float, p: float) -> None:
+def test_field_of_the_gap_is_that_of_the_network(
+    models, stack_of, name: str, f: float, u: float, p: float
+) -> None:
     model = models[name]
     s = stack_of(model, np.array([f]))
     h, k_gap, leak = s.h_m[0], s.k_gap[0], s.leak_per_m_pa[0] * p
@@ -35,12 +39,15 @@ def test_field_of_the_gap_is_that_of_the_network(models, stack_of, name: str, f:
     alpha = (leak * 2j * np.pi * f * EPS0).real
     e1, e_gap, e2 = network(model, f, u, alpha)
     assert field == pytest.approx(e_gap, rel=1e-9)  # conditioning of the linear solve
-    # conservation: what crosses the insulator is the gap's displacement and conduction, and the leak
+    # conservation: what crosses the insulator is the gap's displacement and conduction, and the
+    # leak
     v, jw = model.description.values, 2j * np.pi * f * EPS0
     through_insulator = (jw * v.insulator_permittivity + v.insulator_conductivity_s_per_m) * e1
     across_gap = (jw * k_gap + alpha * u) * field
     assert through_insulator == pytest.approx(across_gap, rel=1e-9)
-    assert v.insulator_thickness_m * e1 + u * field + v.skin_thickness_m * e2 == pytest.approx(1.0, rel=1e-9)
+    assert v.insulator_thickness_m * e1 + u * field + v.skin_thickness_m * e2 == pytest.approx(
+        1.0, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", FINGERS)
@@ -58,21 +65,29 @@ def test_leak_against_reference_scales(models, stack_of, reference, name: str) -
 
 
 def test_leak_follows_skin_and_scale_not_the_insulator(models, variant) -> None:
-    """A past reading of (37) put sigma* in series with the insulator: 3.3e-12 S/m2, with nothing to leak."""
+    """A past reading of (37) put sigma* in series with the insulator: 3.3e-12 S/m2, with nothing to
+    leak.
+    """
     base = models["reference"].description.values
     insulated = variant(insulator_conductivity_s_per_m=0.0).description.values
     sigma = np.array([2e-4])
     alpha = leak_conductance_per_pa(base, sigma)
-    assert alpha * 5e3 == pytest.approx(2.0 * 2e-4 * 5e3 / (13.331e6 * 22.096e-6), rel=1e-4)  # five digits are known
+    assert alpha * 5e3 == pytest.approx(
+        2.0 * 2e-4 * 5e3 / (13.331e6 * 22.096e-6), rel=1e-4
+    )  # five digits are known
     assert leak_conductance_per_pa(insulated, sigma) == alpha
-    assert leak_conductance_per_pa(variant(leak_scale=3.0).description.values, sigma) == pytest.approx(3.0 * alpha)
+    assert leak_conductance_per_pa(
+        variant(leak_scale=3.0).description.values, sigma
+    ) == pytest.approx(3.0 * alpha)
     assert leak_conductance_per_pa(variant(leak_scale=0.0).description.values, sigma) == 0.0
 
 
 def test_direct_current_is_the_resistive_divider(models, stack_of) -> None:
     v = models["reference"].description.values
     s = stack_of(models["reference"], np.array([0.0]))
-    resistance = v.insulator_thickness_m / v.insulator_conductivity_s_per_m + v.skin_thickness_m / 2e-4  # ohm m2
+    resistance = (
+        v.insulator_thickness_m / v.insulator_conductivity_s_per_m + v.skin_thickness_m / 2e-4
+    )  # ohm m2
     a = 1.0 + s.leak_per_m_pa[0] * 5e3 * s.h_m[0]
     alpha = 2.0 * 2e-4 * 5e3 / (13.330851e6 * 22.09618e-6)
     # displacement over conduction at the frequency that stands for 0: w eps0 eps1/sigma1 = 2e-6
@@ -86,7 +101,8 @@ def test_direct_current_is_the_limit_of_slow_alternation(models, stack_of) -> No
     z = s.k_gap * s.h_m / (1.0 + s.leak_per_m_pa * 5e3 * s.h_m)
     assert np.isfinite(z).all()
     assert z[0] == z[1] == z[2]
-    # the slowest layer, air, displaces as much as it conducts at 1.8e-4 Hz: a share f/1.8e-4 Hz is not yet at its limit
+    # the slowest layer, air, displaces as much as it conducts at 1.8e-4 Hz: a share f/1.8e-4 Hz is
+    # not yet at its limit
     np.testing.assert_allclose(z[3:], z[0], rtol=1e-3)
 
 
@@ -94,7 +110,9 @@ def test_far_above_every_relaxation_only_permittivities_are_left(models, stack_o
     v = models["reference"].description.values
     s = stack_of(models["reference"], np.array([1e16]))
     # eps_inf of dry skin is 4; its fastest term leaves 32/(w tau) = 7e-5 there
-    assert s.h_m[0] == pytest.approx(v.insulator_thickness_m / 3.9 + v.skin_thickness_m / 4.0, rel=1e-3)
+    assert s.h_m[0] == pytest.approx(
+        v.insulator_thickness_m / 3.9 + v.skin_thickness_m / 4.0, rel=1e-3
+    )
     assert s.k_gap[0] == pytest.approx(1.0, abs=1e-12)
     assert abs(s.leak_per_m_pa[0] * 5e3 * s.h_m[0]) < 1e-4
 

@@ -1,9 +1,10 @@
 """Small published problems of telling rival models apart, and sequential experiments on them.
 
-Formulas, ranges, true parameters and noise are those of the papers that each problem names, as collected in GPdoemd
-(Olofsson, Hebing, Niedenfuehr, Deisenroth and Misener, Comput. Chem. Eng. 125, 2019, 54), which also gives the ranges
-of the parameters. Every parameter has a normal prior, in its logarithm where its range spans decades: its middle is
-that of the range and its standard deviation half of it, so the range is no bound.
+Formulas, ranges, true parameters and noise are those of the papers that each problem names, as
+collected in GPdoemd (Olofsson, Hebing, Niedenfuehr, Deisenroth and Misener, Comput. Chem. Eng. 125,
+2019, 54), which also gives the ranges of the parameters. Every parameter has a normal prior, in its
+logarithm where its range spans decades: its middle is that of the range and its standard deviation
+half of it, so the range is no bound.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ Predict = Callable[[Array, Array], Array]
 
 @dataclass(frozen=True)
 class Rival:
-    """`predict(points [d, n], parameters [k, m, 1])` is [m, n], or [m, n, outputs]; `ranges` [k, 2] of parameters."""
+    """`predict(points [d, n], parameters [k, m, 1])` is [m, n], or [m, n, outputs]; `ranges` [k, 2]
+    of parameters.
+    """
 
     predict: Predict
     ranges: Sequence[tuple[float, float]]
@@ -48,7 +51,9 @@ class Rival:
 
 @dataclass(frozen=True)
 class Problem:
-    """Rivals, of which `truth` is true with `parameters`; `axes` of the grid of permitted points; noise per output."""
+    """Rivals, of which `truth` is true with `parameters`; `axes` of the grid of permitted points;
+    noise per output.
+    """
 
     name: str
     rivals: Sequence[Rival]
@@ -76,12 +81,16 @@ class Problem:
 
     def slopes(self, rival: Rival, points: Array, vector: Array) -> tuple[Array, Array]:
         """Prediction [n * outputs], and its slopes [n * outputs, k]."""
-        values = self.predicted(rival, points, np.vstack([vector, vector + STEP * np.eye(vector.size)]))
+        values = self.predicted(
+            rival, points, np.vstack([vector, vector + STEP * np.eye(vector.size)])
+        )
         return values[0], (values[1:] - values[0]).T / STEP
 
 
 class Fit(NamedTuple):
-    """The likeliest vector [k], its covariance [k, k] and the logarithm of the evidence (Laplace)."""
+    """The likeliest vector [k], its covariance [k, k] and the logarithm of the evidence
+    (Laplace).
+    """
 
     vector: Array
     covariance: Array
@@ -89,7 +98,9 @@ class Fit(NamedTuple):
 
 
 def fitted(problem: Problem, rival: Rival, points: Array, observed: Array, starts: Array) -> Fit:
-    """Least squares with the prior, from the first of the starts [m, k] and from the likeliest of the others."""
+    """Least squares with the prior, from the first of the starts [m, k] and from the likeliest of
+    the others.
+    """
     unit = np.eye(len(rival.ranges))
 
     def away(u: Array) -> Array:
@@ -98,13 +109,19 @@ def fitted(problem: Problem, rival: Rival, points: Array, observed: Array, start
     def slope(u: Array) -> Array:
         return np.vstack([problem.slopes(rival, points, u)[1], unit])
 
-    misfit = np.sum((problem.predicted(rival, points, starts) - observed) ** 2, axis=1) + np.sum(starts**2, axis=1)
+    misfit = np.sum((problem.predicted(rival, points, starts) - observed) ** 2, axis=1) + np.sum(
+        starts**2, axis=1
+    )
     these = {0, int(1 + misfit[1:].argmin())} if len(starts) > 1 else {0}
-    found = [least_squares(away, starts[i], slope, method="lm", ftol=CLOSE, xtol=CLOSE) for i in these]
+    found = [
+        least_squares(away, starts[i], slope, method="lm", ftol=CLOSE, xtol=CLOSE) for i in these
+    ]
     best = min(found, key=lambda fit: float(fit.cost))
     jacobian = slope(best.x)
     covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian), dtype=np.float64)
-    return Fit(best.x, covariance, -float(best.cost) + 0.5 * float(np.linalg.slogdet(covariance)[1]))
+    return Fit(
+        best.x, covariance, -float(best.cost) + 0.5 * float(np.linalg.slogdet(covariance)[1])
+    )
 
 
 def probabilities(fits: Sequence[Fit]) -> Array:
@@ -115,9 +132,11 @@ def probabilities(fits: Sequence[Fit]) -> Array:
 
 
 def next_point(problem: Problem, points: Array, fits: Sequence[Fit], least: float) -> int | None:
-    """The grid's point that the score chooses, as `model.planning.design` asks it; None where none adds `least`.
+    """The grid's point that the score chooses, as `model.planning.design` asks it; None where none
+    adds `least`.
 
-    Beside the likeliest rival, each other one is what it would be if the data were what the likeliest says they are.
+    Beside the likeliest rival, each other one is what it would be if the data were what the
+    likeliest says they are.
     """
     grid, probability = problem.grid, probabilities(fits)
     order = np.argsort(-probability)
@@ -134,7 +153,9 @@ def next_point(problem: Problem, points: Array, fits: Sequence[Fit], least: floa
     block = np.repeat(np.arange(grid.shape[1]), len(problem.std))
     pairs = []
     for (i, j), weight in weights([float(probability[k]) for k in order]).items():
-        told = by_block(means[i] - means[j], np.hstack([spreads[i], spreads[j]]), block, grid.shape[1])
+        told = by_block(
+            means[i] - means[j], np.hstack([spreads[i], spreads[j]]), block, grid.shape[1]
+        )
         pairs.append(Pair((str(i), str(j)), weight, told, nothing(told.moment.shape[1])))
     choices = choose(pairs, np.ones(grid.shape[1]), 1, 1.0, APART, least)
     return choices[0].block if choices else None
@@ -150,8 +171,9 @@ class Outcome(NamedTuple):
 def experiment(problem: Problem, seed: int, *, by_score: bool, least: float = 0.0) -> Outcome:
     """Points one after the other until a rival is named or the budget is spent.
 
-    Each is the one that the score chooses, or one at random, as also where none adds `least` (`separation.choose`).
-    Of one seed, the first points and the noise of the n-th measurement are the same however points are chosen.
+    Each is the one that the score chooses, or one at random, as also where none adds `least`
+    (`separation.choose`). Of one seed, the first points and the noise of the n-th measurement are
+    the same however points are chosen.
     """
     rng, grid = np.random.default_rng(seed), problem.grid
     noise = rng.normal(size=(problem.budget, len(problem.std)))
@@ -159,7 +181,9 @@ def experiment(problem: Problem, seed: int, *, by_score: bool, least: float = 0.
     draws = [rng.normal(size=(STARTS, len(rival.ranges))) for rival in problem.rivals]
     before = [np.zeros(len(rival.ranges)) for rival in problem.rivals]
     parameters = np.array(problem.parameters)[:, None, None]
-    true = problem.scaled(problem.rivals[problem.truth].predict(grid, parameters)).reshape(-1, len(problem.std))
+    true = problem.scaled(problem.rivals[problem.truth].predict(grid, parameters)).reshape(
+        -1, len(problem.std)
+    )
     taken = [int(point) for point in shuffled[: problem.first]]
     while True:
         points, observed = grid[:, taken], (true[taken] + noise[: len(taken)]).ravel()
@@ -169,13 +193,17 @@ def experiment(problem: Problem, seed: int, *, by_score: bool, least: float = 0.
         ]
         before, probability = [fit.vector for fit in fits], probabilities(fits)
         if probability.max() > SURE or len(taken) == problem.budget:
-            return Outcome(int(probability.argmax()) if probability.max() > SURE else None, len(taken))
+            return Outcome(
+                int(probability.argmax()) if probability.max() > SURE else None, len(taken)
+            )
         point = next_point(problem, points, fits, least) if by_score else None
         taken.append(int(shuffled[len(taken)]) if point is None else point)
 
 
 class Count(NamedTuple):
-    """How often the right rival was named, a wrong one, none; the median of points to the right name, else infinite."""
+    """How often the right rival was named, a wrong one, none; the median of points to the right
+    name, else infinite.
+    """
 
     right: int
     wrong: int
@@ -192,24 +220,38 @@ def counted(problem: Problem, seeds: Sequence[int], *, by_score: bool, least: fl
     return Count(sum(right), len(outcomes) - sum(right) - sum(none), sum(none), median)
 
 
-def _kinetic(formula: Callable[..., Array], ranges: Sequence[tuple[float, float]], *, log: bool = True) -> Rival:
+def _kinetic(
+    formula: Callable[..., Array], ranges: Sequence[tuple[float, float]], *, log: bool = True
+) -> Rival:
     """A rival whose formula takes the point's coordinates, then the parameters."""
     return Rival(lambda x, p: formula(*x, *p), ranges, log)
 
 
 def _buzzi_ferraris_1983() -> Problem:
-    """Buzzi-Ferraris and Forzatti, Chem. Eng. Sci. 38, 1983, 225: synthesis of methanol, five rate equations."""
+    """Buzzi-Ferraris and Forzatti, Chem. Eng. Sci. 38, 1983, 225: synthesis of methanol, five rate
+    equations.
+    """
     ranges = ((1.0, 1e4), (1e-2, 10.0), (1e-4, 1.0), (1.0, 1e3), (1e-10, 1.0))
 
     def driving(a: Array, b: Array, c: Array, k: Array) -> Array:
         return np.asarray(a * b**2 - c / k)
 
     formulas: tuple[Callable[..., Array], ...] = (
-        lambda a, b, c, k1, k2, k3, k4, k: driving(a, b, c, k) / (k1 + k2 * a + k3 * b + k4 * c) ** 2,
-        lambda a, b, c, k1, k2, k3, k4, k: driving(a, b, c, k) / (k1 + k2 * a + k3 * b + k4 * a * b),
-        lambda a, b, c, k1, k2, k3, k4, k: driving(a, b, c, k) / (b**2 * (k1 + k2 * c + k3 * b) + k4 * b * c),
-        lambda a, b, c, k1, k2, k3, k4, k: driving(a, b, c, k) / b / (k1 + k2 * a + k3 * c / b + k4 * c) ** 2,
-        lambda a, b, c, k1, k2, k3, k4, k: driving(a, b, c, k) / (k1 + k2 * b + k3 * a * b + k4 * c) ** 2,
+        lambda a, b, c, k1, k2, k3, k4, k: (
+            driving(a, b, c, k) / (k1 + k2 * a + k3 * b + k4 * c) ** 2
+        ),
+        lambda a, b, c, k1, k2, k3, k4, k: (
+            driving(a, b, c, k) / (k1 + k2 * a + k3 * b + k4 * a * b)
+        ),
+        lambda a, b, c, k1, k2, k3, k4, k: (
+            driving(a, b, c, k) / (b**2 * (k1 + k2 * c + k3 * b) + k4 * b * c)
+        ),
+        lambda a, b, c, k1, k2, k3, k4, k: (
+            driving(a, b, c, k) / b / (k1 + k2 * a + k3 * c / b + k4 * c) ** 2
+        ),
+        lambda a, b, c, k1, k2, k3, k4, k: (
+            driving(a, b, c, k) / (k1 + k2 * b + k3 * a * b + k4 * c) ** 2
+        ),
     )
     axes = (np.linspace(15.0, 25.0, 4), np.linspace(200.0, 250.0, 4), np.linspace(5.0, 10.0, 4))
     rivals = [_kinetic(formula, ranges) for formula in formulas]
@@ -218,14 +260,18 @@ def _buzzi_ferraris_1983() -> Problem:
 
 
 def _buzzi_ferraris_1984() -> Problem:
-    """Buzzi-Ferraris, Forzatti, Emig and Hofmann, Chem. Eng. Sci. 39, 1984, 81: four models of two rates."""
+    """Buzzi-Ferraris, Forzatti, Emig and Hofmann, Chem. Eng. Sci. 39, 1984, 81: four models of two
+    rates.
+    """
 
     def rates(first: Array, second: Array, a: Array, b: Array, k1: Array, k2: Array) -> Array:
         return np.stack([k1 * a * b / first, k2 * a * b / second], axis=-1)
 
     formulas: tuple[Callable[..., Array], ...] = (
         lambda a, b, k1, k2, k3, k4: rates(1 + k3 * a + k4 * b, 1 + k3 * a + k4 * b, a, b, k1, k2),
-        lambda a, b, k1, k2, k3, k4: rates((1 + k3 * a + k4 * b) ** 2, (1 + k3 * a) ** 2, a, b, k1, k2),
+        lambda a, b, k1, k2, k3, k4: rates(
+            (1 + k3 * a + k4 * b) ** 2, (1 + k3 * a) ** 2, a, b, k1, k2
+        ),
         lambda a, b, k1, k2, k3, k4: rates((1 + k3 * b) ** 2, (1 + k4 * a) ** 2, a, b, k1, k2),
         lambda a, b, k1, k2, k3, k4: rates(1 + k3 * a + k4 * b, 1 + k3 * a, a, b, k1, k2),
     )
@@ -236,10 +282,11 @@ def _buzzi_ferraris_1984() -> Problem:
 
 
 def _ammonia(t: Array, p: Array, ammonia: Array) -> tuple[Array, Array, Array, Array]:
-    """Fugacities of nitrogen, hydrogen and ammonia (atm) and the equilibrium's constant at t (K) and p (atm).
+    """Fugacities of nitrogen, hydrogen and ammonia (atm) and the equilibrium's constant at t (K)
+    and p (atm).
 
-    Activities: Dyson and Simon, Ind. Eng. Chem. Fundam. 7, 1968, 605; constant: Gillespie and Beattie, Phys. Rev. 36,
-    1930, 743. Hydrogen is three times the nitrogen.
+    Activities: Dyson and Simon, Ind. Eng. Chem. Fundam. 7, 1968, 605; constant: Gillespie and
+    Beattie, Phys. Rev. 36, 1930, 743. Hydrogen is three times the nitrogen.
     """
     log_h = p * np.exp(0.541 - 3.8402 * t**0.125) - p**2 * np.exp(-15.98 - 0.1263 * np.sqrt(t))
     log_h += 300.0 * np.exp(-5.941 - 0.011901 * t) * np.expm1(-p / 300.0)
@@ -251,7 +298,9 @@ def _ammonia(t: Array, p: Array, ammonia: Array) -> tuple[Array, Array, Array, A
 
 
 def _buzzi_ferraris_1990() -> Problem:
-    """Buzzi-Ferraris, Forzatti and Canu, Chem. Eng. Sci. 45, 1990, 477: synthesis of ammonia, four rate equations."""
+    """Buzzi-Ferraris, Forzatti and Canu, Chem. Eng. Sci. 45, 1990, 477: synthesis of ammonia, four
+    rate equations.
+    """
 
     def constant(t: Array, level: Array, slope: Array) -> Array:
         return np.asarray(np.exp(level - slope * (t - 700.0) / t))
@@ -271,17 +320,27 @@ def _buzzi_ferraris_1990() -> Problem:
 
     def fourth(x: Array, p: Array) -> Array:
         n, h, a, k = _ammonia(*x)
-        hindered = a * constant(x[0], *p[:2]) + n * constant(x[0], *p[2:4]) + a / n * constant(x[0], *p[4:])
+        hindered = (
+            a * constant(x[0], *p[:2])
+            + n * constant(x[0], *p[2:4])
+            + a / n * constant(x[0], *p[4:])
+        )
         return np.asarray((np.sqrt(n * h**3) - a / k) / hindered)
 
     one = ((0.1, 10.0), (0.1, 100.0))
-    rivals = [Rival(f, one * n, log=False) for f, n in ((first, 1), (second, 1), (third, 2), (fourth, 3))]
+    rivals = [
+        Rival(f, one * n, log=False) for f, n in ((first, 1), (second, 1), (third, 2), (fourth, 3))
+    ]
     axes = (np.linspace(703.0, 753.0, 4), np.linspace(300.0, 350.0, 4), np.linspace(0.1, 0.2, 4))
-    return Problem("Buzzi-Ferraris 1990", rivals, axes, 0, (3.68064, 11.80406), (90.0**0.5,), first=3)
+    return Problem(
+        "Buzzi-Ferraris 1990", rivals, axes, 0, (3.68064, 11.80406), (90.0**0.5,), first=3
+    )
 
 
 def _michalik_2010() -> Problem:
-    """Michalik, Stuckert and Marquardt, Ind. Eng. Chem. Res. 49, 2010, 913: ten models of one parameter each."""
+    """Michalik, Stuckert and Marquardt, Ind. Eng. Chem. Res. 49, 2010, 913: ten models of one
+    parameter each.
+    """
     powers = [
         (0, 0, 0),
         (1, 0, 0),
@@ -304,7 +363,9 @@ def _michalik_2010() -> Problem:
 
 
 def _vanlier_2014() -> Problem:
-    """Vanlier, Tiemann, Hilbers and van Riel, BMC Syst. Biol. 8, 2014, 20: four linear models, each within the next."""
+    """Vanlier, Tiemann, Hilbers and van Riel, BMC Syst. Biol. 8, 2014, 20: four linear models, each
+    within the next.
+    """
     terms: tuple[Callable[[Array], Array], ...] = (
         lambda t: t,
         lambda t: t**2,
@@ -316,15 +377,24 @@ def _vanlier_2014() -> Problem:
         return lambda x, p: np.asarray(sum(p[i] * terms[i](x[0]) for i in range(count)))
 
     rivals = [Rival(of(n), ((-10.0, 10.0),) * n, log=False) for n in (1, 2, 3, 4)]
-    return Problem("Vanlier 2014", rivals, (np.linspace(-2.5, 2.5, 51),), 2, (-1.0, 0.5, -6.0), (0.5**0.5,), first=2)
+    return Problem(
+        "Vanlier 2014",
+        rivals,
+        (np.linspace(-2.5, 2.5, 51),),
+        2,
+        (-1.0, 0.5, -6.0),
+        (0.5**0.5,),
+        first=2,
+    )
 
 
 def _mixing(truth: int) -> Problem:
-    """Order of a reaction (0, 1 or 2) and whether a reactor mixes molecules or clumps, from what is left at its end.
+    """Order of a reaction (0, 1 or 2) and whether a reactor mixes molecules or clumps, from what is
+    left at its end.
 
-    Textbook solutions (Levenspiel, Chemical Reaction Engineering, 3rd ed., 1999, ch. 16) of a plug flow and a stirred
-    reactor; a point is the time in it, the concentration that enters, and which of the two. Of any order but the
-    first, mixing matters in the stirred one alone.
+    Textbook solutions (Levenspiel, Chemical Reaction Engineering, 3rd ed., 1999, ch. 16) of a plug
+    flow and a stirred reactor; a point is the time in it, the concentration that enters, and which
+    of the two. Of any order but the first, mixing matters in the stirred one alone.
     """
 
     def plug_0(t: Array, c: Array, k: Array) -> Array:
@@ -340,17 +410,33 @@ def _mixing(truth: int) -> Problem:
         return np.asarray(2.0 / (1.0 + np.sqrt(1.0 + 4.0 * k * t * c)))
 
     def clumps_2(t: Array, c: Array, k: Array) -> Array:
-        z = np.minimum(1.0 / (k * t * c), 500.0)  # beyond, the next term of the series is below 1e-5
+        z = np.minimum(
+            1.0 / (k * t * c), 500.0
+        )  # beyond, the next term of the series is below 1e-5
         return np.asarray(np.where(z < 500.0, z * np.exp(z) * exp1(z), 1.0 - k * t * c))
 
     def of(plug: Callable[..., Array], stirred: Callable[..., Array]) -> Predict:
         return lambda x, p: np.where(x[2] > 0.5, plug(x[0], x[1], p[0]), stirred(x[0], x[1], p[0]))
 
-    first = of(lambda t, c, k: np.exp(-k * t) + 0.0 * c, lambda t, c, k: 1.0 / (1.0 + k * t) + 0.0 * c)
-    predicts = (of(plug_0, plug_0), of(plug_0, clumps_0), first, of(plug_2, molecules_2), of(plug_2, clumps_2))
+    first = of(
+        lambda t, c, k: np.exp(-k * t) + 0.0 * c, lambda t, c, k: 1.0 / (1.0 + k * t) + 0.0 * c
+    )
+    predicts = (
+        of(plug_0, plug_0),
+        of(plug_0, clumps_0),
+        first,
+        of(plug_2, molecules_2),
+        of(plug_2, clumps_2),
+    )
     rivals = [Rival(predict, ((1e-6, 0.1),)) for predict in predicts]
     axes = (np.geomspace(1.0, 100.0, 6), np.geomspace(0.01, 1.0, 6), np.array([0.0, 1.0]))
-    name = ("order 0, molecules", "order 0, clumps", "order 1", "order 2, molecules", "order 2, clumps")[truth]
+    name = (
+        "order 0, molecules",
+        "order 0, clumps",
+        "order 1",
+        "order 2, molecules",
+        "order 2, clumps",
+    )[truth]
     true = ((0.006, 0.006, 0.015, 0.025, 0.025)[truth],)
     return Problem(f"mixing: {name}", rivals, axes, truth, true, (0.05,), first=1)
 

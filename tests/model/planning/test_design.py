@@ -31,26 +31,42 @@ def read(path: Path, header: str, *lines: str) -> Measurements:
 
 
 def test_an_intervention_takes_its_effects_away_in_its_rows(tmp_path: Path) -> None:
-    """Against the model's own friction, with the effect where nothing removes it and without in the other row."""
+    """Against the model's own friction, with the effect where nothing removes it and without in the
+    other row.
+    """
     data = read(
-        tmp_path / "a.csv", HEADER, "50,75,0.5,0.6,0.01,", "50,75,0.5,0.6,0.01,dry_air", "50,75,0.5,0.6,0.01,wipe"
+        tmp_path / "a.csv",
+        HEADER,
+        "50,75,0.5,0.6,0.01,",
+        "50,75,0.5,0.6,0.01,dry_air",
+        "50,75,0.5,0.6,0.01,wipe",
     )
     got = Predictor(FINGER, data, ()).predicted([HUMID], np.array([[1.0]]))[0]
     conditions = Conditions(np.array([50.0]), np.array([75.0]), np.array([0.5]))
     (parameter,) = HUMID.parameters()
     value = float(parameter.from_normal(np.asarray(1.0)))
-    wet = replace(FINGER, effect_parameters={HUMID.name: {parameter.name: Parameter(value, "", "")}})
-    without, with_it = (float(np.log(TouchModel(m).predict(conditions).cof[0])) for m in (FINGER, wet))
+    wet = replace(
+        FINGER, effect_parameters={HUMID.name: {parameter.name: Parameter(value, "", "")}}
+    )
+    without, with_it = (
+        float(np.log(TouchModel(m).predict(conditions).cof[0])) for m in (FINGER, wet)
+    )
     assert abs(with_it - without) > 0.01
     np.testing.assert_allclose(got, [with_it, without, with_it], rtol=1e-9)
 
 
 def test_two_effects_are_taken_away_each_by_its_own(tmp_path: Path) -> None:
     sweat = BY_NAME["sweat_film"]
-    data = read(tmp_path / "a.csv", HEADER, *(f"50,75,0.5,0.6,0.01,{what}" for what in ("none", "dry_air", "wipe")))
+    data = read(
+        tmp_path / "a.csv",
+        HEADER,
+        *(f"50,75,0.5,0.6,0.01,{what}" for what in ("none", "dry_air", "wipe")),
+    )
     plain = read(tmp_path / "b.csv", HEADER, "50,75,0.5,0.6,0.01,none")
     both, humid, sweaty = (
-        Predictor(FINGER, plain, ()).predicted(kinds, np.full((1, sum(len(k.parameters()) for k in kinds)), 0.5))[0, 0]
+        Predictor(FINGER, plain, ()).predicted(
+            kinds, np.full((1, sum(len(k.parameters()) for k in kinds)), 0.5)
+        )[0, 0]
         for kinds in ([HUMID, sweat], [HUMID], [sweat])
     )
     got = Predictor(FINGER, data, ()).predicted([HUMID, sweat], np.full((1, 4), 0.5))[0]
@@ -63,14 +79,22 @@ def test_an_unknown_intervention_is_refused(tmp_path: Path) -> None:
 
 
 def test_where_nothing_shows_it_is_looked_where_something_may_be_unseen(tmp_path: Path) -> None:
-    """Friction at low frequencies cannot show a slow amplifier; at 100 kHz it can, and without voltage nothing can."""
+    """Friction at low frequencies cannot show a slow amplifier; at 100 kHz it can, and without
+    voltage nothing can.
+    """
     c = Conditions(
-        np.tile([50.0, 100.0], 8), np.repeat([0.0, 60.0, 75.0, 110.0], 4), np.tile([0.25, 0.25, 1.0, 1.0], 4)
+        np.tile([50.0, 100.0], 8),
+        np.repeat([0.0, 60.0, 75.0, 110.0], 4),
+        np.tile([0.25, 0.25, 1.0, 1.0], 4),
     )
-    cof = TouchModel(FINGER).predict(c).cof * np.exp(0.01 * np.random.default_rng(3).normal(size=16))
+    cof = TouchModel(FINGER).predict(c).cof * np.exp(
+        0.01 * np.random.default_rng(3).normal(size=16)
+    )
     rows = zip(c.frequency_hz, c.voltage_v, c.normal_force_n, cof, 0.01 * cof, strict=True)
     text = [",".join(map(str, row)) for row in rows]
-    seen = diagnose(FINGER, read(tmp_path / "a.csv", "frequency_hz,voltage_v,normal_force_n,cof,cof_std", *text))
+    seen = diagnose(
+        FINGER, read(tmp_path / "a.csv", "frequency_hz,voltage_v,normal_force_n,cof,cof_std", *text)
+    )
     assert seen.name == "no_discrepancy"
     columns = {
         "frequency_hz": np.array([100.0, 100.0, 100.0, 1e5]),
@@ -87,8 +111,13 @@ def test_where_nothing_shows_it_is_looked_where_something_may_be_unseen(tmp_path
 
 
 def test_rows_that_contradict_kramers_and_kronig_are_left_out(tmp_path: Path) -> None:
-    header = "frequency_hz,voltage_v,normal_force_n,current_a,current_phase_rad,finger,kramers_kronig"
-    lines = [f"{f},5,0.5,1e-5,0.5,resting,{said}" for f, said in ((1e2, "passes"), (1e3, "fails"), (1e4, ""))]
+    header = (
+        "frequency_hz,voltage_v,normal_force_n,current_a,current_phase_rad,finger,kramers_kronig"
+    )
+    lines = [
+        f"{f},5,0.5,1e-5,0.5,resting,{said}"
+        for f, said in ((1e2, "passes"), (1e3, "fails"), (1e4, ""))
+    ]
     data = read(tmp_path / "a.csv", header, *lines)
     assert sorted(set(data.columns["frequency_hz"])) == [1e2, 1e4]
     assert data.left_out == 1
@@ -99,7 +128,9 @@ def pair(
 ) -> tuple[Pair, list[tuple[np.ndarray, np.ndarray]]]:
     raw = [(rng.normal(size=(rows, size)), rng.normal(size=rows)) for _ in range(blocks)]
     told = Told(
-        np.array([u.T @ u for u, _ in raw]), np.array([u.T @ d for u, d in raw]), np.array([d @ d for _, d in raw])
+        np.array([u.T @ u for u, _ in raw]),
+        np.array([u.T @ d for u, d in raw]),
+        np.array([d @ d for _, d in raw]),
     )
     return Pair(("a", "b"), 1.0, told, nothing(size)), raw
 
@@ -110,7 +141,10 @@ def test_the_separation_is_that_of_the_covariance() -> None:
     found, raw = pair(rng, 4, 7, 3)
 
     def direct(which: list[int]) -> float:
-        u, d = np.concatenate([raw[b][0] for b in which]), np.concatenate([raw[b][1] for b in which])
+        u, d = (
+            np.concatenate([raw[b][0] for b in which]),
+            np.concatenate([raw[b][1] for b in which]),
+        )
         return float(d @ np.linalg.solve(np.eye(d.size) + u @ u.T, d))
 
     assert found.reach() == pytest.approx(direct([0, 1, 2, 3]))
@@ -123,12 +157,18 @@ def test_the_separation_is_that_of_the_covariance() -> None:
 
 def test_several_differences_are_told_as_each_alone() -> None:
     rng = np.random.default_rng(7)
-    differences, spread, block = rng.normal(size=(3, 12)), rng.normal(size=(12, 2)), np.repeat([0, 1, 2], 4)
+    differences, spread, block = (
+        rng.normal(size=(3, 12)),
+        rng.normal(size=(12, 2)),
+        np.repeat([0, 1, 2], 4),
+    )
     so_far = nothing(2) + told_by(rng.normal(size=(3, 5)), rng.normal(size=(5, 2)))
     best, together = most_by_one(so_far, by_block(differences, spread, block, 3)), []
     for i, difference in enumerate(differences):
         alone = Pair(("a", "b"), 1.0, by_block(difference, spread, block, 3), so_far_of(so_far, i))
-        assert best[i] == pytest.approx(max((alone.told + alone.blocks[b]).chi2() for b in range(3)))
+        assert best[i] == pytest.approx(
+            max((alone.told + alone.blocks[b]).chi2() for b in range(3))
+        )
         together.append(alone.reach())
     np.testing.assert_allclose(by_all(so_far, by_block(differences, spread, block, 3)), together)
 
@@ -138,18 +178,26 @@ def so_far_of(so_far: Told, i: int) -> Told:
 
 
 def test_what_a_parameter_hides_in_the_data_so_far_more_of_the_same_does_not_show() -> None:
-    """Friction that has aged long ago was expected to show in any further row, as if the finger were known by then."""
+    """Friction that has aged long ago was expected to show in any further row, as if the finger
+    were known by then.
+    """
     rng = np.random.default_rng(11)
     seen, to_come = rng.normal(size=(200, 1)), rng.normal(size=(60, 1))
     moved = 1.3  # of the parameter, in standard deviations of what is known of it
     pair = Pair(
-        ("none", "ageing"), 1.0, by_block(moved * to_come[:, 0], to_come, np.arange(60), 60),
+        ("none", "ageing"),
+        1.0,
+        by_block(moved * to_come[:, 0], to_come, np.arange(60), 60),
         nothing(1) + told_by(moved * seen[:, 0], seen),
-    )  # fmt: skip
+    )
     assert pair.reached <= pair.reach() <= moved**2
 
 
 def test_no_parameter_free_enough_hides_nothing() -> None:
     found, raw = pair(np.random.default_rng(5), 2, 6, 1)
-    silent = replace(found.blocks, normal=0.0 * found.blocks.normal, moment=0.0 * found.blocks.moment)
-    assert Pair(("a", "b"), 1.0, silent, found.told).reach() == pytest.approx(sum(d @ d for _, d in raw))
+    silent = replace(
+        found.blocks, normal=0.0 * found.blocks.normal, moment=0.0 * found.blocks.moment
+    )
+    assert Pair(("a", "b"), 1.0, silent, found.told).reach() == pytest.approx(
+        sum(d @ d for _, d in raw)
+    )

@@ -30,20 +30,28 @@ SETTING = ("frequency_hz", "voltage_v", "normal_force_n")
 
 
 def _friction(settings: Array, effect: str, **values: float) -> Array:
-    on = {effect: {name: Parameter(value, "", "") for name, value in values.items()}} if effect else {}
+    on = (
+        {effect: {name: Parameter(value, "", "") for name, value in values.items()}}
+        if effect
+        else {}
+    )
     return TouchModel(replace(FINGER, effect_parameters=on)).predict(Conditions(*settings.T)).cof
 
 
 def _measured(cof: Array, settings: Array, session: Array, seed: int = 0) -> Measurements:
     rng = np.random.default_rng(seed)
-    noisy = cof * np.exp(NOISE * rng.normal(size=cof.size) + 0.03 * rng.normal(size=9)[session.astype(int)])
+    noisy = cof * np.exp(
+        NOISE * rng.normal(size=cof.size) + 0.03 * rng.normal(size=9)[session.astype(int)]
+    )
     columns = dict(zip(SETTING, settings.T, strict=True)) | {"cof": noisy, "cof_std": NOISE * noisy}
     names = tuple(str(i) for i in range(int(session.max()) + 1))
     return Measurements(columns, session.astype(np.intp), names, None, "00")
 
 
 def _design() -> tuple[Array, Array]:
-    one = [(f, v, n) for f in FREQUENCIES for v in VOLTAGES for n in LOADS] + [(250.0, 0.0, n) for n in LOADS] * 2
+    one = [(f, v, n) for f in FREQUENCIES for v in VOLTAGES for n in LOADS] + [
+        (250.0, 0.0, n) for n in LOADS
+    ] * 2
     return np.tile(np.array(one), (3, 1)), np.repeat(np.arange(3.0), len(one))
 
 
@@ -59,7 +67,9 @@ def separable() -> tuple[Diagnosis, list[dict[str, Any]]]:
     return found, next_experiments(found, FINGER)
 
 
-def test_proposals_are_settings_that_the_rig_was_near(separable: tuple[Diagnosis, list[dict[str, Any]]]) -> None:
+def test_proposals_are_settings_that_the_rig_was_near(
+    separable: tuple[Diagnosis, list[dict[str, Any]]],
+) -> None:
     found, proposed = separable
     assert found.name == "ambiguous"
     assert 1 <= len(proposed) <= 6
@@ -73,8 +83,12 @@ def test_proposals_are_settings_that_the_rig_was_near(separable: tuple[Diagnosis
         assert setting["lambda_now"] < 25.0 <= setting["lambda_after"]
 
 
-def test_measuring_the_proposals_tells_which(separable: tuple[Diagnosis, list[dict[str, Any]]]) -> None:
-    """On average they make a name; in any one case noise may leave the truth a little short of it."""
+def test_measuring_the_proposals_tells_which(
+    separable: tuple[Diagnosis, list[dict[str, Any]]],
+) -> None:
+    """On average they make a name; in any one case noise may leave the truth a little short of
+    it.
+    """
     found, proposed = separable
     settings, session = _design()
     rows = [[s["frequency_hz"] or 250.0, s["voltage_v"], s["normal_force_n"]] for s in proposed]
@@ -87,25 +101,36 @@ def test_measuring_the_proposals_tells_which(separable: tuple[Diagnosis, list[di
     before, after = found.findings.verdict, again.findings.verdict
     assert after.chosen.name == "load_dependent_friction"
     assert before.posterior.inclusion["capillary_adhesion"] > 0.1
-    assert after.posterior.inclusion["capillary_adhesion"] < 0.5 * before.posterior.inclusion["capillary_adhesion"]
+    assert (
+        after.posterior.inclusion["capillary_adhesion"]
+        < 0.5 * before.posterior.inclusion["capillary_adhesion"]
+    )
     assert after.posterior.inclusion["load_dependent_friction"] > 0.8
 
 
-def test_proposals_beat_settings_taken_at_random(separable: tuple[Diagnosis, list[dict[str, Any]]]) -> None:
+def test_proposals_beat_settings_taken_at_random(
+    separable: tuple[Diagnosis, list[dict[str, Any]]],
+) -> None:
     found, proposed = separable
     assert found.findings is not None
     (first, _), (second, _) = leading(found.findings)[:2]
     allowed = design._settings(found.data, [first, second])
     rng, reached = np.random.default_rng(0), []
     for _ in range(12):
-        rows = np.isin(np.arange(allowed.count), rng.choice(allowed.count, len(proposed), replace=False))
-        measured = design._extended(found.data, FINGER, found.findings.problem, allowed.subset(rows))
+        rows = np.isin(
+            np.arange(allowed.count), rng.choice(allowed.count, len(proposed), replace=False)
+        )
+        measured = design._extended(
+            found.data, FINGER, found.findings.problem, allowed.subset(rows)
+        )
         reached.append(design.separation(measured, first, second))
     assert proposed[0]["lambda_after"] > 2.0 * np.median(reached)
     assert proposed[0]["lambda_after"] > 0.9 * max(reached)
 
 
-def test_the_expected_gain_is_what_a_refit_finds(separable: tuple[Diagnosis, list[dict[str, Any]]]) -> None:
+def test_the_expected_gain_is_what_a_refit_finds(
+    separable: tuple[Diagnosis, list[dict[str, Any]]],
+) -> None:
     """Within 30 %: the gains are linear around both fits, the refit is not."""
     _, proposed = separable
     gained = proposed[0]["lambda_after"] - proposed[0]["lambda_now"]
@@ -142,17 +167,25 @@ def test_nothing_tested_proposes_nothing() -> None:
 
 
 def test_settings_to_come_leave_the_measured_rows_as_they_were() -> None:
-    """Where an effect showed in some sessions only, it was on in all of them as soon as settings were added."""
+    """Where an effect showed in some sessions only, it was on in all of them as soon as settings
+    were added.
+    """
     settings, session = _design()
-    measured = replace(_measured(_friction(settings, ""), settings, session), effects_on=session == 1.0)
+    measured = replace(
+        _measured(_friction(settings, ""), settings, session), effects_on=session == 1.0
+    )
     noise = noise_of(measured)
     assert noise is not None
     problem = Problem(Predictor(FINGER, measured), measured.observed, noise)
-    chosen = Measurements(dict(zip(SETTING, settings[:2].T, strict=True)), np.zeros(2, np.intp), ("n",), None, "")
+    chosen = Measurements(
+        dict(zip(SETTING, settings[:2].T, strict=True)), np.zeros(2, np.intp), ("n",), None, ""
+    )
     wider = design._extended(measured, FINGER, problem, chosen)
     gain = BY_NAME["drive_gain_error"]
     vector = np.append(np.zeros(len(NUISANCES)), 2.0)[None]
     before, after = (p.predictor.predicted([gain], vector)[0] for p in (problem, wider))
     np.testing.assert_allclose(after[: measured.count], before, rtol=1e-12)
     alone = wider.predictor.predicted([], vector[:, :-1])[0]
-    assert np.all(after[measured.count :] > alone[measured.count :])  # and the effect is on in what is to come
+    assert np.all(
+        after[measured.count :] > alone[measured.count :]
+    )  # and the effect is on in what is to come

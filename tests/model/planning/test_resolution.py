@@ -16,14 +16,25 @@ from model.effects import BY_NAME
 from model.planning.resolution import Resolution, resolution
 from model.touch_model import TouchModel
 
-SETTINGS = tuple(Setting(f, v, 0.5, 0.02) for f in (20.0, 100.0, 250.0) for v in (50.0, 75.0, 110.0))
-FEW = ("series_resistance", "amplifier_slew_limit", "johnsen_rahbek", "humid_gap_conduction", "sweat_film",
-       "capillary_adhesion", "load_dependent_friction")  # fmt: skip
+SETTINGS = tuple(
+    Setting(f, v, 0.5, 0.02) for f in (20.0, 100.0, 250.0) for v in (50.0, 75.0, 110.0)
+)
+FEW = (
+    "series_resistance",
+    "amplifier_slew_limit",
+    "johnsen_rahbek",
+    "humid_gap_conduction",
+    "sweat_film",
+    "capillary_adhesion",
+    "load_dependent_friction",
+)
 PLAN = Plan(name="small", settings=(*SETTINGS, Setting(0.0, 0.0, 0.5, 0.02)), repeats=2)
 
 
 def sets(cof_std: float) -> dict[str, Measurements]:
-    found, refusals = ways(load_rig("simulated"), TouchModel(load_model("reference")), PLAN, cof_std)
+    found, refusals = ways(
+        load_rig("simulated"), TouchModel(load_model("reference")), PLAN, cof_std
+    )
     assert refusals == []
     return found
 
@@ -32,7 +43,10 @@ def sets(cof_std: float) -> dict[str, Measurements]:
 def few() -> Iterator[None]:
     """Every two are compared: some of the catalogue, from every stage, stand for it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("model.planning.resolution.testable_effects", lambda data, on: [BY_NAME[name] for name in FEW])
+        patch.setattr(
+            "model.planning.resolution.testable_effects",
+            lambda data, on: [BY_NAME[name] for name in FEW],
+        )
         yield
 
 
@@ -50,8 +64,12 @@ def test_no_rival_leaves_more_than_no_effect_at_all(by_way: dict[str, Resolution
 
 
 def test_what_acts_in_the_lead_is_seen_in_its_current(by_way: dict[str, Resolution]) -> None:
-    """`electrical.md`: friction cannot tell a resistance of 100 kOhm; phase at some kHz can, slewing takes more yet."""
-    friction, card, full = (by_way[name] for name in ("as it is", "current by a card", "full sweep"))
+    """`electrical.md`: friction cannot tell a resistance of 100 kOhm; phase at some kHz can,
+    slewing takes more yet.
+    """
+    friction, card, full = (
+        by_way[name] for name in ("as it is", "current by a card", "full sweep")
+    )
     resistance = friction.names.index("series_resistance")
     assert "none" in friction.alike(resistance)
     assert card.alike(card.names.index("series_resistance")) == []
@@ -60,7 +78,9 @@ def test_what_acts_in_the_lead_is_seen_in_its_current(by_way: dict[str, Resoluti
     assert full.alike(slew) == []
 
 
-def test_less_noise_tells_more_and_a_stronger_effect_is_plainer(by_way: dict[str, Resolution]) -> None:
+def test_less_noise_tells_more_and_a_stronger_effect_is_plainer(
+    by_way: dict[str, Resolution],
+) -> None:
     data = sets(0.04)["as it is"]
     usual, strong = (resolution(load_model("reference"), data, strength) for strength in (0.0, 1.0))
     for name in ("humid_gap_conduction", "johnsen_rahbek"):

@@ -30,7 +30,13 @@ from model.support.errors import ModelError
 REFERENCE = Path(__file__).parents[3] / "configs" / "models" / "reference.toml"
 VECTOR = np.array([0.1, -0.5, 1.2, 2.0, 0.7, 0.3, -1.1])
 POWER_LAW = PowerLaw(4.0, 1200.0, 0.35, 2e-5)
-TABLE = Tabulated("my skin", "user's table my skin.csv", (1.0, 1e3, 1e6), (5e3, 1.1e3, 0.1 + 0.2), (1e-5, 1e-4, 1e-2))
+TABLE = Tabulated(
+    "my skin",
+    "user's table my skin.csv",
+    (1.0, 1e3, 1e6),
+    (5e3, 1.1e3, 0.1 + 0.2),
+    (1e-5, 1e-4, 1e-2),
+)
 
 
 @pytest.fixture
@@ -40,18 +46,36 @@ def finger() -> ModelDescription:
 
 def measurements() -> Measurements:
     names = ("frequency_hz", "voltage_v", "normal_force_n", "cof")
-    return Measurements({n: np.ones(3) for n in names}, np.zeros(3, np.intp), ("1",), None, "ab" * 32)
+    return Measurements(
+        {n: np.ones(3) for n in names}, np.zeros(3, np.intp), ("1",), None, "ab" * 32
+    )
 
 
 def fit(kinds: tuple[type[Effect], ...], vector: Array) -> Fit:
     nothing = np.zeros(3)
-    return Fit(kinds, vector, nothing, np.zeros((3, vector.size)), 0.04 * np.eye(vector.size), 3.0, 1.0, 0.0)
+    return Fit(
+        kinds,
+        vector,
+        nothing,
+        np.zeros((3, vector.size)),
+        0.04 * np.eye(vector.size),
+        3.0,
+        1.0,
+        0.0,
+    )
 
 
 def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
     def found(kinds: tuple[type[Effect], ...]) -> Candidate:
         at = fit(kinds, VECTOR[: len(NUISANCES) + sum(len(k.parameters()) for k in kinds)])
-        return Candidate(kinds, at, Evidence(5.0, 1.0, 0.0), at, np.zeros((1, 0)), lambda: Evidence(4.0, 1.0, 0.0))
+        return Candidate(
+            kinds,
+            at,
+            Evidence(5.0, 1.0, 0.0),
+            at,
+            np.zeros((1, 0)),
+            lambda: Evidence(4.0, 1.0, 0.0),
+        )
 
     kinds = tuple(BY_NAME[name] for name in names)
     base, chosen = found(()), found(kinds)
@@ -63,16 +87,22 @@ def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
         proof = Proof("block", (), nothing, nothing, 0.0, (0.0, 0.0), 0.0)
         noise = Noise(np.ones(3), np.eye(3), 6.0, "cof_std", 0, 0.0, np.ones(3))
         problem = Problem(Predictor(read_model(REFERENCE), data), np.zeros(3), noise)
-        findings = Findings(problem, Hypotheses(base, [], [], (), {}, {}), reached, scan, scan, proof)
+        findings = Findings(
+            problem, Hypotheses(base, [], [], (), {}, {}), reached, scan, scan, proof
+        )
     return Diagnosis(data, None, findings, (), 7)
 
 
-@pytest.mark.parametrize("dielectric", [GABRIEL_WET, POWER_LAW, TABLE], ids=["named", "power law", "user's own table"])
+@pytest.mark.parametrize(
+    "dielectric", [GABRIEL_WET, POWER_LAW, TABLE], ids=["named", "power law", "user's own table"]
+)
 def test_every_kind_of_dielectric_reads_back_to_the_same_physics(
     finger: ModelDescription, tmp_path: Path, dielectric: Dielectric
 ) -> None:
     given = replace(finger, dielectric=dielectric, friction_law="total_load")
-    written = write_model(diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", "d.csv")
+    written = write_model(
+        diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", "d.csv"
+    )
     read = read_model(tmp_path / "model.toml")
     assert read.content_hash == written.content_hash
     assert read.dielectric == dielectric
@@ -86,15 +116,25 @@ def test_the_file_predicts_what_the_fit_did(finger: ModelDescription, tmp_path: 
     chosen = found.findings.verdict.chosen.fit
     write_model(found, finger, tmp_path / "model.toml", "d.csv")
     expected = Predictor(finger, found.data).predicted(chosen.kinds, chosen.vector[None])
-    read = Predictor(read_model(tmp_path / "model.toml"), found.data, FINGER).predicted((), np.zeros((1, 4)))
+    read = Predictor(read_model(tmp_path / "model.toml"), found.data, FINGER).predicted(
+        (), np.zeros((1, 4))
+    )
     np.testing.assert_allclose(read, expected, rtol=1e-12)
 
 
-def test_fitted_values_carry_their_error_and_their_data(finger: ModelDescription, tmp_path: Path) -> None:
-    write_model(diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "/where/d.csv")
+def test_fitted_values_carry_their_error_and_their_data(
+    finger: ModelDescription, tmp_path: Path
+) -> None:
+    write_model(
+        diagnosis("effect_found", "series_resistance"),
+        finger,
+        tmp_path / "model.toml",
+        "/where/d.csv",
+    )
     read = read_model(tmp_path / "model.toml")
     roughness = read.parameters["roughness_rms_m"]
-    # half a prior unit below with a tail of 0.2: log factor 0.1 sinh(-0.1)/0.2; the covariance is 0.2^2
+    # half a prior unit below with a tail of 0.2: log factor 0.1 sinh(-0.1)/0.2; the covariance is
+    # 0.2^2
     assert roughness.value == pytest.approx(20e-6 * np.exp(-0.1 * np.sinh(0.1) / 0.2), rel=1e-12)
     assert roughness.std == pytest.approx(roughness.value * 0.10 * np.cosh(0.1) * 0.2, rel=1e-12)
     # 0.7 prior units above a median of 3 nm, a factor e^2 each with a tail of 0.01
@@ -123,7 +163,9 @@ def test_fitted_parameters_stay_within_what_a_file_may_say(finger: ModelDescript
 def test_effects_that_were_on_stay_on(finger: ModelDescription, tmp_path: Path) -> None:
     on = {"drive_gain_error": {"gain": Parameter(1.05, "1", 'measured "twice"\\\n', 0.01)}}
     given = replace(finger, effect_parameters=on)
-    write_model(diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", "d.csv")
+    write_model(
+        diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", "d.csv"
+    )
     read = read_model(tmp_path / "model.toml")
     assert set(read.effect_parameters) == {"drive_gain_error", "series_resistance"}
     assert read.effect_parameters["drive_gain_error"]["gain"] == on["drive_gain_error"]["gain"]
@@ -143,7 +185,12 @@ def test_untestable_data_leave_the_model_as_it_is(finger: ModelDescription, tmp_
 
 
 def test_origin_says_from_what(finger: ModelDescription, tmp_path: Path) -> None:
-    write_model(diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "/where/d.csv")
+    write_model(
+        diagnosis("effect_found", "series_resistance"),
+        finger,
+        tmp_path / "model.toml",
+        "/where/d.csv",
+    )
     origin = tomllib.loads((tmp_path / "model.toml").read_text(encoding="utf-8"))["origin"]
     assert origin["data"] == "d.csv"
     assert origin["data_sha256"] == "ab" * 32
@@ -166,11 +213,15 @@ def test_older_versions_are_kept_in_order(finger: ModelDescription, tmp_path: Pa
 
 def test_the_same_result_makes_no_new_version(finger: ModelDescription, tmp_path: Path) -> None:
     for _ in range(2):
-        write_model(diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "d.csv")
+        write_model(
+            diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "d.csv"
+        )
     assert [p.name for p in tmp_path.iterdir()] == ["model.toml"]
 
 
-def test_a_table_of_the_same_name_is_not_overwritten(finger: ModelDescription, tmp_path: Path) -> None:
+def test_a_table_of_the_same_name_is_not_overwritten(
+    finger: ModelDescription, tmp_path: Path
+) -> None:
     path, found = tmp_path / "model.toml", diagnosis("no_discrepancy")
     write_model(found, replace(finger, dielectric=TABLE), path, "d.csv")
     other = replace(TABLE, eps_real=(9e3, 1e3, 10.0))
@@ -179,16 +230,28 @@ def test_a_table_of_the_same_name_is_not_overwritten(finger: ModelDescription, t
     assert read_model(tmp_path / "model-1.toml").dielectric == TABLE
 
 
-def test_a_dielectric_that_no_file_can_name_is_refused(finger: ModelDescription, tmp_path: Path) -> None:
+def test_a_dielectric_that_no_file_can_name_is_refused(
+    finger: ModelDescription, tmp_path: Path
+) -> None:
     own = ColeCole("own", "made up", 4.0, (), 1e-4)
     with pytest.raises(ModelError, match="own"):
-        write_model(diagnosis("no_discrepancy"), replace(finger, dielectric=own), tmp_path / "model.toml", "d.csv")
+        write_model(
+            diagnosis("no_discrepancy"),
+            replace(finger, dielectric=own),
+            tmp_path / "model.toml",
+            "d.csv",
+        )
 
 
 def test_odd_names_survive(finger: ModelDescription, tmp_path: Path) -> None:
     odd = 'finger "7"\t\\ ünï \x7f \U0001f590'
     given = replace(finger, name=odd)
-    write_model(diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", f'd"{odd}.csv')
+    write_model(
+        diagnosis("effect_found", "series_resistance"),
+        given,
+        tmp_path / "model.toml",
+        f'd"{odd}.csv',
+    )
     assert read_model(tmp_path / "model.toml").name == f"{odd}+series_resistance"
 
 

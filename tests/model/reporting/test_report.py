@@ -34,7 +34,9 @@ Effects = dict[str, dict[str, float]]
 
 @dataclass(frozen=True)
 class Case:
-    """A made-up data set: effects that are on, what else distorts friction, and the verdict it earns."""
+    """A made-up data set: effects that are on, what else distorts friction, and the verdict it
+    earns.
+    """
 
     verdict: str
     effects: Effects
@@ -44,7 +46,9 @@ class Case:
 
 
 def _stranger(f: Array, v: Array, n: Array) -> Array:
-    return np.where(v > 0.0, 0.2 * np.sin(2.2 * np.log(np.maximum(f, 1.0))) + 0.1 * np.sin(6.0 * n), 0.0)
+    return np.where(
+        v > 0.0, 0.2 * np.sin(2.2 * np.log(np.maximum(f, 1.0))) + 0.1 * np.sin(6.0 * n), 0.0
+    )
 
 
 CASES = (
@@ -57,20 +61,31 @@ CASES = (
 
 
 def write_data(path: Path, case: Case) -> None:
-    """Three sessions of every setting, with 2 % noise; without a stated noise, one session without repeats."""
+    """Three sessions of every setting, with 2 % noise; without a stated noise, one session without
+    repeats.
+    """
     sessions, quiet = (SESSIONS, 2) if case.stated_noise else (SESSIONS[:1], 1)
-    one = [(f, v, n) for f in FREQUENCIES for v in VOLTAGES for n in LOADS] + [(0.0, 0.0, n) for n in LOADS] * quiet
+    one = [(f, v, n) for f in FREQUENCIES for v in VOLTAGES for n in LOADS] + [
+        (0.0, 0.0, n) for n in LOADS
+    ] * quiet
     f, v, n = np.tile(np.array(one), (len(sessions), 1)).T
     session = np.repeat(np.arange(len(sessions)), len(one))
-    on = {name: {key: Parameter(x, "", "") for key, x in values.items()} for name, values in case.effects.items()}
+    on = {
+        name: {key: Parameter(x, "", "") for key, x in values.items()}
+        for name, values in case.effects.items()
+    }
     rng = np.random.default_rng(0)
-    log_cof = np.log(TouchModel(replace(FINGER, effect_parameters=on)).predict(Conditions(f, v, n)).cof)
+    log_cof = np.log(
+        TouchModel(replace(FINGER, effect_parameters=on)).predict(Conditions(f, v, n)).cof
+    )
     log_cof += 0.0 if case.distortion is None else case.distortion(f, v, n)
     log_cof += NOISE * rng.normal(size=f.size) + GAIN * rng.normal(size=len(sessions))[session]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         stated = ["cof_std"] if case.stated_noise else []
-        writer.writerow(["frequency_hz", "voltage_v", "normal_force_n", "time_s", "session", "cof", *stated])
+        writer.writerow(
+            ["frequency_hz", "voltage_v", "normal_force_n", "time_s", "session", "cof", *stated]
+        )
         for i, cof in enumerate(np.exp(log_cof)):
             row = [f[i], v[i], n[i], case.time_step_s * i, sessions[session[i]], cof, NOISE * cof]
             writer.writerow(row[: 6 + len(stated)])
@@ -96,7 +111,12 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     source = folder / "slides <i>& more.csv"
     write_data(source, request.param)
     found = diagnose(FINGER, read_measurements(source), seed=3)
-    return Run(request.param, found, write_report(found, FINGER, folder / "out", str(source)), folder / "out")
+    return Run(
+        request.param,
+        found,
+        write_report(found, FINGER, folder / "out", str(source)),
+        folder / "out",
+    )
 
 
 def test_the_contract_is_kept(run: Run) -> None:
@@ -106,7 +126,12 @@ def test_the_contract_is_kept(run: Run) -> None:
     assert isinstance(content["adequate"], bool)
     assert content["model"] == str(run.folder / "model.toml")
     assert content["seed"] == 3
-    assert set(content["fit"]) == {"chi2_per_point", "held_out_chi2_per_point", "gap_closed", "gap_closed_interval"}
+    assert set(content["fit"]) == {
+        "chi2_per_point",
+        "held_out_chi2_per_point",
+        "gap_closed",
+        "gap_closed_interval",
+    }
     for part in ("chi2_per_point", "held_out_chi2_per_point"):
         assert set(content["fit"][part]) == {"before", "after"}
     assert len(content["fit"]["gap_closed_interval"]) == 2
@@ -129,9 +154,13 @@ def test_alternatives_are_everything_and_sum_to_one(run: Run) -> None:
 
 def test_effects_are_named_only_where_the_verdict_names(run: Run) -> None:
     named = run.case.verdict in ("effect_found", "ambiguous")
-    learned = ["learned"] if run.content["learned"] and run.content["learned"]["in_model"] else []  # no name
+    learned = (
+        ["learned"] if run.content["learned"] and run.content["learned"]["in_model"] else []
+    )  # no name
     assert run.case.verdict == "unexplained" or not learned
-    assert [e["name"] for e in run.content["effects"]] == (list(run.case.effects) if named else learned)
+    assert [e["name"] for e in run.content["effects"]] == (
+        list(run.case.effects) if named else learned
+    )
     for effect in run.content["effects"]:
         assert set(effect) == {"name", "probability", "parameters", "indistinguishable_from"}
         for p in effect["parameters"].values():
@@ -157,7 +186,9 @@ def test_regions_are_given_strongest_first(run: Run) -> None:
     assert bool(found and found[0]["p_value"] < 0.01) == expected
 
 
-def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_rival(run: Run) -> None:
+def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_rival(
+    run: Run,
+) -> None:
     if run.case.verdict not in ("effect_found", "ambiguous"):
         pytest.skip("nothing was named")
     fit, rival = run.content["fit"], run.content["held_out"]["best_rival"]
@@ -188,7 +219,10 @@ def test_the_page_stands_alone(run: Run) -> None:
     page = run.page
     for outside in ("http://", "https://", "<script", "<link", "@import", "url(", "javascript:"):
         assert outside not in page.lower()
-    assert all(source.startswith("data:image/svg+xml;base64,") for source in re.findall(r'src="([^"]*)', page))
+    assert all(
+        source.startswith("data:image/svg+xml;base64,")
+        for source in re.findall(r'src="([^"]*)', page)
+    )
     assert page.count("<img") == len(list((run.folder / "pictures").glob("*.svg")))
 
 
@@ -213,13 +247,19 @@ def test_the_page_opens_with_the_verdict_in_words(run: Run) -> None:
 
 def test_pictures_are_vectors_of_a_sensible_size(run: Run) -> None:
     drawn = sorted((run.folder / "pictures").glob("*.svg"))
-    expected = ["fingerprint", "held_out", "probabilities", "residual_map"] if run.case.stated_noise else []
+    expected = (
+        ["fingerprint", "held_out", "probabilities", "residual_map"]
+        if run.case.stated_noise
+        else []
+    )
     over_time = ["residual_over_time"] if run.case.time_step_s else []  # where there is one
     assert [p.stem for p in drawn] == expected + over_time
     for path in drawn:
         root = ElementTree.parse(path).getroot()
         assert root.tag.endswith("}svg")
-        width_pt, height_pt = (float(root.attrib[name].removesuffix("pt")) for name in ("width", "height"))
+        width_pt, height_pt = (
+            float(root.attrib[name].removesuffix("pt")) for name in ("width", "height")
+        )
         assert 170 < height_pt < 1100
         assert 330 < width_pt < 1220
     assert sorted(run.content["pictures"]) == list(map(str, drawn))
@@ -246,16 +286,28 @@ def test_two_effects_read_as_a_sentence() -> None:
         "fit": {"gap_closed": 0.913},
     }
     expected = "Floating body and drive gain error are missing from the model: probability 0.980; "
-    assert sentence(content) == expected + "adding them closes 91 % of the gap on data left out of the fit."
+    assert (
+        sentence(content)
+        == expected + "adding them closes 91 % of the gap on data left out of the fit."
+    )
 
 
 def test_a_model_with_the_effect_already_on_says_so(tmp_path: Path) -> None:
     source = tmp_path / "d.csv"
     write_data(source, CASES[1])
     exponent = {"exponent": Parameter(0.7, "1", "known")}
-    given: ModelDescription = replace(FINGER, effect_parameters={"load_dependent_friction": exponent})
+    given: ModelDescription = replace(
+        FINGER, effect_parameters={"load_dependent_friction": exponent}
+    )
     with without_pictures():
-        content = write_report(diagnose(given, read_measurements(source)), given, tmp_path / "out", "d.csv")
+        content = write_report(
+            diagnose(given, read_measurements(source)), given, tmp_path / "out", "d.csv"
+        )
     assert content["verdict"] == "no_discrepancy"
-    assert {"name": "load_dependent_friction", "why": "already in the model"} in content["not_tested"]
-    assert read_model(tmp_path / "out" / "model.toml").effect_parameters["load_dependent_friction"] == exponent
+    assert {"name": "load_dependent_friction", "why": "already in the model"} in content[
+        "not_tested"
+    ]
+    assert (
+        read_model(tmp_path / "out" / "model.toml").effect_parameters["load_dependent_friction"]
+        == exponent
+    )

@@ -35,7 +35,9 @@ def mode(path) -> int:
     return stat.S_IMODE(path.stat().st_mode)
 
 
-def test_machine_code_is_kept_where_nobody_else_can_write_whatever_the_umask(monkeypatch, tmp_path) -> None:
+def test_machine_code_is_kept_where_nobody_else_can_write_whatever_the_umask(
+    monkeypatch, tmp_path
+) -> None:
     monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path))
     before = os.umask(0)
     try:

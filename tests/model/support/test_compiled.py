@@ -16,7 +16,9 @@ SOURCES = Path(model.__file__).parent
 
 @pytest.fixture
 def package(tmp_path) -> Path:
-    """A small package `model` of its own: the compiler wrapper, a constant, and a kernel that uses it."""
+    """A small package `model` of its own: the compiler wrapper, a constant, and a kernel that uses
+    it.
+    """
     folder = tmp_path / "model"
     (folder / "support").mkdir(parents=True)
     for name in ("__init__.py", "support/__init__.py", "support/cache.py", "support/compiled.py"):
@@ -39,7 +41,12 @@ def scaled(package: Path, x: float) -> float:
     }
     code = f"from model.user import scaled; print(scaled({x!r}))"
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, cwd=package.parent, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        env=environment,
+        cwd=package.parent,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return float(done.stdout)
 

@@ -14,14 +14,21 @@ X, Y = np.array([0.0, 1.0, 4.0]), np.array([-2.0, 0.5, 1.0, 3.0])
 
 def test_linear_in_two_directions_is_scipys():
     rng = np.random.default_rng(0)
-    table, at = rng.standard_normal((X.size, Y.size)), rng.uniform([0.0, -2.0], [4.0, 3.0], (100, 2))
-    found = np.einsum("mx,my,xy->m", linear_weights(X, at[:, 0]), linear_weights(Y, at[:, 1]), table)
+    table, at = (
+        rng.standard_normal((X.size, Y.size)),
+        rng.uniform([0.0, -2.0], [4.0, 3.0], (100, 2)),
+    )
+    found = np.einsum(
+        "mx,my,xy->m", linear_weights(X, at[:, 0]), linear_weights(Y, at[:, 1]), table
+    )
     np.testing.assert_allclose(found, RegularGridInterpolator((X, Y), table)(at), atol=1e-14)
 
 
 def test_linear_takes_any_shape_and_keeps_the_ends():
     assert linear_weights(X, np.zeros((2, 5))).shape == (2, 5, 3)
-    np.testing.assert_array_equal(linear_weights(X, np.array([-1.0, 9.0])), [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_array_equal(
+        linear_weights(X, np.array([-1.0, 9.0])), [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    )
 
 
 @given(

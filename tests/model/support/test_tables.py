@@ -42,7 +42,16 @@ def file(folder: Path, text: str | bytes) -> Path:
         "a,b\n1,2,,\n",
         "a,b\n,\n\n1,2\n , \n",
     ],
-    ids=["plain", "windows", "byte order mark", "spaces", "quotes", "empty columns", "empty cells", "empty rows"],
+    ids=[
+        "plain",
+        "windows",
+        "byte order mark",
+        "spaces",
+        "quotes",
+        "empty columns",
+        "empty cells",
+        "empty rows",
+    ],
 )
 def test_what_spreadsheets_add_is_no_mistake(tmp_path, text: str) -> None:
     read = table(tmp_path, text)
@@ -61,7 +70,9 @@ def test_a_table_knows_its_lines_and_its_bytes(tmp_path) -> None:
 def test_a_column_as_numbers(tmp_path) -> None:
     read = table(tmp_path, "a,b\n1,x\n,2\n3,\n")
     np.testing.assert_array_equal(read.numbers("a", where_empty=7.0), [1.0, 7.0, 3.0])
-    np.testing.assert_array_equal(read.numbers("b", ignored=np.array([True, False, True])), [0.0, 2.0, 0.0])
+    np.testing.assert_array_equal(
+        read.numbers("b", ignored=np.array([True, False, True])), [0.0, 2.0, 0.0]
+    )
 
 
 @pytest.mark.parametrize("text", ["high", "", "nan", "inf", "0,5", "1e999", "75 V"])
@@ -89,7 +100,9 @@ def test_what_is_no_number_is_named_with_file_line_and_column(tmp_path, text: st
         ("a,b\n" + "9" * 200_000, "bad_table", "line 2: is not CSV", WANTED),
     ],
 )
-def test_what_is_wrong_with_a_table_is_said(tmp_path, text: str | bytes, code: str, says: str, hint: str) -> None:
+def test_what_is_wrong_with_a_table_is_said(
+    tmp_path, text: str | bytes, code: str, says: str, hint: str
+) -> None:
     with pytest.raises(ModelError) as caught:
         table(tmp_path, text)
     assert caught.value.code == code
@@ -100,8 +113,10 @@ def test_what_is_wrong_with_a_table_is_said(tmp_path, text: str | bytes, code: s
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch) -> None:
     for path, code in [
-        (tmp_path / "none.csv", "file_not_found"), (tmp_path, "file_unreadable"), (Path("a\0b"), "file_unreadable"),
-    ]:  # fmt: skip
+        (tmp_path / "none.csv", "file_not_found"),
+        (tmp_path, "file_unreadable"),
+        (Path("a\0b"), "file_unreadable"),
+    ]:
         with pytest.raises(ModelError) as caught:
             read_bytes(path)
         assert caught.value.code == code
@@ -112,15 +127,21 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch) -> None:
         read_bytes(tmp_path / "large.csv")
 
 
-# --- the readers of the model ----------------------------------------------------------------------------------
+# --- the readers of the model
+# ----------------------------------------------------------------------------------
 
 
 HEADER = "frequency_hz,voltage_v,normal_force_n,cof"
 
 
 def test_measurements_are_read_as_a_spreadsheet_saves_them(tmp_path) -> None:
-    """Spaces after commas made a header unknown, and a blank waveform was none of the known ones."""
-    text = f"\ufeff{HEADER.replace(',', ', ')}, waveform, session,\r\n250, 75, 0.5, 0.6, , B,\r\n,0,0.5,0.5,DC,,\r\n"
+    """Spaces after commas made a header unknown, and a blank waveform was none of the known
+    ones.
+    """
+    text = (
+        f"\ufeff{HEADER.replace(',', ', ')}, waveform, session,\r\n250, 75, 0.5, 0.6, ,"
+        " B,\r\n,0,0.5,0.5,DC,,\r\n"
+    )
     read = read_measurements(file(tmp_path, text))
     np.testing.assert_array_equal(read.columns["voltage_v"], [75.0, 0.0])
     np.testing.assert_array_equal(read.columns["frequency_hz"], [250.0, 0.0])
@@ -133,8 +154,14 @@ def test_measurements_are_read_as_a_spreadsheet_saves_them(tmp_path) -> None:
     ("text", "says"),
     [
         (f"{HEADER}\n250,75,0.5,0.6\n\n250,75,0.5,high\n", "line 4: cof is 'high'"),
-        (f"{HEADER}\n250,75,0.5,0.6\n\n250,75,500,0.6\n", "line 4: normal_force_n = 500 is out of range"),
-        (f"{HEADER},waveform\n\n250,75,0.5,0.6,triangle\n", "line 3: waveform 'triangle' is unknown"),
+        (
+            f"{HEADER}\n250,75,0.5,0.6\n\n250,75,500,0.6\n",
+            "line 4: normal_force_n = 500 is out of range",
+        ),
+        (
+            f"{HEADER},waveform\n\n250,75,0.5,0.6,triangle\n",
+            "line 3: waveform 'triangle' is unknown",
+        ),
         (f"{HEADER},cof_std\n250,75,0.5,0.6,0.01\n250,75,0.5,0.6,\n", "line 3: cof_std is ''"),
         (f"{HEADER},cof\n250,75,0.5,0.6,0.7\n", "'cof' stands more than once"),
         (f"{HEADER}\n250,75,0,5,0.6\n", "line 2: has more fields"),
@@ -142,7 +169,9 @@ def test_measurements_are_read_as_a_spreadsheet_saves_them(tmp_path) -> None:
         (f"{HEADER}\n", "has no rows"),
     ],
 )
-def test_measurements_that_are_wrong_are_named_with_their_line(tmp_path, text: str, says: str) -> None:
+def test_measurements_that_are_wrong_are_named_with_their_line(
+    tmp_path, text: str, says: str
+) -> None:
     with pytest.raises(ModelError) as caught:
         read_measurements(file(tmp_path, text))
     assert says in caught.value.message
@@ -157,14 +186,28 @@ def test_an_optional_column_that_is_empty_throughout_is_not_there(tmp_path) -> N
 def test_a_dielectric_table_is_read_by_the_same_rules(tmp_path) -> None:
     """The last of two columns of one name was taken, unsaid."""
     header = "frequency_hz,eps_real,conductivity_s_per_m"
-    assert read_csv(file(tmp_path, f"{header.replace(',', ', ')}\n1,10,1e-4\n2,11,1e-4\n")).eps_real == (10.0, 11.0)
+    assert read_csv(
+        file(tmp_path, f"{header.replace(',', ', ')}\n1,10,1e-4\n2,11,1e-4\n")
+    ).eps_real == (10.0, 11.0)
     with pytest.raises(ModelError, match="stands more than once"):
         read_csv(file(tmp_path, f"{header},eps_real\n1,10,1e-4,5\n2,11,1e-4,5\n"))
     with pytest.raises(ModelError, match="separated by semicolons"):
         read_csv(file(tmp_path, f"{header}\n1,10,1e-4\n".replace(",", ";")))
 
 
-FORMULAS = ["=cmd|' /C calc'!A0", "+1+1", "-2+3+cmd|x", "@SUM(A1)", "\t=1", "\r=1", "\n=1", "＝1", "'=1", "''-x", "-"]
+FORMULAS = [
+    "=cmd|' /C calc'!A0",
+    "+1+1",
+    "-2+3+cmd|x",
+    "@SUM(A1)",
+    "\t=1",
+    "\r=1",
+    "\n=1",
+    "＝1",
+    "'=1",
+    "''-x",
+    "-",
+]
 
 
 @pytest.mark.parametrize("text", FORMULAS)
@@ -201,11 +244,15 @@ print(len(read_table(Path(sys.argv[1]), ("c0",), "").columns))
 
 
 def test_a_table_of_very_many_columns_takes_time_in_proportion_to_its_size(tmp_path) -> None:
-    """It took time by the square of its columns. 400,000 of them take seconds of the processor, or else an hour."""
+    """It took time by the square of its columns. 400,000 of them take seconds of the processor, or
+    else an hour.
+    """
     count = 400_000
     lines = [",".join(f"c{i}" for i in range(count)) + "," * count, "1" + "," * 2 * count]
     path = file(tmp_path, "\n".join(lines))
-    done = subprocess.run([sys.executable, "-c", WIDE, path], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", WIDE, path], capture_output=True, text=True, check=True
+    )
     assert done.stdout == f"{count}\n"
 
 

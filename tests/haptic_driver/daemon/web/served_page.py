@@ -1,4 +1,5 @@
-"""The page in a real browser, in front of the real API; the daemon behind it is `bench_control.py`. Not a test.
+"""The page in a real browser, in front of the real API; the daemon behind it is `bench_control.py`.
+Not a test.
 
 The textures it shows are those of the library, drawn by the daemon's own code.
 """
@@ -27,7 +28,9 @@ from haptic_driver.textures.library import load_texture
 from haptic_driver.textures.tile import Grid, cell_means, levels
 from tests.haptic_driver.daemon.bench_control import BenchControl
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 HANG_MS = 60_000
 HANG_S = HANG_MS / 1e3
 
@@ -36,14 +39,18 @@ if os.environ.get("CI") != "true":
     if CHROMIUM is None:
         pytest.skip("no Chromium in the path", allow_module_level=True)
 
-from playwright.sync_api import Error as BrowserError  # noqa: E402, F401 - only where it is installed
+from playwright.sync_api import (  # noqa: E402, F401 - only where it is installed
+    Error as BrowserError,
+)
 from playwright.sync_api import expect  # noqa: E402
 
 expect.set_options(timeout=HANG_MS)
 
 
 class SlidingControl(BenchControl):
-    """A finger that goes round on the screen, with a tick per millisecond of the clock; friction grows with y."""
+    """A finger that goes round on the screen, with a tick per millisecond of the clock; friction
+    grows with y.
+    """
 
     def __init__(self):
         super().__init__()
@@ -81,7 +88,9 @@ class SlidingControl(BenchControl):
     def tile(self, asked):
         texture = load_texture(asked.name, texture_dirs())
         low, high = texture.bounds()
-        cof = cell_means(texture, Grid(asked.x_m, asked.y_m, asked.pitch_m, asked.columns, asked.rows))
+        cof = cell_means(
+            texture, Grid(asked.x_m, asked.y_m, asked.pitch_m, asked.columns, asked.rows)
+        )
         said = b64encode(levels(cof, low, high)).decode()
         return Tile(columns=asked.columns, rows=asked.rows, cof_low=low, cof_high=high, levels=said)
 
@@ -112,14 +121,18 @@ class Served:
     def ask(self, path):
         """What the API says, asked by another client."""
         request = urllib.request.Request(
-            f"http://127.0.0.1:{self._port}{path}", headers={"Authorization": f"Bearer {self.token}"}
+            f"http://127.0.0.1:{self._port}{path}",
+            headers={"Authorization": f"Bearer {self.token}"},
         )
         with urllib.request.urlopen(request, timeout=HANG_S) as answer:
             return json.load(answer)
 
 
 # On a busy machine an answer may take longer than the 5 s that the page gives it.
-PATIENT = "{ const usual = AbortSignal.timeout.bind(AbortSignal); AbortSignal.timeout = (ms) => usual(6 * ms); }"
+PATIENT = (
+    "{ const usual = AbortSignal.timeout.bind(AbortSignal); AbortSignal.timeout = (ms) => usual(6 *"
+    " ms); }"
+)
 
 # First of all who hear that the page is left; a report inside it may run no scripts.
 QUIETLY = """
@@ -129,7 +142,9 @@ if (window === top)
 
 
 def opened(browser, served, width=1280, height=800):
-    """The page, connected; `page.complaints` is everything that it wrote to the console and every failure."""
+    """The page, connected; `page.complaints` is everything that it wrote to the console and every
+    failure.
+    """
     page = tab(browser, width, height)
     load(page, served)
     return page

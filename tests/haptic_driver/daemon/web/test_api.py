@@ -1,4 +1,6 @@
-"""The API as independent HTTP and WebSocket clients see it: sockets, tokens, errors, streams, fuzzing."""
+"""The API as independent HTTP and WebSocket clients see it: sockets, tokens, errors, streams,
+fuzzing.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +89,8 @@ def error_of(response):
     return response.status_code, body["error"]["code"]
 
 
-# --- commands and refusals -------------------------------------------------------------------------------------
+# --- commands and refusals
+# -------------------------------------------------------------------------------------
 
 
 def test_arm_set_off_disarm(unix, control):
@@ -136,14 +139,19 @@ def test_how_the_carriers_ripple_is_judged(unix):
     ],
 )
 def test_what_is_wrong_is_said_and_changes_nothing(shared, method, path, body, status, code):
-    answer = shared.unix.request(method, path, content=body, headers={"Content-Type": "application/json"})
+    answer = shared.unix.request(
+        method, path, content=body, headers={"Content-Type": "application/json"}
+    )
     assert error_of(answer) == (status, code)
     assert shared.control.machine.state is DaemonState.IDLE
 
 
 def test_anothers_lease_is_forbidden(unix, control):
     unix.post("/arm", json={"lease_s": 5.0})
-    assert error_of(unix.post("/set", json={"cof": 0.6}, headers={"X-Haptic-Lease": "mine"})) == (403, "not_yours")
+    assert error_of(unix.post("/set", json={"cof": 0.6}, headers={"X-Haptic-Lease": "mine"})) == (
+        403,
+        "not_yours",
+    )
     assert control.machine.state is DaemonState.ARMED
 
 
@@ -169,9 +177,13 @@ def test_samples_are_columns_of_strict_json(shared):
 def test_off_does_not_wait_for_requests_that_hang(control, tmp_path):
     release = threading.Event()
     control.renew = lambda token: release.wait(HANG_S)
-    with serving(control, tmp_path), client_of(tmp_path, limits=httpx.Limits(max_connections=None)) as client:
+    with (
+        serving(control, tmp_path),
+        client_of(tmp_path, limits=httpx.Limits(max_connections=None)) as client,
+    ):
         hanging = [
-            threading.Thread(target=client.post, args=("/renew",), kwargs={"timeout": HANG_S}) for _ in range(60)
+            threading.Thread(target=client.post, args=("/renew",), kwargs={"timeout": HANG_S})
+            for _ in range(60)
         ]
         for thread in hanging:
             thread.start()
@@ -183,11 +195,14 @@ def test_off_does_not_wait_for_requests_that_hang(control, tmp_path):
                 thread.join()
 
 
-# --- OFF before everything -------------------------------------------------------------------------------------
+# --- OFF before everything
+# -------------------------------------------------------------------------------------
 
 
 def said_at(stream):
-    """The status and the error or state of the one response at a socket, which is closed behind it."""
+    """The status and the error or state of the one response at a socket, which is closed behind
+    it.
+    """
     stream.settimeout(HANG_S)
     answer = http.client.HTTPResponse(stream)
     answer.begin()
@@ -243,7 +258,10 @@ def test_off_is_heard_while_strangers_crowd_the_port(control, tmp_path, monkeypa
         release.wait(HANG_S)
 
     monkeypatch.setattr(TokenGate, "_refused", stick)
-    with serving(control, tmp_path, 0) as url, socket.create_connection(("127.0.0.1", httpx.URL(url).port)) as stream:
+    with (
+        serving(control, tmp_path, 0) as url,
+        socket.create_connection(("127.0.0.1", httpx.URL(url).port)) as stream,
+    ):
         stream.sendall(b"GET /status HTTP/1.1\r\nHost: x\r\n\r\n")
         assert stuck.wait(HANG_S)
         with at_unix(tmp_path) as lane:
@@ -267,22 +285,30 @@ WRITTEN = [
 
 @pytest.mark.parametrize("target", WRITTEN)
 def test_off_is_off_however_its_request_is_written(control, tmp_path, target):
-    """In its lane, where the headers are not waited for; and at the port, where they hold the token."""
+    """In its lane, where the headers are not waited for; and at the port, where they hold the
+    token.
+    """
     with serving(control, tmp_path, 0) as url:
         control.arm(5.0)
         with at_unix(tmp_path) as stream:
             stream.sendall(f"POST {target} HTTP/1.1\r\n".encode())
             assert said_at(stream)[0] == 200
         with at_port(url) as stream:
-            stream.sendall(f"POST {target} HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode())
+            stream.sendall(
+                f"POST {target} HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode()
+            )
             assert said_at(stream)[0] == 200
     word = "disarm" if "disarm" in target else "off"
     assert [call[0] for call in control.calls if call[0] != "arm"] == [word, word]
 
 
-@pytest.mark.parametrize("target", ["/offside", "/off/x", "//off", "/status?/off", "http://haptic", "/x/off"])
+@pytest.mark.parametrize(
+    "target", ["/offside", "/off/x", "//off", "/status?/off", "http://haptic", "/x/off"]
+)
 def test_what_only_looks_like_off_is_not(shared, target):
-    assert shared.unix.request("POST", "http://haptic", extensions={"target": target.encode()}).status_code in (
+    assert shared.unix.request(
+        "POST", "http://haptic", extensions={"target": target.encode()}
+    ).status_code in (
         404,
         405,
     )
@@ -314,7 +340,9 @@ def test_a_new_connection_is_heard_whoever_has_taken_all_others(control, tmp_pat
             with suppress(ConnectionError):
                 stranger.sendall(b"GET /status HTTP/1.1\r\nHost:")
         with at_port(url) as stream:
-            stream.sendall(f"POST /off HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode())
+            stream.sendall(
+                f"POST /off HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode()
+            )
             assert said_at(stream) == (200, "idle")
         known.sendall(f"GET /status HTTP/1.1\r\n{credentials(url)}\r\n".encode())
         assert said_at(known) == (200, "idle")
@@ -349,13 +377,16 @@ CROWDS = {
 @pytest.mark.soak  # a race with an attacker: on a starved machine it needs patience
 @pytest.mark.parametrize("sent", CROWDS.values(), ids=CROWDS)
 def test_off_gets_through_a_crowd_at_the_port_by_new_connections(control, tmp_path, sent):
-    """A stranger opens connections as fast as it can; 20 of 20 are heard, of which once there were 5."""
+    """A stranger opens connections as fast as it can; 20 of 20 are heard, of which once there were
+    5.
+    """
     with serving(control, tmp_path, 0) as url:
         crowd = subprocess.Popen([sys.executable, "-c", CROWD, str(httpx.URL(url).port), sent])
         try:
             for _ in range(20):
                 with at_port(url) as stream:
-                    stream.sendall(f"POST /off HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode())
+                    head = f"POST /off HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n"
+                    stream.sendall(head.encode())
                     assert said_at(stream) == (200, "idle")
         finally:
             crowd.kill()
@@ -379,7 +410,9 @@ def test_a_port_without_descriptors_comes_back(control, tmp_path):
                 assert refused.wait(HANG_S)
             finally:
                 resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-            stream.sendall(f"POST /off HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode())
+            stream.sendall(
+                f"POST /off HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode()
+            )
             assert said_at(stream) == (200, "idle")
 
 
@@ -393,11 +426,15 @@ def test_off_is_heard_beyond_what_may_be_asked_at_once(control, tmp_path, monkey
         with pytest.raises(InvalidStatus):
             connect(f"ws://{authority(url)}/state", additional_headers=held)
         assert error_of(httpx.get(f"http://{authority(url)}/status", headers=held)) == (503, "busy")
-        assert httpx.post(f"http://{authority(url)}/off/", headers=held).json()["output_on"] is False
+        assert (
+            httpx.post(f"http://{authority(url)}/off/", headers=held).json()["output_on"] is False
+        )
 
 
 def test_off_is_answered_while_50_streams_wait_for_their_frames(control, tmp_path):
-    """Frames take two threads, however many sockets want them; all others were taken once, and OFF came late."""
+    """Frames take two threads, however many sockets want them; all others were taken once, and OFF
+    came late.
+    """
     inside, release, most = [], threading.Event(), []
 
     def hang(since_tick, most_samples):
@@ -459,20 +496,26 @@ def test_connections_to_the_port_are_limited(control, tmp_path, monkeypatch):
     most, more = door.MOST_STRANGERS, 40
     with ExitStack() as open_ones, serving(control, tmp_path, 0) as url:
         address = ("127.0.0.1", httpx.URL(url).port)
-        streams = [open_ones.enter_context(socket.create_connection(address)) for _ in range(most + more)]
+        streams = [
+            open_ones.enter_context(socket.create_connection(address)) for _ in range(most + more)
+        ]
         ended = until(lambda: len(found := select.select(streams, [], [], 0)[0]) >= more and found)
         assert len(ended) == more
 
 
 def test_streams_count_and_outlast_the_timeout_of_headers(control, tmp_path, monkeypatch):
     monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", 1.0)
-    with serving(control, tmp_path), unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state") as stream:
+    with (
+        serving(control, tmp_path),
+        unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state") as stream,
+    ):
         until_s = time.monotonic() + 1.5
         while time.monotonic() < until_s:
             assert json.loads(stream.recv(HANG_S))["status"]["state"] == "idle"
 
 
-# --- sockets and tokens ----------------------------------------------------------------------------------------
+# --- sockets and tokens
+# ----------------------------------------------------------------------------------------
 
 
 def test_socket_and_token_file_are_this_users_alone(control, tmp_path):
@@ -497,7 +540,10 @@ def test_it_listens_on_loopback_alone(shared):
 def test_a_port_in_use_is_an_error_with_a_hint(control, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(HapticError, match=str(port)) as refused, serving(control, tmp_path, port):
+        with (
+            pytest.raises(HapticError, match=str(port)) as refused,
+            serving(control, tmp_path, port),
+        ):
             pass
     assert "--port" in refused.value.hint
 
@@ -541,7 +587,8 @@ def test_strangers_over_tcp_change_nothing(shared, headers, status, code):
     address, token = shared.address, shared.token
     port = address.split(":")[1]
     filled = {
-        name: value.format(token=token, port=port) for name, value in ({"Host": "127.0.0.1:{port}"} | headers).items()
+        name: value.format(token=token, port=port)
+        for name, value in ({"Host": "127.0.0.1:{port}"} | headers).items()
     }
     for path in [*CHANGES, "/none"]:
         said = ask(address, "POST", path, **filled)
@@ -560,10 +607,14 @@ def test_the_page_is_open_but_nothing_else(control, tmp_path):
         assert httpx.get(base + "/page/../status").status_code == 401
         assert httpx.get(base + "/page/%2e%2e/d.sock.token").status_code == 404
         assert httpx.post(base + "/page/").status_code == 401
-        assert httpx.get(base + "/status", headers={"Authorization": f"Bearer {token}"}).status_code == 200
+        assert (
+            httpx.get(base + "/status", headers={"Authorization": f"Bearer {token}"}).status_code
+            == 200
+        )
 
 
-# --- streams ---------------------------------------------------------------------------------------------------
+# --- streams
+# ------------------------------------------------------------------------------------------------
 
 
 def test_the_state_stream_sums_up_ticks(unix, tmp_path):
@@ -574,7 +625,9 @@ def test_the_state_stream_sums_up_ticks(unix, tmp_path):
     assert first["newest"]["measured_cof"] is None
     assert first["ticks"]["count"] == 4  # tick 0 is not after tick 0
     assert first["ticks"]["lateness_median_s"] == pytest.approx((15e-6 + 3e-3) / 2)
-    counts = dict(zip(first["ticks"]["lateness_edges_s"], first["ticks"]["lateness_counts"], strict=True))
+    counts = dict(
+        zip(first["ticks"]["lateness_edges_s"], first["ticks"]["lateness_counts"], strict=True)
+    )
     assert {edge: count for edge, count in counts.items() if count} == {10e-6: 2, 2e-3: 1, 5e-3: 1}
     assert second["ticks"]["count"] == 1
     assert first["samples"] == {}
@@ -588,7 +641,10 @@ def test_the_state_stream_brings_the_columns_that_are_asked_for_of_all_ticks(uni
     assert len(first["tick"]) == len(first["measured_cof"]) == 4
     assert second["tick"][0] > first["tick"][-1]
     assert first["measured_cof"][-1] is None
-    with pytest.raises(InvalidStatus), unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state?period_s=0"):
+    with (
+        pytest.raises(InvalidStatus),
+        unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state?period_s=0"),
+    ):
         pass
 
 
@@ -616,7 +672,9 @@ def test_streams_over_tcp_need_token_and_origin(shared, stream):
 def test_serving_ends_with_streams_open(control, tmp_path):
     with ExitStack() as streams:
         with serving(control, tmp_path):
-            stream = streams.enter_context(unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state"))
+            stream = streams.enter_context(
+                unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state")
+            )
             stream.recv(HANG_S)
         with pytest.raises(ConnectionClosed):  # noqa: PT012
             while True:
@@ -624,14 +682,20 @@ def test_serving_ends_with_streams_open(control, tmp_path):
     assert not (tmp_path / "d.sock").exists()
 
 
-# --- fuzzing ---------------------------------------------------------------------------------------------------
+# --- fuzzing
+# ------------------------------------------------------------------------------------------------
 
 
 FUZZED = BenchControl()
 schema = schemathesis.openapi.from_asgi("/openapi.json", create_app(FUZZED))
 checks.load_all_checks()
 CHECKS = checks.CHECKS.get_by_names(
-    ["not_a_server_error", "status_code_conformance", "content_type_conformance", "response_schema_conformance"]
+    [
+        "not_a_server_error",
+        "status_code_conformance",
+        "content_type_conformance",
+        "response_schema_conformance",
+    ]
 )
 
 
@@ -639,4 +703,7 @@ CHECKS = checks.CHECKS.get_by_names(
 @settings(max_examples=10, derandomize=True, suppress_health_check=list(HealthCheck))
 def test_whatever_is_sent_no_5xx_and_no_output_without_a_lease(case):
     case.call_and_validate(checks=CHECKS)
-    assert FUZZED.machine.state in (DaemonState.IDLE, DaemonState.ARMED)  # rendering takes the token of the lease
+    assert FUZZED.machine.state in (
+        DaemonState.IDLE,
+        DaemonState.ARMED,
+    )  # rendering takes the token of the lease

@@ -29,7 +29,9 @@ from tests.haptic_driver.daemon.web.served_page import (
 )
 from tests.waiting import until
 
-TILES_ASKED = "performance.getEntriesByType('resource').filter((one) => one.name.includes('/tile?')).length"
+TILES_ASKED = (
+    "performance.getEntriesByType('resource').filter((one) => one.name.includes('/tile?')).length"
+)
 PLOTS = ["friction", "surface", "trail"]
 
 
@@ -98,7 +100,9 @@ def pixels(page, plot):
 
 
 def await_change(page, plot):
-    before = pixels(page, plot)  # the page forbids scripts made of strings, so nothing in it can wait for us
+    before = pixels(
+        page, plot
+    )  # the page forbids scripts made of strings, so nothing in it can wait for us
     until(lambda: pixels(page, plot) != before, lambda: f"{plot} stands still")
 
 
@@ -134,11 +138,15 @@ def test_a_page_without_the_token_says_that_it_is_not_connected(browser, served)
 def test_the_plots_move(page):
     arm_and_set(page)
     for plot in PLOTS:
-        page.locator(f"#{plot}").evaluate("(one) => one.scrollIntoView()")  # what nobody sees is not drawn
+        page.locator(f"#{plot}").evaluate(
+            "(one) => one.scrollIntoView()"
+        )  # what nobody sees is not drawn
         await_change(page, plot)
 
 
-@pytest.mark.parametrize("switch_off", [lambda page: page.click("#off"), lambda page: page.keyboard.press("Escape")])
+@pytest.mark.parametrize(
+    "switch_off", [lambda page: page.click("#off"), lambda page: page.keyboard.press("Escape")]
+)
 def test_off_switches_off(page, served, control, switch_off):
     arm_and_set(page)
     assert served.ask("/status")["output_on"] is True
@@ -150,7 +158,9 @@ def test_off_switches_off(page, served, control, switch_off):
 
 
 def test_off_needs_no_new_connection(page, served, control):
-    """Where the port is crowded the open stream carries it; the page shows what has become of it."""
+    """Where the port is crowded the open stream carries it; the page shows what has become of
+    it.
+    """
     arm_and_set(page)
     page.route("**/off", lambda route: route.abort())
     page.click("#off")
@@ -164,7 +174,9 @@ def test_off_that_cannot_be_shown_is_not_called_off(page, control):
     control.shown_off = False
     page.click("#off")
     text(page, "#output", "UNKNOWN")
-    expect(page.locator("#refusal-message")).to_contain_text("nothing shows yet that the output is off")
+    expect(page.locator("#refusal-message")).to_contain_text(
+        "nothing shows yet that the output is off"
+    )
     expect(page.locator("#alarm")).to_contain_text("emergency stop")
 
 
@@ -263,7 +275,10 @@ def test_notes_and_markers_are_among_the_events(page, control):
     expect(page.locator("#note")).to_have_value("")
     page.click("#mark button")
     until(lambda: [call for call in control.calls if call[0] == "mark"][1:])
-    assert [call[1] for call in control.calls if call[0] == "mark"] == ["the finger was wiped", "mark"]
+    assert [call[1] for call in control.calls if call[0] == "mark"] == [
+        "the finger was wiped",
+        "mark",
+    ]
 
 
 def test_every_flag_has_a_meaning_and_says_since_when(page, control):
@@ -282,7 +297,9 @@ def test_events_have_the_time_on_the_wall(page, control):
     (event,) = control.told
     offset_s = time.time() - time.monotonic()
     said = page.locator("#events time").last.get_attribute("datetime")
-    assert datetime.fromisoformat(said).timestamp() == pytest.approx(event.time_s + offset_s, abs=1.0)
+    assert datetime.fromisoformat(said).timestamp() == pytest.approx(
+        event.time_s + offset_s, abs=1.0
+    )
 
 
 def test_friction_is_bounded_by_what_is_within_reach(page):
@@ -295,7 +312,9 @@ def test_friction_is_bounded_by_what_is_within_reach(page):
 
 
 def test_a_page_opened_while_a_texture_plays_shows_the_texture_itself(browser, control, served):
-    """Not the coarse map of what is in no library: its name may come before those of the library."""
+    """Not the coarse map of what is in no library: its name may come before those of the
+    library.
+    """
     control.play(control.arm(60.0, "a test").token, "linen", nearest=False)
     page = opened(browser, served)
     text(page, "#shown", "linen")
@@ -397,7 +416,11 @@ def test_a_fault_is_shown_and_reset(page, served, control):
     arm_and_set(page)
     control.fail("the rig tripped: the monitor reads 1 V")
     text(page, "#state", "FAULT")
-    text(page, "#alarm", "Fault: the rig tripped: the monitor reads 1 V. Remove the cause, then reset.")
+    text(
+        page,
+        "#alarm",
+        "Fault: the rig tripped: the monitor reads 1 V. Remove the cause, then reset.",
+    )
     expect(page.locator("#events li").first).to_contain_text("the rig tripped")
     page.click("#reset")
     await_state(served, "idle")
@@ -437,14 +460,20 @@ def test_the_other_pages_of_a_browser_cannot_use_the_api(browser, served):
     page.goto("about:blank")
     origin = served.url.partition("/page/")[0]
     with pytest.raises(BrowserError, match="Failed to fetch"):
-        page.evaluate(f"fetch('{origin}/off', {{method: 'POST', headers: {{Authorization: 'Bearer {served.token}'}}}})")
+        page.evaluate(
+            f"fetch('{origin}/off', {{method: 'POST', headers: {{Authorization: 'Bearer"
+            f" {served.token}'}}}})"
+        )
     context.close()
 
 
 def test_it_shows_agreement_mends_at_a_click_and_says_why(page, control):
     text(page, "#disagreement", "Not known yet: a minute of sliding tells.")
     cell = AgreementCell(axis="voltage_v", low=75.0, high=100.0, share=-0.08, weight=2e4)
-    control.agreement, control.disagreement = [cell], "8 % less friction than expected at 75..100 V, since 14:03"
+    control.agreement, control.disagreement = (
+        [cell],
+        "8 % less friction than expected at 75..100 V, since 14:03",
+    )
     text(page, "#disagreement", control.disagreement)
     expect(page.locator("#agreement i")).to_have_attribute("title", "-8.0 % at 75 to 100 V")
     page.click("#adapt")
@@ -462,7 +491,9 @@ def test_it_shows_agreement_mends_at_a_click_and_says_why(page, control):
 
 
 def test_a_model_that_somebody_has_chosen_stays_chosen_when_the_link_comes_back(page, control):
-    """Names are fetched again then: the choice fell back, and Use took the model in use for the one that was meant."""
+    """Names are fetched again then: the choice fell back, and Use took the model in use for the one
+    that was meant.
+    """
     page.select_option("#model", "other")
     page.evaluate("document.querySelector('#model').options[0].dataset.before = ''")
     control._lock.acquire()

@@ -1,4 +1,6 @@
-"""The page as it is seen: where things are, how fine, nothing cut at any width, and contrast by day and by night."""
+"""The page as it is seen: where things are, how fine, nothing cut at any width, and contrast by day
+and by night.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,15 @@ from PIL import Image
 
 from haptic_driver.config import texture_dirs
 from haptic_driver.processes.samples import Flag
-from tests.haptic_driver.daemon.web.served_page import Served, SlidingControl, arm, expect, opened, press_grey, text
+from tests.haptic_driver.daemon.web.served_page import (
+    Served,
+    SlidingControl,
+    arm,
+    expect,
+    opened,
+    press_grey,
+    text,
+)
 from tests.waiting import until
 
 SCREEN_MM = (100.0, 60.0)
@@ -89,7 +99,9 @@ def correlation(a, b):
 
 
 def test_braille_lies_as_in_its_file(page):
-    """Origin upper left, y down: dots where the picture has them, and not where its mirror images have."""
+    """Origin upper left, y down: dots where the picture has them, and not where its mirror images
+    have.
+    """
     path = next(found for folder in texture_dirs() if (found := folder / "braille.png").is_file())
     file = np.asarray(Image.open(path).convert("L"), dtype=float)
     picture = brightness(shown(page, "braille"))
@@ -131,21 +143,29 @@ def test_the_trail_has_the_colour_of_measured_friction(page):
         pixels = canvas(page, "trail")
         coloured = (pixels[..., 3] > 250) & (np.ptp(pixels[..., :3], axis=-1) > 60)
         rows = np.nonzero(coloured)[0]
-        return None if not rows.size or np.ptp(rows) < 0.6 * inside["height"] else (pixels, coloured, rows)
+        return (
+            None
+            if not rows.size or np.ptp(rows) < 0.6 * inside["height"]
+            else (pixels, coloured, rows)
+        )
 
     pixels, coloured, rows = until(whole_turn)
     light = brightness(pixels)
     upper, lower = rows.min() + 4, rows.max() - 4
     assert light[:upper][coloured[:upper]].mean() + 100.0 < light[lower:][coloured[lower:]].mean()
     box, pixels_per_mm = page.locator("#trail").bounding_box(), inside["width"] / SCREEN_MM[0]
-    assert box["y"] - inside["y"] == pytest.approx(10.0 * pixels_per_mm, abs=8.0)  # half of its width, and an edge
+    assert box["y"] - inside["y"] == pytest.approx(
+        10.0 * pixels_per_mm, abs=8.0
+    )  # half of its width, and an edge
     assert box["x"] - inside["x"] == pytest.approx(10.0 * pixels_per_mm, abs=8.0)
 
 
 def test_the_ring_is_light_and_dark(page):
     mark = page.locator("#ahead")
     expect(mark).to_be_visible()
-    styles = page.evaluate("(({ borderColor, boxShadow }) => [borderColor, boxShadow])(getComputedStyle(ahead))")
+    styles = page.evaluate(
+        "(({ borderColor, boxShadow }) => [borderColor, boxShadow])(getComputedStyle(ahead))"
+    )
     assert styles[0] == "rgb(255, 255, 255)"
     assert styles[1].count("rgb(0, 0, 0)") == 2
 
@@ -211,7 +231,9 @@ def test_nothing_is_cut_with_all_flags_and_a_refusal(page, control, width, heigh
         for b in boxes[i + 1 :]:
             apart_x = a["x"] + a["width"] <= b["x"] or b["x"] + b["width"] <= a["x"]
             assert apart_x or a["y"] + a["height"] <= b["y"] or b["y"] + b["height"] <= a["y"]
-    areas = {name: canvas(page, name)[..., 0].size for name in ("texture-map", "friction", "surface")}
+    areas = {
+        name: canvas(page, name)[..., 0].size for name in ("texture-map", "friction", "surface")
+    }
     assert max(areas, key=areas.__getitem__) == "texture-map"
     page.click("#refusal-close")
 
@@ -223,7 +245,10 @@ def test_control_is_in_sight_at_once_on_a_laptop(page):
 
 
 def luminance(rgb):
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (v / 255.0 for v in rgb)]
+    linear = [
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4
+        for c in (v / 255.0 for v in rgb)
+    ]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 

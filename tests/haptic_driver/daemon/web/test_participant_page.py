@@ -1,4 +1,6 @@
-"""The participant's page in a real browser: an experiment's questions are shown, and answered once."""
+"""The participant's page in a real browser: an experiment's questions are shown, and answered
+once.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,13 @@ from tests.haptic_driver.daemon.web import test_dashboard as dashboard
 from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect, opened
 
 one_control, control, served = dashboard.one_control, dashboard.control, dashboard.served
-QUESTION = Question(1, "Which one had more friction?", ("first", "second"), Trial(1, 1, "a", 0.1, 0, False, False), 0.1)
+QUESTION = Question(
+    1,
+    "Which one had more friction?",
+    ("first", "second"),
+    Trial(1, 1, "a", 0.1, 0, False, False),
+    0.1,
+)
 
 
 @pytest.fixture
@@ -25,7 +33,9 @@ def client(served, control):
 
 @pytest.fixture
 def page(browser, served, control):
-    """Only then: a page that had heard what was asked before waited for numbers that begin anew with the control."""
+    """Only then: a page that had heard what was asked before waited for numbers that begin anew
+    with the control.
+    """
     context = browser.new_context(viewport={"width": 390, "height": 844})
     page = context.new_page()
     page.set_default_timeout(HANG_MS)
@@ -72,7 +82,10 @@ def test_a_participant_reads_feels_and_answers_with_large_buttons_or_keys(page, 
     thread, found = answering(lambda: participant.ask(QUESTION))
     expect(page.locator("#text")).to_have_text("Which one had more friction?")
     boxes = [button.bounding_box() for button in page.locator("#answers button").all()]
-    assert [button.text_content() for button in page.locator("#answers button").all()] == ["first", "second"]
+    assert [button.text_content() for button in page.locator("#answers button").all()] == [
+        "first",
+        "second",
+    ]
     for box in boxes:
         assert box["width"] >= 120
         assert box["height"] >= 150

@@ -26,7 +26,9 @@ trials = 120
 CONDITION = '[[condition]]\nname = "a"\ncof = 0.5\n'
 
 
-def made(folder: Path, head: str = "", tables: str = CONSTANT, conditions: str = CONDITION) -> Experiment:
+def made(
+    folder: Path, head: str = "", tables: str = CONSTANT, conditions: str = CONDITION
+) -> Experiment:
     path = folder / "made.toml"
     path.write_text(f'name = "made"\n{head}\n{tables}\n{conditions}')
     return load_experiment(str(path))

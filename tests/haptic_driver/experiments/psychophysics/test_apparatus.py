@@ -12,7 +12,9 @@ from haptic_driver.processes.samples import SAMPLE
 
 
 class Client:
-    """Half a second of sliding each time somebody looks, with friction as it is asked; `done` in order."""
+    """Half a second of sliding each time somebody looks, with friction as it is asked; `done` in
+    order.
+    """
 
     def __init__(self):
         self.done, self.cof, self.ticks = [], np.nan, 0

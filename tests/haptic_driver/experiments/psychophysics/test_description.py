@@ -36,7 +36,10 @@ comparisons = [{ level = 0.1, texture = "grating" }, { level = 0.3, texture = "r
     assert ratio.level_between(0.5, 0.6) == pytest.approx(0.2)
     assert difference.level_between(0.5, 0.6) == pytest.approx(0.1)
     assert (texture.available(0.19), texture.available(0.21)) == (0.1, 0.3)
-    assert (texture.standard, texture.comparison(0.3)) == (Stimulus(None, "linen"), Stimulus(None, "ramp"))
+    assert (texture.standard, texture.comparison(0.3)) == (
+        Stimulus(None, "linen"),
+        Stimulus(None, "ramp"),
+    )
     assert ratio.available(0.19) == 0.19
 
 
@@ -69,9 +72,19 @@ def test_guessing_follows_from_the_task(tmp_path, head, form, guess):
         ("", '[trial]\nintervals = 3\nplace = "regions"\n' + CONSTANT, CONDITION, "2 intervals"),
         ("", '[response]\nanswers = ["yes"]\n' + CONSTANT, CONDITION, "give 2 different ones"),
         ("", CONSTANT.replace("0.05", "-0.05"), CONDITION, "below 0"),
-        ("", CONSTANT.replace("0.05", "-1.0") + '[analysis]\nform = "normal"', CONDITION, "makes friction 0"),
+        (
+            "",
+            CONSTANT.replace("0.05", "-1.0") + '[analysis]\nform = "normal"',
+            CONDITION,
+            "makes friction 0",
+        ),
         ("", '[method]\nkind = "outside"', CONDITION, "either python or url"),
-        ("", '[method]\nkind = "staircase"\nstart = 2.0\nsteps = [0.1]\nlow = 0.1\nhigh = 1.0', CONDITION, "start"),
+        (
+            "",
+            '[method]\nkind = "staircase"\nstart = 2.0\nsteps = [0.1]\nlow = 0.1\nhigh = 1.0',
+            CONDITION,
+            "start",
+        ),
     ],
 )
 def test_what_is_wrong_is_said(tmp_path, head, tables, conditions, words):

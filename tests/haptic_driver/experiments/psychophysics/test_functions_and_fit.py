@@ -1,4 +1,6 @@
-"""Psychometric functions against scipy's distributions, and their fit against answers of known functions."""
+"""Psychometric functions against scipy's distributions, and their fit against answers of known
+functions.
+"""
 
 from __future__ import annotations
 
@@ -37,10 +39,26 @@ def test_the_threshold_is_half_way_and_levels_are_found_again(form):
 @pytest.mark.parametrize(
     ("truth", "levels", "guess"),
     [
-        (Psychometric("weibull", 0.15, 3.0, 0.5, 0.02), [0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.6], 0.5),
-        (Psychometric("weibull", 0.02, 1.5, 1 / 3, 0.0), [0.005, 0.01, 0.02, 0.04, 0.08, 0.2], 1 / 3),
-        (Psychometric("weibull", 0.2, 2.0, 0.15, 0.03), [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.6], None),
-        (Psychometric("normal", -0.03, 12.0, 0.0, 0.01), [-0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3], 0.0),
+        (
+            Psychometric("weibull", 0.15, 3.0, 0.5, 0.02),
+            [0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.6],
+            0.5,
+        ),
+        (
+            Psychometric("weibull", 0.02, 1.5, 1 / 3, 0.0),
+            [0.005, 0.01, 0.02, 0.04, 0.08, 0.2],
+            1 / 3,
+        ),
+        (
+            Psychometric("weibull", 0.2, 2.0, 0.15, 0.03),
+            [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.6],
+            None,
+        ),
+        (
+            Psychometric("normal", -0.03, 12.0, 0.0, 0.01),
+            [-0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3],
+            0.0,
+        ),
     ],
 )
 def test_answers_in_the_shares_of_a_function_give_it_back(truth, levels, guess):
@@ -69,7 +87,9 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say():
     levels = np.repeat([0.05, 0.1, 0.15, 0.2, 0.3, 0.5], 40)
     held = 0
     for _ in range(40):
-        low, high = fit(levels, rng.random(levels.size) < truth.at(levels), "weibull", 0.5).interval_95
+        low, high = fit(
+            levels, rng.random(levels.size) < truth.at(levels), "weibull", 0.5
+        ).interval_95
         held += low <= 0.15 <= high
     assert held >= 34
 
@@ -83,7 +103,9 @@ def test_answers_that_leave_a_threshold_open_say_so():
     assert found.interval_95[1] == math.inf
 
 
-@pytest.mark.parametrize(("levels", "positive"), [([0.1] * 7, [True] * 7), ([0.0] * 20, [True] * 20), ([], [])])
+@pytest.mark.parametrize(
+    ("levels", "positive"), [([0.1] * 7, [True] * 7), ([0.0] * 20, [True] * 20), ([], [])]
+)
 def test_too_few_trials_are_refused(levels, positive):
     with pytest.raises(BadInputError, match="too few"):
         fit(levels, positive, "weibull", 0.5)

@@ -1,4 +1,6 @@
-"""Staircases by hand, QUEST+ against Bayes' rule written out, and optimisers of others in Python and over HTTP."""
+"""Staircases by hand, QUEST+ against Bayes' rule written out, and optimisers of others in Python
+and over HTTP.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,11 @@ from haptic_driver.experiments.psychophysics.description import (
     Range,
     Staircase,
 )
-from haptic_driver.experiments.psychophysics.methods import ConstantMethod, StaircaseMethod, converges_at
+from haptic_driver.experiments.psychophysics.methods import (
+    ConstantMethod,
+    StaircaseMethod,
+    converges_at,
+)
 from haptic_driver.experiments.psychophysics.outside import OutsideMethod
 from haptic_driver.experiments.psychophysics.quest_plus import QuestPlusMethod
 
@@ -43,35 +49,65 @@ def climbed(settings, answers):
 
 def test_two_down_one_up_by_hand():
     settings = Staircase(
-        kind="staircase", start=10.0, steps=[4.0, 2.0, 1.0], scale="linear", low=1.0, high=10.0, reversals=3, averaged=2
+        kind="staircase",
+        start=10.0,
+        steps=[4.0, 2.0, 1.0],
+        scale="linear",
+        low=1.0,
+        high=10.0,
+        reversals=3,
+        averaged=2,
     )
     levels, staircase = climbed(settings, "++++-+-")
     #                          down to 6, down to 2, up (1st reversal) by 2, no step yet, up again
     assert levels == [10.0, 10.0, 6.0, 6.0, 2.0, 4.0, 4.0, 6.0]
     assert staircase.reversals == [2.0]
     levels, staircase = climbed(settings, "++-++-")
-    assert levels == [10.0, 10.0, 6.0, 8.0, 8.0, 7.0, None]  # steps 4, 2, 1; over after three reversals
+    assert levels == [
+        10.0,
+        10.0,
+        6.0,
+        8.0,
+        8.0,
+        7.0,
+        None,
+    ]  # steps 4, 2, 1; over after three reversals
     assert staircase.reversals == [6.0, 8.0, 7.0]
     assert staircase.estimate == pytest.approx(7.5)
 
 
 def test_ratios_stay_within_their_limits_and_trials_end_it():
-    settings = Staircase(kind="staircase", start=0.4, steps=[1.0], low=0.15, high=0.5, down=1, trials=3)
+    settings = Staircase(
+        kind="staircase", start=0.4, steps=[1.0], low=0.15, high=0.5, down=1, trials=3
+    )
     assert climbed(settings, "++-")[0] == [0.4, 0.2, 0.15, None]
     assert climbed(settings, "-")[0] == [0.4, 0.5]
 
 
-@pytest.mark.parametrize(("up", "down", "share"), [(1, 1, 0.5), (1, 2, 0.7071), (1, 3, 0.7937), (2, 2, None)])
+@pytest.mark.parametrize(
+    ("up", "down", "share"), [(1, 1, 0.5), (1, 2, 0.7071), (1, 3, 0.7937), (2, 2, None)]
+)
 def test_where_a_staircase_comes_to_rest(up, down, share):
     """Levitt's table 1."""
-    settings = Staircase(kind="staircase", start=1.0, steps=[0.1], low=0.1, high=2.0, up=up, down=down)
+    settings = Staircase(
+        kind="staircase", start=1.0, steps=[0.1], low=0.1, high=2.0, up=up, down=down
+    )
     assert converges_at(settings) == (None if share is None else pytest.approx(share, abs=1e-4))
 
 
 def test_staircases_come_to_rest_at_a_level_that_answers_do_not_know_of():
-    """Two down, one up, at 70.7 % of the positive answers of a function, by its formula solved by hand."""
+    """Two down, one up, at 70.7 % of the positive answers of a function, by its formula solved by
+    hand.
+    """
     settings = Staircase(
-        kind="staircase", start=0.4, steps=[0.5, 0.1], low=0.01, high=1.0, reversals=60, averaged=54, trials=1000
+        kind="staircase",
+        start=0.4,
+        steps=[0.5, 0.1],
+        low=0.01,
+        high=1.0,
+        reversals=60,
+        averaged=54,
+        trials=1000,
     )
     rng, estimates = np.random.default_rng(6), []
     for _ in range(40):
@@ -96,9 +132,13 @@ def test_constant_stimuli_come_as_often_as_each_other():
 
 def test_quest_plus_suggests_what_bayes_rule_written_out_suggests():
     settings = QuestPlus(
-        kind="quest_plus", levels=Range(low=0.05, high=0.8, count=9), thresholds=Range(low=0.05, high=0.5, count=7),
-        slopes=[1.5, 3.0], lapses=[0.0, 0.05], trials=12,
-    )  # fmt: skip
+        kind="quest_plus",
+        levels=Range(low=0.05, high=0.8, count=9),
+        thresholds=Range(low=0.05, high=0.5, count=7),
+        slopes=[1.5, 3.0],
+        lapses=[0.0, 0.05],
+        trials=12,
+    )
     method = QuestPlusMethod(settings, "weibull", 0.5)
     levels, thresholds = np.geomspace(0.05, 0.8, 9), np.geomspace(0.05, 0.5, 7)
     grid = [(t, s, lapse) for t in thresholds for s in (1.5, 3.0) for lapse in (0.0, 0.05)]
@@ -109,18 +149,25 @@ def test_quest_plus_suggests_what_bayes_rule_written_out_suggests():
         return 1.0 - lapse - (0.5 - lapse) * 2.0 ** -((x / t) ** s)
 
     def updated(x, answer):
-        new = {f: p * (positive(x, f) if answer else 1.0 - positive(x, f)) for f, p in belief.items()}
+        new = {
+            f: p * (positive(x, f) if answer else 1.0 - positive(x, f)) for f, p in belief.items()
+        }
         total = sum(new.values())
         return total, {f: p / total for f, p in new.items()}
 
     def entropy_after(x):
         branches = [updated(x, answer) for answer in (True, False)]
-        return sum(-share * sum(p * np.log(p) for p in after.values() if p > 0) for share, after in branches)
+        return sum(
+            -share * sum(p * np.log(p) for p in after.values() if p > 0)
+            for share, after in branches
+        )
 
     for answer in "++-++-+-+++-":
         entropies = [entropy_after(x) for x in levels]
         level = method.suggest()
-        assert entropies[int(np.argmin(abs(levels - level)))] == pytest.approx(min(entropies), abs=1e-9)
+        assert entropies[int(np.argmin(abs(levels - level)))] == pytest.approx(
+            min(entropies), abs=1e-9
+        )
         _, belief = updated(level, answer == "+")
         method.report(level, answer == "+")
     assert method.suggest() is None
@@ -146,7 +193,8 @@ def test_quest_plus_ends_when_it_is_sure():
     assert std < 0.2 * mean
 
 
-# --- optimisers of others ----------------------------------------------------------------------------------------
+# --- optimisers of others
+# ----------------------------------------------------------------------------------------
 
 
 class Halving:
@@ -253,9 +301,13 @@ def test_the_code_on_the_page_about_experiments_runs(capsys):
 
 def test_a_staircase_walks_on_where_few_textures_stand_for_its_levels():
     """Steps of a tenth, textures far apart: the level that is presented stays, and then jumps."""
-    settings = Staircase(kind="staircase", start=0.3, steps=[0.1], scale="linear", low=0.0, high=0.5, down=1)
+    settings = Staircase(
+        kind="staircase", start=0.3, steps=[0.1], scale="linear", low=0.0, high=0.5, down=1
+    )
     condition = Condition(
-        name="a", texture="t", comparisons=[Comparison(level=0.0, texture="x"), Comparison(level=0.3, texture="y")]
+        name="a",
+        texture="t",
+        comparisons=[Comparison(level=0.0, texture="x"), Comparison(level=0.3, texture="y")],
     )
     staircase, presented = StaircaseMethod(settings), []
     for _ in range(4):

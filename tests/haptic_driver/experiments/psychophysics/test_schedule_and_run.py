@@ -1,4 +1,6 @@
-"""Sessions: the order of trials, what is kept of them, and going on after a crash as if there had been none."""
+"""Sessions: the order of trials, what is kept of them, and going on after a crash as if there had
+been none.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,18 @@ from haptic_driver.experiments.psychophysics.delivery import Felt
 from haptic_driver.experiments.psychophysics.description import Stimulus
 from haptic_driver.experiments.psychophysics.design import pretended, reached, try_design
 from haptic_driver.experiments.psychophysics.run import run_session
-from haptic_driver.experiments.psychophysics.schedule import Schedule, balanced, correct_answer, positive_answer
-from tests.haptic_driver.experiments.psychophysics.files import CONSTANT, QUEST_PLUS, STAIRCASE, made
+from haptic_driver.experiments.psychophysics.schedule import (
+    Schedule,
+    balanced,
+    correct_answer,
+    positive_answer,
+)
+from tests.haptic_driver.experiments.psychophysics.files import (
+    CONSTANT,
+    QUEST_PLUS,
+    STAIRCASE,
+    made,
+)
 
 TWO = '[[condition]]\nname = "a"\ncof = 0.5\n[[condition]]\nname = "b"\ncof = 0.6\n'
 
@@ -36,7 +48,8 @@ def all_trials(schedule, answer=lambda trial: True):
     return found
 
 
-# --- the order ---------------------------------------------------------------------------------------------------
+# --- the order
+# ------------------------------------------------------------------------------------------------
 
 
 def test_the_order_follows_from_seed_and_names_alone(tmp_path):
@@ -48,12 +61,16 @@ def test_the_order_follows_from_seed_and_names_alone(tmp_path):
     assert orders[0] == orders[1]
     assert orders[0] != orders[2] != orders[3] != orders[0]
     for order in orders:
-        assert Counter((t.condition, t.level) for t in order) == {(c, x): 2 for c in "ab" for x in (0.05, 0.1, 0.2)}
+        assert Counter((t.condition, t.level) for t in order) == {
+            (c, x): 2 for c in "ab" for x in (0.05, 0.1, 0.2)
+        }
     assert {t.position for t in orders[0]} == {0, 1}
 
 
 def test_practice_comes_first_and_breaks_where_they_are_due(tmp_path):
-    experiment = made(tmp_path, "practice = 2\npractice_level = 0.9\nbreak_every = 4", conditions=TWO)
+    experiment = made(
+        tmp_path, "practice = 2\npractice_level = 0.9\nbreak_every = 4", conditions=TWO
+    )
     trials = all_trials(Schedule(experiment, "P1", "01"))
     assert [t.level for t in trials[:2]] == [0.9, 0.9]
     assert [t.practice for t in trials] == [True, True] + 12 * [False]
@@ -86,7 +103,9 @@ def test_a_balanced_order_has_every_block_as_often_in_every_place_and_after_ever
 def test_balanced_blocks_go_by_the_number_of_the_participant(tmp_path):
     blocks = '[[block]]\nconditions = ["a"]\n[[block]]\nconditions = ["b"]\n'
     experiment = made(tmp_path, 'block_order = "balanced"', conditions=TWO + blocks)
-    firsts = [Schedule(experiment, f"P{number:02}", "01").next().condition for number in range(1, 5)]
+    firsts = [
+        Schedule(experiment, f"P{number:02}", "01").next().condition for number in range(1, 5)
+    ]
     assert firsts == ["a", "b", "a", "b"]
     with pytest.raises(BadInputError, match="number at the end"):
         Schedule(experiment, "Anna", "01")
@@ -107,7 +126,11 @@ def test_the_comparison_is_where_the_trial_says(tmp_path):
     assert shown[trial.position].cof == pytest.approx(0.5 * (1.0 + trial.level))
     assert shown.count(Stimulus(0.5)) == 2
     for answer in range(3):
-        assert positive_answer(trial, answer, 3) == (answer == trial.position) == correct_answer(trial, answer, 3)
+        assert (
+            positive_answer(trial, answer, 3)
+            == (answer == trial.position)
+            == correct_answer(trial, answer, 3)
+        )
     less = trial._replace(level=-0.1)
     assert correct_answer(less, (less.position + 1) % 2, 2) is True
     assert correct_answer(trial._replace(level=0.0), 0, 2) is None
@@ -115,7 +138,8 @@ def test_the_comparison_is_where_the_trial_says(tmp_path):
     assert correct_answer(trial, 0, 1) is None
 
 
-# --- sessions ------------------------------------------------------------------------------------------------------
+# --- sessions
+# ------------------------------------------------------------------------------------------------
 
 
 class Leaves:
@@ -150,9 +174,16 @@ class NoFinger(AssumedApparatus):
 
 def session_of(experiment, folder, participant=None, apparatus=None, model="reference"):
     files = SessionFiles(folder, "P1", "01", "made")
-    about = {"Experiment": experiment.file.model_dump(mode="json", exclude_none=True), "Rig": {"model": model}}
+    about = {
+        "Experiment": experiment.file.model_dump(mode="json", exclude_none=True),
+        "Rig": {"model": model},
+    }
     return files, run_session(
-        experiment, files, apparatus or AssumedApparatus(), participant or pretended(experiment, "P1", "01"), about
+        experiment,
+        files,
+        apparatus or AssumedApparatus(),
+        participant or pretended(experiment, "P1", "01"),
+        about,
     )
 
 
@@ -161,14 +192,18 @@ def kept(files):
     return [row._replace(response_time_s=0.0, time_s=0.0).cells() for row in files.rows()]
 
 
-@pytest.mark.parametrize("tables", [CONSTANT, QUEST_PLUS.replace("120", "9"), STAIRCASE.replace("240", "9")])
+@pytest.mark.parametrize(
+    "tables", [CONSTANT, QUEST_PLUS.replace("120", "9"), STAIRCASE.replace("240", "9")]
+)
 def test_a_session_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path, tables):
     experiment = made(tmp_path, "practice = 1\npractice_level = 0.4", tables)
     whole, progress = session_of(experiment, tmp_path / "whole")
     assert progress.done
     for at in (2, 5):
         with pytest.raises(KeyboardInterrupt):
-            session_of(experiment, tmp_path / "stopped", Leaves(pretended(experiment, "P1", "01"), at))
+            session_of(
+                experiment, tmp_path / "stopped", Leaves(pretended(experiment, "P1", "01"), at)
+            )
     files = SessionFiles(tmp_path / "stopped", "P1", "01", "made")
     with files.table.open("a") as file:
         file.write("5\t1\ta\t0\t0.1")  # what a crash leaves of a line
@@ -178,7 +213,9 @@ def test_a_session_that_was_stopped_goes_on_as_if_it_had_not_been(tmp_path, tabl
 
 
 class Wanderer:
-    """An optimiser of others that suggests something else every time it is made; `told` outlives it."""
+    """An optimiser of others that suggests something else every time it is made; `told` outlives
+    it.
+    """
 
     made = 0
     told = ()
@@ -199,7 +236,9 @@ def test_an_optimiser_of_others_is_told_everything_again_after_a_crash(tmp_path,
     module = types.ModuleType("wanderer")
     module.Wanderer = Wanderer
     monkeypatch.setitem(sys.modules, "wanderer", module)
-    experiment = made(tmp_path, tables='[method]\nkind = "outside"\npython = "wanderer:Wanderer"\ntrials = 5\n')
+    experiment = made(
+        tmp_path, tables='[method]\nkind = "outside"\npython = "wanderer:Wanderer"\ntrials = 5\n'
+    )
     with pytest.raises(KeyboardInterrupt):
         session_of(experiment, tmp_path / "out", Leaves(pretended(experiment, "P1", "01"), 4))
     files, progress = session_of(experiment, tmp_path / "out")
@@ -217,7 +256,9 @@ def test_a_crash_at_the_very_beginning_leaves_nothing_in_the_way(tmp_path, left)
     files = SessionFiles(tmp_path / "out", "P1", "01", "made")
     if left is not None:
         files.table.write_text(left)
-    session_of(experiment, tmp_path / "out", model="another")  # nothing was presented with the first
+    session_of(
+        experiment, tmp_path / "out", model="another"
+    )  # nothing was presented with the first
     assert len(files.rows()) == 6
 
 
@@ -255,7 +296,10 @@ def test_the_files_are_those_of_bids_with_every_column_explained(tmp_path):
     somebody = Leaves(pretended(experiment, "P1", "01"), at=0)
     files, _ = session_of(experiment, tmp_path / "out", somebody)
     assert somebody.waited == ["Slide.", "A break."]
-    assert files.table.relative_to(tmp_path / "out").as_posix() == "sub-P1/ses-01/beh/sub-P1_ses-01_task-made_beh.tsv"
+    assert (
+        files.table.relative_to(tmp_path / "out").as_posix()
+        == "sub-P1/ses-01/beh/sub-P1_ses-01_task-made_beh.tsv"
+    )
     with files.table.open(newline="") as file:
         rows = list(csv.DictReader(file, delimiter="\t"))
     sidecar = json.loads(files.sidecar.read_text())
@@ -263,7 +307,10 @@ def test_the_files_are_those_of_bids_with_every_column_explained(tmp_path):
     assert sidecar["comparison_normal_force_n"]["Units"] == "N"
     assert (sidecar["TaskName"], sidecar["ExperimentHash"]) == ("made", experiment.content_hash)
     assert [int(row["trial"]) for row in rows] == list(range(1, 7))
-    assert all(float(row["comparison_asked_cof"]) == pytest.approx(0.5 * (1 + float(row["level"]))) for row in rows)
+    assert all(
+        float(row["comparison_asked_cof"]) == pytest.approx(0.5 * (1 + float(row["level"])))
+        for row in rows
+    )
     assert all(row["why_not_delivered"] == "n/a" for row in rows)
     assert (tmp_path / "out" / "participants.tsv").read_text() == "participant_id\nsub-P1\n"
     assert json.loads((tmp_path / "out" / "dataset_description.json").read_text())["BIDSVersion"]
@@ -291,13 +338,19 @@ def test_times_keep_their_microseconds_on_a_machine_that_has_been_up_for_days(tm
     assert files.rows()[-1].time_s == late.time_s
 
 
-# --- thresholds that are known ---------------------------------------------------------------------------------------
+# --- thresholds that are known
+# ---------------------------------------------------------------------------------------
 
 
 def test_what_a_rig_reaches_of_a_design(tmp_path):
-    """Levels 0.05 to 0.2 on frictions 0.5 and 0.6, by a rig whose 0.532 to 0.65 reach 0.505 to 0.6825 within 5 %."""
+    """Levels 0.05 to 0.2 on frictions 0.5 and 0.6, by a rig whose 0.532 to 0.65 reach 0.505 to
+    0.6825 within 5 %.
+    """
     experiment = made(tmp_path, conditions=TWO)
-    low, both = (reached(experiment, condition, (0.505 / 0.95, 0.65)) for condition in experiment.file.condition)
+    low, both = (
+        reached(experiment, condition, (0.505 / 0.95, 0.65))
+        for condition in experiment.file.condition
+    )
     assert (low.asked_cof, low.standard_is_reached) == (pytest.approx((0.5, 0.6)), False)
     assert both.asked_cof == pytest.approx((0.6, 0.72))
     assert both.standard_is_reached
@@ -309,10 +362,14 @@ def test_what_a_rig_reaches_of_a_design(tmp_path):
 
 @pytest.mark.soak
 def test_staircase_and_quest_plus_find_a_known_threshold_and_agree(tmp_path):
-    """Twenty simulated participants of threshold 0.15, by both: medians within 10 % of it and of each other."""
+    """Twenty simulated participants of threshold 0.15, by both: medians within 10 % of it and of
+    each other.
+    """
     found = []
     for tables in (STAIRCASE, QUEST_PLUS):
-        experiment = made(tmp_path, tables=tables + "[simulated]\nthreshold = 0.15\nslope = 3.0\nlapse = 0.02\n")
+        experiment = made(
+            tmp_path, tables=tables + "[simulated]\nthreshold = 0.15\nslope = 3.0\nlapse = 0.02\n"
+        )
         (one,) = try_design(experiment, 20)
         assert one.fitted == 1.0
         assert one.held_by_interval >= 0.75

@@ -9,20 +9,30 @@ import pytest
 
 from hw.errors import BadReply, InstrumentRejected, LimitExceeded
 from hw.generator.agilent_33220a.driver import Agilent33220A
-from hw.generator.settings import ExternalModulation, GeneratorSettings, ModulationInput, RangePolicy, Shape
+from hw.generator.settings import (
+    ExternalModulation,
+    GeneratorSettings,
+    ModulationInput,
+    RangePolicy,
+    Shape,
+)
 from tests.hw.generator.asking import read_output
 from tests.hw.testing.memory import MemoryTransport
 
 # 100 V at the electrode per volt at the generator: 1 Vpp is 50 V peak.
 SETTINGS = GeneratorSettings(
-    volts_per_volt=100.0, voltage_limit_v=300.0, frequency_low_hz=10.0, frequency_high_hz=10e3, reply_timeout_s=1.0
+    volts_per_volt=100.0,
+    voltage_limit_v=300.0,
+    frequency_low_hz=10.0,
+    frequency_high_hz=10e3,
+    reply_timeout_s=1.0,
 )
 IDENTIFY = (b"*IDN?\n", b"Agilent Technologies,33220A,MY1,2.02-2.02-22-2\n")
 SWITCH_OFF = (b"OUTP 0;*RST;*CLS;:OUTP?\n", b"0\n")
 STATE_QUERIES = b"FUNC?;:FREQ?;:VOLT?;:VOLT:OFFS?;:VOLT:UNIT?;:OUTP:LOAD?;:AM:STAT?;:SYST:ERR?\n"
 SET_UP_LINE = (
-    b"VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:BURS:STAT 0;:OUTP:LOAD INF;:VOLT:UNIT VPP;:FUNC SIN;:VOLT MIN;:VOLT:OFFS 0;"
-    b":FREQ 10;:VOLT:RANG:AUTO?;:OUTP?;:" + STATE_QUERIES
+    b"VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:BURS:STAT 0;:OUTP:LOAD INF;:VOLT:UNIT VPP;:FUNC SIN;:VOLT"
+    b" MIN;:VOLT:OFFS 0;:FREQ 10;:VOLT:RANG:AUTO?;:OUTP?;:" + STATE_QUERIES
 )
 MINIMUM = b'SIN;+1.0E+01;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n'
 SET_UP = (SET_UP_LINE, b"1;0;" + MINIMUM)
@@ -32,8 +42,8 @@ FIX_RANGE = (
 )
 SET_UP_AGAIN = (SET_UP_LINE, b"0;0;" + MINIMUM)
 BASE = (
-    b"OUTP 0;:VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:BURS:STAT 0;:FUNC SIN;:VOLT MIN;:VOLT:OFFS 0;:FREQ 10;:OUTP?;:"
-    + STATE_QUERIES,
+    b"OUTP 0;:VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:BURS:STAT 0;:FUNC SIN;:VOLT MIN;:VOLT:OFFS 0;:FREQ"
+    b" 10;:OUTP?;:" + STATE_QUERIES,
     b"0;" + MINIMUM,
 )
 
@@ -48,7 +58,9 @@ def levels(
     function: bytes = b"SIN",
     modulated: bytes = b"0",
 ) -> tuple[bytes, bytes]:
-    """Commands with all state asked in the same line, and an answer of these values with all else in order."""
+    """Commands with all state asked in the same line, and an answer of these values with all else
+    in order.
+    """
     asked = commands + b";:" + STATE_QUERIES if commands else STATE_QUERIES
     values = (function, frequency, amplitude, offset, b"VPP", b"+9.9E+37", modulated, error)
     return asked, b";".join(values) + b"\n"
@@ -71,7 +83,9 @@ class Script:
         return answer
 
 
-def connected(*pairs: tuple[bytes, bytes], settings: GeneratorSettings = SETTINGS) -> tuple[Agilent33220A, Script]:
+def connected(
+    *pairs: tuple[bytes, bytes], settings: GeneratorSettings = SETTINGS
+) -> tuple[Agilent33220A, Script]:
     script = Script(IDENTIFY, SWITCH_OFF, SET_UP, FIX_RANGE, *pairs)
     driver = Agilent33220A(MemoryTransport(script, resource="GEN"), settings)
     driver.connect()
@@ -124,7 +138,9 @@ def test_output_is_switched_and_read_back() -> None:
 
 
 def test_an_output_that_does_not_follow_is_an_error() -> None:
-    driver, _ = connected(levels(b"", b"10", b"+2.0E-02"), (b"OUTP 1;:OUTP?;:SYST:ERR?\n", b'0;+0,"No error"\n'))
+    driver, _ = connected(
+        levels(b"", b"10", b"+2.0E-02"), (b"OUTP 1;:OUTP?;:SYST:ERR?\n", b'0;+0,"No error"\n')
+    )
     with pytest.raises(BadReply, match="GEN has its output off"):
         driver.set_output(True)
 
@@ -163,7 +179,9 @@ def test_close_switches_off_first() -> None:
         (-250.0, 60.0),
     ],
 )
-def test_limits_are_refused_before_any_byte_is_written(frequency_hz: float, voltage_v: float) -> None:
+def test_limits_are_refused_before_any_byte_is_written(
+    frequency_hz: float, voltage_v: float
+) -> None:
     driver, _ = connected()
     with pytest.raises(LimitExceeded, match=r"GEN: .* nothing was sent"):
         driver.set_point(frequency_hz, voltage_v)
@@ -183,9 +201,14 @@ def test_the_minimum_voltage_can_be_set() -> None:
     assert not script.pairs
 
 
-def test_an_instrument_error_is_raised_the_queue_emptied_the_output_off_and_everything_sent_again() -> None:
+def test_an_instrument_error_is_raised_the_output_off_and_everything_sent_again() -> None:
     driver, script = connected(
-        levels(b"FREQ 250;:VOLT 1.2", b"250", b"+1.2E+00", b'-222,"Data out of range; value clipped to upper limit"'),
+        levels(
+            b"FREQ 250;:VOLT 1.2",
+            b"250",
+            b"+1.2E+00",
+            b'-222,"Data out of range; value clipped to upper limit"',
+        ),
         (b"SYST:ERR?\n", b'-221,"Settings conflict"\n'),
         NO_ERROR,
         OFF,
@@ -227,7 +250,9 @@ def test_a_small_amplitude_may_be_off_by_its_last_digit() -> None:
     driver.set_point(250.0, 1.5)
 
 
-@pytest.mark.parametrize("identity", [b"Agilent Technologies,33250A,MY1,1.0\n", b"133220A\n", b"?\n", b";\n", b"\n"])
+@pytest.mark.parametrize(
+    "identity", [b"Agilent Technologies,33250A,MY1,1.0\n", b"133220A\n", b"?\n", b";\n", b"\n"]
+)
 def test_another_instrument_is_refused_and_left_alone(identity: bytes) -> None:
     script = Script((b"*IDN?\n", identity))
     with pytest.raises(BadReply, match="MEMORY::0"):
@@ -248,7 +273,9 @@ def test_another_instrument_is_refused_and_left_alone(identity: bytes) -> None:
         (b'1;0;SIN;10;+2.0E-02;+0.0E+00;VPP;0;+0,"No error"\n', 1),
     ],
 )
-def test_a_set_up_that_did_not_take_is_refused_and_switched_off(answer: bytes, switched_off: int) -> None:
+def test_a_set_up_that_did_not_take_is_refused_and_switched_off(
+    answer: bytes, switched_off: int
+) -> None:
     script = Script(IDENTIFY, SWITCH_OFF, (SET_UP_LINE, answer), *[OFF] * switched_off)
     with pytest.raises(BadReply):
         Agilent33220A(MemoryTransport(script), SETTINGS).connect()
@@ -279,14 +306,21 @@ def test_switching_on_before_anything_is_known_sets_up_the_minimum_first() -> No
     ],
 )
 def test_senseless_settings_are_refused(change: dict[str, float]) -> None:
-    values = {"volts_per_volt": 100.0, "voltage_limit_v": 300.0, "frequency_low_hz": 10.0, "frequency_high_hz": 1e4}
+    values = {
+        "volts_per_volt": 100.0,
+        "voltage_limit_v": 300.0,
+        "frequency_low_hz": 10.0,
+        "frequency_high_hz": 1e4,
+    }
     with pytest.raises(ValueError, match="generator"):
         GeneratorSettings(**(values | change))
 
 
 OUTPUT_IS_OFF, OUTPUT_IS_ON = (b"OUTP?\n", b"0\n"), (b"OUTP?\n", b"1\n")
 ERROR_FREE = b';+0,"No error"\n'
-WITH_AM = replace(SETTINGS, modulation_input=ModulationInput(full_scale_v=5.0, amplitude_at_full_scale=2.0))
+WITH_AM = replace(
+    SETTINGS, modulation_input=ModulationInput(full_scale_v=5.0, amplitude_at_full_scale=2.0)
+)
 
 
 def exchange(commands: bytes, answers: bytes) -> tuple[bytes, bytes]:
@@ -330,7 +364,9 @@ def test_offset_before_a_rising_amplitude_and_after_a_falling_one() -> None:
     assert not script.pairs
 
 
-@pytest.mark.parametrize(("voltage_v", "offset_v"), [(200.0, 100.1), (200.0, -100.1), (10.0, math.nan), (10.0, 1e300)])
+@pytest.mark.parametrize(
+    ("voltage_v", "offset_v"), [(200.0, 100.1), (200.0, -100.1), (10.0, math.nan), (10.0, 1e300)]
+)
 def test_the_limit_is_on_amplitude_and_offset_together(voltage_v: float, offset_v: float) -> None:
     driver, _ = connected()
     with pytest.raises(LimitExceeded, match=r"offset included.* nothing was sent"):
@@ -341,11 +377,16 @@ def test_external_modulation_programs_what_full_scale_makes_of_it() -> None:
     driver, script = connected(
         OUTPUT_IS_OFF,
         BASE,
-        exchange(b"AM:SOUR EXT;:AM:DEPT 100;:AM:STAT 1;:AM:SOUR?;:AM:DEPT?;:AM:STAT?", b"EXT;+1.0000000000000E+02;1"),
+        exchange(
+            b"AM:SOUR EXT;:AM:DEPT 100;:AM:STAT 1;:AM:SOUR?;:AM:DEPT?;:AM:STAT?",
+            b"EXT;+1.0000000000000E+02;1",
+        ),
         levels(b"FREQ 250;:VOLT 3", b"250", b"3", modulated=b"1"),
         settings=WITH_AM,
     )
-    driver.set_point(250.0, 300.0, modulation=ExternalModulation())  # 3 Vpp doubled at full scale, times 50
+    driver.set_point(
+        250.0, 300.0, modulation=ExternalModulation()
+    )  # 3 Vpp doubled at full scale, times 50
     assert not script.pairs
 
 

@@ -64,13 +64,18 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
         yield bench
         return
     bench = Bench()
-    with TcpServer(bench.line) as server, closing(TcpTransport(server.host, server.port)) as transport:
+    with (
+        TcpServer(bench.line) as server,
+        closing(TcpTransport(server.host, server.port)) as transport,
+    ):
         bench.connect(transport)
         yield bench
 
 
 @pytest.mark.parametrize("fault", list(Fault))
-def test_each_fault_is_its_own_error_and_the_next_set_point_recovers(bench: Bench, fault: Fault) -> None:
+def test_each_fault_is_its_own_error_and_the_next_set_point_recovers(
+    bench: Bench, fault: Fault
+) -> None:
     bench.line.inject(fault, delay_s=2.0 * TIMEOUT_S)
     started_s = time.monotonic()
     with pytest.raises(EXPECTED[fault], match=bench.transport.resource) as caught:
@@ -100,7 +105,9 @@ def test_off_recovers_from_one_fault_and_brings_evidence(bench: Bench, fault: Fa
 
 
 @pytest.mark.parametrize("fault", list(Fault))
-def test_off_and_read_output_say_unknown_when_nothing_comes_back(bench: Bench, fault: Fault) -> None:
+def test_off_and_read_output_say_unknown_when_nothing_comes_back(
+    bench: Bench, fault: Fault
+) -> None:
     bench.line.inject(fault, count=math.inf, delay_s=1.5 * TIMEOUT_S)
     assert read_output(bench.driver) is None
     started_s = time.monotonic()
@@ -170,13 +177,21 @@ ALMOST = st.sampled_from(
 
 
 @settings(max_examples=200)
-@given(st.one_of(ALMOST, st.binary(max_size=60), st.binary(max_size=60).map(lambda answer: answer + b"\n")))
+@given(
+    st.one_of(
+        ALMOST, st.binary(max_size=60), st.binary(max_size=60).map(lambda answer: answer + b"\n")
+    )
+)
 def test_whatever_is_answered_only_device_errors_come_out(answer: bytes) -> None:
     babble = Babble()
     driver = Agilent33220A(MemoryTransport(babble), SETTINGS)
     driver.connect()
     babble.answer = answer
-    for use in (lambda: driver.set_point(250.0, 120.0), lambda: driver.set_output(True), driver.connect):
+    for use in (
+        lambda: driver.set_point(250.0, 120.0),
+        lambda: driver.set_output(True),
+        driver.connect,
+    ):
         with pytest.raises(DeviceError):
             use()
     assert read_output(driver) in (True, False, None)

@@ -13,7 +13,13 @@ from hw.errors import BadReply, LimitExceeded
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.contract import GeneratorLatency, TerminalOutput
-from hw.generator.settings import ExternalModulation, GeneratorSettings, ModulationInput, RangePolicy, Shape
+from hw.generator.settings import (
+    ExternalModulation,
+    GeneratorSettings,
+    ModulationInput,
+    RangePolicy,
+    Shape,
+)
 from hw.serving.tcp import TcpServer
 from hw.transport.tcp import TcpTransport
 from tests.hw.generator.asking import read_output
@@ -26,12 +32,16 @@ GAIN, LIMIT_V = 100.0, 300.0
 class Bench:
     """Driver and generator, and the highest peak times gain that ever was at the terminals."""
 
-    def __init__(self, *, factor: float = 1.0, latency: GeneratorLatency = IMMEDIATE, **settings: Any) -> None:
+    def __init__(
+        self, *, factor: float = 1.0, latency: GeneratorLatency = IMMEDIATE, **settings: Any
+    ) -> None:
         self.peak_v = 0.0
         self.generator = Simulated33220A(latency, listener=self._listen, am_full_scale=factor)
         self.driver = Agilent33220A(
             MemoryTransport(self.generator),
-            GeneratorSettings(GAIN, LIMIT_V, 10.0, 10e3, modulation_input=ModulationInput(5.0, factor), **settings),
+            GeneratorSettings(
+                GAIN, LIMIT_V, 10.0, 10e3, modulation_input=ModulationInput(5.0, factor), **settings
+            ),
         )
         self.driver.connect()
 
@@ -41,7 +51,9 @@ class Bench:
     def electrode(self) -> tuple[float, float, float]:
         """Frequency, and lowest and highest voltage at the electrode."""
         output = self.generator.output()
-        low_v, high_v = (GAIN * (output.offset_v + sign * output.amplitude_v) for sign in (-1.0, 1.0))
+        low_v, high_v = (
+            GAIN * (output.offset_v + sign * output.amplitude_v) for sign in (-1.0, 1.0)
+        )
         return output.frequency_hz, low_v, high_v
 
 
@@ -54,7 +66,9 @@ class Bench:
         (Shape.DC, -200.0, -80.0, -80.0),
     ],
 )
-def test_extremes_at_the_electrode(shape: Shape, offset_v: float, low_v: float, high_v: float) -> None:
+def test_extremes_at_the_electrode(
+    shape: Shape, offset_v: float, low_v: float, high_v: float
+) -> None:
     bench = Bench()
     bench.driver.set_point(250.0, 120.0, offset_v, shape=shape)
     bench.driver.set_output(True)
@@ -87,7 +101,9 @@ def test_only_autoranging_switches_relays_while_amplitudes_change(policy: RangeP
 
 
 def test_a_range_is_never_visited_with_the_output_on() -> None:
-    """Somebody connects to a generator that puts out something; the highest amplitude is tried with it off."""
+    """Somebody connects to a generator that puts out something; the highest amplitude is tried with
+    it off.
+    """
     bench = Bench()
     bench.driver.set_point(250.0, 20.0)
     bench.driver.set_output(True)
@@ -112,18 +128,32 @@ def test_pymeasure_sees_what_the_driver_set() -> None:
         from pymeasure.instruments.agilent import Agilent33220A as IndependentClient
 
         driver = Agilent33220A(
-            TcpTransport(server.host, server.port), GeneratorSettings(GAIN, LIMIT_V, 10.0, 10e3, reply_timeout_s=3.0)
+            TcpTransport(server.host, server.port),
+            GeneratorSettings(GAIN, LIMIT_V, 10.0, 10e3, reply_timeout_s=3.0),
         )
         driver.connect()
         client = IndependentClient(
-            server.resource, visa_library="@py", read_termination="\n", write_termination="\n", timeout=3000
+            server.resource,
+            visa_library="@py",
+            read_termination="\n",
+            write_termination="\n",
+            timeout=3000,
         )
         with closing(client.adapter):
             driver.set_point(2500.0, 120.0, 50.0, shape=Shape.SQUARE)
             driver.set_output(True)
-            seen = [client.shape, client.frequency, client.amplitude, client.amplitude_unit, client.offset]
+            seen = [
+                client.shape,
+                client.frequency,
+                client.amplitude,
+                client.amplitude_unit,
+                client.offset,
+            ]
             assert seen == ["SQU", 2500.0, pytest.approx(2.4), "VPP", pytest.approx(0.5)]
-            assert [client.voltage_high, client.voltage_low] == [pytest.approx(1.7), pytest.approx(-0.7)]
+            assert [client.voltage_high, client.voltage_low] == [
+                pytest.approx(1.7),
+                pytest.approx(-0.7),
+            ]
             assert [client.output, client.burst_state] == [True, False]
             assert client.square_dutycycle == pytest.approx(50.0)
             client.output = False
@@ -139,7 +169,9 @@ def test_pymeasure_sees_what_the_driver_set() -> None:
             assert driver.close() is True
 
 
-def test_the_last_gate_holds_when_the_drivers_own_reckoning_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_last_gate_holds_when_the_drivers_own_reckoning_is_wrong(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     bench = Bench()
     bench.driver.set_point(250.0, 100.0)
     bench.driver.set_output(True)

@@ -1,4 +1,6 @@
-"""What must hold whatever the driver is asked, with the simulated generator and amplifier behind it."""
+"""What must hold whatever the driver is asked, with the simulated generator and amplifier behind
+it.
+"""
 
 from __future__ import annotations
 
@@ -71,9 +73,15 @@ def test_connecting_leaves_the_output_off() -> None:
     assert read_output(rig.driver) is False
 
 
-@pytest.mark.parametrize("change", ["OUTP:LOAD 50", "VOLT:UNIT VRMS", "VOLT:OFFS 3", "*RST;:OUTP 1"])
-def test_levels_changed_behind_the_driver_are_noticed_switched_off_and_set_up_again(change: str) -> None:
-    """At LOAD 50 the amplitude alone reads back as it was set, while the electrode gets twice that."""
+@pytest.mark.parametrize(
+    "change", ["OUTP:LOAD 50", "VOLT:UNIT VRMS", "VOLT:OFFS 3", "*RST;:OUTP 1"]
+)
+def test_levels_changed_behind_the_driver_are_noticed_switched_off_and_set_up_again(
+    change: str,
+) -> None:
+    """At LOAD 50 the amplitude alone reads back as it was set, while the electrode gets twice
+    that.
+    """
     rig = Rig()
     rig.connect()
     rig.driver.set_output(True)
@@ -88,7 +96,9 @@ def test_levels_changed_behind_the_driver_are_noticed_switched_off_and_set_up_ag
 
 
 def test_a_clipped_value_is_an_error_and_off_never_accepted() -> None:
-    """The fixed range ends at 5.02 V: 5 V of offset are clipped to 3.82 V, and the error waits for whoever asks."""
+    """The fixed range ends at 5.02 V: 5 V of offset are clipped to 3.82 V, and the error waits for
+    whoever asks.
+    """
     rig = Rig()
     rig.connect()
     rig.driver.set_output(True)
@@ -119,7 +129,8 @@ def transport_to(generator: Simulated33220A, server: TcpServer | None) -> Transp
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("over_tcp", [False, True])
 def test_two_threads_on_one_driver_never_cross_replies(over_tcp: bool) -> None:
-    """Every set point is read back: a crossed reply, or a belief about what another thread changed, is a BadReply.
+    """Every set point is read back: a crossed reply, or a belief about what another thread changed,
+    is a BadReply.
 
     One thread changes voltages at one frequency, the other frequencies at one of these voltages.
     """
@@ -139,7 +150,9 @@ def test_two_threads_on_one_driver_never_cross_replies(over_tcp: bool) -> None:
         return states
 
     with ThreadPoolExecutor(2) as pool:
-        states = list(pool.map(hammer, ([(100.0, 20.0), (100.0, 30.0)], [(200.0, 20.0), (300.0, 20.0)])))
+        states = list(
+            pool.map(hammer, ([(100.0, 20.0), (100.0, 30.0)], [(200.0, 20.0), (300.0, 20.0)]))
+        )
     assert states == [[False] * 200] * 2
     assert driver.close() is True
     if server is not None:

@@ -24,8 +24,12 @@ from tests.hw.testing.usb_backend import SimulatedUsbBackend
 
 LINKS: dict[str, Callable[[Simulated33220A, ExitStack], Transport]] = {
     "memory": lambda core, stack: MemoryTransport(core),
-    "tcp": lambda core, stack: TcpTransport.from_resource(stack.enter_context(TcpServer(core)).resource),
-    "serial": lambda core, stack: SerialTransport(stack.enter_context(SerialServer(core)).path, marker=scpi_marker),
+    "tcp": lambda core, stack: TcpTransport.from_resource(
+        stack.enter_context(TcpServer(core)).resource
+    ),
+    "serial": lambda core, stack: SerialTransport(
+        stack.enter_context(SerialServer(core)).path, marker=scpi_marker
+    ),
     "usbtmc": lambda core, stack: UsbTmcTransport(
         0x0957, 0x0407, "SIM0001", backend=stack.enter_context(SimulatedUsbBackend(core))
     ),
@@ -55,7 +59,9 @@ def test_a_session_ends_as_told_and_off(pair: tuple[Simulated33220A, Agilent3322
     core.advance(1.0)
     output = core.output()
     assert output.frequency_hz == 250.0
-    assert output.amplitude_v == pytest.approx(0.75, rel=1e-3)  # 75 V at the electrode, a gain of 100
+    assert output.amplitude_v == pytest.approx(
+        0.75, rel=1e-3
+    )  # 75 V at the electrode, a gain of 100
     with pytest.raises(LimitExceeded):
         driver.set_point(250.0, 151.0)
     assert driver.off() is True

@@ -28,7 +28,11 @@ def client(simulated: Simulated33220A) -> Iterator[Any]:
 
         with TcpServer(simulated) as server:
             client = Agilent33220A(
-                server.resource, visa_library="@py", read_termination="\n", write_termination="\n", timeout=3000
+                server.resource,
+                visa_library="@py",
+                read_termination="\n",
+                write_termination="\n",
+                timeout=3000,
             )
             yield client
             client.adapter.close()
@@ -57,7 +61,9 @@ def client(simulated: Simulated33220A) -> Iterator[Any]:
         ("beeper_state", False, False),
     ],
 )
-def test_every_property_is_accepted_and_read_back(client: Any, name: str, value: Any, shown: Any) -> None:
+def test_every_property_is_accepted_and_read_back(
+    client: Any, name: str, value: Any, shown: Any
+) -> None:
     setattr(client, name, value)
     got = getattr(client, name)
     assert got == (shown if isinstance(shown, (str, bool)) else pytest.approx(shown))
@@ -93,5 +99,6 @@ def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: Simula
     client.amplitude = 1.0
     client.output = True
     assert client.output is True
-    # pymeasure has no OUTP:LOAD, so the reset value of 50 ohm stands: 1 Vpp is 2 Vpp open, 1 V peak.
+    # pymeasure has no OUTP:LOAD, so the reset value of 50 ohm stands: 1 Vpp is 2 Vpp open, 1 V
+    # peak.
     assert simulated.output()[:4] == (250.0, pytest.approx(1.0), 0.0, True)

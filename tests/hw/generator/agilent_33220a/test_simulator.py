@@ -31,15 +31,19 @@ def bench() -> Bench:
 def test_after_reset(bench: Bench) -> None:
     bench("FUNC SQU;:FREQ 5;:OUTP 1;:OUTP:LOAD INF;:BURS:STAT 1;*RST")
     assert bench("*IDN?") == "Agilent Technologies,33220A,SIM00001,2.02-2.02-22-2"
-    assert bench("FUNC?;:FREQ?;:VOLT?;:VOLT:OFFS?;:OUTP:LOAD?;:OUTP?;:BURS:STAT?;:VOLT:UNIT?") == (
-        "SIN;+1.0000000000000E+03;+1.0000000000000E-01;+0.0000000000000E+00;+5.0000000000000E+01;0;0;VPP"
+    assert (
+        bench("FUNC?;:FREQ?;:VOLT?;:VOLT:OFFS?;:OUTP:LOAD?;:OUTP?;:BURS:STAT?;:VOLT:UNIT?")
+        == "SIN;+1.0000000000000E+03;+1.0000000000000E-01;+0.0000000000000E+00;"
+        "+5.0000000000000E+01;0;0;VPP"
     )
     assert bench("SYST:ERR?") == '+0,"No error"'
 
 
 def test_fifty_ohm_trap_the_open_terminal_has_twice_the_programmed_voltage(bench: Bench) -> None:
     bench("OUTP:LOAD 50;:VOLT 3;:OUTP 1")
-    assert bench.generator.output().amplitude_v == pytest.approx(3.0)  # 3 Vpp programmed, 6 Vpp there
+    assert bench.generator.output().amplitude_v == pytest.approx(
+        3.0
+    )  # 3 Vpp programmed, 6 Vpp there
     bench("OUTP:LOAD INF;:VOLT 3")
     assert bench.generator.output().amplitude_v == pytest.approx(1.5)
 
@@ -66,7 +70,10 @@ def test_apply_turns_the_output_on(bench: Bench) -> None:
     assert bench("OUTP?") == "1"
     assert bench("APPL?") == '"SIN +5.0000000000000E+03,+3.0000000000000E+00,-2.5000000000000E+00"'
     bench("*RST;:APPL:SQU")
-    assert bench("OUTP?;:APPL?") == ('1;"SQU +1.0000000000000E+03,+1.0000000000000E-01,+0.0000000000000E+00"')
+    assert (
+        bench("OUTP?;:APPL?")
+        == '1;"SQU +1.0000000000000E+03,+1.0000000000000E-01,+0.0000000000000E+00"'
+    )
 
 
 @pytest.mark.parametrize(
@@ -102,7 +109,9 @@ def test_apply_turns_the_output_on(bench: Bench) -> None:
         ("", "FREQ? MIN", 0, "FREQ? MIN", 1e-6),
     ],
 )
-def test_limits_and_couplings(bench: Bench, setup: str, command: str, code: int, query: str, value: float) -> None:
+def test_limits_and_couplings(
+    bench: Bench, setup: str, command: str, code: int, query: str, value: float
+) -> None:
     bench(setup)
     assert bench.error_code() == 0
     bench(command)
@@ -125,7 +134,9 @@ def test_errors_keep_the_output_as_it_was(bench: Bench) -> None:
 
 
 def test_settings_reach_the_terminals_after_their_latency() -> None:
-    bench = Bench(GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0))
+    bench = Bench(
+        GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0)
+    )
     bench("OUTP:LOAD INF;:OUTP 1")
     assert bench.generator.output()[:4] == (1e3, pytest.approx(0.1), 0.0, True)
     bench("VOLT 2")
@@ -142,7 +153,9 @@ def test_settings_reach_the_terminals_after_their_latency() -> None:
 
 
 def test_settings_arrive_in_order_but_off_does_not_wait() -> None:
-    bench = Bench(GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0))
+    bench = Bench(
+        GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0)
+    )
     bench("VOLT 2;:FREQ 250;:OUTP 1")
     bench.generator.advance(0.010)
     assert bench.generator.output()[:4] == (1e3, 0.0, 0.0, False)  # on comes after the amplitude
@@ -167,9 +180,22 @@ ARGUMENTS = {
     "VOLT:UNIT": st.sampled_from(["VPP", "VRMS", "DBM"]),
     "FUNC": st.sampled_from(["SIN", "SQU", "RAMP", "PULS", "NOIS", "DC"]),
 }
-LEVEL = st.one_of(st.sampled_from(["MIN", "MAX"]), st.floats(-30.0, 30.0).map(str), st.floats(-1e4, 1e8).map(str))
+LEVEL = st.one_of(
+    st.sampled_from(["MIN", "MAX"]), st.floats(-30.0, 30.0).map(str), st.floats(-1e4, 1e8).map(str)
+)
 COMMAND = st.sampled_from(
-    ["VOLT", "VOLT:OFFS", "VOLT:HIGH", "VOLT:LOW", "OUTP:LOAD", "FREQ", "VOLT:UNIT", "FUNC", "APPL:SIN", "APPL:DC"]
+    [
+        "VOLT",
+        "VOLT:OFFS",
+        "VOLT:HIGH",
+        "VOLT:LOW",
+        "OUTP:LOAD",
+        "FREQ",
+        "VOLT:UNIT",
+        "FUNC",
+        "APPL:SIN",
+        "APPL:DC",
+    ]
 ).flatmap(lambda header: ARGUMENTS.get(header, LEVEL).map(lambda argument: f"{header} {argument}"))
 
 

@@ -12,7 +12,9 @@ from tests.hw.instruments import IMMEDIATE
 class Bench:
     def __init__(self, am_full_scale: float = 1.0) -> None:
         self.seen: list[TerminalOutput] = []
-        self.generator = Simulated33220A(IMMEDIATE, listener=self.seen.append, am_full_scale=am_full_scale)
+        self.generator = Simulated33220A(
+            IMMEDIATE, listener=self.seen.append, am_full_scale=am_full_scale
+        )
         self("OUTP:LOAD INF")
 
     def __call__(self, message: str | bytes) -> str:
@@ -32,9 +34,13 @@ def bench() -> Bench:
     return Bench()
 
 
-@pytest.mark.parametrize(("full_scale", "input_v", "peak_v"), [(1.0, 5.0, 2.0), (1.0, 0.0, 1.0), (1.0, -5.0, 0.0)])
+@pytest.mark.parametrize(
+    ("full_scale", "input_v", "peak_v"), [(1.0, 5.0, 2.0), (1.0, 0.0, 1.0), (1.0, -5.0, 0.0)]
+)
 @pytest.mark.parametrize("factor", [1.0, 2.0])
-def test_external_modulation(full_scale: float, input_v: float, peak_v: float, factor: float) -> None:
+def test_external_modulation(
+    full_scale: float, input_v: float, peak_v: float, factor: float
+) -> None:
     bench = Bench(am_full_scale=factor)
     bench("VOLT 4;:AM:SOUR EXT;:AM:DEPT 100;:AM:STAT ON;:OUTP ON")
     bench.generator.set_modulation_input(input_v)
@@ -62,7 +68,9 @@ def test_a_function_without_modulation_ends_it(bench: Bench) -> None:
     assert bench("AM:STAT?") == "0"
 
 
-def test_a_burst_that_nothing_triggers_keeps_only_the_offset_and_ends_modulation(bench: Bench) -> None:
+def test_a_burst_that_nothing_triggers_keeps_only_the_offset_and_ends_modulation(
+    bench: Bench,
+) -> None:
     bench("VOLT 4;:VOLT:OFFS 1;:AM:STAT 1;:OUTP 1;:BURS:STAT 1")
     assert bench.error_code() == -221
     assert bench("AM:STAT?;:BURS:STAT?") == "0;1"

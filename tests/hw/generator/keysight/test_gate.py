@@ -78,7 +78,9 @@ def test_what_does_not_is_held_back(message: bytes) -> None:
         gate(READY, message)
 
 
-@pytest.mark.parametrize("message", [b"VOLT 0.1\n", b"VOLT:OFFS 0.1\n", b"OUTP 1\n", b"FUNC SIN\n", b"AM:STAT 1\n"])
+@pytest.mark.parametrize(
+    "message", [b"VOLT 0.1\n", b"VOLT:OFFS 0.1\n", b"OUTP 1\n", b"FUNC SIN\n", b"AM:STAT 1\n"]
+)
 def test_while_nothing_is_known_only_what_calms_passes(message: bytes) -> None:
     gate(b"VOLT MIN;:VOLT:OFFS 0;:OUTP 0;:AM:STAT 0;:OUTP?\n")
     with pytest.raises(LimitExceeded):
@@ -108,7 +110,9 @@ def test_a_refused_message_leaves_no_trace() -> None:
 
 
 def test_modulation_of_unknown_depth_is_no_bound() -> None:
-    ready = gate(b"VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:OUTP:LOAD INF;:VOLT:UNIT VPP\n", b"FUNC SIN;:VOLT 0.1\n")
+    ready = gate(
+        b"VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:OUTP:LOAD INF;:VOLT:UNIT VPP\n", b"FUNC SIN;:VOLT 0.1\n"
+    )
     with pytest.raises(LimitExceeded):
         ready.check(b"AM:STAT 1\n")
     ready.check(b"AM:DEPT 100;:AM:STAT 1\n")
@@ -122,12 +126,30 @@ def test_a_measured_modulation_is_reckoned_with() -> None:
 
 VALUE = st.floats(-12.0, 12.0).map("{:.6g}".format)
 COMMAND = st.one_of(
-    st.sampled_from(["VOLT", "VOLT:OFFS", "VOLT:HIGH", "VOLT:LOW"]).flatmap(lambda h: VALUE.map(lambda v: f"{h} {v}")),
+    st.sampled_from(["VOLT", "VOLT:OFFS", "VOLT:HIGH", "VOLT:LOW"]).flatmap(
+        lambda h: VALUE.map(lambda v: f"{h} {v}")
+    ),
     st.sampled_from(
         [
-            *("*RST", "OUTP:LOAD INF", "OUTP:LOAD 50", "VOLT:UNIT VPP", "VOLT:UNIT VRMS", "FUNC SIN", "FUNC SQU"),
+            *(
+                "*RST",
+                "OUTP:LOAD INF",
+                "OUTP:LOAD 50",
+                "VOLT:UNIT VPP",
+                "VOLT:UNIT VRMS",
+                "FUNC SIN",
+                "FUNC SQU",
+            ),
             *("FUNC DC", "FUNC USER", "AM:STAT 1", "AM:STAT 0", "AM:DEPT 50"),
-            *("AM:SOUR EXT", "OUTP 1", "OUTP 0", "VOLT MIN", "VOLT MAX", "VOLT:OFFS 0", "APPL:SIN 1E3,5,0"),
+            *(
+                "AM:SOUR EXT",
+                "OUTP 1",
+                "OUTP 0",
+                "VOLT MIN",
+                "VOLT MAX",
+                "VOLT:OFFS 0",
+                "APPL:SIN 1E3,5,0",
+            ),
             *("AM:DEPT 100", "BURS:STAT 1", "*SAV 1", "*RCL 1", "FREQ 100"),
         ]
     ),
@@ -136,8 +158,12 @@ COMMAND = st.one_of(
 
 @settings(max_examples=300)
 @given(st.lists(COMMAND, max_size=25), st.booleans())
-def test_whatever_is_sent_through_the_gate_the_terminals_keep_the_limit(commands: list[str], doubling: bool) -> None:
-    """With nobody above the gate: commands at random, after each everything that was at the simulated terminals."""
+def test_whatever_is_sent_through_the_gate_the_terminals_keep_the_limit(
+    commands: list[str], doubling: bool
+) -> None:
+    """With nobody above the gate: commands at random, after each everything that was at the
+    simulated terminals.
+    """
     seen: list[float] = []
     generator = Simulated33220A(
         IMMEDIATE,
@@ -159,10 +185,14 @@ def test_whatever_is_sent_through_the_gate_the_terminals_keep_the_limit(commands
     assert GAIN * max(seen, default=0.0) <= LIMIT_V * (1.0 + 1e-6)
 
 
-@pytest.mark.parametrize("known", [b"*RST\n", b"VOLT:UNIT VPP\n", b"OUTP:LOAD INF\n", b"AM:STAT 0\n"])
+@pytest.mark.parametrize(
+    "known", [b"*RST\n", b"VOLT:UNIT VPP\n", b"OUTP:LOAD INF\n", b"AM:STAT 0\n"]
+)
 @pytest.mark.parametrize("level", [b"VOLT 0.1\n", b"VOLT:OFFS 0.1\n"])
 def test_no_level_passes_before_both_load_and_unit_are_known(known: bytes, level: bytes) -> None:
     """For a load of 50 ohms a level is half of what an open electrode gets."""
-    with pytest.raises(LimitExceeded, match="programmed load and unit are not known to be open, Vpp"):
+    with pytest.raises(
+        LimitExceeded, match="programmed load and unit are not known to be open, Vpp"
+    ):
         gate(known, level)
     gate(b"*RST;:OUTP:LOAD INF\n", level)

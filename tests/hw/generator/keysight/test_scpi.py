@@ -4,7 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.generator.keysight.scpi import ScpiEngine, ScpiError, only, parse_boolean, parse_choice, parse_number
+from hw.generator.keysight.scpi import (
+    ScpiEngine,
+    ScpiError,
+    only,
+    parse_boolean,
+    parse_choice,
+    parse_number,
+)
 
 
 class Lamp:
@@ -21,7 +28,9 @@ class Lamp:
         for lamp in "AB":
             self.engine.command(
                 f"LAMP:{lamp}:COLour",
-                lambda a, lamp=lamp: self.colour.update({lamp: parse_choice(only(a), ("RED", "GREen"))}),
+                lambda a, lamp=lamp: self.colour.update(
+                    {lamp: parse_choice(only(a), ("RED", "GREen"))}
+                ),
                 lambda _, lamp=lamp: self.colour[lamp],
             )
             self.engine.command(f"LAMP:{lamp}:POWer", query=lambda _, lamp=lamp: f"power {lamp}")
@@ -35,7 +44,9 @@ def lamp() -> Lamp:
     return Lamp()
 
 
-@pytest.mark.parametrize("header", ["LAMP:A:COLOUR", "lamp:a:col", ":LAMP:A:COL", ":Lamp:a:Colour", "  LAMP:A:COL"])
+@pytest.mark.parametrize(
+    "header", ["LAMP:A:COLOUR", "lamp:a:col", ":LAMP:A:COL", ":Lamp:a:Colour", "  LAMP:A:COL"]
+)
 def test_long_short_case_and_leading_colon(lamp: Lamp, header: str) -> None:
     assert lamp(f"{header} green") == ""
     assert lamp(f"{header}?") == "GRE\n"
@@ -67,8 +78,9 @@ def test_lines_are_separate_messages(lamp: Lamp) -> None:
 def test_a_command_error_ends_the_message_an_execution_error_does_not(lamp: Lamp) -> None:
     assert lamp("LAMP:A:COL BLUE;:LAMP:A:COL?") == "RED\n"
     assert lamp("LAMP:A:COL? ;:NONSENSE 1;:LAMP:A:COL?") == "RED\n"
-    assert lamp("SYST:ERR?;:SYST:ERR?;:SYST:ERR?") == (
-        '-224,"Illegal parameter value";-113,"Undefined header";+0,"No error"\n'
+    assert (
+        lamp("SYST:ERR?;:SYST:ERR?;:SYST:ERR?")
+        == '-224,"Illegal parameter value";-113,"Undefined header";+0,"No error"\n'
     )
 
 
@@ -134,7 +146,15 @@ def test_numbers(text: str, unit: str, value: float) -> None:
 
 @pytest.mark.parametrize(
     ("text", "code"),
-    [("5 V", -131), ("nan", -104), ("1_0", -104), ("", -104), ("5 XHZ", -131), ("1E999", -123), ("-1E308 KHZ", -123)],
+    [
+        ("5 V", -131),
+        ("nan", -104),
+        ("1_0", -104),
+        ("", -104),
+        ("5 XHZ", -131),
+        ("1E999", -123),
+        ("-1E308 KHZ", -123),
+    ],
 )
 def test_bad_numbers(text: str, code: int) -> None:
     with pytest.raises(ScpiError) as caught:
@@ -142,7 +162,9 @@ def test_bad_numbers(text: str, code: int) -> None:
     assert caught.value.code == code
 
 
-@pytest.mark.parametrize(("text", "value"), [("1", True), ("on", True), ("0", False), ("Off", False)])
+@pytest.mark.parametrize(
+    ("text", "value"), [("1", True), ("on", True), ("0", False), ("Off", False)]
+)
 def test_booleans(text: str, value: bool) -> None:
     assert parse_boolean(text) is value
 
@@ -153,8 +175,12 @@ class Box:
     def __init__(self) -> None:
         self.got: list[list[str]] = []
         self.engine = ScpiEngine("M,B,1,1", reset=lambda: None, executed=lambda: None)
-        self.engine.command("[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]", self.got.append, lambda _: "level")
-        self.engine.command("[SOURce:]VOLTage[:LEVel][:IMMediate]:OFFSet", self.got.append, lambda _: "offset")
+        self.engine.command(
+            "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]", self.got.append, lambda _: "level"
+        )
+        self.engine.command(
+            "[SOURce:]VOLTage[:LEVel][:IMMediate]:OFFSet", self.got.append, lambda _: "offset"
+        )
 
     def __call__(self, message: bytes) -> bytes:
         return self.engine.handle(message)
@@ -164,9 +190,16 @@ class Box:
 def spelling(draw: st.DrawFn, keywords: tuple[tuple[str, bool], ...]) -> str:
     """Any way to write a header whose second items say which keywords may be left out."""
     chosen = [word for word, optional in keywords if not (optional and draw(st.booleans()))]
-    forms = [draw(st.sampled_from([word, "".join(c for c in word if not c.islower())])) for word in chosen]
+    forms = [
+        draw(st.sampled_from([word, "".join(c for c in word if not c.islower())]))
+        for word in chosen
+    ]
     cased = [
-        "".join(c.upper() if draw(st.booleans()) else c.lower() for c in form) if draw(st.booleans()) else form
+        (
+            "".join(c.upper() if draw(st.booleans()) else c.lower() for c in form)
+            if draw(st.booleans())
+            else form
+        )
         for form in forms
     ]
     return draw(st.sampled_from(["", ":"])) + ":".join(cased)
@@ -184,7 +217,18 @@ def test_every_spelling_of_a_header_means_the_same(level: str, offset: str) -> N
 
 
 @pytest.mark.parametrize(
-    "header", ["VOL", "VOLTA", "VOLTAGES", "SOU:VOLT", "VOLT:LEVE", "VOLT:OFF", "VOLT:AMPL:LEV", "LEV", "VOLT:SOUR"]
+    "header",
+    [
+        "VOL",
+        "VOLTA",
+        "VOLTAGES",
+        "SOU:VOLT",
+        "VOLT:LEVE",
+        "VOLT:OFF",
+        "VOLT:AMPL:LEV",
+        "LEV",
+        "VOLT:SOUR",
+    ],
 )
 def test_any_other_spelling_is_unknown(header: str) -> None:
     box = Box()

@@ -23,7 +23,9 @@ def test_the_limit_stands_at_the_terminals_after_connecting(bench: Bench) -> Non
 
 
 @pytest.mark.parametrize("change", ["VOLT:LIM:STAT 0", "VOLT:LIM:HIGH 9", "VOLT:LIM:LOW -9"])
-def test_a_limit_taken_away_is_noticed_switched_off_and_set_again(bench: Bench, change: str) -> None:
+def test_a_limit_taken_away_is_noticed_switched_off_and_set_again(
+    bench: Bench, change: str
+) -> None:
     bench.driver.set_point(250.0, 120.0)
     bench.driver.set_output(True)
     bench.say(change)

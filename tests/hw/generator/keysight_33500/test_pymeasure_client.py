@@ -1,4 +1,6 @@
-"""pymeasure's own driver of the 33500s, an independent client, against the simulated one over TCP."""
+"""pymeasure's own driver of the 33500s, an independent client, against the simulated one over
+TCP.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,11 @@ def client(server: TcpServer) -> Iterator[Any]:
         from pymeasure.instruments.agilent import Agilent33500
 
         client = Agilent33500(
-            server.resource, visa_library="@py", read_termination="\n", write_termination="\n", timeout=3000
+            server.resource,
+            visa_library="@py",
+            read_termination="\n",
+            write_termination="\n",
+            timeout=3000,
         )
         yield client
         client.adapter.close()
@@ -88,7 +94,9 @@ def test_the_instrument_itself_refuses_what_is_beyond_the_rigs_limit(
 ) -> None:
     """The client knows nothing of the driver's limits: 150 V at a gain of 100 is 3 Vpp."""
     transport = TcpTransport(server.host, server.port)
-    driver = Keysight33500(transport, GeneratorSettings(100.0, 150.0, 10.0, 10e3, reply_timeout_s=3.0))
+    driver = Keysight33500(
+        transport, GeneratorSettings(100.0, 150.0, 10.0, 10e3, reply_timeout_s=3.0)
+    )
     driver.connect()
     driver.set_point(250.0, 150.0)
     driver.set_output(True)

@@ -1,4 +1,6 @@
-"""The SDG driver by exact bytes; answers in the form of Siglent's programming guide (PG02, 3.3 and 3.4)."""
+"""The SDG driver by exact bytes; answers in the form of Siglent's programming guide (PG02, 3.3 and
+3.4).
+"""
 
 from __future__ import annotations
 
@@ -24,17 +26,27 @@ def told(*lines: bytes) -> list[tuple[bytes, bytes]]:
 
 
 def wave(frequency: bytes, amplitude: bytes, offset: bytes = b"0") -> tuple[bytes, bytes]:
-    return b"C1:BSWV?\n", (
-        b"C1:BSWV WVTP,SINE,FRQ,%bHZ,PERI,0.001S,AMP,%bV,AMPVRMS,1.414Vrms,OFST,%bV,HLEV,2V,LLEV,-2V,PHSE,0\n"
-        % (frequency, amplitude, offset)
+    return (
+        b"C1:BSWV?\n",
+        b"C1:BSWV"
+        b" WVTP,SINE,FRQ,%bHZ,PERI,0.001S,AMP,%bV,AMPVRMS,1.414Vrms,"
+        b"OFST,%bV,HLEV,2V,LLEV,-2V,PHSE,0\n" % (frequency, amplitude, offset),
     )
 
 
 SET_UP = [
     *RESET,
-    *told(b"C1:OUTP LOAD,HZ", b"C1:BSWV AMP,0.004", b"C1:BSWV OFST,0", b"C1:BSWV WVTP,SINE", b"C1:BSWV FRQ,10"),
-    wave(b"10", b"0.004"), OFF, PLAIN,
-]  # fmt: skip
+    *told(
+        b"C1:OUTP LOAD,HZ",
+        b"C1:BSWV AMP,0.004",
+        b"C1:BSWV OFST,0",
+        b"C1:BSWV WVTP,SINE",
+        b"C1:BSWV FRQ,10",
+    ),
+    wave(b"10", b"0.004"),
+    OFF,
+    PLAIN,
+]
 
 READY = ("*RST", "C1:OUTP LOAD,HZ", "C1:BSWV AMP,0.004", "C1:BSWV OFST,0", "C1:BSWV WVTP,SINE")
 PASSES = ("C1:BSWV AMP,6", "C1:BSWV FRQ,250", "C1:BSWV AMP,0.004", "C1:OUTP OFF", "C1:BSWV?")
@@ -60,11 +72,22 @@ def connected(*pairs: tuple[bytes, bytes]) -> tuple[SiglentSdg, Script]:
 
 def test_one_setting_per_line_and_all_of_it_read_back() -> None:
     driver, script = connected(
-        *told(b"C1:BSWV OFST,0.5", b"C1:BSWV FRQ,250", b"C1:BSWV AMP,2.4"), wave(b"250", b"2.4", b"0.5"), OFF, PLAIN,
-        wave(b"250", b"2.4", b"0.5"), OFF, PLAIN, *told(b"C1:OUTP ON"), ON,
-        *told(b"C1:BSWV AMP,1.2", b"C1:BSWV FRQ,260"), wave(b"260", b"1.2", b"0.5"), ON, PLAIN,
-        *told(b"C1:BSWV AMP,0.004", b"C1:BSWV OFST,0", b"C1:OUTP OFF"), OFF,
-    )  # fmt: skip
+        *told(b"C1:BSWV OFST,0.5", b"C1:BSWV FRQ,250", b"C1:BSWV AMP,2.4"),
+        wave(b"250", b"2.4", b"0.5"),
+        OFF,
+        PLAIN,
+        wave(b"250", b"2.4", b"0.5"),
+        OFF,
+        PLAIN,
+        *told(b"C1:OUTP ON"),
+        ON,
+        *told(b"C1:BSWV AMP,1.2", b"C1:BSWV FRQ,260"),
+        wave(b"260", b"1.2", b"0.5"),
+        ON,
+        PLAIN,
+        *told(b"C1:BSWV AMP,0.004", b"C1:BSWV OFST,0", b"C1:OUTP OFF"),
+        OFF,
+    )
     driver.set_point(250.0, 120.0, 50.0)
     driver.set_output(True)
     driver.set_point(260.0, 60.0, 50.0)
@@ -117,8 +140,21 @@ def test_what_keeps_the_limit_passes_the_gate(message: str) -> None:
             "C1:BSWV HLEV,1",
             "c1:outp on",
         ),
-        *("C2:OUTP ON", "C1:OUTP LOAD,50", "C1:BSWV WVTP,SQUARE", "C1:BSWV WVTP,SINE,AMP,20", "C1:BSWV AMP,2VRMS"),
-        *("c1:outp on", "C1:MDWV STATE,ON", "C1:OUTP ON,LOAD,50", "C1:BSWV AMPDBM,3", "C1:OUTP ON\nC1:BSWV AMP,20", ""),
+        *(
+            "C2:OUTP ON",
+            "C1:OUTP LOAD,50",
+            "C1:BSWV WVTP,SQUARE",
+            "C1:BSWV WVTP,SINE,AMP,20",
+            "C1:BSWV AMP,2VRMS",
+        ),
+        *(
+            "c1:outp on",
+            "C1:MDWV STATE,ON",
+            "C1:OUTP ON,LOAD,50",
+            "C1:BSWV AMPDBM,3",
+            "C1:OUTP ON\nC1:BSWV AMP,20",
+            "",
+        ),
     ],
 )
 def test_what_does_not_is_held_back(message: str) -> None:

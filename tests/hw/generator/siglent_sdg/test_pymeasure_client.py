@@ -1,4 +1,6 @@
-"""pymeasure's driver of Teledyne's T3AFG, in Siglent's dialect: an independent client of the simulated SDG."""
+"""pymeasure's driver of Teledyne's T3AFG, in Siglent's dialect: an independent client of the
+simulated SDG.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ def client(simulated: SimulatedSdg) -> Iterator[Any]:
         from pymeasure.instruments.teledyne import TeledyneT3AFG
 
         with TcpServer(simulated) as server:
-            client = TeledyneT3AFG(server.resource, visa_library="@py", write_termination="\n", timeout=3000)
+            client = TeledyneT3AFG(
+                server.resource, visa_library="@py", write_termination="\n", timeout=3000
+            )
             client.adapter.connection.read_termination = "\n"
             yield client
             client.adapter.close()
@@ -48,7 +52,9 @@ def client(simulated: SimulatedSdg) -> Iterator[Any]:
 )
 def test_every_property_is_accepted_and_read_back(client: Any, name: str, value: Any) -> None:
     setattr(client.ch_1, name, value)
-    assert getattr(client.ch_1, name) == (value if isinstance(value, (str, bool)) else pytest.approx(value))
+    assert getattr(client.ch_1, name) == (
+        value if isinstance(value, (str, bool)) else pytest.approx(value)
+    )
 
 
 def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: SimulatedSdg) -> None:

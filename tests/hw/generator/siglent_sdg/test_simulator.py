@@ -18,10 +18,15 @@ def ask(generator: SimulatedSdg, *lines: str) -> str:
 def test_after_reset_the_answer_is_that_of_a_real_one() -> None:
     """As public clients have it from an SDG2042X."""
     generator = SimulatedSdg(IMMEDIATE)
-    answer = "WVTP,SINE,FRQ,1000HZ,PERI,0.001S,AMP,4V,AMPVRMS,1.414Vrms,OFST,0V,HLEV,2V,LLEV,-2V,PHSE,0"
+    answer = (
+        "WVTP,SINE,FRQ,1000HZ,PERI,0.001S,AMP,4V,AMPVRMS,1.414Vrms,OFST,0V,HLEV,2V,LLEV,-2V,PHSE,0"
+    )
     assert ask(generator, "*RST", "C1:BSWV?") == f"C1:BSWV {answer}\n"
     assert ask(generator, "C1:OUTP?", "C1:OUTPUT?") == 2 * "C1:OUTP OFF,LOAD,HZ,PLRT,NOR\n"
-    assert ask(generator, "C1:BSWV WVTP,DC", "C1:BSWV OFST,1.5", "C1:BSWV?") == "C1:BSWV WVTP,DC,OFST,1.5V\n"
+    assert (
+        ask(generator, "C1:BSWV WVTP,DC", "C1:BSWV OFST,1.5", "C1:BSWV?")
+        == "C1:BSWV WVTP,DC,OFST,1.5V\n"
+    )
 
 
 def test_a_load_rescales_what_is_shown_and_not_what_is_there() -> None:
@@ -55,7 +60,10 @@ def test_what_cannot_be_is_clipped_or_ignored_without_a_word(setting: str, shown
 @settings(max_examples=100)
 @given(
     st.lists(
-        st.tuples(st.sampled_from(["BSWV AMP", "BSWV OFST", "BSWV FRQ", "OUTP LOAD"]), st.floats().map("{:g}".format)),
+        st.tuples(
+            st.sampled_from(["BSWV AMP", "BSWV OFST", "BSWV FRQ", "OUTP LOAD"]),
+            st.floats().map("{:g}".format),
+        ),
         max_size=12,
     ),
     st.binary(max_size=40),
