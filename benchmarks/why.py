@@ -23,13 +23,14 @@ from haptic_driver.recording.read import Run
 from haptic_driver.render.texture import Uniform
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
-from haptic_driver.rig.slide import TICK_S, even_strokes
+from haptic_driver.rig.slide import TICK_S
 from haptic_driver.simulation.friction import surface_friction
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
+from tests.even_strokes import even_strokes
 
 FINGERS, TOUCHES = 40, 8
 MOST = 0.5  # of the probability of any effect

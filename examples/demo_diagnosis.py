@@ -8,6 +8,7 @@ and after.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +17,11 @@ from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.experiments.investigate import Budget, Investigation, Subject, investigate
 from haptic_driver.experiments.plan import load_plan
-from haptic_driver.pictures.friction import draw_before_and_after
+from haptic_driver.pictures.files import pyplot, saved
+from haptic_driver.pictures.friction import ACHIEVED, DPI, TARGET
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import synthetic_slide
+from haptic_driver.signals import WITHIN
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import SlideRecord, score
 from haptic_driver.surface.build import build_surface
@@ -66,6 +69,35 @@ def rendered(model: str) -> SlideRecord:
     finger = load_model(config.simulation.model or model)
     with SimulatedRig(config, TouchModel(finger)) as rig:
         return render_slide(synthetic_slide(), texture, settings, rig)
+
+
+def draw_before_and_after(records: Mapping[str, SlideRecord], path: Path) -> None:
+    """Target and achieved friction over position, the first stroke of each record, one panel
+    each.
+    """
+    figure, panels = pyplot().subplots(
+        1,
+        len(records),
+        figsize=(10, 4.2),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    with saved(figure, path, DPI):
+        for axes, (title, record) in zip(panels[0], records.items(), strict=True):
+            for stroke in record.strokes[:1]:
+                x, target = 1e3 * record.slide.position_m[stroke], record.target_cof[stroke]
+                band = (1 - WITHIN) * target, (1 + WITHIN) * target
+                axes.fill_between(x, *band, color=TARGET, alpha=0.15, lw=0, label="target ± 5 %")
+                axes.plot(x, target, color=TARGET, lw=1.5, label="target")
+                axes.plot(x, record.measured_cof[stroke], color=ACHIEVED, lw=1.0, label="achieved")
+            share = score(record).fidelity.share_within_5_percent or 0.0
+            axes.set(title=f"{title}: {share:.0%} within 5 %", xlabel="position, mm")
+            axes.grid(alpha=0.25)
+        panels[0][0].set(ylabel="coefficient of friction")
+        panels[0][0].legend(frameon=False)
+        figure.suptitle("friction under a sliding finger (simulated rig)")
 
 
 def main() -> None:

@@ -190,10 +190,6 @@ class HapticClient:
         """The state, 20 times a second, until the daemon ends."""
         return self._stream("/state", StateFrame)
 
-    def watch_events(self, since: int = 0) -> Generator[Event, None, None]:
-        """Events as they happen, until the daemon ends."""
-        return self._stream(f"/events?since={since}", Event)
-
     def _ask(self, verb: Verb[Asked, Answer], token: str | None = None, **said: object) -> Answer:
         """A connection of its own, so that switching off never waits for what another thread has
         asked.

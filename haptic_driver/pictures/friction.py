@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.pictures.files import pyplot, saved
 from haptic_driver.signals import WITHIN, Array, Mask
-from haptic_driver.simulation.slide import SlideRecord, score
+from haptic_driver.simulation.slide import SlideRecord
 from haptic_driver.surface.file import SurfaceFile
 
 TARGET, ACHIEVED, DRIVE = "#d1495b", "#1b6ca8", "#3a3a3a"
@@ -60,35 +59,6 @@ def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
             friction.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False)
         for axes in (friction, voltage, frequency):
             axes.grid(alpha=0.25)
-
-
-def draw_before_and_after(records: Mapping[str, SlideRecord], path: Path) -> None:
-    """Target and achieved friction over position, the first stroke of each record, one panel
-    each.
-    """
-    figure, panels = pyplot().subplots(
-        1,
-        len(records),
-        figsize=(10, 4.2),
-        sharex=True,
-        sharey=True,
-        squeeze=False,
-        layout="constrained",
-    )
-    with saved(figure, path, DPI):
-        for axes, (title, record) in zip(panels[0], records.items(), strict=True):
-            for stroke in record.strokes[:1]:
-                x, target = 1e3 * record.slide.position_m[stroke], record.target_cof[stroke]
-                band = (1 - WITHIN) * target, (1 + WITHIN) * target
-                axes.fill_between(x, *band, color=TARGET, alpha=0.15, lw=0, label="target ± 5 %")
-                axes.plot(x, target, color=TARGET, lw=1.5, label="target")
-                axes.plot(x, record.measured_cof[stroke], color=ACHIEVED, lw=1.0, label="achieved")
-            share = score(record).fidelity.share_within_5_percent or 0.0
-            axes.set(title=f"{title}: {share:.0%} within 5 %", xlabel="position, mm")
-            axes.grid(alpha=0.25)
-        panels[0][0].set(ylabel="coefficient of friction")
-        panels[0][0].legend(frameon=False)
-        figure.suptitle("friction under a sliding finger (simulated rig)")
 
 
 def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> None:

@@ -97,10 +97,6 @@ class Lines:
             complex(v_real, v_imaginary), v_std, complex(i_real, i_imaginary), i_std
         )
 
-    def set_gain(self, gain: float) -> None:
-        """Give the simulated finger `gain` times the friction of its model. Raises DeviceError."""
-        self._ask(b"GAIN %.9g" % gain)
-
     def close(self) -> None:
         self._transport.close()
 

@@ -44,7 +44,6 @@ OPTIONAL = (
     GAP_OFFSET,
 )
 KEPT = ("roughness_rms_m", "skin_thickness_m")  # of a finger, over hours
-STATED_DEGREES = 1e6  # of freedom of the noise: as it is stated
 LEAST_ROWS = 8
 STARTS = (0.0, 1.5, -1.5)  # prior units, of all parameters but friction without voltage
 CORRELATED = 0.9

@@ -198,7 +198,6 @@ def test_views(client, control):
     assert samples["lateness_s"].tolist() == [15e-6, 3e-3, 1.0]
     assert np.isnan(samples["measured_cof"][-1])
     assert next(client.watch()).status.rig == "bench"
-    assert next(client.watch_events()).message == "idle"
 
 
 # --- answers that are no daemon's, and what is sent as a name or as a path

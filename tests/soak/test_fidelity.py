@@ -16,11 +16,11 @@ from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.fidelity.samples import fidelity_of_samples, sliding
 from haptic_driver.processes.real_time import take_precedence
-from haptic_driver.rig.slide import even_strokes, write_slide
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
+from tests.even_strokes import even_strokes, write_slide
 
 TEXTURES = (
     "linen",

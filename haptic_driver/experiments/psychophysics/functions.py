@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from haptic_driver.signals import Array
 
@@ -34,15 +34,6 @@ class Psychometric(NamedTuple):
     def at(self, level: ArrayLike) -> Array:
         """Share of positive answers at `level`, of its shape."""
         return probability(self.form, level, self.threshold, self.slope, self.guess, self.lapse)
-
-    def level_of(self, share: float) -> float:
-        """The level at which so many answers are positive; NaN where none has."""
-        core = (share - self.guess) / (1.0 - self.guess - self.lapse)
-        if not 0.0 < core < 1.0:
-            return float("nan")
-        if self.form == "normal":
-            return self.threshold + float(ndtri(core)) / self.slope
-        return float(self.threshold * (-np.log2(1.0 - core)) ** (1.0 / self.slope))
 
 
 def probability(

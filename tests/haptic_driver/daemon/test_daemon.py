@@ -559,8 +559,9 @@ def test_markers_of_a_script_are_told_when_they_pass(daemon, tmp_path):
 
 
 def test_a_finger_that_is_another_than_the_surfaces_is_told_once_per_fifth(daemon):
-    lines = Lines(TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"]))
-    lines.set_gain(1.6)
+    lines = TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"])
+    lines.open()
+    lines.query(b"GAIN 1.6\n", HANG_S)
     try:
         new = since(daemon)
         lease = daemon.arm(LEASE_S)
@@ -571,5 +572,5 @@ def test_a_finger_that_is_another_than_the_surfaces_is_told_once_per_fifth(daemo
         told = [1.0] + [event.data["gain"] for event in new("drift")]
         assert all(abs(after / before - 1.0) > 0.2 for before, after in pairwise(told))
     finally:
-        lines.set_gain(1.0)
+        lines.query(b"GAIN 1\n", HANG_S)
         lines.close()

@@ -18,12 +18,12 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.electrode_monitors import E4980AConfig
 from haptic_driver.rig.states import RigState
 from hw.impedance.e4980a import E4980A, LcrMeter
-from hw.impedance.simulated import SimulatedE4980A
 from hw.monitor.contract import ElectrodeReading
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.experiments.test_run import table
 from tests.hw.testing.memory import MemoryTransport
+from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
 
 SWEEP = """
 name = "witness"

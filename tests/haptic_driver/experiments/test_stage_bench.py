@@ -31,13 +31,13 @@ from haptic_driver.simulation.friction import electrode_of
 from haptic_driver.simulation.served import NORMAL_FORCE_N, ServedRig, as_real
 from hw.force.sensor import ForceReading
 from hw.monitor.simulated import ElectrodeState, SimulatedLines
-from hw.oscilloscope.simulated import SimulatedInfiniiVision
 from hw.serving.tcp import TcpServer
 from hw.stage import apt
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.config_texts import served_rig_text
 from tests.haptic_driver.stand_ins import living_rig
+from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
 
 pytestmark = pytest.mark.timeout(300)
 

@@ -185,7 +185,6 @@ def test_one_bad_point_refuses_all(samples, where, bad):
     state, refused = gate_envelope(limits, safety.INITIAL, PEAK, NO_MORE, block)
     assert refused
     assert state.rejections == 1
-    assert f"point {where}" in state.last_reason
 
 
 @pytest.mark.parametrize(

@@ -215,16 +215,17 @@ def test_gate_passes_unchanged_or_gives_zero_never_something_between(drawn):
         assert state == INITIAL
     else:
         assert safe.voltage_v == 0.0
-        assert state == SafetyState(1, safe.rejection)
+        assert state == SafetyState(1)
 
 
-def test_rejections_are_counted_and_the_last_reason_stays():
-    state, _ = gate(LIMITS, INITIAL, point(voltage_v=200.0), NO_MORE)
-    state, _ = gate(LIMITS, state, point(), NO_MORE)
-    assert state == SafetyState(1, "200 V is outside 0..150 V peak at the electrode")
-    state, _ = gate(LIMITS, state, point(frequency_hz=5.0), NO_MORE)
-    state, _ = gate(LIMITS, state, point(), NO_MORE)
-    assert state == SafetyState(2, "5 Hz is outside 10..1e+06 Hz")
+def test_rejections_are_counted():
+    state, safe = gate(LIMITS, INITIAL, point(voltage_v=200.0), NO_MORE)
+    assert safe.rejection == "200 V is outside 0..150 V peak at the electrode"
+    state, safe = gate(LIMITS, state, point(), NO_MORE)
+    assert (state, safe.rejection) == (SafetyState(1), None)
+    state, safe = gate(LIMITS, state, point(frequency_hz=5.0), NO_MORE)
+    assert safe.rejection == "5 Hz is outside 10..1e+06 Hz"
+    assert state == SafetyState(2)
 
 
 # --- what is looked up

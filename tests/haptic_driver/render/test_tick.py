@@ -112,7 +112,7 @@ def test_what_the_gate_refuses_is_off_and_counted(settings, limits):
     strict = replace(settings, limits=replace(limits, voltage_v=50.0))
     state, done = run(strict, [0.0] + [0.5] * 10)
     assert state.safety.rejections == 10
-    assert "V is outside 0..50 V" in state.safety.last_reason
+    assert "V is outside 0..50 V" in done[-1].safe.rejection
     assert done[-1].wanted.voltage_v > 50.0
     assert done[-1].safe.voltage_v == 0.0
     assert not any(d.command.output_on for d in done)

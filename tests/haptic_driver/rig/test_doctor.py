@@ -16,9 +16,9 @@ from hw.errors import DeviceError
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.monitor.lines import MonitorLines
 from hw.monitor.simulated import SimulatedLines
-from hw.oscilloscope.simulated import SimulatedInfiniiVision
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.stand_ins import Heard
+from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
 
 PAPER = Path(__file__).parents[3] / "configs" / "rigs" / "paper.toml"
 TODAY = datetime.date(2024, 6, 1)

@@ -9,8 +9,8 @@ import pytest
 
 from hw.errors import BadReply, DeviceError, LimitExceeded
 from hw.impedance.e4980a import E4980A, LcrMeter
-from hw.impedance.simulated import SimulatedE4980A
 from tests.hw.testing.memory import MemoryTransport
+from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
 
 
 def touch_ohm(frequency_hz):

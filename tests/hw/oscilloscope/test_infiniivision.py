@@ -11,8 +11,8 @@ from hw.errors import BadReply, DeviceError, InstrumentRejected
 from hw.monitor.lines import MonitorLines
 from hw.monitor.simulated import ElectrodeState, SimulatedLines
 from hw.oscilloscope.infiniivision import MODEL, InfiniiVision, Oscilloscope
-from hw.oscilloscope.simulated import SimulatedInfiniiVision
 from tests.hw.testing.memory import MemoryTransport
+from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
 
 LINES = MonitorLines(0.01, 500.0, 1e6, 5e5)
 

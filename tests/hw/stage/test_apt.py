@@ -38,11 +38,6 @@ COMMANDS: list[tuple[Frame, str, Callable[[], bytes] | None]] = [
         lambda: reference.hw_no_flash_programming(0x50, 1),
     ),
     (
-        apt.on_channel(Message.IDENTIFY),
-        "23 02 01 00 50 01",
-        lambda: reference.mod_identify(0x50, 1, 1),
-    ),
-    (
         apt.on_channel(Message.SET_CHANNEL_ENABLED, 1),
         "10 02 01 01 50 01",
         lambda: reference.mod_set_chanenablestate(0x50, 1, 1, 1),
