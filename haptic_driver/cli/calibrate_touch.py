@@ -8,7 +8,7 @@ import datetime
 import math
 import os
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,9 +22,7 @@ from haptic_driver.experiments.touched_places import (
     HOLD_S,
     PLAUSIBLE_M,
     STILL_SHARE,
-    Moment,
     Places,
-    Step,
     TouchFit,
     fit_touches,
     matrix_of,
@@ -33,7 +31,7 @@ from haptic_driver.experiments.touched_places import (
     rows_of,
     touch_places,
 )
-from haptic_driver.files import exists_already, not_written, write_rows
+from haptic_driver.files import exists_already, write_rows, writing
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig
 from hw.finger.touch_screen import TouchReports, open_touch_reports
@@ -67,70 +65,49 @@ def calibrate_touch(
     given = read_places(places)
     if out is not None:
         _check_writable(out, force)
-    if given.raw is None:
-        found = _touched(given, screen, spread_raw, out)
+    if given.measured_on is None:
+        found = _touched(given, screen, spread_raw)
     else:
-        found = fit_touches(given.touched(), given.measured_on or datetime.date.today())
+        found = fit_touches(given.touched, given.measured_on)
     if out is not None:
         write_rows(out, rows_of(found))
     if not found.agrees:
-        raise _disagreement(
-            found, places, out, BadInputError if given.raw is not None else HapticError
-        )
+        raise _disagreement(found, places, out, BadInputError if given.touched else HapticError)
     payload = _payload(config, found, out)
     report(as_json, payload, lambda: _show(found, find_config(rig, "rigs"), out))
 
 
 def _with_screen(rig: str) -> tuple[RigConfig, EvdevFingerConfig]:
     config = load_rig(rig)
-    if isinstance(config.finger_tracker, EvdevFingerConfig):
-        return config, config.finger_tracker
-    said = (
-        f"rig {config.name} has no touch screen: its finger_tracker.kind is"
-        f' "{config.finger_tracker.kind}"'
-    )
-    hint = 'Give a rig whose [finger_tracker] has kind = "evdev"'
-    having = [name for name in config_names("rigs") if _has_screen(name)]
+    tracker = config.finger_tracker
+    if isinstance(tracker, EvdevFingerConfig):
+        return config, tracker
+    having = []
+    for name in config_names("rigs"):
+        with suppress(HapticError):  # some file that has nothing to do with this one
+            if isinstance(load_rig(name).finger_tracker, EvdevFingerConfig):
+                having.append(name)
+    known = f". {nearest(Path(rig).stem, having)}" if having else ""
     raise BadInputError(
-        "no_touch_screen", said, f"{hint}. {nearest(Path(rig).stem, having)}" if having else hint
+        "no_touch_screen",
+        f'rig {config.name} has no touch screen: its finger_tracker.kind is "{tracker.kind}"',
+        f'Give a rig whose [finger_tracker] has kind = "evdev"{known}',
     )
-
-
-def _has_screen(rig: str) -> bool:
-    try:
-        return isinstance(load_rig(rig).finger_tracker, EvdevFingerConfig)
-    except HapticError:  # some file that has nothing to do with this one
-        return False
 
 
 def _check_writable(out: Path, force: bool) -> None:
     """What can be known before anybody has touched anything."""
-    folder = next(folder for folder in out.absolute().parents if folder.exists())
-    if out.is_dir():
-        raise not_written(out, IsADirectoryError())
-    if not folder.is_dir():
-        raise not_written(out, NotADirectoryError())
-    if not os.access(folder, os.W_OK):
-        raise not_written(out, PermissionError(f"{folder} may not be written to"))
+    with writing(out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if out.is_dir():
+            raise IsADirectoryError
+        if not os.access(out.parent, os.W_OK):
+            raise PermissionError(f"{out.parent} may not be written to")
     if out.exists() and not force:
         raise exists_already(out)
 
 
-def _touched(
-    given: Places, screen: EvdevFingerConfig, spread_raw: float | None, out: Path | None
-) -> TouchFit:
-    count = len(given.place_m)
-
-    def tell(step: Step) -> None:
-        x_m, y_m = given.place_m[step.number]
-        stderr.print(
-            _said(
-                step,
-                f"place {step.number + 1} of {count}: x = {1e3 * x_m:.1f} mm, y ="
-                f" {1e3 * y_m:.1f} mm",
-            )
-        )
-
+def _touched(places: Places, screen: EvdevFingerConfig, spread_raw: float | None) -> TouchFit:
     with closing(open_touch_reports(screen.device)) as reports:
         spread = _spread(reports, spread_raw)
         still = f"{HOLD_S:g} s within {spread[0]:.0f} x {spread[1]:.0f} counts"
@@ -139,17 +116,20 @@ def _touched(
         )
         try:
             return touch_places(
-                given.place_m,
+                places.place_m,
                 reports.read,
                 spread,
-                tell,
+                stderr.print,
                 datetime.date.today(),
                 clock=time.monotonic,
                 sleep=time.sleep,
             )
         except KeyboardInterrupt as stop:
-            said = "interrupted; nothing was written" if out is not None else "interrupted"
-            raise HapticError("interrupted", said, "Nothing was energised. Run it again") from stop
+            raise HapticError(
+                "interrupted",
+                "interrupted; nothing was written",
+                "Nothing was energised. Run it again",
+            ) from stop
 
 
 def _spread(reports: TouchReports, spread_raw: float | None) -> tuple[float, float]:
@@ -162,24 +142,6 @@ def _spread(reports: TouchReports, spread_raw: float | None) -> tuple[float, flo
         )
     x_raw, y_raw = reports.span_raw
     return max(STILL_SHARE * x_raw, 2.0), max(STILL_SHARE * y_raw, 2.0)
-
-
-def _said(step: Step, place: str) -> str:
-    x_raw, y_raw = step.raw
-    match step.moment:
-        case Moment.TOUCH:
-            return f"touch {place}"
-        case Moment.AGAIN:
-            return f"{1e3 * step.off_m:.1f} mm off where the others put it; touch again {place}"
-        case Moment.LIFTED_EARLY:
-            return f"  lifted too early: hold it for {HOLD_S:g} s"
-        case Moment.RESTLESS:
-            return (
-                f"  it moves by {x_raw:.0f} x {y_raw:.0f} counts: hold still, or give more with"
-                " --spread-raw"
-            )
-        case Moment.HELD:
-            return f"  held at {x_raw:.1f}, {y_raw:.1f} counts; lift"
 
 
 def _disagreement(
@@ -224,31 +186,25 @@ def _payload(config: RigConfig, found: TouchFit, out: Path | None) -> dict[str, 
 def _show(found: TouchFit, rig_file: Path, out: Path | None) -> None:
     table = Table("place", "x mm", "y mm", "x_raw", "y_raw", "off by mm", box=None)
     for number, (place, off_m) in enumerate(zip(found.touched, found.off_m, strict=True), start=1):
-        where = (
-            f"{1e3 * place.x_m:.1f}",
-            f"{1e3 * place.y_m:.1f}",
-            f"{place.x_raw:.1f}",
-            f"{place.y_raw:.1f}",
-        )
-        table.add_row(str(number), *where, "-" if math.isnan(off_m) else f"{1e3 * off_m:.2f}")
+        lengths_mm = (f"{1e3 * length_m:.1f}" for length_m in place[:2])
+        counts = (f"{count:.1f}" for count in place[2:])
+        off = "-" if math.isnan(off_m) else f"{1e3 * off_m:.2f}"
+        table.add_row(str(number), *lengths_mm, *counts, off)
     stdout.print(table)
-    residual_m, touch_error_m = found.calibration.residual_m, found.touch_error_m
-    if residual_m is None or touch_error_m is None:
+    calibration = found.calibration
+    if calibration.residual_m is None or found.touch_error_m is None:
         stdout.print(
             "three places fit exactly, whatever was touched: nothing checks them. Give a fourth,"
             " better six"
         )
     else:
         stdout.print(
-            f"residual {1e3 * residual_m:.2f} mm (rms): one touch is off by"
-            f" {1e3 * touch_error_m:.2f} mm (rms)"
+            f"residual {1e3 * calibration.residual_m:.2f} mm (rms): one touch is off by"
+            f" {1e3 * found.touch_error_m:.2f} mm (rms)\nworst: place {_worst(found)}"
         )
-        stdout.print(f"worst: place {_worst(found)}")
-    (a, b, _), (d, e, _) = found.calibration.matrix_m
+    (a, b, _), (d, e, _) = calibration.matrix_m
     x, y = (f"({1e3 * along:.4f}, {1e3 * across:.4f}) mm" for along, across in ((a, d), (b, e)))
     stdout.print(f"a count of x_raw moves the finger by {x}, of y_raw by {y}")
     if out is not None:
         stdout.print(f"places and counts: {out}")
-    stdout.print(
-        f"\nPut this into [finger_tracker] of {rig_file}:\n\n{rig_lines(found.calibration)}"
-    )
+    stdout.print(f"\nPut this into [finger_tracker] of {rig_file}:\n\n{rig_lines(calibration)}")

@@ -31,8 +31,8 @@ def reproduce(
 
     Example: `haptic reproduce --figure 7 --out out`
     """
-    from model.figures.reproduction import FIGURES  # noqa: PLC0415  (matplotlib is slow to import)
-    from model.figures.reproduction import reproduce as run  # noqa: PLC0415
+    from model.reproduce.figures import FIGURES  # noqa: PLC0415  (matplotlib is slow to import)
+    from model.reproduce.figures import reproduce as run  # noqa: PLC0415
 
     description = load_model(model)
     wanted = [*FIGURES] if figure is None else [figure]

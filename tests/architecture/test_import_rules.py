@@ -19,6 +19,11 @@ FORBIDDEN = [  # rule, file, import that must break it
     ("model-knows-no-devices", "model/solver.py", "import haptic_driver.errors"),
     ("the-model-reads-forward", "model/solver.py", "import model.touch_model"),
     ("the-model-reads-forward", "model/contact/gap_table.py", "import model.electric.layers"),
+    (
+        "the-papers-figures-have-one-door",
+        "haptic_driver/cli/predict.py",
+        "import model.reproduce.numbers",
+    ),
     ("hw-knows-no-physics", "hw/amplifier/analog.py", "import model.solver"),
     ("hw-knows-no-physics", "hw/finger/plant.py", "import haptic_driver.signals"),
     ("render-is-pure", "haptic_driver/render/tick.py", "import time"),

@@ -20,8 +20,7 @@ from model.conditions import Conditions
 from model.contact.gap_distribution import area_ratio, mean_gap
 from model.contact.gap_table import gap_mass, integrals_of
 from model.contact.roughness import contact_length_m, r_of_hurst
-from model.electric.charges import Layers, coefficients, constant_layers, simulate
-from model.electric.closed_forms import closed_form
+from model.electric.charges import Layers, coefficients, constant_layers
 from model.electric.dielectrics import EPS0, total_conductivity_s_per_m
 from model.electric.layers import branch, leak_conductance_per_pa
 from model.published import (
@@ -31,7 +30,9 @@ from model.published import (
     printed_coefficients,
     printed_field,
 )
+from model.reproduce.closed_forms import closed_form
 from model.touch_model import TouchModel
+from tests.model.electric.transient import simulate
 
 PAGE = Path(__file__).parents[2] / "docs" / "errata.md"
 F_HZ, V, LOAD_N, P0_PA = 250.0, 75.0, 0.5, 5e3  # where the page counts consequences: Table I

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 import os
+import re
 import tomllib
 from pathlib import Path
 
@@ -16,9 +17,6 @@ from haptic_driver.experiments.touched_places import (
     HOLD_S,
     LIFT_S,
     PLAUSIBLE_M,
-    HeldTouch,
-    Moment,
-    Step,
     TouchedPlace,
     TouchFit,
     fit_touches,
@@ -46,10 +44,11 @@ from tests.haptic_driver.experiments.touching import (
 TODAY = datetime.date(2026, 1, 31)
 SPREAD_RAW = (20.0, 15.0)
 COUNT_M = 5e-5
+CORNERS_RAW = [(400, 300), (3600, 300), (3600, 2700), (400, 2700), (0, 0)]
 
 
-def run(user: User, places: list[tuple[float, float]]) -> tuple[TouchFit, list[Step]]:
-    steps: list[Step] = []
+def run(user: User, places: list[tuple[float, float]]) -> tuple[TouchFit, list[str]]:
+    said: list[str] = []
     descriptor = user.screen.descriptor
     reports = TouchReports(
         descriptor,
@@ -62,7 +61,7 @@ def run(user: User, places: list[tuple[float, float]]) -> tuple[TouchFit, list[S
             np.array(places),
             reports.read,
             SPREAD_RAW,
-            steps.append,
+            said.append,
             TODAY,
             clock=user.clock,
             sleep=user.sleep,
@@ -70,11 +69,26 @@ def run(user: User, places: list[tuple[float, float]]) -> tuple[TouchFit, list[S
     finally:
         reports.close()
         user.screen.unplug()
-    return found, steps
+    return found, said
 
 
-def moments(steps: list[Step]) -> list[tuple[int, str]]:
-    return [(step.number, step.moment.name) for step in steps]
+MOMENTS = {
+    "touch again": "AGAIN",
+    "touch place": "TOUCH",
+    "lifted too early": "LIFTED_EARLY",
+    "it moves by": "RESTLESS",
+    "held at": "HELD",
+}
+
+
+def moments(said: list[str]) -> list[tuple[int, str]]:
+    """What was said, in a word, and of which place, counted from 0."""
+    found: list[tuple[int, str]] = []
+    for line in said:
+        named = re.search(r"place (\d+) of", line)
+        number = int(named[1]) - 1 if named else found[-1][0]
+        found.append((number, next(MOMENTS[words] for words in MOMENTS if words in line)))
+    return found
 
 
 def counts_of(x_m: float, y_m: float) -> np.ndarray:
@@ -99,12 +113,12 @@ def same_map(found: TouchFit, tolerance_m: float) -> None:
 
 
 def test_places_touched_in_turn_give_the_screens_own_map() -> None:
-    found, steps = run(User(touches(SIX)), SIX)
+    found, said = run(User(touches(SIX)), SIX)
     same_map(found, COUNT_M)
     np.testing.assert_allclose(
         np.array(found.calibration.matrix_m)[:, :2], MATRIX_M[:, :2], atol=2e-8
     )
-    assert moments(steps) == [(i, name) for i in range(6) for name in ("TOUCH", "HELD")]
+    assert moments(said) == [(i, name) for i in range(6) for name in ("TOUCH", "HELD")]
     assert found.agrees
     assert found.touch_error_m == pytest.approx(0.0, abs=COUNT_M)
     assert (found.calibration.measured_on, found.calibration.placeholder) == (TODAY, False)
@@ -115,9 +129,9 @@ def test_noise_is_averaged() -> None:
     """Even noise of +-5 counts, 3.2 rms, averaged over about 60 reports: within two counts with six
     places.
     """
-    found, steps = run(User(touches(SIX), panel=NoisyPanel()), SIX)
+    found, said = run(User(touches(SIX), panel=NoisyPanel()), SIX)
     same_map(found, 2 * COUNT_M)
-    assert Moment.RESTLESS not in {step.moment for step in steps}
+    assert "RESTLESS" not in {moment for _, moment in moments(said)}
     for place in found.touched:
         assert (place.x_raw, place.y_raw) == pytest.approx(tuple(counts_of(*place[:2])), abs=2.0)
 
@@ -125,8 +139,8 @@ def test_noise_is_averaged() -> None:
 def test_a_finger_that_slides_counts_only_once_it_holds_still() -> None:
     there = [(0.05, 0.05), (0.15, 0.05), (0.1, 0.09)]
     script = [away(), drag(0.0, 0.05, 2.5), at(0.05, 0.05), away(), *touches(there[1:])]
-    found, steps = run(User(script), there)
-    assert moments(steps) == [
+    found, said = run(User(script), there)
+    assert moments(said) == [
         (0, "TOUCH"),
         (0, "HELD"),
         (1, "TOUCH"),
@@ -141,34 +155,36 @@ def test_a_finger_that_does_not_hold_still_is_told_by_how_much_it_moves_and_once
     None
 ):
     script = [away(), drag(0.0, 0.05, 6.0), away(), *touches(CORNERS)]
-    _, steps = run(User(script), CORNERS)
-    assert moments(steps)[:4] == [(0, "TOUCH"), (0, "RESTLESS"), (0, "LIFTED_EARLY"), (0, "HELD")]
-    x_raw, y_raw = steps[1].raw
+    _, said = run(User(script), CORNERS)
+    assert moments(said)[:4] == [(0, "TOUCH"), (0, "RESTLESS"), (0, "LIFTED_EARLY"), (0, "HELD")]
+    x_raw, y_raw = map(float, re.findall(r"(\d+) x (\d+) counts", said[1])[0])
     assert x_raw == pytest.approx(0.02 * HOLD_S / COUNT_M, rel=0.1)  # speed times time
     assert y_raw < 10.0
 
 
 def test_a_finger_lifted_too_early_is_asked_for_again() -> None:
     script = [away(), at(*CORNERS[0], HOLD_S - 0.1), away(), *touches(CORNERS)]
-    found, steps = run(User(script), CORNERS)
-    assert moments(steps)[:3] == [(0, "TOUCH"), (0, "LIFTED_EARLY"), (0, "HELD")]
+    found, said = run(User(script), CORNERS)
+    assert moments(said)[:3] == [(0, "TOUCH"), (0, "LIFTED_EARLY"), (0, "HELD")]
     same_map(found, COUNT_M)
 
 
 def test_a_contact_that_flickers_is_no_lift() -> None:
     """Else the next place would be given the counts of this one."""
     flicker = [at(*CORNERS[0]), away(LIFT_S / 4), at(*CORNERS[0], 2.0)]
-    found, steps = run(User([away(), *flicker, *touches(CORNERS[1:])]), CORNERS)
-    assert moments(steps) == [(i, name) for i in range(4) for name in ("TOUCH", "HELD")]
+    found, said = run(User([away(), *flicker, *touches(CORNERS[1:])]), CORNERS)
+    assert moments(said) == [(i, name) for i in range(4) for name in ("TOUCH", "HELD")]
     same_map(found, COUNT_M)
 
 
 def test_a_place_that_disagrees_is_asked_for_once_more() -> None:
     missed = [*SIX[:2], (0.17, 0.085), *SIX[3:]]
-    found, steps = run(User(touches([*missed, SIX[2]])), SIX)
-    again = [step for step in steps if step.moment is Moment.AGAIN]
-    assert [step.number for step in again] == [2]
-    assert again[0].off_m == pytest.approx(math.hypot(0.01, 0.005), abs=2 * COUNT_M)
+    found, said = run(User(touches([*missed, SIX[2]])), SIX)
+    again = [line for line in said if "touch again" in line]
+    assert [number for number, moment in moments(said) if moment == "AGAIN"] == [2]
+    off_m = 1e-3 * float(again[0].split(" mm")[0])
+    # two counts, and half of the last digit that is said
+    assert off_m == pytest.approx(math.hypot(0.01, 0.005), abs=2 * COUNT_M + 0.5e-4)
     assert found.agrees
     same_map(found, COUNT_M)
 
@@ -207,17 +223,43 @@ def test_a_screen_that_is_pulled_out_is_an_error() -> None:
         raise DeviceDisconnected("screen is gone", "plug it in")
 
     with pytest.raises(DeviceDisconnected):
-        touch_places(np.array(CORNERS), gone, SPREAD_RAW, lambda step: None, TODAY)
+        touch_places(
+            np.array(CORNERS),
+            gone,
+            SPREAD_RAW,
+            lambda said: None,
+            TODAY,
+            clock=lambda: 0.0,
+            sleep=lambda duration_s: None,
+        )
 
 
 def test_a_place_is_the_mean_over_the_time_it_was_held() -> None:
-    """By hand: half of the time at 100, half at 104."""
-    finger, said = HeldTouch((10.0, 10.0)), []
-    for i in range(64):
-        said.append(finger.take(i / 64, RawTouch(0.0, 104 if i % 2 else 100, 50, True)))
-    assert said.index(Moment.HELD) == 32  # half a second
-    assert finger.raw == pytest.approx((102.0, 50.0), abs=0.1)
-    assert not finger.is_over(10.0)
+    """By hand: a count more after a quarter of a second, so half of the time each."""
+    now_s = 0.0
+
+    def read() -> RawTouch:
+        touched = now_s % 1.0 < 0.75
+        corner = CORNERS_RAW[int(now_s)]
+        x_raw = corner[0] + 4 * (now_s % 1.0 >= 0.25)
+        return RawTouch(now_s, x_raw, corner[1], touched)
+
+    def sleep(duration_s: float) -> None:
+        nonlocal now_s
+        now_s += duration_s
+
+    found = touch_places(
+        np.array(CORNERS[:3]),
+        read,
+        SPREAD_RAW,
+        lambda said: None,
+        TODAY,
+        clock=lambda: now_s,
+        sleep=sleep,
+    )
+    for place, corner in zip(found.touched, CORNERS_RAW, strict=False):
+        # a poll more at either end is a hundredth of the time
+        assert place[2:] == pytest.approx((corner[0] + 2.0, corner[1]), abs=0.05)
 
 
 # --- whether touches agree
@@ -282,8 +324,7 @@ def write(folder: Path, text: str) -> Path:
 
 def test_a_file_says_where_to_touch(tmp_path: Path) -> None:
     places = read_places(write(tmp_path, "name,x_m,y_m\na,0.01,0.02\nb,0.15,0.02\nc,0.01,0.09\n"))
-    assert places.raw is None
-    assert places.touched() == []
+    assert (places.touched, places.measured_on) == ([], None)
     np.testing.assert_array_equal(places.place_m, [[0.01, 0.02], [0.15, 0.02], [0.01, 0.09]])
 
 
@@ -292,8 +333,8 @@ def test_what_was_touched_is_fitted_again_from_its_file(tmp_path: Path) -> None:
     write_rows(tmp_path / "touched.csv", rows_of(found))
     read = read_places(tmp_path / "touched.csv")
     assert read.measured_on == TODAY
-    assert read.touched() == found.touched
-    assert fit_touches(read.touched(), TODAY).calibration == found.calibration
+    assert read.touched == found.touched
+    assert fit_touches(read.touched, TODAY).calibration == found.calibration
 
 
 def test_a_file_is_as_old_as_its_oldest_touch(tmp_path: Path) -> None:

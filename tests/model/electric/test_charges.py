@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from model.contact.gap_table import gap_mass, gap_nodes, integrals_of
-from model.electric import charges
 from model.electric.charges import Layers, coefficients, constant_layers
-from model.electric.closed_forms import closed_form
 from model.electric.dielectrics import EPS0
+from model.reproduce.closed_forms import closed_form
 from model.solver import solve
 from model.support.errors import ModelError
+from tests.model.electric import transient
 
 FINGERS = ("reference", "table1")
 GAP_M = np.array([1e-8, 1e-6, 44e-6])
@@ -59,7 +59,7 @@ def simulate(
     layers: Layers, gap_m: np.ndarray, time_s: np.ndarray, voltage_v: np.ndarray
 ) -> Transient:
     """The charges that the model finds, with their fields by (9)-(11)."""
-    rho1, rho2 = charges.simulate(layers, gap_m, time_s, voltage_v)
+    rho1, rho2 = transient.simulate(layers, gap_m, time_s, voltage_v)
     return Transient(rho1, rho2, fields(layers, gap_m, voltage_v[:, None], rho1, rho2))
 
 
@@ -455,21 +455,3 @@ class TestInput:
     def test_constants_need_a_frequency(self, layers_of, at_hz: float) -> None:
         with pytest.raises(ModelError, match="is no frequency"):
             layers_of(at_hz=at_hz)
-
-    @pytest.mark.parametrize(
-        ("time", "volt"),
-        [
-            ([0.0, 1.0], [1.0]),
-            ([0.0, 0.0], [1.0, 1.0]),
-            ([1.0, 0.0], [1.0, 1.0]),
-            ([0.0, np.nan], [1.0, 1.0]),
-            ([0.0, 1.0], [1.0, np.nan]),
-        ],
-    )
-    def test_a_voltage_needs_rising_times(self, layers_of, time, volt) -> None:
-        with pytest.raises(ModelError, match="do not describe a voltage"):
-            simulate(layers_of(), GAP_M, np.array(time), np.array(volt))
-
-    def test_gaps_are_lengths(self, layers_of) -> None:
-        with pytest.raises(ModelError, match="not a list of gaps"):
-            simulate(layers_of(), np.array([-1e-6]), np.array([0.0]), np.array([1.0]))

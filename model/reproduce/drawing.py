@@ -13,8 +13,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from model.figures.facts import COF_OFF, COF_OFF_STANDARD_ERROR, LEAST_LOSS_HZ, PEAK_HZ
-from model.figures.numbers import (
+from model.reproduce.facts import COF_OFF, COF_OFF_STANDARD_ERROR, LEAST_LOSS_HZ, PEAK_HZ
+from model.reproduce.numbers import (
     CHANGED,
     DIELECTRIC_AT_HZ,
     NORMAL_FORCE_N,

@@ -14,9 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from model.description import ModelDescription
-from model.figures import drawing, facts, numbers
-from model.figures.facts import Fact
-from model.figures.numbers import Charges, Sensitivity, Touching
+from model.reproduce import drawing, facts, numbers
+from model.reproduce.facts import Fact
+from model.reproduce.numbers import Charges, Sensitivity, Touching
 from model.support.arrays import Array
 from model.support.cells import written_cells
 from model.support.errors import ModelError
@@ -145,7 +145,7 @@ def reproduce(
     description: ModelDescription,
     wanted: Sequence[int],
     folder: Path,
-    tell: Callable[[str], None] = lambda _: None,
+    tell: Callable[[str], None],
 ) -> tuple[list[Path], list[Fact]]:
     """Write the `wanted` figures into `folder` and return the files and facts; OSError where it
     cannot be written.

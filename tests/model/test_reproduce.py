@@ -11,8 +11,8 @@ import pytest
 
 from model.contact.gap_distribution import mean_gap
 from model.electric.dielectrics import EPS0
-from model.figures import facts, numbers
 from model.published import as_published
+from model.reproduce import facts, numbers
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 

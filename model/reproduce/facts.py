@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from model.electric.dielectrics import Dielectric
-from model.figures.numbers import (
+from model.reproduce.numbers import (
     PAPER_HZ,
     STEP_V,
     SWEEP_HZ,

@@ -17,13 +17,13 @@ import numpy as np
 from model.conditions import Conditions
 from model.contact.gap_distribution import area_ratio, mean_gap
 from model.description import ModelDescription
-from model.electric.charges import coefficients, constant_layers, simulate
-from model.electric.closed_forms import closed_form
+from model.electric.charges import coefficients, constant_layers
 from model.electric.dielectrics import EPS0, Dielectric
 from model.electric.layers import leak_conductance_per_pa
 from model.parameters import TouchParameters
 from model.published import as_published, complex_layers, printed_coefficients
 from model.published import solve as solve_published
+from model.reproduce.closed_forms import closed_form
 from model.support.arrays import Array
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
@@ -124,9 +124,9 @@ def against_frequency(models: Mapping[str, TouchModel]) -> dict[str, Touching]:
     return {name: touching(model, SWEEP_HZ) for name, model in models.items()}
 
 
-def loss_tangent(dielectric: Dielectric, frequency_hz: Array = SWEEP_HZ) -> Array:
-    """eps''/eps' of the skin, purple in Fig. 7(a)."""
-    k = dielectric.permittivity(frequency_hz)
+def loss_tangent(dielectric: Dielectric) -> Array:
+    """eps''/eps' of the skin over `SWEEP_HZ`, purple in Fig. 7(a)."""
+    k = dielectric.permittivity(SWEEP_HZ)
     return np.asarray(-k.imag / k.real)
 
 
@@ -154,16 +154,17 @@ def charges_after_step(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
     gaps = {name: touching(model, at_hz, volts).mean_gap_m for name, model in models.items()}
     description = models["corrected"].description
     layers = constant_layers(description.values, description.dielectric, DIELECTRIC_AT_HZ)
-    step = np.ones_like(STEP_TIME_S)
-    rho1, rho2 = simulate(layers, gaps["corrected"], STEP_TIME_S, step)
-    coefficients_as_printed = printed_coefficients(layers.relative, gaps["published"])
-    printed = closed_form(coefficients_as_printed, 0.0, printed=True).charges(
-        PRINTED_TIME_S[:, None]
-    )
-    return {
-        "corrected": Charges(STEP_TIME_S, rho1 * volts, rho2 * volts),
-        "published": Charges(PRINTED_TIME_S, EPS0 * printed[0] * volts, EPS0 * printed[1] * volts),
+    right = coefficients(layers, gaps["corrected"])
+    slipped = printed_coefficients(layers.relative, gaps["published"])
+    forms = {
+        "corrected": (closed_form(right, 0.0), STEP_TIME_S, volts),
+        "published": (closed_form(slipped, 0.0, printed=True), PRINTED_TIME_S, EPS0 * volts),
     }
+    found = {}
+    for name, (form, time_s, unit) in forms.items():
+        rho1, rho2 = form.charges(time_s[:, None])
+        found[name] = Charges(time_s, unit * rho1, unit * rho2)
+    return found
 
 
 def steady_charges(models: Mapping[str, TouchModel]) -> dict[str, Charges]:
@@ -223,17 +224,17 @@ class Sensitivity:
         return np.asarray(100.0 * (self.higher_n / self.nominal_n - 1.0))
 
 
-def sensitivities(model: TouchModel, frequency_hz: Array = PAPER_HZ) -> dict[str, Sensitivity]:
+def sensitivities(model: TouchModel) -> dict[str, Sensitivity]:
     """Fig. 8: by parameter of `CHANGED`, at 75 V."""
     up, down = 1.0 + ELASTICITY_STEP, 1.0 - ELASTICITY_STEP
     found = {}
     for name in CHANGED:
         low, nominal, high, above, below = (
-            _force_n(_scaled(model, name, factor), frequency_hz)
+            _force_n(_scaled(model, name, factor), PAPER_HZ)
             for factor in (1.0 - CHANGE, 1.0, 1.0 + CHANGE, up, down)
         )
         elasticity = np.log(above / below) / np.log(up / down)
-        found[name] = Sensitivity(frequency_hz, low, nominal, high, elasticity)
+        found[name] = Sensitivity(PAPER_HZ, low, nominal, high, elasticity)
     return found
 
 
