@@ -19,7 +19,7 @@ from haptic_driver.errors import BadInputError
 
 FLUSH_S = 1.0
 
-app = typer.Typer(no_args_is_help=True, help="Run the daemon.")
+app = typer.Typer(no_args_is_help=True)
 SocketOption = Annotated[
     str | None,
     Option(

@@ -40,12 +40,7 @@ if TYPE_CHECKING:
     from haptic_driver.experiments.psychophysics.run import Participant, Question
     from haptic_driver.pictures.psychometric import Answers
 
-app = typer.Typer(
-    no_args_is_help=True,
-    help=(
-        "Run psychophysical experiments, try their design without a rig, and fit what was answered."
-    ),
-)
+app = typer.Typer(no_args_is_help=True)
 File = Annotated[str, named("experiments", "Experiment", Argument)]
 LEASE_S = 2.0  # writing a trial to a slow disk must not cost the lease
 

@@ -28,116 +28,55 @@ os.environ.setdefault(
     "OPENBLAS_NUM_THREADS", "1"
 )  # its threads would wait for each other over small matrices
 
-# Panels of `haptic --help`: the first line of each command's docstring, or its group's help. The
-# help imports none of them. A module is imported only when its command is asked for: `haptic off`
+# What `haptic --help` lists. A module is imported only when its command is asked for: `haptic off`
 # must not wait for matplotlib.
-WITHOUT_RIG = {
-    "demo": (
-        "Slide a finger over a texture on a simulated rig and compare friction with its target."
+PANELS = {
+    "Without a rig": (
+        "demo",
+        "predict",
+        "surface",
+        "solve",
+        "explore",
+        "study",
+        "sensitivity",
+        "reproduce",
+        "simulate",
     ),
-    "predict": "Predict force, friction and current for a table of conditions.",
+    "On a rig, simulated or real": (
+        "doctor",
+        "calibrate-touch",
+        "daemon",
+        "arm",
+        "set",
+        "texture",
+        "off",
+        "disarm",
+        "status",
+        "watch",
+        "use",
+        "reset",
+    ),
+    "Record and experiment": ("record", "mark", "export", "experiment"),
+    "When friction is not as the model says": (
+        "measure",
+        "diagnose",
+        "investigate",
+        "calibrate",
+        "why",
+        "adapt",
+    ),
+}
+COMMANDS = [name for names in PANELS.values() for name in names]
+GROUPS = {
     "surface": "Build, describe and draw the lookup surface.",
-    "solve": "Find the frequency and voltage that give a target friction within the rig's limits.",
-    "explore": (
-        "Draw the force's spectrum under several drives, the impedance, where force turns steep,"
-        " and friction."
-    ),
-    "study": (
-        "Solve a surface for every finger of a study and say how friction, force and reach spread"
-        " over them."
-    ),
-    "sensitivity": (
-        "Say how much each uncertain number adds to the spread of the electrostatic force (Sobol"
-        " indices)."
-    ),
-    "reproduce": (
-        "Compute figures 4 to 8 of the paper: pictures, CSV tables, and its statements beside what"
-        " comes out."
-    ),
-    "simulate": (
-        "Serve the simulated instruments of a rig on loopback until interrupted, for any software"
-        " to talk to."
-    ),
-}
-ON_A_RIG = {
-    "doctor": (
-        "Check a rig without energising it: identity, settings, limits, monitors, calibration"
-        " dates, scheduling."
-    ),
-    "calibrate-touch": (
-        "Calibrate a rig's touch screen: touch known places as asked, and paste what it says."
-    ),
-    "daemon": "Run the daemon.",
-    "arm": (
-        "Arm, and hold the lease until Ctrl-C or `haptic disarm`; whatever ends this leaves the"
-        " output off."
-    ),
-    "set": "Ask for one friction everywhere; somebody must have armed.",
     "texture": "List, draw, check, import and play textures.",
-    "off": (
-        "Output to zero at once; whoever armed stays armed. Fails when the output cannot be shown"
-        " to be off."
-    ),
-    "disarm": "Output to zero at once, and end the lease, whoever holds it.",
-    "status": "Say what the daemon does; `output_on` is null where nobody knows.",
-    "watch": (
-        "Show state, friction, voltage and flags until Ctrl-C; in a pipe or with --json, a JSON"
-        " object per line."
-    ),
-    "use": (
-        "Render by another model, such as one that `haptic calibrate` made for a finger; while the"
-        " daemon is idle."
-    ),
-    "reset": "Acknowledge a fault or trip whose cause is gone.",
-}
-EXPERIMENTS = {
-    "record": "Record every tick into a file, until --stop.",
-    "mark": "Write a marker among the daemon's events and into the recording.",
-    "export": "Write a run of a recording as CSV or Parquet, one row per tick.",
+    "daemon": "Run the daemon.",
     "experiment": (
         "Run psychophysical experiments, try their design without a rig, and fit what was answered."
     ),
 }
-DIAGNOSIS = {
-    "measure": "Measure friction, and the electrode's voltage and current, over a plan's settings.",
-    "diagnose": (
-        "Find where measured friction and the model disagree, name the missing effect, add it, and"
-        " prove it."
-    ),
-    "investigate": (
-        "Measure, diagnose, propose and measure again, until the missing effect has a name."
-    ),
-    "calibrate": (
-        "Fit a finger's own numbers (roughness, skin thickness, leakage, friction at 0 V) to its"
-        " data."
-    ),
-    "why": (
-        "Diagnose what was rendered so far, while rendering goes on: which effect is missing from"
-        " the model."
-    ),
-    "adapt": (
-        "Mend the finger's model while it renders, by what is felt, as its skin dries or moistens;"
-        " or go back."
-    ),
-}
-PANELS = {
-    "Without a rig": WITHOUT_RIG,
-    "On a rig, simulated or real": ON_A_RIG,
-    "Record and experiment": EXPERIMENTS,
-    "When friction is not as the model says": DIAGNOSIS,
-}
-COMMANDS = WITHOUT_RIG | ON_A_RIG | EXPERIMENTS | DIAGNOSIS
-GROUPS = ("surface", "texture", "daemon", "experiment")
-CONTROL = (
-    "arm",
-    "set",
-    "off",
-    "disarm",
-    "use",
-    "adapt",
-    "reset",
-    "status",
-)  # in one module; each other one has its own
+# in one module; each other one has its own
+CONTROL = ("arm", "set", "off", "disarm", "use", "adapt", "reset", "status")
 
 # What the parser raises for a wrong command line, whether typer ships its parser or imports it.
 USAGE_ERROR: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
@@ -191,26 +130,37 @@ def build_app(imported: Iterable[str] = COMMANDS) -> typer.Typer:
         epilog="Exit status: 0 done, 1 failed, 2 what was given cannot be used.",
     )
     app.callback()(_options)
-    for panel, commands in PANELS.items():
-        for name, summary in commands.items():
+    for panel, names in PANELS.items():
+        for name in names:
             if name not in imported:
-                app.command(name, help=summary, rich_help_panel=panel)(_not_imported)
+                app.command(name, help=summary_of(name), rich_help_panel=panel)(_not_imported)
             elif name in GROUPS:
-                app.add_typer(module_of(name).app, name=name)
+                app.add_typer(module_of(name).app, name=name, help=GROUPS[name])
             else:
-                app.command(name)(
-                    getattr(
-                        module_of(name), "set_target" if name == "set" else name.replace("-", "_")
-                    )
-                )
+                app.command(name)(getattr(module_of(name), _function(name)))
     return app
 
 
 def module_of(name: str) -> Any:
     """Where a command or group lives."""
-    return import_module(
-        f"haptic_driver.cli.{'control' if name in CONTROL else name.replace('-', '_')}"
-    )
+    return import_module(f"haptic_driver.cli.{_module(name)}")
+
+
+def summary_of(name: str) -> str:
+    """The first paragraph of a command's docstring, read from its module without importing it."""
+    if name in GROUPS:
+        return GROUPS[name]
+    source = Path(__file__).with_name(f"{_module(name)}.py").read_text(encoding="utf-8")
+    docstring = source.partition(f"\ndef {_function(name)}(")[2].split('"""')[1]
+    return " ".join(docstring.partition("\n\n")[0].split())
+
+
+def _module(name: str) -> str:
+    return "control" if name in CONTROL else name.replace("-", "_")
+
+
+def _function(name: str) -> str:
+    return "set_target" if name == "set" else name.replace("-", "_")
 
 
 def _not_imported() -> None:

@@ -16,7 +16,7 @@ from haptic_driver.surface.build import SurfaceAxes, axes_within, build_surface
 from haptic_driver.surface.file import SurfaceFile, read_surface
 from haptic_driver.surface.models import load_model
 
-app = typer.Typer(no_args_is_help=True, help="Build, describe and draw the lookup surface.")
+app = typer.Typer(no_args_is_help=True)
 AXES = SurfaceAxes()
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from haptic_driver.rig.config import RigConfig
     from haptic_driver.textures.ripple import Ripple
 
-app = typer.Typer(no_args_is_help=True, help="List, draw, check, import and play textures.")
+app = typer.Typer(no_args_is_help=True)
 app.command("import")(texture_import.import_texture)
 SPEED_M_S = (0.002, 1.0)
 Name = Annotated[str, named("textures", "Texture", Argument)]
