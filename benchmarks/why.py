@@ -24,7 +24,7 @@ from haptic_driver.render.texture import Uniform
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.slide import TICK_S
-from haptic_driver.simulation.friction import surface_friction
+from haptic_driver.simulation.finger_model import surface_friction
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model

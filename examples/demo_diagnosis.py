@@ -17,8 +17,8 @@ from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.experiments.investigate import Budget, Investigation, Subject, investigate
 from haptic_driver.experiments.plan import load_plan
-from haptic_driver.pictures.files import pyplot, saved
-from haptic_driver.pictures.friction import ACHIEVED, DPI, TARGET
+from haptic_driver.pictures.friction_pictures import ACHIEVED, DPI, TARGET
+from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import synthetic_slide
 from haptic_driver.signals import WITHIN

@@ -24,7 +24,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
-from model.support import files
+from model.support import reading
 from model.support.errors import did_you_mean, nearest
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
@@ -265,4 +265,4 @@ def _members(annotation: Any) -> list[Any]:
 def read_toml(path: Path) -> dict[str, Any]:
     """The content of a TOML file; BadInputError says what is wrong with it."""
     with bad_input():
-        return files.read_toml(path)
+        return reading.read_toml(path)

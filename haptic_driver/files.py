@@ -11,21 +11,21 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from haptic_driver.errors import BadInputError, HapticError
-from model.support import files
+from model.support import reading
 from model.support.cells import written_cells
 from model.support.errors import ModelError
 
 
-def read_bytes(path: Path, most_bytes: int = files.LARGEST_FILE_BYTES) -> bytes:
+def read_bytes(path: Path, most_bytes: int = reading.LARGEST_FILE_BYTES) -> bytes:
     """The whole file, which is a regular one."""
     with bad_input():
-        return files.read_bytes(path, most_bytes)
+        return reading.read_bytes(path, most_bytes)
 
 
-def read_text(path: Path, most_bytes: int = files.LARGEST_TEXT_BYTES) -> str:
+def read_text(path: Path, most_bytes: int = reading.LARGEST_TEXT_BYTES) -> str:
     """The whole file as UTF-8, with or without a byte order mark."""
     with bad_input():
-        return files.read_text(path, most_bytes)
+        return reading.read_text(path, most_bytes)
 
 
 @contextmanager

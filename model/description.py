@@ -25,7 +25,7 @@ from model.electric.dielectrics import (
 from model.learned_file import KEYS, read_form
 from model.parameters import FRICTION_LAWS, SPECIFICATION, FrictionLaw, Parameter, TouchParameters
 from model.support.errors import ModelError, nearest
-from model.support.files import read_toml
+from model.support.reading import read_toml
 from model.touch import Drive
 
 VARIANTS = ("corrected", "published", "published_absolute")  # the last two: `published.py`

@@ -30,7 +30,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.fidelity.said import said
 from haptic_driver.fidelity.samples import AFTER_TOUCH_S
-from haptic_driver.pictures.friction import draw_slide
+from haptic_driver.pictures.friction_pictures import draw_slide
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
 from haptic_driver.signals import WITHIN

@@ -11,14 +11,14 @@ from rich.text import Text
 
 from haptic_driver.cli.output import SIMULATED, Json, RigOption, report, stdout
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.doctor import Check, Status, examine
+from haptic_driver.rig.doctor import Check, CheckStatus, examine
 from haptic_driver.surface.models import load_model
 
 COLOURS = {
-    Status.OK: "green",
-    Status.WARNING: "yellow",
-    Status.FAILED: "red",
-    Status.NOT_VERIFIED: "cyan",
+    CheckStatus.OK: "green",
+    CheckStatus.WARNING: "yellow",
+    CheckStatus.FAILED: "red",
+    CheckStatus.NOT_VERIFIED: "cyan",
 }
 
 
@@ -38,7 +38,7 @@ def doctor(rig: RigOption = "simulated", as_json: Json = False) -> int:
         if config.simulated:
             today = config.limits.measured_at or today  # what is simulated does not age
         checks = examine(_served(config, serving) if config.simulated else config, today)
-    failed = any(check.status is Status.FAILED for check in checks)
+    failed = any(check.status is CheckStatus.FAILED for check in checks)
     payload = {
         "rig": config.name,
         "simulated": config.simulated,
@@ -70,5 +70,5 @@ def _show(config: RigConfig, checks: list[Check]) -> None:
     stdout.print(table)
     counts = Counter(check.status for check in checks)
     stdout.print(
-        ", ".join(f"{counts[status]} {status.value}" for status in Status if counts[status])
+        ", ".join(f"{counts[status]} {status.value}" for status in CheckStatus if counts[status])
     )

@@ -112,7 +112,7 @@ def simulate(
     Example: `haptic experiment simulate friction_difference --participants 10`
     """
     from haptic_driver.experiments.psychophysics.description import load_experiment  # noqa: PLC0415
-    from haptic_driver.experiments.psychophysics.design import try_design  # noqa: PLC0415
+    from haptic_driver.experiments.psychophysics.rehearsal import try_design  # noqa: PLC0415
 
     experiment = load_experiment(file)
     with progress("participants", participants) as advance:
@@ -161,7 +161,7 @@ def check(
     """
     from haptic_driver.cli.texture import reachable_by  # noqa: PLC0415
     from haptic_driver.experiments.psychophysics.description import load_experiment  # noqa: PLC0415
-    from haptic_driver.experiments.psychophysics.design import reached  # noqa: PLC0415
+    from haptic_driver.experiments.psychophysics.rehearsal import reached  # noqa: PLC0415
     from haptic_driver.rig.config import load_rig  # noqa: PLC0415
 
     experiment = load_experiment(file)
@@ -295,7 +295,7 @@ def _participant(
     experiment: Experiment, client: HapticClient, files: SessionFiles, simulated: bool
 ) -> Participant:
     from haptic_driver.experiments.psychophysics.answers import MarkerParticipant  # noqa: PLC0415
-    from haptic_driver.experiments.psychophysics.design import pretended  # noqa: PLC0415
+    from haptic_driver.experiments.psychophysics.rehearsal import pretended  # noqa: PLC0415
 
     if simulated:
         return pretended(experiment, files.participant, files.session)

@@ -34,7 +34,7 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.states import RigState
 from haptic_driver.simulation.finger_function import load_finger
-from haptic_driver.simulation.friction import with_hidden
+from haptic_driver.simulation.finger_model import with_hidden
 from haptic_driver.surface.models import load_model
 from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.touch_model import TouchModel

@@ -21,7 +21,7 @@ from haptic_driver.experiments.recorded import PAUSE_S, SETTLING_S, Recorded, cu
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.read import Run
-from haptic_driver.simulation.friction import surface_friction
+from haptic_driver.simulation.finger_model import surface_friction
 from haptic_driver.surface.file import SurfaceFile
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.signals import Array
-from haptic_driver.simulation.friction import with_hidden
+from haptic_driver.simulation.finger_model import with_hidden
 from hw.monitor.contract import ElectrodeReading
 from model.conditions import Conditions
 from model.description import ModelDescription

@@ -15,7 +15,7 @@ import numpy as np
 from haptic_driver.experiments.plan import Row, Setting
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.rig import Rig
-from haptic_driver.simulation.friction import ElectrodeLaw, FrictionLaw
+from haptic_driver.simulation.finger_model import ElectrodeLaw, FrictionLaw
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.force.sensor import ForceReading
 from hw.monitor.contract import ElectrodeReading

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.pictures.files import pyplot, saved
+from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.signals import Array
 from model.planning.separation import APART
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from haptic_driver.pictures.files import pyplot, saved
+from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.signals import Array
 
 ANSWERS, FUNCTION = "#1b6ca8", "#3a3a3a"

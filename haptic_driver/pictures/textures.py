@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from haptic_driver.pictures.files import pyplot, saved
+from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.render.texture import Script, Target, Texture
 from haptic_driver.signals import Array, FingerState
 

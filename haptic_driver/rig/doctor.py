@@ -59,7 +59,7 @@ OLD_AFTER = datetime.timedelta(days=365)
 CALIBRATE_TOUCH = "measure it by touching known places: haptic calibrate-touch"
 
 
-class Status(enum.Enum):
+class CheckStatus(enum.Enum):
     """What came of one check."""
 
     OK = "ok"
@@ -72,7 +72,7 @@ class Check(NamedTuple):
     """One thing looked at: what was found, and what to do about it."""
 
     name: str
-    status: Status
+    status: CheckStatus
     message: str
     hint: str = ""
 
@@ -81,19 +81,19 @@ Checks = Iterator[Check]
 
 
 def _ok(name: str, message: str) -> Check:
-    return Check(name, Status.OK, message)
+    return Check(name, CheckStatus.OK, message)
 
 
 def _warning(name: str, message: str, hint: str = "") -> Check:
-    return Check(name, Status.WARNING, message, hint)
+    return Check(name, CheckStatus.WARNING, message, hint)
 
 
 def _failed(name: str, message: str, hint: str = "") -> Check:
-    return Check(name, Status.FAILED, message, hint)
+    return Check(name, CheckStatus.FAILED, message, hint)
 
 
 def _unverified(name: str, message: str, hint: str = "") -> Check:
-    return Check(name, Status.NOT_VERIFIED, message, hint)
+    return Check(name, CheckStatus.NOT_VERIFIED, message, hint)
 
 
 def examine(config: RigConfig, today: datetime.date) -> list[Check]:
@@ -533,7 +533,7 @@ def _touch_calibration(screen: EvdevFingerConfig, today: datetime.date) -> Check
     dated = _dated(name, "measured", screen.measured_at, today)
     return (
         dated
-        if dated.status is Status.OK
+        if dated.status is CheckStatus.OK
         else dated._replace(hint=f"{dated.hint} (haptic calibrate-touch)")
     )
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
-from haptic_driver.simulation.friction import FrictionLaw
+from haptic_driver.simulation.finger_model import FrictionLaw
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.analog.simulated_output import CardMemory
 from hw.finger.plant import FingerPlant

@@ -31,7 +31,7 @@ from haptic_driver.processes.real_time import Metronome
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.slide import TICK_S, Slide, read_slide, synthetic_slide
 from haptic_driver.simulation.finger_function import load_finger
-from haptic_driver.simulation.friction import (
+from haptic_driver.simulation.finger_model import (
     ElectrodeLaw,
     FrictionLaw,
     electrode_of,

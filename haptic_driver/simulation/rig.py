@@ -16,7 +16,7 @@ from haptic_driver.rig.devices import build_rig
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
 from haptic_driver.rig.parts.electrode_monitors import SimulatedElectrodeMonitorConfig
-from haptic_driver.simulation.friction import (
+from haptic_driver.simulation.finger_model import (
     ElectrodeLaw,
     FrictionLaw,
     electrode_of,

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from haptic_driver.rig.config import InterlockBox, RigConfig, StageConfig, WatchdogConfig
 from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
-from haptic_driver.simulation.friction import friction_of, with_hidden
+from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from haptic_driver.config import read_toml
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
-from haptic_driver.textures import description, files, formulas, hjif, script, spectrum
+from haptic_driver.textures import description, formulas, hjif, script, sources, spectrum
 from model.support.errors import did_you_mean
 
 MAP_EXAMPLE = """\
@@ -115,7 +115,7 @@ def _load_file(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
                 "",
                 path,
             )
-        return Loaded(Profile(*files.read_profile(path)), "profile", "", path)
+        return Loaded(Profile(*sources.read_profile(path)), "profile", "", path)
     if suffix == ".hmpg":
         hjif.read(path)  # refuses it
     if suffix in EXAMPLES:
@@ -168,7 +168,9 @@ def _build_texture(described: description.TextureDescription, path: Path) -> Tex
         case description.SpectrumDescription():
             texture = spectrum.spectrum(described, str(path))
         case description.ProfileDescription():
-            profile = Profile(*files.read_profile(path.parent / described.file), described.outside)
+            profile = Profile(
+                *sources.read_profile(path.parent / described.file), described.outside
+            )
             texture = _placed(profile, described.origin_mm, described.direction_deg)
         case description.MapDescription():
             picture = _build_map(described, path.parent / described.file)
@@ -216,11 +218,11 @@ def _build_map(described: description.MapDescription, path: Path) -> FrictionMap
         raise BadInputError(
             "texture_needs_scale", said, "add for example: cof_black = 0.55, cof_white = 0.70"
         )
-    values = files.read_map(path)
+    values = sources.read_map(path)
     if scale is None:
-        files.require_cof(path, values)
+        sources.require_cof(path, values)
     else:
-        files.require_shares(path, values)
+        sources.require_shares(path, values)
         black, white = scale
         values = black * (1.0 - values) + white * values
     return FrictionMap(*formulas.averaged(values, *described.pitch_m()), described.outside)

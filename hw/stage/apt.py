@@ -116,7 +116,7 @@ class Info(NamedTuple):
     firmware: str
 
 
-class Status(NamedTuple):
+class MotionStatus(NamedTuple):
     """Data of STATUS, MOVE_COMPLETED and STOPPED (a stepper's layout)."""
 
     position_raw: int
@@ -159,7 +159,7 @@ def with_velocity(message: Message, velocity: Velocity) -> Frame:
     )
 
 
-def with_status(message: Message, status: Status) -> Frame:
+def with_status(message: Message, status: MotionStatus) -> Frame:
     """STATUS, MOVE_COMPLETED or STOPPED; the encoder is said to agree with the position."""
     return Frame(
         message,
@@ -195,10 +195,10 @@ def read_velocity(frame: Frame) -> Velocity:
     return Velocity(*_VELOCITY.unpack(frame.data or b"")[2:])
 
 
-def read_status(frame: Frame) -> Status:
+def read_status(frame: Frame) -> MotionStatus:
     """The status of a message with a status."""
     _, position_raw, _, bits = _MOTION_STATUS.unpack(frame.data or b"")
-    return Status(position_raw, StatusBit(bits))
+    return MotionStatus(position_raw, StatusBit(bits))
 
 
 def read_info(frame: Frame) -> Info:

@@ -202,14 +202,14 @@ class SimulatedLts150:
         self._advance()
         return self._rest_mm if self._motion is None else self._motion.position_mm(self.clock())
 
-    def _status(self) -> apt.Status:
+    def _status(self) -> apt.MotionStatus:
         position_raw = round((self._position_mm() - self._counter_zero_mm) * COUNTS_PER_MM)
         bits = self._bits
         if self._motion is not None:
             bits |= StatusBit(0x10 if self._motion.way_mm > 0.0 else 0x20)
             if self._motion.announce is Message.HOMED:
                 bits |= StatusBit.HOMING
-        return apt.Status(position_raw, bits)
+        return apt.MotionStatus(position_raw, bits)
 
     def _velocity(self) -> apt.Velocity:
         return apt.Velocity(

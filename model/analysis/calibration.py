@@ -1,7 +1,7 @@
 """One finger's own numbers from its measured friction: a fit with priors, and what the data could
 and could not say.
 
-The fit is that of the diagnosis (`diagnosis/fit.py`), with nothing to name: parameters in prior
+The fit is that of the diagnosis (`diagnosis/model_fit.py`), with nothing to name: parameters in prior
 units, session gains and noise scale integrated out, a Gaussian posterior around the most probable
 finger.
 """
@@ -19,7 +19,7 @@ from scipy.special import ndtri
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import Fit, Problem
+from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import FINGER, GAP_OFFSET, Nuisance, Predictor
 from model.diagnosis.witness import FRICTION

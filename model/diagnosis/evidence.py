@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from model.diagnosis.fit import Fit
+from model.diagnosis.model_fit import Fit
 from model.diagnosis.noise import Noise
 from model.diagnosis.priors import AMPLITUDES, EXACT, FORM_ERRORS
 from model.support.arrays import Array

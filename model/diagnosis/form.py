@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import Fit, Problem
+from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.smooth import compressed
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE
 from model.effects import Effect

@@ -18,8 +18,8 @@ from scipy.stats import norm, qmc
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import Evidence, evidence, evidence_beside, explained, log_marginal
-from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.form import form_terms
+from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.priors import LOG_PRIOR_EACH, NONE, SENSOR_SHARES
 from model.diagnosis.space import FARTHEST
 from model.diagnosis.witness import FRICTION

@@ -21,8 +21,8 @@ from scipy.special import logsumexp
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import evidence, log_marginal
-from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.hypotheses import Candidate, candidate
+from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.priors import LOG_ODDS, SURE
 from model.diagnosis.proof import Proof, Selected, held_out
 from model.effects.learned import (

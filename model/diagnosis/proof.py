@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import evidence
-from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.hypotheses import Candidate
+from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.priors import LOG_PRIOR_EACH
 from model.diagnosis.space import Predictor, nuisances

@@ -11,7 +11,7 @@ from scipy.special import fdtrc, logsumexp
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import log_marginal
-from model.diagnosis.fit import Fit
+from model.diagnosis.model_fit import Fit
 from model.diagnosis.noise import Noise
 from model.diagnosis.priors import AMPLITUDES, LOG_ODDS
 from model.support.arrays import Array, Mask

@@ -16,8 +16,8 @@ from model.description import ModelDescription
 from model.diagnosis.audit import Audit
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import remaining
-from model.diagnosis.fit import Problem
 from model.diagnosis.hypotheses import Candidate, candidate, fit_candidates
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.priors import LOG_ODDS
 from model.diagnosis.sessions import inflation, names, split_sessions, unlike_sessions

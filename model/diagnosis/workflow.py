@@ -13,7 +13,6 @@ from model.description import ModelDescription
 from model.diagnosis.audit import Audit, audited
 from model.diagnosis.data import Measurements
 from model.diagnosis.decide import Verdict, verdict_of
-from model.diagnosis.fit import Problem
 from model.diagnosis.hypotheses import (
     FORCE_SENSOR,
     Candidate,
@@ -23,6 +22,7 @@ from model.diagnosis.hypotheses import (
     unseen,
 )
 from model.diagnosis.learned import LearnedTerm, learn
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import Noise
 from model.diagnosis.posterior import posterior
 from model.diagnosis.proof import Proof, prove

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import STEP
 from model.diagnosis.hypotheses import Candidate, testable_effects, unseen_draws
+from model.diagnosis.model_fit import STEP
 from model.diagnosis.noise import shared_std
 from model.diagnosis.space import FARTHEST, Predictor
 from model.diagnosis.witness import WITNESSES

@@ -17,8 +17,8 @@ from scipy.linalg import cholesky
 from model.conditions import UNDRIVEN_HZ
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import Problem
 from model.diagnosis.hypotheses import Candidate
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import SESSION_GAIN_STD
 from model.diagnosis.priors import words
 from model.diagnosis.space import Predictor

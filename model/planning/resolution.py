@@ -15,8 +15,8 @@ import numpy as np
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.hypotheses import STARTS, testable_effects
+from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.priors import NONE
 from model.diagnosis.space import Predictor

@@ -10,8 +10,8 @@ from math import sqrt
 
 import numpy as np
 
-from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.hypotheses import Candidate
+from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.priors import LOG_ODDS
 
 # Of two models that are equally probable before, the true one reaches SURE in 97.5 % of data sets:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from model.description import POWER_LAW, ModelDescription
-from model.diagnosis.fit import Fit
+from model.diagnosis.model_fit import Fit
 from model.diagnosis.space import Nuisance
 from model.diagnosis.workflow import Diagnosis
 from model.effects.learned import LEARNED

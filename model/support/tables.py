@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from model.support.cells import read_cell
 from model.support.errors import ModelError
-from model.support.files import LARGEST_FILE_BYTES, as_text, read_bytes
+from model.support.reading import LARGEST_FILE_BYTES, as_text, read_bytes
 
 ROW_BYTES = 100  # where rows are limited
 MOST_SAID = 40  # columns that an error names

@@ -54,7 +54,7 @@ FORBIDDEN = [  # rule, file, import that must break it
     (
         "the-driver-reads-forward",
         "haptic_driver/processes/child.py",
-        "import haptic_driver.textures.files",
+        "import haptic_driver.textures.sources",
     ),
     ("the-driver-reads-forward", "haptic_driver/rig/rig.py", "import haptic_driver.simulation.rig"),
     (

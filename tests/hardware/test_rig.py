@@ -16,7 +16,7 @@ import pytest
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import connect_devices
-from haptic_driver.rig.doctor import Status, examine
+from haptic_driver.rig.doctor import CheckStatus, examine
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import Course, DriveCommand
 
@@ -33,7 +33,9 @@ def config():
 
 def test_the_doctor_finds_nothing_wrong(config):
     failed = [
-        check for check in examine(config, datetime.date.today()) if check.status is Status.FAILED
+        check
+        for check in examine(config, datetime.date.today())
+        if check.status is CheckStatus.FAILED
     ]
     assert failed == []
 

@@ -9,7 +9,7 @@ from rich.console import Console
 from haptic_driver.cli import doctor, output
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.doctor import Check, Status
+from haptic_driver.rig.doctor import Check, CheckStatus
 
 
 def terminal(**how):
@@ -28,7 +28,7 @@ def test_brackets_and_colons_of_a_path_are_printed(haptic, surface_file, tmp_pat
 def test_hints_of_the_doctor_keep_their_brackets(capsys):
     check = Check(
         "force sensor",
-        Status.FAILED,
+        CheckStatus.FAILED,
         "there is none in the rig's file",
         "add a section [force_sensor]",
     )

@@ -20,7 +20,7 @@ from haptic_driver.experiments.mending import Mended
 from haptic_driver.experiments.recorded import cut
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.recording.read import Run
-from haptic_driver.simulation.friction import surface_friction
+from haptic_driver.simulation.finger_model import surface_friction
 from tests.haptic_driver.experiments.recorded_runs import HEADER, LIFT, Part, ticks
 from tests.waiting import exists, until
 

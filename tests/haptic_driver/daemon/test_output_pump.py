@@ -23,7 +23,7 @@ from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.states import RigState
-from haptic_driver.simulation.friction import surface_friction
+from haptic_driver.simulation.finger_model import surface_friction
 from haptic_driver.simulation.instruments import simulated_amplifier, simulated_generator
 from hw.analog.output import AnalogOutputSettings
 from hw.finger.plant import FingerPlant

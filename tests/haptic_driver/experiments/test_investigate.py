@@ -260,7 +260,7 @@ def test_friction_comes_back_once_the_air_is_dry() -> None:
     """
     config, model = carried_out(hiding(HUMID), "dry_air"), TouchModel(load_model("reference"))
     condition = Conditions(np.array([20.0]), np.array([100.0]), np.array([0.5]))
-    from haptic_driver.simulation.friction import with_hidden
+    from haptic_driver.simulation.finger_model import with_hidden
 
     assert (
         with_hidden(model, config.simulation.hide).predict(condition).cof

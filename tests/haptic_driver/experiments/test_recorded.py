@@ -16,7 +16,7 @@ from haptic_driver.experiments.data_file import COLUMNS
 from haptic_driver.experiments.recorded import cut, read_data, write_recorded
 from haptic_driver.processes.samples import Flag
 from haptic_driver.recording.read import read_run
-from haptic_driver.simulation.friction import friction_of, with_hidden
+from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from model.conditions import Conditions
 from tests.haptic_driver.experiments.recorded_runs import HEADER, LIFT, Part, record, ticks
 

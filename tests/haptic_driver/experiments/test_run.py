@@ -18,7 +18,7 @@ from haptic_driver.experiments.plan import Plan, Row, Setting, load_plan
 from haptic_driver.experiments.run import ATTEMPTS, READING_S, Experiment, prepare, run
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.states import RigState
-from haptic_driver.simulation.friction import FrictionLaw, friction_of, with_hidden
+from haptic_driver.simulation.finger_model import FrictionLaw, friction_of, with_hidden
 from hw.force.sensor import ForceReading
 from model.diagnosis.data import read_measurements
 from model.effects import BY_NAME

@@ -27,7 +27,7 @@ from haptic_driver.experiments.stroke import stage_of, stroke
 from haptic_driver.rig import devices
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
-from haptic_driver.simulation.friction import electrode_of
+from haptic_driver.simulation.finger_model import electrode_of
 from haptic_driver.simulation.served import NORMAL_FORCE_N, ServedRig, as_real
 from hw.force.sensor import ForceReading
 from hw.monitor.simulated import ElectrodeState, SimulatedLines

@@ -9,7 +9,7 @@ import pytest
 from haptic_driver.rig import config as rig_config_module
 from haptic_driver.rig import devices, doctor
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.doctor import Status, examine
+from haptic_driver.rig.doctor import CheckStatus, examine
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
 from haptic_driver.simulation.served import ServedRig, as_real
 from hw.errors import DeviceError
@@ -68,25 +68,25 @@ def test_nothing_is_set_and_nothing_comes_on(rig_config, served):
     assert served.amplifier.max_voltage_v == 0.0
     assert not served.interlock.closed
     assert not served.stage.moving
-    assert found(checks, "output").status is Status.OK
+    assert found(checks, "output").status is CheckStatus.OK
     assert "SQU, 3.3 VPP, offset 0.5 V" in found(checks, "output").message
 
 
 def test_a_sound_rig(rig_config, served):
     checks = examine(as_real(rig_config, served.endpoints), TODAY)
     assert {
-        ("waveform generator", Status.OK),
-        ("watchdog", Status.OK),
-        ("interlock", Status.OK),
-        ("force sensor", Status.OK),
-        ("stage", Status.OK),
-        ("amplifier", Status.NOT_VERIFIED),
-        ("voltage monitor", Status.NOT_VERIFIED),
-        ("limits figures", Status.OK),
-        ("load setting", Status.WARNING),
-        ("firmware", Status.NOT_VERIFIED),
+        ("waveform generator", CheckStatus.OK),
+        ("watchdog", CheckStatus.OK),
+        ("interlock", CheckStatus.OK),
+        ("force sensor", CheckStatus.OK),
+        ("stage", CheckStatus.OK),
+        ("amplifier", CheckStatus.NOT_VERIFIED),
+        ("voltage monitor", CheckStatus.NOT_VERIFIED),
+        ("limits figures", CheckStatus.OK),
+        ("load setting", CheckStatus.WARNING),
+        ("firmware", CheckStatus.NOT_VERIFIED),
     } <= statuses(checks)
-    assert Status.FAILED not in {check.status for check in checks}
+    assert CheckStatus.FAILED not in {check.status for check in checks}
     assert "2.02-2.02-22-2" in found(checks, "firmware").message
 
 
@@ -95,7 +95,7 @@ def test_what_stays_on_without_an_interlock_is_told(rig_config, served):
         update={"interlock": rig_config_module.NoInterlock()}
     )
     check = found(examine(without, TODAY), "interlock")
-    assert check.status is Status.WARNING
+    assert check.status is CheckStatus.WARNING
     assert (
         "where the computer stops, or driver and watchdog do, the output stays on" in check.message
     )
@@ -104,12 +104,14 @@ def test_what_stays_on_without_an_interlock_is_told(rig_config, served):
 def test_what_somebody_left_on_is_told(rig_config, served):
     served.generator.handle(b"OUTP:LOAD INF;:OUTP 1\n")
     checks = examine(as_real(rig_config, served.endpoints), TODAY)
-    assert found(checks, "output").status is Status.WARNING
-    assert found(checks, "load setting").status is Status.OK
+    assert found(checks, "output").status is CheckStatus.WARNING
+    assert found(checks, "load setting").status is CheckStatus.OK
     assert served.generator.handle(b"OUTP?\n") == b"1\n"  # it is somebody else's
 
 
-@pytest.mark.parametrize(("answers", "status"), [(True, Status.OK), (False, Status.FAILED)])
+@pytest.mark.parametrize(
+    ("answers", "status"), [(True, CheckStatus.OK), (False, CheckStatus.FAILED)]
+)
 def test_the_electrodes_monitors_are_asked_who_they_are(rig_config, served, answers, status):
     scope = SimulatedInfiniiVision(
         SimulatedLines(lambda: None, MonitorLines(0.01, 500.0), (0.0, 0.0), 1)
@@ -136,7 +138,7 @@ def test_another_instrument_at_the_address_fails(rig_config, served):
             with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY
         )
     check = found(checks, "waveform generator")
-    assert check.status is Status.FAILED
+    assert check.status is CheckStatus.FAILED
     assert "ACME" in check.message
     assert check.hint
 
@@ -151,26 +153,26 @@ def test_an_absent_rig_fails_device_by_device_with_hints(rig_config, touch):
     with ServedRig(rig_config, touch) as served:
         config = as_real(rig_config, served.endpoints)
     checks = examine(config, TODAY)
-    failed = {check.name for check in checks if check.status is Status.FAILED}
+    failed = {check.name for check in checks if check.status is CheckStatus.FAILED}
     assert {"waveform generator", "interlock", "force sensor", "stage"} <= failed
-    assert all(check.hint for check in checks if check.status is Status.FAILED)
+    assert all(check.hint for check in checks if check.status is CheckStatus.FAILED)
 
 
 def test_a_silent_instrument_does_not_hold_it_up(rig_config, served):
     with TcpServer(Mute()) as server:
         config = with_generator(as_real(rig_config, served.endpoints), server.resource)
         checks = examine(config, TODAY)
-    assert found(checks, "waveform generator").status is Status.FAILED
-    assert found(checks, "stage").status is Status.OK
+    assert found(checks, "waveform generator").status is CheckStatus.FAILED
+    assert found(checks, "stage").status is CheckStatus.OK
 
 
 @pytest.mark.parametrize(
     ("today", "status"),
     [
-        (datetime.date(2024, 1, 1), Status.OK),
-        (datetime.date(2024, 12, 31), Status.OK),
-        (datetime.date(2025, 1, 2), Status.WARNING),
-        (datetime.date(2023, 12, 31), Status.WARNING),
+        (datetime.date(2024, 1, 1), CheckStatus.OK),
+        (datetime.date(2024, 12, 31), CheckStatus.OK),
+        (datetime.date(2025, 1, 2), CheckStatus.WARNING),
+        (datetime.date(2023, 12, 31), CheckStatus.WARNING),
     ],
 )
 def test_figures_age_in_a_year_and_are_not_of_the_future(rig_config, today, status):
@@ -201,7 +203,7 @@ def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
     (check,) = doctor._monitors(
         config.model_copy(update={"analog_inputs": card, "amplifier": amplifier})
     )
-    assert check == ("voltage monitor", Status.FAILED, "no such card", "look at it")
+    assert check == ("voltage monitor", CheckStatus.FAILED, "no such card", "look at it")
     (channels, how), closed = asked
     assert channels == ["Dev1/ai6"]
     assert (how["range_v"], how["terminal"], how["timeout_s"]) == (5.0, "RSE", 0.3)
@@ -211,14 +213,14 @@ def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
 @pytest.mark.parametrize(
     ("changed", "status", "said"),
     [
-        ({}, Status.WARNING, "a placeholder"),
-        ({"placeholder": False}, Status.OK, "measured on"),
+        ({}, CheckStatus.WARNING, "a placeholder"),
+        ({"placeholder": False}, CheckStatus.OK, "measured on"),
         (
             {"placeholder": False, "measured_at": datetime.date(2020, 1, 1)},
-            Status.WARNING,
+            CheckStatus.WARNING,
             "days ago",
         ),
-        ({"matrix_m": [[0.0] * 3] * 2}, Status.FAILED, "finger_tracker.matrix_m"),
+        ({"matrix_m": [[0.0] * 3] * 2}, CheckStatus.FAILED, "finger_tracker.matrix_m"),
     ],
 )
 def test_a_touch_screen_that_is_not_calibrated_names_the_command_that_does_it(
@@ -235,8 +237,8 @@ def test_a_touch_screen_that_is_not_calibrated_names_the_command_that_does_it(
     check = found(checks, "touch calibration")
     assert check.status is status
     assert said in check.message
-    assert ("haptic calibrate-touch" in check.hint) == (status is not Status.OK)
-    assert found(checks, "touch screen").status is Status.FAILED  # /dev/null is none
+    assert ("haptic calibrate-touch" in check.hint) == (status is not CheckStatus.OK)
+    assert found(checks, "touch screen").status is CheckStatus.FAILED  # /dev/null is none
 
 
 def test_only_questions_can_be_asked():

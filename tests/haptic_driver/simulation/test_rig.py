@@ -18,7 +18,7 @@ from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.slide import Slide, synthetic_slide
 from haptic_driver.signals import DriveCommand
-from haptic_driver.simulation.friction import friction_of
+from haptic_driver.simulation.finger_model import friction_of
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import score
 from haptic_driver.surface.models import load_model

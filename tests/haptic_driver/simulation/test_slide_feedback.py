@@ -16,7 +16,7 @@ from haptic_driver.render.texture import Profile, Uniform
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.slide import Slide
 from haptic_driver.signals import SLIDING_M_S
-from haptic_driver.simulation.friction import friction_of
+from haptic_driver.simulation.finger_model import friction_of
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import score
 

@@ -12,7 +12,7 @@ from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.slide import Slide, synthetic_slide
-from haptic_driver.simulation.friction import surface_friction
+from haptic_driver.simulation.finger_model import surface_friction
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.textures.library import load_texture
 from tests.hw.testing.recording import Recording, Replay, ReplayMismatch

@@ -97,8 +97,8 @@ ANSWERS = [
     apt.with_info(apt.Info(45_000_123, "LTS150", "2.1.7")),
     apt.with_counts(Message.POSITION, -123_456),
     apt.with_velocity(Message.VELOCITY, SPEED),
-    apt.with_status(Message.STATUS, apt.Status(7, StatusBit.HOMED | StatusBit.ENABLED)),
-    apt.with_status(Message.STOPPED, apt.Status(-7, StatusBit(0x10))),
+    apt.with_status(Message.STATUS, apt.MotionStatus(7, StatusBit.HOMED | StatusBit.ENABLED)),
+    apt.with_status(Message.STOPPED, apt.MotionStatus(-7, StatusBit(0x10))),
     apt.with_status_bits(StatusBit.HOMED),
     apt.on_channel(Message.HOMED),
 ]
@@ -146,7 +146,7 @@ def test_numbers_are_packed_as_by_the_independent_package(
 def test_answers_are_read_as_by_the_independent_package(counts: int, bits: int) -> None:
     position = parse(apt.with_counts(Message.POSITION, counts))
     assert (position.msg, position.position) == ("mot_get_poscounter", counts)
-    status = parse(apt.with_status(Message.STATUS, apt.Status(counts, StatusBit(bits))))
+    status = parse(apt.with_status(Message.STATUS, apt.MotionStatus(counts, StatusBit(bits))))
     assert (status.position, status.enc_count) == (counts, counts)
     assert status.homed == bool(bits & StatusBit.HOMED)
     assert status.homing == bool(bits & StatusBit.HOMING)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.diagnosis.fit import Problem
 from model.diagnosis.hypotheses import STARTS, candidate, force_sensor
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.priors import LOG_ODDS
 from model.effects import BY_NAME
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from model.diagnosis.evidence import evidence, evidence_beside
-from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.form import form_terms
 from model.diagnosis.hypotheses import STARTS, WORTH_REFITTING, candidate, with_one_more
+from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE
 from model.effects import BY_NAME
 from model.support.arrays import Array

@@ -18,9 +18,9 @@ import pytest
 from model.conditions import Conditions
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Measurements, read_measurements
-from model.diagnosis.fit import Problem
 from model.diagnosis.hypotheses import Candidate, candidate
 from model.diagnosis.learned import LearnedTerm, learn
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.space import Predictor
 from model.diagnosis.workflow import diagnose

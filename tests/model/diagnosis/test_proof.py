@@ -10,8 +10,8 @@ import pytest
 from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Measurements
-from model.diagnosis.fit import Problem
 from model.diagnosis.hypotheses import Candidate, candidate
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.proof import Proof, prove
 from model.diagnosis.space import NUISANCES, Predictor

@@ -12,8 +12,8 @@ from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.evidence import evidence_beside
-from model.diagnosis.fit import Problem
 from model.diagnosis.hypotheses import Candidate, candidate, fit_candidates
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.smooth import compressed, discrepancy_terms
 from model.diagnosis.space import Predictor

@@ -12,7 +12,7 @@ import pytest
 from model.conditions import Conditions
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Measurements, read_measurements, together
-from model.diagnosis.fit import Problem
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.space import AREA, NUISANCES, OPEN, REST, STRAY, Predictor, nuisances
 from model.diagnosis.witness import (

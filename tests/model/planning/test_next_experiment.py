@@ -12,7 +12,7 @@ import pytest
 from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Array, Measurements
-from model.diagnosis.fit import Problem
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.workflow import Diagnosis, diagnose

@@ -13,8 +13,8 @@ from model.description import ModelDescription, read_model
 from model.diagnosis.data import Array, Measurements
 from model.diagnosis.decide import Decision, Verdict
 from model.diagnosis.evidence import Evidence
-from model.diagnosis.fit import Fit, Problem
 from model.diagnosis.hypotheses import Candidate, Hypotheses
+from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import Noise
 from model.diagnosis.posterior import Posterior
 from model.diagnosis.proof import Proof

@@ -14,7 +14,7 @@ from model.diagnosis.data import read_measurements
 from model.electric.dielectrics import read_csv
 from model.support.cells import read_cell, written_cell
 from model.support.errors import ModelError
-from model.support.files import LARGEST_FILE_BYTES, read_bytes
+from model.support.reading import LARGEST_FILE_BYTES, read_bytes
 from model.support.tables import Table, read_table
 
 WANTED = "Give columns a, b"

@@ -21,7 +21,7 @@ from haptic_driver.experiments.psychophysics.apparatus import AssumedApparatus
 from haptic_driver.experiments.psychophysics.data import COLUMNS, SessionFiles
 from haptic_driver.experiments.psychophysics.delivery import Felt
 from haptic_driver.experiments.psychophysics.description import Stimulus
-from haptic_driver.experiments.psychophysics.design import pretended, reached, try_design
+from haptic_driver.experiments.psychophysics.rehearsal import pretended, reached, try_design
 from haptic_driver.experiments.psychophysics.run import run_session
 from haptic_driver.experiments.psychophysics.schedule import (
     Schedule,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.pictures.files import pyplot, saved
+from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.signals import WITHIN, Array, Mask
 from haptic_driver.simulation.slide import SlideRecord
 from haptic_driver.surface.file import SurfaceFile

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.pictures.friction import draw_slide, draw_surface
+from haptic_driver.pictures.friction_pictures import draw_slide, draw_surface
 from haptic_driver.rig.slide import Slide
 from model.conditions import Conditions
 from tests.haptic_driver.slide_records import made_record, made_samples

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.pictures.files import saved
+from haptic_driver.pictures.saving import saved
 
 
 @pytest.mark.parametrize("ending", [".png", ".pdf", ".svg", ".PNG"])
