@@ -1,5 +1,5 @@
 """A log that keeps nobody waiting: a thread of its own writes it, and what it cannot take is
-dropped and counted.
+dropped.
 
 A terminal that somebody has stopped with Ctrl-S, or a pipe that nobody reads, stops whoever writes
 to it. Code on the way to zero volts must not be stopped.
@@ -19,27 +19,23 @@ STDERR = 2
 
 
 class DroppingHandler(logging.Handler):
-    """Writes records to a file descriptor in a thread that begins now and ends with the process.
+    """Writes records to standard error in a thread that begins now and ends with the process.
 
-    `dropped` counts what was not written for want of room. Nothing else writes there: what a stream
+    What there is no room for is lost. Nothing else writes there: what a stream
     or another handler holds back, it would wait for at the end of the process.
     """
 
-    def __init__(self, descriptor: int = STDERR, most: int = MOST_WAITING) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.dropped = 0
-        self._descriptor = descriptor
-        self._waiting: queue.Queue[logging.LogRecord] = queue.Queue(most)
+        self._waiting: queue.Queue[logging.LogRecord] = queue.Queue(MOST_WAITING)
         threading.Thread(target=self._write, name="log", daemon=True).start()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Leave it for the thread; whatever is in the way, nobody waits for it and nothing is
         raised.
         """
-        try:
+        with suppress(Exception):  # full, or no memory
             self._waiting.put_nowait(record)
-        except Exception:  # full, or no memory
-            self.dropped += 1
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
         """Say nothing: to say it on standard error would wait for that."""
@@ -57,5 +53,5 @@ class DroppingHandler(logging.Handler):
             with suppress(Exception):
                 said = f"{self.format(record)}\n".encode(errors="replace")
                 while said:
-                    said = said[os.write(self._descriptor, said) :]
+                    said = said[os.write(STDERR, said) :]
             self._waiting.task_done()

@@ -50,10 +50,9 @@ def fidelity_of_samples(
     perception: Perception,
     reach_hz: float | None = None,
     noise_n: float = 0.0,
-    where: Mask | None = None,
 ) -> Fidelity:
     """The measure over samples [n] of dtype SAMPLE; see `fidelity_of` and `strokes_of`."""
-    return fidelity_of(strokes_of(samples, where), tick_s(samples), perception, reach_hz, noise_n)
+    return fidelity_of(strokes_of(samples), tick_s(samples), perception, reach_hz, noise_n)
 
 
 def tick_s(samples: NDArray[np.void]) -> float:

@@ -116,17 +116,16 @@ def connect_devices(
     config: RigConfig,
     *,
     on_event: Callable[[RigEvent], None] = lambda event: None,
-    transport: Transport | None = None,
     before: ForceSensor | None = None,
     envelope: bool = True,
 ) -> Devices:
     """The drivers of the devices that `config` names; nothing is opened before the result is
     entered.
 
-    With an analog output the generator's amplitude follows it. `transport` stands in for the
-    generator's, e.g. one that records. `before`: the force sensor of an earlier connection, whose
-    bias is kept, since a finger may press now. Without `envelope` the analog output is somebody
-    else's to open, before these. Raises BadInputError for a rig without hardware.
+    With an analog output the generator's amplitude follows it. `before`: the force sensor of an
+    earlier connection, whose bias is kept, since a finger may press now. Without `envelope` the
+    analog output is somebody else's to open, before these. Raises BadInputError for a rig without
+    hardware.
     """
     if config.simulated:
         raise BadInputError(
@@ -150,7 +149,7 @@ def connect_devices(
     beaten = [*heartbeats, *([watchdog] if watchdog else [])]
     rig = build_rig(
         config,
-        transport or generator_transport(config),
+        generator_transport(config),
         force_sensor,
         lines,
         modulated=not isinstance(config.analog_output, NoAnalogOutput),

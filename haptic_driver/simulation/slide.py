@@ -74,16 +74,14 @@ class Score:
     """How well one slide was rendered, and what else counts; see `haptic demo --json` for the
     names.
 
-    While the force sensor is saturated (`saturated_time_s`) friction is unknown, and is not judged.
-    `output_on_without_contact_s`: with more than the lowest voltage that an output has while it is
-    on.
+    While the force sensor is saturated friction is unknown, and is not judged.
+    `output_on_without_contact_s`: with more than the lowest voltage that an output has while on.
     """
 
     fidelity: Fidelity
     contact_time_s: float
     max_voltage_v: float
     output_on_without_contact_s: float
-    saturated_time_s: float
 
 
 def score(record: SlideRecord, perception: Perception | None = None) -> Score:
@@ -97,5 +95,4 @@ def score(record: SlideRecord, perception: Perception | None = None) -> Score:
         contact_time_s=float(np.count_nonzero(samples["in_contact"]) * TICK_S),
         max_voltage_v=record.max_voltage_v,
         output_on_without_contact_s=float(np.count_nonzero(more & record.off_screen) * TICK_S),
-        saturated_time_s=float(np.count_nonzero(record.saturated) * TICK_S),
     )

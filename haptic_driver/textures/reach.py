@@ -34,13 +34,11 @@ class Demand(NamedTuple):
     flags: tuple[str, ...]
 
 
-def demand(
-    target: Target, reachable_cof: tuple[float, float], screen_m: tuple[float, float] = SCREEN_M
-) -> Demand:
-    """What a texture or script asks for on a screen with a corner at 0, 0, against the lowest and
+def demand(target: Target, reachable_cof: tuple[float, float]) -> Demand:
+    """What a texture or script asks for on `SCREEN_M` with a corner at 0, 0, against the lowest and
     highest friction.
     """
-    cof = np.asarray(target_values(target, screen_m)).ravel()
+    cof = np.asarray(target_values(target, SCREEN_M)).ravel()
     asked = np.isfinite(cof)
     low, high = target.bounds()
     below = float(np.mean(cof[asked] < reachable_cof[0] - SAME)) if asked.any() else 0.0

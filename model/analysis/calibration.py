@@ -1,9 +1,9 @@
 """One finger's own numbers from its measured friction: a fit with priors, and what the data could
 and could not say.
 
-The fit is that of the diagnosis (`diagnosis/model_fit.py`), with nothing to name: parameters in prior
-units, session gains and noise scale integrated out, a Gaussian posterior around the most probable
-finger.
+The fit is that of the diagnosis (`diagnosis/model_fit.py`), with nothing to name: parameters in
+prior units, session gains and noise scale integrated out, a Gaussian posterior around the most
+probable finger.
 """
 
 from __future__ import annotations

@@ -111,15 +111,13 @@ class ForceSpectrum:
         return complex(self.force_n[at].sum())
 
 
-def force_spectrum(
-    model: TouchModel, tones: Tones, normal_force_n: float, speed_m_s: float = SPEED_REFERENCE_M_S
-) -> ForceSpectrum:
+def force_spectrum(model: TouchModel, tones: Tones, normal_force_n: float) -> ForceSpectrum:
     """Every line of the force that `tones` exert under a load; ModelError where the contact pulls
     in.
 
     Effects that know a drive only by one mean square are refused (`knows_one_tone_only`).
     """
-    _, circuit = _one_touch(model, tones, normal_force_n, speed_m_s)
+    _, circuit = _one_touch(model, tones, normal_force_n)
     field, mass = _field_per_v(model, circuit, _total_pressure_pa(model, circuit))
     left = np.sqrt(
         circuit.mean_square_v2[0] / np.where(tones.mean_square_v2 > 0.0, tones.mean_square_v2, 1.0)
@@ -173,7 +171,7 @@ def impedance(
     tones = Tones(
         np.asarray(frequency_hz, dtype=float), np.zeros(np.size(frequency_hz), dtype=complex)
     )
-    touch, circuit = _one_touch(model, tones, normal_force_n, SPEED_REFERENCE_M_S)
+    touch, circuit = _one_touch(model, tones, normal_force_n)
     jw_eps0 = 1j * touch.omega[:, 0] * EPS0
     area = model.description.values.contact_area_m2
     unattracted_pa = circuit.load_pa + circuit.added_pa
@@ -227,7 +225,7 @@ def steepness(
 
 
 def _one_touch(
-    model: TouchModel, tones: Tones, normal_force_n: float, speed_m_s: float
+    model: TouchModel, tones: Tones, normal_force_n: float
 ) -> tuple[PreparedTouch, GapCircuit]:
     """The tones as touches of their own [k], and as the branches [1, k] of the one touch they make
     together.
@@ -250,7 +248,7 @@ def _one_touch(
         voltage_offset_v=0.0,
         mean_square_factor=np.where(steady, 1.0, SINE_MEAN_SQUARE),
         normal_force_n=normal_force_n,
-        speed_m_s=speed_m_s,
+        speed_m_s=SPEED_REFERENCE_M_S,
         time_s=0.0,
         steady=steady.astype(float),
     )

@@ -30,16 +30,15 @@ from model.planning.separation import ALIKE, APART, separation
 from model.support.arrays import Array
 
 AGAINST = {witness.against for witness in WITNESSES if witness.against}
+MOST = 6  # settings at a time
 REPEATS = 5  # readings at each proposed setting
 MOST_LEVELS = 4  # of voltage, load, speed and time
 PRESENT_LEVELS = 12  # of frequency that a data set may add to the 1-2-5 steps
 STEPS_HZ = (*(m * 10.0**e for e in range(6) for m in (1, 2, 5)), 1e6)
 
 
-def next_experiments(
-    diagnosis: Diagnosis, description: ModelDescription, most: int = 6
-) -> list[dict[str, Any]]:
-    """At most `most` settings, best first; where no setting tells the two leading models apart,
+def next_experiments(diagnosis: Diagnosis, description: ModelDescription) -> list[dict[str, Any]]:
+    """At most `MOST` settings, best first; where no setting tells the two leading models apart,
     physical checks.
 
     `kind` is `setting` or `check`, `purpose` says in words what it is for. `separation` is what a
@@ -53,7 +52,7 @@ def next_experiments(
     if findings is None:
         return []
     if diagnosis.name == "unexplained":
-        return _repeats(diagnosis.data, findings.before, most)
+        return _repeats(diagnosis.data, findings.before)
     leaders = leading(findings)
     if len(leaders) < 2:
         return []
@@ -72,7 +71,7 @@ def next_experiments(
         return _checks((first, second), common)
     settings = _settings(diagnosis.data.subset(friction), [c for c, _ in leaders])
     pool = Pool(settings, np.arange(settings.count), np.ones(settings.count), REPEATS)
-    choices = design(diagnosis, pool, most, float(most)).choices
+    choices = design(diagnosis, pool, MOST, float(MOST)).choices
     if choices:
         chosen = settings.subset(np.array(sorted(choice.block for choice in choices)))
         common["lambda_after"] = separation(
@@ -92,10 +91,10 @@ def next_experiments(
     ]
 
 
-def _repeats(data: Measurements, scan: Disagreement, most: int) -> list[dict[str, Any]]:
+def _repeats(data: Measurements, scan: Disagreement) -> list[dict[str, Any]]:
     """One measured setting from the middle of each region that disagrees, strongest first."""
     found: list[dict[str, Any]] = []
-    for region in scan.certain[:most]:
+    for region in scan.certain[:MOST]:
         inside = np.ones(data.count, bool)
         for axis, low, high in zip(region.axes, region.low, region.high, strict=True):
             inside &= (data.columns[axis] >= low) & (data.columns[axis] <= high)

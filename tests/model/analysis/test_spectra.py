@@ -139,7 +139,7 @@ def test_every_line_against_sampling_in_time(touch):
         np.array([0.0, 40.0, 200.0, 240.0]), np.array([15.0, 20.0 - 5.0j, 30.0j, 10.0 + 0j])
     )
     found = force_spectrum(touch, tones, LOAD)
-    _, circuit = spectra._one_touch(touch, tones, LOAD, 0.02)
+    _, circuit = spectra._one_touch(touch, tones, LOAD)
     field, mass = spectra._field_per_v(
         touch, circuit, circuit.load_pa + found.line(0.0).real / AREA
     )
