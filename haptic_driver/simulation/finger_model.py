@@ -57,16 +57,13 @@ def friction_of(model: TouchModel) -> FrictionLaw:
         normal_force_n: float,
         speed_m_s: float,
         time_s: float,
-        voltage_offset_v: float = 0.0,
-        waveform: str = "sine",
+        *bias_and_waveform: Any,
     ) -> float:
         load_n = max(normal_force_n, LEAST_FORCE_N)
         seen_s = TIME_STEP_S * round(time_s / TIME_STEP_S) if ages else 0.0
         speed_m_s = min(abs(speed_m_s), HIGHEST_SPEED_M_S)
-        return (
-            cof(frequency_hz, voltage_v, load_n, speed_m_s, seen_s, voltage_offset_v, waveform)
-            * normal_force_n
-        )
+        mu = cof(frequency_hz, voltage_v, load_n, speed_m_s, seen_s, *bias_and_waveform)
+        return mu * normal_force_n
 
     return friction_n
 
@@ -96,10 +93,8 @@ def electrode_of(model: TouchModel, stray_capacitance_f: float = 0.0) -> Electro
             waveform,
         )
         answer = model.predict(replace(condition, finger=np.array([finger])))
-        voltage, current = (
-            complex(answer.electrode_voltage_v[0]),
-            complex(answer.electrode_current_a[0]),
-        )
+        voltage = complex(answer.electrode_voltage_v[0])
+        current = complex(answer.electrode_current_a[0])
         stray_a = 2j * np.pi * frequency_hz * stray_capacitance_f * voltage
         return ElectrodeState(frequency_hz, voltage, current + stray_a, direct_v=voltage_offset_v)
 
@@ -112,14 +107,14 @@ def _condition(
     load_n: float,
     speed_m_s: float,
     time_s: float,
-    offset_v: float,
-    waveform: str,
+    offset_v: float = 0.0,
+    waveform: str = "sine",
 ) -> Conditions:
-    f, v, n, s, t, offset, wave = (
+    f, v, n, offset, wave, s, t = (
         np.array([x])
-        for x in (frequency_hz, voltage_v, load_n, speed_m_s, time_s, offset_v, waveform)
+        for x in (frequency_hz, voltage_v, load_n, offset_v, waveform, speed_m_s, time_s)
     )
-    return Conditions(f, v, n, speed_m_s=s, time_s=t, voltage_offset_v=offset, waveform=wave)
+    return Conditions(f, v, n, offset, wave, s, t)
 
 
 def surface_friction(file: SurfaceFile, limits: OperatingLimits) -> FrictionLaw:
