@@ -65,11 +65,11 @@ class GapTable:
 
 
 @lru_cache(maxsize=8)
-def gap_table(shape: SelfAffineShape) -> GapTable:
+def gap_table(shape: SelfAffineShape, folder: Path | None = None) -> GapTable:
     """The table for `shape`: from the cache when it is there, else built (under a second) and
     cached.
     """
-    path = cache_dir() / f"gap-table-{_key(shape)}.npz"
+    path = (folder or cache_dir()) / f"gap-table-{_key(shape)}.npz"
     table = _read(shape, path)
     if table is None:
         table = build_table(shape)
