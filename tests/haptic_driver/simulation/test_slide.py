@@ -182,21 +182,19 @@ def test_speed_is_that_of_a_steady_slide():
 def test_what_is_counted_besides_fidelity():
     contact = np.ones(100, bool)
     contact[:10] = False
-    off_screen, voltage, saturated = np.zeros(100, bool), np.full(100, 70.0), np.zeros(100, bool)
-    off_screen[50:], voltage[70:], saturated[:5] = True, 1.0, True
+    off_screen, voltage = np.zeros(100, bool), np.full(100, 70.0)
+    off_screen[50:], voltage[70:] = True, 1.0
     result = score(
         made_record(
             samples=made_samples(in_contact=contact),
             off_screen=off_screen,
             voltage_v=voltage,
-            saturated=saturated,
         )
     )
     assert result.contact_time_s == pytest.approx(0.090)
     assert result.output_on_without_contact_s == pytest.approx(
         0.020
     )  # 1 V is the lowest that an output has
-    assert result.saturated_time_s == pytest.approx(0.005)
     assert result.max_voltage_v == 77.0
 
 
