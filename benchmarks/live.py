@@ -23,13 +23,14 @@ from scipy.stats import beta, chi2
 
 from benchmarks.claim import Claim
 from haptic_driver.config import texture_dirs
-from haptic_driver.daemon.agreement import Agreement, Window
-from haptic_driver.daemon.touch_by_current import TouchByCurrent
-from haptic_driver.experiments.mending import Mended, mend
-from haptic_driver.experiments.recorded import Recorded, cut
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.live.agreement import Agreement
+from haptic_driver.live.comparison import compared
+from haptic_driver.live.follow import MOST_WINDOWS
+from haptic_driver.live.proof import LEAST_UNSEEN, mend
+from haptic_driver.live.touch_by_current import TouchByCurrent
+from haptic_driver.live.window import NONE_YET, Window, windows
 from haptic_driver.processes.samples import SAMPLE
-from haptic_driver.recording.read import Run
 from haptic_driver.render import envelope
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
@@ -186,8 +187,9 @@ class Arm:
             table_of(build_surface(self.model, LIMITS, AXES).worst_case),
         )
         self.other = self.controller(self.model, OTHER_HZ)
-        self.rows: list[Recorded] = []
-        self.said: list[Mended | None] = []
+        self.rows: deque[Window] = deque(maxlen=MOST_WINDOWS)
+        self.counted = NONE_YET
+        self.said: list[ModelDescription | None] = []
 
     def controller(self, model: ModelDescription, frequency_hz: float = CARRIER_HZ) -> Controller:
         surface = ready_for_lookup(build_surface(model, LIMITS, AXES), LIMITS)
@@ -198,19 +200,18 @@ class Arm:
 
     def learn(self, samples: np.ndarray, state: TickState, speed_m_s: float) -> TickState:
         """Rows of the last seconds; with mending, another surface where that is better."""
-        start_s, end_s = samples["time_s"][0], samples["time_s"][-1]
-        new = cut(Run("now", {"latency_budget_s": BUDGET_S}, {}, samples, []))
-        self.rows += [
-            r._replace(measured=r.measured._replace(time_s=start_s + r.measured.time_s))
-            for r in new
-        ]
-        seen = [r for r in self.rows if r.measured.time_s < end_s - HELD_OUT_S]
-        unseen = [r for r in self.rows if r.measured.time_s >= end_s - HELD_OUT_S]
-        found = mend(seen, self.file_model, unseen, self.model)
-        self.said.append(found if isinstance(found, Mended) else None)
-        if not isinstance(found, Mended):
+        end_s = samples["time_s"][-1]
+        new, self.counted = windows(samples, BUDGET_S, self.counted)
+        self.rows += new
+        seen = [r for r in self.rows if r.time_s < end_s - HELD_OUT_S]
+        unseen = [r for r in self.rows if r.time_s >= end_s - HELD_OUT_S]
+        found = None
+        if len(unseen) >= LEAST_UNSEEN and seen:
+            found = mend(seen, unseen, self.file_model, self.model).model
+        self.said.append(found)
+        if found is None:
             return state
-        self.model, before = found.model, self.stages.controller
+        self.model, before = found, self.stages.controller
         self.stages = replace(self.stages, controller=self.controller(self.model))
         self.other = self.controller(self.model, OTHER_HZ)
         voltage_v, contact_s = state.command.voltage_v, end_s
@@ -492,9 +493,9 @@ def agreement() -> Iterator[Claim]:
         "at most 1",
         false <= fingers,
     )
-    places: dict[str, Callable[[dict[str, float]], bool]] = {
-        "above 75 V": lambda at: at["voltage_v"] > 75.0,
-        "above 0.6 N": lambda at: at["normal_force_n"] > 0.6,
+    places: dict[str, Callable[[Window], bool]] = {
+        "above 75 V": lambda at: at.voltage_v > 75.0,
+        "above 0.6 N": lambda at: at.normal_force_n > 0.6,
     }
     for name, where in places.items():
         told = [alarms(rng, 900.0, where, 600.0) for _ in range(changes)]
@@ -519,7 +520,7 @@ def agreement() -> Iterator[Claim]:
 def alarms(
     rng: np.random.Generator,
     duration_s: float,
-    where: Callable[[dict[str, float]], bool],
+    where: Callable[[Window], bool],
     since_s: float = 0.0,
 ) -> list[float]:
     """When the test speaks, over windows of one carrier as a texture makes them: five in a second,
@@ -528,14 +529,13 @@ def alarms(
     test, times = Agreement(), []
     for i in range(round(duration_s / 0.2)):
         time_s = 0.2 * i
-        at = {
-            "frequency_hz": CARRIER_HZ,
-            "voltage_v": float(rng.uniform(0.0, 130.0)),
-            "normal_force_n": float(rng.uniform(0.3, 0.9)),
-            "speed_m_s": float(rng.uniform(0.01, 0.08)),
-        }
-        change = -0.05 if time_s >= since_s and where(at) else 0.0
+        v, n, s = (float(rng.uniform(*ends)) for ends in ((0.0, 130.0), (0.3, 0.9), (0.01, 0.08)))
         noise, stated = 0.03 * rng.standard_normal(), 0.03 * np.sqrt(rng.chisquare(8) / 8)
-        if test.add(Window(time_s, at, change + noise, float(stated))):
+        made = Window(CARRIER_HZ, v, n, s, float(np.exp(noise)), 0.0, time_s, 0.2, 1, 1)
+        made = made._replace(cof_std=float(stated) * made.cof)
+        if time_s >= since_s and where(made):
+            made = made._replace(cof=made.cof * 0.95, cof_std=made.cof_std * 0.95)
+        off, std = compared([made], np.ones(1))
+        if test.add(made, float(off[0]), float(std[0])):
             times.append(time_s)
     return times

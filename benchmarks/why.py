@@ -15,11 +15,8 @@ from benchmarks.claim import Claim
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.set_up import latency_budget_s, render_settings
 from haptic_driver.daemon.stepped import SteppedDaemon
-from haptic_driver.daemon.why import ROWS, answer
-from haptic_driver.experiments.data_file import row_texts
-from haptic_driver.experiments.recorded import cut
-from haptic_driver.files import write_rows
-from haptic_driver.recording.read import Run
+from haptic_driver.live.why import answer, write_windows
+from haptic_driver.live.window import windows
 from haptic_driver.render.texture import Uniform
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
@@ -76,9 +73,7 @@ def _asked(seed: int) -> dict[str, Any]:
                 samples.append(daemon.shared.ring.newest(1))
         daemon.close()
     budget = latency_budget_s(config, TICK_S, LEAST_LEAD_S)
-    attributes = {"latency_budget_s": budget, "simulated": 1.0}
-    rows = cut(Run("now", attributes, {}, np.concatenate(samples), []))
+    rows, _ = windows(np.concatenate(samples), budget)
     with tempfile.TemporaryDirectory() as folder:
-        texts = [row_texts(row, measured, simulated=True) for row, measured in rows]
-        write_rows(Path(folder, ROWS), texts)
+        write_windows(Path(folder), rows, simulated=True)
         return answer("reference", Path(folder))

@@ -173,12 +173,8 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
         """Whether there is enough of a carrier to ask why; a busy machine has gaps, of which there
         are no rows.
         """
-        there = [
-            row
-            for row in list(daemon.basis.observer.rows)
-            if row.row.setting.frequency_hz == carrier_hz
-        ]
-        return len(there) >= ROWS
+        rows = list(daemon.basis.observer.rows)
+        return sum(row.frequency_hz == carrier_hz for row in rows) >= ROWS
 
     watching.until(lambda: daemon.status().output_on, "the output comes on")
     dry = watching.for_s(SHOWN_S, "a dry finger")

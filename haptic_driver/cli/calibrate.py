@@ -10,8 +10,8 @@ from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, RowsOption, report, status, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.recorded import read_data
 from haptic_driver.files import bad_input, writing
+from haptic_driver.live.recordings import read_data
 from haptic_driver.pictures.model import draw_calibration
 from haptic_driver.surface.models import load_model
 from model.analysis.calibration import OPTIONAL, Calibration, write_calibration

@@ -21,9 +21,9 @@ from typer import Argument, Option
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, named, report, signals_to, stdout
 from haptic_driver.daemon.address import Address
-from haptic_driver.daemon.agreement import UNITS
 from haptic_driver.daemon.private_file import private_folder, write_private
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.live.agreement import AXES
 
 if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
@@ -223,7 +223,7 @@ def agreement_lines(status: Status) -> list[str]:
         by_axis.setdefault(cell.axis, []).append(cell)
     lines = []
     for axis, cells in by_axis.items():
-        unit = UNITS[axis]
+        unit, _ = AXES[axis]
         name = axis.removesuffix(f"_{unit.lower().replace('/', '_')}").replace("_", " ")
         signs = " ".join(_sign(cell.share) for cell in cells)
         lines.append(

@@ -26,9 +26,9 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.check import told
 from haptic_driver.experiments.data_file import meta_path
 from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, load_plan, write_plan
-from haptic_driver.experiments.recorded import read_data
 from haptic_driver.experiments.resolving import ways
 from haptic_driver.files import bad_input, read_text, writing
+from haptic_driver.live.recordings import read_data
 from haptic_driver.pictures.model import draw_resolution
 from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.inquiry import Inquiry
 from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import DaemonState, RefusedError, Why
 from haptic_driver.daemon.observer import Observer
@@ -16,7 +17,6 @@ from haptic_driver.daemon.recordings import Recordings
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.supervision import Supervisor
 from haptic_driver.daemon.targets import Targets
-from haptic_driver.daemon.why import Inquiry
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.surface.build import is_of
 from haptic_driver.surface.file import SurfaceFile
@@ -29,7 +29,7 @@ class Basis:
         self, settings: DaemonSettings, shared: SharedState, events: EventLog, loader: Loader
     ) -> None:
         self.settings = settings
-        self.observer = Observer(shared, events, self._install)
+        self.observer = Observer(settings.observed, shared, events, self._install)
         self.inquiry = Inquiry(events)
         self._shared, self._events, self._loader = shared, events, loader
         self._own = settings.surface  # of the model as its file has it
@@ -46,8 +46,8 @@ class Basis:
         )
 
     def start(self) -> None:
-        self.observer.start(self.settings.observed)
-        self.observer.adapt(self.settings.config.adapt)
+        self.observer.start()
+        self.observer.swap.adapt(self.settings.config.adapt)
 
     def close(self) -> None:
         """End what was begun."""
@@ -93,7 +93,15 @@ class Basis:
             self._supervisor.render_anew(settings)
             if not same:
                 self._own = settings.surface
-                self.observer.start(settings.observed)
+                self.observer.end()
+                self.observer = Observer(
+                    settings.observed,
+                    self._shared,
+                    self._events,
+                    self._install,
+                    self.observer.swap.said,
+                )
+                self.observer.start()
         self._events.tell(
             "model", name, surface_hash=settings.surface.content_hash, carrier_hz=carrier_hz
         )
@@ -101,8 +109,7 @@ class Basis:
     def why(self, minutes: float) -> Why:
         """Diagnose what was rendered in that time, by the model as its file has it."""
         rows = list(self.observer.rows)
-        since_s = rows[-1].measured.time_s - 60.0 * minutes if rows else 0.0
-        recent = [row for row in rows if row.measured.time_s >= since_s]
+        recent = [row for row in rows if row.time_s >= rows[-1].time_s - 60.0 * minutes]
         return self.inquiry.ask(
             recent, self.settings.model, simulated=self.settings.config.simulated
         )

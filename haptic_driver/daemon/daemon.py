@@ -221,7 +221,7 @@ class Daemon:
                 feedback=settings.feedback,
                 agreement=self.basis.observer.cells,
                 disagreement=self.basis.observer.said,
-                adaptation=self.basis.observer.adaptation,
+                adaptation=self.basis.observer.swap.said,
                 recording=str(recording) if recording is not None else None,
                 recording_fault=self._recordings.fault,
             )
@@ -312,7 +312,7 @@ class Daemon:
         if on and self.basis.settings.config.friction_from_current:
             said = "friction is estimated from the current by the model, and cannot mend it"
             raise RefusedError("no_force_sensor", said, "mend it on a rig with a force sensor")
-        self.basis.observer.adapt(on)
+        self.basis.observer.swap.adapt(on)
         return self.status()
 
     def ask_why(self, minutes: float) -> Why:

@@ -7,9 +7,9 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Mapping
 
-from haptic_driver.daemon.current_sensor import CurrentSensor, ReadElectrode
 from haptic_driver.daemon.readings import Readings
 from haptic_driver.errors import BadInputError
+from haptic_driver.live.current_sensor import CurrentSensor, ReadElectrode
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import RigConfig

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from haptic_driver.daemon.envelope_process import BEHIND_S
 from haptic_driver.daemon.judge import JudgeSettings
-from haptic_driver.daemon.observation import ObserverSettings
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
 from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.perception import load_perception
+from haptic_driver.live.follow import FollowSettings
 from haptic_driver.processes.samples import Flag
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
@@ -74,13 +74,13 @@ class DaemonSettings:
         return replace(self, surface=surface, render=render)
 
     @property
-    def observed(self) -> ObserverSettings:
+    def observed(self) -> tuple[FollowSettings, JudgeSettings]:
         """What the observer is told. Raises BadInputError."""
         config = self.config
         noise_n = config.simulation.force_noise_n if config.simulated else 0.0
         judge = JudgeSettings(load_perception(), reach_hz(config), noise_n)
         limits = config.operating_limits()
-        return ObserverSettings(self.model, self.surface, limits, self.latency_budget_s(), judge)
+        return FollowSettings(self.model, self.surface, limits, self.latency_budget_s()), judge
 
     def latency_budget_s(self, lead_s: float = 0.0) -> dict[str, float]:
         """See the function; with the lead of an envelope that its writer has told."""

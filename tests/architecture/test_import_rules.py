@@ -72,6 +72,18 @@ FORBIDDEN = [  # rule, file, import that must break it
         "haptic_driver/experiments/plan.py",
         "import haptic_driver.pictures.model",
     ),
+    (
+        "the-driver-reads-forward",
+        "haptic_driver/experiments/average.py",
+        "import haptic_driver.live.window",
+    ),
+    (
+        "the-driver-reads-forward",
+        "haptic_driver/live/swap.py",
+        "import haptic_driver.daemon.event_log",
+    ),
+    ("live-reads-forward", "haptic_driver/live/comparison.py", "import haptic_driver.live.refit"),
+    ("live-reads-forward", "haptic_driver/live/proof.py", "import haptic_driver.live.swap"),
     ("the-driver-reads-forward", "haptic_driver/daemon/daemon.py", "import haptic_driver.client"),
     ("the-driver-reads-forward", "haptic_driver/client.py", "import haptic_driver.cli.output"),
     (

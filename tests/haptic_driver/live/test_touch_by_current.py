@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptic_driver.daemon.touch_by_current import TouchByCurrent
+from haptic_driver.live.touch_by_current import TouchByCurrent
 from haptic_driver.surface.models import load_model
 from hw.monitor.contract import ElectrodeReading
 from model.conditions import Conditions

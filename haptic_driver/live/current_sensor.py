@@ -9,8 +9,8 @@ import time
 from collections.abc import Callable
 from math import nan
 
-from haptic_driver.daemon.touch_by_current import Felt, TouchByCurrent
 from haptic_driver.errors import HapticError, message_of
+from haptic_driver.live.touch_by_current import Felt, TouchByCurrent
 from haptic_driver.processes.patience import join_within
 from haptic_driver.surface.models import load_model
 from hw.errors import DeviceError

@@ -6,18 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.daemon import why
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.inquiry import LEAST_ROWS, Inquiry
 from haptic_driver.daemon.messages import RefusedError
-from haptic_driver.daemon.why import LEAST_ROWS, Inquiry
-from haptic_driver.experiments.average import Measured
-from haptic_driver.experiments.plan import Row, Setting
-from haptic_driver.experiments.recorded import Recorded
+from haptic_driver.live import why
+from haptic_driver.live.window import Window
 from tests.waiting import until
 
 UNDRIVEN = [
-    Recorded(Row(Setting(0.0, 0.0, 0.5, 0.03), 1, k + 1), Measured(0.5, 0.01, 0.5, 5000.0 + k))
-    for k in range(LEAST_ROWS)
+    Window(0.0, 0.0, 0.5, 0.03, 0.5, 0.01, 5000.0 + k, 1.0, 1, k + 1) for k in range(LEAST_ROWS)
 ]
 
 

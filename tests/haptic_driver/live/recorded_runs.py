@@ -86,6 +86,14 @@ def ticks(
     return made
 
 
+def moved(samples: np.ndarray, by_s: float) -> np.ndarray:
+    """The same samples so much later."""
+    later = samples.copy()
+    for name in ("time_s", "felt_time_s", "asked_time_s"):
+        later[name] += by_s
+    return later
+
+
 def record(path: Path, *runs: np.ndarray, header: RunHeader = HEADER) -> Path:
     """A recording of these runs."""
     for samples in runs:

@@ -7,7 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptic_driver.daemon.agreement import Agreement, Window
+from haptic_driver.live.agreement import Agreement
+from haptic_driver.live.comparison import compared
+from haptic_driver.live.window import Window
 
 PERIOD_S = 0.5
 HOURS_S = 3600.0
@@ -15,7 +17,7 @@ SCATTER = 0.04  # of a window
 DEGREES = 8  # to which a window knows its own scatter
 
 
-def windows(rng, duration_s, changed=lambda conditions, time_s: 0.0, gain=0.04):
+def windows(rng, duration_s, changed=lambda window: 0.0, gain=0.04):
     """A finger with a gain of its own, over carriers, voltages, loads and speeds as they come."""
     count = round(duration_s / PERIOD_S)
     f, v, n, s = (
@@ -24,21 +26,22 @@ def windows(rng, duration_s, changed=lambda conditions, time_s: 0.0, gain=0.04):
     noise = SCATTER * rng.standard_normal(count)
     stated = SCATTER * np.sqrt(rng.chisquare(DEGREES, count) / DEGREES)
     for i in range(count):
-        time_s = i * PERIOD_S
-        conditions = {
-            "frequency_hz": 10.0 ** f[i],
-            "voltage_v": v[i],
-            "normal_force_n": n[i],
-            "speed_m_s": s[i],
-        }
-        residual = gain + noise[i] + changed(conditions, time_s)
-        yield Window(time_s, conditions, float(residual), float(stated[i]))
+        at = 10.0 ** f[i], v[i], n[i], s[i]
+        window = Window(*map(float, at), 1.0, 0.0, i * PERIOD_S, PERIOD_S, 1, 1)
+        cof = float(np.exp(gain + noise[i] + changed(window)))
+        yield window._replace(cof=cof, cof_std=float(stated[i]) * cof)
 
 
 def alarms(made):
     """Each with the time of its window."""
     agreement = Agreement()
-    return [(window.time_s, found) for window in made for found in agreement.add(window)]
+    return [(window.time_s, found) for window in made for found in seen(agreement, window)]
+
+
+def seen(agreement, window):
+    """What a window tells where friction of 1 is expected."""
+    residual, std = compared([window], np.ones(1))
+    return agreement.add(window, float(residual[0]), float(std[0]))
 
 
 def test_false_alarms_are_fewer_than_one_in_eight_hours(rng):
@@ -55,8 +58,8 @@ def test_a_change_of_five_percent_is_told_within_a_minute_of_sliding(rng, side):
     begins_s = 600.0
     delays = []
     for _ in range(20):
-        change = lambda conditions, time_s: (  # noqa: E731
-            side * 0.05 * (time_s >= begins_s) * (conditions["voltage_v"] > 50.0)
+        change = lambda window: (  # noqa: E731
+            side * 0.05 * (window.time_s >= begins_s) * (window.voltage_v > 50.0)
         )
         told = [
             (t, found)
@@ -71,8 +74,8 @@ def test_a_change_of_five_percent_is_told_within_a_minute_of_sliding(rng, side):
 
 
 def test_it_says_where_and_how_much(rng):
-    def change(conditions, time_s):
-        return -0.08 * (conditions["frequency_hz"] < 100.0) * (time_s > 300.0)
+    def change(window):
+        return -0.08 * (window.frequency_hz < 100.0) * (window.time_s > 300.0)
 
     told = [
         found for _, found in alarms(windows(rng, 900.0, change)) if found.axis == "frequency_hz"
@@ -90,11 +93,7 @@ def test_the_gain_of_a_finger_is_no_disagreement(rng):
 
 def test_the_map_shows_what_is_off(rng):
     agreement = Agreement()
-    for window in windows(
-        rng, 1800.0, lambda conditions, _: 0.06 * (conditions["normal_force_n"] > 0.7072)
-    ):
-        agreement.add(window)
-    shares = {
-        cell["low"]: cell["share"] for cell in agreement.map() if cell["axis"] == "normal_force_n"
-    }
+    for window in windows(rng, 1800.0, lambda window: 0.06 * (window.normal_force_n > 0.7072)):
+        seen(agreement, window)
+    shares = {cell.low: cell.share for cell in agreement.map() if cell.axis == "normal_force_n"}
     assert max(shares, key=shares.get) > 0.7

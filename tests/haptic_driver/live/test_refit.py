@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptic_driver.experiments.average import Measured
-from haptic_driver.experiments.mending import Dropped, Mended, mend
-from haptic_driver.experiments.plan import Row, Setting
-from haptic_driver.experiments.recorded import Recorded
+from haptic_driver.live.proof import mend
+from haptic_driver.live.window import Window
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.blind.generator import touch as outside
@@ -41,7 +39,7 @@ def rows(rng, count, start_s, drift=0.0, **finger):
         ERROR * rng.standard_normal(count) + drift * (time_s - start_s)
     )
     return [
-        Recorded(Row(Setting(200.0 * (v > 0.0), v, n, 0.02), 1, 1), Measured(c, ERROR * c, n, t))
+        Window(200.0 * (v > 0.0), v, n, 0.02, c, ERROR * c, t, 0.1, 1, 1)
         for v, n, c, t in zip(
             voltage_v.tolist(), load_n.tolist(), cof.tolist(), time_s.tolist(), strict=True
         )
@@ -69,12 +67,13 @@ MOIST = {"wetness": 1.2, "mu_off": 0.6}
 @pytest.fixture(scope="module")
 def moist(description):
     rng = np.random.default_rng(4)
-    return mend(rows(rng, 300, 0.0, **MOIST), description, rows(rng, 30, 30.0, **MOIST))
+    known, unseen = rows(rng, 300, 0.0, **MOIST), rows(rng, 30, 30.0, **MOIST)
+    return mend(known, unseen, description, description)
 
 
 def test_a_moist_finger_is_followed_to_a_carrier_that_was_not_used(moist, description):
     """Moisture lowers the rise at 200 Hz, and raises it at 10 kHz."""
-    assert isinstance(moist, Mended), moist.said
+    assert moist.model is not None, moist.said
     for frequency_hz, load_n in ((200.0, 0.5), (10e3, 0.5), (10e3, 0.8)):
         off, on = felt(frequency_hz, np.array([0.0, 100.0]), load_n, **MOIST)
         truth = on / off - 1.0
@@ -93,30 +92,29 @@ def test_it_says_how_much_better_and_what_changed(moist):
 
 
 def test_a_finger_that_the_model_describes_is_left_alone(rng, description):
-    found = mend(rows(rng, 200, 0.0), description, rows(rng, 30, 20.0))
-    assert isinstance(found, Dropped)
+    found = mend(rows(rng, 200, 0.0), rows(rng, 30, 20.0), description, description)
+    assert found.model is None
     assert "not better" in found.said
 
 
 def test_a_model_mended_before_is_the_one_to_beat(rng, moist, description):
-    found = mend(
-        rows(rng, 200, 0.0, **MOIST), description, rows(rng, 30, 20.0, **MOIST), moist.model
-    )
-    assert isinstance(found, Dropped)
+    known, unseen = rows(rng, 200, 0.0, **MOIST), rows(rng, 30, 20.0, **MOIST)
+    assert mend(known, unseen, description, moist.model).model is None
 
 
 def test_what_was_felt_minutes_ago_hardly_counts(rng, description):
     old, new = rows(rng, 100, -400.0), rows(rng, 200, 0.0, **MOIST)
-    found = mend([*old, *new], description, rows(rng, 30, 20.0, **MOIST))
-    assert isinstance(found, Mended)
+    found = mend([*old, *new], rows(rng, 30, 20.0, **MOIST), description, description)
+    assert found.model is not None, found.said
     truth = np.divide(*felt(200.0, np.array([100.0, 0.0]), 0.5, **MOIST)) - 1.0
     assert rise(found.model, 200.0, 100.0, 0.5) == pytest.approx(truth, rel=0.05)
 
 
 def test_friction_that_drifts_as_a_whole_is_taken_as_that(rng, description):
     """5 % in 25 s: the newest level, and nothing of it in the rise."""
-    found = mend(rows(rng, 250, 0.0, 0.002), description, rows(rng, 30, 25.0, mu_off=0.512 * 1.05))
-    assert isinstance(found, Mended)
+    unseen = rows(rng, 30, 25.0, mu_off=0.512 * 1.05)
+    found = mend(rows(rng, 250, 0.0, 0.002), unseen, description, description)
+    assert found.model is not None, found.said
     assert found.model.parameters["cof_off"].value == pytest.approx(0.512 * 1.04, rel=0.012)
     assert rise(found.model, 200.0, 100.0, 0.5) == pytest.approx(
         rise(description, 200.0, 100.0, 0.5), rel=0.05
@@ -125,18 +123,14 @@ def test_friction_that_drifts_as_a_whole_is_taken_as_that(rng, description):
 
 def test_too_little_is_said_to_be_too_little(rng, description):
     known = rows(rng, 60, 0.0, **MOIST)
-    assert "too few" in mend(known, description, known[:2]).said
-    assert "too few to calibrate" in mend(known[:5], description, known[5:]).said
-    resting = [row for row in known if row.row.setting.voltage_v == 0.0]
-    assert "too few to calibrate" in mend(resting, description, known).said
+    resting = [row for row in known if row.voltage_v == 0.0]
+    for few in (known[:5], resting):
+        assert "too few to calibrate" in mend(few, known, description, description).said
 
 
 def test_a_finger_far_from_any_is_no_finger(rng, description):
     """An amplifier that puts out three times as much, say."""
-    spoilt = []
-    for each in rows(rng, 230, 0.0):
-        setting = each.row.setting._replace(voltage_v=each.row.setting.voltage_v / 3.0)
-        spoilt.append(each._replace(row=each.row._replace(setting=setting)))
-    found = mend(spoilt[:200], description, spoilt[200:])
-    assert isinstance(found, Dropped)
+    spoilt = [row._replace(voltage_v=row.voltage_v / 3.0) for row in rows(rng, 230, 0.0)]
+    found = mend(spoilt[:200], spoilt[200:], description, description)
+    assert found.model is None
     assert "far from any finger's" in found.said

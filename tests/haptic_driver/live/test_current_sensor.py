@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from haptic_driver.config import find_config
-from haptic_driver.daemon.current_sensor import CurrentSensor
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
+from haptic_driver.live.current_sensor import CurrentSensor
 from haptic_driver.rig.config import load_rig
 from hw.errors import DeviceError, DeviceTimeout
 from hw.monitor.contract import ElectrodeReading

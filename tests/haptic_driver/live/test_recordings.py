@@ -1,4 +1,4 @@
-"""Recordings as measured data: `haptic_driver/experiments/recorded.py`, `haptic diagnose` and
+"""Recordings as measured data: `haptic_driver/live/recordings.py`, `haptic diagnose` and
 `haptic calibrate`.
 """
 
@@ -13,12 +13,13 @@ import pytest
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.data_file import COLUMNS
-from haptic_driver.experiments.recorded import cut, read_data, write_recorded
+from haptic_driver.live.recordings import read_data, write_recorded
+from haptic_driver.live.window import NONE_YET, windows
 from haptic_driver.processes.samples import Flag
 from haptic_driver.recording.read import read_run
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from model.conditions import Conditions
-from tests.haptic_driver.experiments.recorded_runs import HEADER, LIFT, Part, record, ticks
+from tests.haptic_driver.live.recorded_runs import HEADER, LIFT, Part, record, ticks
 
 HUMID = {"humid_gap_conduction": {"gap_conductivity_s_per_m": 8e-9}}
 CARRIERS_HZ, VOLTAGES_V, LOADS_N = (5.0, 20.0, 80.0, 250.0), (60.0, 100.0, 130.0), (0.3, 0.8)
@@ -194,8 +195,8 @@ def test_what_was_felt_around_a_gap_of_the_output_is_left_out(rng, tmp_path):
 
 
 def test_a_run_without_samples_gives_no_rows(rng, tmp_path):
-    empty = ticks([], lambda *_: 0.3, rng)
-    assert cut(read_run(record(tmp_path / "run.h5", empty))) == []
+    run = read_run(record(tmp_path / "run.h5", ticks([], lambda *_: 0.3, rng)))
+    assert windows(run.samples, HEADER.latency_budget_s) == ([], NONE_YET)
 
 
 def test_rows_without_a_recording_or_over_a_file_are_refused(rng, tmp_path):

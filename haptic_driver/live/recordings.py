@@ -1,0 +1,75 @@
+"""Recordings as measured data: their windows are rows as `haptic measure` writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.average import Measured
+from haptic_driver.experiments.data_file import row_texts
+from haptic_driver.experiments.plan import Row, Setting
+from haptic_driver.files import bad_input, write_rows
+from haptic_driver.live.window import NONE_YET, SHORTEST_S, Window, windows
+from haptic_driver.recording.read import read_run, run_names
+from model.diagnosis.data import Measurements, read_measurements, together
+
+ENDINGS = (".h5", ".hdf5")
+
+
+def read_data(paths: Sequence[Path], rows: Path | None = None) -> Measurements:
+    """Files of measured data (CSV) and recordings (HDF5), by their endings, as one data set.
+
+    What the recordings were cut into is kept in the file `rows`. BadInputError for what cannot be
+    used.
+    """
+    recordings = [path for path in paths if path.suffix.lower() in ENDINGS]
+    tables = [path for path in paths if path not in recordings]
+    if rows is not None and not recordings:
+        said = "--rows is for what a recording was cut into, and no recording is given"
+        raise BadInputError("usage", said, "Leave it out, or give a file that haptic record wrote")
+    if rows is not None and rows.exists():
+        raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
+    with TemporaryDirectory() as folder, bad_input("bad_data"):
+        parts = []
+        if recordings:
+            cut = rows or Path(folder) / "rows.csv"
+            write_recorded(recordings, cut)
+            parts.append((", ".join(map(str, recordings)), read_measurements(cut)))
+        return together([*parts, *((str(path), read_measurements(path)) for path in tables)])
+
+
+def write_recorded(recordings: Sequence[Path], out: Path) -> int:
+    """Write the rows of recordings to a CSV with the columns of `haptic measure`; returns how many.
+
+    BadInputError for what is no recording, and where nothing in one is steady.
+    """
+    texts: list[dict[str, str]] = []
+    counted = NONE_YET
+    for path in recordings:
+        before = len(texts)
+        for name in run_names(path):
+            run = read_run(path, name)
+            budget_s = run.attributes["latency_budget_s"]
+            simulated = bool(run.attributes["simulated"])
+            found, counted = windows(run.samples, budget_s, counted._replace(ended_s=-inf))
+            texts += [row(each, run.samples["time_s"][0], simulated=simulated) for each in found]
+        if len(texts) == before:
+            said = (
+                f"{path}: no {SHORTEST_S:g} s of sliding in it under a steady load, speed and"
+                " voltage"
+            )
+            hint = "Record even strokes at one friction after another: haptic set"
+            raise BadInputError("nothing_steady", said, hint)
+    write_rows(out, texts)
+    return len(texts)
+
+
+def row(window: Window, start_s: float, *, simulated: bool) -> dict[str, str]:
+    """A window as a row of measured data, as text by column, with times since `start_s`."""
+    setting = Setting(*window[:4])
+    measured = Measured(window.cof, window.cof_std, window.normal_force_n, window.time_s - start_s)
+    counted = Row(setting, window.session, window.trial)
+    return row_texts(counted, measured, simulated=simulated)

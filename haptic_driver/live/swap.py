@@ -1,0 +1,96 @@
+"""Render goes on with the surface of a mended model, and back to the model as its file has it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from enum import Enum, auto
+from math import inf
+from typing import NamedTuple
+
+from haptic_driver.surface.file import SurfaceFile
+
+TOLD_S = 60.0  # between events of what was not mended
+NOTHING_YET = "nothing is mended yet"
+
+Install = Callable[[SurfaceFile, Callable[[], bool]], bool]
+"""Lets render go on with a surface, unless what it is told to ask says that it is too late."""
+
+
+class Word(Enum):
+    """What whoever mends is told: whether to, and by which surface render goes from here on."""
+
+    ADAPT = auto()
+    REST = auto()
+    TAKEN = auto()  # the one that was proposed last
+    BASE = auto()  # the model's own
+
+
+class Proposal(NamedTuple):
+    """What came of an attempt to mend the model, in words; with a better one its surface, its
+    numbers and the windows it came from.
+    """
+
+    said: str
+    surface: SurfaceFile | None = None
+    numbers: dict[str, float] | None = None
+    rows: Sequence[Sequence[float]] = ()
+
+
+class Swap:
+    """By which surface render goes, of one model; thread-safe. `base` is the model's own.
+
+    `said` is what came of mending last, None while nothing is mended. `tell` makes an event, `send`
+    reaches whoever mends. Nothing is swapped once `ending` is set.
+    """
+
+    def __init__(
+        self,
+        base: SurfaceFile,
+        install: Install,
+        tell: Callable[..., object],
+        send: Callable[[Word], object],
+        said: str | None = None,
+    ) -> None:
+        self.said = said
+        self.ending = threading.Event()
+        self._base, self._install, self._tell, self._send = base, install, tell, send
+        self._is_swapped = False
+        self._told_s = -inf
+        self._lock = threading.RLock()
+
+    def adapt(self, on: bool) -> None:
+        """Mend the model from now on, or go back."""
+        with self._lock:
+            self.said = (self.said or NOTHING_YET) if on else None
+            self._send(Word.ADAPT if on else Word.REST)
+            if not on:
+                self.back()
+
+    def back(self) -> bool:
+        """Whether render goes by the model's own surface now, which is an event."""
+        with self._lock:
+            if self._is_swapped and self._install(self._base, self.ending.is_set):
+                self._is_swapped = False
+                self._send(Word.BASE)
+                surface_hash = self._base.content_hash
+                self._tell("adapt", "back to the model as it was", surface_hash=surface_hash)
+            return not self._is_swapped
+
+    def take(self, proposal: Proposal) -> None:
+        """Let render take up what is proposed, unless nothing is to be mended any more."""
+        said, surface, numbers, rows = proposal
+        with self._lock:
+            if self.said is None:
+                return
+            news, self.said = said != self.said, said
+            if surface is None:
+                if news and time.monotonic() - self._told_s > TOLD_S:
+                    self._told_s = time.monotonic()
+                    self._tell("adapt", f"not mended: {said}")
+            elif self._install(surface, self.ending.is_set):
+                self._is_swapped = True
+                self._send(Word.TAKEN)
+                told = {"surface_hash": surface.content_hash, "model": numbers, "rows": rows}
+                self._tell("adapt", f"mended: {said}", **told)
