@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +62,11 @@ class ModelDescription:
     def values(self) -> TouchParameters:
         """The bare numbers that the physics computes with."""
         return TouchParameters(**{name: p.value for name, p in self.parameters.items()})
+
+    def with_values(self, **values: float) -> ModelDescription:
+        """The same with other numbers."""
+        changed = {name: replace(self.parameters[name], value=values[name]) for name in values}
+        return replace(self, parameters=self.parameters | changed)
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -44,7 +44,7 @@ class CurrentSensor:
         self._electrode, self._usual_n, self._stray_f = electrode, usual_n, stray_f
         self._carrier_hz, self._model = carrier_hz, model
         self._felt_s = time.monotonic()
-        self._last = ForceReading(self._felt_s, usual_n, nan, False)
+        self._last = self._unknown = ForceReading(self._felt_s, usual_n, nan, False)
         self._failed: DeviceError | None = None
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="current", daemon=True)
@@ -59,10 +59,8 @@ class CurrentSensor:
         if self._failed is not None:
             raise self._failed
         now_s, last = time.monotonic(), self._last
-        known = now_s - last.time_s <= AGE_S
-        return (
-            last._replace(time_s=now_s) if known else ForceReading(now_s, self._usual_n, nan, False)
-        )
+        known = last if now_s - last.time_s <= AGE_S else self._unknown
+        return known._replace(time_s=now_s)
 
     def close(self) -> None:
         self._ending.set()

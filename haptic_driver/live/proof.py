@@ -33,15 +33,10 @@ def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
     """
     unseen: list[Window] = []
     for each in reversed(windows):
-        if len(unseen) >= LEAST_UNSEEN and stroke(each) != stroke(unseen[-1]):
+        if len(unseen) >= LEAST_UNSEEN and each[-2:] != unseen[-1][-2:]:  # another stroke
             break
         unseen.append(each)
     return list(windows[: len(windows) - len(unseen)]), unseen[::-1]
-
-
-def stroke(window: Window) -> tuple[int, int]:
-    """Which stroke a window is of."""
-    return window.session, window.trial
 
 
 def mend(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -72,9 +71,8 @@ def _at_level(model: ModelDescription, windows: Sequence[Window]) -> ModelDescri
     newest_s = max(each.time_s for each in windows)
     newest = [each for each in windows if newest_s - each.time_s < LEVEL_S]
     off, weight = weighted(model, newest, newest_s)
-    own = model.parameters["cof_off"]
-    drifted = replace(own, value=own.value * float(np.exp(np.average(off, weights=weight))))
-    return replace(model, parameters=model.parameters | {"cof_off": drifted})
+    drift = float(np.exp(np.average(off, weights=weight)))
+    return model.with_values(cof_off=drift * model.parameters["cof_off"].value)
 
 
 def _data(windows: Sequence[Window], now_s: float) -> Measurements:

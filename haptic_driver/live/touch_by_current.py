@@ -11,7 +11,6 @@ the current: it stays the model's.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,15 +46,7 @@ class TouchByCurrent:
     """
 
     def __init__(self, description: ModelDescription, load_n: float, stray_f: float = 0.0) -> None:
-        beside = {
-            "stray_capacitance_f": replace(
-                description.parameters["stray_capacitance_f"], value=stray_f
-            )
-        }
-        self._own, self._load_n = (
-            replace(description, parameters=description.parameters | beside),
-            load_n,
-        )
+        self._own, self._load_n = description.with_values(stray_capacitance_f=stray_f), load_n
         self._off, self._covariance = np.zeros(SPREAD.size), np.diag(SPREAD**2)
 
     def felt(self, frequency_hz: float, reading: ElectrodeReading, elapsed_s: float) -> Felt:
@@ -91,16 +82,12 @@ class TouchByCurrent:
         """What such a finger feels, and its current per volt."""
         log_load, _, _, wetness, log_roughness = map(float, off)
         load_n, own = self._load_n * float(np.exp(log_load)), self._own
-        usual = own.parameters["roughness_rms_m"]
-        rough = {
-            "roughness_rms_m": replace(usual, value=usual.value * float(np.exp(log_roughness)))
-        }
+        roughness_m = own.parameters["roughness_rms_m"].value * float(np.exp(log_roughness))
         known = own.effect_parameters.get(SkinHydration.name, {}).get("wetness")
         wet = {SkinHydration.name: {"wetness": wetness + (known.value if known else 0.0)}}
-        finger = with_hidden(TouchModel(replace(own, parameters=own.parameters | rough)), wet)
-        found = finger.predict(
-            Conditions(np.array([frequency_hz]), np.array([voltage_v]), np.array([load_n]))
-        )
+        finger = with_hidden(TouchModel(own.with_values(roughness_rms_m=roughness_m)), wet)
+        f, v, n = (np.array([each]) for each in (frequency_hz, voltage_v, load_n))
+        found = finger.predict(Conditions(f, v, n))
         admittance = found.electrode_current_a[0] / found.electrode_voltage_v[0]
         return Felt(load_n, float(found.cof[0])), complex(admittance)
 
