@@ -13,9 +13,8 @@ from model.conditions import Conditions
 from model.description import ModelDescription
 from model.touch_model import TouchModel
 
-FORM = (
-    0.01  # of friction, 1 sigma: no finger is quite the model's, and a wobble may outlast a window
-)
+# of friction, 1 sigma: no finger is quite the model's, and a wobble may outlast a window
+FORM = 0.01
 
 
 def columns(windows: Sequence[Window]) -> dict[str, Array]:
