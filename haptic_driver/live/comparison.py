@@ -8,7 +8,7 @@ import numpy as np
 
 from haptic_driver.live.window import Window
 from haptic_driver.signals import Array
-from haptic_driver.simulation.friction import FrictionLaw
+from haptic_driver.simulation.finger_model import FrictionLaw
 from model.conditions import Conditions
 from model.description import ModelDescription
 from model.touch_model import TouchModel

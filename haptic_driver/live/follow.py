@@ -19,7 +19,7 @@ from haptic_driver.live.proof import mend, split
 from haptic_driver.live.swap import Proposal, Word
 from haptic_driver.live.window import NONE_YET, Window, windows
 from haptic_driver.processes.samples import SAMPLE
-from haptic_driver.simulation.friction import surface_friction
+from haptic_driver.simulation.finger_model import surface_friction
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.file import SurfaceFile
 from model.description import ModelDescription

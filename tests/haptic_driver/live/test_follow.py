@@ -11,7 +11,7 @@ from haptic_driver.live.follow import MEND_S, Following, FollowSettings
 from haptic_driver.live.proof import LEAST_UNSEEN
 from haptic_driver.live.swap import Word
 from haptic_driver.live.window import windows
-from haptic_driver.simulation.friction import surface_friction
+from haptic_driver.simulation.finger_model import surface_friction
 from tests.haptic_driver.live.recorded_runs import HEADER, LIFT, Part, moved, ticks
 
 BATCH = 2000
