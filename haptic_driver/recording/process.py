@@ -1,4 +1,4 @@
-"""The recorder process: shared ring -> HDF5; and the handle by which control starts, feeds and ends
+"""The recorder process: shared ring -> file; and the handle by which control starts, feeds and ends
 it.
 
     python -m haptic_driver.recording.process RING TALK < settings
@@ -29,17 +29,19 @@ from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState, Taken
 from haptic_driver.recording.event import Event
+from haptic_driver.recording.records import records_of
 from haptic_driver.recording.writer import (
     INTERVAL_S,
     RunHeader,
     RunWriter,
-    left_by_dead,
+    left_in,
     record,
     where,
 )
 
 START_TIMEOUT_S = 60.0  # on a busy machine
 STOP_TIMEOUT_S = 10.0
+SLOWEST_BYTES_S = 4e6  # at which HDF5 is made of a run meanwhile
 MOST_BYTES = 1 << 16  # of one datagram
 
 
@@ -111,7 +113,9 @@ class Recorder:
         """End the run in good order; why that failed, or None."""
         with suppress(OSError):
             self._talk.shutdown(socket.SHUT_WR)
-        self._talk.settimeout(STOP_TIMEOUT_S)
+        files = (each for each in (self.path, records_of(self.path)) if each.exists())
+        size = sum(each.stat().st_size for each in files)
+        self._talk.settimeout(STOP_TIMEOUT_S + size / SLOWEST_BYTES_S)
         return self._last_word()
 
     def _last_word(self) -> str | None:
@@ -119,10 +123,9 @@ class Recorder:
         self._hear()
         self._talk.close()
         self._child.stop()
-        left = left_by_dead(self.path)
-        why: str | None = (
-            f"{self._child.ended}; {left}" if self._last is None else self._last["why"]
-        )
+        if self._last is None:
+            return f"{self._child.ended}; {left_in(self.path)}"
+        why: str | None = self._last["why"]
         return why
 
     def _hear(self) -> None:

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -37,21 +36,18 @@ from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import exists_already, replacing
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.event import Event
-from haptic_driver.recording.structure import check_run, member, read_column
+from haptic_driver.recording.finish import opened
+from haptic_driver.recording.structure import (
+    EVENT_FIELDS,
+    FIELDS,
+    TABLES,
+    check_run,
+    member,
+    read_column,
+)
 from haptic_driver.surface import labelled
 from model.support.cells import written_cells
 
-FORMAT = "haptic-driver recording"
-FORMAT_VERSION = 1.0
-FIELDS: tuple[str, ...] = SAMPLE.names or ()
-EVENT_FIELDS = {
-    "number": "u8",
-    "time_s": "f8",
-    "kind": h5py.string_dtype(),
-    "message": h5py.string_dtype(),
-    "data": h5py.string_dtype(),
-}
-TABLES = {"samples": {name: SAMPLE[name] for name in FIELDS}, "events": EVENT_FIELDS}
 BLOCK_ROWS = 1 << 15  # exported at a time
 
 
@@ -147,48 +143,21 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     """The open file, known to be a recording; what fails while it is read is a BadInputError
     too.
     """
-    if not os.path.isfile(path):
-        said = (
-            "is a folder, not a recording" if os.path.isdir(path) else "there is no such recording"
-        )
-        raise BadInputError("recording_not_found", f"{path}: {said}", "Check the path")
     try:
-        file = h5py.File(path, "r", locking=False)
-    except OSError as error:
-        said = f"{path}: not a readable HDF5 file ({error})"
-        raise BadInputError(
-            "recording_unreadable", said, "Give a file that haptic record wrote"
-        ) from error
-    with file:
-        try:
-            _check_format(path, file)
+        with opened(path) as file:
             yield file
-        except (
-            KeyError,
-            ValueError,
-            RuntimeError,
-            TypeError,
-            RecursionError,
-            MemoryError,
-        ) as error:
-            hint = "Look at it with h5dump; use another copy"
-            raise BadInputError(
-                "recording_unreadable", f"{path}: is damaged ({error})", hint
-            ) from error
-
-
-def _check_format(path: Path, file: h5py.File) -> None:
-    if file.attrs.get("format") != FORMAT:
-        said = f"{path}: is HDF5 but not a recording"
-        raise BadInputError("recording_foreign", said, "Give a file that haptic record wrote")
-    version = float(file.attrs["format_version"])
-    if version != FORMAT_VERSION:
-        said = f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}"
-        raise BadInputError(
-            "recording_version",
-            said,
-            "Use the version of haptic-driver that wrote it, or a newer one",
-        )
+    except (
+        OSError,
+        KeyError,
+        ValueError,
+        RuntimeError,
+        TypeError,
+        RecursionError,
+        MemoryError,
+    ) as error:
+        said = f"{path}: is damaged ({error})"
+        hint = "Look at it with h5dump; use another copy"
+        raise BadInputError("recording_unreadable", said, hint) from error
 
 
 def _names(file: h5py.File) -> list[str]:

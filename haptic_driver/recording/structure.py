@@ -7,14 +7,66 @@ and a shape of a few bytes stand for terabytes.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver.errors import BadInputError
+from haptic_driver.processes.samples import SAMPLE
+
+FORMAT = "haptic-driver recording"
+FORMAT_VERSION = 1.0
+FIELDS: tuple[str, ...] = SAMPLE.names or ()
+EVENT_FIELDS = {
+    "number": "u8",
+    "time_s": "f8",
+    "kind": h5py.string_dtype(),
+    "message": h5py.string_dtype(),
+    "data": h5py.string_dtype(),
+}
+TABLES = {"samples": {name: SAMPLE[name] for name in FIELDS}, "events": EVENT_FIELDS}
 TEXT_ROWS = 16  # read at a time: each may be as long as the file
+
+
+def plain_file(path: Path) -> h5py.File:
+    """A recording, open for reading, as it lies on the disk. BadInputError where it is none."""
+    if not os.path.isfile(path):
+        said = (
+            "is a folder, not a recording" if os.path.isdir(path) else "there is no such recording"
+        )
+        raise BadInputError("recording_not_found", f"{path}: {said}", "Check the path")
+    try:
+        file = h5py.File(path, "r", locking=False)
+    except OSError as error:
+        said = f"{path}: not a readable HDF5 file ({error})"
+        raise BadInputError(
+            "recording_unreadable", said, "Give a file that haptic record wrote"
+        ) from error
+    try:
+        _check_format(path, file)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _check_format(path: Path, file: h5py.File) -> None:
+    if file.attrs.get("format") != FORMAT:
+        said = f"{path}: is HDF5 but not a recording"
+        raise BadInputError("recording_foreign", said, "Give a file that haptic record wrote")
+    version = float(file.attrs["format_version"])
+    if version != FORMAT_VERSION:
+        said = f"{path}: has format {version:g}, this program reads {FORMAT_VERSION:g}"
+        raise BadInputError(
+            "recording_version",
+            said,
+            "Use the version of haptic-driver that wrote it, or a newer one",
+        )
 
 
 def member(parent: h5py.Group, name: str, kind: type) -> Any:

@@ -21,6 +21,7 @@ import pytest
 from haptic_driver.client import HapticClient
 from haptic_driver.errors import HapticError
 from haptic_driver.recording.read import read_run
+from haptic_driver.recording.records import records_of
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import connect_devices
 from haptic_driver.simulation.served import ServedRig, as_real
@@ -69,11 +70,10 @@ def test_a_rig_is_of_one_program_however_that_ends() -> None:
 
 
 MEDDLING: tuple[Callable[[Path], object], ...] = (
-    lambda path: path.unlink(),
-    # The recorder exchanges its files meanwhile: one that is listed may be gone.
-    lambda path: [each.unlink(missing_ok=True) for each in path.parent.iterdir()],
-    lambda path: shutil.rmtree(path.parent, ignore_errors=True),
-    lambda path: path.rename(path.with_name("moved.h5")),
+    lambda left: left.unlink(),
+    # A file that is being put back goes under another name first: one that is listed may be gone.
+    lambda left: [each.unlink(missing_ok=True) for each in left.parent.iterdir()],
+    lambda left: shutil.rmtree(left.parent, ignore_errors=True),
 )
 
 
@@ -88,11 +88,12 @@ def test_who_deletes_a_running_recording_loses_nothing(served: Served, tmp_path:
             path.parent.mkdir()
             before = client.status().overruns
             client.record(path)
+            left = records_of(path)
             for _ in range(chance.randint(1, 3)):
-                until(path.exists)
+                until(left.exists)
                 time.sleep(chance.uniform(0.0, 1.5))
-                until(path.exists)
-                chance.choice(MEDDLING)(path)
+                until(left.exists)
+                chance.choice(MEDDLING)(left)
             time.sleep(chance.uniform(0.0, 1.0))
             missed = client.record(None).overruns - before
             run = read_run(path)

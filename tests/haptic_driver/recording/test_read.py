@@ -12,6 +12,8 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording import read as recording
 from haptic_driver.recording.event import Event
+from haptic_driver.recording.records import records_of
+from haptic_driver.recording.structure import EVENT_FIELDS, FORMAT, FORMAT_VERSION
 from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
 from tests.haptic_driver.commands import rows_of
 
@@ -56,12 +58,42 @@ def test_runs_are_in_the_order_of_their_numbers(tmp_path):
     """run_10000 once came before run_9999, and the last one was not the newest."""
     with h5py.File(tmp_path / "many.h5", "w") as file:
         file.attrs["format"], file.attrs["format_version"] = (
-            recording.FORMAT,
-            recording.FORMAT_VERSION,
+            FORMAT,
+            FORMAT_VERSION,
         )
         for name in ("run_0001", "run_9999", "run_10000"):
             file.create_group(name)
     assert recording.run_names(tmp_path / "many.h5") == ["run_0001", "run_9999", "run_10000"]
+
+
+def test_a_recording_of_an_earlier_version_is_read_and_goes_on(tmp_path, samples):
+    """As the format is described, by h5py alone; earlier versions wrote both kinds of reasons."""
+    path, text = tmp_path / "run.h5", h5py.string_dtype()
+    with h5py.File(path, "w") as file:
+        file.attrs.update({"format": "haptic-driver recording", "format_version": 1.0})
+        for number, why in ((1, ""), (2, np.array(b"the disk was full", "S240"))):
+            run = file.create_group(f"run_{number:04d}")
+            run.attrs.update(HEADER.attributes() | {"samples_lost": 0.0, "complete": 2.0 - number})
+            run.attrs["why_incomplete"] = why
+            run.create_dataset("config", data='{"name": "bench"}', dtype=text)
+            for name in SAMPLE.names:
+                run[f"samples/{name}"] = samples[name]
+            for name, cell in {"number": np.uint64(1), "time_s": 0.5}.items():
+                run[f"events/{name}"] = [cell]
+            for name, cell in {"kind": "state", "message": "armed", "data": "{}"}.items():
+                run.create_dataset(f"events/{name}", data=[cell], dtype=text)
+    before = recording.read_run(path, "run_0001")
+    assert before.samples.tobytes() == samples.tobytes()
+    assert before.attributes["complete"] is True
+    assert [event.message for event in before.events] == ["armed"]
+    assert recording.read_run(path).attributes["why_incomplete"] == "the disk was full"
+    writer = RunWriter(path, HEADER)
+    writer.append(Chunk(samples[:10], 0, EVENTS))
+    writer.close()
+    assert recording.run_names(path) == ["run_0001", "run_0002", "run_0003"]
+    after = recording.read_run(path, "run_0001")
+    assert after.samples.tobytes() == samples.tobytes()
+    assert repr((after.attributes, after.events)) == repr((before.attributes, before.events))
 
 
 def test_rows_are_counted_of_what_is_exported(path):
@@ -124,7 +156,7 @@ def test_a_failing_export_leaves_nothing(path, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(recording.os, "replace", full)
+    monkeypatch.setattr(os, "replace", full)
     with pytest.raises(HapticError, match="No space left"):
         recording.export(path, tmp_path / "run.csv")
     assert os.listdir(tmp_path) == ["run.h5"]
@@ -248,8 +280,8 @@ def test_a_recording_from_anybody_leads_nowhere_else(path, change, said):
 def test_a_run_that_is_a_link_is_not_followed(path, tmp_path):
     with h5py.File(tmp_path / "links.h5", "w") as file:
         file.attrs["format"], file.attrs["format_version"] = (
-            recording.FORMAT,
-            recording.FORMAT_VERSION,
+            FORMAT,
+            FORMAT_VERSION,
         )
         file["run_0001"] = h5py.ExternalLink(str(path), "/run_0001")
     for use in (recording.read_run, recording.row_count):
@@ -261,7 +293,7 @@ def test_one_text_that_many_rows_point_to_is_not_read_for_each(path):
     """A reference of 16 bytes a row stands for a text of any length."""
     with h5py.File(path, "r+") as file:
         events = file["run_0002/events"]
-        for name in recording.EVENT_FIELDS:
+        for name in EVENT_FIELDS:
             events[name].resize(5000, axis=0)
         events["message"][:64] = "x" * 100_000
         at = events["message"].id.get_chunk_info(0).byte_offset
@@ -305,6 +337,19 @@ def test_the_command_says_what_it_wrote(haptic, path, tmp_path):
         "700 rows of run_0002"
         in haptic("export", path, "--out", tmp_path / "run.csv", "--force").out
     )
+
+
+def test_the_command_says_that_it_puts_away_what_a_crash_left(haptic, tmp_path, samples, caplog):
+    path = tmp_path / "run.h5"
+    writer = RunWriter(tmp_path / "other.h5", HEADER)
+    writer.append(Chunk(samples, 0, EVENTS))
+    records_of(path).write_bytes(records_of(writer.path).read_bytes())
+    done = haptic("export", path, "--out", tmp_path / "run.csv", "--json")
+    assert (done.status, done.said["rows"], done.said["runs"]) == (0, 700, ["run_0001"])
+    haptic("export", path, "--out", tmp_path / "run.csv", "--force")
+    said = f"{path}: a recorder was killed or had no space left, what it wrote is in it now"
+    assert caplog.messages == [said]  # which goes to stderr where there is no other handler
+    writer.close()
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,8 @@ from haptic_driver.recording.clock import ClockOffsets
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.process import Recorder
 from haptic_driver.recording.read import read_run, run_names
-from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter, hidden_copy
+from haptic_driver.recording.records import records_of, say
+from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
 from tests.haptic_driver.daemon.ticks import made_tick
 from tests.waiting import until
 
@@ -164,18 +165,23 @@ def test_another_run_is_added_to_a_recording(tmp_path, header, samples):
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
-def test_the_visible_file_is_whole_after_every_piece(tmp_path, header, samples):
+def test_a_run_that_goes_on_is_read_as_far_as_it_is_on_the_disk(tmp_path, header, samples):
     path = tmp_path / "run.h5"
+    record(path, header, Chunk(samples[:10], 0, []))
     writer = RunWriter(path, header)
-    assert plain(path, "run_0001/samples/tick").size == 0
-    for stop in range(400, 1700, 400):
-        writer.append(Chunk(samples[stop - 400 : stop], 0, []))
-        copy = shutil.copy(path, tmp_path / "copy.h5")
-        np.testing.assert_array_equal(
-            plain(copy, "run_0001/samples/time_s"), samples["time_s"][:stop]
-        )
-        assert read_run(path).attributes["complete"] is False
+    for stop in range(0, 1700, 400):
+        assert run_names(path) == ["run_0001", "run_0002"]
+        run = read_run(path)
+        assert run.samples.tobytes() == samples[:stop].tobytes()
+        assert run.attributes["complete"] is False
+        assert "it is being recorded" in run.attributes["why_incomplete"]
+        writer.append(Chunk(samples[stop : stop + 400], 0, []))
+    assert sorted(os.listdir(tmp_path)) == ["run.h5", "run.h5.records"]
+    assert stat.S_IMODE(records_of(path).stat().st_mode) == 0o600
+    with pytest.raises(BadInputError, match="cannot be written"):
+        RunWriter(path, header)
     writer.close()
+    assert os.listdir(tmp_path) == ["run.h5"]
 
 
 @pytest.mark.parametrize(
@@ -215,51 +221,213 @@ def victims():
         yield process
 
 
-def kill_while_it_writes(victims, path, delay_s):
-    """Samples that the victim had reported when it was killed; none before it has reported once."""
-    victims.stdin.write(f"{path}\n")
+def heard(victims):
+    """What the victim says, up to its end."""
+    while line := victims.stdout.readline().strip():
+        yield line
+        if line.startswith("ended"):
+            return
+
+
+def tell(victims, call, path):
+    victims.stdin.write(f"{call} {path}\n")
     victims.stdin.flush()
-    said = [victims.stdout.readline() for _ in range(2)]  # in either order
-    pid, reported = (
-        line.removeprefix("pid ")
-        for line in sorted(said, key=lambda line: not line.startswith("pid"))
-    )
+
+
+def kill_while_it_writes(victims, path, delay_s):
+    """Ticks that the victim had reported when it was killed; none before it has reported once."""
+    tell(victims, 0, path)
+    said = sorted(victims.stdout.readline() for _ in range(2))  # in either order
     time.sleep(delay_s)
-    os.kill(int(pid), signal.SIGKILL)
-    while (line := victims.stdout.readline()) and not line.startswith(
-        "ended"
-    ):  # what was in the pipe
-        reported = line
-    assert line == f"ended {signal.SIGKILL:d}\n"
-    return int(reported)
+    os.kill(int(said[1].removeprefix("pid ")), signal.SIGKILL)
+    *more, end = heard(victims)
+    assert end == f"ended {signal.SIGKILL:d}"
+    return int([said[0], *more][-1])
 
 
-def check_survived(path, reported):
+def check_survived(path, reported, most):
+    """The last run is whole up to some piece, of which there is more than was reported."""
+    count = read_run(path).samples.size
+    assert path.name in os.listdir(path.parent)
     with h5py.File(path, "r") as file:
         run = file[sorted(file)[-1]]
         columns = {name: dataset[...] for name, dataset in run["samples"].items()}
         numbers = run["events/number"][...]
-    count = columns["tick"].size
-    assert reported <= count <= reported + 500
+        complete, why = run.attrs["complete"], run.attrs["why_incomplete"].decode()
+    assert reported <= count <= most
     np.testing.assert_array_equal(columns["tick"], np.arange(count))
     np.testing.assert_array_equal(columns["position_x_m"], np.arange(count) * 1e-6)
     assert {column.size for column in columns.values()} == {count}
     np.testing.assert_array_equal(numbers, np.arange(1, count // 500 + 1))
+    return complete, why
 
 
 def test_a_recording_survives_kill_9_at_any_moment(tmp_path, rng, victims):
     path = tmp_path / "run.h5"
     for i in range(10):
         reported = kill_while_it_writes(victims, path, rng.uniform(0.0, 0.12))
-        check_survived(path, reported)
-        assert run_names(path) == [f"run_{n + 1:04d}" for n in range(i + 1)]
+        if i % 2:  # else the next recorder puts it away
+            complete, why = check_survived(path, reported, reported + 500)
+            assert complete == 0.0
+            assert "its recorder was killed" in why
+            assert os.listdir(tmp_path) == ["run.h5"]
+            assert run_names(path) == [f"run_{n + 1:04d}" for n in range(i + 1)]
 
 
 @pytest.mark.soak
 def test_a_recording_survives_200_kills(tmp_path, rng, victims):
     for i in range(200):
         path = tmp_path / f"{i}.h5"
-        check_survived(path, kill_while_it_writes(victims, path, rng.uniform(0.0, 0.2)))
+        reported = kill_while_it_writes(victims, path, rng.uniform(0.0, 0.2))
+        check_survived(path, reported, reported + 500)
+
+
+@pytest.mark.parametrize("runs", [0, 1], ids=["a new file", "a file with a run"])
+def test_a_kill_in_the_middle_of_any_step_loses_nothing_and_doubles_nothing(
+    tmp_path, header, samples, rng, victims, runs
+):
+    """The last steps are the end of the run: HDF5 is made, put in place, and the records go."""
+
+    def prepared(name):
+        path = tmp_path / name / "run.h5"
+        path.parent.mkdir()
+        for _ in range(runs):
+            record(path, header, Chunk(samples, 0, []))
+        return path
+
+    tell(victims, 1 << 30, prepared("undisturbed"))
+    calls = next(int(said[5:]) for said in heard(victims) if said.startswith("done"))
+    assert next(heard(victims)).startswith("ended")
+    for call in {*rng.integers(1, calls + 1, 20).tolist(), *range(calls - 4, calls + 1)}:
+        path = prepared(f"{call}")
+        tell(victims, call, path)
+        *said, end = heard(victims)
+        assert end == f"ended {signal.SIGKILL:d}"
+        reported = max((int(one) for one in said if one.isdigit()), default=0)
+        if not path.exists() and not records_of(path).exists():
+            assert reported == 0
+            continue
+        if len(run_names(path)) == runs:  # nothing had begun
+            assert reported == 0
+            continue
+        complete, why = check_survived(path, reported, 1500)
+        assert complete == (why == "")
+        assert reported == 1500 or complete == 0.0
+        assert run_names(path) == [f"run_{n + 1:04d}" for n in range(runs + 1)]
+        seen = [name for name in os.listdir(path.parent) if not name.startswith(".")]
+        assert seen == ["run.h5"]
+
+
+def left_by_a_crash(path, header, *chunks, ended=False):
+    """The records of a run, as its recorder has left them beside `path`."""
+    writer = RunWriter(path.with_name("other.h5"), header)
+    for chunk in chunks:
+        writer.append(chunk)
+    with records_of(writer.path).open("r+b") as file:
+        if ended:
+            say(file.fileno(), "", writer.samples)
+        left = file.read()
+    writer.close()
+    writer.path.unlink()
+    records_of(path).write_bytes(left)
+    return left
+
+
+def blocks(samples):
+    """Ten blocks of 100 ticks, each with an event."""
+    return [
+        Chunk(samples[100 * n : 100 * n + 100], 0, [EVENTS[0].model_copy(update={"number": n})])
+        for n in range(10)
+    ]
+
+
+def test_a_torn_record_is_left_out(tmp_path, header, samples, rng):
+    path = tmp_path / "run.h5"
+    ends = [len(left_by_a_crash(path, header, *blocks(samples)[:n])) for n in range(11)]
+    whole = records_of(path).read_bytes()
+    for size in [*rng.integers(ends[0], ends[-1], 12), *ends, *(end - 1 for end in ends[1:])]:
+        records_of(path).write_bytes(whole[:size])
+        run = read_run(path)
+        kept = sum(end <= size for end in ends[1:])
+        assert run.samples.tobytes() == samples[: 100 * kept].tobytes()
+        assert [event.number for event in run.events] == list(range(kept))
+        assert run.attributes["complete"] is False
+        assert "its recorder was killed" in run.attributes["why_incomplete"]
+        path.unlink()
+
+
+def test_a_flipped_bit_costs_at_most_one_block_and_is_said(tmp_path, header, samples, rng):
+    path = tmp_path / "run.h5"
+    whole = left_by_a_crash(path, header, *blocks(samples), ended=True)
+    assert read_run(path).attributes["complete"] is True
+    path.unlink()
+    of_state, of_header, of_last = (0, 8, 12, 100), (4200, 5000), (len(whole) - 1,)
+    for at in [*rng.integers(0, len(whole), 20), *of_state, *of_header, *of_last]:
+        flipped = bytearray(whole)
+        flipped[at] ^= 1 << int(rng.integers(8))
+        records_of(path).write_bytes(flipped)
+        run = read_run(path)
+        numbers = [event.number for event in run.events]
+        assert len(numbers) >= 9
+        kept = np.concatenate([samples[100 * n : 100 * n + 100] for n in numbers])
+        assert run.samples.tobytes() == kept.tobytes()
+        assert run.attributes["samples_lost"] == 1000 - kept.size
+        assert run.attributes["complete"] is False
+        assert "damaged" in run.attributes["why_incomplete"]
+        assert os.listdir(tmp_path) == ["run.h5"]
+        path.unlink()
+
+
+def test_records_without_a_header_stay_and_are_named(tmp_path, header, samples):
+    path = tmp_path / "run.h5"
+    left = left_by_a_crash(path, header, Chunk(samples, 0, []))
+    records_of(path).write_bytes(left[:5000])
+    for use in (read_run, lambda path: RunWriter(path, header)):
+        with pytest.raises(BadInputError, match="the header of its records") as refused:
+            use(path)
+        assert refused.value.code == "recording_unreadable"
+    assert records_of(path).read_bytes() == left[:5000]
+
+
+@pytest.fixture
+def small_files():
+    """A function that lets no file of this process become larger than so many bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_what_a_crash_left_is_read_without_room_and_put_away_with_it(
+    tmp_path, header, samples, small_files, caplog
+):
+    path = tmp_path / "run.h5"
+    left_by_a_crash(path, header, Chunk(samples, 0, EVENTS))
+    small_files(100_000)
+    assert read_run(path).samples.tobytes() == samples.tobytes()
+    assert os.listdir(tmp_path) == ["run.h5.records"]
+    small_files(resource.RLIM_INFINITY)
+    assert read_run(path).samples.tobytes() == samples.tobytes()
+    assert os.listdir(tmp_path) == ["run.h5"]
+    said = f"{path}: a recorder was killed or had no space left, what it wrote is"
+    assert f"{said} still in {records_of(path)}" in caplog.messages[0]
+    assert caplog.messages[1:] == [f"{said} in it now"]
+
+
+def test_a_run_that_ends_without_room_for_hdf5_is_kept_as_records(
+    tmp_path, header, samples, small_files
+):
+    writer = RunWriter(tmp_path / "run.h5", header)
+    writer.append(Chunk(samples, 0, EVENTS))
+    small_files(500_000)
+    with pytest.raises(HapticError, match=r"what came before is in .*run\.h5\.records") as failed:
+        writer.close()
+    assert failed.value.code == "recording_failed"
+    small_files(resource.RLIM_INFINITY)
+    run = read_run(tmp_path / "run.h5")
+    assert (run.samples.tobytes(), run.events) == (samples.tobytes(), EVENTS)
+    assert run.attributes["complete"] is True
 
 
 def tell_ticks(shared, first, count):
@@ -307,9 +475,10 @@ def test_a_killed_recorder_is_noticed_and_its_file_is_readable(tmp_path, shared,
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     tell_ticks(shared, 0, 10)
     await_samples(tmp_path / "run.h5", 10)
-    assert hidden_copy(tmp_path / "run.h5").exists()
     os.kill(recorder.pid, signal.SIGKILL)
-    assert "killed by SIGKILL" in until(recorder.ended)
+    why = until(recorder.ended)
+    assert "killed by SIGKILL" in why
+    assert f"what came before is in {records_of(tmp_path / 'run.h5')}" in why
     assert read_run(tmp_path / "run.h5").samples["tick"].tolist() == list(range(10))
     assert os.listdir(tmp_path) == ["run.h5"]
 
@@ -318,13 +487,13 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, share
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     tell_ticks(shared, 0, 20)
     await_samples(tmp_path / "run.h5", 20)
-    size = (tmp_path / "run.h5").stat().st_size
+    size = records_of(tmp_path / "run.h5").stat().st_size
     resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size, size))  # no file may grow any more
     tell_ticks(shared, 20, 10_000)
     why = until(recorder.ended)
     assert "recording stopped" in why
     assert "Make room on the disk" in why
-    assert ".behind" not in why
+    assert ".part" not in why
     run = read_run(tmp_path / "run.h5")
     assert run.samples["tick"].tolist() == list(range(20))
     assert run.attributes["complete"] is False
@@ -362,36 +531,34 @@ def record_meanwhile(path, header, samples, meddle):
     "meddle",
     [
         lambda path: path.unlink(),
-        lambda path: hidden_copy(path).unlink(),
+        lambda path: records_of(path).unlink(),
         lambda path: shutil.rmtree(path.parent),
-        lambda path: [path.unlink(), hidden_copy(path).unlink()],
+        lambda path: records_of(path).rename(path.with_name("moved")),
     ],
-    ids=["the file", "the hidden copy", "their folder", "both"],
+    ids=["the file", "its records", "their folder", "moved"],
 )
 def test_who_deletes_the_file_of_a_running_recording_loses_nothing(
     tmp_path, header, samples, meddle
 ):
-    """The hidden copy was once deleted as well: all was lost, while the message said that it was
-    kept.
-    """
     path = tmp_path / "folder" / "run.h5"
+    record(path, header, Chunk(samples[:50], 0, []))
     news = record_meanwhile(path, header, samples, meddle)
+    assert read_run(path, "run_0001").samples.tobytes() == samples[:50].tobytes()
     run = read_run(path)
     assert run.samples.tobytes() == samples.tobytes()
     assert run.events == EVENTS
     assert run.attributes["complete"] is True
-    assert os.listdir(path.parent) == ["run.h5"]
+    assert {*os.listdir(path.parent)} - {"moved"} == {"run.h5"}
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert all(
-        said == f"{path} was deleted while it is recorded, and is put back, whole" for said in news
-    )
+    said = "was deleted while it is recorded, and is put back, whole"
+    assert {*news} <= {f"{path} {said}", f"{records_of(path)} {said}"}
 
 
 def test_a_deleted_file_is_told_and_put_back(tmp_path, shared, header):
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     tell_ticks(shared, 0, 20)
     await_samples(tmp_path / "run.h5", 20)
-    (tmp_path / "run.h5").unlink()
+    records_of(tmp_path / "run.h5").unlink()
     assert "was deleted while it is recorded, and is put back" in until(recorder.news)[0]
     tell_ticks(shared, 20, 5)
     assert recorder.stop() is None
@@ -399,43 +566,58 @@ def test_a_deleted_file_is_told_and_put_back(tmp_path, shared, header):
     assert os.listdir(tmp_path) == ["run.h5"]
 
 
-def test_what_a_killed_recorder_has_left_of_a_deleted_file_is_put_back(tmp_path, shared, header):
+def test_what_a_deleted_file_held_survives_a_kill_once_it_is_put_back(tmp_path, shared, header):
     path = tmp_path / "run.h5"
     recorder = Recorder(path, header, shared)
     tell_ticks(shared, 0, 20)
     await_samples(path, 20)
-    os.kill(recorder.pid, signal.SIGSTOP)
-    until(
-        lambda: Path(f"/proc/{recorder.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
-    )
-    path.unlink()
+    records_of(path).unlink()
+    until(recorder.news)
     os.kill(recorder.pid, signal.SIGKILL)
-    why = until(recorder.ended)
-    if path.exists():  # else it was killed while it wrote, and the message says that too
-        assert why.endswith(f"what came before is in {path}")
-        assert read_run(path).attributes["complete"] is False
-    else:
-        assert why.endswith(f"what came before is lost: somebody has deleted {path}")
-    assert os.listdir(tmp_path) in (["run.h5"], [])
+    assert f"what came before is in {records_of(path)}" in until(recorder.ended)
+    assert read_run(path).samples["tick"].tolist() == list(range(20))
 
 
+def append_and_close(writer, chunk):
+    writer.append(chunk)
+    writer.close()
+
+
+@pytest.mark.parametrize("runs", [0, 1])
 def test_another_file_in_its_place_is_left_alone_and_what_came_before_is_beside_it(
-    tmp_path, header, samples
+    tmp_path, header, samples, runs
 ):
     path, mine = tmp_path / "run.h5", tmp_path / "mine"
+    for _ in range(runs):
+        record(path, header, Chunk(samples, 0, []))
     writer = RunWriter(path, header)
     writer.append(Chunk(samples[:500], 0, EVENTS))
     mine.write_text("mine")
     os.replace(mine, path)
-    with pytest.raises(HapticError, match="another file has taken its place") as failed:
-        writer.append(Chunk(samples[500:], 0, []))
-    assert failed.value.message.endswith(f"what came before is in {tmp_path / 'run-kept-2.h5'}")
-    assert failed.value.hint.startswith("Leave the file and its folder alone")
+    with pytest.raises(HapticError) as failed:
+        append_and_close(writer, Chunk(samples[500:], 0, []))
+    assert f"what came before is in {records_of(path)}" in failed.value.message
     assert path.read_text() == "mine"
-    run = read_run(tmp_path / "run-kept-2.h5")
+    with pytest.raises(BadInputError, match="not a readable HDF5 file"):
+        read_run(path)
+    path.rename(mine)
+    kept = samples[:500] if runs else samples
+    assert read_run(path).samples.tobytes() == kept.tobytes()
+
+
+def test_another_file_in_place_of_the_records_is_left_alone(tmp_path, header, samples):
+    path = tmp_path / "run.h5"
+    writer = RunWriter(path, header)
+    writer.append(Chunk(samples[:500], 0, EVENTS))
+    records_of(path).unlink()
+    records_of(path).write_text("mine")
+    with pytest.raises(HapticError, match="another file has taken its place"):
+        writer.append(Chunk(samples[500:], 0, []))
+    assert records_of(path).read_text() == "mine"
+    records_of(path).unlink()
+    run = read_run(path)
     assert run.samples.tobytes() == samples[:500].tobytes()
     assert "another file" in run.attributes["why_incomplete"]
-    assert sorted(os.listdir(tmp_path)) == ["run-kept-2.h5", "run.h5"]
 
 
 def test_events_that_are_missing_are_counted_whatever_their_order(tmp_path, header, samples):
@@ -473,7 +655,7 @@ def test_the_hint_fits_what_went_wrong(tmp_path, header, samples, monkeypatch, n
         with pytest.raises(HapticError) as failed:
             writer.append(Chunk(samples, 0, []))
     assert failed.value.hint.startswith(hint)
-    assert failed.value.message.endswith(f"what came before is in {tmp_path / 'run.h5'}")
+    assert f"what came before is in {records_of(tmp_path / 'run.h5')}" in failed.value.message
 
 
 def append_for_ever(writer, chunk):
@@ -481,26 +663,28 @@ def append_for_ever(writer, chunk):
         writer.append(chunk)
 
 
-@pytest.mark.parametrize("at_write", range(1, 12, 2))
-def test_no_refused_byte_is_ever_taken_for_written(
-    tmp_path, header, samples, monkeypatch, at_write
-):
-    """HDF5 prints a full disk and goes on: such a run once said it was complete, with a fifth of
-    its ticks gone.
-    """
-    path = tmp_path / "run.h5"
-    writer = RunWriter(path, header)
-    writer.append(Chunk(samples[:500], 0, EVENTS[:1]))
+def refuse_once(monkeypatch, at_write):
+    """The disk has no space left for one write."""
     pwrite, written = os.pwrite, 0
 
-    def refuse_once(descriptor, data, offset):
+    def refuse(descriptor, data, offset):
         nonlocal written
         written += 1
         if written == at_write:
             raise OSError(28, "No space left on device")
         return pwrite(descriptor, data, offset)
 
-    monkeypatch.setattr(os, "pwrite", refuse_once)
+    monkeypatch.setattr(os, "pwrite", refuse)
+
+
+@pytest.mark.parametrize("at_write", range(1, 6))
+def test_no_refused_byte_is_ever_taken_for_written(
+    tmp_path, header, samples, monkeypatch, at_write
+):
+    path = tmp_path / "run.h5"
+    writer = RunWriter(path, header)
+    writer.append(Chunk(samples[:500], 0, EVENTS[:1]))
+    refuse_once(monkeypatch, at_write)
     with pytest.raises(HapticError, match="No space left") as failed:
         append_for_ever(writer, Chunk(samples[500:], 0, EVENTS[1:]))
     assert failed.value.code == "recording_failed"
@@ -510,6 +694,22 @@ def test_no_refused_byte_is_ever_taken_for_written(
     assert run.samples[500:].tobytes() == samples[500:].tobytes() * ((writer.samples - 500) // 1200)
     assert run.attributes["complete"] is False
     assert "No space left on device" in run.attributes["why_incomplete"]
+    assert os.listdir(tmp_path) == ["run.h5"]
+
+
+@pytest.mark.parametrize("at_write", range(1, 60, 6))
+def test_no_byte_refused_at_the_end_is_taken_for_written(
+    tmp_path, header, samples, monkeypatch, at_write
+):
+    """HDF5 prints a full disk and goes on."""
+    path = tmp_path / "run.h5"
+    writer = RunWriter(path, header)
+    writer.append(Chunk(samples, 0, EVENTS))
+    refuse_once(monkeypatch, at_write)
+    with pytest.raises(HapticError, match="No space left"):
+        writer.close()
+    run = read_run(path)
+    assert (run.samples.tobytes(), run.events) == (samples.tobytes(), EVENTS)
     assert os.listdir(tmp_path) == ["run.h5"]
 
 
