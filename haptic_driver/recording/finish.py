@@ -6,7 +6,6 @@ a whole; only then do the records go. A run that is there already takes its own 
 
 from __future__ import annotations
 
-import fcntl
 import io
 import json
 import logging
@@ -189,6 +188,8 @@ def _extend(dataset: h5py.Dataset, values: Any) -> None:
 
 def _put_away(path: Path, left: Path, descriptor: int) -> bool:
     """Finish what a crash has left, where it is ours; whether it is in `path` now."""
+    import fcntl  # noqa: PLC0415 - not on Windows
+
     said = f"{path}: a recorder was killed or had no space left, what it wrote is"
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

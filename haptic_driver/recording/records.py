@@ -15,7 +15,6 @@ events. Who writes them has a lock on the file as long as it lives.
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import os
 import struct
@@ -79,6 +78,8 @@ def new_file(path: Path, *, replace: bool = False) -> Iterator[int]:
 
     It stays open. FileExistsError where there is another, unless that is to be replaced.
     """
+    import fcntl  # noqa: PLC0415 - not on Windows
+
     part = path.with_name(f".{path.name}.part")
     path.parent.mkdir(parents=True, exist_ok=True)
     part.unlink(missing_ok=True)  # of who was killed here
