@@ -40,6 +40,7 @@ from haptic_driver.daemon.messages import (
 )
 from haptic_driver.daemon.verbs import Answer, Asked, Verb
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
 
 if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
@@ -265,7 +266,7 @@ class Session:
         self._period_s = lease.lease_s / RENEWALS_PER_LEASE
         self._ending = threading.Event()
         self._answered = threading.Event()  # the first renewal
-        self._renewing = threading.Thread(target=self._renew, name="lease", daemon=True)
+        self._renewing: threading.Thread | None = None  # in the block
 
     def set(self, cof: float, *, nearest: bool = False) -> Status:
         """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will
@@ -306,11 +307,12 @@ class Session:
 
     def wait_lost(self, timeout_s: float) -> bool:
         """Wait until the lease is lost, at most so long; whether it is."""
-        self._renewing.join(timeout_s)
+        if self._renewing is not None:
+            self._renewing.join(timeout_s)
         return self.lost is not None
 
     def __enter__(self) -> Self:
-        self._renewing.start()
+        self._renewing = start_thread("lease", self._renew)
         return self
 
     def __exit__(
@@ -330,7 +332,8 @@ class Session:
             if error is None:
                 raise
         finally:
-            self._renewing.join()
+            if self._renewing is not None:
+                self._renewing.join()
 
     def _renew(self) -> None:
         """The daemon may be slow, and then the lease runs out by itself; only its refusal ends

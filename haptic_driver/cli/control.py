@@ -24,6 +24,7 @@ from haptic_driver.daemon.address import Address
 from haptic_driver.daemon.private_file import private_folder, write_private
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.live.agreement import AXES
+from haptic_driver.processes.started import start_process
 
 if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
@@ -346,7 +347,8 @@ def _detached(socket: str | None, lease_s: float, for_s: float | None) -> dict[s
     command += ["--lease", str(lease_s), "--while-pid", str(os.getppid())]
     command += [] if socket is None else ["--socket", socket]
     command += [] if for_s is None else ["--for", str(for_s)]
-    holder = subprocess.Popen(
+    holder = start_process(
+        "holder",
         command,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

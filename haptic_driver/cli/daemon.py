@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import sys
-import threading
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +15,7 @@ from typer import Option
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 from haptic_driver.daemon.address import Address
 from haptic_driver.errors import BadInputError
+from haptic_driver.processes.started import start_thread
 
 FLUSH_S = 1.0
 
@@ -99,7 +99,7 @@ def run(
         said = partial(
             report, as_json, {"socket": str(socket), "page": page}, lambda: _show(rig, socket, page)
         )
-        threading.Thread(target=said, name="announce", daemon=True).start()
+        start_thread("say", said)
 
     handler = DroppingHandler()
     handler.addFilter(OncePerSecond())
@@ -108,9 +108,7 @@ def run(
     links = Links(lsl, osc, lsl_markers)
     status = run_daemon(rig, place, model, allow_no_rt, port, links, announce, slide)
     handler.flush()
-    flushing = threading.Thread(target=sys.stdout.flush, name="flush", daemon=True)
-    flushing.start()
-    flushing.join(FLUSH_S)
+    start_thread("say", sys.stdout.flush).join(FLUSH_S)
     os._exit(
         status
     )  # all is closed; what else Python does at its end may wait for a terminal that is stopped

@@ -45,6 +45,7 @@ from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError, message_of, shown
 from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import RING_SAMPLES, Output, SharedState
+from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
@@ -156,9 +157,7 @@ class Daemon:
     def _start_threads(self) -> None:
         pump = self._orders.pump
         for name, work in (("watch", self._watch), ("bring_out", pump.run)):
-            thread = threading.Thread(target=work, args=(self._ending,), name=name, daemon=True)
-            self._threads.append(thread)
-            thread.start()
+            self._threads.append(start_thread(name, work, self._ending))
 
     def _watch(self, ending: threading.Event) -> None:
         while not ending.is_set():

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from haptic_driver.errors import optional
+from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.clock import lsl_offset_s
 
 LOOK_S = 0.2  # between looks at whether to end
@@ -67,8 +68,7 @@ def hearing(inlet: LslMarkers, tell: Heard, failed: Callable[[str], object]) -> 
                 failed(f"{type(inlet).__name__} ended: {error}")
                 return
 
-    thread = threading.Thread(target=listen, name="inlet")
-    thread.start()
+    thread = start_thread("inlet", listen)
     try:
         yield
     finally:

@@ -13,6 +13,7 @@ from haptic_driver.errors import HapticError
 from haptic_driver.live import why
 from haptic_driver.live.window import Window
 from haptic_driver.processes.child import Child
+from haptic_driver.processes.started import start_thread
 
 NAME = "why"
 LEAST_ROWS = 12
@@ -48,10 +49,7 @@ class Inquiry:
             why.write_windows(Path(self._folder.name), rows, simulated=simulated)
             self.answer = Why(state="running", said=f"diagnosing {len(rows)} rows", rows=len(rows))
             self._child = Child(NAME, why.__name__, [model, self._folder.name])
-            self._waiting = threading.Thread(
-                target=self._wait, args=(self._child,), name=NAME, daemon=True
-            )
-            self._waiting.start()
+            self._waiting = start_thread(NAME, self._wait, self._child)
             return self.answer
 
     def page(self) -> str:

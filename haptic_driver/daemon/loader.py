@@ -99,16 +99,14 @@ class Loader:
             )
         try:
             child, link = self._ready()
-            timer = threading.Timer(TIME_S, child.kill)
-            timer.start()
             try:
                 link.send((TIME_S, work, name, *arguments))
+                if not link.poll(TIME_S):
+                    child.kill()
                 is_given, answer = pickle.loads(link.recv_bytes(2 * TARGET_BYTES))
             except (OSError, EOFError):
                 self._end()
                 raise _too_much(name) from None
-            finally:
-                timer.cancel()
             if not is_given and answer[1]["code"] == TOO_MUCH:
                 self._end()  # what is left of its memory is in pieces; the next asks another
         finally:

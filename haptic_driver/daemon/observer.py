@@ -29,6 +29,7 @@ from haptic_driver.processes.child import Child
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import give_way
 from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.surface.models import load_model
 
@@ -62,10 +63,10 @@ class Observer:
         self._given = pickle.dumps(settings)
         self._link: Connection | None = None
         self._child: Child | None = None
-        self._listening = threading.Thread(target=self._listen, name="observe", daemon=True)
+        self._listening: threading.Thread | None = None
 
     def start(self) -> None:
-        self._listening.start()
+        self._listening = start_thread("observe", self._listen)
 
     def end(self) -> None:
         """Begin nothing any more."""
@@ -75,7 +76,7 @@ class Observer:
 
     def close(self) -> None:
         self.end()
-        if self._listening.is_alive():
+        if self._listening is not None:
             self._listening.join()
 
     @property

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import Ring
+from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.clock import lsl_offset_s
 from haptic_driver.recording.event import Event
 
@@ -129,8 +130,7 @@ def feeding(
                     running.remove(outlet)
                     failed(f"{type(outlet).__name__} ended: {error}")
 
-    thread = threading.Thread(target=feed, name="outlets")
-    thread.start()
+    thread = start_thread("outlets", feed)
     try:
         yield
     finally:

@@ -16,6 +16,7 @@ from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.process import Recorder
 from haptic_driver.recording.writer import RunHeader
@@ -149,9 +150,7 @@ class Recordings:
             self._recorder = None
             self._fault = _joined(self._fault, recorder.missing, why)
             self._events.tell("recording", why)
-            threading.Thread(
-                target=self._go_on, args=(self._stopped,), name="record", daemon=True
-            ).start()
+            start_thread("record", self._go_on, self._stopped)
 
     def _watch_lease(self) -> None:
         if self._lease is None or self._holds(self._lease):
@@ -159,9 +158,7 @@ class Recordings:
         elif self._clock() - self._held_s > AFTER_LEASE_S and not self._stopped.is_set():
             self._stopped.set()
             self._events.tell("recording", "ends, since the lease with which it was begun is over")
-            threading.Thread(
-                target=self._end_left, args=(self._lease,), name="record", daemon=True
-            ).start()
+            start_thread("record", self._end_left, self._lease)
 
     def _end_left(self, lease: str) -> None:
         with suppress(HapticError):  # an event says it

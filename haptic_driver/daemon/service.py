@@ -10,6 +10,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
+from haptic_driver.processes.started import start_thread
+
 
 def notify(message: str) -> None:
     """Send one message such as `READY=1` to who started us (sd_notify(3)); does nothing when nobody
@@ -30,19 +32,15 @@ def as_service(ticks: Callable[[], int]) -> Iterator[None]:
     """
     ending = threading.Event()
     period_s = watchdog_period_s()
-    patting = threading.Thread(
-        target=lambda: _pat(ticks, period_s, ending), name="pat", daemon=True
-    )
     notify("READY=1")
-    if period_s is not None:
-        patting.start()
+    patting = [start_thread("pat", _pat, ticks, period_s, ending)] if period_s is not None else []
     try:
         yield
     finally:
         notify("STOPPING=1")
         ending.set()
-        if period_s is not None:
-            patting.join()
+        for thread in patting:
+            thread.join()
 
 
 def watchdog_period_s() -> float | None:

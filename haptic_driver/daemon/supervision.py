@@ -27,6 +27,7 @@ from haptic_driver.errors import HapticError, message_of
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.devices import modulation_input
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import require_verified
@@ -104,7 +105,7 @@ class Supervisor:
         self._begin_instruments()  # both take seconds, at the same time
         self._start_render()
         self._connect_instruments()
-        self._in_thread(self._sense)
+        self._threads.append(start_thread("sense", self._sense))
 
     def await_all(self) -> None:
         """Until sensors and render have been heard; nothing is missing then. Raises HapticError
@@ -193,7 +194,7 @@ class Supervisor:
             self._start_render()
             self.await_all()
         except HapticError:
-            self._in_thread(self._bring_back, RENDER)
+            self._begin_to_bring_back(RENDER)
             raise
 
     def end(self) -> None:
@@ -361,7 +362,7 @@ class Supervisor:
         if not is_first:
             return
         try:
-            self._in_thread(self._bring_back, name)
+            self._begin_to_bring_back(name)
         except RuntimeError:  # no thread is to be had: tried again with the next look
             self.missing = ""
             raise
@@ -405,12 +406,8 @@ class Supervisor:
             self._begin_instruments()
             self._connect_instruments()
 
-    def _in_thread(self, work: Callable[..., None], *arguments: object) -> None:
-        thread = threading.Thread(
-            target=work, args=arguments, name=work.__name__.strip("_"), daemon=True
-        )
-        self._threads.append(thread)
-        thread.start()
+    def _begin_to_bring_back(self, name: str) -> None:
+        self._threads.append(start_thread("bring_back", self._bring_back, name))
 
 
 def sliding_carrier_hz(shared: SharedState) -> float | None:

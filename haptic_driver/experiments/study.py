@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -29,6 +28,7 @@ from haptic_driver.config import Checked, find_config, parse, read_toml
 from haptic_driver.errors import BadInputError, HapticError, optional
 from haptic_driver.files import write_rows, write_text
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.processes.started import start_workers
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.surface import NO_CAPS, invert
 from haptic_driver.rig.config import load_rig
@@ -285,10 +285,7 @@ def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
 def _executor(cluster: str | None, workers: int | None) -> Iterator[Executor]:
     """Processes of this machine, or the workers of a Dask cluster behind the same interface."""
     if cluster is None:
-        fresh = multiprocessing.get_context(
-            "spawn"
-        )  # compiled kernels and threads do not survive a fork
-        with ProcessPoolExecutor(workers or min(os.cpu_count() or 1, 8), mp_context=fresh) as pool:
+        with start_workers("study", workers or min(os.cpu_count() or 1, 8)) as pool:
             yield pool
         return
     distributed = optional("distributed", "cluster", "--cluster")

@@ -12,6 +12,7 @@ from math import nan
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.live.touch_by_current import Felt, TouchByCurrent
 from haptic_driver.processes.patience import join_within
+from haptic_driver.processes.started import start_thread
 from haptic_driver.surface.models import load_model
 from hw.errors import DeviceError
 from hw.force.sensor import ForceReading
@@ -47,10 +48,10 @@ class CurrentSensor:
         self._last = self._unknown = ForceReading(self._felt_s, usual_n, nan, False)
         self._failed: DeviceError | None = None
         self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="current", daemon=True)
+        self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        self._thread.start()
+        self._thread = start_thread("current", self._run)
 
     def read(self) -> ForceReading:
         """The newest estimate, or that nothing is known for AGE_S. Raises DeviceError when the
@@ -64,7 +65,7 @@ class CurrentSensor:
 
     def close(self) -> None:
         self._ending.set()
-        if self._thread.is_alive():
+        if self._thread is not None:
             join_within(AGE_S, [self._thread])
 
     def _run(self) -> None:

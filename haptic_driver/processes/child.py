@@ -8,12 +8,12 @@ import queue
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
 from haptic_driver.errors import HapticError
+from haptic_driver.processes.started import start_process, start_thread
 
 STOP_TIMEOUT_S = 5.0
 # Another thread of the linear algebra library has no precedence of its own: a killed process is
@@ -41,7 +41,8 @@ class Child:
         descriptors: Sequence[int] = (),
     ) -> None:
         self.name = name
-        self._process = subprocess.Popen(
+        self._process = start_process(
+            name,
             [sys.executable, "-m", module, *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -50,12 +51,7 @@ class Child:
             process_group=0,
         )
         self._said: queue.Queue[bytes] = queue.Queue()
-        self._threads = [
-            threading.Thread(target=self._listen, daemon=True),
-            threading.Thread(target=self._give, args=(given,), daemon=True),
-        ]
-        for thread in self._threads:
-            thread.start()
+        self._talking = start_thread("child", self._talk, given)
 
     @property
     def pid(self) -> int:
@@ -102,22 +98,19 @@ class Child:
         """End it without asking."""
         self._process.kill()
         self._process.wait()
-        for thread in self._threads:
-            thread.join()
+        self._talking.join()
         for pipe in (self._process.stdin, self._process.stdout):
             assert pipe is not None
             with suppress(OSError):
                 pipe.close()
 
-    def _listen(self) -> None:
-        assert self._process.stdout is not None
-        while line := self._process.stdout.readline():
-            self._said.put(line)
-        self._said.put(b"")  # it has ended
-
-    def _give(self, given: bytes) -> None:
+    def _talk(self, given: bytes) -> None:
         """Its standard input stays open afterwards: its end tells a child that we are gone."""
         assert self._process.stdin is not None
+        assert self._process.stdout is not None
         with suppress(OSError):
             self._process.stdin.write(given)
             self._process.stdin.flush()
+        while line := self._process.stdout.readline():
+            self._said.put(line)
+        self._said.put(b"")  # it has ended

@@ -7,6 +7,8 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
+from haptic_driver.processes.started import start_thread
+
 _log = logging.getLogger(__name__)
 
 
@@ -23,12 +25,10 @@ def join_within(time_s: float, threads: Iterable[threading.Thread]) -> None:
 
 def done_within(time_s: float, work: Callable[[], object]) -> None:
     """Do the work in a thread of its own, or here where there is none to be had."""
-    thread = threading.Thread(
-        target=work, name=getattr(work, "__qualname__", repr(work)), daemon=True
-    )
     try:
-        thread.start()
+        thread = start_thread("bounded", work)
     except RuntimeError:
         work()
         return
+    thread.name = getattr(work, "__qualname__", repr(work))
     join_within(time_s, [thread])

@@ -28,6 +28,7 @@ from pathlib import Path
 from haptic_driver.processes import parent
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Metronome
+from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.slide import TICK_S, Slide, read_slide, synthetic_slide
 from haptic_driver.simulation.finger_function import load_finger
@@ -247,7 +248,7 @@ def main() -> None:
     slide = None if given.slide is None else read_slide(given.slide)
     with SlidingFinger(config, friction, slide, given.record, electrode) as served:
         parent.tell({"endpoints": served.endpoints})
-        threading.Thread(target=_linger, args=(ended,), daemon=True).start()
+        start_thread("linger", _linger, ended)
         metronome = Metronome(STEP_S, began_s=served.instruments.time_s)
         while not ended.is_set():
             metronome.wait()

@@ -36,9 +36,8 @@ from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport, Since
 from haptic_driver.daemon.verbs import COMMANDS, VIEWS, Empty, Verb
 from haptic_driver.daemon.web.carrier import CARRIER
-from haptic_driver.daemon.web.connections import OFF_THREADS
 from haptic_driver.daemon.web.frames import state_frame
-from haptic_driver.daemon.web.off import OFF_VERBS, PlainPaths
+from haptic_driver.daemon.web.off import OFF_VERBS, OffThreads
 from haptic_driver.daemon.web.security import BodyLimit, refusal
 from haptic_driver.errors import BadInputError, HapticError
 from model.support.errors import nearest
@@ -63,9 +62,11 @@ SAID = {
 }
 
 
-def create_app(daemon: Daemon, page: Path | None = None) -> FastAPI:
-    """The API in front of `daemon`; `page`: a folder of static files to serve below `/page`, with
-    an index.html.
+def create_app(daemon: Daemon, page: Path | None = None, off: OffThreads | None = None) -> FastAPI:
+    """The API in front of `daemon`.
+
+    `page`: a folder of static files to serve below `/page`, with an index.html. `off` does what
+    streams say of switching off.
     """
     app = FastAPI(
         title="haptic-driver",
@@ -77,38 +78,33 @@ def create_app(daemon: Daemon, page: Path | None = None) -> FastAPI:
             status: {"model": ErrorReport, "description": what} for status, what in SAID.items()
         },
     )
-    off_threads = CapacityLimiter(OFF_THREADS)
     for tag, verbs in (("commands", COMMANDS), ("views", (*VIEWS, CARRIER))):
         for verb in verbs:
             app.add_api_route(
                 verb.path,
-                _route(daemon, verb, off_threads),
+                _route(daemon, verb),
                 methods=[verb.method],
                 response_model=verb.answer,
                 name=verb.name,
                 description=verb.said,
                 tags=[tag],
             )
-    app.include_router(_streams(daemon, off_threads))
+    app.include_router(_streams(daemon, off))
     if page is not None:
         app.mount(PAGE, StaticFiles(directory=page, html=True))
         app.add_api_route("/", lambda: RedirectResponse(PAGE + "/"), include_in_schema=False)
     app.add_middleware(BodyLimit)
-    app.add_middleware(PlainPaths)  # the first that sees a request
     _answer_errors(app)
     return app
 
 
-def _route(
-    daemon: Daemon, verb: Verb[Any, Any], off_threads: CapacityLimiter
-) -> Callable[..., Awaitable[Response]]:
+def _route(daemon: Daemon, verb: Verb[Any, Any]) -> Callable[..., Awaitable[Response]]:
     """What answers one verb, with the parameters that FastAPI reads and describes; the answer is
     JSON already.
     """
-    limiter = off_threads if verb.switches_off else None
 
     async def answer(asked: Checked | None = None, lease_token: str = "") -> Response:
-        said = await to_thread.run_sync(verb.said_json, daemon, asked, lease_token, limiter=limiter)
+        said = await to_thread.run_sync(verb.said_json, daemon, asked, lease_token)
         return Response(said, media_type="application/json")
 
     parameters = []
@@ -123,16 +119,13 @@ def _route(
     return answer
 
 
-def _streams(daemon: Daemon, off_threads: CapacityLimiter) -> APIRouter:
+def _streams(daemon: Daemon, off: OffThreads | None) -> APIRouter:
     router = APIRouter()
     frame_threads = CapacityLimiter(FRAME_THREADS)
 
     async def hear(said: str) -> None:
-        if said in OFF_VERBS:
-            with suppress(HapticError):  # the state says what has become of it
-                await to_thread.run_sync(
-                    OFF_VERBS[said].said_json, daemon, Empty(), "", limiter=off_threads
-                )
+        if off is not None and said in OFF_VERBS:
+            await asyncio.wrap_future(off.ask(OFF_VERBS[said]))  # the state says what came of it
 
     @router.websocket("/state")
     async def state(

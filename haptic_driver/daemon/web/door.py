@@ -1,143 +1,244 @@
-"""The door of the port: who has not asked for anything yet costs a descriptor and a few
-microseconds.
+"""The door of the API: it answers OFF itself, and hands the connections of all others on.
 
-A stranger on this machine may open connections faster than a web server makes its objects for them,
-and the queue of the system is then full for everybody. Here a connection is accepted and waits
-until the headers of a request are there; the oldest makes room for the next. Only then it is the
-server's, and one that shows the token before all others.
+A door has the public address, so OFF is the same URL for everybody, and no client has to find a
+second one. It is a thread with an accept queue of its own that waits for nobody and shares nothing
+with the web server: OFF is heard while an event loop hangs, is flooded, or has ended.
+
+A door only looks at the head of a request (`MSG_PEEK`). Where it says OFF the door answers.
+Otherwise the connection, from which nothing was taken, is the next that `Handed.accept` gives the
+web server. A connection carries one request (`security.OneRequest`), so that no OFF comes on one
+that was handed on.
+
+A stranger on this machine may open connections faster than they can be served. So who has not asked
+for anything yet costs a descriptor and a few microseconds, and the oldest makes room for the next;
+who shows the token is handed on before all others.
 """
 
 from __future__ import annotations
 
 import asyncio
+import fcntl
+import math
 import re
 import secrets
+import select
 import socket
+import struct
+import termios
+import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from concurrent.futures import Future
+from contextlib import suppress
+from functools import partial
+from typing import Any, NamedTuple
 
-MOST_STRANGERS = 256  # that wait
-MOST_ENTERING = 16  # without the token, on their way to the server
-MOST_HEADER_BYTES = 16 * 1024
-ACCEPTED_AT_ONCE = 64
+from haptic_driver.daemon.web.off import OffThreads, begins_off
+from haptic_driver.daemon.web.security import TokenGate
+
+HEAD_TIMEOUT_S = 2.0  # from the connection to the end of the head; and for reading an answer to OFF
+MOST_HEAD_BYTES = 16 * 1024
+MOST_WAITING = 256  # connections whose head has not come
+MOST_KNOWN, MOST_STRANGERS = 64, 16  # handed on, but not taken yet: with the token, and without
+AT_ONCE = 64
 WAITING_CONNECTIONS = 1024  # that the system keeps until they are accepted
 LOOK_S = 0.1  # between looks for those who are late
-PAUSE_S = 0.1  # where there are no descriptors
+UNREAD_S = 2.0  # so long a client may take nothing of what was sent to it
 
 _TOKEN = re.compile(rb"(?i:authorization: *bearer) +(\S+)|[?&]token=([^&\s]+)")
 
 
-class Door:
-    """Opens with the running loop; `late_s` is how long headers take.
+class Handed(socket.socket):
+    """What a web server takes for its listening socket: it accepts what a door has let in.
 
-    `make` makes the server's end of a connection, which is told what was said at the door.
+    It is readable where there is one. Those who know the token come first.
     """
 
-    def __init__(
-        self,
-        listener: socket.socket,
-        token: str,
-        make: Callable[[bytes], asyncio.Protocol],
-        late_s: Callable[[], float],
-    ) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._listener = listener
-        self._token = token.encode()
-        self._make = make
-        self._late_s = late_s
-        self._strangers: dict[
-            socket.socket, tuple[float, bytes]
-        ] = {}  # since when, and what was said; oldest first
-        self._entering: set[asyncio.Task[None]] = set()
-        self._strange = 0  # of those
-        listener.setblocking(False)
-        listener.listen(WAITING_CONNECTIONS)
-        self._loop.add_reader(listener, self._accept)
-        self._timer = self._loop.call_later(LOOK_S, self._look)
+    def __init__(self) -> None:
+        self._wake, woken = socket.socketpair()
+        self._wake.setblocking(False)
+        super().__init__(fileno=woken.detach())
+        self._known: deque[socket.socket] = deque()
+        self._strangers: deque[socket.socket] = deque()
+        self._taken: dict[socket.socket, tuple[int, float]] = {}  # bytes unread, and since when
+
+    def give(self, stream: socket.socket, is_known: bool) -> bool:
+        """Whether there was room for it; it is the web server's then."""
+        queue, most = (self._known, MOST_KNOWN) if is_known else (self._strangers, MOST_STRANGERS)
+        if len(queue) >= most:
+            return False
+        queue.append(stream)
+        self._wake.send(b".")
+        return True
+
+    def listen(self, _backlog: int = 0) -> None:
+        """A door listens."""
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """The next one, and no address. Raises BlockingIOError where there is none."""
+        if not self.recv(1):
+            raise ConnectionAbortedError
+        stream = (self._known or self._strangers).popleft()
+        self._taken[stream] = 0, time.monotonic()
+        return stream, ""
 
     def close(self) -> None:
-        """Let nobody in any more."""
-        self._timer.cancel()
-        self._loop.remove_reader(self._listener)
-        for stream in list(self._strangers):
-            self._show_out(stream)
+        self._wake.close()
+        for stream in [*self._known, *self._strangers]:
+            stream.close()
+        super().close()
 
-    def _accept(self) -> None:
-        for _ in range(ACCEPTED_AT_ONCE):
+    async def cut_unread(self) -> None:
+        """For ever, in the web server's loop: cut what nobody reads, or it is kept for ever."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            now_s = time.monotonic()
+            for stream, (before, since_s) in list(self._taken.items()):
+                if stream.fileno() < 0:
+                    del self._taken[stream]
+                elif (unread := _unread_bytes(stream)) == 0 or unread < before:
+                    self._taken[stream] = unread, now_s
+                elif now_s - since_s > UNREAD_S:
+                    with suppress(OSError):
+                        stream.shutdown(socket.SHUT_RDWR)
+                else:
+                    self._taken[stream] = unread, since_s
+
+
+def _unread_bytes(stream: socket.socket) -> int:
+    """What the system still keeps of what was sent (SIOCOUTQ)."""
+    return int(struct.unpack("i", fcntl.ioctl(stream, termios.TIOCOUTQ, bytes(4)))[0])
+
+
+class _Caller(NamedTuple):
+    stream: socket.socket
+    until_s: float  # shown out then
+    is_answered: bool = False  # what else it says is read and forgotten
+
+
+class Door:
+    """One listening socket, from `run` to `close`; with a `gate` that knows a token, or for all."""
+
+    def __init__(
+        self, listener: socket.socket, gate: TokenGate | None, off: OffThreads, handed: Handed
+    ) -> None:
+        self._listener, self._gate, self._off, self._handed = listener, gate, off, handed
+        self._callers: dict[int, _Caller] = {}  # by descriptor, in the order of `until_s`
+        self._answered: deque[socket.socket] = deque()
+        self._deaf_until_s = math.inf  # accepts nobody until then; inf: it accepts
+        self._ending = threading.Event()
+        self._poll = select.epoll()
+        listener.setblocking(False)
+        listener.listen(WAITING_CONNECTIONS)
+        self._poll.register(listener, select.EPOLLIN)
+
+    def close(self) -> None:
+        """Let `run` end."""
+        self._ending.set()
+
+    def run(self) -> None:
+        """Answer and hand on."""
+        while not self._ending.is_set():
+            try:
+                self._turn(self._poll.poll(LOOK_S, AT_ONCE), time.monotonic())
+            except Exception:  # without memory anything may fail; the next turn may not
+                self._ending.wait(LOOK_S)
+        self._poll.close()
+        for descriptor in list(self._callers):
+            self._callers.pop(descriptor).stream.close()
+
+    def _turn(self, ready: list[tuple[int, int]], now_s: float) -> None:
+        for descriptor, _ in ready:
+            if descriptor == self._listener.fileno():
+                self._accept(now_s)
+            elif (caller := self._callers.get(descriptor)) is not None:
+                self._hear(caller)
+        while self._answered:
+            self._expect(_Caller(self._answered.popleft(), now_s + HEAD_TIMEOUT_S, True))
+        while self._callers and (oldest := next(iter(self._callers.values()))).until_s < now_s:
+            self._show_out(oldest)
+        if self._deaf_until_s < now_s:
+            self._deaf_until_s = math.inf
+            self._poll.modify(self._listener, select.EPOLLIN)
+
+    def _accept(self, now_s: float) -> None:
+        for _ in range(AT_ONCE):
             try:
                 stream, _ = self._listener.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
                 return
             except OSError:  # no descriptors
-                self._pause()
+                self._make_room(now_s)
                 return
             stream.setblocking(False)
-            self._strangers[stream] = time.monotonic(), b""
-            self._loop.add_reader(stream, self._hear, stream)
-            if len(self._strangers) > MOST_STRANGERS:
-                self._show_out(next(iter(self._strangers)))
+            self._expect(_Caller(stream, now_s + HEAD_TIMEOUT_S))
+            if len(self._callers) > MOST_WAITING:
+                self._show_out(next(iter(self._callers.values())))
 
-    def _pause(self) -> None:
-        for stream in list(self._strangers)[: len(self._strangers) // 2]:
-            self._show_out(stream)
-        self._loop.remove_reader(self._listener)
-        self._loop.call_later(PAUSE_S, self._go_on)
+    def _make_room(self, now_s: float) -> None:
+        for caller in list(self._callers.values())[: len(self._callers) // 2]:
+            self._show_out(caller)
+        self._poll.modify(self._listener, 0)
+        self._deaf_until_s = now_s + LOOK_S
 
-    def _go_on(self) -> None:
-        if not self._timer.cancelled():
-            self._loop.add_reader(self._listener, self._accept)
+    def _expect(self, caller: _Caller) -> None:
+        """Hear it when it says more: what it has said already stays where it is."""
+        self._callers[caller.stream.fileno()] = caller
+        self._poll.register(caller.stream, select.EPOLLIN | select.EPOLLET)
 
-    def _look(self) -> None:
-        """The oldest come first."""
-        late_s = time.monotonic() - self._late_s()
-        for stream in [
-            stream for stream, (since_s, _) in self._strangers.items() if since_s < late_s
-        ]:
-            self._show_out(stream)
-        self._timer = self._loop.call_later(LOOK_S, self._look)
-
-    def _hear(self, stream: socket.socket) -> None:
+    def _hear(self, caller: _Caller) -> None:
+        stream = caller.stream
         try:
-            more = stream.recv(MOST_HEADER_BYTES)
+            said = stream.recv(MOST_HEAD_BYTES, 0 if caller.is_answered else socket.MSG_PEEK)
         except (BlockingIOError, InterruptedError):
             return
         except OSError:
-            more = b""
-        since_s, said = self._strangers[stream]
-        said += more
-        if b"\n\r\n" in said or b"\n\n" in said:
-            self._let_in(stream, said)
-        elif more and len(said) <= MOST_HEADER_BYTES:
-            self._strangers[stream] = since_s, said  # in its place
-        else:
-            self._show_out(stream)
-
-    def _let_in(self, stream: socket.socket, said: bytes) -> None:
-        is_strange = not self._knows_token(said)
-        if is_strange and self._strange >= MOST_ENTERING:
-            self._show_out(stream)
+            said = b""
+        if not said:
+            self._show_out(caller)
             return
-        del self._strangers[stream]
-        self._loop.remove_reader(stream)
-        self._strange += is_strange
-        task = self._loop.create_task(self._enter(stream, said, is_strange))
-        self._entering.add(task)
-        task.add_done_callback(self._entering.discard)
-
-    async def _enter(self, stream: socket.socket, said: bytes, is_strange: bool) -> None:
-        try:
-            await self._loop.connect_accepted_socket(lambda: self._make(said), stream)
-        except OSError:
-            stream.close()
-        finally:
-            self._strange -= is_strange
+        if caller.is_answered:
+            return
+        is_whole = b"\n\r\n" in said or b"\n\n" in said
+        is_known = self._gate is None or (is_whole and self._knows_token(said))
+        verb = begins_off(said) if is_known else None
+        if verb is not None and (self._gate is None or self._gate.lets(said)):
+            self._forget(stream)
+            self._off.ask(verb).add_done_callback(partial(self._answer, stream))
+        elif is_whole:
+            self._hand_on(caller, is_known)
+        elif len(said) >= MOST_HEAD_BYTES:
+            self._show_out(caller)
 
     def _knows_token(self, said: bytes) -> bool:
         """Whether it says so; the gate judges."""
+        assert self._gate is not None
+        token = self._gate.token.encode()
         found = [bearer or query for bearer, query in _TOKEN.findall(said)]
-        return any(secrets.compare_digest(one, self._token) for one in found)
+        return any(secrets.compare_digest(one, token) for one in found)
 
-    def _show_out(self, stream: socket.socket) -> None:
-        self._loop.remove_reader(stream)
-        del self._strangers[stream]
-        stream.close()
+    def _answer(self, stream: socket.socket, response: Future[bytes]) -> None:
+        """In a thread of its own; the client hangs up then, or is not waited for."""
+        with suppress(OSError):
+            stream.settimeout(UNREAD_S)
+            stream.sendall(response.result())
+            stream.shutdown(socket.SHUT_WR)
+        stream.setblocking(False)
+        self._answered.append(stream)
+
+    def _hand_on(self, caller: _Caller, is_known: bool) -> None:
+        self._forget(caller.stream)
+        try:
+            is_taken = self._handed.give(caller.stream, is_known)
+        except OSError:  # the web server has ended
+            is_taken = False
+        if not is_taken:
+            caller.stream.close()
+
+    def _forget(self, stream: socket.socket) -> None:
+        self._poll.unregister(stream)
+        del self._callers[stream.fileno()]
+
+    def _show_out(self, caller: _Caller) -> None:
+        self._forget(caller.stream)
+        caller.stream.close()

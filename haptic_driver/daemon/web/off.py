@@ -1,21 +1,27 @@
 """What switches off, however a request writes it: `/off`, `/off/`, `/off?why`,
-`http://host/off`.
+`http://host/off`; and the threads that do it and nothing else.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from concurrent.futures import Future
+from contextlib import suppress
+from queue import SimpleQueue
 from typing import Any
 
-from starlette.types import ASGIApp, Receive, Scope, Send
+from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.verbs import COMMANDS, Empty, Verb
+from haptic_driver.daemon.web.security import refusal
+from haptic_driver.errors import HapticError, message_of
+from haptic_driver.processes.started import start_thread
 
-from haptic_driver.daemon.verbs import COMMANDS, Verb
-
+OFF_THREADS = 8  # for switching off alone: it never waits for a thread that another request holds
 OFF_VERBS: dict[str, Verb[Any, Any]] = {verb.name: verb for verb in COMMANDS if verb.switches_off}
+
 _PATHS = {verb.path: verb for verb in OFF_VERBS.values()}
 _LINE = re.compile(rb"(?:\r?\n)*([A-Z]+) (?:(?i:https?)://[^/?#\s]*)?(/[^/?#\s]*)/?[?#\s]")
-_ORIGIN = re.compile(r"(?i:https?)://[^/]*")
+_SAID = {200: "OK", 409: "Conflict", 500: "Internal Server Error"}
 
 
 def begins_off(data: bytes) -> Verb[Any, Any] | None:
@@ -25,29 +31,48 @@ def begins_off(data: bytes) -> Verb[Any, Any] | None:
     return verb if verb and line and verb.method.encode() == line[1] else None
 
 
-def plain_path(path: str) -> str:
-    """A path without the origin before it (RFC 9112, 3.2.2), and without a slash behind what
-    switches off.
+class OffThreads:
+    """Switch off, in threads that are there before anybody asks.
+
+    A machine that has no thread, no process and no memory left has these.
     """
-    origin = _ORIGIN.match(path)
-    path = (path[origin.end() :] or "/") if origin else path
-    return path[:-1] if path[:-1] in _PATHS else path
+
+    def __init__(self, daemon: Daemon) -> None:
+        self._daemon = daemon
+        self._asked: SimpleQueue[tuple[Verb[Any, Any], Future[bytes]] | None] = SimpleQueue()
+        for _ in range(OFF_THREADS):
+            start_thread("off", self._work)
+
+    def ask(self, verb: Verb[Any, Any]) -> Future[bytes]:
+        """The HTTP response to come; it never fails."""
+        response: Future[bytes] = Future()
+        self._asked.put((verb, response))
+        return response
+
+    def close(self) -> None:
+        """Begin nothing any more."""
+        for _ in range(OFF_THREADS):
+            self._asked.put(None)
+
+    def _work(self) -> None:
+        while (asked := self._asked.get()) is not None:
+            verb, response = asked
+            with suppress(MemoryError):  # the output is off by then; nobody is told
+                response.set_result(self._response(verb))
+
+    def _response(self, verb: Verb[Any, Any]) -> bytes:
+        try:
+            return _response(200, verb.said_json(self._daemon, Empty(), "").encode())
+        except HapticError as error:
+            return _response(409, bytes(refusal(409, error).body))
+        except BaseException as error:  # of a plug-in, too
+            said = HapticError("internal", message_of(error), "a fault of the program")
+            return _response(500, bytes(refusal(500, said).body))
 
 
-@dataclass(frozen=True)
-class PlainPaths:
-    """Lets an app see plain paths alone."""
-
-    app: ASGIApp
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http":
-            path = plain_path(scope["path"])
-            scope = {**scope, "path": path, "raw_path": path.encode()}
-        await self.app(scope, receive, send)
-
-
-def is_off(scope: Scope) -> bool:
-    """Whether a request switches off."""
-    verb = _PATHS.get(plain_path(scope["path"]))
-    return verb is not None and scope.get("method") == verb.method
+def _response(status: int, body: bytes) -> bytes:
+    head = (
+        f"HTTP/1.1 {status} {_SAID[status]}\r\ncontent-type: application/json\r\n"
+        f"content-length: {len(body)}\r\nconnection: close\r\n\r\n"
+    )
+    return head.encode() + body

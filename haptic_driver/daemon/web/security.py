@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+from collections.abc import Mapping
 from dataclasses import dataclass
+from http.client import HTTPException, parse_headers
+from io import BytesIO
 from urllib.parse import urlsplit
 
 from starlette.requests import HTTPConnection
@@ -17,7 +20,6 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from haptic_driver.daemon.messages import ErrorReport
-from haptic_driver.daemon.web.off import is_off
 from haptic_driver.errors import HapticError
 
 MOST_BODY_BYTES = 16 * 1024
@@ -52,13 +54,26 @@ class TokenGate:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         refused = self._refused(HTTPConnection(scope))
         if refused is None:
-            await self.app(scope, receive, _with_headers(send))
+            await self.app(scope, receive, _with_headers(send, HEADERS))
         elif scope["type"] == "websocket":
             await send(
                 {"type": "websocket.close", "code": POLICY_VIOLATION, "reason": refused[1].message}
             )
         else:
-            await refusal(*refused)(scope, receive, _with_headers(send))
+            await refusal(*refused)(scope, receive, _with_headers(send, HEADERS))
+
+    def lets(self, head: bytes) -> bool:
+        """Whether it lets a request through whose head is in these bytes."""
+        line, _, fields = head.lstrip(b"\r\n").partition(b"\n")
+        method, target, *_ = line.decode("latin-1").split(" ")
+        path, _, query = target.partition("?")
+        try:
+            said = parse_headers(BytesIO(fields)).items()
+        except HTTPException:  # too many, or too long
+            return False
+        headers = [(name.lower().encode(), value.encode("latin-1")) for name, value in said]
+        scope = {"type": "http", "method": method, "path": path, "headers": headers}
+        return self._refused(HTTPConnection({**scope, "query_string": query.encode()})) is None
 
     def _refused(self, connection: HTTPConnection) -> tuple[int, HapticError] | None:
         host, origin = connection.headers.get("host", ""), connection.headers.get("origin")
@@ -70,7 +85,7 @@ class TokenGate:
             return 403, HapticError(
                 "bad_origin", "a page of another site may not use the API", "open its own page"
             )
-        if self._is_public(connection) or self.knows_token(connection):
+        if self._is_public(connection) or self._knows_token(connection):
             return None
         return 401, HapticError(
             "no_token", "this needs the token", "send Authorization: Bearer TOKEN"
@@ -87,16 +102,25 @@ class TokenGate:
         path, method = connection.scope["path"], connection.scope.get("method")
         return method in ("GET", "HEAD") and (path == "/" or path.startswith(self.public))
 
-    def knows_token(self, connection: HTTPConnection) -> bool:
-        """Whether a request has shown it."""
+    def _knows_token(self, connection: HTTPConnection) -> bool:
         scheme, _, given = connection.headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
             given = connection.query_params.get("token", "")
         return secrets.compare_digest(given.strip().encode(), self.token.encode())
 
 
+@dataclass(frozen=True)
+class OneRequest:
+    """Ends a connection with the answer to its first request, so that each comes through a door."""
+
+    app: ASGIApp
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await self.app(scope, receive, _with_headers(send, {"Connection": "close"}))
+
+
 class AtMost:
-    """Refuses requests and streams beyond so many at once, but never what switches off."""
+    """Refuses requests and streams beyond so many at once."""
 
     def __init__(self, app: ASGIApp, most: int) -> None:
         self._app = app
@@ -104,7 +128,7 @@ class AtMost:
         self._open = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if self._open >= self._most and not is_off(scope):
+        if self._open >= self._most:
             error = HapticError(
                 "busy",
                 f"{self._most} requests and streams are open",
@@ -183,10 +207,10 @@ def refusal(status: int, error: HapticError) -> JSONResponse:
     return JSONResponse(ErrorReport.of(error).model_dump(), status, headers)
 
 
-def _with_headers(send: Send) -> Send:
+def _with_headers(send: Send, headers: Mapping[str, str]) -> Send:
     async def adding(message: Message) -> None:
         if message["type"] == "http.response.start":
-            extra = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+            extra = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
             message["headers"] = [*message["headers"], *extra]
         await send(message)
 

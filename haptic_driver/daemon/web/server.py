@@ -7,145 +7,132 @@ from __future__ import annotations
 import asyncio
 import secrets
 import socket
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import uvicorn
-from starlette.types import ASGIApp
 
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.private_file import write_private
-from haptic_driver.daemon.web import connections
 from haptic_driver.daemon.web.api import PAGE, create_app
-from haptic_driver.daemon.web.connections import MOST_CONNECTIONS, Connection, OffLane, Streamed
-from haptic_driver.daemon.web.door import Door
-from haptic_driver.daemon.web.security import AtMost, TokenGate
+from haptic_driver.daemon.web.door import Door, Handed
+from haptic_driver.daemon.web.off import OffThreads
+from haptic_driver.daemon.web.security import AtMost, OneRequest, TokenGate
 from haptic_driver.errors import HapticError
+from haptic_driver.processes.patience import join_within
+from haptic_driver.processes.started import start_thread
 
 LOOPBACK = "127.0.0.1"
+MOST_AT_ONCE = 64  # requests and streams
 START_TIMEOUT_S = 20.0
 STARTED_POLL_S = 0.005
 GRACE_S = 1  # for requests under way when the server ends
+END_S = 5.0  # at most for a web server that hangs
 MOST_MESSAGE_BYTES = 4096  # of a WebSocket client, which has little to say
+
+
+class _Served(NamedTuple):
+    """One address: its door, and the web server behind."""
+
+    listener: socket.socket
+    door: Door
+    handed: Handed
+    server: uvicorn.Server
+
+    def answer(self) -> None:
+        asyncio.run(self._answer())
+
+    async def _answer(self) -> None:
+        cutting = asyncio.create_task(self.handed.cut_unread())
+        await self.server.serve(sockets=[self.handed])
+        cutting.cancel()
+
+    def close(self) -> None:
+        self.handed.close()
+        self.listener.close()
 
 
 @contextmanager
 def serve(
     daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path | None = None
 ) -> Iterator[str | None]:
-    """Serve in a thread inside the `with` block; gives the page's address with its token, None
+    """Serve in threads inside the `with` block; gives the page's address with its token, None
     without TCP.
 
     At `place` whoever may open the socket may use the API. With `tcp_port` (0: any that is free) it
     is on loopback too, for those who know the token, which is also in a file of mode 0600 beside
     the socket. Raises HapticError when a port cannot be had.
     """
-    lane = OffLane(daemon)
-    servers, url, token_file = (
-        [(_server(create_app(daemon, page), lane), place.listener)],
-        None,
-        None,
-    )
-    if tcp_port is not None:
-        listener = listen(tcp_port)
+    listener = None if tcp_port is None else listen(tcp_port)
+    off = OffThreads(daemon)
+    app = AtMost(create_app(daemon, page, off), MOST_AT_ONCE)
+    served, url, token_file = [_served(place.listener, app, off)], None, None
+    if listener is not None:
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
         token_file = place.path.with_name(place.path.name + ".token")
         hosts = frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"})
-        gate = TokenGate(
-            AtMost(create_app(daemon, page), MOST_CONNECTIONS), token, hosts, PAGE + "/"
-        )
-        servers.append((_server(gate, gate=gate), listener))
+        app = AtMost(create_app(daemon, page, off), MOST_AT_ONCE)
+        served.append(_served(listener, TokenGate(app, token, hosts, PAGE + "/"), off))
         url = f"http://{LOOPBACK}:{port}{PAGE}/?token={token}"
         write_private(token_file, token + "\n")
     try:
-        with _running(servers):
+        with _running(served):
             yield url
     finally:
         if token_file is not None:
             token_file.unlink(missing_ok=True)
-        lane.close()
+        off.close()
+
+
+def _served(listener: socket.socket, app: TokenGate | AtMost, off: OffThreads) -> _Served:
+    handed = Handed()
+    door = Door(listener, app if isinstance(app, TokenGate) else None, off, handed)
+    config = uvicorn.Config(
+        OneRequest(app),
+        http="h11",
+        log_config=None,
+        log_level="warning",
+        access_log=False,  # addresses hold tokens
+        lifespan="off",
+        loop="asyncio",  # it accepts by calling `Handed.accept`
+        ws="websockets-sansio",
+        ws_max_size=MOST_MESSAGE_BYTES,
+        ws_per_message_deflate=False,  # it would cost time, and no byte leaves this machine
+        proxy_headers=False,
+        server_header=False,
+        timeout_graceful_shutdown=GRACE_S,
+    )
+    return _Served(listener, door, handed, uvicorn.Server(config))
 
 
 @contextmanager
-def _running(servers: list[tuple[uvicorn.Server, socket.socket]]) -> Iterator[None]:
-    """Each in a thread and an event loop of its own: what crowds one keeps nobody waiting at the
-    other.
+def _running(served: list[_Served]) -> Iterator[None]:
+    """Each door and each server in a thread of its own.
+
+    A crowd at the port keeps no lease from being renewed over the socket. The doors end last.
     """
-
-    def run(server: uvicorn.Server, listener: socket.socket) -> None:
-        asyncio.run(server.serve(sockets=[listener]))
-
-    threads = [threading.Thread(target=run, args=one, name="api", daemon=True) for one in servers]
-    for thread in threads:
-        thread.start()
+    doors = [start_thread("door", one.door.run) for one in served]
+    servers = [start_thread("api", one.answer) for one in served]
     try:
         until_s = time.monotonic() + START_TIMEOUT_S
-        while not all(server.started for server, _ in servers):
-            if not all(thread.is_alive() for thread in threads) or time.monotonic() > until_s:
+        while not all(one.server.started for one in served):
+            if not all(thread.is_alive() for thread in servers) or time.monotonic() > until_s:
                 raise HapticError("no_api", "the API could not be started", "look at the log")
             time.sleep(STARTED_POLL_S)
         yield
     finally:
-        for server, _ in servers:
-            server.should_exit = True
-        for thread in threads:
-            thread.join()
-        for _, listener in servers:
-            listener.close()
-
-
-class BehindDoor(uvicorn.Server):
-    """A server to whom connections come through a `Door`."""
-
-    token: str
-    _door: Door
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        assert sockets is not None
-        await super().startup([])
-        self._door = Door(sockets[0], self.token, self._made, lambda: connections.HEADERS_TIMEOUT_S)
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        self._door.close()
-        await super().shutdown(sockets)
-
-    def _made(self, begun: bytes) -> Connection:
-        made: Any = self.config.http_protocol_class
-        connection: Connection = made(self.config, self.server_state, self.lifespan.state)
-        connection.begun = begun
-        return connection
-
-
-def _server(
-    app: ASGIApp, lane: OffLane | None = None, gate: TokenGate | None = None
-) -> uvicorn.Server:
-    said: dict[str, Any] = {"lane": lane, "gate": gate, "strangers": {}}
-    server: type[uvicorn.Server] = uvicorn.Server
-    if gate is not None:
-        server = type("BehindIts", (BehindDoor,), {"token": gate.token})
-    return server(
-        uvicorn.Config(
-            app,
-            http=type("Listened", (Connection,), said),
-            backlog=MOST_CONNECTIONS,  # so many are accepted in one go
-            log_config=None,
-            log_level="warning",
-            access_log=False,  # addresses hold tokens
-            lifespan="off",
-            loop="asyncio",
-            ws=Streamed,
-            ws_max_size=MOST_MESSAGE_BYTES,
-            ws_per_message_deflate=False,  # it would cost time, and no byte leaves this machine
-            proxy_headers=False,
-            server_header=False,
-            timeout_graceful_shutdown=GRACE_S,
-        )
-    )
+        for one in served:
+            one.server.should_exit = True
+        join_within(END_S, servers)
+        for one in served:
+            one.door.close()
+        join_within(END_S, doors)
+        for one in served:
+            one.close()
 
 
 def listen(port: int) -> socket.socket:

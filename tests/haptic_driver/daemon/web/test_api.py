@@ -29,7 +29,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect, unix_connect
 
 from haptic_driver.daemon.messages import DaemonState
-from haptic_driver.daemon.web import api, connections, door, security, server
+from haptic_driver.daemon.web import api, door, security, server
 from haptic_driver.daemon.web.api import create_app
 from haptic_driver.daemon.web.security import TokenGate
 from haptic_driver.errors import HapticError
@@ -237,16 +237,44 @@ def test_off_does_not_wait_for_its_body(control, tmp_path):
 
 
 def test_off_is_heard_where_all_connections_are_taken(control, tmp_path, monkeypatch):
-    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", HANG_S)
+    """Half a request takes none of those that the API has; 64 streams take all of them."""
+    monkeypatch.setattr(door, "HEAD_TIMEOUT_S", HANG_S)
+    status, off = (
+        f"{what} HTTP/1.1\r\nHost: haptic\r\n\r\n" for what in ("GET /status", "POST /off")
+    )
     with ExitStack() as open_ones, serving(control, tmp_path):
-        for _ in range(connections.MOST_CONNECTIONS):
+        for _ in range(door.MOST_WAITING):
             open_ones.enter_context(at_unix(tmp_path)).sendall(b"GET /sta")
         with at_unix(tmp_path) as stream:
-            stream.sendall(b"GET /status HTTP/1.1\r\nHost: haptic\r\n\r\n")
-            assert said_at(stream) == (503, "busy")
-        with at_unix(tmp_path) as stream:
-            stream.sendall(b"POST /off HTTP/1.1\r\nHost: haptic\r\n\r\n")
+            stream.sendall(status.encode())
             assert said_at(stream) == (200, "idle")
+        for _ in range(server.MOST_AT_ONCE):
+            stream = unix_connect(str(tmp_path / "d.sock"), "ws://haptic/events")
+            open_ones.enter_context(stream).recv(HANG_S)
+        for asked, said in ((status, (503, "busy")), (off, (200, "idle"))):
+            with at_unix(tmp_path) as stream:
+                stream.sendall(asked.encode())
+                assert said_at(stream) == said
+
+
+@pytest.mark.parametrize("at", ["socket", "port"])
+def test_off_is_heard_while_the_event_loop_hangs(control, tmp_path, monkeypatch, at):
+    """At the very address whose web server does nothing any more."""
+    stuck, release = threading.Event(), threading.Event()
+
+    async def stick(self, scope, receive, send):
+        stuck.set()
+        release.wait(HANG_S)
+
+    monkeypatch.setattr(security.OneRequest, "__call__", stick)
+    with serving(control, tmp_path, 0) as url, ExitStack() as ending:
+        ending.callback(release.set)
+        streams = [at_unix(tmp_path) if at == "socket" else at_port(url) for _ in range(2)]
+        head = credentials(url) if at == "port" else "Host: haptic\r\n"
+        for stream, line in zip(streams, ("GET /status", "POST /off"), strict=True):
+            ending.enter_context(stream).sendall(f"{line} HTTP/1.1\r\n{head}\r\n".encode())
+            assert stuck.wait(HANG_S)
+        assert said_at(streams[1]) == (200, "idle")
 
 
 def test_off_is_heard_while_strangers_crowd_the_port(control, tmp_path, monkeypatch):
@@ -330,12 +358,12 @@ def test_off_goes_over_a_stream_that_is_open(control, tmp_path, stream, word):
 
 def test_a_new_connection_is_heard_whoever_has_taken_all_others(control, tmp_path, monkeypatch):
     """The oldest stranger makes room; those who have shown the token stay."""
-    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", HANG_S)
+    monkeypatch.setattr(door, "HEAD_TIMEOUT_S", HANG_S)
     with ExitStack() as open_ones, serving(control, tmp_path, 0) as url:
-        known = open_ones.enter_context(at_port(url))
-        known.sendall(f"GET /status HTTP/1.1\r\n{credentials(url)}\r\n".encode())
-        assert said_at(known) == (200, "idle")
-        strangers = [open_ones.enter_context(at_port(url)) for _ in range(door.MOST_STRANGERS + 50)]
+        token = url.partition("?token=")[2]
+        stream = connect(f"ws://{authority(url)}/state?token={token}")
+        known = open_ones.enter_context(stream)
+        strangers = [open_ones.enter_context(at_port(url)) for _ in range(door.MOST_WAITING + 50)]
         for stranger in strangers:
             with suppress(ConnectionError):
                 stranger.sendall(b"GET /status HTTP/1.1\r\nHost:")
@@ -344,8 +372,7 @@ def test_a_new_connection_is_heard_whoever_has_taken_all_others(control, tmp_pat
                 f"POST /off HTTP/1.1\r\n{credentials(url)}Content-Length: 0\r\n\r\n".encode()
             )
             assert said_at(stream) == (200, "idle")
-        known.sendall(f"GET /status HTTP/1.1\r\n{credentials(url)}\r\n".encode())
-        assert said_at(known) == (200, "idle")
+        assert json.loads(known.recv(HANG_S))["status"]["state"] == "idle"
 
 
 CROWD = """
@@ -396,14 +423,14 @@ def test_off_gets_through_a_crowd_at_the_port_by_new_connections(control, tmp_pa
 def test_a_port_without_descriptors_comes_back(control, tmp_path):
     with serving(control, tmp_path, 0) as url, socket.socket() as stream:
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        refused, pause = threading.Event(), door.Door._pause
+        refused, pause = threading.Event(), door.Door._make_room
 
-        def told(self):
+        def told(self, now_s):
             refused.set()
-            pause(self)
+            pause(self, now_s)
 
         with pytest.MonkeyPatch.context() as meanwhile:
-            meanwhile.setattr(door.Door, "_pause", told)
+            meanwhile.setattr(door.Door, "_make_room", told)
             resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
             try:
                 stream.connect(("127.0.0.1", httpx.URL(url).port))
@@ -417,7 +444,7 @@ def test_a_port_without_descriptors_comes_back(control, tmp_path):
 
 
 def test_off_is_heard_beyond_what_may_be_asked_at_once(control, tmp_path, monkeypatch):
-    monkeypatch.setattr(server, "MOST_CONNECTIONS", 3)
+    monkeypatch.setattr(server, "MOST_AT_ONCE", 3)
     with ExitStack() as open_ones, serving(control, tmp_path, 0) as url:
         held = {"Authorization": f"Bearer {url.partition('?token=')[2]}"}
         for _ in range(3):
@@ -456,7 +483,7 @@ def test_off_is_answered_while_50_streams_wait_for_their_frames(control, tmp_pat
 
 
 def test_a_stream_that_nobody_reads_is_cut(control, tmp_path, monkeypatch):
-    monkeypatch.setattr(connections, "UNREAD_S", 0.1)
+    monkeypatch.setattr(door, "UNREAD_S", 0.1)
     monkeypatch.setattr(control, "samples", lambda since_tick, most: np.zeros(most, SAMPLE))
     columns = "&".join(f"column={name}" for name in SAMPLE.names)
     with (
@@ -476,7 +503,7 @@ def test_a_stream_that_nobody_reads_is_cut(control, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("sent", [b"", b"GET /status HTTP/1.1\r\nHost:"])
 def test_half_open_requests_are_ended(shared, monkeypatch, sent):
-    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(door, "HEAD_TIMEOUT_S", 0.2)
     host, _, port = shared.address.partition(":")
     stream = socket.create_connection((host, int(port)), timeout=HANG_S)
     with stream, suppress(ConnectionError):  # ended while something was still on its way
@@ -492,8 +519,8 @@ def test_a_body_that_does_not_come_is_given_up(control, tmp_path, monkeypatch):
 
 
 def test_connections_to_the_port_are_limited(control, tmp_path, monkeypatch):
-    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", HANG_S)
-    most, more = door.MOST_STRANGERS, 40
+    monkeypatch.setattr(door, "HEAD_TIMEOUT_S", HANG_S)
+    most, more = door.MOST_WAITING, 40
     with ExitStack() as open_ones, serving(control, tmp_path, 0) as url:
         address = ("127.0.0.1", httpx.URL(url).port)
         streams = [
@@ -504,7 +531,7 @@ def test_connections_to_the_port_are_limited(control, tmp_path, monkeypatch):
 
 
 def test_streams_count_and_outlast_the_timeout_of_headers(control, tmp_path, monkeypatch):
-    monkeypatch.setattr(connections, "HEADERS_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(door, "HEAD_TIMEOUT_S", 1.0)
     with (
         serving(control, tmp_path),
         unix_connect(str(tmp_path / "d.sock"), "ws://haptic/state") as stream,

@@ -1,0 +1,115 @@
+"""All processes and threads of the driver, and the only place that starts one.
+
+`docs/processes.md` draws these tables. What `hw` needs for itself it starts itself, such as the
+watchdog.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import threading
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:  # who starts a thread does not wait for pools
+    from concurrent.futures import ProcessPoolExecutor
+
+
+class Part(NamedTuple):
+    """A process or a thread: the file that has it started, and what it is for."""
+
+    name: str
+    owner: str
+    purpose: str
+
+
+class Memory(NamedTuple):
+    """One record of the shared memory, and the only process and file that may write it."""
+
+    name: str
+    writer: str
+    file: str
+    content: str
+
+
+PROCESSES = (
+    Part("control", "daemon/run.py", "states, leases, instruments and API; the parent of all"),
+    Part("render", "daemon/supervision.py", "the tick: from finger to voltage"),
+    Part("envelope", "daemon/supervision.py", "the envelope's samples to an analog output"),
+    Part("instruments", "daemon/supervision.py", "simulated instruments and finger, in real time"),
+    Part("watchdog", "daemon/instruments.py", "switches off when control falls silent"),
+    Part("recorder", "recording/process.py", "samples and events into a file"),
+    Part("observer", "daemon/observer.py", "holds what is felt against the model, and mends it"),
+    Part("loader", "daemon/loader.py", "reads the textures and models that a client names"),
+    Part("painter", "daemon/loader.py", "reads textures for pictures; nobody waits for it to play"),
+    Part("why", "daemon/inquiry.py", "diagnoses what was rendered"),
+    Part("holder", "cli/control.py", "holds a lease for `haptic arm --detach`"),
+    Part("study", "experiments/study.py", "one of the workers of a study"),
+)
+
+THREADS = (
+    Part("watch", "daemon/daemon.py", "looks at everything every 20 ms, and beats"),
+    Part("bring_out", "daemon/daemon.py", "render's newest output to the generator"),
+    Part("sense", "daemon/supervision.py", "sensors to shared memory"),
+    Part("bring_back", "daemon/supervision.py", "starts again what died, however long it takes"),
+    Part("door", "daemon/web/server.py", "accepts connections and hears OFF; one per address"),
+    Part("off", "daemon/web/off.py", "switches off; eight, there before anybody asks"),
+    Part("api", "daemon/web/server.py", "the web server's event loop; one per address"),
+    Part("child", "processes/child.py", "what a child is given, then what it says; one per child"),
+    Part("observe", "daemon/observer.py", "hears the observer, and starts it again"),
+    Part("why", "daemon/inquiry.py", "waits for a diagnosis"),
+    Part("current", "live/current_sensor.py", "load and friction from the electrode's current"),
+    Part("record", "daemon/recordings.py", "ends a recording, or goes on with it, which may wait"),
+    Part("outlets", "daemon/outlets.py", "samples and events to other programs"),
+    Part("inlet", "daemon/inlets.py", "markers from other programs"),
+    Part("pat", "daemon/service.py", "tells systemd that ticks advance"),
+    Part("say", "cli/daemon.py", "what a terminal is told, which may be stopped"),
+    Part("bounded", "processes/patience.py", "work that may hang and is waited for so long"),
+    Part("linger", "simulation/process.py", "ends simulated instruments after their daemon"),
+    Part("lease", "client.py", "renews a client's lease"),
+)
+
+MEMORY = (
+    Memory("sensed", "control", "daemon/supervision.py", "what the sensors said last"),
+    Memory("order", "control", "daemon/orders.py", "what render may do, until when"),
+    Memory("driven", "control", "daemon/output_pump.py", "what may go out, since when it does"),
+    Memory("targets", "control", "daemon/targets.py", "the friction that is asked for"),
+    Memory("surfaces", "control", "daemon/basis.py", "the model as a look-up surface"),
+    Memory("output", "render", "daemon/render_process.py", "the newest voltage and carrier"),
+    Memory("ring", "render", "daemon/render_process.py", "one sample per tick"),
+    Memory("courses", "render", "daemon/render_process.py", "the courses of envelopes"),
+    Memory("played", "envelope", "daemon/envelope_process.py", "how far the envelope is written"),
+)
+
+_PROCESSES, _THREADS = ({part.name for part in parts} for parts in (PROCESSES, THREADS))
+
+
+def start_thread(name: str, work: Callable[..., object], *arguments: object) -> threading.Thread:
+    """A thread that ends with its process at the latest. RuntimeError where there is none to be
+    had.
+    """
+    _require(name, _THREADS)
+    thread = threading.Thread(target=work, args=arguments, name=name, daemon=True)
+    thread.start()
+    return thread
+
+
+def start_process(name: str, command: Sequence[str], **options: Any) -> subprocess.Popen[bytes]:
+    """A process; the options are those of Popen."""
+    _require(name, _PROCESSES)
+    process: subprocess.Popen[bytes] = subprocess.Popen(command, **options)
+    return process
+
+
+def start_workers(name: str, count: int) -> ProcessPoolExecutor:
+    """So many processes with interpreters of their own: kernels and threads survive no fork."""
+    from concurrent.futures import ProcessPoolExecutor  # noqa: PLC0415
+    from multiprocessing import get_context  # noqa: PLC0415
+
+    _require(name, _PROCESSES)
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+
+
+def _require(name: str, known: set[str]) -> None:
+    if name not in known:
+        raise ValueError(f"{name} is not in the tables of {__name__}")
