@@ -1,8 +1,8 @@
 """The reference pages of `docs/`, written from the program itself: `python docs/reference.py`.
 
 `configuration.md` comes from the records that read the files, `api.md` from the daemon's OpenAPI,
-`python.md` from `examples/`, and one table of `investigation.md` from the effects. What a key means
-in words stands in the comments of `configs/rigs/template.toml`, and in `docs/keys.toml` for what
+`python.md` from `examples/`, one table of `investigation.md` from the effects, and figure and
+tables of `processes.md` from `processes/started.py`. What a key means in words stands in the comments of `configs/rigs/template.toml`, and in `docs/keys.toml` for what
 that file does not show. A test fails when a page is out of date. Needs a checkout, not only the
 package.
 """
@@ -14,8 +14,9 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, cast
 
 from pydantic import TypeAdapter
@@ -25,6 +26,7 @@ from haptic_driver.daemon.web.api import create_app
 from haptic_driver.experiments.plan import PlanFile
 from haptic_driver.experiments.psychophysics.description import ExperimentFile
 from haptic_driver.experiments.study import StudyPlan
+from haptic_driver.processes.started import MEMORY, PROCESSES, THREADS, Part
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.textures.description import Description
 from model.effects import CATALOGUE, EffectParameter
@@ -70,6 +72,7 @@ def pages() -> dict[str, str]:
         "api.md": api_page(),
         "python.md": python_page(),
         "investigation.md": investigation_page(),
+        "processes.md": processes_page(),
     }
 
 
@@ -270,14 +273,54 @@ def _prior(parameter: EffectParameter) -> str:
 
 def investigation_page() -> str:
     """The page as it stands, with its table of interventions as effects have it."""
-    page = (DOCS / "investigation.md").read_text(encoding="utf-8")
-    before, _, rest = page.partition(GENERATED_TABLE + "\n\n")
-    _, _, after = rest.partition("\n\n")
     rows = ["| intervention | what to do | what is gone then |", "|---|---|---|"]
     for known in INTERVENTIONS:
         gone = ", ".join(f"`{name}`" for name in removed(known.name))
         rows.append(f"| `{known.name}` | {_cell(known.todo)} | {gone} |")
-    return f"{before}{GENERATED_TABLE}\n\n" + "\n".join(rows) + f"\n\n{after}"
+    return _with_tables("investigation.md", ["\n".join(rows)])
+
+
+def processes_page() -> str:
+    """The page as it stands, with figure and tables of processes, threads and memory."""
+    tables = [
+        _parts_table(kind, place, parts)
+        for kind, place, parts in (("process", "child of", PROCESSES), ("thread", "in", THREADS))
+    ]
+    rows = ["| memory | its only writer | in | what |", "|---|---|---|---|"]
+    rows += [f"| `{m.name}` | {m.writer} | `{m.file}` | {m.content} |" for m in MEMORY]
+    return _with_tables("processes.md", [_processes_figure(), *tables, "\n".join(rows)])
+
+
+def _parts_table(kind: str, place: str, parts: Sequence[Part]) -> str:
+    rows = [f"| {kind} | {place} | started by | what for |", "|---|---|---|---|"]
+    rows += [f"| `{p.name}` | {p.within} | `{p.owner}` | {_cell(p.purpose)} |" for p in parts]
+    return "\n".join(rows)
+
+
+def _processes_figure() -> str:
+    """The tree of processes, the threads in each, and the memory that each alone writes."""
+    lines = []
+    for process in PROCESSES:
+        is_child = process.within in {other.name for other in PROCESSES}
+        parent = "" if is_child else f"  <-  {process.within.replace('`', '')}"
+        branch, inside = ("  +-- ", "  |     ") if is_child else ("", "  |   ")
+        lines.append(f"{branch}{process.name}{parent}")
+        for what, names in (
+            ("threads", [thread.name for thread in THREADS if thread.within == process.name]),
+            ("writes ", [memory.name for memory in MEMORY if memory.writer == process.name]),
+        ):
+            shown = wrap(", ".join(names), 70)
+            lines += [f"{inside}{what if n == 0 else ' ' * 7}  {s}" for n, s in enumerate(shown)]
+    return "\n".join(["```text", *lines, "```"])
+
+
+def _with_tables(name: str, tables: Sequence[str]) -> str:
+    """A page as it stands, but for what comes behind each mark up to the next empty line."""
+    before, *rest = (DOCS / name).read_text(encoding="utf-8").split(GENERATED_TABLE + "\n\n")
+    page = before
+    for table, old in zip(tables, rest, strict=True):
+        page += f"{GENERATED_TABLE}\n\n{table}\n\n" + old.partition("\n\n")[2]
+    return page
 
 
 def api_page() -> str:

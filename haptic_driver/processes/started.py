@@ -16,9 +16,14 @@ if TYPE_CHECKING:  # who starts a thread does not wait for pools
 
 
 class Part(NamedTuple):
-    """A process or a thread: the file that has it started, and what it is for."""
+    """A process or a thread, and what it is for.
+
+    `within`: the process that it belongs to, a child to its parent. `owner`: the file that has it
+    started.
+    """
 
     name: str
+    within: str
     owner: str
     purpose: str
 
@@ -33,40 +38,94 @@ class Memory(NamedTuple):
 
 
 PROCESSES = (
-    Part("control", "daemon/run.py", "states, leases, instruments and API; the parent of all"),
-    Part("render", "daemon/supervision.py", "the tick: from finger to voltage"),
-    Part("envelope", "daemon/supervision.py", "the envelope's samples to an analog output"),
-    Part("instruments", "daemon/supervision.py", "simulated instruments and finger, in real time"),
-    Part("watchdog", "daemon/instruments.py", "switches off when control falls silent"),
-    Part("recorder", "recording/process.py", "samples and events into a file"),
-    Part("observer", "daemon/observer.py", "holds what is felt against the model, and mends it"),
-    Part("loader", "daemon/loader.py", "reads the textures and models that a client names"),
-    Part("painter", "daemon/loader.py", "reads textures for pictures; nobody waits for it to play"),
-    Part("why", "daemon/inquiry.py", "diagnoses what was rendered"),
-    Part("holder", "cli/control.py", "holds a lease for `haptic arm --detach`"),
-    Part("study", "experiments/study.py", "one of the workers of a study"),
+    Part(
+        "control",
+        "a shell or systemd",
+        "daemon/run.py",
+        "states, leases, instruments and API; the parent of all",
+    ),
+    Part("render", "control", "daemon/supervision.py", "the tick: from finger to voltage"),
+    Part(
+        "envelope", "control", "daemon/supervision.py", "the envelope's samples to an analog output"
+    ),
+    Part(
+        "instruments",
+        "control",
+        "daemon/supervision.py",
+        "simulated instruments and finger, in real time",
+    ),
+    Part("watchdog", "control", "daemon/instruments.py", "switches off when control falls silent"),
+    Part("recorder", "control", "recording/process.py", "samples and events into a file"),
+    Part(
+        "observer",
+        "control",
+        "daemon/observer.py",
+        "holds what is felt against the model, and mends it",
+    ),
+    Part(
+        "loader", "control", "daemon/loader.py", "reads the textures and models that a client names"
+    ),
+    Part(
+        "painter",
+        "control",
+        "daemon/daemon.py",
+        "reads textures for pictures; nobody waits for it to play",
+    ),
+    Part("why", "control", "daemon/inquiry.py", "diagnoses what was rendered"),
+    Part("holder", "`haptic arm`", "cli/control.py", "holds a lease for `haptic arm --detach`"),
+    Part("study", "`haptic study`", "experiments/study.py", "one of the workers of a study"),
 )
 
 THREADS = (
-    Part("watch", "daemon/daemon.py", "looks at everything every 20 ms, and beats"),
-    Part("bring_out", "daemon/daemon.py", "render's newest output to the generator"),
-    Part("sense", "daemon/supervision.py", "sensors to shared memory"),
-    Part("bring_back", "daemon/supervision.py", "starts again what died, however long it takes"),
-    Part("door", "daemon/web/server.py", "accepts connections and hears OFF; one per address"),
-    Part("off", "daemon/web/off.py", "switches off; eight, there before anybody asks"),
-    Part("api", "daemon/web/server.py", "the web server's event loop; one per address"),
-    Part("child", "processes/child.py", "what a child is given, then what it says; one per child"),
-    Part("observe", "daemon/observer.py", "hears the observer, and starts it again"),
-    Part("why", "daemon/inquiry.py", "waits for a diagnosis"),
-    Part("current", "live/current_sensor.py", "load and friction from the electrode's current"),
-    Part("record", "daemon/recordings.py", "ends a recording, or goes on with it, which may wait"),
-    Part("outlets", "daemon/outlets.py", "samples and events to other programs"),
-    Part("inlet", "daemon/inlets.py", "markers from other programs"),
-    Part("pat", "daemon/service.py", "tells systemd that ticks advance"),
-    Part("say", "cli/daemon.py", "what a terminal is told, which may be stopped"),
-    Part("bounded", "processes/patience.py", "work that may hang and is waited for so long"),
-    Part("linger", "simulation/process.py", "ends simulated instruments after their daemon"),
-    Part("lease", "client.py", "renews a client's lease"),
+    Part("watch", "control", "daemon/daemon.py", "looks at everything every 20 ms, and beats"),
+    Part("bring_out", "control", "daemon/daemon.py", "render's newest output to the generator"),
+    Part("sense", "control", "daemon/supervision.py", "sensors to shared memory"),
+    Part(
+        "bring_back",
+        "control",
+        "daemon/supervision.py",
+        "starts again what died, however long it takes",
+    ),
+    Part(
+        "door",
+        "control",
+        "daemon/web/server.py",
+        "accepts connections and hears OFF; one per address",
+    ),
+    Part("off", "control", "daemon/web/off.py", "switches off; eight, there before anybody asks"),
+    Part("api", "control", "daemon/web/server.py", "the web server's event loop; one per address"),
+    Part(
+        "child",
+        "control",
+        "processes/child.py",
+        "what a child is given, then what it says; one per child",
+    ),
+    Part("observe", "control", "daemon/observer.py", "hears the observer, and starts it again"),
+    Part("why", "control", "daemon/inquiry.py", "waits for a diagnosis"),
+    Part(
+        "current",
+        "control",
+        "live/current_sensor.py",
+        "load and friction from the electrode's current",
+    ),
+    Part(
+        "record",
+        "control",
+        "daemon/recordings.py",
+        "ends a recording, or goes on with it, which may wait",
+    ),
+    Part("outlets", "control", "daemon/outlets.py", "samples and events to other programs"),
+    Part("inlet", "control", "daemon/inlets.py", "markers from other programs"),
+    Part("pat", "control", "daemon/service.py", "tells systemd that ticks advance"),
+    Part("say", "control", "cli/daemon.py", "what a terminal is told, which may be stopped"),
+    Part("bounded", "any", "processes/patience.py", "work that may hang and is waited for so long"),
+    Part(
+        "linger",
+        "instruments",
+        "simulation/process.py",
+        "ends simulated instruments after their daemon",
+    ),
+    Part("lease", "a client", "client.py", "renews a client's lease"),
 )
 
 MEMORY = (

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel, Field
 
+from haptic_driver.processes.started import MEMORY, PROCESSES, THREADS
 from haptic_driver.rig.config import RigConfig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,10 +21,20 @@ sys.path.insert(0, str(DOCS))
 reference = importlib.import_module("reference")
 
 
-@pytest.mark.parametrize("name", ["configuration.md", "api.md", "python.md", "investigation.md"])
+@pytest.mark.parametrize(
+    "name", ["configuration.md", "api.md", "python.md", "investigation.md", "processes.md"]
+)
 def test_a_generated_page_is_up_to_date(name: str) -> None:
     written = (DOCS / name).read_text(encoding="utf-8")
     assert reference.pages()[name] == written, "run: python docs/reference.py"
+
+
+def test_the_page_of_processes_lists_those_that_there_are() -> None:
+    page = (DOCS / "processes.md").read_text(encoding="utf-8")
+    for title, parts in (("Processes", PROCESSES), ("Threads", THREADS), ("Memory", MEMORY)):
+        section = page.split(f"## {title}\n")[1].split("\n## ")[0]
+        listed = re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE)
+        assert listed == [part.name for part in parts]
 
 
 def test_every_key_that_a_rig_may_have_is_on_the_page() -> None:
