@@ -2,9 +2,9 @@
 
 `configuration.md` comes from the records that read the files, `api.md` from the daemon's OpenAPI,
 `python.md` from `examples/`, one table of `investigation.md` from the effects, and figure and
-tables of `processes.md` from `processes/started.py`. What a key means in words stands in the comments of `configs/rigs/template.toml`, and in `docs/keys.toml` for what
-that file does not show. A test fails when a page is out of date. Needs a checkout, not only the
-package.
+tables of `processes.md` from `processes/started.py`. What a key means in words stands in the
+comments of `configs/rigs/template.toml`, and in `docs/keys.toml` for what that file does not show.
+A test fails when a page is out of date. Needs a checkout, not only the package.
 """
 
 from __future__ import annotations
