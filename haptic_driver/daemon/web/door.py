@@ -44,6 +44,7 @@ AT_ONCE = 64
 WAITING_CONNECTIONS = 1024  # that the system keeps until they are accepted
 LOOK_S = 0.1  # between looks for those who are late
 UNREAD_S = 2.0  # so long a client may take nothing of what was sent to it
+FULL = 0.25  # of what the system keeps for it: the size of a message counts differently there
 
 _TOKEN = re.compile(rb"(?i:authorization: *bearer) +(\S+)|[?&]token=([^&\s]+)")
 
@@ -96,18 +97,19 @@ class Handed(socket.socket):
             for stream, (before, since_s) in list(self._taken.items()):
                 if stream.fileno() < 0:
                     del self._taken[stream]
-                elif (unread := _unread_bytes(stream)) == 0 or unread < before:
-                    self._taken[stream] = unread, now_s
-                elif now_s - since_s > UNREAD_S:
-                    with suppress(OSError):
+                    continue
+                with suppress(OSError):
+                    unread, most = _unread_bytes(stream)
+                    is_read = unread <= FULL * most or unread < before
+                    self._taken[stream] = unread, now_s if is_read else since_s
+                    if not is_read and now_s - since_s > UNREAD_S:
                         stream.shutdown(socket.SHUT_RDWR)
-                else:
-                    self._taken[stream] = unread, since_s
 
 
-def _unread_bytes(stream: socket.socket) -> int:
-    """What the system still keeps of what was sent (SIOCOUTQ)."""
-    return int(struct.unpack("i", fcntl.ioctl(stream, termios.TIOCOUTQ, bytes(4)))[0])
+def _unread_bytes(stream: socket.socket) -> tuple[int, int]:
+    """What the system keeps of what was sent (SIOCOUTQ), and the most that it would keep."""
+    unread: int = struct.unpack("i", fcntl.ioctl(stream, termios.TIOCOUTQ, bytes(4)))[0]
+    return unread, stream.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
 
 
 class _Caller(NamedTuple):
@@ -152,7 +154,11 @@ class Door:
             if descriptor == self._listener.fileno():
                 self._accept(now_s)
             elif (caller := self._callers.get(descriptor)) is not None:
-                self._hear(caller)
+                try:
+                    self._hear(caller)
+                except Exception:  # without memory; what it has said is told once more
+                    if descriptor in self._callers:
+                        self._poll.modify(descriptor, select.EPOLLIN | select.EPOLLET)
         while self._answered:
             self._expect(_Caller(self._answered.popleft(), now_s + HEAD_TIMEOUT_S, True))
         while self._callers and (oldest := next(iter(self._callers.values()))).until_s < now_s:
@@ -236,8 +242,8 @@ class Door:
             caller.stream.close()
 
     def _forget(self, stream: socket.socket) -> None:
-        self._poll.unregister(stream)
         del self._callers[stream.fileno()]
+        self._poll.unregister(stream)
 
     def _show_out(self, caller: _Caller) -> None:
         self._forget(caller.stream)

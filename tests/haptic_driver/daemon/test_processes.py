@@ -118,7 +118,7 @@ def test_a_daemon_by_its_page_has_its_lease_in_the_users_own_folder(monkeypatch,
 
 
 def test_a_child_that_says_nothing_useful_is_ended_and_told_of():
-    child = Child("this", "this", [])  # the module prints a poem
+    child = Child("loader", "this", [])  # the module prints a poem
     with pytest.raises(HapticError) as refused:
         child.ready(30.0)
     assert refused.value.code == "not_started"
@@ -126,15 +126,15 @@ def test_a_child_that_says_nothing_useful_is_ended_and_told_of():
 
 
 def test_how_a_child_ended_is_said_in_words(tmp_path):
-    child = Child("pretty", "json.tool", ["/dev/stdin"])
+    child = Child("painter", "json.tool", ["/dev/stdin"])
     assert child.ended is None
     os.kill(child.pid, signal.SIGKILL)
     child.stop()
-    assert child.ended == "the pretty process was killed by SIGKILL"
-    failing = Child("failing", "json.tool", [str(tmp_path / "missing")])
+    assert child.ended == "the painter process was killed by SIGKILL"
+    failing = Child("loader", "json.tool", [str(tmp_path / "missing")])
     failing._process.wait(30.0)
     assert failing.ended is not None
-    assert "the failing process ended with status" in failing.ended
+    assert "the loader process ended with status" in failing.ended
     failing.stop()
 
 

@@ -169,7 +169,7 @@ CHILD = """
 import os
 from haptic_driver.processes.child import Child
 os.nice(3)
-child = Child("waiting", "json.tool", ["/dev/stdin"])
+child = Child("loader", "json.tool", ["/dev/stdin"])
 print(os.getsid(child.pid) == os.getsid(0), os.getpgid(child.pid) == child.pid)
 print(os.getpriority(os.PRIO_PROCESS, child.pid) - os.getpriority(os.PRIO_PROCESS, 0))
 child.kill()
@@ -184,7 +184,7 @@ if sys.argv[1:] == ["child"]:
     sys.stdin.read()
 else:
     real_time.take_precedence()
-    child = Child("giving way", "giving_way", ["child"])
+    child = Child("loader", "giving_way", ["child"])
     print(child.ready(60.0))
     child.stop()
 """

@@ -300,6 +300,22 @@ def test_off_is_heard_while_strangers_crowd_the_port(control, tmp_path, monkeypa
                 release.set()
 
 
+def test_what_a_door_could_not_do_is_done_with_its_next_turn(control, tmp_path, monkeypatch):
+    """Without memory any step may fail, and the system tells only once that something was said."""
+    hear, failures = door.Door._hear, [MemoryError(), MemoryError()]
+
+    def fail_first(self, caller):
+        if failures:
+            raise failures.pop()
+        hear(self, caller)
+
+    monkeypatch.setattr(door.Door, "_hear", fail_first)
+    with serving(control, tmp_path), at_unix(tmp_path) as stream:
+        stream.sendall(b"POST /off HTTP/1.1\r\nHost: haptic\r\n\r\n")
+        assert said_at(stream) == (200, "idle")
+    assert failures == []
+
+
 WRITTEN = [
     "/off",
     "/off/",
