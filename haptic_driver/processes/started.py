@@ -38,24 +38,13 @@ class Memory(NamedTuple):
 
 
 PROCESSES = (
-    Part(
-        "control",
-        "a shell or systemd",
-        "daemon/run.py",
-        "states, leases, instruments and API; the parent of all",
-    ),
+    Part("control", "a shell or systemd", "daemon/run.py", "states, leases, instruments and API"),
     Part("render", "control", "daemon/supervision.py", "the tick: from finger to voltage"),
-    Part(
-        "envelope", "control", "daemon/supervision.py", "the envelope's samples to an analog output"
-    ),
-    Part(
-        "instruments",
-        "control",
-        "daemon/supervision.py",
-        "simulated instruments and finger, in real time",
-    ),
+    Part("envelope", "control", "daemon/supervision.py", "the samples of an analog output"),
+    Part("instruments", "control", "daemon/supervision.py", "simulated ones, in real time"),
     Part("watchdog", "control", "daemon/instruments.py", "switches off when control falls silent"),
     Part("recorder", "control", "recording/process.py", "samples and events into a file"),
+<<<<<<< HEAD
     Part(
         "observer",
         "control",
@@ -73,6 +62,13 @@ PROCESSES = (
     ),
     Part("why", "control", "daemon/inquiry.py", "diagnoses what was rendered"),
     Part("holder", "`haptic arm`", "cli/control.py", "holds a lease for `haptic arm --detach`"),
+=======
+    Part("observer", "control", "daemon/observer.py", "holds what is felt against the model"),
+    Part("loader", "control", "daemon/loader.py", "reads what a client names"),
+    Part("painter", "control", "daemon/daemon.py", "the same for pictures alone"),
+    Part("why", "control", "daemon/why.py", "diagnoses what was rendered"),
+    Part("holder", "`haptic arm`", "cli/control.py", "holds a lease while a script lives"),
+>>>>>>> 911b5f7 (docs: what was measured with the door; shorter tables)
     Part("study", "`haptic study`", "experiments/study.py", "one of the workers of a study"),
 )
 
@@ -80,27 +76,13 @@ THREADS = (
     Part("watch", "control", "daemon/daemon.py", "looks at everything every 20 ms, and beats"),
     Part("bring_out", "control", "daemon/daemon.py", "render's newest output to the generator"),
     Part("sense", "control", "daemon/supervision.py", "sensors to shared memory"),
-    Part(
-        "bring_back",
-        "control",
-        "daemon/supervision.py",
-        "starts again what died, however long it takes",
-    ),
-    Part(
-        "door",
-        "control",
-        "daemon/web/server.py",
-        "accepts connections and hears OFF; one per address",
-    ),
+    Part("bring_back", "control", "daemon/supervision.py", "starts again what died"),
+    Part("door", "control", "daemon/web/server.py", "accepts connections and hears OFF"),
     Part("off", "control", "daemon/web/off.py", "switches off; eight, there before anybody asks"),
     Part("api", "control", "daemon/web/server.py", "the web server's event loop; one per address"),
-    Part(
-        "child",
-        "control",
-        "processes/child.py",
-        "what a child is given, then what it says; one per child",
-    ),
+    Part("child", "control", "processes/child.py", "gives to and hears one child"),
     Part("observe", "control", "daemon/observer.py", "hears the observer, and starts it again"),
+<<<<<<< HEAD
     Part("why", "control", "daemon/inquiry.py", "waits for a diagnosis"),
     Part(
         "current",
@@ -114,17 +96,17 @@ THREADS = (
         "daemon/recordings.py",
         "ends a recording, or goes on with it, which may wait",
     ),
+=======
+    Part("why", "control", "daemon/why.py", "waits for a diagnosis"),
+    Part("current", "control", "daemon/current_sensor.py", "load and friction from a current"),
+    Part("record", "control", "daemon/recordings.py", "ends a recording, or goes on with it"),
+>>>>>>> 911b5f7 (docs: what was measured with the door; shorter tables)
     Part("outlets", "control", "daemon/outlets.py", "samples and events to other programs"),
     Part("inlet", "control", "daemon/inlets.py", "markers from other programs"),
     Part("pat", "control", "daemon/service.py", "tells systemd that ticks advance"),
     Part("say", "control", "cli/daemon.py", "what a terminal is told, which may be stopped"),
     Part("bounded", "any", "processes/patience.py", "work that may hang and is waited for so long"),
-    Part(
-        "linger",
-        "instruments",
-        "simulation/process.py",
-        "ends simulated instruments after their daemon",
-    ),
+    Part("linger", "instruments", "simulation/process.py", "ends them after their daemon"),
     Part("lease", "a client", "client.py", "renews a client's lease"),
 )
 
