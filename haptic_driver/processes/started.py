@@ -44,31 +44,11 @@ PROCESSES = (
     Part("instruments", "control", "daemon/supervision.py", "simulated ones, in real time"),
     Part("watchdog", "control", "daemon/instruments.py", "switches off when control falls silent"),
     Part("recorder", "control", "recording/process.py", "samples and events into a file"),
-<<<<<<< HEAD
-    Part(
-        "observer",
-        "control",
-        "daemon/observer.py",
-        "holds what is felt against the model, and mends it",
-    ),
-    Part(
-        "loader", "control", "daemon/loader.py", "reads the textures and models that a client names"
-    ),
-    Part(
-        "painter",
-        "control",
-        "daemon/daemon.py",
-        "reads textures for pictures; nobody waits for it to play",
-    ),
-    Part("why", "control", "daemon/inquiry.py", "diagnoses what was rendered"),
-    Part("holder", "`haptic arm`", "cli/control.py", "holds a lease for `haptic arm --detach`"),
-=======
     Part("observer", "control", "daemon/observer.py", "holds what is felt against the model"),
     Part("loader", "control", "daemon/loader.py", "reads what a client names"),
     Part("painter", "control", "daemon/daemon.py", "the same for pictures alone"),
-    Part("why", "control", "daemon/why.py", "diagnoses what was rendered"),
+    Part("why", "control", "daemon/inquiry.py", "diagnoses what was rendered"),
     Part("holder", "`haptic arm`", "cli/control.py", "holds a lease while a script lives"),
->>>>>>> 911b5f7 (docs: what was measured with the door; shorter tables)
     Part("study", "`haptic study`", "experiments/study.py", "one of the workers of a study"),
 )
 
@@ -82,25 +62,9 @@ THREADS = (
     Part("api", "control", "daemon/web/server.py", "the web server's event loop; one per address"),
     Part("child", "control", "processes/child.py", "gives to and hears one child"),
     Part("observe", "control", "daemon/observer.py", "hears the observer, and starts it again"),
-<<<<<<< HEAD
     Part("why", "control", "daemon/inquiry.py", "waits for a diagnosis"),
-    Part(
-        "current",
-        "control",
-        "live/current_sensor.py",
-        "load and friction from the electrode's current",
-    ),
-    Part(
-        "record",
-        "control",
-        "daemon/recordings.py",
-        "ends a recording, or goes on with it, which may wait",
-    ),
-=======
-    Part("why", "control", "daemon/why.py", "waits for a diagnosis"),
-    Part("current", "control", "daemon/current_sensor.py", "load and friction from a current"),
+    Part("current", "control", "live/current_sensor.py", "load and friction from a current"),
     Part("record", "control", "daemon/recordings.py", "ends a recording, or goes on with it"),
->>>>>>> 911b5f7 (docs: what was measured with the door; shorter tables)
     Part("outlets", "control", "daemon/outlets.py", "samples and events to other programs"),
     Part("inlet", "control", "daemon/inlets.py", "markers from other programs"),
     Part("pat", "control", "daemon/service.py", "tells systemd that ticks advance"),
