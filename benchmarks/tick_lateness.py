@@ -71,7 +71,7 @@ def run() -> Iterator[Claim]:
             with Daemon(settings) as daemon, serve(daemon, place, 0, page=PAGE_FOLDER) as page:
                 assert page is not None
                 lease = daemon.arm(60.0)
-                daemon.set_target(lease.token, 0.65)
+                daemon.targets.set(lease.token, 0.65)
                 samples, empty = _watched_beside(daemon, lease.token, UNLOADED_S)
                 yield from _compute("a whole tick in the daemon", samples, empty)
                 yield from _lateness(daemon, lease.token, place.path, page)
@@ -218,7 +218,7 @@ def _acted(daemon: Daemon, token: str, record: Path, k: int) -> Acted | None:
     cof = TARGETS[k % 2]
     before = daemon.shared.output.read()
     began_s = time.monotonic()
-    daemon.set_target(token, cof)
+    daemon.targets.set(token, cof)
     returned_s = time.monotonic()
     budget_s = daemon.status().latency_budget_s
     expected_s = budget_s["total"] - budget_s["sensor"] - budget_s["tick"]
@@ -250,9 +250,9 @@ def _set_to_envelope() -> Iterator[Claim]:
             daemon_settings("simulated-envelope", "reference", amplifier_record=record)
         ) as daemon:
             lease = daemon.arm(60.0)
-            daemon.set_target(lease.token, 0.65)
+            daemon.targets.set(lease.token, 0.65)
             yield from _set_to_output("by an envelope", daemon, lease.token, record)
-            daemon.play(lease.token, "linen")
+            daemon.targets.play(lease.token, "linen")
             samples = _watched(daemon, lease.token, UNLOADED_S)
             took_us = 1e6 * samples["compute_s"][samples["voltage_v"] > 0.0]
             told = " and ".join(f"{x:.3g} us" for x in np.percentile(took_us, [50.0, 99.0]))
@@ -268,7 +268,7 @@ def _mending() -> Iterator[Claim]:
     ours_s, theirs_s = [], []
     with Daemon(daemon_settings("hidden_humidity", "reference")) as daemon:
         lease = daemon.arm(60.0)
-        daemon.set_target(lease.token, 0.65)
+        daemon.targets.set(lease.token, 0.65)
         for on in TURNS:
             daemon.adapt(on)
             samples, empty = _watched_beside(daemon, lease.token, TURN_S)

@@ -106,7 +106,7 @@ class Watching:
                 if self._daemon.status().state is DaemonState.FAULT:
                     self._daemon.reset()
                 self._token = self._daemon.arm(LEASE_S, "the demo").token
-                self._daemon.play(self._token, TEXTURE, nearest=True)
+                self._daemon.targets.play(self._token, TEXTURE, nearest=True)
 
     def until(self, done: Callable[[], object], what: str) -> None:
         """Watch until something is there. Raises TimeoutError."""
@@ -193,7 +193,7 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
         daemon.use_model(MODEL, carrier_hz, feedback=False)
         watching.until(partial(seen, carrier_hz), f"the same at {carrier_hz:g} Hz")
     daemon.disarm()
-    daemon.ask_why((time.monotonic() - mended[0]) / 60.0)
+    daemon.basis.why((time.monotonic() - mended[0]) / 60.0)
     samples = np.concatenate(watching.samples)
     time_s, off = errors(samples)
     shares = {}

@@ -12,33 +12,29 @@ longer renews its lease, and the daemon ramps the output to zero by itself.
 
 from __future__ import annotations
 
-import os
-import sys
+import json
 import threading
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from socket import socket as Line  # noqa: N812  (arguments are called socket)
 from types import TracebackType
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import urlencode
 
 from pydantic import BaseModel, ValidationError
 
-from haptic_driver.daemon import verbs
 from haptic_driver.daemon.address import Address
 from haptic_driver.daemon.messages import (
     LEASE_HEADER,
     ErrorReport,
     Lease,
-    Marked,
     RefusedError,
     StateFrame,
     Status,
-    Why,
 )
-from haptic_driver.daemon.verbs import Answer, Asked, Verb
+from haptic_driver.daemon.verbs import Answer, Verb, Verbs, Written
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
@@ -49,7 +45,6 @@ if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
 
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
 PATIENCE_S = 300.0  # with what may wait for a process to start, on a busy machine
-STARTS = (verbs.PLAY, verbs.USE_MODEL, verbs.RECORD)
 RENEWALS_PER_LEASE = 4
 
 Schema = TypeVar("Schema", bound=BaseModel)
@@ -63,9 +58,9 @@ class LeaseLostError(RefusedError):
     """The lease has ended while it was held: disarmed by somebody, a fault, or renewed too late."""
 
 
-class HapticClient:
+class HapticClient(Verbs):
     """One daemon, by its socket or the address of its page (else `HAPTIC_SOCKET`, else the usual
-    socket).
+    socket). Its methods are the entries of `Verbs` and what stands here.
 
     Methods may be called from several threads. Every method raises what the daemon refuses:
     BadInputError for what cannot be used, RefusedError for what cannot be done in its present
@@ -95,89 +90,17 @@ class HapticClient:
         with Session(self, self.arm(lease_s, holder)) as session:
             yield session
 
-    def arm(self, lease_s: float = 0.5, holder: str = "") -> Lease:
-        """Idle to armed; others are told `holder`, else this program. Better use `armed`, which
-        renews the lease.
-        """
-        return self._ask(verbs.ARM, lease_s=lease_s, holder=holder or _this_program())
-
-    def renew(self, token: str) -> Lease:
-        """Keep a lease alive."""
-        return self._ask(verbs.RENEW, token)
-
-    def set(self, token: str, cof: float, *, nearest: bool = False) -> Status:
-        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will
-        do.
-        """
-        return self._ask(verbs.SET, token, cof=cof, nearest=nearest)
-
-    def play(self, token: str, texture: str, *, nearest: bool = False) -> Status:
-        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far
-        out of reach.
-        """
-        return self._ask(verbs.PLAY, token, name=_named_from_anywhere(texture), nearest=nearest)
-
-    def off(self) -> Status:
-        """Output to zero at once; HapticError when that cannot be shown."""
-        return _shown_off(self._ask(verbs.OFF))
-
-    def disarm(self) -> Status:
-        """Off, and the lease ends; HapticError when the output cannot be shown to be off."""
-        return _shown_off(self._ask(verbs.DISARM))
-
-    def reset(self) -> Status:
-        """Acknowledge a fault whose cause is gone."""
-        return self._ask(verbs.RESET)
-
-    def use_model(
-        self, model: str, carrier_hz: float | None = None, *, feedback: bool = True
-    ) -> Status:
-        """Render by another model, by its name or the path of its file, at one carrier; while the
-        daemon is idle.
-        """
-        name = _named_from_anywhere(model)
-        return self._ask(verbs.USE_MODEL, name=name, carrier_hz=carrier_hz, feedback=feedback)
-
-    def adapt(self, on: bool) -> Status:
-        """Mend the finger's model while it renders, or go back to the model as it was."""
-        return self._ask(verbs.ADAPT, on=on)
-
-    def record(self, path: Path | None, lease: str | None = None) -> Status:
-        """Record into a file, or stop with None; with the token of a lease until that is over, and
-        no other's.
-        """
-        return self._ask(
-            verbs.RECORD, path=str(path.absolute()) if path is not None else None, lease=lease
-        )
-
-    def mark(self, label: str, data: Mapping[str, object] | None = None) -> Marked:
-        """Write a marker, with anything that JSON can say, among the events and into the
-        recording.
-        """
-        return self._ask(verbs.MARK, label=label, data=dict(data or {}))
-
-    def ask_why(self, minutes: float = 1440.0) -> Why:
-        """Begin to diagnose what was rendered in the last minutes; `why` says what came out."""
-        return self._ask(verbs.ASK_WHY, minutes=minutes)
-
-    def why(self) -> Why:
-        """What the last such diagnosis says, or that it runs."""
-        return self._ask(verbs.WHY)
-
-    def status(self) -> Status:
-        return self._ask(verbs.STATUS)
-
     def textures(self) -> list[str]:
         """Names that `play` knows."""
-        return self._ask(verbs.TEXTURES).textures
+        return self.texture_names().textures
 
     def models(self) -> list[str]:
         """Names that `use_model` knows."""
-        return self._ask(verbs.MODELS).models
+        return self.model_names().models
 
     def events(self, since: int = 0) -> list[Event]:
         """What happened after event number `since`."""
-        return self._ask(verbs.EVENTS, since=since).events
+        return self.events_since(since).events
 
     def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
         """Ticks after `since_tick`, the newest `most` of them, of dtype
@@ -185,25 +108,31 @@ class HapticClient:
         """
         from haptic_driver.daemon.web.frames import samples_of  # noqa: PLC0415
 
-        return samples_of(self._ask(verbs.SAMPLES, since=since_tick, most=most).root)
+        return samples_of(self.sample_columns(since_tick, most).root)
 
     def watch(self) -> Generator[StateFrame, None, None]:
         """The state, 20 times a second, until the daemon ends."""
         return self._stream("/state", StateFrame)
 
-    def _ask(self, verb: Verb[Asked, Answer], token: str | None = None, **said: object) -> Answer:
-        """A connection of its own, so that switching off never waits for what another thread has
+    def ask(self, verb: Verb[..., Any, Answer], said: dict[str, Any], token: str = "") -> Answer:
+        """What the daemon answers; HapticError where it has switched off and cannot show it.
+
+        A connection of its own, so that switching off never waits for what another thread has
         asked.
         """
+        for name, field in verb.schema.model_fields.items():
+            for how in field.metadata:
+                if isinstance(how, Written):
+                    said[name] = how.of(said.get(name))
         path, content = verb.path, None
         if verb.method == "GET":
             path += "?" * bool(said) + urlencode(said)
         elif said:
-            content = _checked(verb.asked, said).model_dump_json().encode()
+            content = _as_json(said)
         headers = self._credentials | {"Content-Type": "application/json"}
-        headers |= {} if token is None else {LEASE_HEADER: token}
+        headers |= {LEASE_HEADER: token} if token else {}
         with closing(HTTPConnection(self.address.authority)) as connection:
-            connection.sock = self._line(PATIENCE_S if verb in STARTS else TIMEOUT_S)
+            connection.sock = self._line(PATIENCE_S if verb.slow else TIMEOUT_S)
             try:
                 connection.request(verb.method, path, content, headers)
                 response = connection.getresponse()
@@ -216,7 +145,10 @@ class HapticClient:
                 ) from error
         if response.status >= 400:
             raise _error_of(response.status, answer)
-        return _understood(verb.answer, answer)
+        found = _understood(verb.answer, answer)
+        if verb.switches_off and isinstance(found, Status):
+            _require_off(found)
+        return found
 
     def _stream(self, path: str, schema: type[Schema]) -> Generator[Schema, None, None]:
         from websockets.exceptions import ConnectionClosed, WebSocketException  # noqa: PLC0415
@@ -259,6 +191,9 @@ class Session:
     block.
     """
 
+    set = Verbs.set
+    play = Verbs.play
+
     def __init__(self, client: HapticClient, lease: Lease) -> None:
         self.token = lease.token
         self.lost: LeaseLostError | None = None  # why the lease is no longer ours
@@ -268,17 +203,9 @@ class Session:
         self._answered = threading.Event()  # the first renewal
         self._renewing: threading.Thread | None = None  # in the block
 
-    def set(self, cof: float, *, nearest: bool = False) -> Status:
-        """Ask for one friction everywhere; one far out of reach is refused, unless `nearest` will
-        do.
-        """
-        return self._client.set(self.token, cof, nearest=nearest)
-
-    def play(self, texture: str, *, nearest: bool = False) -> Status:
-        """Ask for a texture, by its name or the path of its file; `nearest` where most of it is far
-        out of reach.
-        """
-        return self._client.play(self.token, texture, nearest=nearest)
+    def ask(self, verb: Verb[..., Any, Answer], said: dict[str, Any], _: str = "") -> Answer:
+        """What the daemon answers the holder of the lease."""
+        return self._client.ask(verb, said, self.token)
 
     def record(self, path: Path | None) -> Status:
         """Record into a file until the lease is over, whatever ends it, or stop that with None."""
@@ -353,30 +280,13 @@ class Session:
             self._ending.wait(self._period_s)
 
 
-def _this_program() -> str:
-    """Its name and process, as a lease's holder."""
-    name = "".join(c for c in Path(sys.argv[0]).name[:60] if c.isprintable()) or "python"
-    return f"{name}, process {os.getpid()}"
-
-
-def _checked(schema: type[Schema], values: dict[str, object]) -> Schema:
+def _as_json(said: dict[str, Any]) -> bytes:
     try:
-        return schema.model_validate(values)
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(map(str, first["loc"]))
+        return json.dumps(said).encode()
+    except (TypeError, ValueError) as error:
         raise BadInputError(
-            "out_of_range", f"{name} {first['input']!r}: {first['msg']}", f"Change {name}"
+            "bad_request", f"no JSON can say this: {error}", "Say it else"
         ) from error
-
-
-def _named_from_anywhere(name: str) -> str:
-    """The absolute path where a path is given, for the daemon runs in another folder; a name stays
-    a name.
-    """
-    path = Path(name)
-    is_path = bool(path.suffix) or len(path.parts) > 1
-    return str(path.absolute()) if is_path and os.path.isfile(path) else name
 
 
 def _understood(schema: type[Schema], content: bytes | str) -> Schema:
@@ -389,11 +299,10 @@ def _understood(schema: type[Schema], content: bytes | str) -> Schema:
         ) from error
 
 
-def _shown_off(status: Status) -> Status:
+def _require_off(status: Status) -> None:
     if status.output_on is not False:
         known = "is still on" if status.output_on else "cannot be shown to be off"
         raise HapticError("not_off", f"the output {known}", "switch the amplifier off by hand")
-    return status
 
 
 def _error_of(status: int, content: bytes) -> HapticError:

@@ -148,12 +148,13 @@ def parse(schema: type[Parsed], content: dict[str, Any], where: str, code: str =
         file: Any = (
             _annotated(schema.model_fields["root"]) if issubclass(schema, RootModel) else schema
         )
-        problems = list(dict.fromkeys(_problem(file, fault) for fault in faults))
+        problems = list(dict.fromkeys(problem(fault, file) for fault in faults))
         code = code or ("unknown_key" if faults[0]["type"] == "extra_forbidden" else "bad_config")
         raise BadInputError(code, f"{where}: {'; '.join(problems)}", _hint(file, faults)) from error
 
 
-def _problem(file: Any, fault: Any) -> str:
+def problem(fault: Any, file: Any = None) -> str:
+    """What pydantic found wrong, in words, with the key as it is written in a `file`."""
     key = ".".join(_written(file, fault["loc"]))
     said = fault["msg"].removeprefix("Value error, ")
     match fault["type"]:
@@ -227,10 +228,10 @@ def _annotation(schema: Any, loc: Sequence[str | int]) -> Any:
         if isinstance(key, str) and key in variants:
             schema = variants[key]
             continue
-        sections = [t for t in _members(schema) if isinstance(t, type) and issubclass(t, BaseModel)]
+        sections = [t for t in members(schema) if isinstance(t, type) and issubclass(t, BaseModel)]
         fields = sections[0].model_fields if len(sections) == 1 else {}
         schema = _annotated(fields[key]) if key in fields else None
-    sections = [t for t in _members(schema) if isinstance(t, type) and issubclass(t, BaseModel)]
+    sections = [t for t in members(schema) if isinstance(t, type) and issubclass(t, BaseModel)]
     return sections[0] if len(sections) == 1 and not _variants(schema) else schema
 
 
@@ -242,7 +243,7 @@ def _annotated(field: FieldInfo) -> Any:
 def _variants(annotation: Any) -> Mapping[str, Any]:
     """The sections of a union by their `kind`; none for anything else."""
     variants: dict[str, Any] = {}
-    for member in _members(annotation):
+    for member in members(annotation):
         if isinstance(member, Kinds):
             return member
         fields = getattr(member, "model_fields", {})
@@ -251,7 +252,7 @@ def _variants(annotation: Any) -> Mapping[str, Any]:
     return variants if len(variants) > 1 else {}
 
 
-def _members(annotation: Any) -> list[Any]:
+def members(annotation: Any) -> list[Any]:
     """A type, or those of a union, through `Annotated`."""
     inner = get_args(annotation)
     is_union = (
@@ -259,7 +260,7 @@ def _members(annotation: Any) -> list[Any]:
         and not isinstance(annotation, type)
         and get_origin(annotation) not in (list, dict, Literal)
     )
-    return [member for part in inner for member in _members(part)] if is_union else [annotation]
+    return [member for part in inner for member in members(part)] if is_union else [annotation]
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -1,6 +1,4 @@
-"""`haptic arm`, `set`, `off`, `disarm`, `status`, `use`, `reset`: what a client asks of the
-daemon.
-"""
+"""What a client asks of the daemon: `haptic arm`, and the commands that follow from `Verbs`."""
 
 from __future__ import annotations
 
@@ -13,29 +11,33 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from inspect import Parameter, Signature, getdoc
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 from rich.text import Text
 from typer import Argument, Option
 
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, named, report, signals_to, stdout
+from haptic_driver.cli.output import Json, report, signals_to, stdout
+from haptic_driver.config import config_names, members
 from haptic_driver.daemon.address import Address
+from haptic_driver.daemon.messages import Lease, RefusedError, Status
 from haptic_driver.daemon.private_file import private_folder, write_private
+from haptic_driver.daemon.verbs import Leased, Verb, Written
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.live.agreement import AXES
 from haptic_driver.processes.started import start_process
 
 if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
-    from haptic_driver.daemon.messages import AgreementCell, Lease, Status
+    from haptic_driver.daemon.messages import AgreementCell
 
 SIGNS = ((0.05, "▲", "▼"), (0.02, "+", "-"), (0.0, "·", "·"))  # of friction: from so much off on
 POLL_S = 0.1
 ALREADY = "armed already"
-Nearest = Annotated[
-    bool, Option("--nearest", help="Render the nearest that is reachable, however far off it is.")
-]
+ON_OFF = ("on", "off")
 
 
 def arm(
@@ -68,7 +70,6 @@ def arm(
         report(as_json, held, lambda: stdout.print(f"{held['state']}; disarm with: haptic disarm"))
         return
     from haptic_driver.client import LeaseLostError  # noqa: PLC0415  (HTTP is slow to import)
-    from haptic_driver.daemon.messages import RefusedError  # noqa: PLC0415
 
     # SIGTERM and a closed terminal end it as Ctrl-C does, which also ends it where a script ignores
     # it.
@@ -108,102 +109,56 @@ def arm(
             report(as_json, held, lambda: stdout.print(said))
 
 
-def set_target(
-    cof: Annotated[float, Argument(metavar="MU", help="Coefficient of friction to render.")],
-    nearest: Nearest = False,
-    socket: SocketOption = None,
-    as_json: Json = False,
-) -> None:
-    """Ask for one friction everywhere; somebody must have armed.
+def command_of(verb: Verb[..., Any, Any]) -> Callable[..., None]:
+    """The command of a verb: its fields are arguments and options, its words are the help."""
+    words = verb.command.split()
+    metavars = filter(str.isupper, words)
+    fields = verb.schema.model_fields.items()
+    parameters = [_parameter(name, field, metavars) for name, field in fields]
 
-    A friction far out of reach at the finger's load is refused, with the range.
+    def run(socket: str | None, as_json: bool, **said: Any) -> None:
+        said = {name: said[name] == "on" if said[name] in ON_OFF else said[name] for name in said}
+        with client_of(socket) as client:
+            token = _token(client.address) if isinstance(verb, Leased) else ""
+            answer = client.ask(verb, said, token)
+        show(as_json, answer)
 
-    Example: `haptic set 0.6`
-    """
-    from haptic_driver.daemon.messages import (  # noqa: PLC0415  pydantic is slow to import
-        HIGHEST_ASKED_COF,
-    )
-
-    if not 0.0 < cof <= HIGHEST_ASKED_COF:
-        hint = f"Give a coefficient of friction above 0, at most {HIGHEST_ASKED_COF:g}, such as 0.6"
-        raise BadInputError("out_of_range", f"friction {cof:g} is out of range", hint)
-    ask(socket, as_json, lambda client: client.set(_token(client.address), cof, nearest=nearest))
-
-
-def off(socket: SocketOption = None, as_json: Json = False) -> None:
-    """Output to zero at once; whoever armed stays armed. Fails when the output cannot be shown to
-    be off.
-
-    Example: `haptic off --json`
-    """
-    ask(socket, as_json, lambda client: client.off())
+    of_all = (("socket", SocketOption, None), ("as_json", Json, False))
+    parameters += [
+        Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
+        for name, kind, default in of_all
+    ]
+    run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    shown = " ".join([*filter(str.islower, words), verb.example])
+    paragraphs = [verb.said, f"Example: `haptic {shown}`"]
+    if fields:
+        paragraphs.insert(1, getdoc(verb.schema) or "")
+    run.__doc__ = "\n\n".join(paragraphs)
+    return run
 
 
-def disarm(socket: SocketOption = None, as_json: Json = False) -> None:
-    """Output to zero at once, and end the lease, whoever holds it.
-
-    Example: `haptic disarm --json`
-    """
-    ask(socket, as_json, lambda client: client.disarm())
+def _names(kind: str) -> Callable[[], list[str]]:
+    return lambda: config_names(kind)
 
 
-def status(socket: SocketOption = None, as_json: Json = False) -> None:
-    """Say what the daemon does; `output_on` is null where nobody knows.
-
-    Example: `haptic status --json`
-    """
-    ask(socket, as_json, lambda client: client.status())
-
-
-def use(
-    model: Annotated[str, named("models", "Model", Argument)],
-    carrier: Annotated[
-        float | None, Option(help="Hz, in place of what the rig's file has chosen.")
-    ] = None,
-    feedback: Annotated[
-        bool,
-        Option(
-            "--feedback/--no-feedback",
-            help="Hold friction by what is felt, or go by the model alone.",
-        ),
-    ] = True,
-    socket: SocketOption = None,
-    as_json: Json = False,
-) -> None:
-    """Render by another model, such as one that `haptic calibrate` made for a finger; while the
-    daemon is idle.
-
-    Example: `haptic use reference --carrier 2000`
-    """
-    ask(socket, as_json, lambda client: client.use_model(model, carrier, feedback=feedback))
-
-
-def adapt(
-    mode: Annotated[
-        Literal["on", "off"],
-        Argument(help="on: mend from now on. off: go back to the model as it was."),
-    ],
-    socket: SocketOption = None,
-    as_json: Json = False,
-) -> None:
-    """Mend the finger's model while it renders, by what is felt, as its skin dries or moistens; or
-    go back.
-
-    Example: `haptic adapt on`
-    """
-    ask(socket, as_json, lambda client: client.adapt(mode == "on"))
-
-
-def reset(socket: SocketOption = None, as_json: Json = False) -> None:
-    """Acknowledge a fault or trip whose cause is gone.
-
-    Example: `haptic reset --json`
-    """
-    ask(socket, as_json, lambda client: client.reset())
-
-
-def play(name: str, nearest: bool, socket: str | None, as_json: bool) -> None:
-    ask(socket, as_json, lambda client: client.play(_token(client.address), name, nearest=nearest))
+def _parameter(name: str, field: FieldInfo, metavars: Iterator[str]) -> Parameter:
+    """An argument where a field is required, else an option."""
+    kind: Any = next(part for part in members(field.annotation) if isinstance(part, type))
+    declared: dict[str, Any] = {"help": field.description}
+    for how in field.metadata:
+        if isinstance(how, Written) and how.kind:
+            declared["autocompletion"] = _names(how.kind)
+    if field.is_required():
+        kind = Literal["on", "off"] if kind is bool else kind
+        kind, default = (
+            Annotated[kind, Argument(metavar=next(metavars), **declared)],
+            Parameter.empty,
+        )
+    else:
+        option, default = name.removesuffix("_hz"), field.default
+        flag = f"--{option}/--no-{option}" if default is True else f"--{option}"
+        kind = Annotated[kind if default is not None else kind | None, Option(flag, **declared)]
+    return Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
 
 
 def show_status(status: Status) -> None:
@@ -239,11 +194,13 @@ def _sign(share: float) -> str:
     )
 
 
-def ask(socket: str | None, as_json: bool, of: Callable[[HapticClient], Status]) -> None:
-    """Ask one thing of the daemon, and show the status that it answers."""
-    with client_of(socket) as client:
-        status = of(client)
-    report(as_json, status.model_dump(mode="json"), lambda: show_status(status))
+def show(as_json: bool, answer: BaseModel) -> None:
+    """What the daemon answered, to a person or as JSON."""
+    report(as_json, answer.model_dump(mode="json"), lambda: _said(answer))
+
+
+def _said(answer: BaseModel) -> None:
+    show_status(answer) if isinstance(answer, Status) else stdout.print(str(answer))
 
 
 def client_of(socket: str | None) -> HapticClient:

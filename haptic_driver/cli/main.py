@@ -20,6 +20,7 @@ from pydantic import ValidationError
 from typer import Option
 
 from haptic_driver.cli.output import compiling, report_error
+from haptic_driver.daemon.verbs import commands
 from haptic_driver.errors import BadInputError, HapticError
 from hw.errors import DeviceError
 from model.support.errors import ModelError
@@ -28,7 +29,8 @@ os.environ.setdefault(
     "OPENBLAS_NUM_THREADS", "1"
 )  # its threads would wait for each other over small matrices
 
-# What `haptic --help` lists. A module is imported only when its command is asked for: `haptic off`
+ON_A_RIG = "On a rig, simulated or real"
+# What `haptic --help` lists besides the verbs of the daemon that are commands. A module is imported only when its command is asked for: `haptic off`
 # must not wait for matplotlib.
 PANELS = {
     "Without a rig": (
@@ -42,20 +44,7 @@ PANELS = {
         "reproduce",
         "simulate",
     ),
-    "On a rig, simulated or real": (
-        "doctor",
-        "calibrate-touch",
-        "daemon",
-        "arm",
-        "set",
-        "texture",
-        "off",
-        "disarm",
-        "status",
-        "watch",
-        "use",
-        "reset",
-    ),
+    ON_A_RIG: ("doctor", "calibrate-touch", "daemon", "arm", "texture", "watch"),
     "Record and experiment": ("record", "mark", "export", "experiment"),
     "When friction is not as the model says": (
         "measure",
@@ -63,10 +52,8 @@ PANELS = {
         "investigate",
         "calibrate",
         "why",
-        "adapt",
     ),
 }
-COMMANDS = [name for names in PANELS.values() for name in names]
 GROUPS = {
     "surface": "Build, describe and draw the lookup surface.",
     "texture": "List, draw, check, import and play textures.",
@@ -75,8 +62,18 @@ GROUPS = {
         "Run psychophysical experiments, try their design without a rig, and fit what was answered."
     ),
 }
-# in one module; each other one has its own
-CONTROL = ("arm", "set", "off", "disarm", "use", "adapt", "reset", "status")
+
+
+def panels() -> dict[str, tuple[str, ...]]:
+    """The commands in panels."""
+    verbs = tuple(name for name in commands() if " " not in name)
+    return PANELS | {ON_A_RIG: (*PANELS[ON_A_RIG], *verbs)}
+
+
+def known() -> list[str]:
+    """All commands."""
+    return [name for names in panels().values() for name in names]
+
 
 # What the parser raises for a wrong command line, whether typer ships its parser or imports it.
 USAGE_ERROR: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
@@ -114,7 +111,7 @@ def _options(
     pass
 
 
-def build_app(imported: Iterable[str] = COMMANDS) -> typer.Typer:
+def build_app(imported: Iterable[str]) -> typer.Typer:
     """The command line; of a command that is not `imported` it knows the name and the summary
     alone.
     """
@@ -130,14 +127,16 @@ def build_app(imported: Iterable[str] = COMMANDS) -> typer.Typer:
         epilog="Exit status: 0 done, 1 failed, 2 what was given cannot be used.",
     )
     app.callback()(_options)
-    for panel, names in PANELS.items():
+    for panel, names in panels().items():
         for name in names:
             if name not in imported:
                 app.command(name, help=summary_of(name), rich_help_panel=panel)(_not_imported)
             elif name in GROUPS:
                 app.add_typer(module_of(name).app, name=name, help=GROUPS[name])
+            elif name in commands():
+                app.command(name)(module_of("arm").command_of(commands()[name]))
             else:
-                app.command(name)(getattr(module_of(name), _function(name)))
+                app.command(name)(getattr(module_of(name), name.replace("-", "_")))
     return app
 
 
@@ -147,20 +146,18 @@ def module_of(name: str) -> Any:
 
 
 def summary_of(name: str) -> str:
-    """The first paragraph of a command's docstring, read from its module without importing it."""
+    """What a command does; of a docstring the first paragraph, read without importing its module."""
     if name in GROUPS:
         return GROUPS[name]
+    if name in commands():
+        return commands()[name].said
     source = Path(__file__).with_name(f"{_module(name)}.py").read_text(encoding="utf-8")
-    docstring = source.partition(f"\ndef {_function(name)}(")[2].split('"""')[1]
+    docstring = source.partition(f"\ndef {name.replace('-', '_')}(")[2].split('"""')[1]
     return " ".join(docstring.partition("\n\n")[0].split())
 
 
 def _module(name: str) -> str:
-    return "control" if name in CONTROL else name.replace("-", "_")
-
-
-def _function(name: str) -> str:
-    return "set_target" if name == "set" else name.replace("-", "_")
+    return "control" if name == "arm" else name.replace("-", "_")
 
 
 def _not_imported() -> None:
@@ -196,7 +193,7 @@ def main(arguments: list[str]) -> int:
         "set"
     ]:  # the parser takes a negative number for an option, but not one behind a space
         arguments = [f" {word}" if re.match(r"-\.?\d", word) else word for word in arguments]
-    asked = [word for word in arguments or _being_completed() if word in COMMANDS][:1]
+    asked = [word for word in arguments or _being_completed() if word in known()][:1]
     app = build_app(asked)
     try:
         with compiling():

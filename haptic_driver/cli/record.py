@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from haptic_driver.cli.control import ask
+from haptic_driver.cli.control import client_of, show
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json
 from haptic_driver.errors import BadInputError
@@ -25,4 +25,5 @@ def record(
     """
     if stop == (file is not None):
         raise BadInputError("usage", "give either a file or --stop", "See: haptic record --help")
-    ask(socket, as_json, lambda client: client.record(file))
+    with client_of(socket) as client:
+        show(as_json, client.record(file))

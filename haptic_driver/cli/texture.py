@@ -14,9 +14,9 @@ from rich.text import Text
 from typer import Argument, Option
 
 from haptic_driver.cli import control, texture_import
-from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, named, report, stdout
 from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.verbs import Verbs
 from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.pictures import textures as pictures
 from haptic_driver.render.texture import Texture
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 app.command("import")(texture_import.import_texture)
+app.command("play")(control.command_of(Verbs.play))
 SPEED_M_S = (0.002, 1.0)
 Name = Annotated[str, named("textures", "Texture", Argument)]
 
@@ -126,19 +127,6 @@ def check(
             _show_bands(bands, speed, carrier)
 
     report(as_json, payload, show)
-
-
-@app.command()
-def play(
-    name: Name, nearest: control.Nearest = False, socket: SocketOption = None, as_json: Json = False
-) -> None:
-    """Ask the daemon for a texture; somebody must have armed.
-
-    One that is mostly far out of reach is refused, with the range.
-
-    Example: `haptic texture play linen`
-    """
-    control.play(name, nearest, socket, as_json)
 
 
 def _entry(name: str) -> dict[str, Any]:

@@ -19,9 +19,7 @@ POLL_S = 0.5
 
 
 def why(
-    minutes: Annotated[
-        float, Option(min=0.1, max=1440.0, help="Of rendering, the last so many.")
-    ] = 1440.0,
+    minutes: Annotated[float, Option(help="Of rendering, the last so many.")] = 1440.0,
     socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:

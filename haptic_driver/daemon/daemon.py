@@ -31,8 +31,6 @@ from haptic_driver.daemon.messages import (
     RefusedError,
     Status,
     Tile,
-    TileRequest,
-    Why,
 )
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.recordings import Recordings
@@ -40,6 +38,7 @@ from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.supervision import END_S, Supervisor
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.timing import advice, timing_of
+from haptic_driver.daemon.verbs import TileRequest
 from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError, message_of, shown
@@ -80,10 +79,10 @@ class Daemon:
         self._orders = orders = Orders(settings, shared, events, clock)
         self._loader = Loader()
         self._painter = Loader("painter")  # begun when somebody looks
-        self.basis = basis = Basis(settings, shared, events, self._loader)
-        self._targets = targets = Targets(
-            shared, orders, events, clock, partial(_reachable, basis), self._loader
-        )
+        basis = Basis(settings, shared, events, self._loader)
+        self.basis: Basis = basis
+        targets = Targets(shared, orders, events, clock, partial(_reachable, basis), self._loader)
+        self.targets: Targets = targets
         self._recordings = Recordings(
             shared, events, lambda: basis.settings, identified, orders.machine.is_held_by, clock
         )
@@ -177,7 +176,7 @@ class Daemon:
 
     def status(self) -> Status:
         output, now_s, recording = self.shared.output.read(), self._clock(), self._recordings.path
-        orders, targets, settings = self._orders, self._targets, self.basis.settings
+        orders, targets, settings = self._orders, self.targets, self.basis.settings
         load_n, reachable_cof = targets.reach()
         newest = self.shared.ring.newest(MEASURED_SAMPLES)
         judged = self._judged()
@@ -242,23 +241,13 @@ class Daemon:
         with self._orders.lock:
             self.supervisor.refuse_unless_ready(self.basis.settings, self._orders.machine.state)
             lease = self._orders.arm(lease_s, holder)
-            self._targets.forget()
+            self.targets.forget()
             self.event_log.tell("state", f"armed by {holder}, lease {lease_s:g} s")
         return lease
 
     def renew(self, token: str) -> Lease:
         """Keep the lease alive."""
         return self._orders.renew(token)
-
-    def set_target(self, token: str, cof: float, *, nearest: bool = False) -> Status:
-        """Ask for one friction everywhere."""
-        self._targets.set(token, cof, nearest=nearest)
-        return self.status()
-
-    def play(self, token: str, texture: str, *, nearest: bool = False) -> Status:
-        """Ask for a texture, or begin a script."""
-        self._targets.play(token, texture, nearest=nearest)
-        return self.status()
 
     def off(self) -> Status:
         """Output to zero at once."""
@@ -314,11 +303,7 @@ class Daemon:
         self.basis.observer.swap.adapt(on)
         return self.status()
 
-    def ask_why(self, minutes: float) -> Why:
-        """Begin to diagnose what was rendered in the last minutes."""
-        return self.basis.why(minutes)
-
-    def record(self, path: str | None, lease: str | None = None) -> Status:
+    def record(self, path: str | Path | None, lease: str | None = None) -> Status:
         """Start or stop a recording, which may end with a lease."""
         if path is None:
             self._recordings.stop(lease)
@@ -359,7 +344,7 @@ class Daemon:
 
     def texture_map(self) -> dict[str, Any]:
         """Friction asked for on the screen."""
-        return drawings.texture_map(self._targets.target, self._clock())
+        return drawings.texture_map(self.targets.target, self._clock())
 
     def tile(self, asked: TileRequest) -> Tile:
         """A part of a texture of the library, as a picture."""

@@ -1,4 +1,4 @@
-"""What the daemon and its clients tell one another: states, status, requests, answers.
+"""What the daemon tells its clients: states, status, answers. What they ask is in `verbs.py`.
 
 Without numpy, which `haptic status` does not wait for.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, FiniteFloat, JsonValue, RootModel
+from pydantic import Field, RootModel
 
 from haptic_driver.config import Checked
 from haptic_driver.errors import HapticError
@@ -17,15 +17,8 @@ from haptic_driver.recording.event import Event
 
 LEASE_HEADER = "X-Haptic-Lease"
 SOMEBODY = "somebody"  # who holds a lease and did not say
-HIGHEST_ASKED_COF = 10.0  # twice what a texture file may say
-MOST_SAMPLES = (
-    2000  # what turns into JSON in a few milliseconds, of which the set-point pump loses as many
-)
-MOST_COUNT = 2**62
-MOST_TILE_CELLS = 256  # per side: a fraction of a second of a process that waits for all others
 
 Column = list[float | int | None]
-Since = Annotated[int, Field(ge=0, le=MOST_COUNT, description="Only what comes after this number.")]
 
 
 def number(value: float | None, form: str) -> str:
@@ -207,69 +200,6 @@ class Lease(Checked):
     lease_s: float
 
 
-class Request(Checked):
-    """Base of what a client sends as JSON: a number is a number, neither `true` nor text."""
-
-    model_config = ConfigDict(strict=True)
-
-
-class FrictionChoice(Request):
-    """`haptic set MU`; more than 10 % out of reach at the present load it is refused, unless
-    `nearest` will do.
-    """
-
-    cof: Annotated[FiniteFloat, Field(gt=0.0, le=HIGHEST_ASKED_COF)]
-    nearest: bool = False
-
-
-class TextureChoice(Request):
-    """`haptic texture play T`; refused when more than half of it is as far out of reach, unless
-    `nearest` will do.
-    """
-
-    name: Annotated[str, Field(min_length=1, max_length=200)]
-    nearest: bool = False
-
-
-class ModelChoice(Request):
-    """`haptic use MODEL`; without `carrier_hz` the carrier is chosen as the rig's file says."""
-
-    name: Annotated[str, Field(min_length=1, max_length=1000)]
-    carrier_hz: Annotated[FiniteFloat, Field(gt=0.0)] | None = None
-    feedback: bool = True
-
-
-class Adapt(Request):
-    """`haptic adapt on` and `haptic adapt off`."""
-
-    on: bool
-
-
-class ArmRequest(Request):
-    """`haptic arm`."""
-
-    lease_s: Annotated[FiniteFloat, Field(ge=0.1, le=60.0)] = 0.5
-    holder: Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f]+$")] = (
-        SOMEBODY
-    )
-
-
-class RecordingRequest(Request):
-    """`haptic record FILE`; null stops. With the token of a lease it ends 2 s after that, and null
-    stops no other.
-    """
-
-    path: Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\x00-\x1f]+$")] | None
-    lease: Annotated[str, Field(min_length=1, max_length=100)] | None = None
-
-
-class Mark(Request):
-    """`haptic mark LABEL`: something that happened, in the words of whoever saw it."""
-
-    label: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f]+$")]
-    data: dict[str, JsonValue] = Field({})
-
-
 class Marked(ClockOffsets):
     """A marker as it was told: its event's number, its time on CLOCK_MONOTONIC, and what to add for
     other clocks.
@@ -277,32 +207,6 @@ class Marked(ClockOffsets):
 
     number: int
     time_s: float
-
-
-class SinceEvent(Checked, extra="ignore"):
-    """The query of `GET /events`."""
-
-    since: Since = 0
-
-
-class SinceTick(Checked, extra="ignore"):
-    """The query of `GET /samples`."""
-
-    since: Since = 0
-    most: Annotated[int, Field(ge=1, le=MOST_SAMPLES, description="The newest so many.")] = 1000
-
-
-class TileRequest(Checked, extra="ignore"):
-    """The query of `GET /tile`: a texture of `GET /textures`, the corner with the least x and y,
-    and square cells.
-    """
-
-    name: Annotated[str, Field(min_length=1, max_length=200)]
-    x_m: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)] = 0.0
-    y_m: Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)] = 0.0
-    pitch_m: Annotated[FiniteFloat, Field(ge=1e-6, le=0.01)]
-    columns: Annotated[int, Field(ge=1, le=MOST_TILE_CELLS)] = MOST_TILE_CELLS
-    rows: Annotated[int, Field(ge=1, le=MOST_TILE_CELLS)] = MOST_TILE_CELLS
 
 
 class Tile(Checked):
@@ -330,12 +234,6 @@ class ModelNames(Checked):
     """What `GET /models` answers."""
 
     models: list[str]
-
-
-class WhyRequest(Request):
-    """`haptic why`: by what was rendered in the last `minutes`, as far as it is kept."""
-
-    minutes: Annotated[FiniteFloat, Field(gt=0.0, le=1440.0)] = 1440.0
 
 
 class Why(Checked):
@@ -366,6 +264,15 @@ class Events(Checked):
     """What `GET /events` answers."""
 
     events: list[Event]
+
+
+class CarrierRule(Checked):
+    """A ripple of friction counts as felt below `quiet_above_hz`; `bands_hz`: the edges of the
+    bands.
+    """
+
+    quiet_above_hz: float
+    bands_hz: list[float]
 
 
 class SurfaceMap(Checked):

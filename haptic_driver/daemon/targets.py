@@ -56,7 +56,7 @@ class Targets:
         """None is asked for."""
         self.target = self.name = None
 
-    def set(self, token: str, cof: float, *, nearest: bool) -> None:
+    def set(self, token: str, cof: float, *, nearest: bool = False) -> None:
         """One friction everywhere. Raises BadInputError for one far out of reach, unless the
         nearest will do.
         """
@@ -67,7 +67,7 @@ class Targets:
         self._hand_over(token, Uniform(cof), None)
         self._events.tell("target", f"friction {cof:g}", cof=cof)
 
-    def play(self, token: str, texture: str, *, nearest: bool) -> None:
+    def play(self, token: str, texture: str, *, nearest: bool = False) -> None:
         """A texture, or a script from its beginning. Raises BadInputError as `set` does, where most
         of it is far.
         """

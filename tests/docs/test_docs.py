@@ -29,6 +29,7 @@ import matplotlib.pyplot as plt
 import pytest
 import typer
 
+from haptic_driver.cli import main as command_line
 from haptic_driver.cli.main import GROUPS, build_app, main
 from haptic_driver.client import HapticClient
 from haptic_driver.config import find_config
@@ -433,7 +434,7 @@ def at_the_page(lab: dict[str, str], code: str) -> str:
 
 @pytest.fixture(scope="module")
 def program() -> Any:
-    return typer.main.get_command(build_app())
+    return typer.main.get_command(build_app(command_line.known()))
 
 
 def understood(program: Any, line: str) -> bool:

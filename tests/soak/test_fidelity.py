@@ -53,7 +53,7 @@ def test_the_daemon_renders_as_the_demo_does(rig, speed_m_s, tmp_path):
     with Daemon(settings) as daemon:
         lease = daemon.arm(60.0)
         for texture in TEXTURES:
-            daemon.play(lease.token, texture, nearest=True)
+            daemon.targets.play(lease.token, texture, nearest=True)
             for _ in range(12):  # the finger becomes known
                 time.sleep(0.4)
                 daemon.renew(lease.token)

@@ -27,7 +27,7 @@ def test_rendering_keeps_its_ticks_and_its_memory():
     take_precedence()  # as `haptic daemon run` does
     with Daemon(daemon_settings(RIG, "reference")) as daemon:
         lease = daemon.arm(2.0)
-        daemon.play(lease.token, "grating")
+        daemon.targets.play(lease.token, "grating")
         began_s, position = time.monotonic(), daemon.shared.ring.position
         first_tick = daemon.status().ticks
         memory = None

@@ -31,11 +31,10 @@ from fastapi.responses import JSONResponse, RedirectResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
-from haptic_driver.config import Checked
+from haptic_driver.config import Checked, problem
 from haptic_driver.daemon.daemon import Daemon
-from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport, Since
-from haptic_driver.daemon.verbs import COMMANDS, VIEWS, Empty, Verb
-from haptic_driver.daemon.web.carrier import CARRIER
+from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport
+from haptic_driver.daemon.verbs import Empty, Leased, Since, Verb, all_verbs
 from haptic_driver.daemon.web.frames import state_frame
 from haptic_driver.daemon.web.off import OFF_VERBS, OffThreads
 from haptic_driver.daemon.web.security import BodyLimit, refusal
@@ -50,6 +49,7 @@ FRAME_THREADS = (
 )
 EVENT_PERIOD_S = 0.05
 PAGE = "/page"
+BEYOND = {"finite_number", "greater_than", "greater_than_equal", "less_than", "less_than_equal"}
 
 LeaseToken = Annotated[str, Header(alias=LEASE_HEADER, description="The token that `/arm` gave.")]
 SAID = {
@@ -78,17 +78,16 @@ def create_app(daemon: Daemon, page: Path | None = None, off: OffThreads | None 
             status: {"model": ErrorReport, "description": what} for status, what in SAID.items()
         },
     )
-    for tag, verbs in (("commands", COMMANDS), ("views", (*VIEWS, CARRIER))):
-        for verb in verbs:
-            app.add_api_route(
-                verb.path,
-                _route(daemon, verb),
-                methods=[verb.method],
-                response_model=verb.answer,
-                name=verb.name,
-                description=verb.said,
-                tags=[tag],
-            )
+    for name, verb in all_verbs().items():
+        app.add_api_route(
+            verb.path,
+            _route(daemon, verb),
+            methods=[verb.method],
+            response_model=verb.answer,
+            name=name,
+            description=verb.said,
+            tags=["commands" if verb.method == "POST" else "views"],
+        )
     app.include_router(_streams(daemon, off))
     if page is not None:
         app.mount(PAGE, StaticFiles(directory=page, html=True))
@@ -98,7 +97,7 @@ def create_app(daemon: Daemon, page: Path | None = None, off: OffThreads | None 
     return app
 
 
-def _route(daemon: Daemon, verb: Verb[Any, Any]) -> Callable[..., Awaitable[Response]]:
+def _route(daemon: Daemon, verb: Verb[..., Any, Any]) -> Callable[..., Awaitable[Response]]:
     """What answers one verb, with the parameters that FastAPI reads and describes; the answer is
     JSON already.
     """
@@ -109,9 +108,9 @@ def _route(daemon: Daemon, verb: Verb[Any, Any]) -> Callable[..., Awaitable[Resp
 
     parameters = []
     if verb.asked is not Empty:
-        asked = verb.asked if verb.method == "POST" else Annotated[verb.asked, Query()]
+        asked = verb.schema if verb.method == "POST" else Annotated[verb.schema, Query()]
         parameters.append(Parameter("asked", Parameter.KEYWORD_ONLY, annotation=asked))
-    if verb.leased:
+    if isinstance(verb, Leased):
         parameters.append(
             Parameter("lease_token", Parameter.KEYWORD_ONLY, default="", annotation=LeaseToken)
         )
@@ -190,7 +189,7 @@ async def _until_gone(
 
 def _answer_errors(app: FastAPI) -> None:
     # The description is made when it is asked for.
-    paths = sorted({verb.path for verb in (*COMMANDS, *VIEWS, CARRIER)})
+    paths = sorted({verb.path for verb in all_verbs().values()})
 
     @app.exception_handler(HapticError)
     async def refused(request: Request, error: HapticError) -> JSONResponse:
@@ -201,11 +200,10 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        return refusal(
-            422, BadInputError("bad_request", f"{where}: {first['msg']}", "see /openapi.json")
-        )
+        fault = error.errors()[0]
+        fault["loc"] = fault["loc"][1:]  # without "body" or "query"
+        code = "out_of_range" if fault["type"] in BEYOND else "bad_request"
+        return refusal(422, BadInputError(code, problem(fault), "see /openapi.json"))
 
     @app.exception_handler(HTTPException)
     async def not_routed(request: Request, error: HTTPException) -> JSONResponse:

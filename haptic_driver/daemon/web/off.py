@@ -11,20 +11,20 @@ from queue import SimpleQueue
 from typing import Any
 
 from haptic_driver.daemon.daemon import Daemon
-from haptic_driver.daemon.verbs import COMMANDS, Empty, Verb
+from haptic_driver.daemon.verbs import Empty, Verb, all_verbs
 from haptic_driver.daemon.web.security import refusal
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.processes.started import start_thread
 
 OFF_THREADS = 8  # for switching off alone: it never waits for a thread that another request holds
-OFF_VERBS: dict[str, Verb[Any, Any]] = {verb.name: verb for verb in COMMANDS if verb.switches_off}
+OFF_VERBS = {name: verb for name, verb in all_verbs().items() if verb.switches_off}
 
 _PATHS = {verb.path: verb for verb in OFF_VERBS.values()}
 _LINE = re.compile(rb"(?:\r?\n)*([A-Z]+) (?:(?i:https?)://[^/?#\s]*)?(/[^/?#\s]*)/?[?#\s]")
 _SAID = {200: "OK", 409: "Conflict", 500: "Internal Server Error"}
 
 
-def begins_off(data: bytes) -> Verb[Any, Any] | None:
+def begins_off(data: bytes) -> Verb[..., Any, Any] | None:
     """The verb, where a request that begins with `data` switches off."""
     line = _LINE.match(data)
     verb = _PATHS.get(line[2].decode("latin-1")) if line else None

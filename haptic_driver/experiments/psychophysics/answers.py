@@ -23,7 +23,7 @@ GO_ON = "go on"
 class Client(Protocol):
     """What is asked of `haptic_driver.client.HapticClient`."""
 
-    def mark(self, label: str, data: dict[str, object] | None = None) -> Any:
+    def mark(self, label: str, data: dict[str, Any] = ...) -> Any:
         """A marker."""
 
     def events(self, since: int = 0) -> list[Event]:

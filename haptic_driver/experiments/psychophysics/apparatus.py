@@ -34,7 +34,7 @@ class Client(Protocol):
     def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
         """The newest ticks."""
 
-    def mark(self, label: str, data: dict[str, object] | None = None) -> Any:
+    def mark(self, label: str, data: dict[str, Any] = ...) -> Any:
         """A marker."""
 
     def status(self) -> Any:

@@ -119,6 +119,8 @@ def test_set_play_off_disarm(haptic, armed, control):
     ("command", "status", "code"),
     [
         (["set", "-1"], 2, "out_of_range"),
+        (["set", "-0.5e1"], 2, "out_of_range"),
+        (["set", "nan"], 2, "out_of_range"),
         (["set", "11"], 2, "out_of_range"),
         (["texture", "play", "linnen"], 2, "unknown_texture"),
         (["arm", "--lease", "0.001"], 2, "out_of_range"),

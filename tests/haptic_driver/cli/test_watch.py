@@ -22,7 +22,7 @@ def test_watch_in_a_pipe_is_json_lines(haptic, socket):
 
 def test_the_watch_picture_says_what_matters(control):
     lease = control.arm(60.0)
-    control.set_target(lease.token, 0.6)
+    control.set(lease.token, 0.6)
     frame = state_frame(control.status(), control.samples(0, 10))
     control.shown_off = False
     control.fail("by hand")

@@ -89,7 +89,8 @@ class BenchControl:
         controller = SimpleNamespace(quiet_above_hz=600.0)
         config = SimpleNamespace(controller=controller)
         settings = SimpleNamespace(config=config)
-        self.basis = SimpleNamespace(inquiry=self.inquiry, settings=settings)
+        self.basis = SimpleNamespace(inquiry=self.inquiry, settings=settings, why=self.ask_why)
+        self.targets = self
         self._lock = threading.RLock()
         self._tell("state", "idle")
 
@@ -177,7 +178,7 @@ class BenchControl:
             self._tell("target", texture or f"friction {cof:g}")
         return self.status()
 
-    def set_target(self, token, cof, *, nearest=False):
+    def set(self, token, cof, *, nearest=False):
         if not nearest and cof > 1.5:
             raise BadInputError("unreachable", f"friction {cof:g} is far out of reach", "--nearest")
         self._change("set", cof)

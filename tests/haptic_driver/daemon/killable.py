@@ -51,7 +51,7 @@ def go(daemon: Daemon) -> str:
                 daemon.reset()
             daemon.disarm()
             lease = daemon.arm(LEASE_S)
-            daemon.set_target(lease.token, FRICTION)
+            daemon.targets.set(lease.token, FRICTION)
             return lease.token
         except HapticError:
             time.sleep(0.05)

@@ -24,7 +24,8 @@ import pytest
 
 from haptic_driver.config import find_config
 from haptic_driver.daemon import recordings, supervision
-from haptic_driver.daemon.messages import DaemonState, TileRequest
+from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.daemon.verbs import TileRequest
 from haptic_driver.daemon.set_up import latency_budget_s
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.shared_memory import RING_SAMPLES
@@ -81,7 +82,8 @@ def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v)
     assert daemon.status().state is DaemonState.ARMED
     assert electrode_v() == 0.0
     for cof in (0.60, 0.68):
-        status = daemon.set_target(lease.token, cof)
+        daemon.targets.set(lease.token, cof)
+        status = daemon.status()
         assert (status.state, status.target_cof) == (DaemonState.RENDERING, cof)
         keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
 
@@ -122,7 +124,7 @@ def test_arming_waits_for_sensors_that_a_busy_machine_keeps_silent_for_a_moment(
 def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
     lease = daemon.arm(LEASE_S)
     for _ in range(10):
-        daemon.set_target(lease.token, 0.65)
+        daemon.targets.set(lease.token, 0.65)
         keep_rendering(daemon, lease.token, lambda: electrode_v() > 1.5)
         daemon.off()
         assert electrode_v() == 0.0
@@ -133,7 +135,7 @@ def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
 def test_an_output_that_is_off_has_no_voltage_whatever_render_said_last(daemon, monkeypatch):
     """Once the page said "output off" and 71.64 V in one line."""
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.65)
+    daemon.targets.set(lease.token, 0.65)
     last = keep_rendering(
         daemon, lease.token, lambda: (said := daemon.shared.output.read()).output_on and said
     )
@@ -151,12 +153,12 @@ def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes
     """7 for 0.7, at one load: that of the simulated finger differs from moment to moment."""
     lease = daemon.arm(LEASE_S)
     low, high = reachable = daemon.basis.settings.render.tick.controller.reachable(0.5)
-    monkeypatch.setattr(daemon._targets, "reach", lambda: (0.5, reachable))
+    monkeypatch.setattr(daemon.targets, "reach", lambda: (0.5, reachable))
     for cof in (7.0, 1.25 * high, 0.85 * low):
         with pytest.raises(
             BadInputError, match=r"far out of reach: 0\.\d+ to 1\.\d+ at 0\.\d+ N"
         ) as error:
-            daemon.set_target(lease.token, cof)
+            daemon.targets.set(lease.token, cof)
         assert error.value.code == "unreachable"
         assert "--nearest" in error.value.hint
     assert daemon.status().state is DaemonState.ARMED
@@ -164,11 +166,13 @@ def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes
     mostly_far = tmp_path / "far.toml"
     mostly_far.write_text('kind = "uniform"\ncof = 4.0\n')
     with pytest.raises(BadInputError, match=r"most of .*far\.toml, 4 to 4, is far out of reach"):
-        daemon.play(lease.token, str(mostly_far))
+        daemon.targets.play(lease.token, str(mostly_far))
     assert refusal(daemon.set_target, "mine", 7.0).code == "not_yours"  # and is not told the range
     assert electrode_v() == 0.0
-    assert daemon.set_target(lease.token, 0.93 * low).state is DaemonState.RENDERING
-    assert daemon.set_target(lease.token, 7.0, nearest=True).target_cof == 7.0
+    daemon.targets.set(lease.token, 0.93 * low)
+    assert daemon.status().state is DaemonState.RENDERING
+    daemon.targets.set(lease.token, 7.0, nearest=True)
+    assert daemon.status().target_cof == 7.0
 
 
 def test_a_lost_client_takes_the_output_to_zero_and_the_lease_away(daemon, electrode_v):
@@ -200,7 +204,7 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, surface_fi
         )
         lease = daemon.arm(LEASE_S)
         assert refusal(daemon.use_model, "reference").code == "not_idle"
-        daemon.set_target(lease.token, 0.65)
+        daemon.targets.set(lease.token, 0.65)
 
         def learnt(is_more=is_more):
             """The finger's gain over a second of sliding: above 1 with one model, about 1 with the
@@ -221,7 +225,7 @@ def test_another_fingers_model_is_used_from_then_on(daemon, settings, surface_fi
     assert not daemon.use_model("reference", 150.0, feedback=False).feedback
     assert daemon.pids["observer"] == observer  # the same finger on another carrier
     lease = daemon.arm(2.0)
-    daemon.set_target(lease.token, 0.65)
+    daemon.targets.set(lease.token, 0.65)
     keep_rendering(daemon, lease.token, lambda: daemon.status().frequency_hz == 150.0)
     keep_rendering(
         daemon, lease.token, lambda: set(daemon.samples(0, 100)["feedback_gain"]) == {1.0}
@@ -387,7 +391,7 @@ def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(
     path = small_disk / "run.h5"
     since = max(event.number for event in daemon.events(0))
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.6)
+    daemon.targets.set(lease.token, 0.6)
     daemon.record(str(path))
     keep_rendering(daemon, lease.token, lambda: read_run(path).samples.size > 500)
     with suppress(OSError):  # the recorder may have taken what was free
@@ -432,7 +436,7 @@ def test_nothing_is_rendered_without_the_lease(daemon, electrode_v):
     assert refusal(daemon.arm, 2.0).code == "already_armed"
     assert refusal(daemon.reset).code == "no_fault"
     with pytest.raises(BadInputError, match="there is no texture 'gratin'"):
-        daemon.play(lease.token, "gratin")
+        daemon.targets.play(lease.token, "gratin")
     assert daemon.status().state is DaemonState.ARMED
     assert electrode_v() == 0.0
 
@@ -441,7 +445,8 @@ def test_textures_are_swapped_while_they_play_and_can_be_drawn(daemon):
     lease = daemon.arm(LEASE_S)
     assert {"grating", "sandpaper", "steps"} <= set(daemon.textures())
     for name in ("grating", "sandpaper", "linen", "steps", "grating"):
-        status = daemon.play(lease.token, name)
+        daemon.targets.play(lease.token, name)
+        status = daemon.status()
         assert (status.state, status.texture) == (DaemonState.RENDERING, name)
         daemon.renew(lease.token)
     drawn = daemon.texture_map()
@@ -516,7 +521,7 @@ def test_status_says_what_latency_is_made_of(daemon, rig_config):
 
 def test_a_trip_of_the_amplifier_is_a_fault_until_it_is_reset(daemon, electrode_v):
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.65)
+    daemon.targets.set(lease.token, 0.65)
     keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
     lines = Lines(TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"]))
     lines.write(False)  # somebody presses the E-stop
@@ -546,7 +551,7 @@ def test_markers_of_a_script_are_told_when_they_pass(daemon, tmp_path):
     new = since(daemon)
     lease = daemon.arm(LEASE_S)
     began_s = time.monotonic()
-    daemon.play(lease.token, str(script))
+    daemon.targets.play(lease.token, str(script))
     keep_rendering(daemon, lease.token, lambda: len(new("marker")) >= 2)
     markers = new("marker")
     assert [marker.message for marker in markers] == ["begin", "second block"]
@@ -554,7 +559,7 @@ def test_markers_of_a_script_are_told_when_they_pass(daemon, tmp_path):
     assert second_s - begin_s == pytest.approx(0.4)
     assert begin_s >= began_s
     assert all(marker.time_s >= marker.data["due_s"] for marker in markers)
-    daemon.set_target(lease.token, 0.6)  # the script is over, and so are its markers
+    daemon.targets.set(lease.token, 0.6)  # the script is over, and so are its markers
     assert len(new("marker")) == 2
 
 
@@ -565,7 +570,7 @@ def test_a_finger_that_is_another_than_the_surfaces_is_told_once_per_fifth(daemo
     try:
         new = since(daemon)
         lease = daemon.arm(LEASE_S)
-        daemon.set_target(lease.token, 1.0)
+        daemon.targets.set(lease.token, 1.0)
         keep_rendering(daemon, lease.token, lambda: new("drift"))
         first = new("drift")[0].data["gain"]
         assert first > 1.2

@@ -17,8 +17,8 @@ RIG = "simulated-envelope"
 def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, history):
     assert daemon.status().actuator == "analog envelope"
     lease = daemon.arm(LEASE_S)
-    status = daemon.play(lease.token, "grating")
-    assert status.state is DaemonState.RENDERING
+    daemon.targets.play(lease.token, "grating")
+    assert daemon.status().state is DaemonState.RENDERING
     interval_s = daemon.basis.settings.config.output.setpoint_interval_s
 
     def moves():
@@ -42,7 +42,7 @@ def test_the_electrode_follows_every_tick_and_not_only_every_set_point(daemon, h
 
 def test_it_renders_the_voltage_that_render_asks_for(daemon, history):
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.66)
+    daemon.targets.set(lease.token, 0.66)
 
     def agrees():
         """The electrode now, and what was asked for within the last 20 ms."""
@@ -61,7 +61,7 @@ def test_a_lost_client_takes_the_envelope_to_zero(daemon, history):
 
 def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daemon, history):
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.66)
+    daemon.targets.set(lease.token, 0.66)
     keep_rendering(
         daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0]
     )
@@ -71,13 +71,13 @@ def test_instruments_that_die_are_a_fault_and_come_back_with_their_envelope(daem
     reset(daemon)
     began_s = time.monotonic()
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.66)
+    daemon.targets.set(lease.token, 0.66)
     keep_rendering(daemon, lease.token, lambda: [v for _, v in history(began_s) if v > 10.0])
 
 
 def test_a_writer_that_dies_is_a_fault_at_zero_and_comes_back(daemon, history):
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.66)
+    daemon.targets.set(lease.token, 0.66)
     keep_rendering(
         daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0]
     )
@@ -88,14 +88,14 @@ def test_a_writer_that_dies_is_a_fault_at_zero_and_comes_back(daemon, history):
     reset(daemon)
     began_s = time.monotonic()
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.66)
+    daemon.targets.set(lease.token, 0.66)
     keep_rendering(daemon, lease.token, lambda: [v for _, v in history(began_s) if v > 10.0])
 
 
 def test_a_writer_that_stands_still_takes_the_output_away(daemon, history):
     began_s = time.monotonic()
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.66)
+    daemon.targets.set(lease.token, 0.66)
     keep_rendering(daemon, lease.token, lambda: [v for _, v in history(began_s) if v > 10.0])
     os.kill(daemon.pids["envelope"], signal.SIGSTOP)
     try:
@@ -109,7 +109,7 @@ def test_a_writer_that_stands_still_takes_the_output_away(daemon, history):
 
 def test_an_envelope_that_runs_dry_is_counted_flagged_and_told(daemon, history):
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.66)
+    daemon.targets.set(lease.token, 0.66)
     began_s = time.monotonic()  # the end of an envelope of zeros, under a lifted finger, is no gap
     keep_rendering(daemon, lease.token, lambda: [v for t, v in history(began_s)[-1:] if v > 10.0])
     before, last = daemon.status().underruns, daemon.events(0)[-1].number

@@ -57,7 +57,9 @@ def _record(rig, surface_file, path):
 
         def plays():
             with suppress(BadInputError):  # a busy machine may be longer over it than is waited for
-                return daemon.play(lease.token, "linen")
+                daemon.targets.play(lease.token, "linen")
+                return True
+            return False
 
         def judged():
             found = daemon.status().fidelity

@@ -237,7 +237,7 @@ CASES = [(which, what) for which in WRONG_OF for what in (*WRONG, *WRONG_OF[whic
 
 def render(daemon, history):
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.65)
+    daemon.targets.set(lease.token, 0.65)
     keep_rendering(daemon, lease.token, lambda: history()[-1][1] > 10.0)
 
 

@@ -168,7 +168,7 @@ def render(daemon, served):
                 case DaemonState.FAULT:
                     daemon.reset()
                 case DaemonState.IDLE:
-                    daemon.set_target(daemon.arm(LEASE_S).token, RESTING)
+                    daemon.targets.set(daemon.arm(LEASE_S).token, RESTING)
         return served.amplifier.voltage_v > 20.0
 
     until(there, daemon.status)

@@ -66,7 +66,7 @@ def lose_the_client(daemon, renders):
         lease = daemon.arm(2.0)
         has_rendered = False
         with suppress(RefusedError):  # that machine may have lost the lease before
-            daemon.set_target(lease.token, 0.65)
+            daemon.targets.set(lease.token, 0.65)
             has_rendered = keep_rendering(daemon, lease.token, renders)
         if let_go(daemon).state is DaemonState.FAULT:
             reset(daemon)

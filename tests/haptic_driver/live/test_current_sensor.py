@@ -46,7 +46,7 @@ def settings(surface_file, tmp_path):
 def test_feedback_goes_by_the_current_where_there_is_no_force_sensor(settings):
     with Daemon(settings) as daemon:
         lease = daemon.arm(LEASE_S)
-        daemon.set_target(lease.token, 0.6)
+        daemon.targets.set(lease.token, 0.6)
 
         def learnt():
             """That friction is known, at loads told by the current, and that feedback has learnt of

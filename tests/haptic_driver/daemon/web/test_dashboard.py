@@ -7,7 +7,6 @@ from datetime import datetime
 
 import pytest
 
-from haptic_driver.daemon import verbs
 from haptic_driver.daemon.messages import AgreementCell
 from haptic_driver.processes.samples import Flag
 from haptic_driver.textures.bands import EDGES_HZ
@@ -267,7 +266,6 @@ def test_a_model_is_chosen_and_a_recording_begun_and_ended(page, served, control
     ]
 
 
-@pytest.mark.skipif(not hasattr(verbs, "MARK"), reason="this daemon takes no markers")
 def test_notes_and_markers_are_among_the_events(page, control):
     page.fill("#note", "the finger was wiped")
     page.click("#mark button")
