@@ -1,10 +1,10 @@
-"""The reference pages of `docs/`, written from the program itself: `python docs/reference.py`.
+"""What is written from the program itself: `python docs/reference.py`.
 
-`configuration.md` comes from the records that read the files, `api.md` from the daemon's OpenAPI,
-`python.md` from `examples/`, one table of `investigation.md` from the effects, and figure and
-tables of `processes.md` from `processes/started.py`. What a key means in words stands in the
-comments of `configs/rigs/template.toml`, and in `docs/keys.toml` for what that file does not show.
-A test fails when a page is out of date. Needs a checkout, not only the package.
+The tables of `configuration.md` come from the records that read the files, those of `api.md` from
+the daemon's OpenAPI, the examples of `python.md` from `examples/`, and one table of
+`investigation.md` from the effects. The comments of `configs/rigs/template.toml` are the
+descriptions of its keys. What stands between is written by hand. A test fails when something is out
+of date. Needs a checkout, not only the package.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import ast
 import json
 import math
 import re
-import tomllib
-from collections.abc import Callable, Iterator, Sequence
+import textwrap
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, cast
@@ -35,8 +35,9 @@ from model.parameters import SPECIFICATION
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-GENERATED = "<!-- Written by `python docs/reference.py`. Change its source, not this page. -->"
-GENERATED_TABLE = GENERATED.replace("page", "table")
+TEMPLATE = ROOT / "configs" / "rigs" / "template.toml"
+COMMENT_COLUMN = 38
+WIDTH = 120
 
 Schema = dict[str, Any]
 
@@ -65,84 +66,116 @@ UNITS = {
 }
 
 
-def pages() -> dict[str, str]:
-    """The text of every generated page, by its name in `docs/`."""
+def texts() -> dict[Path, str]:
+    """What every file with generated parts should hold."""
+    parts = {
+        "configuration.md": configuration(),
+        "api.md": api(),
+        "python.md": {"examples": examples()},
+        "investigation.md": {"interventions": interventions()},
+        "processes.md": processes(),
+    }
+    found = {DOCS / name: filled((DOCS / name).read_text("utf-8"), p) for name, p in parts.items()}
+    return found | {TEMPLATE: commented(TEMPLATE.read_text("utf-8"), RigConfig.model_json_schema())}
+
+
+def filled(page: str, parts: dict[str, str]) -> str:
+    """A page with its generated parts as they should be; ValueError where it has no place for
+    one.
+    """
+    for name, text in parts.items():
+        begin, end = f"<!-- {name}: by `python docs/reference.py` -->", f"<!-- end of {name} -->"
+        before, found, rest = page.partition(begin)
+        _, ended, after = rest.partition(end)
+        if not (found and ended):
+            raise ValueError(f"no place for {name}: {begin} ... {end}")
+        page = f"{before}{begin}\n\n{text}\n\n{end}{after}"
+    return page
+
+
+def configuration() -> dict[str, str]:
+    """What every file of `configs/` may say."""
+    found = {
+        "rigs": _sections(RigConfig.model_json_schema()),
+        "models": _model_tables(),
+        "textures": _variants(TypeAdapter(Description).json_schema()),
+        "plans": _sections(PlanFile.model_json_schema()),
+        "experiments": _sections(ExperimentFile.model_json_schema()),
+        "populations": _sections(StudyPlan.model_json_schema()),
+    }
+    return {name: "\n\n".join(filter(None, parts)) for name, parts in found.items()}
+
+
+def commented(template: str, schema: Schema) -> str:
+    """A TOML file with the description of each key as its comment; sections have blank lines
+    between them. A key with a default that is not there is added, commented out.
+    """
+    sections = template.strip().split("\n\n")
+    return "\n\n".join("\n".join(_commented(text, schema)) for text in sections) + "\n"
+
+
+def _commented(section: str, schema: Schema) -> Iterator[str]:
+    header = re.search(r"^\[+([\w.]+)\]", section, re.MULTILINE)
+    kind = re.search(r'^kind = "(\w+)"', section, re.MULTILINE)
+    keys = _keys(schema, header[1].split(".") if header else [], kind and kind[1])
+    for line in section.splitlines():
+        said = re.match(r"((?:# )?(\w+) = .*?)(?:\s+#.*)?$", line)
+        entry = keys.pop(said[2], {}) if said else {}
+        if said and "description" in entry:
+            yield from _line(said[1], entry["description"])
+        elif not re.match(r"\s+#", line):  # the rest of a comment
+            yield line
+    for name, entry in keys.items():
+        if "default" in entry and "description" in entry:
+            default = "..." if entry["default"] is None else json.dumps(entry["default"])
+            yield from _line(f"# {name} = {default}", entry["description"])
+
+
+def _line(key: str, description: str) -> list[str]:
+    """A key with its comment, which goes on below where it is long."""
+    first, more = f"{key}  ".ljust(COMMENT_COLUMN) + "# ", " " * COMMENT_COLUMN + "# "
+    wrapper = textwrap.TextWrapper(WIDTH, first, more, break_on_hyphens=False)
+    return wrapper.wrap(description)
+
+
+def _keys(schema: Schema, path: list[str], kind: str | None) -> Schema:
+    """The keys of the section at a path."""
+    definitions, found = schema.get("$defs", {}), schema
+    for name in path:
+        tables = _tables_in(found["properties"][name], definitions)
+        found = next((t for t in tables if _kind(t) == kind), tables[0])
     return {
-        "configuration.md": configuration_page(),
-        "api.md": api_page(),
-        "python.md": python_page(),
-        "investigation.md": investigation_page(),
-        "processes.md": processes_page(),
+        name: entry
+        for name, entry in found["properties"].items()
+        if not _tables_in(entry, definitions)
     }
 
 
-def configuration_page() -> str:
-    """What every file of `configs/` may say."""
-    words = _words()
-    rig_words = {**_template_comments(ROOT / "configs" / "rigs" / "template.toml"), **words["rig"]}
-    parts = [
-        "# Configuration: every key of every file",
-        GENERATED,
-        words["introduction"].strip(),
-        "## Rigs: `configs/rigs/NAME.toml`",
-        words["rigs"].strip(),
-        *_sections(RigConfig.model_json_schema(), rig_words),
-        "## Models: `configs/models/NAME.toml`",
-        words["models"].strip(),
-        *_model_tables(),
-        "## Textures: `configs/textures/NAME.toml`",
-        words["textures"].strip(),
-        *_variants(TypeAdapter(Description).json_schema(), words["texture"]),
-        "## Measurement plans: `configs/plans/NAME.toml`",
-        *_sections(PlanFile.model_json_schema(), words["plan"]),
-        "## Experiments: `configs/experiments/NAME.toml`",
-        words["experiments"].strip(),
-        *_sections(ExperimentFile.model_json_schema(), words["experiment"]),
-        "## Populations of fingers: `configs/populations/NAME.toml`",
-        *_sections(StudyPlan.model_json_schema(), words["population"]),
-    ]
-    return "\n\n".join(parts) + "\n"
+def _kind(table: Schema) -> str | None:
+    return cast("str | None", table["properties"].get("kind", {}).get("const"))
 
 
-def _words() -> dict[str, Any]:
-    """What no record and no template says."""
-    return tomllib.loads((DOCS / "keys.toml").read_text(encoding="utf-8"))
-
-
-def _template_comments(path: Path) -> dict[str, str]:
-    """`section.key` -> the comment on its line, of a TOML file; comments that go on are cut at
-    their first line.
-    """
-    words, section = {}, ""
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if header := re.match(r"\[+([\w.]+)\]", line):
-            section = header[1] + "."
-        elif said := re.match(r"(?:# )?(\w+) = .*?\s#\s*(.+)$", line):
-            words[section + said[1]] = said[2].strip().rstrip(",;")
-    return words
-
-
-def _sections(schema: Schema, words: dict[str, str], path: str = "") -> Iterator[str]:
+def _sections(schema: Schema, path: str = "") -> Iterator[str]:
     """A table of the keys of a file or section, then the sections inside it."""
     definitions = schema.get("$defs", {})
     yield _said(schema.get("description", ""))
-    yield _table(schema, definitions, words, path)
+    yield _table(schema, definitions, path)
     for name, entry in schema["properties"].items():
         inner = f"{path}{name}"
         for found in _tables_in(entry, definitions):
-            kind = found["properties"].get("kind", {}).get("const")
             table = f"[[{inner}]]" if entry.get("type") == "array" else f"[{inner}]"
+            kind = _kind(found)
             yield f"### `{table}`" + (f' with `kind = "{kind}"`' if kind else "")
-            yield from _sections({**found, "$defs": definitions}, words, f"{inner}.")
+            yield from _sections({**found, "$defs": definitions}, f"{inner}.")
 
 
-def _variants(schema: Schema, words: dict[str, str]) -> Iterator[str]:
+def _variants(schema: Schema) -> Iterator[str]:
     """A table for each kind of a union."""
     definitions = schema["$defs"]
     for branch in schema["anyOf"]:
         found = definitions[branch["$ref"].rpartition("/")[2]]
-        yield f'### `kind = "{found["properties"]["kind"]["const"]}"`'
-        yield from _sections({**found, "$defs": definitions}, words)
+        yield f'### `kind = "{_kind(found)}"`'
+        yield from _sections({**found, "$defs": definitions})
 
 
 def _tables_in(entry: Schema, definitions: Schema) -> list[Schema]:
@@ -163,22 +196,23 @@ def _tables_in(entry: Schema, definitions: Schema) -> list[Schema]:
     return [found for branch in inside for found in _tables_in(branch, definitions)]
 
 
-def _table(schema: Schema, definitions: Schema, words: dict[str, str], path: str) -> str:
+def _table(schema: Schema, definitions: Schema, path: str) -> str:
     """One row per key; KeyError where nothing says what a key means."""
     needed = schema.get("required", [])
     rows = ["| key | type and range | unit | default | meaning |", "|---|---|---|---|---|"]
     for name, entry in schema["properties"].items():
         if name == "kind" or _tables_in(entry, definitions):
             continue
-        key = path + name
-        default = "required" if name in needed else _value(entry.get("default"))
-        about = words.get(key) or words.get(name) or ""
-        if not about:
-            raise KeyError(
-                f"{key}: give its meaning in docs/keys.toml or configs/rigs/template.toml"
-            )
-        rows.append(f"| `{name}` | {_type(entry)} | {_unit(name)} | {default} | {_cell(about)} |")
+        if "description" not in entry:
+            raise KeyError(f"{path}{name}: give its field a description")
+        rows.append(_row(name, entry, "required" if name in needed else ""))
     return "\n".join(rows) if len(rows) > 2 else "No keys of its own." if path else ""
+
+
+def _row(name: str, entry: Schema, needed: str, null: str = "") -> str:
+    default = needed or _value(entry.get("default"))
+    about = _cell(entry.get("description", ""))
+    return f"| `{name}` | {_type(entry)}{null} | {_unit(name)} | {default} | {about} |"
 
 
 def _type(entry: Schema) -> str:
@@ -271,24 +305,25 @@ def _prior(parameter: EffectParameter) -> str:
     return f"{parameter.median:g} ± {parameter.std:g}"
 
 
-def investigation_page() -> str:
-    """The page as it stands, with its table of interventions as effects have it."""
+def interventions() -> str:
+    """What somebody may do at a rig, and what it takes away."""
     rows = ["| intervention | what to do | what is gone then |", "|---|---|---|"]
     for known in INTERVENTIONS:
         gone = ", ".join(f"`{name}`" for name in removed(known.name))
         rows.append(f"| `{known.name}` | {_cell(known.todo)} | {gone} |")
-    return _with_tables("investigation.md", ["\n".join(rows)])
+    return "\n".join(rows)
 
 
-def processes_page() -> str:
-    """The page as it stands, with figure and tables of processes, threads and memory."""
-    tables = [
-        _parts_table(kind, place, parts)
-        for kind, place, parts in (("process", "child of", PROCESSES), ("thread", "in", THREADS))
-    ]
+def processes() -> dict[str, str]:
+    """Figure and tables of processes, threads and memory."""
     rows = ["| memory | its only writer | in | what |", "|---|---|---|---|"]
     rows += [f"| `{m.name}` | {m.writer} | `{m.file}` | {m.content} |" for m in MEMORY]
-    return _with_tables("processes.md", [_processes_figure(), *tables, "\n".join(rows)])
+    return {
+        "figure": _processes_figure(),
+        "processes": _parts_table("process", "child of", PROCESSES),
+        "threads": _parts_table("thread", "in", THREADS),
+        "memory": "\n".join(rows),
+    }
 
 
 def _parts_table(kind: str, place: str, parts: Sequence[Part]) -> str:
@@ -314,33 +349,19 @@ def _processes_figure() -> str:
     return "\n".join(["```text", *lines, "```"])
 
 
-def _with_tables(name: str, tables: Sequence[str]) -> str:
-    """A page as it stands, but for what comes behind each mark up to the next empty line."""
-    before, *rest = (DOCS / name).read_text(encoding="utf-8").split(GENERATED_TABLE + "\n\n")
-    page = before
-    for table, old in zip(tables, rest, strict=True):
-        page += f"{GENERATED_TABLE}\n\n{table}\n\n" + old.partition("\n\n")[2]
-    return page
-
-
-def api_page() -> str:
+def api() -> dict[str, str]:
     """What the daemon's HTTP API takes and answers."""
     # Only the description is wanted: nothing calls the daemon behind it.
     described = create_app(cast(Daemon, None)).openapi()
-    words = _words()["api"]
-    parts = ["# The daemon's HTTP API", GENERATED, words["introduction"].strip(), "## Requests"]
+    requests: list[str] = []
     for path, methods in described["paths"].items():
         for method, operation in methods.items():
-            parts += _operation(f"{method.upper()} {path}", operation)
-    parts += ["## Streams", words["streams"].strip(), "## Records"]
-    schemas = described["components"]["schemas"]
-    for name in sorted(schemas):
-        parts += [
-            f"### {name}",
-            _said(schemas[name].get("description", "")),
-            _fields(schemas[name]),
-        ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+            requests += _operation(f"{method.upper()} {path}", operation)
+    records: list[str] = []
+    for name, schema in sorted(described["components"]["schemas"].items()):
+        records += [f"### {name}", _said(schema.get("description", "")), _fields(schema)]
+    parts = {"requests": requests, "records": records}
+    return {name: "\n\n".join(filter(None, texts)) for name, texts in parts.items()}
 
 
 def _operation(title: str, operation: Schema) -> Iterator[str]:
@@ -365,32 +386,24 @@ def _fields(schema: Schema) -> str:
     if "properties" not in schema:
         return f"Type: {_type(schema)}."
     needed = schema.get("required", [])
-    rows = ["| field | type and range | unit | default |", "|---|---|---|---|"]
+    rows = ["| field | type and range | unit | default | meaning |", "|---|---|---|---|---|"]
     for name, entry in schema["properties"].items():
-        nullable = (
-            " or `null`" if any(b.get("type") == "null" for b in entry.get("anyOf", [])) else ""
-        )
-        default = "always there" if name in needed else _value(entry.get("default"))
-        rows.append(f"| `{name}` | {_type(entry)}{nullable} | {_unit(name)} | {default} |")
+        null = " or `null`" if {"type": "null"} in entry.get("anyOf", []) else ""
+        rows.append(_row(name, entry, "always there" if name in needed else "", null))
     return "\n".join(rows)
 
 
-def python_page() -> str:
+def examples() -> str:
     """The numbered examples, each with the words at its top."""
-    words = _words()["python"]
-    parts = ["# Python: the same from a script", GENERATED, words["introduction"].strip()]
+    parts = []
     for path in sorted((ROOT / "examples").glob("[0-9]*.py")):
         source = path.read_text(encoding="utf-8")
         said = ast.get_docstring(ast.parse(source)) or ""
         title, _, text = said.partition("\n\n")
         code = source.split('"""', 2)[2].strip()
-        parts += [
-            f"## {title.rstrip('.')}",
-            f"`examples/{path.name}`",
-            text,
-            f"```python\n{code}\n```",
-        ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+        name = f"`examples/{path.name}`"
+        parts += [f"## {title.rstrip('.')}", name, text, f"```python\n{code}\n```"]
+    return "\n\n".join(filter(None, parts))
 
 
 def _said(text: str) -> str:
@@ -402,13 +415,9 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def main(
-    write: Callable[[str, str], object] = lambda name, text: (DOCS / name).write_text(
-        text, "utf-8"
-    ),
-) -> None:
-    for name, text in pages().items():
-        write(name, text)
+def main() -> None:
+    for path, text in texts().items():
+        path.write_text(text, "utf-8")
 
 
 if __name__ == "__main__":

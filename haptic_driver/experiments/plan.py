@@ -90,11 +90,19 @@ class Sweep(Section):
     where the rig's limits ask for it.
     """
 
-    frequency_hz: Annotated[Frequencies, BeforeValidator(_spread)]
-    voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=100.0)] = 5.0
-    normal_force_n: Loads = [0.5]  # noqa: RUF012
-    speed_m_s: Speeds = [0.02]  # noqa: RUF012
-    finger: Fingers = ["resting", "sliding"]  # noqa: RUF012
+    frequency_hz: Annotated[Frequencies, BeforeValidator(_spread)] = Field(
+        description=(
+            "a list, or `{ low, high, per_decade }` to be spread evenly on a logarithmic axis"
+        )
+    )
+    voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=100.0)] = Field(
+        default=5.0, description="the highest; less where the rig's limits ask for it"
+    )
+    normal_force_n: Loads = Field(default=[0.5], description="one number or a list")
+    speed_m_s: Speeds = Field(default=[0.02], description="one number or a list")
+    finger: Fingers = Field(
+        default=["resting", "sliding"], description="one or a list; `none` is the open circuit"
+    )
 
     def settings(self) -> Iterator[Setting]:
         """One spectrum after the other."""
@@ -113,26 +121,42 @@ def _known_intervention(name: str) -> str:
 
 
 class _Procedure(Section):
-    """How settings are measured. `voltage_off_every` n: a row without voltage before every n rows;
-    0 for none.
+    """How settings are measured: a row settles, is averaged, and is over after a pause."""
 
-    A row lasts `settle_s`, then `average_s` over which friction is averaged, then `pause_s` with
-    the finger lifted. `load_tolerance` is the share of its load by which a row's mean may miss it.
-    `intervention` is done before the first row, and kept up; see `model.effects.interventions`.
-    """
-
-    name: str
-    about: str = ""
-    repeats: Annotated[int, Field(ge=1, le=1000)] = 1
-    sessions: Annotated[int, Field(ge=1, le=1000)] = 1
-    randomise: bool = True
-    seed: Annotated[int, Field(ge=0)] = 1
-    voltage_off_every: Annotated[int, Field(ge=0)] = 0
-    settle_s: Annotated[FiniteFloat, Field(ge=0.1, le=600.0)] = 0.75
-    average_s: Annotated[FiniteFloat, Field(ge=0.25, le=60.0)] = 1.0
-    pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=3600.0)] = 1.0
-    load_tolerance: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = 0.1
-    intervention: Annotated[str, AfterValidator(_known_intervention)] = NOTHING
+    name: str = Field(description="written into the data file")
+    about: str = Field(default="", description="in words")
+    repeats: Annotated[int, Field(ge=1, le=1000)] = Field(
+        default=1, description="of every setting in each session"
+    )
+    sessions: Annotated[int, Field(ge=1, le=1000)] = Field(
+        default=1, description="how often all of it is measured"
+    )
+    randomise: bool = Field(default=True, description="a random order, the same for the same seed")
+    seed: Annotated[int, Field(ge=0)] = Field(
+        default=1, description="of the order and, on a simulated rig, of the noise"
+    )
+    voltage_off_every: Annotated[int, Field(ge=0)] = Field(
+        default=0, description="a row without voltage before every so many rows; 0: none"
+    )
+    settle_s: Annotated[FiniteFloat, Field(ge=0.1, le=600.0)] = Field(
+        default=0.75, description="before friction is averaged"
+    )
+    average_s: Annotated[FiniteFloat, Field(ge=0.25, le=60.0)] = Field(
+        default=1.0, description="over which friction is averaged"
+    )
+    pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=3600.0)] = Field(
+        default=1.0, description="with the finger lifted, after every row"
+    )
+    load_tolerance: Annotated[FiniteFloat, Field(ge=0.01, le=1.0)] = Field(
+        default=0.1, description="a share of the load by which the mean of a row may miss it"
+    )
+    intervention: Annotated[str, AfterValidator(_known_intervention)] = Field(
+        default=NOTHING,
+        description=(
+            "what somebody does at the rig before the first row, and keeps up ([what "
+            "removes what](investigation.md))"
+        ),
+    )
 
 
 class PlanFile(_Procedure):
@@ -143,14 +167,30 @@ class PlanFile(_Procedure):
     time.
     """
 
-    frequency_hz: Frequencies | None = None
-    voltage_v: Voltages | None = None
-    normal_force_n: Loads | None = None
-    speed_m_s: Speeds | None = None
-    voltage_offset_v: Offsets | None = None
-    waveform: Waveforms | None = None
-    time_s: Times | None = None
-    points: Annotated[list[dict[str, Any]], Field(min_length=1)] | None = None
+    frequency_hz: Frequencies | None = Field(
+        default=None, description="one number or a list of them"
+    )
+    voltage_v: Voltages | None = Field(
+        default=None, description="one number or a list; 0 is friction without voltage"
+    )
+    normal_force_n: Loads | None = Field(default=None, description="one number or a list")
+    speed_m_s: Speeds | None = Field(default=None, description="one number or a list")
+    voltage_offset_v: Offsets | None = Field(
+        default=None, description="a bias beside the amplitude; one number or a list"
+    )
+    waveform: Waveforms | None = Field(
+        default=None, description="one or a list; `dc` is a direct voltage of `voltage_v`"
+    )
+    time_s: Times | None = Field(
+        default=None,
+        description=(
+            "when in its session the middle of a row's window lies; left out: whenever its turn is"
+        ),
+    )
+    points: Annotated[list[dict[str, Any]], Field(min_length=1)] | None = Field(
+        default=None,
+        description="blocks of levels; each takes the lists above for what it does not say",
+    )
     sweep: list[Sweep] = []  # noqa: RUF012
 
     def blocks(self) -> list[dict[str, Any]]:

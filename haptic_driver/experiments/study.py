@@ -61,38 +61,56 @@ PERCENTILES = (5, 25, 50, 75, 95)
 class _Grid(Checked):
     """Points of each finger's surface."""
 
-    frequency_count: Annotated[int, Field(ge=4, le=400)] = 61
-    voltage_count: Annotated[int, Field(ge=4, le=400)] = 61
-    normal_force_count: Annotated[int, Field(ge=4, le=40)] = 5
+    frequency_count: Annotated[int, Field(ge=4, le=400)] = Field(
+        default=61, description="points along frequency"
+    )
+    voltage_count: Annotated[int, Field(ge=4, le=400)] = Field(
+        default=61, description="points along voltage"
+    )
+    normal_force_count: Annotated[int, Field(ge=4, le=40)] = Field(
+        default=5, description="points along normal force"
+    )
 
 
 class _At(Checked):
     """The condition at which every finger is compared."""
 
-    frequency_hz: Annotated[FiniteFloat, Field(ge=1.0, le=1e6)] = 250.0
-    voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=1000.0)] = 75.0
-    normal_force_n: Annotated[FiniteFloat, Field(ge=0.1, le=2.0)] = 0.5
+    frequency_hz: Annotated[FiniteFloat, Field(ge=1.0, le=1e6)] = Field(
+        default=250.0, description="where fingers are compared"
+    )
+    voltage_v: Annotated[FiniteFloat, Field(gt=0.0, le=1000.0)] = Field(
+        default=75.0, description="where fingers are compared"
+    )
+    normal_force_n: Annotated[FiniteFloat, Field(ge=0.1, le=2.0)] = Field(
+        default=0.5, description="where fingers are compared"
+    )
 
 
 class StudyPlan(Checked):
-    """A study as its file says.
+    """A study as its file says."""
 
-    `spread`: standard deviation of the logarithm of each number that differs between fingers,
-    around the model's own; `levels`: numbers of the model set to each of several values, in every
-    combination, for every finger.
-    """
-
-    name: str
-    about: str = ""
-    model: str = "reference"
-    rig: str = "simulated"
-    fingers: Annotated[int, Field(ge=1)]
-    seed: Annotated[int, Field(ge=0)] = 1
-    spread: dict[str, Annotated[FiniteFloat, Field(ge=0.0, le=2.0)]] = BETWEEN_FINGERS
-    levels: dict[str, Annotated[list[FiniteFloat], Field(min_length=1)]] = {}  # noqa: RUF012 - pydantic copies it
+    name: str = Field(description="written into the results")
+    about: str = Field(default="", description="in words")
+    model: str = Field(default="reference", description="by name or path")
+    rig: str = Field(default="simulated", description="by name or path; its limits apply")
+    fingers: Annotated[int, Field(ge=1)] = Field(description="how many are drawn")
+    seed: Annotated[int, Field(ge=0)] = Field(default=1, description="of the draws")
+    spread: dict[str, Annotated[FiniteFloat, Field(ge=0.0, le=2.0)]] = Field(
+        default=BETWEEN_FINGERS,
+        description=(
+            "standard deviation of the logarithm of each number that differs between fingers"
+        ),
+    )
+    levels: dict[str, Annotated[list[FiniteFloat], Field(min_length=1)]] = Field(
+        default={},
+        description=(
+            "numbers of the model set to each of several values, in every "
+            "combination, for every finger"
+        ),
+    )
     surface: _Grid = _Grid()
     at: _At = _At()
-    keep_surfaces: bool = False
+    keep_surfaces: bool = Field(default=False, description="write every finger's surface")
 
     @property
     def combinations(self) -> list[dict[str, float]]:

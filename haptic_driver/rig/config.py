@@ -119,23 +119,40 @@ CurvePoint = Annotated[
 
 
 class LimitsConfig(Vouched):
-    """What the rig allows at the electrode; see `OperatingLimits`. `direct_voltage_v`: steady, bias
-    included.
-    """
+    """What the rig allows at the electrode; see `OperatingLimits`."""
 
-    voltage_v: Volts
+    voltage_v: Volts = Field(
+        description="highest peak amplitude, offset included; not above amplifier.voltage_limit_v"
+    )
     frequency_hz: Annotated[list[Hertz], Field(min_length=2, max_length=2)] = Field(
-        default=[1.0, 1e6]
+        default=[1.0, 1e6],
+        description=(
+            "[lowest, highest] carrier; with monitors on a card at most 0.4 of its sampling rate"
+        ),
     )
     contact_current_a_rms: Annotated[list[CurvePoint], Field(min_length=1)] = Field(
-        default=[list(point) for point in ICNIRP_PUBLIC_A_RMS]
+        default=[list(point) for point in ICNIRP_PUBLIC_A_RMS],
+        description="[Hz, A rms], rising in Hz",
     )
-    direct_voltage_v: DirectVolts = 0.0
+    direct_voltage_v: DirectVolts = Field(
+        default=0.0,
+        description=(
+            "steady voltage, bias included; 0 until somebody knows what finger and screen bear"
+        ),
+    )
     series_resistance_ohm: Annotated[
         float,
         Within(0.0, 10e6, "through more, an electrode of 100 pF follows no carrier above 160 Hz"),
-    ] = 0.0
-    panel_capacitance_f: Farads = 0.0
+    ] = Field(
+        default=0.0,
+        description="in the electrode's lead; bounds the current of the worst case; 0: unknown",
+    )
+    panel_capacitance_f: Farads = Field(
+        default=0.0,
+        description=(
+            "panel, wiring and amplifier output together; the current to charge it is checked"
+        ),
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> LimitsConfig:
@@ -174,25 +191,31 @@ Patience = Annotated[
 class SafetySettings(Section):
     """When the rig stops trusting its caller or its devices.
 
-    `lease_s`: output not refreshed for so long goes to zero. `beat_interval_s`: how often
-    heartbeats are beaten at most. `settle_s`: how long a set point may take to show on the monitor.
-    `monitor_tolerance` (a share) and `monitor_tolerance_v`, whichever allows more: how far the
-    monitor may be from what was commanded. `off_retry_s`: between attempts to get an output off
-    that did not say so. All judged, none from a source but the lease (500 ms,
-    `electrovibration-exp`).
+    All figures are judged, none is from a source but the lease (500 ms, `electrovibration-exp`).
     """
 
-    lease_s: Patience = 0.5
-    beat_interval_s: Patience = 0.05
-    settle_s: Patience = 0.15
+    lease_s: Patience = Field(
+        default=0.5, description="output that is not refreshed for so long goes to zero"
+    )
+    beat_interval_s: Patience = Field(
+        default=0.05,
+        description="heartbeats of interlock box and watchdog are at least so far apart",
+    )
+    settle_s: Patience = Field(
+        default=0.15, description="how long a set point may take to show on the voltage monitor"
+    )
     monitor_tolerance: Annotated[
         float,
         Within(1e-6, 0.5, "a monitor that is off by half tells nothing of what was commanded"),
-    ] = 0.1
+    ] = Field(
+        default=0.1, description="a share of the commanded voltage by which the monitor may differ"
+    )
     monitor_tolerance_v: Annotated[
         float, Within(1e-6, 50.0, "a finger feels as much, and what is left on would not be seen")
-    ] = 5.0
-    off_retry_s: Patience = 0.5
+    ] = Field(default=5.0, description="or so many volts at the electrode, whichever is more")
+    off_retry_s: Patience = Field(
+        default=0.5, description="between attempts to get an output off that did not say so"
+    )
 
 
 class ModulationInputConfig(Vouched):
@@ -200,39 +223,64 @@ class ModulationInputConfig(Vouched):
 
     full_scale_v: Annotated[
         float, Within(0.1, 10.0, "no generator's Modulation In takes less or more")
-    ]
+    ] = Field(description="input for the highest amplitude; minus that is nothing, 0 V is HALF")
     amplitude_at_full_scale: Annotated[
         float, Within(0.5, 4.0, "no generator's modulation goes to less or more")
-    ]
+    ] = Field(description="highest amplitude as a multiple of the programmed one: 1 or 2")
 
 
 class GeneratorConfig(Section):
     """The waveform generator and how to reach it."""
 
-    model: Annotated[str, AfterValidator(_installed_model)] = "agilent_33220a"
-    resource: Resource
-    visa_backend: str = "@py"
-    baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
+    model: Annotated[str, AfterValidator(_installed_model)] = Field(
+        default="agilent_33220a",
+        description='"agilent_33220a", "keysight_33500", "siglent_sdg", or one that you install',
+    )
+    resource: Resource = Field(
+        description=(
+            "how to reach it: `TCPIP::host::5025::SOCKET` (LAN), `TCPIP::host::inst0::INSTR`"
+            " (VXI-11), `USB0::…::INSTR`, `ASRL/dev/ttyUSB0::INSTR`, `GPIB0::10::INSTR`,"
+            " `visa:NAME` to send any of them through VISA, or `simulated`"
+        )
+    )
+    visa_backend: str = Field(
+        default="@py", description='of pyvisa: "@py" is pyvisa-py, "@ivi" an installed VISA library'
+    )
+    baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = Field(
+        default=115200, description="of a serial resource"
+    )
     reply_timeout_s: Annotated[
         float, Within(1e-3, 30.0, "no answer is sooner there, nor waited for longer")
-    ] = 1.0
-    range_policy: Literal["fixed", "auto"] = "fixed"
+    ] = Field(default=1.0, description="for one answer")
+    range_policy: Literal["fixed", "auto"] = Field(
+        default="fixed",
+        description=(
+            '"fixed": no relay switches; "auto": better accuracy, disturbed when it switches'
+        ),
+    )
     modulation_input: ModulationInputConfig | None = None
 
 
 class AnalogInputsConfig(Section):
-    """The card whose inputs read gauges and monitors, all in one task.
+    """The card whose inputs read gauges and monitors, all in one task."""
 
-    `monitor_window_s` is how far back a monitor looks for the peak: a period of the slowest carrier
-    or longer.
-    """
-
-    sample_rate_hz: Annotated[float, Within(1.0, 1e7, "no card is slower or faster")]
-    terminal: Literal["DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT"] = "DIFF"
-    range_v: Annotated[float, Within(0.01, 10.0, "ranges of cards are 10 mV to 10 V")] = 10.0
-    buffer_s: Seconds = 2.0
-    timeout_s: Seconds = 0.5
-    monitor_window_s: Patience = 0.02
+    sample_rate_hz: Annotated[float, Within(1.0, 1e7, "no card is slower or faster")] = Field(
+        description="per channel"
+    )
+    terminal: Literal["DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT"] = Field(
+        default="DIFF", description="DIFF, RSE, NRSE, PSEUDO_DIFF or DEFAULT"
+    )
+    range_v: Annotated[float, Within(0.01, 10.0, "ranges of cards are 10 mV to 10 V")] = Field(
+        default=10.0, description="+-"
+    )
+    buffer_s: Seconds = Field(default=2.0, description="how much is kept")
+    timeout_s: Seconds = Field(default=0.5, description="no call waits much longer")
+    monitor_window_s: Patience = Field(
+        default=0.02,
+        description=(
+            "monitors report the peak over so long; >= 1/lowest_carrier_hz, < safety.settle_s"
+        ),
+    )
 
 
 class NoInterlock(Section):
@@ -245,28 +293,30 @@ class InterlockBox(Section):
     """A heartbeat interlock box; see `hw.safety.interlock`."""
 
     kind: Literal["box"]
-    resource: Resource
+    resource: Resource = Field(description="serial port or socket of the box")
     reply_timeout_s: Annotated[
         float, Within(1e-3, 0.1, "the box is asked on the way to every set point")
-    ] = 0.05
+    ] = Field(default=0.05, description="for one answer of the box")
 
 
 class ModemLineInterlock(Section):
-    """RTS or DTR of a serial port as enable line; `looped_back` where a wire brings it back to CTS
-    or DSR.
-    """
+    """RTS or DTR of a serial port as enable line."""
 
     kind: Literal["modem_line"]
-    port: str
-    line: Literal["rts", "dtr"]
-    looped_back: bool
+    port: str = Field(description="serial port whose line it is")
+    line: Literal["rts", "dtr"] = Field(
+        description="which line: `rts` or `dtr` of a port, or a digital output of a card"
+    )
+    looped_back: bool = Field(description="true where a wire brings RTS back to CTS, DTR to DSR")
 
 
 class NiInterlock(Section):
     """A digital output of an NI card as enable line."""
 
     kind: Literal["ni"]
-    line: str
+    line: str = Field(
+        description="which line: `rts` or `dtr` of a port, or a digital output of a card"
+    )
 
 
 InterlockConfig = Annotated[
@@ -275,20 +325,25 @@ InterlockConfig = Annotated[
 
 
 class WatchdogConfig(Section):
-    """The process that switches off when the driver dies; see `hw.safety.watchdog`.
-
-    `generator` and `interlock` are connections of its own, `"none"` says plainly that there is no
-    watchdog.
+    """The process that switches off when the driver dies, over connections of its own; see
+    `hw.safety.watchdog`.
     """
 
-    generator: Resource
-    interlock: Resource | None = None
-    period_s: Patience = 0.5
-    reply_timeout_s: Patience = 0.3
-    retry_s: Patience = 0.2
+    generator: Resource = Field(
+        description='or "none", said plainly; never the driver\'s USB, GPIB or serial port'
+    )
+    interlock: Resource | None = Field(
+        default=None, description="a second way to the box, if it has one"
+    )
+    period_s: Patience = Field(
+        default=0.5,
+        description="without a beat for so long it switches off; not below safety.lease_s",
+    )
+    reply_timeout_s: Patience = Field(default=0.3, description="for one answer")
+    retry_s: Patience = Field(default=0.2, description="between attempts")
     give_up_s: Annotated[
         float, Within(0.1, 3600.0, "one attempt takes as long, and nobody waits for longer")
-    ] = 60.0
+    ] = Field(default=60.0, description="without evidence")
 
 
 StageSpeed = Annotated[float, Within(1e-6, 0.5, "no stage of this kind is faster")]
@@ -300,20 +355,20 @@ StageAcceleration = Annotated[
 class StageConfig(Section):
     """A Thorlabs LTS150; see `hw.stage.lts150.StageSettings`."""
 
-    resource: Resource
-    travel_m: Annotated[list[Metres], Field(min_length=2, max_length=2)]
-    velocity_m_s: StageSpeed
-    acceleration_m_s2: StageAcceleration
-    velocity_limit_m_s: StageSpeed
-    acceleration_limit_m_s2: StageAcceleration
+    resource: Resource = Field(description="serial port, or `simulated`")
+    travel_m: Annotated[list[Metres], Field(min_length=2, max_length=2)] = Field(
+        description="[lowest, highest] position"
+    )
+    velocity_m_s: StageSpeed = Field(description="of its moves")
+    acceleration_m_s2: StageAcceleration = Field(description="of its moves")
+    velocity_limit_m_s: StageSpeed = Field(description="nothing faster is ever asked for")
+    acceleration_limit_m_s2: StageAcceleration = Field(
+        description="nothing faster is ever asked for"
+    )
 
 
 class OutputConfig(Section):
-    """How commands reach the electrode.
-
-    `linger_s`: with nothing to put out the generator stays on, at its lowest, for so long after the
-    finger was there.
-    """
+    """How commands reach the electrode."""
 
     setpoint_interval_s: Annotated[
         float,
@@ -322,17 +377,28 @@ class OutputConfig(Section):
             1.0,
             "the tick is no faster, and a voltage that waits for longer is another finger's",
         ),
-    ] = 0.010
-    latency_s: Annotated[float, Within(0.0, 1.0, "no finger's place is known so far ahead")] = 0.0
+    ] = Field(default=0.010, description="an amplitude is written over SCPI at most so often")
+    latency_s: Annotated[float, Within(0.0, 1.0, "no finger's place is known so far ahead")] = (
+        Field(
+            default=0.0,
+            description="from a finger sample to its effect: the position is extrapolated by it",
+        )
+    )
     voltage_rise_v_per_s: Annotated[
         float,
         Within(
             1.0, 1e6, "from nothing to the highest voltage of all within a tick, 1 ms, is no rise"
         ),
-    ] = 10e3
+    ] = Field(default=10e3, description="never faster")
     linger_s: Annotated[
         float, Within(0.0, 60.0, "without a finger nothing is kept on for longer")
-    ] = 10.0
+    ] = Field(
+        default=10.0,
+        description=(
+            "so long after the finger has left, or nothing is asked, the output stays"
+            " on at its lowest"
+        ),
+    )
 
 
 ScreenSide = Annotated[float, Within(1e-3, 2.0, "no touch screen is smaller or larger")]
@@ -342,67 +408,83 @@ class ScreenConfig(Section):
     """How large the touch screen is, from its corner at x = y = 0; a finger farther off is not
     believed.
 
-    The usual size is that of the largest touch screens. `margin_m`: so far beyond an edge half a
-    fingertip may be told.
+    The usual size is that of the largest touch screens.
     """
 
-    width_m: ScreenSide = 0.6
-    height_m: ScreenSide = 0.4
-    margin_m: Annotated[float, Within(0.0, 0.05, "no fingertip is wider")] = 0.01
+    width_m: ScreenSide = Field(default=0.6, description="along x")
+    height_m: ScreenSide = Field(default=0.4, description="along y")
+    margin_m: Annotated[float, Within(0.0, 0.05, "no fingertip is wider")] = Field(
+        default=0.01, description="so far beyond an edge a finger may be told"
+    )
 
 
 class FingerConfig(Section):
     """How the finger is read."""
 
-    contact_on_n: LoadNewtons = 0.15
-    contact_off_n: LoadNewtons = 0.10
+    contact_on_n: LoadNewtons = Field(
+        default=0.15, description="above the wobble of an unloaded force sensor"
+    )
+    contact_off_n: LoadNewtons = Field(default=0.10, description="the finger has left below")
     velocity_time_constant_s: Annotated[
         float, Within(1e-4, 1.0, "a shorter one is of noise, a longer one of another stroke")
-    ] = 0.010
+    ] = Field(default=0.010, description="over which velocity is smoothed")
 
 
 class ControllerConfig(Section):
-    """How operating points are chosen when the user does not say.
+    """How operating points are chosen when the user does not say."""
 
-    `quiet_above_hz`: from here on a ripple of friction counts as not felt; see `docs/carrier.md`.
-    """
-
-    policy: Policy = "max_authority"
-    fixed_frequency_hz: Hertz | None = None
-    lowest_carrier_hz: Hertz = 100.0
-    quiet_above_hz: Hertz = 1000.0
-    hysteresis: Annotated[float, Within(0.0, 1.0, "it is a share")] = 0.05
+    policy: Policy = Field(
+        default="max_authority", description="how the carrier is chosen: docs/carrier.md"
+    )
+    fixed_frequency_hz: Hertz | None = Field(default=None, description="for that policy")
+    lowest_carrier_hz: Hertz = Field(
+        default=100.0, description="the force pulses at twice the carrier"
+    )
+    quiet_above_hz: Hertz = Field(
+        default=1000.0, description="from here on that ripple counts as not felt: docs/carrier.md"
+    )
+    hysteresis: Annotated[float, Within(0.0, 1.0, "it is a share")] = Field(
+        default=0.05, description="how much better another frequency must be"
+    )
 
 
 Latency = Annotated[float, Within(0.0, 1.0, "no generator takes longer")]
 
 
 class SimulationConfig(Section):
-    """How the simulated instruments and finger behave.
+    """How the simulated instruments and finger behave."""
 
-    `model`: the finger's own, where it is not the one that drives the rig. `hide`: effects, by name
-    with their parameters, that the finger has and the model that drives the rig does not.
-    `stray_capacitance_f`: of electrode and leads, beside that of the finger's own model.
-    """
-
-    amplitude_latency_s: Latency = 0.030
-    frequency_latency_s: Latency = 0.003
+    amplitude_latency_s: Latency = Field(
+        default=0.030, description="of the simulated generator, for a new amplitude"
+    )
+    frequency_latency_s: Latency = Field(default=0.003, description="the same, for a new frequency")
     friction_cutoff_hz_per_mm_s: Annotated[
         float, Within(1e-3, 1e6, "no friction follows slower or faster")
-    ] = 13.8
-    force_noise_n: Annotated[float, Within(0.0, 10.0, "no finger is told in more noise")] = 0.003
-    force_range_n: ForceRange = 20.0
-    seed: int = 1
-    stray_capacitance_f: Farads = 0.0
-    model: str | None = None
-    hide: dict[str, dict[str, FiniteFloat]] = Field(default={})
+    ] = Field(default=13.8, description="arXiv 2505.11162")
+    force_noise_n: Annotated[float, Within(0.0, 10.0, "no finger is told in more noise")] = Field(
+        default=0.003, description="1 sigma per reading and channel"
+    )
+    force_range_n: ForceRange = Field(
+        default=20.0, description="where the simulated force sensor saturates"
+    )
+    seed: int = Field(default=1, description="of the noise")
+    stray_capacitance_f: Farads = Field(
+        default=0.0, description="of electrode and leads, beside the touch"
+    )
+    model: str | None = Field(
+        default=None,
+        description="the finger's own model, by name or path; none: the one that drives the rig",
+    )
+    hide: dict[str, dict[str, FiniteFloat]] = Field(
+        default={}, description="effects, by name with their parameters, that only the finger has"
+    )
 
 
 class RigConfig(Section):
     """One rig, as its file in `configs/rigs/` says."""
 
-    name: str
-    simulated: bool
+    name: str = Field(description="shown in every status, record and log line")
+    simulated: bool = Field(description='true only with waveform_generator.resource = "simulated"')
     limits: LimitsConfig
     waveform_generator: GeneratorConfig
     amplifier: SomeAmplifier
@@ -420,7 +502,13 @@ class RigConfig(Section):
     finger: FingerConfig = FingerConfig()
     controller: ControllerConfig = ControllerConfig()
     simulation: SimulationConfig = SimulationConfig()
-    adapt: bool = False  # mend the finger's model while rendering, from the daemon's start on
+    adapt: bool = Field(
+        default=False,
+        description=(
+            "mend the finger's model while rendering, from the daemon's start on, as "
+            "`haptic adapt on` does"
+        ),
+    )  # mend the finger's model while rendering, from the daemon's start on
 
     @model_validator(mode="after")
     def _consistent(self) -> RigConfig:

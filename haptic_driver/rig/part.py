@@ -87,8 +87,10 @@ Resource = Annotated[str, AfterValidator(_known_form)]
 class Vouched(Section):
     """A section whose figures somebody has to vouch for before the rig may come on."""
 
-    measured_by: str = ""
-    measured_at: datetime.date | None = None
+    measured_by: str = Field(default="", description="who vouches for this section")
+    measured_at: datetime.date | None = Field(
+        default=None, description="since when, a date without quotes"
+    )
 
     @property
     def verified(self) -> bool:

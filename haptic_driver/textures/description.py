@@ -52,14 +52,14 @@ FileName = Annotated[str, Field(min_length=1)]
 
 # Strict: TOML has types of its own, so the text "0.6" where a number belongs is a mistake.
 class _Description(Checked, strict=True):
-    description: str = ""
+    description: str = Field(default="", description="in words")
 
 
 class UniformDescription(_Description):
     """The same friction everywhere."""
 
     kind: Literal["uniform"]
-    cof: Cof
+    cof: Cof = Field(description="friction")
 
 
 def require_swing(mean_cof: float, amplitude_cof: float) -> None:
@@ -73,19 +73,21 @@ def require_swing(mean_cof: float, amplitude_cof: float) -> None:
 
 
 class GratingDescription(_Description):
-    """The middle of two frictions, plus or minus an amplitude, in waves.
-
-    `duty`: the share of a period in which a square wave is high, or a sawtooth rises.
-    """
+    """The middle of two frictions, plus or minus an amplitude, in waves."""
 
     kind: Literal["grating"]
-    mean_cof: Cof
-    amplitude_cof: AmplitudeCof
-    period_mm: PeriodMm
-    wave: Literal["sine", "square", "sawtooth"] = "sine"
-    duty: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] | None = None
-    direction_deg: Degrees = 0.0
-    phase_deg: Degrees = 0.0
+    mean_cof: Cof = Field(description="middle of the two frictions")
+    amplitude_cof: AmplitudeCof = Field(description="how far friction goes from the middle")
+    period_mm: PeriodMm = Field(description="from one ridge to the next")
+    wave: Literal["sine", "square", "sawtooth"] = Field(
+        default="sine", description="shape of one period"
+    )
+    duty: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="share of a period that a square wave is high, or a sawtooth rises",
+    )
+    direction_deg: Degrees = Field(default=0.0, description="from x towards y, which points down")
+    phase_deg: Degrees = Field(default=0.0, description="of a period, at the origin")
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
@@ -112,19 +114,25 @@ class GratingDescription(_Description):
 class NoiseDescription(_Description):
     """Waves of every direction and of lengths between two limits, with random phases; a tile that
     has no seam.
-
-    `stretch`: how much longer everything is along y than along x.
     """
 
     kind: Literal["noise"]
-    mean_cof: Cof
-    amplitude_cof: AmplitudeCof
-    shortest_mm: PeriodMm
-    longest_mm: PeriodMm
-    tile_mm: PeriodMm = 32.0
-    stretch: Annotated[float, Field(ge=1.0, le=100.0, allow_inf_nan=False)] = 1.0
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
-    rotation_deg: Degrees = 0.0
+    mean_cof: Cof = Field(description="middle of the two frictions")
+    amplitude_cof: AmplitudeCof = Field(description="how far friction goes from the middle")
+    shortest_mm: PeriodMm = Field(description="shortest wave")
+    longest_mm: PeriodMm = Field(description="longest wave")
+    tile_mm: PeriodMm = Field(
+        default=32.0, description="side of the tile that repeats without a seam"
+    )
+    stretch: Annotated[float, Field(ge=1.0, le=100.0, allow_inf_nan=False)] = Field(
+        default=1.0, description="how much longer everything is along y than along x"
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        default=1, description="of the random phases"
+    )
+    rotation_deg: Degrees = Field(
+        default=0.0, description="of the whole, from x towards y, which points down"
+    )
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
@@ -153,11 +161,17 @@ class ProcessDescription(Checked, strict=True):
     Either side must die away: all zeros of both polynomials lie inside the unit circle.
     """
 
-    speed_mm_s: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)]
-    normal_force_n: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
-    cof_rms: AmplitudeCof
-    ar: Coefficients
-    ma: Coefficients | None = None
+    speed_mm_s: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = Field(
+        description="of the finger whose spectrum this is"
+    )
+    normal_force_n: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = Field(
+        description="of that finger"
+    )
+    cof_rms: AmplitudeCof = Field(description="friction (rms) in all nine bands")
+    ar: Coefficients = Field(
+        description="as `ar` above; all zeros of the polynomial inside the unit circle"
+    )
+    ma: Coefficients | None = Field(default=None, description="as `ma` above; likewise")
 
     @model_validator(mode="after")
     def _dies_away(self) -> Self:
@@ -179,25 +193,66 @@ class SpectrumDescription(_Description):
     """
 
     kind: Literal["spectrum"]
-    mean_cof: Cof
+    mean_cof: Cof = Field(description="middle of the two frictions")
     band_cof_rms: (
         Annotated[list[AmplitudeCof], Field(min_length=BANDS, max_length=BANDS)] | None
-    ) = None
-    cof_rms: AmplitudeCof | None = None
-    beta: Annotated[list[Shape], Field(min_length=2, max_length=2)] | None = None
-    ar: Coefficients | None = None
-    ma: Coefficients | None = None
+    ) = Field(
+        default=None,
+        description=(
+            "friction (rms) in each of the nine bands; this, or `beta` or `ar` with `cof_rms`"
+        ),
+    )
+    cof_rms: AmplitudeCof | None = Field(
+        default=None, description="friction (rms) in all nine bands"
+    )
+    beta: Annotated[list[Shape], Field(min_length=2, max_length=2)] | None = Field(
+        default=None,
+        description="shape numbers of a beta distribution over the logarithm of frequency",
+    )
+    ar: Coefficients | None = Field(
+        default=None,
+        description=(
+            "coefficients of an autoregressive process, from the one of the sample before on"
+        ),
+    )
+    ma: Coefficients | None = Field(
+        default=None,
+        description="coefficients of what drives that process, likewise; none: plain noise",
+    )
     process: (
         Annotated[list[ProcessDescription], Field(min_length=1, max_length=MOST_PROCESSES)] | None
     ) = None
-    rate_hz: Annotated[float, Field(ge=100.0, le=100e3, allow_inf_nan=False)] | None = None
-    speed_mm_s: Annotated[float, Field(ge=LOWEST_SPEED_MM_S, le=1000.0, allow_inf_nan=False)] = 50.0
-    normal_force_n: Annotated[float, Field(gt=0.0, le=20.0, allow_inf_nan=False)] = 0.5
-    perceptual_gain: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = 1.0
-    invert_finger: bool = False
-    tile_mm: PeriodMm = 64.0
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
-    direction_deg: Degrees = 0.0
+    rate_hz: Annotated[float, Field(ge=100.0, le=100e3, allow_inf_nan=False)] | None = Field(
+        default=None, description="samples per second of that process, or of all of `[[process]]`"
+    )
+    speed_mm_s: Annotated[float, Field(ge=LOWEST_SPEED_MM_S, le=1000.0, allow_inf_nan=False)] = (
+        Field(
+            default=50.0,
+            description=(
+                "of the finger for whom the spectrum is meant; its frequencies go "
+                "with the speed. With `[[process]]` only where nobody says another, "
+                "as in pictures"
+            ),
+        )
+    )
+    normal_force_n: Annotated[float, Field(gt=0.0, le=20.0, allow_inf_nan=False)] = Field(
+        default=0.5,
+        description="the load where nobody says another, as in pictures; only for `[[process]]`",
+    )
+    perceptual_gain: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = Field(
+        default=1.0, description="by which all waves are multiplied"
+    )
+    invert_finger: bool = Field(
+        default=False,
+        description="whether each wave is as much larger as a usual finger makes it smaller",
+    )
+    tile_mm: PeriodMm = Field(
+        default=64.0, description="side of the tile that repeats without a seam"
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        default=1, description="of the random phases"
+    )
+    direction_deg: Degrees = Field(default=0.0, description="from x towards y, which points down")
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
@@ -253,16 +308,16 @@ class SpectrumDescription(_Description):
 class _Located(_Description):
     """Where a texture's point 0, 0 lies, and what is beyond its ends."""
 
-    file: FileName
-    origin_mm: OriginMm = Field([0.0, 0.0])
-    outside: Outside = "nothing"
+    file: FileName = Field(description="beside the texture's own file")
+    origin_mm: OriginMm = Field([0.0, 0.0], description="where the texture's point 0, 0 lies")
+    outside: Outside = Field(default="nothing", description="what is beyond its ends")
 
 
 class ProfileDescription(_Located):
     """Points along a direction, in a CSV file with columns position_mm (or position_m) and cof."""
 
     kind: Literal["profile"]
-    direction_deg: Degrees = 0.0
+    direction_deg: Degrees = Field(default=0.0, description="from x towards y, which points down")
 
 
 class MapDescription(_Located):
@@ -273,10 +328,16 @@ class MapDescription(_Located):
     """
 
     kind: Literal["map"]
-    pitch_mm: PitchMm
-    cof_black: Cof | None = None
-    cof_white: Cof | None = None
-    rotation_deg: Degrees = 0.0
+    pitch_mm: PitchMm = Field(
+        description="from pixel to pixel: one number, or one each for x and y"
+    )
+    cof_black: Cof | None = Field(
+        default=None, description="friction of black; goes together with `cof_white`"
+    )
+    cof_white: Cof | None = Field(default=None, description="friction of white")
+    rotation_deg: Degrees = Field(
+        default=0.0, description="of the whole, from x towards y, which points down"
+    )
 
     @model_validator(mode="after")
     def _scale_is_whole(self) -> Self:
@@ -302,19 +363,25 @@ class HjifDescription(_Located):
     """
 
     kind: Literal["hjif"]
-    cof_low: Cof
-    cof_high: Cof
-    direction_deg: Degrees = 0.0
+    cof_low: Cof = Field(description="friction of amplitude 0")
+    cof_high: Cof = Field(description="friction of amplitude 1")
+    direction_deg: Degrees = Field(default=0.0, description="from x towards y, which points down")
 
 
 class StepDescription(_Description):
     """One step of a script: a friction or the name of a texture, from a time on."""
 
-    time_s: Seconds
-    cof: Cof | None = None
-    texture: FileName | None = None
-    interpolation: Interpolation | None = None
-    label: Annotated[str, Field(max_length=200)] = ""
+    time_s: Seconds = Field(description="from the start of the script")
+    cof: Cof | None = Field(default=None, description="friction from then on; this or `texture`")
+    texture: FileName | None = Field(
+        default=None, description="name of a texture, or a file beside the script"
+    )
+    interpolation: Interpolation | None = Field(
+        default=None, description="on the way to the next step"
+    )
+    label: Annotated[str, Field(max_length=200)] = Field(
+        default="", description="written into the recording"
+    )
 
     @model_validator(mode="after")
     def _has_one_target(self) -> Self:
@@ -327,9 +394,11 @@ class ScriptDescription(_Description):
     """Steps by the clock, here or in a CSV file; `interpolation` is for steps that do not say."""
 
     kind: Literal["script"]
-    file: FileName | None = None
+    file: FileName | None = Field(default=None, description="beside the texture's own file")
     step: Annotated[list[StepDescription], Field(min_length=2)] | None = None
-    interpolation: Interpolation = "hold"
+    interpolation: Interpolation = Field(
+        default="hold", description="between steps, where they do not say themselves"
+    )
 
     @model_validator(mode="after")
     def _has_one_source(self) -> Self:

@@ -10,9 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from haptic_driver.processes.started import MEMORY, PROCESSES, THREADS
+from haptic_driver.config import Section
 from haptic_driver.rig.config import RigConfig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,12 +22,9 @@ sys.path.insert(0, str(DOCS))
 reference = importlib.import_module("reference")
 
 
-@pytest.mark.parametrize(
-    "name", ["configuration.md", "api.md", "python.md", "investigation.md", "processes.md"]
-)
-def test_a_generated_page_is_up_to_date(name: str) -> None:
-    written = (DOCS / name).read_text(encoding="utf-8")
-    assert reference.pages()[name] == written, "run: python docs/reference.py"
+@pytest.mark.parametrize("path", reference.texts(), ids=lambda path: path.name)
+def test_what_is_generated_is_up_to_date(path: Path) -> None:
+    assert reference.texts()[path] == path.read_text("utf-8"), "run: python docs/reference.py"
 
 
 def test_the_page_of_processes_lists_those_that_there_are() -> None:
@@ -53,14 +51,50 @@ def test_a_row_says_type_range_unit_default_and_meaning() -> None:
     assert row in safety.splitlines()
 
 
+class Sledge(Section):
+    """What is pushed."""
+
+    speed_m_s: float = Field(ge=0.0, description="how fast")
+    mass_kg: float = Field(default=0.5, description="without the finger")
+
+
+class SledgeFile(Section):
+    """A file with a section."""
+
+    sledge: Sledge
+
+
+def test_one_field_is_a_row_of_the_reference() -> None:
+    *_, table = reference._sections(SledgeFile.model_json_schema())
+    assert table.splitlines()[2:] == [
+        "| `speed_m_s` | number, ≥ 0 | m/s | required | how fast |",
+        "| `mass_kg` | number |  | 0.5 | without the finger |",
+    ]
+
+
+@pytest.mark.parametrize("said", ["", "  # how slow, and\n      # much more"])
+def test_one_field_is_a_line_of_the_template(said: str) -> None:
+    template = f"# By hand.\n\n[sledge]  # by hand\nspeed_m_s = 0.1{said}\n"
+    assert reference.commented(template, SledgeFile.model_json_schema()).splitlines() == [
+        "# By hand.",
+        "",
+        "[sledge]  # by hand",
+        "speed_m_s = 0.1                       # how fast",
+        "# mass_kg = 0.5                       # without the finger",
+    ]
+
+
 def test_a_key_without_a_meaning_is_refused() -> None:
-    class Made(BaseModel):
+    class Made(Section):
         speed_m_s: float = Field(ge=0.0)
 
     with pytest.raises(KeyError, match="speed_m_s"):
-        list(reference._sections(Made.model_json_schema(), {}))
-    _, table = reference._sections(Made.model_json_schema(), {"speed_m_s": "how fast"})
-    assert table.splitlines()[2:] == ["| `speed_m_s` | number, ≥ 0 | m/s | required | how fast |"]
+        list(reference._sections(Made.model_json_schema()))
+
+
+def test_a_page_without_a_place_for_a_part_is_refused() -> None:
+    with pytest.raises(ValueError, match="no place for rows"):
+        reference.filled("<!-- rows: by `python docs/reference.py` -->", {"rows": "a"})
 
 
 def test_every_example_stands_word_for_word_on_the_page_about_python() -> None:

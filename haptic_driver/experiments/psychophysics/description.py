@@ -37,8 +37,8 @@ class Constant(Section):
     """Constant stimuli: every level as often as the others, in random order."""
 
     kind: Literal["constant"]
-    levels: Annotated[list[Level], Field(min_length=1)]
-    repeats: Count = 10
+    levels: Annotated[list[Level], Field(min_length=1)] = Field(description="that are presented")
+    repeats: Count = Field(default=10, description="of every level")
 
 
 class Staircase(Section):
@@ -50,16 +50,24 @@ class Staircase(Section):
     """
 
     kind: Literal["staircase"]
-    start: Level
-    steps: Annotated[list[Above0], Field(min_length=1)]
-    scale: Literal["linear", "ratio"] = "ratio"
-    up: Annotated[int, Field(ge=1, le=10)] = 1
-    down: Annotated[int, Field(ge=1, le=10)] = 2
-    low: Level
-    high: Level
-    reversals: Count = 10
-    averaged: Count = 6
-    trials: Count = 100
+    start: Level = Field(description="first level")
+    steps: Annotated[list[Above0], Field(min_length=1)] = Field(
+        description="after each reversal the next; the last stays"
+    )
+    scale: Literal["linear", "ratio"] = Field(
+        default="ratio", description="a step multiplies, or adds"
+    )
+    up: Annotated[int, Field(ge=1, le=10)] = Field(
+        default=1, description="negative answers in a row before a step up"
+    )
+    down: Annotated[int, Field(ge=1, le=10)] = Field(
+        default=2, description="positive answers in a row before a step down"
+    )
+    low: Level = Field(description="lowest level")
+    high: Level = Field(description="highest level")
+    reversals: Count = Field(default=10, description="after so many it ends")
+    averaged: Count = Field(default=6, description="the last so many make its own estimate")
+    trials: Count = Field(default=100, description="it ends after so many at the latest")
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
@@ -75,9 +83,9 @@ class Range(Section):
     and levels).
     """
 
-    low: Level
-    high: Level
-    count: Annotated[int, Field(ge=2, le=200)] = 40
+    low: Level = Field(description="lowest")
+    high: Level = Field(description="highest")
+    count: Annotated[int, Field(ge=2, le=200)] = Field(default=40, description="how many")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -97,30 +105,42 @@ class QuestPlus(Section):
     kind: Literal["quest_plus"]
     levels: Range
     thresholds: Range
-    slopes: Annotated[list[Above0], Field(min_length=1)] = [  # noqa: RUF012 - pydantic copies it
-        1.5,
-        2.0,
-        3.0,
-        4.5,
-    ]
+    slopes: Annotated[list[Above0], Field(min_length=1)] = Field(
+        default=[
+            1.5,
+            2.0,
+            3.0,
+            4.5,
+        ],
+        description="that may be",
+    )
     lapses: Annotated[
         list[Annotated[float, Field(ge=0.0, le=HIGHEST_LAPSE)]], Field(min_length=1)
-    ] = [  # noqa: RUF012
-        0.0,
-        0.02,
-        0.05,
-    ]
-    trials: Count = 60
-    stop_std: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = 0.0
+    ] = Field(
+        default=[
+            0.0,
+            0.02,
+            0.05,
+        ],
+        description="that may be",
+    )
+    trials: Count = Field(default=60, description="it ends after so many at the latest")
+    stop_std: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = Field(
+        default=0.0,
+        description="ends earlier when the threshold is known to this share of itself; 0: never",
+    )
 
 
 class Outside(Section):
     """Somebody else's: a Python class `module:Class`, or a server at `url`; see `outside.py`."""
 
     kind: Literal["outside"]
-    python: str | None = None
-    url: Annotated[str, Field(pattern=r"^https?://")] | None = None
-    trials: Count = 1000
+    python: str | None = Field(default=None, description="an optimiser of yours, `module:Class`")
+    url: Annotated[str, Field(pattern=r"^https?://")] | None = Field(
+        default=None,
+        description="of an optimiser's server ([both](experiments.md#a-method-of-your-own))",
+    )
+    trials: Count = Field(default=1000, description="it ends after so many at the latest")
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
@@ -135,8 +155,8 @@ Method = Annotated[Constant | Staircase | QuestPlus | Outside, Field(discriminat
 class Comparison(Section):
     """The texture that stands for a level."""
 
-    level: Level
-    texture: str
+    level: Level = Field(description="the level")
+    texture: str = Field(description="that stands for it, by name or path")
 
 
 class Condition(Section):
@@ -146,10 +166,17 @@ class Condition(Section):
     `difference`; a texture with those of `comparisons`, of which the nearest level is taken.
     """
 
-    name: Name
-    cof: Annotated[FiniteFloat, Field(gt=0.0, le=5.0)] | None = None
-    texture: str | None = None
-    compare: Literal["ratio", "difference"] = "ratio"
+    name: Name = Field(description="letters and digits")
+    cof: Annotated[FiniteFloat, Field(gt=0.0, le=5.0)] | None = Field(
+        default=None, description="friction of the standard; this or `texture`"
+    )
+    texture: str | None = Field(
+        default=None, description="texture of the standard, by name or path"
+    )
+    compare: Literal["ratio", "difference"] = Field(
+        default="ratio",
+        description="what a level is: a share of the standard, or an addition to it",
+    )
     comparisons: list[Comparison] = []  # noqa: RUF012
 
     @model_validator(mode="after")
@@ -184,7 +211,9 @@ class Condition(Section):
 class Block(Section):
     """Conditions whose trials are mixed; there is a break between blocks."""
 
-    conditions: Annotated[list[Name], Field(min_length=1)]
+    conditions: Annotated[list[Name], Field(min_length=1)] = Field(
+        description="whose trials are mixed"
+    )
 
 
 class TrialSettings(Section):
@@ -196,13 +225,29 @@ class TrialSettings(Section):
     `most_s`.
     """
 
-    intervals: Annotated[int, Field(ge=1, le=4)] = 2
-    place: Literal["time", "regions"] = "time"
-    middle_mm: Annotated[FiniteFloat, Field(ge=0.0, le=1000.0)] = 50.0
-    duration_s: Annotated[FiniteFloat, Field(ge=0.1, le=600.0)] = 2.0
-    strokes: Annotated[int, Field(ge=0, le=100)] = 0
-    most_s: Annotated[FiniteFloat, Field(ge=0.1, le=600.0)] = 20.0
-    pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=60.0)] = 0.5
+    intervals: Annotated[int, Field(ge=1, le=4)] = Field(
+        default=2, description="1: yes or no; more: which one had the comparison"
+    )
+    place: Literal["time", "regions"] = Field(
+        default="time",
+        description="intervals one after the other, or left and right half of the screen at once",
+    )
+    middle_mm: Annotated[FiniteFloat, Field(ge=0.0, le=1000.0)] = Field(
+        default=50.0, description="x of the border between the halves"
+    )
+    duration_s: Annotated[FiniteFloat, Field(ge=0.1, le=600.0)] = Field(
+        default=2.0, description="of an interval"
+    )
+    strokes: Annotated[int, Field(ge=0, le=100)] = Field(
+        default=0,
+        description="an interval lasts until the finger has made so many; 0: `duration_s`",
+    )
+    most_s: Annotated[FiniteFloat, Field(ge=0.1, le=600.0)] = Field(
+        default=20.0, description="an interval with `strokes` lasts no longer"
+    )
+    pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=60.0)] = Field(
+        default=0.5, description="between intervals, with the output off"
+    )
 
     @model_validator(mode="after")
     def _two_regions(self) -> Self:
@@ -218,12 +263,26 @@ class Response(Section):
     `by` `markers`: answers come over the daemon, from its page or any program; see `answers.py`.
     """
 
-    by: Literal["keys", "markers"] = "keys"
+    by: Literal["keys", "markers"] = Field(
+        default="keys",
+        description=(
+            "keys of the terminal, or markers over the daemon ([who "
+            "answers](experiments.md#who-answers))"
+        ),
+    )
 
-    question: str = "Which one had more friction?"
-    answers: list[Annotated[str, Field(min_length=1, max_length=40)]] = []  # noqa: RUF012
-    keys: list[Annotated[str, Field(min_length=1, max_length=1)]] = []  # noqa: RUF012
-    feedback: bool = False
+    question: str = Field(
+        default="Which one had more friction?", description="asked after every trial"
+    )
+    answers: list[Annotated[str, Field(min_length=1, max_length=40)]] = Field(
+        default=[], description="empty: first, second, ...; left, right; yes, no"
+    )
+    keys: list[Annotated[str, Field(min_length=1, max_length=1)]] = Field(
+        default=[], description="empty: 1, 2, ..."
+    )
+    feedback: bool = Field(
+        default=False, description="whether the participant is told what was right"
+    )
 
 
 class Delivery(Section):
@@ -232,10 +291,18 @@ class Delivery(Section):
     presented anew, `retries` times in a row.
     """
 
-    settle_s: Annotated[FiniteFloat, Field(ge=0.0, le=10.0)] = 0.2
-    least_sliding_s: Annotated[FiniteFloat, Field(ge=0.0, le=600.0)] = 0.3
-    least_share: Share = 0.5
-    retries: Annotated[int, Field(ge=0, le=100)] = 5
+    settle_s: Annotated[FiniteFloat, Field(ge=0.0, le=10.0)] = Field(
+        default=0.2, description="at the beginning of an interval, not judged"
+    )
+    least_sliding_s: Annotated[FiniteFloat, Field(ge=0.0, le=600.0)] = Field(
+        default=0.3, description="the finger must slide for so long"
+    )
+    least_share: Share = Field(
+        default=0.5, description="of that time within 5 % of the friction asked for"
+    )
+    retries: Annotated[int, Field(ge=0, le=100)] = Field(
+        default=5, description="trials in a row that may fail; one more ends the run"
+    )
 
 
 class Analysis(Section):
@@ -245,29 +312,50 @@ class Analysis(Section):
     `guess` is 1/intervals, or 0 for `normal`, unless given; for yes and no it is found.
     """
 
-    form: Form = "weibull"
-    guess: Share | None = None
+    form: Form = Field(default="weibull", description="shape of the psychometric function")
+    guess: Share | None = Field(
+        default=None, description="share of positive answers without a difference"
+    )
 
 
 class SimulatedParticipant(Section):
     """Somebody whose threshold is known."""
 
-    threshold: Level = 0.15
-    slope: Above0 = 3.0
-    lapse: Annotated[float, Field(ge=0.0, le=HIGHEST_LAPSE)] = 0.02
+    threshold: Level = Field(
+        default=0.15, description="the level at which its function is half way"
+    )
+    slope: Above0 = Field(default=3.0, description="of its function")
+    lapse: Annotated[float, Field(ge=0.0, le=HIGHEST_LAPSE)] = Field(
+        default=0.02, description="share of answers at random"
+    )
 
 
 class ExperimentFile(Section):
     """An experiment. `seed` and the participant's name decide every order."""
 
-    name: Name
-    about: str = ""
-    instructions: str = ""
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
-    practice: Annotated[int, Field(ge=0, le=1000)] = 0
-    practice_level: Level | None = None
-    break_every: Annotated[int, Field(ge=0, le=10_000)] = 0
-    block_order: Literal["as_written", "random", "balanced"] = "as_written"
+    name: Name = Field(description="letters and digits; in the names of result files")
+    about: str = Field(default="", description="in words")
+    instructions: str = Field(
+        default="", description="what the participant reads before the first trial"
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
+        default=1, description="of every order, with the participant's and the session's names"
+    )
+    practice: Annotated[int, Field(ge=0, le=1000)] = Field(
+        default=0,
+        description="trials before the first that count; the participant is told what was right",
+    )
+    practice_level: Level | None = Field(default=None, description="their level")
+    break_every: Annotated[int, Field(ge=0, le=10_000)] = Field(
+        default=0, description="so many trials; 0: breaks only between blocks"
+    )
+    block_order: Literal["as_written", "random", "balanced"] = Field(
+        default="as_written",
+        description=(
+            "random: each participant's own; balanced: by the number in the name, "
+            "every block as often in every place and after every other"
+        ),
+    )
     trial: TrialSettings = TrialSettings()
     response: Response = Response()
     delivery: Delivery = Delivery()

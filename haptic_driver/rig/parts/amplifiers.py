@@ -5,6 +5,8 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from pydantic import Field
+
 from haptic_driver.config import Within
 from haptic_driver.rig.part import (
     MonitorHertz,
@@ -37,10 +39,10 @@ class AmplifierConfig(Vouched, PartSection):
             1e4,
             "nothing that drives an electrode weakens its input to less, or strengthens it so much",
         ),
-    ]
+    ] = Field(description="volts at the electrode per volt at the input")
     voltage_limit_v: Annotated[
         float, Within(1.0, 50e3, "no amplifier drives an electrode with less or more")
-    ]
+    ] = Field(description="peak")
     current_limit_a: Annotated[
         float,
         Within(
@@ -48,10 +50,10 @@ class AmplifierConfig(Vouched, PartSection):
             10.0,
             "less does not charge 100 pF to 100 V at 1.6 kHz; no high voltage comes with more",
         ),
-    ]
+    ] = Field(description="peak")
     slew_limit_v_per_s: Annotated[
         float, Within(1.0, 1e11, "no high-voltage amplifier is slower or faster")
-    ]
+    ] = Field(description="2 pi f V of a sine must stay below")
     voltage_monitor_v_per_v: Annotated[
         float,
         Within(
@@ -59,18 +61,33 @@ class AmplifierConfig(Vouched, PartSection):
             1.0,
             "no monitor line has more than the electrode, or so little that it reads as nothing",
         ),
-    ] = 0.01
+    ] = Field(default=0.01, description="volts at the monitor output per volt at the electrode")
     current_monitor_v_per_a: Annotated[
         float, Within(1e-3, 1e6, "no current monitor tells an ampere by less or more")
-    ] = 1.0
-    voltage_monitor_bandwidth_hz: MonitorHertz | None = None
-    current_monitor_bandwidth_hz: MonitorHertz | None = None
-    voltage_monitor_noise_v: MonitorNoise = 0.0
-    current_monitor_noise_v: MonitorNoise = 0.0
-    fault_level: bool = True
-    voltage_monitor: str | None = None
-    current_monitor: str | None = None
-    fault_line: str | None = None
+    ] = Field(default=1.0, description="volts at the monitor output per ampere")
+    voltage_monitor_bandwidth_hz: MonitorHertz | None = Field(
+        default=None,
+        description=(
+            "corner of the monitor, a first-order low-pass; it is taken out of what is read"
+        ),
+    )
+    current_monitor_bandwidth_hz: MonitorHertz | None = Field(default=None, description="likewise")
+    voltage_monitor_noise_v: MonitorNoise = Field(
+        default=0.0, description="1 sigma on the line, of a simulated rig"
+    )
+    current_monitor_noise_v: MonitorNoise = Field(default=0.0, description="likewise")
+    fault_level: bool = Field(
+        default=True, description="level of the fault line that means a fault"
+    )
+    voltage_monitor: str | None = Field(
+        default=None,
+        description="analog input that reads the voltage monitor; leave it out if there is none",
+    )
+    current_monitor: str | None = Field(default=None, description="likewise")
+    fault_line: str | None = Field(
+        default=None,
+        description="digital input that reads the fault line; leave it out if there is none",
+    )
 
     @property
     def channels(self) -> list[str]:

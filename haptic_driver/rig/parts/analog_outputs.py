@@ -39,21 +39,29 @@ class SomeAnalogOutput(Vouched, PartSection):
     this machine is.
     """
 
-    low_v: LineVolts
-    high_v: LineVolts
-    zero_level_v: LineVolts
-    sample_rate_limit_hz: SampleRate
-    buffer_s: Seconds = 0.1
+    low_v: LineVolts = Field(description="nothing below is ever put out")
+    high_v: LineVolts = Field(description="nothing above is ever put out")
+    zero_level_v: LineVolts = Field(
+        description="means no voltage at the electrode; must be minus modulation_input.full_scale_v"
+    )
+    sample_rate_limit_hz: SampleRate = Field(description="no faster output is asked for")
+    buffer_s: Seconds = Field(default=0.1, description="no more may wait: bounds the delay")
     lead_s: (
         Annotated[
             float, Within(0.0005, 1.0, "no writer is so early, and no voltage may be so late")
         ]
         | None
-    ) = None
+    ) = Field(
+        default=None,
+        description=(
+            "the envelope is written so far ahead: delay, and how late the driver may"
+            " be; none: chosen by how late this machine has been"
+        ),
+    )
     lease_s: Annotated[
         float, Within(1e-3, 10.0, "a level that nobody refreshes stays no longer")
-    ] = 0.5
-    timeout_s: Seconds = 0.5
+    ] = Field(default=0.5, description="a level that is not refreshed goes to zero_level_v")
+    timeout_s: Seconds = Field(default=0.5, description="no call waits much longer")
 
     @model_validator(mode="after")
     def _ordered_levels(self) -> SomeAnalogOutput:
@@ -85,7 +93,7 @@ class NiAnalogOutputConfig(SomeAnalogOutput):
     """An analog output of an NI card."""
 
     kind: Literal["ni"]
-    channel: str
+    channel: str = Field(description="output of the NI card, or number of the sound card's channel")
 
 
 def make_ni(section: NiAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:
@@ -99,12 +107,18 @@ class SoundAnalogOutputConfig(SomeAnalogOutput):
     """One channel of a sound card; see `hw.analog.sound_card`."""
 
     kind: Literal["sound"]
-    device: str | int | None = None
-    channel: Annotated[int, Field(ge=0, le=31)] = 0
-    sample_rate_hz: SampleRate
-    full_scale_v: Annotated[float, Within(0.01, 20.0, "no sound card's line has less or more")]
-    dc_coupled: bool
-    latency_s: Seconds = 0.02
+    device: str | int | None = Field(
+        default=None, description="sound card by name or number; none: the system's default"
+    )
+    channel: Annotated[int, Field(ge=0, le=31)] = Field(
+        default=0, description="output of the NI card, or number of the sound card's channel"
+    )
+    sample_rate_hz: SampleRate = Field(description="of the sound card")
+    full_scale_v: Annotated[float, Within(0.01, 20.0, "no sound card's line has less or more")] = (
+        Field(description="volts at digital full scale")
+    )
+    dc_coupled: bool = Field(description="whether a constant level gets out")
+    latency_s: Seconds = Field(default=0.02, description="asked of the sound system")
 
     @property
     def envelope_rate_hz(self) -> float:

@@ -54,12 +54,19 @@ class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
     """A converter on the simulated amplifier's monitor lines and on the generator's output."""
 
     kind: Literal["simulated"]
-    sample_rate_hz: SampleRate
-    record_s: Seconds = 0.1
-    buffer_s: Seconds = 2.0
-    range_v: Annotated[float, Within(1e-3, 1e3, "no converter takes less or more")] = 10.0
+    sample_rate_hz: SampleRate = Field(description="of each channel")
+    record_s: Seconds = Field(
+        default=0.1,
+        description="how long a record is, or a period of the carrier where that is longer",
+    )
+    buffer_s: Seconds = Field(
+        default=2.0, description="how much is kept: the slowest carrier has a period in it"
+    )
+    range_v: Annotated[float, Within(1e-3, 1e3, "no converter takes less or more")] = Field(
+        default=10.0, description="+-, beyond it the converter clips"
+    )
     resolution_v: Annotated[float, Within(1e-9, 1.0, "no converter's step is finer or coarser")] = (
-        20.0 / 2**16
+        Field(default=20.0 / 2**16, description="the converter's step")
     )
 
     def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
@@ -84,12 +91,26 @@ class CardElectrodeMonitorConfig(SomeElectrodeMonitor):
     """
 
     kind: Literal["card"]
-    reference: str | None = None
-    record_s: Seconds = 0.1
-    resolution_v: Annotated[float, Within(0.0, 1.0, "no converter's step is as coarse")] = 0.0
+    reference: str | None = Field(
+        default=None,
+        description=(
+            "channel of the card on the generator's own output; without it phases "
+            "count from the electrode's voltage"
+        ),
+    )
+    record_s: Seconds = Field(
+        default=0.1,
+        description="how long a record is, or a period of the carrier where that is longer",
+    )
+    resolution_v: Annotated[float, Within(0.0, 1.0, "no converter's step is as coarse")] = Field(
+        default=0.0, description="the converter's step"
+    )
     conversion_interval_s: Annotated[
         float, Within(0.0, 1e-3, "no card is slower from one channel to the next")
-    ] = 0.0
+    ] = Field(
+        default=0.0,
+        description="from one channel to the next where they share a converter; 0: all at once",
+    )
 
     @property
     def channels(self) -> list[str]:
@@ -118,8 +139,8 @@ def make_card(section: CardElectrodeMonitorConfig, wiring: Wiring) -> Part[Sampl
 class InstrumentMonitor(SomeElectrodeMonitor):
     """An instrument of its own, which says who it is."""
 
-    resource: Resource
-    visa_backend: str = "@py"
+    resource: Resource = Field(description="how to reach it, as the generator")
+    visa_backend: str = Field(default="@py", description="of pyvisa, as the generator's")
     lowest_frequency_hz: Hertz
     highest_frequency_hz: InstrumentHertz
     reply_timeout_s: Seconds
@@ -145,11 +166,17 @@ class InfiniiVisionConfig(InstrumentMonitor):
     """
 
     kind: Literal["infiniivision"]
-    voltage_channel: Annotated[int, Field(ge=1, le=4)] = 1
-    current_channel: Annotated[int, Field(ge=1, le=4)] = 2
-    lowest_frequency_hz: Hertz = 100.0
-    highest_frequency_hz: InstrumentHertz = 2e6
-    reply_timeout_s: Seconds = 2.0
+    voltage_channel: Annotated[int, Field(ge=1, le=4)] = Field(
+        default=1, description="which of its channels the voltage monitor is on"
+    )
+    current_channel: Annotated[int, Field(ge=1, le=4)] = Field(
+        default=2, description="which the current monitor is on"
+    )
+    lowest_frequency_hz: Hertz = Field(
+        default=100.0, description="it is not asked about slower carriers"
+    )
+    highest_frequency_hz: InstrumentHertz = Field(default=2e6, description="nor about faster ones")
+    reply_timeout_s: Seconds = Field(default=2.0, description="for one answer")
 
     def identity(self) -> re.Pattern[str]:
         from hw.oscilloscope.infiniivision import MODEL
@@ -189,11 +216,17 @@ class E4980AConfig(InstrumentMonitor):
     drives: ClassVar[bool] = True
 
     kind: Literal["e4980a"]
-    voltage_limit_v: Annotated[float, Within(1e-3, 28.3, "its own levels end at 20 V rms")] = 2.8
-    lowest_frequency_hz: Hertz = 20.0
-    highest_frequency_hz: InstrumentHertz = 2e6
-    accuracy: Annotated[float, Within(1e-6, 1.0, "it is a share of an impedance")] = 1e-3
-    reply_timeout_s: Seconds = 10.0
+    voltage_limit_v: Annotated[float, Within(1e-3, 28.3, "its own levels end at 20 V rms")] = Field(
+        default=2.8, description="highest peak that it may put on the electrode"
+    )
+    lowest_frequency_hz: Hertz = Field(
+        default=20.0, description="it is not asked about slower carriers"
+    )
+    highest_frequency_hz: InstrumentHertz = Field(default=2e6, description="nor about faster ones")
+    accuracy: Annotated[float, Within(1e-6, 1.0, "it is a share of an impedance")] = Field(
+        default=1e-3, description="share by which an impedance may be off"
+    )
+    reply_timeout_s: Seconds = Field(default=10.0, description="for one answer")
 
     @property
     def highest_v(self) -> float:

@@ -35,9 +35,11 @@ class StageFingerConfig(PartSection):
     needs_stage = True
 
     kind: Literal["stage"]
-    origin_m: Annotated[list[Metres], Field(min_length=2, max_length=2)]
+    origin_m: Annotated[list[Metres], Field(min_length=2, max_length=2)] = Field(
+        description="where the finger is on the screen when the stage is at 0"
+    )
     direction: Annotated[list[Direction], Field(min_length=2, max_length=2)] = Field(
-        default=[1.0, 0.0]
+        default=[1.0, 0.0], description="of the stage's travel on the screen"
     )
 
 
@@ -63,16 +65,19 @@ class EvdevFingerConfig(PartSection):
     """
 
     kind: Literal["evdev"]
-    device: str
+    device: str = Field(description="event device of the touch screen")
     report_rate_hz: Annotated[
         float, Within(1.0, 1e5, "no touch screen tells less or more often")
-    ] = 100.0
+    ] = Field(
+        default=100.0,
+        description="how often it tells; part of the latency by which positions are extrapolated",
+    )
     matrix_m: Annotated[
         list[Annotated[list[Metres], Field(min_length=3, max_length=3)]],
         Field(min_length=2, max_length=2),
-    ]
-    measured_at: datetime.date
-    placeholder: bool
+    ] = Field(description="(x_raw, y_raw, 1) -> metres")
+    measured_at: datetime.date = Field(description="when `matrix_m` was measured")
+    placeholder: bool = Field(description="false once it was measured: haptic calibrate-touch")
 
     def calibration(self) -> str:
         """When, and whether it was."""
@@ -109,7 +114,7 @@ class RecordedFingerConfig(PartSection):
     files = ("file",)
 
     kind: Literal["recorded"]
-    file: str
+    file: str = Field(description="CSV of a slide; its path counts from the rig's file")
 
 
 def make_recorded(section: RecordedFingerConfig, wiring: Wiring) -> Part[FingerTracker]:

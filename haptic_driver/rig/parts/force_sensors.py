@@ -39,8 +39,10 @@ class ForceSensorSection(PartSection):
 
     measures_lateral: ClassVar[bool] = True
 
-    normal_range_n: ForceRange = 50.0
-    lateral_range_n: ForceRange = 50.0
+    normal_range_n: ForceRange = Field(
+        default=50.0, description="what it can measure, of either sign; a reading beyond is a fault"
+    )
+    lateral_range_n: ForceRange = Field(default=50.0, description="likewise, along the slide")
 
 
 class SimulatedForceSensorConfig(ForceSensorSection):
@@ -59,8 +61,12 @@ class NoForceSensorConfig(ForceSensorSection):
     measures_lateral = False
 
     kind: Literal["none"]
-    load_n: LoadNewtons = 0.5
-    stray_capacitance_f: Farads = 0.0
+    load_n: LoadNewtons = Field(
+        default=0.5, description="what a finger is taken to press with where nothing measures it"
+    )
+    stray_capacitance_f: Farads = Field(
+        default=0.0, description="of electrode and leads without a finger, from an open circuit"
+    )
 
 
 def make_none(section: NoForceSensorConfig, wiring: Wiring) -> Part[NoForceSensor]:
@@ -79,12 +85,22 @@ class NiForceSensorConfig(ForceSensorSection):
     files = ("calibration_file",)
 
     kind: Literal["ni"]
-    gauges: Annotated[list[str], Field(min_length=6, max_length=6)]
-    calibration_file: str
-    samples_per_reading: Annotated[int, Field(ge=1, le=100_000)]
-    samples_per_bias: Annotated[int, Field(ge=1, le=1_000_000)]
-    normal_axis: Axis
-    lateral_axis: Axis
+    gauges: Annotated[list[str], Field(min_length=6, max_length=6)] = Field(
+        description="six analog inputs, gauges 0 to 5 in order"
+    )
+    calibration_file: str = Field(
+        description="of the transducer; its path counts from the rig's file"
+    )
+    samples_per_reading: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        description="averaged into one reading"
+    )
+    samples_per_bias: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
+        description="averaged when the bias is taken"
+    )
+    normal_axis: Axis = Field(
+        description="the signed axis whose force is > 0 when the finger presses"
+    )
+    lateral_axis: Axis = Field(description="and along the slide")
 
     @property
     def channels(self) -> list[str]:
@@ -120,20 +136,26 @@ class NetFtForceSensorConfig(ForceSensorSection):
     """An ATI Net F/T box; see `hw.force.net_ft.NetFtSettings`."""
 
     kind: Literal["net_ft"]
-    host: str
-    port: Port = 49152
-    counts_per_n: Counts
-    counts_per_n_m: Counts
+    host: str = Field(description="address of the box")
+    port: Port = Field(default=49152, description="its UDP port")
+    counts_per_n: Counts = Field(description="cfgcpf of the box's netftapi2.xml, for newtons")
+    counts_per_n_m: Counts = Field(description="cfgcpt, for newton metres")
     timeout_s: Annotated[
         float, Within(1e-3, 5.0, "no record is sooner there; an older one tells another load")
-    ] = 0.1
-    ignored_status: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
-    f_t_sequence_advances: bool = True
+    ] = Field(default=0.1, description="a reading is at most so old")
+    ignored_status: Annotated[int, Field(ge=0, lt=1 << 32)] = Field(
+        default=0, description="status bits that do not spoil a reading"
+    )
+    f_t_sequence_advances: bool = Field(
+        default=True, description="false for a box whose F/T sequence stands still"
+    )
     bias_tolerance_n: Annotated[
         float, Within(1e-4, 2.0, "more is a finger that presses, and no rest of a bias")
-    ] = 0.2
-    normal_axis: Axis
-    lateral_axis: Axis
+    ] = Field(default=0.2, description="what may remain on each axis after the bias was taken")
+    normal_axis: Axis = Field(
+        description="the signed axis whose force is > 0 when the finger presses"
+    )
+    lateral_axis: Axis = Field(description="and along the slide")
 
     def calibration(self) -> str:
         """The box's own scale."""

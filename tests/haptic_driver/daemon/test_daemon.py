@@ -25,8 +25,8 @@ import pytest
 from haptic_driver.config import find_config
 from haptic_driver.daemon import recordings, supervision
 from haptic_driver.daemon.messages import DaemonState
-from haptic_driver.daemon.verbs import TileRequest
 from haptic_driver.daemon.set_up import latency_budget_s
+from haptic_driver.daemon.verbs import TileRequest
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.shared_memory import RING_SAMPLES
 from haptic_driver.recording.read import read_run

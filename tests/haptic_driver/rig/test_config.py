@@ -245,7 +245,7 @@ def test_a_faster_monitor_widens_what_may_be_swept_and_nothing_else(tmp_path):
         ' "TCPIP::192.168.0.7::5025::SOCKET"\n'
     )
     path = rig_file(
-        tmp_path, ("[10.0, 8e3] ", "[10.0, 1e6] "), ("[interlock] ", scope + "[interlock] ")
+        tmp_path, ("[10.0, 8e3] ", "[10.0, 1e6] "), ("[interlock]\n", scope + "[interlock]\n")
     )
     rig = load_rig(path)
     assert rig.operating_limits().frequency_high_hz == 8e3
