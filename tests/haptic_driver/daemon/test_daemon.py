@@ -167,7 +167,7 @@ def test_a_friction_far_out_of_reach_is_refused_with_the_range_and_nothing_comes
     mostly_far.write_text('kind = "uniform"\ncof = 4.0\n')
     with pytest.raises(BadInputError, match=r"most of .*far\.toml, 4 to 4, is far out of reach"):
         daemon.targets.play(lease.token, str(mostly_far))
-    assert refusal(daemon.set_target, "mine", 7.0).code == "not_yours"  # and is not told the range
+    assert refusal(daemon.targets.set, "mine", 7.0).code == "not_yours"  # and is not told the range
     assert electrode_v() == 0.0
     daemon.targets.set(lease.token, 0.93 * low)
     assert daemon.status().state is DaemonState.RENDERING
@@ -243,9 +243,9 @@ def test_nothing_is_read_for_who_may_not_ask_or_while_it_is_refused(daemon, monk
     rig.
     """
     monkeypatch.setattr(daemon._loader, "_ask", lambda *asked: pytest.fail(f"read {asked}"))
-    assert refusal(daemon.play, "guessed", "linen").code == "not_armed"
+    assert refusal(daemon.targets.play, "guessed", "linen").code == "not_armed"
     daemon.arm(LEASE_S)
-    assert refusal(daemon.play, "guessed", "linen").code == "not_yours"
+    assert refusal(daemon.targets.play, "guessed", "linen").code == "not_yours"
     assert refusal(daemon.use_model, "reference").code == "not_idle"
 
 
@@ -430,9 +430,9 @@ def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(
 
 
 def test_nothing_is_rendered_without_the_lease(daemon, electrode_v):
-    assert refusal(daemon.set_target, "guessed", 0.6).code == "not_armed"
+    assert refusal(daemon.targets.set, "guessed", 0.6).code == "not_armed"
     lease = daemon.arm(LEASE_S)
-    assert refusal(daemon.set_target, "guessed", 0.6).code == "not_yours"
+    assert refusal(daemon.targets.set, "guessed", 0.6).code == "not_yours"
     assert refusal(daemon.arm, 2.0).code == "already_armed"
     assert refusal(daemon.reset).code == "no_fault"
     with pytest.raises(BadInputError, match="there is no texture 'gratin'"):
