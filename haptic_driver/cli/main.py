@@ -30,8 +30,8 @@ os.environ.setdefault(
 )  # its threads would wait for each other over small matrices
 
 ON_A_RIG = "On a rig, simulated or real"
-# What `haptic --help` lists besides the verbs of the daemon that are commands. A module is imported only when its command is asked for: `haptic off`
-# must not wait for matplotlib.
+# What `haptic --help` lists besides the verbs of the daemon. A module is imported only when its
+# command is asked for: `haptic off` must not wait for matplotlib.
 PANELS = {
     "Without a rig": (
         "demo",
@@ -146,7 +146,7 @@ def module_of(name: str) -> Any:
 
 
 def summary_of(name: str) -> str:
-    """What a command does; of a docstring the first paragraph, read without importing its module."""
+    """What a command does: its docstring's first paragraph, read without importing its module."""
     if name in GROUPS:
         return GROUPS[name]
     if name in commands():

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from pydantic import Field
 
-from haptic_driver.processes.started import MEMORY, PROCESSES, THREADS
 from haptic_driver.config import Section
+from haptic_driver.processes.started import MEMORY, PROCESSES, THREADS
 from haptic_driver.rig.config import RigConfig
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -39,11 +39,11 @@ class OffThreads:
 
     def __init__(self, daemon: Daemon) -> None:
         self._daemon = daemon
-        self._asked: SimpleQueue[tuple[Verb[Any, Any], Future[bytes]] | None] = SimpleQueue()
+        self._asked: SimpleQueue[tuple[Verb[..., Any, Any], Future[bytes]] | None] = SimpleQueue()
         for _ in range(OFF_THREADS):
             start_thread("off", self._work)
 
-    def ask(self, verb: Verb[Any, Any]) -> Future[bytes]:
+    def ask(self, verb: Verb[..., Any, Any]) -> Future[bytes]:
         """The HTTP response to come; it never fails."""
         response: Future[bytes] = Future()
         self._asked.put((verb, response))
@@ -60,7 +60,7 @@ class OffThreads:
             with suppress(MemoryError):  # the output is off by then; nobody is told
                 response.set_result(self._response(verb))
 
-    def _response(self, verb: Verb[Any, Any]) -> bytes:
+    def _response(self, verb: Verb[..., Any, Any]) -> bytes:
         try:
             return _response(200, verb.said_json(self._daemon, Empty(), "").encode())
         except HapticError as error:
