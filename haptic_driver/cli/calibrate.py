@@ -80,6 +80,7 @@ def _payload(found: Calibration, out: Path, picture: Path) -> dict[str, Any]:
             p.name: {k: v for k, v in p._asdict().items() if k != "name"} for p in found.parameters
         },
         "correlated": [{"names": [a, b], "correlation": r} for a, b, r in found.correlated],
+        "at_an_end": list(found.at_an_end),
         "warnings": list(found.warnings),
     }
 
@@ -88,8 +89,9 @@ def _show(found: Calibration, out: Path, picture: Path) -> None:
     table = Table("parameter", "value", "95 % interval", "unit", "std/prior", box=None)
     for p in found.parameters:
         low, high = p.interval_95
+        bound = "bound: " if p.name in found.at_an_end else ""
         table.add_row(
-            p.name, f"{p.value:.4g}", f"{low:.4g} to {high:.4g}", p.unit, f"{p.learnt:.2f}"
+            p.name, f"{bound}{p.value:.4g}", f"{low:.4g} to {high:.4g}", p.unit, f"{p.learnt:.2f}"
         )
     stdout.print(table)
     stdout.print(f"chi-square per point {found.chi2_per_point:.2f} over {found.data.count} rows")

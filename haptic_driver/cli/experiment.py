@@ -234,30 +234,45 @@ def _panel(result: Result) -> Answers:
         fit.positive,
         fit.count,
         fit.function.at,
-        fit.function.threshold,
+        fit.threshold,
         fit.interval_95,
+        said=fit.why_none,
     )
 
 
 def _show(results: Sequence[Result], written: Sequence[str]) -> None:
     table = Table("participant", "condition", "trials", "left out", "threshold", "95 %", "slope")
     for r in results:
-        if r.fit is None:
-            found = r.why_none, "", ""
-        else:
-            low, high = r.fit.interval_95
-            found = (
-                f"{r.fit.function.threshold:.4g}",
-                f"{low:.4g} to {high:.4g}",
-                f"{r.fit.function.slope:.3g}",
-            )
-        table.add_row(r.participant, r.condition, str(r.trials), str(len(r.left_out)), *found)
+        table.add_row(
+            r.participant, r.condition, str(r.trials), str(len(r.left_out)), *_threshold(r)
+        )
     stdout.print(table)
     for r in results:
         for why, trials in Counter(r.left_out).most_common():
             stdout.print(f"left out of {r.participant}, {r.condition}: {why} ({trials})")
+        for note in r.notes:
+            stdout.print(f"note on {r.participant}, {r.condition}: {note}")
     for path in written:
         stdout.print(path)
+
+
+def _threshold(r: Result) -> tuple[str, str, str]:
+    """A threshold, its interval, and the slope; why there is none where there is none."""
+    if r.fit is None:
+        return r.why_none, "", ""
+    (low, high), (low_open, high_open) = r.fit.interval_95, r.fit.open_ends
+    match low_open, high_open:
+        case True, True:
+            interval = ""
+        case True, False:
+            interval = f"up to {high:.4g}"
+        case False, True:
+            interval = f"from {low:.4g}"
+        case _:
+            interval = f"{low:.4g} to {high:.4g}"
+    if r.why_none:
+        return r.why_none, interval, ""
+    return f"{r.fit.threshold:.4g}", interval, f"{r.fit.function.slope:.3g}"
 
 
 def _check_names(**names: str) -> None:

@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from haptic_driver.experiments.data_file import note
 from haptic_driver.files import replacing
 from haptic_driver.signals import Array
+from model.parameters import SPECIFICATION
 from model.support.cells import read_cell, written_cells
 
 RELAXATIONS_PER_DECADE = 3  # enough for the model's own spectra within 1 %
 ROWS_PER_DECADE = 4  # that a spectrum needs at least, or the relaxations fit anything
 LEAST_ROWS = 7
 TOLERANCE = 0.02  # of |Z|: what valid spectra keep (1 to 2 %)
+TOLD_FROM_ZERO = 2.0  # standard deviations
 MOST_FAILURES = 1 / 3  # of a spectrum's rows; beyond, all of it fails
 
 ComplexArray = NDArray[np.complex128]
@@ -35,14 +37,19 @@ ComplexArray = NDArray[np.complex128]
 class Stray(NamedTuple):
     """The stray capacitance of electrode and leads, from an open circuit, and when that was
     measured.
+
+    `capacitance_f` is None where the rows hold no number; `why_none` says why.
     """
 
-    capacitance_f: float
+    capacitance_f: float | None
     std_f: float
     measured_at: str
+    why_none: str = ""
 
     def as_parameter(self) -> str:
-        """The line of a model's file."""
+        """The line of a model's file, or a comment that says why there is none."""
+        if self.capacitance_f is None:
+            return f"# stray_capacitance_f: {self.why_none}"
         said = (
             f'value = {self.capacitance_f:.6g}, std = {self.std_f:.2g}, source = "open circuit,'
             f' {self.measured_at}"'
@@ -140,7 +147,13 @@ def stray_capacitance(rows: Sequence[Mapping[str, str]], today: datetime.date) -
     weight = error**-2
     mean = float(np.sum(weight * capacitance) / np.sum(weight))
     spread = sqrt(float(np.mean(weight * (capacitance - mean) ** 2)))
-    return Stray(mean, max(spread, 1.0) / sqrt(float(np.sum(weight))), today.isoformat())
+    std_f = max(spread, 1.0) / sqrt(float(np.sum(weight)))
+    highest = SPECIFICATION["stray_capacitance_f"]["high"]
+    if TOLD_FROM_ZERO * std_f < mean <= highest:
+        return Stray(mean, std_f, today.isoformat())
+    said = f"the open circuits give {mean:.3g} F, std {std_f:.2g}: "
+    why = f"above {highest:g} F" if mean > highest else "not told from zero"
+    return Stray(None, std_f, today.isoformat(), said + why)
 
 
 def _marked_good(row: Mapping[str, str]) -> bool:

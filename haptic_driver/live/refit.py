@@ -16,7 +16,7 @@ import numpy as np
 from haptic_driver.live.comparison import by_model, columns, compared
 from haptic_driver.live.window import Window
 from haptic_driver.signals import Array
-from model.analysis.calibration import calibrate
+from model.analysis.calibration import BARELY_LEARNT, Calibration, calibrate
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.effects.skin_hydration import SkinHydration
@@ -48,10 +48,19 @@ def refit(windows: Sequence[Window], description: ModelDescription, now_s: float
     if np.any(np.abs(found.fit.vector) > FARTHEST):
         said = "the finger's numbers would have to be far from any finger's: ask haptic why"
         raise ModelError(said)
+    if found.at_an_end:
+        raise ModelError(f"{found.warnings[-1]}: ask haptic why")
+    return Refitted(_at_level(found.model, windows), _numbers(found))
+
+
+def _numbers(found: Calibration) -> str:
+    """What the new model says of the finger."""
     wetness = found.model.effect_parameters[SkinHydration.name]["wetness"]
-    fitted = [f"{p.name} {p.value:.3g} {p.unit}".strip() for p in found.parameters]
-    said = ", ".join([*fitted, f"skin hydration {wetness.value:+.2f}"])
-    return Refitted(_at_level(found.model, windows), said)
+    told = [p for p in found.parameters if p.learnt <= BARELY_LEARNT]
+    fitted = [f"{p.name} {p.value:.3g} {p.unit}".strip() for p in told]
+    untold = [p.name for p in found.parameters if p not in told]
+    rest = f"; the rows say next to nothing of {', '.join(untold)}" if untold else ""
+    return ", ".join([*fitted, f"skin hydration {wetness.value:+.2f}"]) + rest
 
 
 def weighted(

@@ -18,8 +18,8 @@ CLASSES = 12  # of levels of an adaptive method, each one dot
 
 class Answers(NamedTuple):
     """What a panel shows: `positive` of `answered` answers at `levels` [n], and, where it was
-    fitted, the function, its threshold and that one's interval. `said` takes the function's place
-    where there is none.
+    fitted, the function, its threshold and that one's interval. `said` takes the place of a
+    threshold that there is none of: NaN.
     """
 
     title: str
@@ -76,6 +76,10 @@ def _draw(axes: Any, panel: Answers) -> None:
     margin = 0.05 * float(np.ptp(panel.levels))
     x = np.linspace(panel.levels[0] - margin, panel.levels[-1] + margin, 200)
     axes.plot(x, panel.function(x), color=FUNCTION, lw=1.5, label="fitted")
+    if np.isnan(panel.threshold):
+        axes.text(0.5, 0.03, panel.said, ha="center", wrap=True, transform=axes.transAxes)
+        axes.legend(frameon=False, loc="best", fontsize=8)
+        return
     at = float(panel.function(np.array([panel.threshold]))[0])
     axes.plot(
         np.clip(panel.interval, x[0], x[-1]),

@@ -19,6 +19,7 @@ from scipy.special import ndtri
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
+from model.diagnosis.ends import at_an_end
 from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import FINGER, GAP_OFFSET, Nuisance, Predictor
@@ -77,7 +78,8 @@ class Calibration:
     """A finger fitted to its data.
 
     `residual` [n] whitened (standard normal where the model fits); `correlated` names pairs that
-    the data hardly tell apart, with their correlation; `warnings` say in words what not to rely on.
+    the data hardly tell apart, with their correlation; `warnings` say in words what not to rely on;
+    `at_an_end` names what stands at an end of its range, and is no measurement.
     """
 
     model: ModelDescription
@@ -88,6 +90,7 @@ class Calibration:
     noise: Noise
     fit: Fit
     predicted_cof: Array
+    at_an_end: tuple[str, ...] = ()
 
     @property
     def residual(self) -> Array:
@@ -143,12 +146,14 @@ def calibrate(
     fit = max(fits, key=lambda found: found.log_evidence)
     parameters = tuple(_fitted(description, n, fit, i) for i, n in enumerate(free))
     correlated = _correlated(free, fit)
+    ends = at_an_end(description, free, fit)
     predicted = np.exp(problem.predictor.predicted(kinds, fit.vector[None])[0])
     return Calibration(
         model=_model(description, data, free, fit),
         parameters=parameters,
         correlated=correlated,
-        warnings=(*noise.warnings, *_warnings(data, parameters, correlated, fit)),
+        warnings=(*noise.warnings, *_warnings(data, parameters, correlated, fit), *ends.values()),
+        at_an_end=tuple(ends),
         data=data,
         noise=noise,
         fit=fit,

@@ -13,6 +13,8 @@ from model.description import ModelDescription
 from model.diagnosis.audit import Audit, audited
 from model.diagnosis.data import Measurements
 from model.diagnosis.decide import Verdict, verdict_of
+from model.diagnosis.ends import at_an_end
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.hypotheses import (
     FORCE_SENSOR,
     Candidate,
@@ -92,7 +94,8 @@ def diagnose(
     verdict = verdict_of(hypotheses, posterior(hypotheses.evidences))
     findings = proved(description, setting, hypotheses, verdict, seed, progress)
     far_off = nuisance_warnings(setting.problem.predictor.free, findings.chosen)
-    warnings = (*audit.warnings, *setting.warnings, *far_off)
+    ends = at_an_end(description, setting.problem.predictor.free, findings.chosen.fit)
+    warnings = (*audit.warnings, *setting.warnings, *far_off, *ends.values())
     return Diagnosis(setting.data, setting.problem.noise, findings, warnings, seed)
 
 

@@ -23,12 +23,13 @@ from haptic_driver.experiments.psychophysics.methods import StaircaseMethod, con
 
 @dataclass(frozen=True)
 class Result:
-    """One participant's answers to one condition. `fit` is None where they are too few, `why_none`
-    says so.
+    """One participant's answers to one condition. `fit` is None where they are too few; `why_none`
+    says why there is no threshold.
 
     `left_out`: why, of each trial that was not delivered. `staircase`: mean of the reversals of
     each session's staircase, and the share of positive answers at which it comes to rest; None for
-    other methods.
+    other methods, and where reversals are those of the end of its range. `notes`: what not to rely
+    on.
     """
 
     participant: str
@@ -39,6 +40,7 @@ class Result:
     fit: Fit | None
     why_none: str = ""
     staircase: tuple[float, float] | None = None
+    notes: tuple[str, ...] = ()
 
     def numbers(self) -> dict[str, str | float]:
         """A line of the table of thresholds."""
@@ -49,24 +51,20 @@ class Result:
             "trials": self.trials,
             "left_out": len(self.left_out),
         }
+        unknown = ("threshold", "threshold_low", "threshold_high", "slope", "guess", "lapse")
+        found |= dict.fromkeys((*unknown, "deviance"), "") | {"why_none": self.why_none}
         if self.fit is not None:
-            function, (low, high) = self.fit.function, self.fit.interval_95
-            found |= {"threshold": function.threshold, "threshold_low": low, "threshold_high": high}
-            found |= {"slope": function.slope, "guess": function.guess, "lapse": function.lapse}
-            found |= {"deviance": self.fit.deviance, "why_none": ""}
-        else:
-            nothing = (
-                "threshold",
-                "threshold_low",
-                "threshold_high",
-                "slope",
-                "guess",
-                "lapse",
-                "deviance",
-            )
-            found |= dict.fromkeys(nothing, "") | {"why_none": self.why_none}
+            ends = zip(self.fit.interval_95, self.fit.open_ends, strict=True)
+            low, high = ("" if is_open else end for end, is_open in ends)
+            found |= {"threshold_low": low, "threshold_high": high}
+            if not self.fit.why_none:
+                function = self.fit.function
+                found |= {"threshold": function.threshold, "slope": function.slope}
+                found |= {"guess": function.guess, "lapse": function.lapse}
+            found |= {"deviance": self.fit.deviance}
         mean, share = self.staircase or ("", "")
-        return found | {"reversals_mean": mean, "reversals_at": share}
+        found |= {"reversals_mean": mean, "reversals_at": share}
+        return found | {"notes": "; ".join(self.notes)}
 
 
 def analyse(folder: Path, *, as_felt: bool = False) -> list[Result]:
@@ -127,7 +125,7 @@ def _result(
     used = [row for row in every if row.delivered]
     left_out = tuple(row.why_not_delivered for row in every if not row.delivered)
     levels = [row.felt_level if as_felt else row.level for row in used]
-    found, why_none = None, ""
+    found, why_none, notes = None, "", list[str]()
     try:
         kept = [i for i, level in enumerate(levels) if np.isfinite(level)]
         found = fit(
@@ -136,10 +134,13 @@ def _result(
             experiment.file.analysis.form,
             experiment.guess,
         )
+        why_none, notes = found.why_none, list(found.notes)
     except BadInputError as error:
         why_none = error.message
-    settings = experiment.file.method
-    staircase = _staircase(settings, by_session) if isinstance(settings, Staircase) else None
+    settings, staircase = experiment.file.method, None
+    if isinstance(settings, Staircase):
+        staircase, note = _staircase(settings, by_session)
+        notes += [note] if note else []
     return Result(
         participant,
         experiment.file.name,
@@ -149,20 +150,26 @@ def _result(
         found,
         why_none,
         staircase,
+        tuple(notes),
     )
 
 
 def _staircase(
     settings: Staircase, by_session: Sequence[Sequence[Row]]
-) -> tuple[float, float] | None:
-    """Mean over sessions of what each staircase says itself, and where it comes to rest."""
-    estimates = []
+) -> tuple[tuple[float, float] | None, str]:
+    """Mean over sessions of what each staircase says itself, and where it comes to rest; or why
+    there is none.
+    """
+    estimates, at_end = [], ""
     for rows in by_session:
         staircase = StaircaseMethod(settings)
         for row in rows:
             if row.delivered:
                 staircase.report(row.level, row.positive)
+        at_end = at_end or staircase.at_end
         if staircase.estimate is not None:
             estimates.append(staircase.estimate)
     share = converges_at(settings)
-    return (float(np.mean(estimates)), share) if estimates and share is not None else None
+    if at_end or share is None or not estimates:
+        return None, at_end
+    return (float(np.mean(estimates)), share), ""

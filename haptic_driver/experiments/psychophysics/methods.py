@@ -102,6 +102,21 @@ class StaircaseMethod:
             else float(np.exp(np.mean(np.log(last))))
         )
 
+    @property
+    def at_end(self) -> str:
+        """What to say where half of the reversals that are averaged are those of the end of its
+        range, which are nobody's threshold; else empty.
+        """
+        last = self.reversals[-self._settings.averaged :]
+        for end in (self._settings.low, self._settings.high):
+            there = sum(math.isclose(level, end) for level in last)
+            if last and 2 * there >= len(last):
+                return (
+                    f"{there} of the {len(last)} last reversals lie at {end:.4g}, the end of the"
+                    " staircase: their mean is no threshold"
+                )
+        return ""
+
 
 def converges_at(settings: said.Staircase) -> float | None:
     """Share of positive answers where a staircase with `up` 1 comes to rest, p^down = 1/2; None for

@@ -25,7 +25,7 @@ UNBIASED_GUESS = 0.1  # of a simulated participant who says yes or no
 class Found(NamedTuple):
     """How a condition's threshold was found: median over participants, its spread relative to the
     truth, the mean number of trials, the share of participants whose 95 % interval holds the truth,
-    and of those who could be fitted.
+    and of those whose answers hold one.
     """
 
     condition: str
@@ -157,7 +157,7 @@ class _Remembered(SessionFiles):
 
 def _found(condition: str, truth: float, results: list[Result]) -> Found:
     fits = [r.fit for r in results if r.fit is not None]
-    thresholds = np.array([fit.function.threshold for fit in fits] or [np.nan])
+    thresholds = np.array([fit.threshold for fit in fits if not fit.why_none] or [np.nan])
     held = [fit.interval_95[0] <= truth <= fit.interval_95[1] for fit in fits]
     return Found(
         condition,
@@ -166,5 +166,5 @@ def _found(condition: str, truth: float, results: list[Result]) -> Found:
         float(np.std(thresholds) / abs(truth)) if truth else np.nan,
         float(np.mean([r.trials for r in results])),
         float(np.mean(held)) if held else np.nan,
-        len(fits) / len(results),
+        sum(not fit.why_none for fit in fits) / len(results),
     )

@@ -127,6 +127,21 @@ def test_rows_are_marked_and_nothing_else_changes(tmp_path: Path) -> None:
     assert json.loads(meta_path(path).read_text())["stray_capacitance"] == stray._asdict()
 
 
+def test_an_open_circuit_that_is_no_capacitance_gives_no_number(tmp_path: Path) -> None:
+    """A resistor of 1 MOhm: what the rows hold of a capacitance is their noise."""
+    z = np.full(F.size, 1e6 + 0j)
+    _, stray = mark_spectra(written(tmp_path / "data.csv", {"none": z}), TODAY)
+    assert stray is not None
+    assert stray.capacitance_f is None
+    assert "not told from zero" in stray.why_none
+    assert stray.as_parameter().startswith("# ")
+    huge = 1.0 / (2j * np.pi * F * 2e-6)
+    _, stray = mark_spectra(written(tmp_path / "data.csv", {"none": huge}), TODAY)
+    assert stray is not None
+    assert stray.capacitance_f is None
+    assert "above 1e-06 F" in stray.why_none
+
+
 def test_too_few_rows_to_tell_are_left_unmarked_and_no_open_circuit_is_no_calibration(
     tmp_path: Path,
 ) -> None:

@@ -170,6 +170,23 @@ def test_what_cannot_be_fitted_is_refused(reference, rich):
         calibrate(replace(reference, variant="published"), data)
 
 
+def test_a_number_at_the_end_of_its_range_is_said_to_be_a_bound(reference, rich):
+    """Friction of 5.5 without voltage: a model's file may say 5 at most."""
+    data, _ = rich
+    times = 5.5 / np.median(data.columns["cof"][~data.driven])
+    columns = data.columns | {n: times * data.columns[n] for n in ("cof", "cof_std")}
+    own = replace(reference.parameters["cof_off"], value=4.8)
+    high = replace(reference, parameters=reference.parameters | {"cof_off": own})
+    found = calibrate(high, replace(data, columns=columns))
+    assert "cof_off" in found.at_an_end
+    assert {p.name: p.value for p in found.parameters}["cof_off"] == 5.0
+    assert any(w.startswith("cof_off stands at 5, the end of its range") for w in found.warnings)
+
+
+def test_no_number_of_a_usual_finger_stands_at_an_end(found):
+    assert found.at_an_end == ()
+
+
 def test_data_without_any_noise_are_refused(reference):
     n = 10
     columns = {

@@ -99,6 +99,76 @@ def test_answers_that_leave_a_threshold_open_say_so():
     assert found.interval_95[1] == math.inf
 
 
+ASKED = np.repeat([0.05, 0.1, 0.15, 0.2, 0.3, 0.4], 10)
+SIGNED = np.repeat([-0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3], 10)
+BELOW, ABOVE = "below 0.05, the lowest level", "above 0.4, the highest level"
+FALLS = "fewer as the level rises: are keys or intervals swapped?"
+
+
+@pytest.mark.parametrize(
+    ("levels", "positive", "form", "guess", "why"),
+    [
+        (ASKED, ASKED > 0.0, "weibull", 0.5, BELOW),
+        (ASKED, ASKED > 0.0, "weibull", None, BELOW),
+        (ASKED, np.arange(60) % 2 == 0, "weibull", 0.5, ABOVE),  # chance: nothing is felt
+        (ASKED, ASKED < 0.0, "weibull", None, ABOVE),
+        (ASKED, ASKED < 0.18, "weibull", 0.5, FALLS),  # keys swapped
+        (ASKED, ASKED < 0.18, "weibull", None, FALLS),
+        (SIGNED, SIGNED > -1.0, "normal", 0.0, "below -0.3, the lowest level"),
+        (SIGNED, SIGNED > 1.0, "normal", 0.0, "above 0.3, the highest level"),
+        (SIGNED, SIGNED < 0.0, "normal", 0.0, FALLS),
+        (np.full(20, 0.1), np.arange(20) % 4 > 0, "weibull", 0.5, "open on both sides"),
+        (
+            np.append(ASKED, np.zeros(4)),
+            np.append(ASKED > 0.0, [1, 0, 1, 0]),
+            "weibull",
+            0.5,
+            BELOW,
+        ),
+    ],
+)
+def test_answers_that_hold_no_threshold_give_no_number(levels, positive, form, guess, why):
+    found = fit(list(levels), list(positive), form, guess)
+    assert math.isnan(found.threshold)
+    assert why in found.why_none
+
+
+def test_what_is_left_of_a_threshold_is_a_one_sided_interval():
+    """Where all answers are right, by a grid over slopes, lapses being none."""
+    everything = fit(list(ASKED), [True] * 60, "weibull", 0.5)
+    low, high = everything.interval_95
+    assert everything.open_ends == (True, False)
+    assert low == 0.0
+    price = [
+        np.log(slope / 3.0) ** 2
+        - 2.0 * np.log(Psychometric("weibull", high, slope, 0.5).at(ASKED)).sum()
+        for slope in np.geomspace(0.5, 15.0, 2000)
+    ]
+    assert min(price) == pytest.approx(stats.chi2.isf(0.10, 1), rel=0.02)  # the root's 1e-3
+    nothing = fit(list(ASKED), [x % 2 == 0 for x in range(60)], "weibull", 0.5)
+    assert nothing.open_ends == (False, True)
+    assert nothing.interval_95[0] > 0.3
+
+
+def test_answers_below_chance_are_flagged():
+    """3 of 60 where half are right by guessing: p = 3e-14."""
+    swapped = fit(list(ASKED), [i in (3, 24, 51) for i in range(60)], "weibull", 0.5)
+    said = "3 of 60 answers are positive, fewer than by chance (50 %)"
+    assert any(said in note for note in swapped.notes)
+    lucky = fit(list(ASKED), [i % 5 > 2 for i in range(60)], "weibull", 0.5)  # 24 of 60: p = 0.08
+    assert not any("chance" in note for note in lucky.notes)
+
+
+def test_a_slope_or_lapses_at_their_end_are_said():
+    steep = fit(list(np.tile(ASKED, 10)), list(np.tile(ASKED, 10) > 0.12), "weibull", 0.0)
+    assert any("the slope is 15 or more" in note for note in steep.notes)
+    lapses = [(x > 0.12) and i % 5 > 0 for i, x in enumerate(np.tile(ASKED, 10))]
+    assert any(
+        "lapses are 10 % or more" in note
+        for note in fit(list(np.tile(ASKED, 10)), lapses, "weibull", 0.0).notes
+    )
+
+
 @pytest.mark.parametrize(
     ("levels", "positive"), [([0.1] * 7, [True] * 7), ([0.0] * 20, [True] * 20), ([], [])]
 )

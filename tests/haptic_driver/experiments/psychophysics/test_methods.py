@@ -119,6 +119,31 @@ def test_staircases_come_to_rest_at_a_level_that_answers_do_not_know_of():
     assert np.median(estimates) == pytest.approx(expected, rel=0.05)
 
 
+def test_reversals_at_the_end_of_a_staircase_are_no_threshold():
+    """Nothing is felt: it climbs to the top, and luck takes it a step down now and then."""
+    rng = np.random.default_rng(3)
+    lost, found = (
+        StaircaseMethod(
+            Staircase(
+                kind="staircase",
+                start=0.2,
+                steps=[0.12],
+                low=0.01,
+                high=high,
+                reversals=60,
+                averaged=40,
+                trials=400,
+            )
+        )
+        for high in (0.5, 10.0)
+    )
+    for staircase, answers in ((lost, lambda level: False), (found, lambda level: level > 0.15)):
+        while (level := staircase.suggest()) is not None:
+            staircase.report(level, answers(level) or bool(rng.random() < 0.5))
+    assert "lie at 0.5, the end of the staircase" in lost.at_end
+    assert found.at_end == ""
+
+
 def test_constant_stimuli_come_as_often_as_each_other():
     method, levels = ConstantMethod([0.1, 0.2, 0.3], 4, np.random.default_rng(1)), []
     while (level := method.suggest()) is not None:
