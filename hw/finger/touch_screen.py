@@ -9,7 +9,7 @@ import math
 import os
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -28,9 +28,13 @@ _READ_BYTES = 256 * _EVENT.size
 _SYNC, _KEY, _ABSOLUTE = 0x00, 0x01, 0x03
 _SYNC_REPORT, _SYNC_DROPPED = 0, 3
 _KEY_TOUCH = 0x14A
-_X, _Y = 0x00, 0x01
+_PEN_KEYS = (0x140, 0x141, 0x142, 0x143, 0x144)  # BTN_TOOL_PEN to BTN_TOOL_AIRBRUSH
+_X, _Y, _DISTANCE = 0x00, 0x01, 0x19
 _SLOT, _SLOT_X, _SLOT_Y, _SLOT_CONTACT = 0x2F, 0x35, 0x36, 0x39
+_SLOT_TOOL, _SLOT_DISTANCE = 0x37, 0x3B
+_FINGER, _PEN = 0, 1  # MT_TOOL_FINGER, MT_TOOL_PEN; a palm is 2
 _SET_CLOCK = 0x400445A0  # EVIOCSCLOCKID, _IOW('E', 0xa0, int)
+_SLOT_VALUES = 0x8000450A  # EVIOCGMTSLOTS(0), to which the size of the answer is added at bit 16
 
 
 class RawTouch(NamedTuple):
@@ -101,6 +105,16 @@ def fit_calibration(raw: Array, position_m: Array, measured_on: datetime.date) -
     )
 
 
+class Standing(NamedTuple):
+    """What holds of each slot besides its place, from slot 0 on; the kernel repeats none of it.
+
+    `distance_raw` from the screen, 0 for a touch; `tool` as MT_TOOL_*.
+    """
+
+    distance_raw: Sequence[int] = ()
+    tool: Sequence[int] = ()
+
+
 @dataclass
 class _Contact:
     """What is known of one finger; the kernel sends only what changes, so a place may stay unknown
@@ -110,11 +124,20 @@ class _Contact:
     down: bool
     x_raw: int | None = None
     y_raw: int | None = None
+    distance_raw: int = 0
+    tool: int = _FINGER
+    lifted_by_key: bool = False  # its slot has not said so
+    is_told: bool = False  # in this report
+
+    @property
+    def touching(self) -> bool:
+        """Whether it is a finger on the screen: one that hovers, a palm and a pen are none."""
+        return self.down and self.distance_raw <= 0 and self.tool == _FINGER
 
     def report(self, time_s: float) -> RawTouch | None:
         if self.x_raw is None or self.y_raw is None:
             return None
-        return RawTouch(time_s, self.x_raw, self.y_raw, self.down)
+        return RawTouch(time_s, self.x_raw, self.y_raw, self.touching)
 
 
 class TouchEvents:
@@ -122,17 +145,26 @@ class TouchEvents:
 
     `current_slot` asks a screen with slots (protocol B) which one events belong to; None is for a
     screen that knows one finger only. Of several fingers it follows one until that one lifts, then
-    reports the lift, then goes on with the next in slot order. After the kernel has dropped events
-    nothing is believed until it is said again: a touch may be missed for a while (on a screen
-    without slots until the next one) but is never made up.
+    reports the lift, then goes on with the next in slot order. What hovers, a palm and a pen are no
+    touch, and BTN_TOUCH 0 lifts every finger, whatever its slot says. After the kernel has dropped
+    events nothing is believed until it is said again: a touch may be missed for a while (on a
+    screen without slots until the next one) but is never made up; `standing` then asks the screen
+    for what it would not repeat.
     """
 
-    def __init__(self, current_slot: Callable[[], int] | None) -> None:
+    def __init__(
+        self,
+        current_slot: Callable[[], int] | None,
+        standing: Callable[[], Standing] = Standing,
+    ) -> None:
         self._current_slot = current_slot
+        self._ask_standing = standing
+        self._standing = standing()
         self._fingers: dict[int, _Contact] = {}
         self._slot = self._ask_slot()
         self._followed = self._slot
         self._touched = False  # as last reported
+        self._is_key_up = False  # BTN_TOUCH 0, on a screen with slots
         self._dropping = False
         self._unfinished = b""
 
@@ -151,36 +183,73 @@ class TouchEvents:
                 self._dropping = True
             elif not self._dropping and self._current_slot is None:
                 self._take_single(kind, code, value)
-            elif not self._dropping and kind == _ABSOLUTE:
-                self._take_slotted(code, value)
+            elif not self._dropping:
+                self._take_slotted(kind, code, value)
         return newest
 
     def _take_single(self, kind: int, code: int, value: int) -> None:
-        finger = self._fingers.setdefault(self._slot, _Contact(down=False))
+        finger = self._contact(down=False)
         if (kind, code) == (_KEY, _KEY_TOUCH):
             finger.down = value != 0
+        elif kind == _KEY and code in _PEN_KEYS:
+            finger.tool = _PEN if value else _FINGER
+        elif (kind, code) == (_ABSOLUTE, _DISTANCE):
+            finger.distance_raw = value
         elif (kind, code) == (_ABSOLUTE, _X):
             finger.x_raw = value
         elif (kind, code) == (_ABSOLUTE, _Y):
             finger.y_raw = value
 
-    def _take_slotted(self, code: int, value: int) -> None:
+    def _take_slotted(self, kind: int, code: int, value: int) -> None:
+        if (kind, code) == (_KEY, _KEY_TOUCH):
+            self._is_key_up = value == 0
+        if kind != _ABSOLUTE:
+            return
         if code == _SLOT:
             self._slot = value
-        if code not in (_SLOT_CONTACT, _SLOT_X, _SLOT_Y):
+        if code not in (_SLOT_CONTACT, _SLOT_X, _SLOT_Y, _SLOT_TOOL, _SLOT_DISTANCE):
             return
         # Only a finger that is down has a place, so an unknown one that is given a place is down.
-        finger = self._fingers.setdefault(self._slot, _Contact(down=True))
+        finger = self._contact(down=code in (_SLOT_X, _SLOT_Y))
+        finger.is_told = True
         if code == _SLOT_CONTACT:
-            finger.down = value >= 0
+            finger.down, finger.lifted_by_key = value >= 0, False
         elif code == _SLOT_X:
             finger.x_raw = value
-        else:
+        elif code == _SLOT_Y:
             finger.y_raw = value
+        elif code == _SLOT_TOOL:
+            finger.tool = value
+        else:
+            finger.distance_raw = value
+
+    def _contact(self, *, down: bool) -> _Contact:
+        """The finger that the events are of; `down` where it is not known yet."""
+        if self._slot not in self._fingers:
+            distance_raw, tool = (
+                values[self._slot] if 0 <= self._slot < len(values) else 0
+                for values in self._standing
+            )
+            self._fingers[self._slot] = _Contact(down, distance_raw=distance_raw, tool=tool)
+        return self._fingers[self._slot]
+
+    def _settle(self) -> None:
+        """Take BTN_TOUCH together with what the slots have said in the same report.
+
+        What it lifted without a word of its slot touches again once that one is told of.
+        """
+        for finger in self._fingers.values():
+            if self._is_key_up:
+                finger.lifted_by_key |= finger.down
+                finger.down = False
+            elif finger.lifted_by_key and finger.is_told:
+                finger.down, finger.lifted_by_key = True, False
+            finger.is_told = False
 
     def _report(self, time_s: float) -> RawTouch | None:
         if self._dropping:
             return self._forget(time_s)
+        self._settle()
         if not self._is_down(self._followed) and not self._touched:
             self._followed = min(
                 (slot for slot in self._fingers if self._is_down(slot)), default=self._followed
@@ -195,11 +264,13 @@ class TouchEvents:
         finger = self._fingers.get(self._followed)
         report = finger.report(time_s) if finger else None
         self._fingers.clear()
+        self._standing = self._ask_standing()
         self._dropping, self._touched, self._slot = False, False, self._ask_slot()
+        self._is_key_up = False
         return report._replace(touching=False) if report else None
 
     def _is_down(self, slot: int) -> bool:
-        return slot in self._fingers and self._fingers[slot].down
+        return slot in self._fingers and self._fingers[slot].touching
 
     def _ask_slot(self) -> int:
         return self._current_slot() if self._current_slot else 0
@@ -354,7 +425,10 @@ def open_touch_reports(path: str) -> TouchReports:
             on_failure.callback(device.close)
             fcntl.ioctl(device.fd, _SET_CLOCK, struct.pack("@i", time.CLOCK_MONOTONIC))
             has_slots = _has_slots(device, path)
-            events = TouchEvents((lambda: int(device.absinfo(_SLOT).value)) if has_slots else None)
+            events = TouchEvents(
+                (lambda: int(device.absinfo(_SLOT).value)) if has_slots else None,
+                lambda: _standing(device, has_slots),
+            )
             x, y = (
                 device.absinfo(code) for code in ((_SLOT_X, _SLOT_Y) if has_slots else (_X, _Y))
             )
@@ -375,14 +449,46 @@ def open_touch_reports(path: str) -> TouchReports:
 
 def _has_slots(device: Any, path: str) -> bool:
     """Whether an evdev device tells fingers apart by slots, or knows one only; BadReply for no
-    touch screen.
+    touch screen, and for one without slots that tells several fingers (multi-touch protocol A).
     """
     can = device.capabilities(absinfo=False)
     axes = set(can.get(_ABSOLUTE, []))
     if {_SLOT, _SLOT_X, _SLOT_Y, _SLOT_CONTACT} <= axes:
         return True
+    if {_SLOT_X, _SLOT_Y} & axes:
+        raise BadReply(
+            f"{path} is {device.name!r}, a screen that tells several fingers without slots"
+            " (multi-touch protocol A): its touches cannot be followed",
+            "Use a screen whose driver has slots (evtest lists ABS_MT_SLOT and"
+            " ABS_MT_TRACKING_ID), set it to one finger if it can be (ABS_X, ABS_Y and BTN_TOUCH"
+            " alone), or convert its events to slots with the library mtdev and a uinput device",
+        )
     if {_X, _Y} <= axes and _KEY_TOUCH in can.get(_KEY, []):
         return False
     raise BadReply(
         f"{path} is {device.name!r}, which is no touch screen", "choose another event device"
     )
+
+
+def _standing(device: Any, has_slots: bool) -> Standing:
+    """What an evdev device knows of its fingers besides their place."""
+    can = device.capabilities(absinfo=False)
+    axes = set(can.get(_ABSOLUTE, []))
+    if has_slots:
+        asked = _SLOT_DISTANCE, _SLOT_TOOL
+        return Standing(*(_slot_values(device, c) if c in axes else () for c in asked))
+    distance_raw = int(device.absinfo(_DISTANCE).value) if _DISTANCE in axes else 0
+    pens = set(can.get(_KEY, [])) & set(_PEN_KEYS)
+    has_pen = bool(pens and pens & set(device.active_keys()))
+    return Standing([distance_raw], [_PEN if has_pen else _FINGER])
+
+
+def _slot_values(device: Any, code: int) -> Sequence[int]:
+    """One axis of every slot, as the kernel has it now."""
+    import fcntl  # noqa: PLC0415 - not on Windows
+
+    slots = int(device.absinfo(_SLOT).max) + 1
+    layout = struct.Struct(f"@i{slots}i")
+    answer = bytearray(layout.pack(code, *[0] * slots))
+    fcntl.ioctl(device.fd, _SLOT_VALUES | layout.size << 16, answer)
+    return [int(value) for value in layout.unpack(answer)[1:]]

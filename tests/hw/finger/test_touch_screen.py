@@ -20,6 +20,7 @@ from hw.finger.simulated_touch_screen import Panel
 from hw.finger.touch_screen import (
     EvdevTouchScreen,
     RawTouch,
+    Standing,
     TouchCalibration,
     TouchEvents,
     TouchReports,
@@ -272,6 +273,129 @@ def test_events_may_be_cut_anywhere(cuts: list[int]) -> None:
     }
 
 
+SLOT, CONTACT, PLACE_X, PLACE_Y = (3, 0x2F), (3, 0x39), (3, 0x35), (3, 0x36)
+TOOL, DISTANCE, ONE_DISTANCE = (3, 0x37), (3, 0x3B), (3, 0x19)
+TOUCH, PEN, ONE_X, ONE_Y = (1, 0x14A), (1, 0x140), (3, 0x00), (3, 0x01)
+LANDS = [(CONTACT, 45), (PLACE_X, 100), (PLACE_Y, 200), (TOUCH, 1)]
+LANDS_ON_ONE = [(ONE_X, 100), (ONE_Y, 200), (TOUCH, 1)]
+
+
+def told(events: TouchEvents, *values: tuple[tuple[int, int], int]) -> bool | None:
+    """Whether a finger touches after one report of these; None where no place is known."""
+    packed = [EVENT.pack(10, 0, *code, value) for code, value in values]
+    report = events.feed(b"".join([*packed, EVENT.pack(10, 0, 0, 0, 0)]))
+    return None if report is None else report.touching
+
+
+def test_a_finger_that_hovers_does_not_touch() -> None:
+    events = TouchEvents(lambda: 0)
+    assert told(events, (DISTANCE, 1), *LANDS[:3], (TOUCH, 0)) is False
+    assert told(events, (PLACE_X, 120)) is False
+    assert told(events, (DISTANCE, 0), (TOUCH, 1)) is True
+    assert told(events, (DISTANCE, 1)) is False  # of a screen that keeps BTN_TOUCH
+    one = TouchEvents(None)
+    assert told(one, *LANDS_ON_ONE) is True
+    assert told(one, (ONE_DISTANCE, 1)) is False
+    assert told(one, (ONE_DISTANCE, 0)) is True
+
+
+@pytest.mark.parametrize("tool", [1, 2, 10], ids=["pen", "palm", "dial"])
+def test_what_is_no_finger_does_not_touch(tool: int) -> None:
+    events = TouchEvents(lambda: 0)
+    assert told(events, *LANDS) is True
+    assert told(events, (TOOL, tool)) is False
+    assert told(events, (TOOL, 0)) is True
+
+
+def test_a_pen_on_a_screen_for_one_does_not_touch() -> None:
+    one = TouchEvents(None)
+    assert told(one, (PEN, 1), *LANDS_ON_ONE) is False
+    assert told(one, (TOUCH, 0), (PEN, 0)) is False
+    assert told(one, (TOUCH, 1)) is True
+
+
+def test_the_key_lifts_every_finger_whose_slot_has_not_said_so() -> None:
+    events = TouchEvents(lambda: 0)
+    assert told(events, *LANDS, (SLOT, 1), *LANDS[:3]) is True
+    assert told(events, (TOUCH, 0)) is False
+    assert told(events, (TOUCH, 1)) is False  # which one, nobody says
+    assert told(events, (SLOT, 0), (PLACE_X, 101)) is True
+    assert told(events, (TOUCH, 0)) is False
+    assert told(events, (CONTACT, 46), (TOUCH, 1)) is True
+
+
+def test_beside_a_palm_the_finger_is_followed() -> None:
+    events = TouchEvents(lambda: 0)
+    assert told(events, (TOOL, 2), *LANDS) is False
+    packed = [(SLOT, 3), (CONTACT, 46), (PLACE_X, 500), (PLACE_Y, 600), ((0, 0), 0)]
+    report = events.feed(b"".join(EVENT.pack(10, 0, *code, value) for code, value in packed))
+    assert report == (10.0, 500, 600, True)
+
+
+@pytest.mark.parametrize("standing", [Standing([0, 3]), Standing([], [0, 2])])
+def test_what_the_kernel_does_not_repeat_is_asked_for(standing: Standing) -> None:
+    """At the beginning, and after events were dropped: slot 1 hovers, or is a palm."""
+    events = TouchEvents(lambda: 1, lambda: standing)
+    assert told(events, *LANDS) is False
+    assert told(events, (SLOT, 0), *LANDS) is True
+    events.feed(EVENT.pack(10, 0, 0, 3, 0))
+    told(events)
+    assert not told(events, (SLOT, 1), (PLACE_X, 7), (PLACE_Y, 8))
+    assert told(events, (SLOT, 0), (PLACE_X, 7), (PLACE_Y, 8)) is True
+
+
+@pytest.mark.parametrize("also", [{}, {1: [0x14A]}], ids=["bare", "with a key"])
+def test_a_screen_without_slots_for_several_fingers_is_refused_by_name(
+    monkeypatch: pytest.MonkeyPatch, also: dict[int, list[int]]
+) -> None:
+    """Protocol A, as its drivers declare it: positions, no slots, often ABS_X and ABS_Y as well."""
+    device = SimpleNamespace(
+        fd=-1,
+        name="eGalax",
+        capabilities=lambda **_: {3: [0x00, 0x01, 0x30, 0x35, 0x36], **also},
+        close=lambda: None,
+    )
+    monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=lambda *_, **__: device))
+    monkeypatch.setattr("fcntl.ioctl", lambda *_: 0)
+    with pytest.raises(BadReply, match=r"'eGalax'.*protocol A") as failure:
+        open_touch_reports("/dev/input/event0")
+    assert "ABS_MT_SLOT" in failure.value.hint
+    assert "mtdev" in failure.value.hint
+
+
+@pytest.mark.parametrize("slots", [True, False])
+def test_an_opened_screen_is_asked_what_hovers(
+    monkeypatch: pytest.MonkeyPatch, slots: bool
+) -> None:
+    """EVIOCGMTSLOTS of linux/input.h: code, then a value per slot, in an array of its size."""
+    asked = []
+
+    def ioctl(_: int, request: int, answer: bytearray | bytes) -> int:
+        if request == 0x8000450A | 12 << 16:
+            asked.append(struct.unpack_from("@i", answer)[0])
+            struct.pack_into("@2i", answer, 4, 0, 5 if asked[-1] == 0x3B else 0)
+        return 0
+
+    axes = [0x2F, 0x35, 0x36, 0x39, 0x37, 0x3B] if slots else [0, 1, 0x19]
+    output, into = os.pipe()
+    device = SimpleNamespace(
+        fd=output,
+        name="hovering",
+        capabilities=lambda **_: {3: axes, 1: [0x14A]},
+        absinfo=lambda code: SimpleNamespace(value=5 if code == 0x19 else 1, min=0, max=1),
+        close=lambda: os.close(output),
+    )
+    monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=lambda *_, **__: device))
+    monkeypatch.setattr("fcntl.ioctl", ioctl)
+    reports = open_touch_reports("/dev/input/event0")
+    values = [*(LANDS if slots else LANDS_ON_ONE), ((0, 0), 0)]
+    os.write(into, b"".join(EVENT.pack(10, 0, *code, value) for code, value in values))
+    assert reports.read() == (10.0, 100, 200, False)
+    assert asked == ([0x3B, 0x37] if slots else [])
+    reports.close()
+    os.close(into)
+
+
 @given(
     st.lists(
         st.tuples(
@@ -301,6 +425,8 @@ def test_the_codes_are_those_of_evdev() -> None:
         0x36,
     )
     assert codes.ABS_MT_TRACKING_ID == 0x39
+    assert (codes.ABS_MT_TOOL_TYPE, codes.ABS_MT_DISTANCE, codes.ABS_DISTANCE) == (0x37, 0x3B, 0x19)
+    assert (codes.BTN_TOOL_PEN, codes.BTN_TOOL_AIRBRUSH) == (0x140, 0x144)
 
 
 def test_evdev_missing_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
