@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.support.arrays import Array, Values
-from model.support.errors import ModelError, nearest
+from model.support.errors import RowError, nearest
 from model.touch import SINE_MEAN_SQUARE, SPEED_REFERENCE_M_S, Drive
 
 WAVEFORMS = ("sine", "square", "dc")
@@ -55,9 +55,8 @@ class Conditions:
             unknown = ~np.isin(words, known)
             if unknown.any():
                 i = int(np.argmax(unknown))
-                raise ModelError(
-                    f"row {i + 1}: {name} '{words[i]}' is unknown",
-                    nearest(str(words[i]), list(known)),
+                raise RowError(
+                    i, f"{name} '{words[i]}' is unknown", nearest(str(words[i]), list(known))
                 )
         driven = np.asarray(self.voltage_v) != 0.0
         for name, (low, high, unit) in RANGES.items():
@@ -68,8 +67,8 @@ class Conditions:
                     wrong &= driven & (wave != "dc")
                 if wrong.any():
                     i = int(np.argmax(wrong))
-                    said = f"row {i + 1}: {name} = {values[i]:g} is out of range"
-                    raise ModelError(said, f"It must lie in {low:g}..{high:g} {unit}")
+                    said = f"{name} = {values[i]:g} is out of range"
+                    raise RowError(i, said, f"It must lie in {low:g}..{high:g} {unit}")
 
     def drive(self) -> Drive:
         """The same as the model's first stage takes it."""

@@ -28,7 +28,7 @@ from model.electric.dielectrics import EPS0
 from model.electric.layers import DC_FREQUENCY_HZ
 from model.parameters import TouchParameters
 from model.support.arrays import Array, ComplexArray, Mask
-from model.support.errors import ModelError
+from model.support.errors import ModelError, RowError
 from model.touch import Attraction, Drive
 
 LEAK_CUT_OFF_M = 10e-9  # a_c below (29): gaps smaller than this count in E_g only
@@ -176,9 +176,9 @@ def _check(description: ModelDescription, drive: Drive) -> None:
     biased = np.asarray(drive.voltage_offset_v) != 0.0
     for what, rows in (("a square wave", square), ("a bias", biased)):
         if rows.any():
-            row = int(np.argmax(rows)) + 1
-            raise ModelError(
-                f"row {row}: the equations as printed know nothing of {what}",
+            raise RowError(
+                int(np.argmax(rows)),
+                f"the equations as printed know nothing of {what}",
                 "Give a sine or dc, or variant 'corrected'",
             )
 

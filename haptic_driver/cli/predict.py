@@ -16,7 +16,7 @@ from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.support.arrays import Array
 from model.support.cells import written_cells
-from model.support.errors import ModelError
+from model.support.errors import ModelError, RowError
 from model.support.tables import Table, read_table
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import Prediction, TouchModel
@@ -69,6 +69,9 @@ def predict(
                 "Ask within its range, or measure there",
             )
         answer = TouchModel(description).predict(conditions)
+    except RowError as error:
+        said = f"{given.where(error.row)}: {error.said}"
+        raise BadInputError("bad_condition", said, error.hint) from error
     except ModelError as error:
         raise BadInputError("bad_condition", f"{table}, {error.message}", error.hint) from error
     answers = _answers(answer, any(effect.stage == "drive" for effect in description.effects))

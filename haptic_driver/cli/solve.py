@@ -25,6 +25,7 @@ from haptic_driver.textures.ripple import QuietReach, Ripple, quiet_reach, rippl
 from model import friction as friction_law
 from model.analysis import uncertainty
 from model.description import ModelDescription
+from model.support.cells import number
 from model.support.errors import nearest
 
 POLICIES_SAID = " ".join(f"{name}: {description(name)}" for name in POLICIES)
@@ -166,7 +167,7 @@ def _frequency(text: str) -> float | None:
     if text == "auto":
         return None
     try:
-        value = float(text)
+        value = number(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or value <= 0.0:

@@ -65,10 +65,8 @@ def read_slide(path: Path) -> Slide:
         table = np.column_stack([_numbers(read, column) for column in COLUMNS])
     if len(table) < 10:
         raise BadInputError("bad_slide", f"{path}: has {len(table)} rows", wanted)
-    backwards = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
-    if backwards.size:
-        where = read.where(int(backwards[0]) + 1)
-        raise BadInputError("bad_slide", f"{where}: time_s does not rise", wanted)
+    with bad_input("bad_slide"):
+        read.require_rising("time_s", table[:, 0], f"Give one slide. {wanted}")
     if table[-1, 0] - table[0, 0] < 10 * TICK_S:
         raise BadInputError(
             "bad_slide", f"{path}: lasts less than {10 * TICK_S:g} s; is time_s in seconds?", wanted

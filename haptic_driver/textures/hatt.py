@@ -18,6 +18,7 @@ from haptic_driver.files import read_text
 from haptic_driver.signals import Array
 from haptic_driver.textures.bands import EDGES_HZ
 from haptic_driver.textures.process import power
+from model.support.cells import number
 
 LARGEST_XML_BYTES = 4 << 20
 MOST_MODELS = 150  # so many fit a texture's file
@@ -150,7 +151,7 @@ def _number(
 
 def _as_number(where: str, name: str, text: str | None) -> float:
     try:
-        value = float(text or "")
+        value = number(text or "")
     except ValueError:
         value = np.nan
     if not abs(value) < 1e9:

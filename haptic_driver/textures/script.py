@@ -49,7 +49,7 @@ def read(
     interpolation.
     """
     with bad_input():
-        table = read_table(path, ["time_s"], SCRIPT_HINT, LONGEST_TABLE_ROWS)
+        table = read_table(path, ["time_s"], SCRIPT_HINT, LONGEST_TABLE_ROWS, COLUMNS)
     for name in table.columns:
         if name not in COLUMNS:
             said = f"{path}: unknown column '{name}'"

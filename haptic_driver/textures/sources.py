@@ -22,6 +22,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, read_bytes, read_text
 from haptic_driver.signals import Array
 from haptic_driver.textures.description import LONGEST_TABLE_ROWS, TEXTURE_COF
+from model.support.cells import number
 from model.support.tables import read_table
 
 LARGEST_MAP_PIXELS = 4_000_000
@@ -157,7 +158,7 @@ def read_grid(path: Path) -> Array:
             said = f"{path} line {line} is of unequal length: {len(cells)} numbers, not {columns}"
             raise BadInputError("bad_map", said, "give a full table, no header")
         try:
-            values.extend(map(float, cells))
+            values.extend(map(number, cells))
         except ValueError:
             raise _no_number(path, line, cells) from None
     if not values:
@@ -218,7 +219,8 @@ def read_profile(path: Path) -> tuple[list[float], list[float]]:
     cof.
     """
     with bad_input():
-        table = read_table(path, ["cof"], PROFILE_HINT, LONGEST_TABLE_ROWS)
+        known = ("position_m", "position_mm")
+        table = read_table(path, ["cof"], PROFILE_HINT, LONGEST_TABLE_ROWS, known)
         in_mm = "position_mm" in table.columns and "position_m" not in table.columns
         position, metres = ("position_mm", 1e-3) if in_mm else ("position_m", 1.0)
         table.require(position)
@@ -249,7 +251,7 @@ def _csv_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
 def _no_number(path: Path, line: int, cells: list[str]) -> BadInputError:
     for cell in cells:
         try:
-            float(cell)
+            number(cell)
         except ValueError:
             said = f"{path} line {line}: {cell.strip()[:40]!r} is no number"
             return BadInputError("bad_map", said, "use numbers such as 0.62")

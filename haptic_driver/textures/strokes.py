@@ -28,6 +28,8 @@ POSITIONS_M = {
     "position_um": 1e-6,
 }  # columns, and their unit
 COLUMNS = [*POSITIONS_M, "normal_force_n", "lateral_force_n", "time_s"]
+SEVERAL = "Give each stroke a file of its own, or times that go on from one to the next"
+MOSTLY = 0.5  # of the rows
 WANTED = (
     "Columns: position_mm (or position_m), normal_force_n, lateral_force_n, and time_s if there is"
     " one; where they have other names: --column position_mm=NAME"
@@ -71,7 +73,8 @@ def read_strokes(path: Path, names: Mapping[str, str]) -> Strokes:
                 nearest(wanted, COLUMNS),
             )
     with bad_input():
-        table = read_table(path, [], WANTED, LONGEST_STROKE_ROWS)
+        known = [*COLUMNS, *names.values()]
+        table = read_table(path, [], WANTED, LONGEST_STROKE_ROWS, known)
         given = [wanted for wanted in COLUMNS if wanted in names or wanted in table.columns]
         position = next((column for column in POSITIONS_M if column in given), "position_mm")
         position_m, normal_n, lateral_n = (
@@ -82,10 +85,8 @@ def read_strokes(path: Path, names: Mapping[str, str]) -> Strokes:
     position_m *= POSITIONS_M[position]
     if time_s is None:
         return Strokes(position_m, normal_n, lateral_n, None)
-    for row in (1 + np.flatnonzero(np.diff(time_s) <= 0.0)).tolist():
-        raise BadInputError(
-            "bad_strokes", f"{table.where(row)}: time_s does not rise", "Sort the rows by time"
-        )
+    with bad_input("bad_strokes"):
+        table.require_rising("time_s", time_s, SEVERAL)
     return Strokes(position_m, normal_n, lateral_n, _speed_m_s(time_s, position_m))
 
 
@@ -115,6 +116,7 @@ def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Felt
     names the source in errors: BadInputError where too little slides, or what it gives is no
     friction.
     """
+    _check_sign(strokes.normal_force_n, where)
     usable = (strokes.normal_force_n >= LEAST_LOAD_N) & np.isfinite(
         strokes.lateral_force_n + strokes.position_m
     )
@@ -139,6 +141,16 @@ def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Felt
         np.nan if strokes.speed_m_s is None else float(np.median(np.abs(strokes.speed_m_s[usable])))
     )
     return Felt(along_m, cof, float(usable.mean()), float(np.diff(along_m).max()), speed_m_s)
+
+
+def _check_sign(load_n: Array, where: str) -> None:
+    """BadInputError where the sensor counts what presses as negative."""
+    negative = load_n <= -LEAST_LOAD_N
+    if load_n.size and negative.mean() > MOSTLY:
+        count = "all" if negative.all() else f"{int(negative.sum())} of {load_n.size}"
+        said = f"{where}: {count} loads are negative, {np.median(load_n):.3g} N in the median"
+        hint = "Give the force that presses on the surface as positive: change its sign"
+        raise BadInputError("bad_strokes", said, hint)
 
 
 def _settled(strokes: Strokes, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:

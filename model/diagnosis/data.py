@@ -470,5 +470,8 @@ def _column(
     if outside.any():
         i = int(np.argmax(outside))
         said = f"{table.where(i)}: {name} = {table.rows[i][name]} is out of range"
-        raise ModelError(said, f"It must lie in {low:g}..{high:g} {unit}; is the unit right?")
+        question = "is the unit right?"
+        if name == "normal_force_n" and np.all(values[outside] < 0.0):
+            question = "give the force that presses as positive: change its sign"
+        raise ModelError(said, f"It must lie in {low:g}..{high:g} {unit}; {question}")
     return values

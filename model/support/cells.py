@@ -25,7 +25,7 @@ def written_cell(value: object) -> object:
     """
     return (
         f"'{value}"
-        if isinstance(value, str) and _is_formula(value) and not _is_number(value)
+        if isinstance(value, str) and _is_formula(value) and not is_number(value)
         else value
     )
 
@@ -40,13 +40,21 @@ def written_cells(values: Iterable[object]) -> list[object]:
     return [written_cell(value) for value in values]
 
 
+def number(text: str) -> float:
+    """The number that a text is; ValueError where it is none, as 1_25, which Python would take."""
+    if "_" in text:
+        raise ValueError(f"{text!r} is no number")
+    return float(text)
+
+
 def _is_formula(text: str) -> bool:
     return text.lstrip("'").startswith(FORMULAS)
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Whether `number` takes it."""
     try:
-        float(text)
+        number(text)
     except ValueError:
         return False
     return True

@@ -17,6 +17,17 @@ class ModelError(ValueError):
         self.code = code
 
 
+class RowError(ModelError):
+    """What is wrong in one row, from 0, of conditions; `said` does not name the row, for who knows
+    its line.
+    """
+
+    def __init__(self, row: int, said: str, hint: str = "") -> None:
+        super().__init__(f"row {row + 1}: {said}", hint)
+        self.row = row
+        self.said = said
+
+
 def nearest(word: str, choices: list[str]) -> str:
     """A hint that offers the choice nearest to `word`, and all of them."""
     return f"{did_you_mean(word, choices)}Known: {', '.join(sorted(choices))}"

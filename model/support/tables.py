@@ -8,6 +8,7 @@ import csv
 import hashlib
 import io
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,12 +18,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model.support.cells import read_cell
+from model.support.cells import is_number, number, read_cell
 from model.support.errors import ModelError
 from model.support.reading import LARGEST_FILE_BYTES, as_text, read_bytes
 
 ROW_BYTES = 100  # where rows are limited
 MOST_SAID = 40  # columns that an error names
+HEADER_LINES = 100  # of a file, in which its header is looked for
 COMMAS = "Save it with commas between the columns and points in the numbers: 0.5, not 0,5"
 
 
@@ -55,7 +57,7 @@ class Table:
         """One cell; ModelError where it is no finite number."""
         text = self.rows[row][column]
         try:
-            value = float(text)
+            value = number(text)
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
@@ -80,16 +82,52 @@ class Table:
             values[i] = self.number(i, column) if text or where_empty is None else where_empty
         return values
 
+    def require_rising(self, column: str, values: NDArray[np.float64], hint: str) -> None:
+        """ModelError where the numbers [n] of a column do not rise from row to row: whether they
+        repeat, begin again or lie in no order. `hint`: what to do about several runs in one file.
+        """
+        steps = np.diff(values)
+        if not (steps <= 0.0).any():
+            return
+        back = np.flatnonzero(steps < 0.0) + 1
+        row = int(back[0]) if back.size else int(np.argmax(steps <= 0.0)) + 1
+        said = f"{self.where(row)}: {column} does not rise: "
+        if not back.size:
+            same = int((steps == 0.0).sum())
+            said += (
+                f"{values[row]:.9g} again, as {same} of {values.size} rows repeat the one before"
+            )
+            hint = "Write it with more digits, or keep one row of each"
+        elif _begins_again(values, back):
+            said += (
+                f"it begins again, from {values[row - 1]:.6g} to {values[row]:.6g}:"
+                f" {back.size + 1} runs in one file"
+            )
+        else:
+            said += f"{values[row]:.9g} after {values[row - 1]:.9g}"
+            hint = f"Sort the rows by {column}"
+        raise ModelError(said, hint, "bad_table")
+
     def where(self, row: int) -> str:
         """File and line of a row."""
         return f"{self.path}, line {self.lines[row]}"
 
 
+def _begins_again(values: NDArray[np.float64], back: NDArray[np.intp]) -> bool:
+    """Whether values that fall at some rows fall to about where they began."""
+    near = 0.1 * (values.max() - values[0])
+    return bool(3 * back.size <= values.size and np.all(np.abs(values[back] - values[0]) <= near))
+
+
 def read_table(
-    path: Path, required: Sequence[str], wanted: str, most_rows: int | None = None
+    path: Path,
+    required: Sequence[str],
+    wanted: str,
+    most_rows: int | None = None,
+    known: Sequence[str] = (),
 ) -> Table:
     """A table with the columns `required`; `wanted` is the hint that says what the file must look
-    like.
+    like. By the names `known`, or required, a header is found that is not in the first line.
     """
     try:
         content = read_bytes(
@@ -115,10 +153,15 @@ def read_table(
             f"Leave some out. {wanted}",
             "table_too_large",
         )
+    if numbered and numbered[0][1] and _is_sep_line(numbered[0][1]):
+        numbered = numbered[1:]
+    first_lines = numbered[:HEADER_LINES]
     numbered = [
         (line, cells) for line, cells in numbered if any(cells) and not cells[0].startswith("#")
     ]
     columns = _without_empty_end(numbered[0][1]) if numbered else []
+    if columns:
+        _check_header(path, numbered[0], first_lines, [*required, *known], wanted)
     _check_columns(path, columns, required, wanted)
     rows = [_row(f"{path}, line {line}", columns, cells) for line, cells in numbered[1:]]
     lines = [line for line, _ in numbered[1:]]
@@ -129,6 +172,45 @@ def _without_empty_end(cells: list[str]) -> list[str]:
     """Cells up to the last that says something: spreadsheets leave commas behind."""
     last = next((i for i in range(len(cells), 0, -1) if cells[i - 1]), 0)
     return cells[:last]
+
+
+def _is_sep_line(cells: list[str]) -> bool:
+    """Whether a first line says the separator alone, as spreadsheets do: sep=,"""
+    return cells[0].lower().startswith("sep=") and len(",".join(cells)) <= len("sep=,") + 1
+
+
+def _check_header(
+    path: Path,
+    header: tuple[int, list[str]],
+    lines: Sequence[tuple[int, list[str]]],
+    known: Sequence[str],
+    wanted: str,
+) -> None:
+    """ModelError where another of the first `lines` is the header, or none is."""
+
+    def names(cells: list[str]) -> list[str]:
+        bare = [cells[0].lstrip("# \t"), *cells[1:]] if cells else []
+        return [name.strip() for cell in bare for name in re.split(r"[;\t]", cell)]
+
+    def known_in(cells: list[str]) -> int:
+        return len(set(names(cells)) & set(known))
+
+    at, cells = header
+    best = max(lines, key=lambda each: known_in(each[1]))
+    if known_in(best[1]) > known_in(cells):
+        line, found = best
+        if found[0].startswith("#"):
+            said, hint = f"its header is commented out, in line {line}", "Remove the # before it"
+        else:
+            said = f"its header stands in line {line}, below what is no part of the table"
+            hint = f"Delete the lines above line {line}, or begin each of them with #"
+        raise ModelError(f"{path}: {said}", f"{hint}. {wanted}", "bad_table")
+    if all(map(is_number, filter(None, names(cells)))):
+        said = f"{path}, line {at}: holds numbers where the names of the columns should stand"
+        raise ModelError(said, f"Give a header. {wanted}", "bad_table")
+    if len(cells) == 1 and set(cells[0].split(" ")) & set(known) - {cells[0]}:
+        said = f"{path}: its columns are separated by spaces"
+        raise ModelError(said, f"{COMMAS}. {wanted}", "bad_table")
 
 
 def _check_columns(path: Path, columns: list[str], required: Sequence[str], wanted: str) -> None:

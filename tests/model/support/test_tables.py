@@ -41,6 +41,8 @@ def file(folder: Path, text: str | bytes) -> Path:
         "a,b,,\n1,2,,\n",
         "a,b\n1,2,,\n",
         "a,b\n,\n\n1,2\n , \n",
+        "sep=,\na,b\n1,2\n",
+        "# a measurement of a\na,b\n1,2\n",
     ],
     ids=[
         "plain",
@@ -51,6 +53,8 @@ def file(folder: Path, text: str | bytes) -> Path:
         "empty columns",
         "empty cells",
         "empty rows",
+        "separator",
+        "comment",
     ],
 )
 def test_what_spreadsheets_add_is_no_mistake(tmp_path, text: str) -> None:
@@ -75,7 +79,7 @@ def test_a_column_as_numbers(tmp_path) -> None:
     )
 
 
-@pytest.mark.parametrize("text", ["high", "", "nan", "inf", "0,5", "1e999", "75 V"])
+@pytest.mark.parametrize("text", ["high", "", "nan", "inf", "0,5", "1e999", "75 V", "1_25"])
 def test_what_is_no_number_is_named_with_file_line_and_column(tmp_path, text: str) -> None:
     read = table(tmp_path, f'a,b\n1,2\n\n3,"{text}"\n')
     with pytest.raises(ModelError, match=f"line 4: b is '{text}', not a number") as caught:
@@ -94,6 +98,14 @@ def test_what_is_no_number_is_named_with_file_line_and_column(tmp_path, text: st
         ("a,b,b\n1,2,3\n", "bad_table", "'b' stands more than once", "Keep one"),
         ("a,,b,\n1,2,3,4\n", "bad_table", "line 2: has more fields", "commas"),
         ("a,c\n1,2\n", "missing_column", "column b is missing; found: a, c", WANTED),
+        ("# a,b\n1,2\n", "bad_table", "its header is commented out, in line 1", "Remove the #"),
+        ("#\n#a, b\n1,2\n", "bad_table", "commented out, in line 2", "Remove the #"),
+        ("Lab 4\n\na,b\n1,2\n", "bad_table", "stands in line 3", "Delete the lines above line 3"),
+        ("x,y,z\na;b\n1;2\n", "bad_table", "stands in line 2", "Delete the lines above line 2"),
+        ("1,2\n3,4\n", "bad_table", "line 1: holds numbers where", "Give a header"),
+        ("1.0 2.0\n", "missing_column", "column a is missing", WANTED),
+        ("a b\n1.0 2.0\n", "bad_table", "separated by spaces", "commas between the columns"),
+        ("sep=;\na;b\n1;2\n", "bad_table", "separated by semicolons", "commas between"),
         ("", "missing_column", "column a is missing (the file is empty)", WANTED),
         ("\n ,\n", "missing_column", "(the file is empty)", WANTED),
         (b"\xff\xfea\x00", "file_unreadable", "is not UTF-8 text (byte 0)", WANTED),
@@ -109,6 +121,26 @@ def test_what_is_wrong_with_a_table_is_said(
     assert str(tmp_path / "table.csv") in caught.value.message
     assert says in caught.value.message
     assert hint in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("values", "says", "hint"),
+    [
+        ([0, 1, 1, 2], "line 4: a does not rise: 1 again, as 1 of 4 rows", "more digits"),
+        ([0, 1, 2, 0, 1, 2], "line 5: a does not rise: it begins again, from 2 to 0: 2", "Apart"),
+        ([0, 2, 1, 3], "line 4: a does not rise: 1 after 2", "Sort the rows by a"),
+    ],
+)
+def test_what_does_not_rise_is_said_by_its_kind(
+    tmp_path, values: list[int], says: str, hint: str
+) -> None:
+    read = table(tmp_path, "a,b\n" + "".join(f"{value},0\n" for value in values))
+    with pytest.raises(ModelError) as caught:
+        read.require_rising("a", read.numbers("a"), "Apart")
+    assert says in caught.value.message
+    assert hint in caught.value.hint
+    read = table(tmp_path, "a,b\n1,0\n2,0\n")
+    read.require_rising("a", read.numbers("a"), "Apart")
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch) -> None:
