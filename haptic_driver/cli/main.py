@@ -19,7 +19,13 @@ import typer
 from pydantic import ValidationError
 from typer import Option
 
-from haptic_driver.cli.output import compiling, report_error
+from haptic_driver.cli.output import (
+    compiling,
+    lose_output,
+    output_was_lost,
+    prepare_output,
+    report_error,
+)
 from haptic_driver.daemon.verbs import commands
 from haptic_driver.errors import BadInputError, HapticError
 from hw.errors import DeviceError
@@ -177,11 +183,21 @@ def _said(error: Any) -> str:
     return f"{error.format_message()}{given}"
 
 
+def _acts(arguments: list[str]) -> bool:
+    """Whether a command line asks a daemon for something: it is done, whoever reads about it."""
+    words = [word for word in arguments if not word.startswith("-")]
+    if words[:1] == ["arm"]:
+        return True
+    verb = commands().get(" ".join(words[:2])) or commands().get(" ".join(words[:1]))
+    return words[:1] in (["mark"], ["record"]) or (verb is not None and verb.method == "POST")
+
+
 def run() -> None:
     """Entry point of the `haptic` script. Exit status: 0 done, 1 failed, 2 bad input."""
     gc.set_threshold(
         50_000
     )  # imports make many objects and no garbage; to look for it took a tenth of `haptic solve`,
+    prepare_output()
     status = main(sys.argv[1:])
     gc.freeze()  # and at the end a quarter
     sys.exit(status)
@@ -215,8 +231,8 @@ def main(arguments: list[str]) -> int:
         failure = HapticError(
             "interrupted", "interrupted", "The output was switched off where a rig was open"
         )
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError as error:
+        lose_output(error)
         return 1
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
@@ -226,6 +242,8 @@ def main(arguments: list[str]) -> int:
             "Check that path, its rights and its disk",
         )
     else:
+        if output_was_lost() and not _acts(arguments):
+            return 1
         return outcome if isinstance(outcome, int) else 0
     report_error(failure, "--json" in arguments)
     return failure.exit_status

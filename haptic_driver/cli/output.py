@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
+from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -74,21 +76,80 @@ stderr = PlainConsole(stderr=True, highlight=False, soft_wrap=True, markup=False
 def report(as_json: bool, payload: dict[str, Any], show: Callable[[], None]) -> None:
     """Print `payload` as strict JSON (NaN becomes null), or call `show` for a person; out at once,
     in a pipe too.
+
+    Where standard output takes none of it, that is said, and what was done stays done.
     """
-    if as_json:
-        sys.stdout.write(json.dumps(_finite(payload), allow_nan=False) + "\n")
-    else:
-        show()
-    sys.stdout.flush()
+    text = json.dumps(_finite(payload), allow_nan=False) + "\n" if as_json else ""
+    try:
+        if as_json:
+            sys.stdout.write(text)
+        else:
+            show()
+        sys.stdout.flush()
+    except OSError as error:
+        lose_output(error)
+
+
+class _Lost:
+    """Whether standard output has failed to take something."""
+
+    output = False
+
+
+def output_was_lost() -> bool:
+    """Whether something that this program had to say could not be written."""
+    return _Lost.output
+
+
+def lose_output(error: OSError) -> None:
+    """Standard output takes no more: say so on stderr, and let what is left of it go nowhere.
+
+    A reader that has left, as `head` does, needs to be told nothing.
+    """
+    _Lost.output = True
+    _to_nowhere(sys.stdout)
+    if isinstance(error, BrokenPipeError):
+        return
+    with suppress(OSError):
+        said = f" what was to be printed is lost: {error.strerror or error}"
+        stderr.print(Text.assemble(("note:", "bold"), said))
+
+
+def _to_nowhere(stream: TextIO) -> None:
+    with suppress(OSError, ValueError):  # ValueError: closed, or no file
+        number = stream.fileno()
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, number)
+        os.close(nowhere)
+
+
+def prepare_output() -> None:
+    """Make of the three standard streams what can be written to whatever it is given.
+
+    One that whoever called has closed goes nowhere, so that no file takes its number; a letter that
+    an encoding lacks is escaped.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  (for the whole run)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def report_error(error: HapticError, as_json: bool) -> None:
     """What was wrong, where, and what to do: on stderr, and with `--json` on stdout too."""
-    stderr.print(Text.assemble(("error:", "bold red"), f" {error.message}"))
-    if error.hint:
-        stderr.print(Text.assemble(("hint:", "bold"), f" {error.hint}"))
+    try:
+        stderr.print(Text.assemble(("error:", "bold red"), f" {error.message}"))
+        if error.hint:
+            stderr.print(Text.assemble(("hint:", "bold"), f" {error.hint}"))
+    except OSError:
+        _to_nowhere(sys.stderr)
     if as_json:
-        sys.stdout.write(json.dumps({"error": error.content}) + "\n")
+        try:
+            sys.stdout.write(json.dumps({"error": error.content}) + "\n")
+            sys.stdout.flush()
+        except OSError as lost:
+            lose_output(lost)
 
 
 class Advance:

@@ -6,16 +6,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
-from haptic_driver.errors import optional
+from haptic_driver.errors import optional, shown
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.clock import lsl_offset_s
 
 LOOK_S = 0.2  # between looks at whether to end
 OPEN_S = 5.0
 MOST_CHARACTERS = 200
+NOTHING_SAID = "(nothing)"
 
 
 class Heard(Protocol):
@@ -24,7 +25,9 @@ class Heard(Protocol):
     def __call__(
         self, kind: str, message: str, data: dict[str, Any], time_s: float | None = None
     ) -> object:
-        """Of kind `marker`, with the time on CLOCK_MONOTONIC at which its program has sent it."""
+        """Of kind `marker`, with the time on CLOCK_MONOTONIC at which its program has sent it; of
+        kind `inlet`, what has become of the stream.
+        """
 
 
 class LslMarkers:
@@ -36,21 +39,58 @@ class LslMarkers:
         self._lsl = optional("pylsl", "lsl", "LSL")
         self._stream = stream
         self._inlet: Any = None
+        self._correction_s = 0.0
+        self._was_lost = False
 
     def hear(self, tell: Heard) -> None:
         """Pass on what has come, waiting at most about `LOOK_S` for it, and for the stream at
-        first.
+        first; a stream that is lost, and found again, is told as `inlet`.
         """
-        if self._inlet is None:
-            found = self._lsl.resolve_byprop("name", self._stream, timeout=LOOK_S)
-            if not found:
+        try:
+            if self._inlet is None and not self._found(tell):
                 return
-            self._inlet = self._lsl.StreamInlet(found[0])
-            self._inlet.open_stream(timeout=OPEN_S)
-        said, stamp_s = self._inlet.pull_sample(timeout=LOOK_S)
-        if said is not None:
-            time_s = stamp_s + self._inlet.time_correction(timeout=OPEN_S) - lsl_offset_s(self._lsl)
-            tell("marker", str(said[0])[:MOST_CHARACTERS], {"stream": self._stream}, time_s)
+            said, stamp_s = self._inlet.pull_sample(timeout=LOOK_S)
+            if said is None:
+                return
+            with suppress(RuntimeError, TimeoutError):  # the clocks have hardly moved since
+                self._correction_s = self._inlet.time_correction(timeout=OPEN_S)
+        except (RuntimeError, TimeoutError) as error:  # LostError is a RuntimeError
+            self._lose(tell, error)
+            return
+        time_s = stamp_s + self._correction_s - lsl_offset_s(self._lsl)
+        tell("marker", label_of(str(said[0])), {"stream": self._stream}, time_s)
+
+    def _found(self, tell: Heard) -> bool:
+        """Whether the stream is there, and open.
+
+        A library that waits for a lost stream by itself would wait for the same sender, and say
+        nothing: one that was started again is another.
+        """
+        found = self._lsl.resolve_byprop("name", self._stream, timeout=LOOK_S)
+        if not found:
+            return False
+        self._inlet = self._lsl.StreamInlet(found[0], recover=False)
+        self._inlet.open_stream(timeout=OPEN_S)
+        self._correction_s = self._inlet.time_correction(timeout=OPEN_S)
+        if self._was_lost:
+            self._was_lost = False
+            tell("inlet", f"stream {self._stream!r} is heard again", {"stream": self._stream})
+        return True
+
+    def _lose(self, tell: Heard, error: Exception) -> None:
+        self._inlet = None
+        if not self._was_lost:
+            self._was_lost = True
+            why = str(error) or type(error).__name__
+            said = (
+                f"stream {self._stream!r} is lost ({why}); its markers are missing until it is back"
+            )
+            tell("inlet", said, {"stream": self._stream})
+
+
+def label_of(text: str) -> str:
+    """What another program said, as `haptic mark` would take it: 1 to 200 characters that print."""
+    return shown(text)[:MOST_CHARACTERS] or NOTHING_SAID
 
 
 @contextmanager

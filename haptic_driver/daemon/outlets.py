@@ -9,6 +9,7 @@ that it is given.
 from __future__ import annotations
 
 import json
+import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -88,9 +89,14 @@ class OscOutlet:
             raise BadInputError(
                 "bad_address", f"{address!r} is no HOST:PORT", "Give for example 127.0.0.1:9000"
             )
-        self._client = optional("pythonosc.udp_client", "osc", "OSC").SimpleUDPClient(
-            host, int(port)
-        )
+        osc = optional("pythonosc.udp_client", "osc", "OSC")
+        try:
+            self._client = osc.SimpleUDPClient(host, int(port))
+        except (socket.gaierror, UnicodeError) as error:  # UnicodeError: no host can have that name
+            said = f"OSC to {address}: no host {host!r} is known ({error})"
+            raise BadInputError(
+                "unknown_host", said, "Check the name, or give its number: 192.168.0.7:9000"
+            ) from error
 
     def send(self, samples: NDArray[np.void], events: Sequence[Event]) -> None:
         """Send them; what nobody takes is lost."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import threading
 import time
@@ -14,7 +15,7 @@ from pathlib import Path
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
@@ -24,6 +25,7 @@ from haptic_driver.rig.actuator import actuator_name
 
 SPACE_BYTES = 32 << 20  # free before a recording goes on: two minutes of it, twice
 LOOK_S = 2.0  # between looks at that
+LONGEST_NAME_BYTES = 240  # file systems allow 255, what stands beside it included
 AFTER_LEASE_S = 2.0  # what a fault does afterwards is recorded too
 
 
@@ -86,6 +88,12 @@ class Recordings:
 
         BadInputError for a path that cannot be used.
         """
+        if len(os.fsencode(path.name)) > LONGEST_NAME_BYTES:
+            raise BadInputError(
+                "name_too_long",
+                f"{path.name[:20]}...: is longer than {LONGEST_NAME_BYTES} bytes",
+                "Give a shorter name",
+            )
         with self.lock:
             if lease is not None and not self._holds(lease):
                 raise RefusedError(

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, shown
 from haptic_driver.files import replacing
 
 if TYPE_CHECKING:
@@ -28,6 +28,25 @@ def pyplot() -> Any:
     return plt
 
 
+def _show_as_it_stands(figure: Figure) -> None:
+    """Names and labels are text: a $ in one begins no formula, and what does not print is escaped.
+
+    Labels of ticks stay as they are, since those of logarithmic axes are formulas of matplotlib's.
+    """
+    from matplotlib.text import Text  # noqa: PLC0415  (slow to import)
+
+    ticks = {
+        label
+        for axes in figure.axes
+        for axis in (axes.xaxis, axes.yaxis)
+        for label in (*axis.get_majorticklabels(), *axis.get_minorticklabels())
+    }
+    for text in figure.findobj(Text):
+        if isinstance(text, Text) and text not in ticks:
+            text.set_parse_math(False)
+            text.set_text(shown(text.get_text(), lines=True))
+
+
 @contextmanager
 def saved(figure: Figure, path: Path, dpi: int = 110) -> Iterator[None]:
     """Save `figure` at the end of the block, as the ending of `path` says, and close it however the
@@ -41,6 +60,7 @@ def saved(figure: Figure, path: Path, dpi: int = 110) -> Iterator[None]:
                 "bad_ending", said, f"Give a name that ends in {', '.join(ENDINGS)}"
             )
         yield
+        _show_as_it_stands(figure)
         with replacing(path) as part:
             figure.savefig(part, dpi=dpi, format=ending.removeprefix("."))
     finally:

@@ -493,7 +493,10 @@ def held_out(found: Findings) -> Figure | None:
 
 
 def _literal(text: str) -> str:
-    """A name out of a file as it stands: not taken for a formula, and not too long."""
+    """A name out of a file as it stands: not taken for a formula, and not too long. What does not
+    print, which no SVG may hold, is escaped.
+    """
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
     return (text if len(text) <= LONGEST_NAME else text[: LONGEST_NAME - 1] + "…").replace(
         "$", r"\$"
     )

@@ -313,6 +313,7 @@ def write_report(
     for path, svg in zip(content["pictures"], drawn.values(), strict=True):
         Path(path).write_bytes(svg)
     text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
-    (out_dir / "report.json").write_text(text + "\n", encoding="utf-8")
+    # The name of a file may be no UTF-8; escaped, it is JSON all the same.
+    (out_dir / "report.json").write_bytes(f"{text}\n".encode(errors="backslashreplace"))
     write_html(content, drawn, out_dir / "report.html")
     return content

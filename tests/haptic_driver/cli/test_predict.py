@@ -229,7 +229,11 @@ def test_a_table_saved_by_a_spreadsheet_is_read(predict):
         (f"{BASE}\n250,-75,0.5\n", "bad_condition", ", line 2: voltage_v = -75"),
         (f"{BASE}\n250,75,0\n", "bad_condition", ", line 2: normal_force_n = 0"),
         (f"{BASE}\n0,75,0.5\n", "bad_condition", "frequency_hz = 0"),
-        (f"{BASE},waveform\n250,75,0.5,triangle\n", "bad_condition", ", line 2: waveform 'triangle'"),
+        (
+            f"{BASE},waveform\n250,75,0.5,triangle\n",
+            "bad_condition",
+            ", line 2: waveform 'triangle'",
+        ),
         (
             f"{BASE},voltage_offset_v\n250,75,0.5,much\n",
             "not_a_number",

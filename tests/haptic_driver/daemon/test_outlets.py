@@ -9,7 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from haptic_driver.daemon.inlets import LslMarkers
+from haptic_driver.daemon.inlets import LslMarkers, label_of
+from haptic_driver.daemon.messages import Mark
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, feeding
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.recording.event import Event
@@ -94,6 +95,30 @@ def test_a_bad_osc_address_is_refused(address):
         OscOutlet(address)
 
 
+def test_a_host_that_nobody_knows_is_named():
+    pytest.importorskip("pythonosc.udp_client", reason="python-osc is not installed")
+    with pytest.raises(BadInputError, match=r"no host 'nowhere\.invalid' is known") as unknown:
+        OscOutlet("nowhere.invalid:9000")
+    assert "Check the name" in unknown.value.hint
+
+
+@pytest.mark.parametrize(
+    ("said", "label"),
+    [
+        ("trial 7", "trial 7"),
+        ("a\n2026-01-01 12:00:00,000 haptic_driver.daemon: fault", None),
+        ("\x1b[2J", "\\x1b[2J"),
+        ("", "(nothing)"),
+        (300 * "x", 200 * "x"),
+    ],
+)
+def test_what_a_stream_says_is_a_label_as_mark_takes_it(said, label):
+    found = label_of(said)
+    assert Mark(label=found).label == found
+    assert found.isprintable()
+    assert label is None or found == label
+
+
 LSL_DIALOGUE = """
 import sys, time
 import numpy as np
@@ -132,20 +157,38 @@ import pylsl
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.inlets import LslMarkers, hearing
 
-info = pylsl.StreamInfo("paradigm", "Markers", 1, 0.0, "string", "made")
-outlet, events, failed = pylsl.StreamOutlet(info), EventLog(), []
+def begun(source):
+    return pylsl.StreamOutlet(pylsl.StreamInfo("paradigm", "Markers", 1, 0.0, "string", source))
+
+def heard(count):
+    until_s = time.monotonic() + 60.0
+    while len(events.since(0)) < count and not failed and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert not failed, failed
+    assert len(events.since(0)) == count, events.since(0)
+    return events.since(0)
+
+outlet, events, failed = begun("made"), EventLog(), []
 with hearing(LslMarkers("paradigm"), events.add, failed.append):
     assert outlet.wait_for_consumers(60.0)
     sent_s = time.monotonic() - 3.0
     outlet.push_sample(["trial 7"], sent_s + pylsl.local_clock() - time.monotonic())
-    until_s = time.monotonic() + 60.0
-    while not events.since(0) and not failed and time.monotonic() < until_s:
-        time.sleep(0.01)
-(event,) = events.since(0)
-told = (event.kind, event.message, event.data)
-assert told == ("marker", "trial 7", {"stream": "paradigm"}), event
-assert abs(event.time_s - sent_s) < 0.01, (event, sent_s)
-assert not failed, failed
+    (event,) = heard(1)
+    told = (event.kind, event.message, event.data)
+    assert told == ("marker", "trial 7", {"stream": "paradigm"}), event
+    assert abs(event.time_s - sent_s) < 0.01, (event, sent_s)
+
+    outlet.push_sample(["two\\nlines"])
+    assert heard(2)[1].message == "two\\\\nlines", events.since(0)
+
+    del outlet  # the program ends, and is started again as another sender
+    lost = heard(3)[2]
+    assert lost.kind == "inlet" and "is lost" in lost.message, lost
+    outlet = begun("another")
+    found = heard(4)[3]
+    assert found.kind == "inlet" and "heard again" in found.message, found
+    outlet.push_sample(["trial 8"])
+    assert heard(5)[4].message == "trial 8", events.since(0)
 """
 
 

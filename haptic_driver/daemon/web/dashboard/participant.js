@@ -33,7 +33,16 @@ async function choose(answer) {
 const HEARD = {
   "trial begins": () => { question = null; at("told").textContent = ""; show("Slide your finger on the screen."); },
   "trial ends": () => { question = null; },
-  question: ({ number, data }) => { question = { number }; show(data.text, data.answers); },
+  question: ({ number, data }) => {
+    question = null;
+    const { text, answers } = data;
+    if (typeof text !== "string" || !Array.isArray(answers) || !answers.every((one) => typeof one === "string")) {
+      show("Please wait: this question cannot be shown."); // a marker of another program, which anyone may send
+      return;
+    }
+    question = { number };
+    show(text, answers);
+  },
   answer: ({ data }) => { if (question && data.question === question.number) { question = null; show("…"); } },
   told: ({ data }) => { at("told").textContent = data.text; },
   "session ends": () => { question = null; show("This is the end. Thank you."); },
