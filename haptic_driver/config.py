@@ -133,7 +133,8 @@ def config_names(kind: str) -> list[str]:
     """The names that `find_config` knows in folders `kind`, sorted; those that would not show as
     they are stay out.
     """
-    found = {path.stem for folder in config_dirs() for path in (folder / kind).glob("*.toml")}
+    files = [path for folder in config_dirs() for path in (folder / kind).glob("*.toml")]
+    found = {path.stem for path in files if path.is_file()}
     return sorted(filter(str.isprintable, found))
 
 

@@ -68,9 +68,9 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """A whole file of UTF-8."""
+    """A whole file of UTF-8; the names of files that are none are escaped in it."""
     with replacing(path) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, str | float]]) -> None:

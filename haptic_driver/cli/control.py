@@ -20,7 +20,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import Json, report, signals_to, stdout
+from haptic_driver.cli.output import Json, report, say, signals_to, stdout
 from haptic_driver.config import config_names, members
 from haptic_driver.daemon.address import Address
 from haptic_driver.daemon.messages import Lease, RefusedError, Status
@@ -256,7 +256,7 @@ def _hold(
             return
         state = client.status().state
         if tell and state != told:
-            stdout.print(state)
+            say(state)
             told = state
 
 

@@ -90,6 +90,15 @@ def report(as_json: bool, payload: dict[str, Any], show: Callable[[], None]) -> 
         lose_output(error)
 
 
+def say(text: str) -> None:
+    """A line on standard output, in the middle of what goes on whether or not it is taken."""
+    try:
+        stdout.print(text)
+        sys.stdout.flush()
+    except OSError as error:
+        lose_output(error)
+
+
 class _Lost:
     """Whether standard output has failed to take something."""
 

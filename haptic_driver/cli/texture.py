@@ -22,7 +22,7 @@ from haptic_driver.pictures import textures as pictures
 from haptic_driver.render.texture import Texture
 from haptic_driver.signals import COURSE_POINTS, NO_COMMAND, FingerState, TargetFriction
 from haptic_driver.textures.bands import Band, Output, asked, finger_gain, predicted
-from haptic_driver.textures.library import load, texture_names
+from haptic_driver.textures.library import load, nameless_files, texture_names
 from haptic_driver.textures.reach import SCREEN_M, WEBER, Demand, demand
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ def list_textures(as_json: Json = False) -> None:
     Example: `haptic texture list`
     """
     entries = [_entry(name) for name in texture_names(texture_dirs())]
+    left_out = nameless_files(texture_dirs())
 
     def show() -> None:
         table = Table("name", "kind", "friction", "description")
@@ -56,8 +57,10 @@ def list_textures(as_json: Json = False) -> None:
                 entry["name"], entry["kind"] or "", friction, entry["error"] or entry["description"]
             )
         stdout.print(table)
+        for file in left_out:
+            stdout.print(f"left out: {file}, whose name does not print; give it another")
 
-    report(as_json, {"textures": entries}, show)
+    report(as_json, {"textures": entries, "left_out": left_out}, show)
 
 
 @app.command()

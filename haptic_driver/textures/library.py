@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from haptic_driver.config import read_toml
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, shown
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
 from haptic_driver.textures import description, formulas, hjif, script, sources, spectrum
 from model.support.errors import did_you_mean
@@ -45,17 +45,26 @@ def texture_names(search: Sequence[Path]) -> list[str]:
     """The names of all textures in the folders searched, sorted; those that would not show as they
     are stay out.
     """
-    found = {path.stem for folder in search if folder.is_dir() for path in folder.glob("*.toml")}
-    return sorted(filter(str.isprintable, found))
+    return sorted({path.stem for path in _files(search) if path.stem.isprintable()})
+
+
+def nameless_files(search: Sequence[Path]) -> list[str]:
+    """The texture files whose names are left out of `texture_names`, as they are shown."""
+    return sorted({shown(str(path)) for path in _files(search) if not path.stem.isprintable()})
+
+
+def _files(search: Sequence[Path]) -> list[Path]:
+    return [path for folder in search for path in folder.glob("*.toml") if path.is_file()]
 
 
 def script_names(search: Sequence[Path]) -> list[str]:
     """Those of `texture_names` that are timed scripts; files that cannot be read are left out."""
     found = []
     for name in texture_names(search):
-        path = next(p for folder in search if (p := folder / f"{name}.toml").is_file())
+        there = (p for folder in search if (p := folder / f"{name}.toml").is_file())
+        path = next(there, None)  # None: it has just been removed
         with suppress(BadInputError):
-            if read_toml(path).get("kind") == "script":
+            if path is not None and read_toml(path).get("kind") == "script":
                 found.append(name)
     return found
 

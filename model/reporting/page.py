@@ -136,7 +136,7 @@ def write_html(content: Mapping[str, Any], drawn: Mapping[str, bytes], path: Pat
         meaning=escape(_meaning(content)),
         body="\n".join(f"<h2>{escape(title)}</h2>\n{body}" for title, body in sections if body),
     )
-    path.write_text(page, encoding="utf-8")
+    path.write_bytes(page.encode(errors="backslashreplace"))  # the name of a file may be no UTF-8
 
 
 def _audit(content: Mapping[str, Any]) -> str:

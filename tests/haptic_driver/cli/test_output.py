@@ -1,7 +1,10 @@
 """What every command prints with: text as it is, JSON at once, and a bar that keeps up."""
 
 import io
+import os
+import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -10,6 +13,7 @@ from haptic_driver.cli import doctor, output
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.doctor import Check, CheckStatus
+from tests.waiting import HANG_S
 
 
 def terminal(**how):
@@ -76,3 +80,51 @@ def test_the_bar_follows_steps_of_any_size(monkeypatch, steps):
         for done in steps:
             advance(done)
     assert "1000/1000" in shown.file.getvalue()
+
+
+SCRIPT = Path(sys.executable).with_name("haptic")
+LIST = f"{SCRIPT} texture list"
+
+
+def shell(command, **environment):
+    return subprocess.run(
+        ["sh", "-c", command],
+        capture_output=True,
+        text=True,
+        timeout=HANG_S,
+        env=os.environ | environment,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("how", ["", "--json"])
+def test_output_that_cannot_be_written_is_said_without_a_traceback(how):
+    full = shell(f"{LIST} {how} > /dev/full")
+    assert (full.returncode, full.stdout) == (1, "")
+    assert full.stderr == "note: what was to be printed is lost: No space left on device\n"
+    closed = shell(f"{LIST} {how} >&-")
+    assert (closed.returncode, closed.stderr) == (0, "")  # nobody wanted it
+    left = shell(f"({LIST} {how}; echo $? >&2) | true")
+    assert left.stderr in ("0\n", "1\n")  # the reader may have left before or after
+    error = shell(f"{SCRIPT} texture preview nosuch {how} > /dev/full 2> /dev/full")
+    assert error.returncode == 2
+
+
+def test_a_letter_that_the_terminal_lacks_is_escaped(tmp_path):
+    (tmp_path / "textures").mkdir()
+    (tmp_path / "textures" / "woven.toml").write_text(
+        'kind = "uniform"\ncof = 0.6\ndescription = "gewebt, 2 µm"\n', encoding="utf-8"
+    )
+    done = shell(LIST, PYTHONIOENCODING="ascii", HAPTIC_CONFIGS=str(tmp_path))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert r"2 \xb5m" in done.stdout
+
+
+@pytest.mark.parametrize("word", ["off", "disarm"])
+@pytest.mark.parametrize("where", ["> /dev/full", ">&-", "> /dev/full 2> /dev/full"])
+def test_what_was_done_is_done_whoever_reads_about_it(control, socket, word, where):
+    done = shell(f"{SCRIPT} {word} --json {where}")
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    status = shell(f"{SCRIPT} status --json > /dev/full")
+    assert status.returncode == 1  # what it would have said is all that it does

@@ -294,6 +294,16 @@ def test_a_marker_stands_in_the_recording_with_the_way_to_wall_time(daemon, tmp_
     )
 
 
+def test_a_name_that_is_too_long_is_refused_as_that(daemon, tmp_path):
+    """Two bytes a letter: 130 of them are 260."""
+    refused = refusal(daemon.record, str(tmp_path / f"{'é' * 130}.h5"))
+    assert refused.code == "name_too_long"
+    assert daemon.status().recording is None
+    daemon.record(str(tmp_path / f"{'e' * 237}.h5"))
+    daemon.record(None)
+    assert (tmp_path / f"{'e' * 237}.h5").is_file()
+
+
 def test_a_run_that_is_recorded_keeps_its_model(daemon, tmp_path):
     daemon.record(str(tmp_path / "run.h5"))
     assert refusal(daemon.use_model, "reference").code == "recording"

@@ -5,6 +5,8 @@ import pytest
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.pictures.saving import saved
+from haptic_driver.pictures.textures import preview
+from haptic_driver.render.texture import Uniform
 
 
 @pytest.mark.parametrize("ending", [".png", ".pdf", ".svg", ".PNG"])
@@ -31,3 +33,28 @@ def test_a_picture_whose_drawing_fails_is_closed(tmp_path):
         raise ZeroDivisionError
     assert plt.get_fignums() == []
     assert list(tmp_path.iterdir()) == []
+
+
+NAMES = ("co$t $x_1$", r"$\frac{$", "caf\udce9", "two\x1b[2J", "$")
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("ending", [".png", ".svg"])
+def test_a_name_is_drawn_as_it_stands_and_is_no_formula(tmp_path, name, ending):
+    figure, axes = plt.subplots()
+    with saved(figure, tmp_path / f"x{ending}"):
+        axes.set(title=name, xlabel=name, xscale="log", xlim=(1.0, 1e3))
+        axes.plot([1.0, 10.0], [0.0, 1.0], label=name)
+        axes.text(1.0, 0.5, name)
+        axes.legend()
+        figure.suptitle(name)
+    texts = {name, name.replace("\udce9", "\\udce9").replace("\x1b", "\\x1b")}
+    assert axes.get_title() in texts
+    assert axes.get_title().isprintable()
+    assert not axes.title.get_parse_math()
+    assert axes.get_xmajorticklabels()[2].get_parse_math()  # 10 to a power is a formula
+
+
+def test_a_texture_of_any_name_is_previewed(tmp_path):
+    preview(Uniform(0.6), tmp_path / "x.png", r"caf\udce9: $\frac{ 5 $")
+    assert (tmp_path / "x.png").stat().st_size > 0

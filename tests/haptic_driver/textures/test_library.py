@@ -13,7 +13,13 @@ from PIL import Image
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import FrictionMap, Grating, Placed, Profile, Uniform
-from haptic_driver.textures.library import load, load_texture, script_names, texture_names
+from haptic_driver.textures.library import (
+    load,
+    load_texture,
+    nameless_files,
+    script_names,
+    texture_names,
+)
 
 TEN = [
     "braille",
@@ -575,3 +581,18 @@ def test_a_name_too_long_for_a_file_system_is_unknown(tmp_path):
     """
     with pytest.raises(BadInputError, match="no texture"):
         load("ä" * 200, [tmp_path])
+
+
+def test_one_file_that_cannot_be_read_leaves_the_others_in_the_lists(tmp_path):
+    """A name that is no UTF-8, a content that is none, a folder, and a link to nothing."""
+    (tmp_path / "even.toml").write_text('kind = "uniform"\ncof = 0.6\n')
+    (tmp_path / "caf\udce9.toml").write_text('kind = "uniform"\ncof = 0.6\n')
+    (tmp_path / "latin.toml").write_bytes(b'description = "caf\xe9"')
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "gone.toml").symlink_to(tmp_path / "nowhere.toml")
+    (tmp_path / "steps.toml").write_text(
+        'kind = "script"\n[[step]]\ntime_s = 0\ncof = 0.6\n[[step]]\ntime_s = 1\ncof = 0.6\n'
+    )
+    assert texture_names([tmp_path]) == ["even", "latin", "steps"]
+    assert script_names([tmp_path]) == ["steps"]
+    assert nameless_files([tmp_path]) == [f"{tmp_path}/caf\\udce9.toml"]

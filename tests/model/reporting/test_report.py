@@ -292,6 +292,20 @@ def test_two_effects_read_as_a_sentence() -> None:
     )
 
 
+@pytest.mark.parametrize("name", ["caf\udce9 $x_1$.csv", "a<b>&\x1b[2J.csv"])
+def test_a_file_of_any_name_is_reported(tmp_path: Path, name: str) -> None:
+    """A name that is no UTF-8 is as Python reads it: \\xe9 is \\udce9."""
+    case = next(case for case in CASES if case.verdict == "not_testable")
+    write_data(tmp_path / name, case)
+    found = diagnose(FINGER, read_measurements(tmp_path / name))
+    content = write_report(found, FINGER, tmp_path / f"out {name}", str(tmp_path / name))
+    folder = tmp_path / f"out {name}"
+    assert content["data"]["file"] == name
+    assert json.loads((folder / "report.json").read_text(encoding="utf-8")) == content
+    assert (folder / "report.html").read_text(encoding="utf-8").startswith("<!")
+    read_model(folder / "model.toml")
+
+
 def test_a_model_with_the_effect_already_on_says_so(tmp_path: Path) -> None:
     source = tmp_path / "d.csv"
     write_data(source, CASES[1])

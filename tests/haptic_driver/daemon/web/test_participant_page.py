@@ -67,6 +67,18 @@ def test_the_daemons_page_leads_to_it_and_hands_on_the_token(browser, served, cl
     dashboard.context.close()
 
 
+@pytest.mark.parametrize(
+    "data", [{"text": "?", "answers": "no list"}, {"text": "?"}, {"text": 1, "answers": ["a"]}]
+)
+def test_a_question_that_cannot_be_shown_leaves_no_buttons_of_the_last(page, client, data):
+    client.mark("question", {"text": "Which?", "answers": ["first", "second"]})
+    expect(page.locator("#answers button")).to_have_count(2)
+    client.mark("question", data)
+    expect(page.locator("#answers button")).to_have_count(0)
+    expect(page.locator("#text")).to_have_text("Please wait: this question cannot be shown.")
+    assert answers(client) == []
+
+
 def test_a_participant_reads_feels_and_answers_with_large_buttons_or_keys(page, client):
     participant = MarkerParticipant(client)
     thread, _ = answering(lambda: participant.wait("Slide to and fro."))
