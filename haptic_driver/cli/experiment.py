@@ -250,6 +250,8 @@ def _show(results: Sequence[Result], written: Sequence[str]) -> None:
     for r in results:
         for why, trials in Counter(r.left_out).most_common():
             stdout.print(f"left out of {r.participant}, {r.condition}: {why} ({trials})")
+        if r.why_none:
+            stdout.print(f"no threshold of {r.participant}, {r.condition}: {r.why_none}")
         for note in r.notes:
             stdout.print(f"note on {r.participant}, {r.condition}: {note}")
     for path in written:
@@ -257,9 +259,9 @@ def _show(results: Sequence[Result], written: Sequence[str]) -> None:
 
 
 def _threshold(r: Result) -> tuple[str, str, str]:
-    """A threshold, its interval, and the slope; why there is none where there is none."""
+    """A threshold, or on which side of the levels it lies; its interval, and the slope."""
     if r.fit is None:
-        return r.why_none, "", ""
+        return "none", "", ""
     (low, high), (low_open, high_open) = r.fit.interval_95, r.fit.open_ends
     match low_open, high_open:
         case True, True:
@@ -271,7 +273,8 @@ def _threshold(r: Result) -> tuple[str, str, str]:
         case _:
             interval = f"{low:.4g} to {high:.4g}"
     if r.why_none:
-        return r.why_none, interval, ""
+        side = r.why_none.partition(",")[0]
+        return side if side.startswith(("below", "above")) else "none", interval, ""
     return f"{r.fit.threshold:.4g}", interval, f"{r.fit.function.slope:.3g}"
 
 

@@ -11,6 +11,7 @@ import sys
 import types
 from collections import Counter
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,8 +22,9 @@ from haptic_driver.experiments.psychophysics.apparatus import AssumedApparatus
 from haptic_driver.experiments.psychophysics.data import COLUMNS, SessionFiles
 from haptic_driver.experiments.psychophysics.delivery import Felt
 from haptic_driver.experiments.psychophysics.description import Stimulus
-from haptic_driver.experiments.psychophysics.rehearsal import pretended, reached, try_design
-from haptic_driver.experiments.psychophysics.run import run_session
+from haptic_driver.experiments.psychophysics.design import pretended, reached, try_design
+from haptic_driver.experiments.psychophysics.functions import Psychometric
+from haptic_driver.experiments.psychophysics.run import PretendedParticipant, run_session
 from haptic_driver.experiments.psychophysics.schedule import (
     Schedule,
     balanced,
@@ -377,3 +379,40 @@ def test_staircase_and_quest_plus_find_a_known_threshold_and_agree(tmp_path):
         found.append(one.median)
     np.testing.assert_allclose(found, 0.15, rtol=0.10)
     assert found[0] == pytest.approx(found[1], rel=0.10)
+
+
+@pytest.mark.parametrize(
+    ("slope_of", "why", "empty", "given"),
+    [
+        (Psychometric("weibull", 1e-6, 3.0, 0.5), "below 0.05, the lowest", "low", "high"),
+        (Psychometric("weibull", 1e6, 3.0, 0.5), "above 0.2, the highest", "high", "low"),
+    ],
+    ids=["everything is felt", "nothing is felt"],
+)
+def test_answers_that_hold_no_threshold_leave_its_cells_empty(
+    haptic, tmp_path, slope_of, why, empty, given
+):
+    experiment = made(tmp_path, tables=CONSTANT.replace("repeats = 2", "repeats = 20"))
+    session_of(experiment, tmp_path / "out", PretendedParticipant(slope_of))
+    done = haptic("experiment", "analyse", tmp_path / "out", "--json")
+    (result,) = done.said["results"]
+    with Path(done.said["table"]).open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    for numbers in (result, row):
+        assert why in numbers["why_none"]
+        assert [numbers[name] for name in ("threshold", "slope", "guess", "lapse")] == 4 * [""]
+        assert numbers[f"threshold_{empty}"] == ""
+        assert math.isfinite(float(numbers[f"threshold_{given}"]))
+    table = haptic("experiment", "analyse", tmp_path / "out").out
+    assert why[:10] in table
+    assert ("up to" if given == "high" else "from") in table
+
+
+def test_swapped_keys_are_flagged(haptic, tmp_path):
+    experiment = made(tmp_path, tables=CONSTANT.replace("repeats = 2", "repeats = 20"))
+    swapped = PretendedParticipant(Psychometric("weibull", 0.02, 3.0, 0.0))
+    swapped.ask = lambda question: 1 - PretendedParticipant.ask(swapped, question)
+    session_of(experiment, tmp_path / "out", swapped)
+    (result,) = haptic("experiment", "analyse", tmp_path / "out", "--json").said["results"]
+    assert result["threshold"] == ""
+    assert "fewer than by chance (50 %): are keys or intervals swapped?" in result["notes"]
