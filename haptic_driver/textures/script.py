@@ -18,17 +18,21 @@ from haptic_driver.textures.description import (
     StepDescription,
     parse_step,
 )
+from haptic_driver.textures.files import PROFILE_HINT
 from model.support.errors import did_you_mean
 from model.support.tables import read_table
 
 COLUMNS = ("time_s", "cof", "texture", "interpolation", "label")
 NUMBERS = ("time_s", "cof")
+EITHER_HINT = f"{PROFILE_HINT}; or, for a script, time_s,cof"
+POSITIONS = ("position_m", "position_mm")  # of a profile
 
 
 def is_script(path: Path) -> bool:
     """Whether the first line of a CSV file has a column of times."""
     with bad_input():
-        return "time_s" in read_table(path, [], SCRIPT_HINT, LONGEST_TABLE_ROWS).columns
+        table = read_table(path, [], EITHER_HINT, LONGEST_TABLE_ROWS, [*COLUMNS, *POSITIONS])
+        return "time_s" in table.columns
 
 
 def build(described: ScriptDescription, path: Path, load: Callable[[str], Texture]) -> Script:

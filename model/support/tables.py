@@ -160,8 +160,9 @@ def read_table(
         (line, cells) for line, cells in numbered if any(cells) and not cells[0].startswith("#")
     ]
     columns = _without_empty_end(numbered[0][1]) if numbered else []
-    if columns:
-        _check_header(path, numbered[0], first_lines, [*required, *known], wanted)
+    names = [*required, *known]
+    if columns and (not set(columns) >= set(required) or not set(columns) & set(names)):
+        _check_header(path, numbered[0], first_lines, names, wanted)
     _check_columns(path, columns, required, wanted)
     rows = [_row(f"{path}, line {line}", columns, cells) for line, cells in numbered[1:]]
     lines = [line for line, _ in numbered[1:]]

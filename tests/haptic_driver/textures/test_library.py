@@ -596,3 +596,18 @@ def test_one_file_that_cannot_be_read_leaves_the_others_in_the_lists(tmp_path):
     assert texture_names([tmp_path]) == ["even", "latin", "steps"]
     assert script_names([tmp_path]) == ["steps"]
     assert nameless_files([tmp_path]) == [f"{tmp_path}/caf\\udce9.toml"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("# position_mm,cof\n1,0.5\n2,0.6\n", "its header is commented out, in line 1"),
+        ("Rig 3\nposition_mm,cof\n1,0.5\n2,0.6\n", "its header stands in line 2"),
+        ("Rig 3\ntime_s,cof\n0,0.5\n2,0.6\n", "its header stands in line 2"),
+        ("1,0.5\n2,0.6\n", "line 1: holds numbers where the names"),
+    ],
+)
+def test_a_table_whose_header_is_elsewhere_is_told_where(tmp_path, text, said):
+    (tmp_path / "mine.csv").write_text(text)
+    with pytest.raises(BadInputError, match=said):
+        load(str(tmp_path / "mine.csv"), [])

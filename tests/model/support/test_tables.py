@@ -43,6 +43,7 @@ def file(folder: Path, text: str | bytes) -> Path:
         "a,b\n,\n\n1,2\n , \n",
         "sep=,\na,b\n1,2\n",
         "# a measurement of a\na,b\n1,2\n",
+        "# a, b\na,b\n1,2\n",
     ],
     ids=[
         "plain",
@@ -55,6 +56,7 @@ def file(folder: Path, text: str | bytes) -> Path:
         "empty rows",
         "separator",
         "comment",
+        "comment like a header",
     ],
 )
 def test_what_spreadsheets_add_is_no_mistake(tmp_path, text: str) -> None:
