@@ -18,7 +18,7 @@ from haptic_driver.textures.description import (
     StepDescription,
     parse_step,
 )
-from haptic_driver.textures.files import PROFILE_HINT
+from haptic_driver.textures.sources import PROFILE_HINT
 from model.support.errors import did_you_mean
 from model.support.tables import read_table
 

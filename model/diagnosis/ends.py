@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from model.description import ModelDescription
-from model.diagnosis.fit import Fit
+from model.diagnosis.model_fit import Fit
 from model.diagnosis.space import FARTHEST, Nuisance
 from model.parameters import SPECIFICATION
 

@@ -14,7 +14,6 @@ from model.diagnosis.audit import Audit, audited
 from model.diagnosis.data import Measurements
 from model.diagnosis.decide import Verdict, verdict_of
 from model.diagnosis.ends import at_an_end
-from model.diagnosis.model_fit import Problem
 from model.diagnosis.hypotheses import (
     FORCE_SENSOR,
     Candidate,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model.diagnosis.ends import at_an_end
-from model.diagnosis.fit import Fit
+from model.diagnosis.model_fit import Fit
 from model.diagnosis.space import FINGER, GAP_OFFSET
 from model.effects.skin_hydration import SkinHydration
 

@@ -22,8 +22,8 @@ from haptic_driver.experiments.psychophysics.apparatus import AssumedApparatus
 from haptic_driver.experiments.psychophysics.data import COLUMNS, SessionFiles
 from haptic_driver.experiments.psychophysics.delivery import Felt
 from haptic_driver.experiments.psychophysics.description import Stimulus
-from haptic_driver.experiments.psychophysics.design import pretended, reached, try_design
 from haptic_driver.experiments.psychophysics.functions import Psychometric
+from haptic_driver.experiments.psychophysics.rehearsal import pretended, reached, try_design
 from haptic_driver.experiments.psychophysics.run import PretendedParticipant, run_session
 from haptic_driver.experiments.psychophysics.schedule import (
     Schedule,
