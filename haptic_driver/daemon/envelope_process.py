@@ -24,7 +24,7 @@ from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import PRIORITY, Metronome
 from haptic_driver.processes.shared_memory import Played, SharedState
 from haptic_driver.render.compiled import refuse_to_compile
-from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead
+from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead, warm_up
 from haptic_driver.rig.part import ANALOG_OUTPUTS, Wiring, make_part
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig, SomeAnalogOutput
 from haptic_driver.signals import NO_COURSE, Course
@@ -114,7 +114,8 @@ class EnvelopeLoop:
 
     def _say(self, now_s: float, failure: str = "") -> None:
         underruns = self._earlier + self._writer.underruns
-        played = Played(now_s, underruns, self._whole_s, self._lead.lead_s, failure)
+        lead_s = self._lead.lead_s + self._writer.latency_s
+        played = Played(now_s, underruns, self._whole_s, lead_s, failure)
         is_news = self._said is None or played[1:] != self._said[1:]
         if is_news or now_s - self._said_s >= BEAT_S:
             self._said, self._said_s = played, now_s
@@ -128,13 +129,12 @@ def main() -> None:
     shared = SharedState(descriptor)
     output, open_output = settings.output()
     section = settings.section
-    writer = EnvelopeWriter(
-        output, settings.modulation, section.envelope_rate_hz, settings.rise_v_per_s
-    )
     with compilation_said("envelope process", parent.still):
-        writer.warm_up()
+        warm_up()
     refuse_to_compile()
     open_output()
+    rate_hz = output.plays_at(section.envelope_rate_hz)
+    writer = EnvelopeWriter(output, settings.modulation, rate_hz, settings.rise_v_per_s)
     granted = real_time.enter(PRIORITY + 1)  # its turn is short, and render waits awake
     real_time.settle_memory()
     lead = Lead(section.lead_s, section.buffer_s)

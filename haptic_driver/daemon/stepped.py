@@ -123,7 +123,8 @@ class SteppedDaemon:
         if output is None or modulation is None or isinstance(section, NoAnalogOutput):
             return None
         rise_v_per_s = config.output.voltage_rise_v_per_s
-        writer = EnvelopeWriter(output, modulation, section.envelope_rate_hz, rise_v_per_s)
+        rate_hz = output.plays_at(section.envelope_rate_hz)
+        writer = EnvelopeWriter(output, modulation, rate_hz, rise_v_per_s)
         return EnvelopeLoop(self.shared, writer, Lead(section.lead_s, section.buffer_s))
 
 

@@ -261,14 +261,20 @@ class GeneratorConfig(Section):
     modulation_input: ModulationInputConfig | None = None
 
 
+Terminal = Literal["DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT"]
+
+
 class AnalogInputsConfig(Section):
-    """The card whose inputs read gauges and monitors, all in one task."""
+    """The card or cards whose inputs read gauges and monitors, all of a card in one task."""
 
     sample_rate_hz: Annotated[float, Within(1.0, 1e7, "no card is slower or faster")] = Field(
         description="per channel"
     )
-    terminal: Literal["DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT"] = Field(
-        default="DIFF", description="DIFF, RSE, NRSE, PSEUDO_DIFF or DEFAULT"
+    terminal: Terminal = Field(
+        default="DIFF", description="of every channel that `terminals` does not name"
+    )
+    terminals: dict[str, Terminal] = Field(
+        default={}, description="of single channels, by their names"
     )
     range_v: Annotated[float, Within(0.01, 10.0, "ranges of cards are 10 mV to 10 V")] = Field(
         default=10.0, description="+-"
@@ -281,6 +287,10 @@ class AnalogInputsConfig(Section):
             "monitors report the peak over so long; >= 1/lowest_carrier_hz, < safety.settle_s"
         ),
     )
+
+    def terminal_of(self, channel: str) -> str:
+        """How a channel is wired."""
+        return self.terminals.get(channel, self.terminal)
 
 
 class NoInterlock(Section):
@@ -763,6 +773,7 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
                 f"analog_inputs.monitor_window_s {window_s:g} is not below safety.settle_s"
                 f" {rig.safety.settle_s:g}"
             )
+    yield from _on_several_cards(rig)
     yield from _aliased(rig)
     if any(part.needs_stage for part in parts) and rig.stage is None:
         yield f'finger_tracker.kind is "{rig.finger_tracker.kind}", and there is no section [stage]'
@@ -786,6 +797,28 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
             f" -waveform_generator.modulation_input.full_scale_v {-modulation.full_scale_v:g}: at 0"
             " V the amplitude is half its highest"
         )
+
+
+def _on_several_cards(rig: RigConfig) -> Iterator[str]:
+    """Cards have clocks of their own: what is told from samples of one instant is on one of
+    them.
+    """
+    amplifier = rig.amplifier.channels
+    together = {
+        "force_sensor.gauges": [] if rig.force_sensor is None else rig.force_sensor.channels
+    }
+    for i, monitor in enumerate(rig.electrode_monitors):
+        if isinstance(monitor, CardElectrodeMonitorConfig):
+            together[f"electrode_monitors.{i}"] = [*amplifier, *monitor.channels]
+    for name, channels in together.items():
+        cards = sorted({channel.partition("/")[0] for channel in channels})
+        if len(cards) > 1:
+            yield f"{name}: {', '.join(cards)} have clocks of their own; take channels of one card"
+    card = rig.analog_inputs
+    used = {channel for part in rig.parts for channel in part.channels}
+    unused = sorted(set() if card is None else set(card.terminals) - used)
+    if unused:
+        yield f"analog_inputs.terminals: {', '.join(unused)} is read by nothing in this file"
 
 
 def _aliased(rig: RigConfig) -> Iterator[str]:

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import ceil
 from typing import Self
 
 from haptic_driver.errors import BadInputError
@@ -34,7 +33,14 @@ from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import Rig
 from haptic_driver.rig.states import RigEvent
 from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
-from hw.analog.ni_daq import NiAnalogInput, NiAnalogInputs, NiDigitalInput, NiDigitalOutput
+from hw.analog.ni_daq import (
+    NiAnalogInput,
+    NiAnalogInputs,
+    NiCards,
+    NiDigitalInput,
+    NiDigitalOutput,
+    card_of,
+)
 from hw.analog.output import AnalogOutput
 from hw.errors import DeviceTimeout
 from hw.finger.tracker import FingerTracker
@@ -380,7 +386,7 @@ class _Parts:
             self.closing[:0] = part.closing
         return [part.device for part in parts]
 
-    def _analog_inputs(self) -> NiAnalogInputs | None:
+    def _analog_inputs(self) -> NiCards | None:
         config, card = self._config, self._config.analog_inputs
         if card is None:
             return None
@@ -392,21 +398,23 @@ class _Parts:
         return inputs
 
 
-def analog_inputs(card: rig_config.AnalogInputsConfig, channels: Sequence[str]) -> NiAnalogInputs:
-    """Some channels of the card as the rig's file describes it; not open."""
-    return NiAnalogInputs(channels, **card.model_dump(exclude={"monitor_window_s"}))
-
-
-def peak_of(
-    card: rig_config.AnalogInputsConfig, inputs: NiAnalogInputs, channel: str
-) -> NiAnalogInput:
-    """A monitor of an alternating voltage, read over the card's window."""
-    return NiAnalogInput(
-        inputs,
-        channel,
-        samples=max(1, ceil(card.monitor_window_s * card.sample_rate_hz)),
-        peak=True,
+def analog_inputs(card: rig_config.AnalogInputsConfig, channels: Sequence[str]) -> NiCards:
+    """Some channels, of one card or several, as the rig's file describes them; not open."""
+    how = card.model_dump(exclude={"monitor_window_s", "terminal", "terminals"})
+    cards: dict[str, list[str]] = {}
+    for channel in channels:
+        cards.setdefault(card_of(channel), []).append(channel)
+    return NiCards(
+        [
+            NiAnalogInputs(on_card, terminal={one: card.terminal_of(one) for one in on_card}, **how)
+            for on_card in cards.values()
+        ]
     )
+
+
+def peak_of(card: rig_config.AnalogInputsConfig, inputs: NiCards, channel: str) -> NiAnalogInput:
+    """A monitor of an alternating voltage, read over the card's window."""
+    return NiAnalogInput(inputs, channel, window_s=card.monitor_window_s, peak=True)
 
 
 def stage_settings(given: rig_config.StageConfig) -> StageSettings:

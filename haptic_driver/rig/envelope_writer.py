@@ -58,6 +58,11 @@ class Lead:
         return min(math.ceil(wanted_s / LEAD_STEP_S) * LEAD_STEP_S, MOST_LEAD_S, self._most_s)
 
 
+def warm_up() -> None:
+    """Compile what a writer's turn needs."""
+    synthesise(np.zeros(3), np.empty(2))
+
+
 class EnvelopeWriter:
     """Brings courses of voltage to the Modulation In of a carrier that goes up to `full_scale_v`.
 
@@ -89,9 +94,10 @@ class EnvelopeWriter:
         self._resting = False
         self._catching_up = False  # after a gap
 
-    def warm_up(self) -> None:
-        """Compile what a turn needs."""
-        synthesise(np.zeros(3), np.empty(2))
+    @property
+    def latency_s(self) -> float:
+        """How much later than its place in the stream a voltage is there, as the device says."""
+        return self._output.latency_s
 
     def go_on(
         self, course: Course, full_scale_v: float, lead_s: float, may_rise: bool = True

@@ -32,7 +32,7 @@ from hw import plugins
 
 if TYPE_CHECKING:
     from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput
-    from hw.analog.ni_daq import NiAnalogInputs
+    from hw.analog.ni_daq import NiCards
     from hw.monitor.lines import MonitorLines
     from hw.stage.lts150 import Lts150
 
@@ -131,7 +131,7 @@ class Wiring:
     voltage and current are.
     """
 
-    inputs: NiAnalogInputs | None = None
+    inputs: NiCards | None = None
     stage: Lts150 | None = None
     enable: DigitalOutput | None = None
     voltage_monitor: AnalogInput | None = None

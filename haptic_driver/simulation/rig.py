@@ -170,7 +170,11 @@ def electrode_monitors(
             section, SimulatedElectrodeMonitorConfig
         )  # or the file would have been refused
         inputs = SimulatedInputs(
-            simulated, section.sample_rate_hz, section.range_v, section.resolution_v
+            simulated,
+            section.sample_rate_hz,
+            section.range_v,
+            section.resolution_v,
+            section.buffer_s,
         )
         monitors.append(SampledMonitor(inputs, lines, section.sampling()))
     return monitors

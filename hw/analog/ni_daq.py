@@ -10,9 +10,10 @@ from __future__ import annotations
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from math import ceil
 from types import ModuleType
 from typing import Any
 
@@ -20,6 +21,7 @@ import numpy as np
 
 from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array, OutputUnderrun
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, InstrumentRejected
+from hw.setting import Setting, refuse_unlike
 
 TERMINALS = ("DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT")
 _NOT_IN_TIME = {
@@ -35,6 +37,9 @@ _RAN_DRY = {
     -200016,
 }  # no regeneration; buffer, FIFO and DAC underflow
 _POLL_S = 1e-3
+_AS_THE_CARD_SAYS = "write down in the rig's file what the card makes of it"
+_RATE_SHORTFALL = 0.01  # the highest carrier, NYQUIST_SHARE of the rate, leaves more room than that
+_INTERVAL_TOLERANCE = 0.01  # of a conversion's interval: below a hundredth of a sample's phase
 
 
 def load_nidaqmx() -> ModuleType:
@@ -89,7 +94,10 @@ class NiAnalogInputs:
 
     One task for all of them, since a card has one clock for its inputs: a second task would be
     refused. Six gauges in DIFF leave two of eight channels for monitors. The channels share one
-    converter, so they are skewed by up to a sample. Thread-safe.
+    converter, so they are skewed by up to a sample. `terminal` is of all channels, or each its own.
+    A card divides its time base by whole numbers, so that few rates are got as asked: once open,
+    `sample_rate_hz` and `buffer_s` are what it got. A slower clock, a narrower range and another
+    terminal are refused. Thread-safe.
     """
 
     def __init__(
@@ -98,23 +106,26 @@ class NiAnalogInputs:
         *,
         sample_rate_hz: float,
         range_v: float = 10.0,
-        terminal: str = "DIFF",
+        terminal: str | Mapping[str, str] = "DIFF",
         buffer_s: float = 2.0,
         timeout_s: float = 0.5,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        if terminal not in TERMINALS:
-            raise ValueError(f"terminal must be one of {', '.join(TERMINALS)}, not {terminal!r}")
         if not channels or len(set(channels)) != len(channels):
             raise ValueError(f"channels must be given, each once, not {list(channels)}")
+        each = dict.fromkeys(channels, terminal) if isinstance(terminal, str) else dict(terminal)
+        if set(each) != set(channels) or not set(each.values()) <= set(TERMINALS):
+            raise ValueError(f"terminal must be one of {', '.join(TERMINALS)}, not {terminal!r}")
         self.resource = ", ".join(channels)
         self._channels = tuple(channels)
-        self.sample_rate_hz = sample_rate_hz
-        self.buffer_s = buffer_s
+        self._asked_rate_hz, self._asked_buffer_s = sample_rate_hz, buffer_s
+        self.sample_rate_hz, self.buffer_s = sample_rate_hz, buffer_s
+        self.conversion_interval_s: float | None = None
         self._range_v = range_v
-        self._terminal = terminal
+        self._terminals = each
         self._buffer_samples = max(2, round(buffer_s * sample_rate_hz))
+        self._held: list[Setting] = []
         self._timeout_s = timeout_s
         self._clock = clock
         self._sleep = sleep
@@ -131,25 +142,62 @@ class NiAnalogInputs:
             constants = nidaqmx.constants
             task = nidaqmx.Task()
             try:
-                for channel in self._channels:
+                made = [
                     task.ai_channels.add_ai_voltage_chan(
                         channel,
-                        terminal_config=constants.TerminalConfiguration[self._terminal],
+                        terminal_config=constants.TerminalConfiguration[self._terminals[channel]],
                         min_val=-self._range_v,
                         max_val=self._range_v,
                     )
+                    for channel in self._channels
+                ]
                 task.timing.cfg_samp_clk_timing(
-                    self.sample_rate_hz,
+                    self._asked_rate_hz,
                     sample_mode=constants.AcquisitionType.CONTINUOUS,
-                    samps_per_chan=self._buffer_samples,
+                    samps_per_chan=max(2, round(self._asked_buffer_s * self._asked_rate_hz)),
                 )
                 task.in_stream.overwrite = constants.OverwriteMode.OVERWRITE_UNREAD_SAMPLES
                 task.in_stream.relative_to = constants.ReadRelativeTo.MOST_RECENT_SAMPLE
+                self._read_back(task, made, nidaqmx)
                 task.start()
             except BaseException:
                 _clear(task)
                 raise
             self._task, self._acquired, self._advanced_s = task, 0, self._clock()
+
+    def held(self) -> list[Setting]:
+        """What was asked of the card and what it got, at the last opening."""
+        return list(self._held)
+
+    def _read_back(self, task: Any, made: Sequence[Any], nidaqmx: Any) -> None:
+        """What the card makes of what it was asked; InstrumentRejected for what numbers cannot take
+        in.
+        """
+        rate_hz = float(task.timing.samp_clk_rate)
+        samples = int(task.in_stream.input_buf_size)
+        terminals, ranges = [], []
+        for name, channel in zip(self._channels, made, strict=True):
+            asked, got = self._terminals[name], channel.ai_term_cfg.name
+            terminals.append(Setting(f"terminal of {name}", asked, got))
+            reach_v = min(float(channel.ai_rng_high), -float(channel.ai_rng_low))
+            ranges.append(Setting(f"range_v of {name}", self._range_v, reach_v))
+        self._held = [
+            Setting("sample_rate_hz", self._asked_rate_hz, rate_hz),
+            Setting("buffer_s", self._asked_buffer_s, samples / rate_hz),
+            *terminals,
+            *ranges,
+        ]
+        unlike = [one for one in terminals if one.asked != "DEFAULT"]
+        unlike += [one for one in ranges if one.got < self._range_v]  # type: ignore[operator]
+        if rate_hz < self._asked_rate_hz * (1.0 - _RATE_SHORTFALL):
+            unlike.append(self._held[0])
+        refuse_unlike(self.resource, unlike, _AS_THE_CARD_SAYS)
+        self.sample_rate_hz, self._buffer_samples = rate_hz, samples
+        self.buffer_s = samples / rate_hz
+        try:
+            self.conversion_interval_s = 1.0 / float(task.timing.ai_conv_rate)
+        except nidaqmx.errors.DaqError:  # one converter per channel: all at once
+            self.conversion_interval_s = None
 
     def close(self) -> None:
         """Stop sampling; never fails, does nothing when closed."""
@@ -182,11 +230,13 @@ class NiAnalogInputs:
             )
         return samples_v.T
 
-    def columns(self, channels: Sequence[str]) -> NiColumns:
+    def columns(self, channels: Sequence[str], conversion_interval_s: float = 0.0) -> NiColumns:
         """Some of the channels by name, e.g. a sensor's gauges. Raises ValueError for one that is
         not sampled.
+
+        `conversion_interval_s`: from one channel to the next, where the card does not say it.
         """
-        return NiColumns(self, self.places(channels))
+        return NiColumns(self, self.places(channels), conversion_interval_s)
 
     def places(self, channels: Sequence[str]) -> list[int]:
         """Where channels stand in the order of conversion. Raises ValueError for one that is not
@@ -224,31 +274,117 @@ class NiAnalogInputs:
 class NiColumns:
     """Some channels of a NiAnalogInputs."""
 
-    def __init__(self, inputs: NiAnalogInputs, columns: Sequence[int]) -> None:
+    def __init__(
+        self, inputs: NiAnalogInputs, columns: Sequence[int], conversion_interval_s: float = 0.0
+    ) -> None:
         self._inputs = inputs
         self._columns = list(columns)
+        self._asked_interval_s = conversion_interval_s
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """The card's, as it got it."""
+        return self._inputs.sample_rate_hz
+
+    @property
+    def buffer_s(self) -> float:
+        """How far back the card remembers."""
+        return self._inputs.buffer_s
+
+    @property
+    def lags_s(self) -> Sequence[float]:
+        """How much later than the card's first channel each is sampled.
+
+        Raises InstrumentRejected where the card says otherwise than the rig's file.
+        """
+        asked_s, got_s = self._asked_interval_s, self._inputs.conversion_interval_s
+        if asked_s and got_s and abs(got_s - asked_s) > _INTERVAL_TOLERANCE * asked_s:
+            unlike = Setting("conversion_interval_s", asked_s, got_s)
+            refuse_unlike(self._inputs.resource, [unlike], _AS_THE_CARD_SAYS)
+        return [place * (got_s or asked_s) for place in self._columns]
 
     def latest_v(self, count: int) -> Array:
         """Return the newest `count` samples, shape (count, channels), V. Raises DeviceError."""
         return self._inputs.latest_v(count)[:, self._columns]
 
 
+class NiCards:
+    """The inputs of one or several cards, each with a task and a clock of its own.
+
+    What is compared in time, such as two monitors, must be on one card.
+    """
+
+    def __init__(self, cards: Sequence[NiAnalogInputs]) -> None:
+        self._cards = tuple(cards)
+        self.resource = "; ".join(card.resource for card in cards)
+
+    def open(self) -> None:
+        """Start sampling on every card. Raises DeviceError, with none left sampling."""
+        try:
+            for card in self._cards:
+                card.open()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Stop sampling; never fails."""
+        for card in self._cards:
+            card.close()
+
+    def held(self) -> list[Setting]:
+        """Asked and got, card by card."""
+        held = []
+        for card in self._cards:
+            where = f" of {card_of(card.resource)}" if len(self._cards) > 1 else ""
+            held += [
+                setting if " of " in setting.name else setting._replace(name=setting.name + where)
+                for setting in card.held()
+            ]
+        return held
+
+    def card(self, channels: Sequence[str]) -> NiAnalogInputs:
+        """The card that samples all of these channels; ValueError where none does."""
+        for card in self._cards:
+            with suppress(ValueError):
+                card.places(channels)
+                return card
+        raise ValueError(f"{', '.join(channels)} are not sampled by one card: {self.resource}")
+
+    def columns(self, channels: Sequence[str], conversion_interval_s: float = 0.0) -> NiColumns:
+        """Channels of one card. Raises ValueError as `card`."""
+        return self.card(channels).columns(channels, conversion_interval_s)
+
+    def latest_v(self, count: int) -> Array:
+        """The newest samples of the only card. ValueError where there are several."""
+        (card,) = self._cards
+        return card.latest_v(count)
+
+
+def card_of(channel: str) -> str:
+    """The card of a channel: `Dev1` of `Dev1/ai0`."""
+    return channel.partition("/")[0]
+
+
 class NiAnalogInput:
-    """One channel as an analog input: the mean of its newest samples, or with `peak` the largest
+    """One channel as an analog input: the mean of its newest `window_s`, or with `peak` the largest
     magnitude.
 
     A monitor of an alternating voltage needs `peak` over at least a period of the carrier: its mean
     is zero whatever the voltage is.
     """
 
-    def __init__(self, inputs: NiAnalogInputs, channel: str, *, samples: int, peak: bool) -> None:
+    def __init__(
+        self, inputs: NiAnalogInputs | NiCards, channel: str, *, window_s: float, peak: bool
+    ) -> None:
         self._column = inputs.columns([channel])
-        self._samples = samples
+        self._window_s = window_s
         self._peak = peak
 
     def read_v(self) -> float:
         """Return the voltage at the input, V. Raises DeviceError."""
-        samples_v = self._column.latest_v(self._samples)
+        count = max(1, ceil(self._window_s * self._column.sample_rate_hz - 1e-6))
+        samples_v = self._column.latest_v(count)
         return float(np.abs(samples_v).max() if self._peak else samples_v.mean())
 
 
@@ -367,10 +503,30 @@ class NiAnalogOutput(AnalogOutput):
                 sample_mode=nidaqmx.constants.AcquisitionType.CONTINUOUS,
                 samps_per_chan=buffer_samples,
             )
+            got_hz = float(task.timing.samp_clk_rate)
+            refuse_unlike(
+                self.resource,
+                [Setting("sample_rate_hz", sample_rate_hz, got_hz)],
+                "write at the rate of `plays_at`",
+            )
             task.out_stream.regen_mode = nidaqmx.constants.RegenerationMode.DONT_ALLOW_REGENERATION
             task.out_stream.output_buf_size = buffer_samples
             self._append(block_v)
             task.start()
+
+    def _rate_got_hz(self, sample_rate_hz: float) -> float:
+        """A task that is set up and never started: the card's own clock is divided, not set."""
+        with _daqmx(self.resource) as nidaqmx:
+            task = self._new_task(nidaqmx)
+            try:
+                task.timing.cfg_samp_clk_timing(
+                    sample_rate_hz,
+                    sample_mode=nidaqmx.constants.AcquisitionType.CONTINUOUS,
+                    samps_per_chan=2,
+                )
+                return float(task.timing.samp_clk_rate)
+            finally:
+                _clear(task)
 
     def _append(self, block_v: Array) -> None:
         with _daqmx(self.resource):

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, LimitExceeded
+from hw.setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -102,6 +103,7 @@ class AnalogOutput(ABC):
         self._lease_end_s = math.inf
         self._dry_s = -math.inf  # when the stream runs out of what has been written
         self.gaps = 0
+        self._plays: Setting | None = None
         self._failure: DeviceError | None = None
         self._wake = threading.Event()
         self.watched = watch
@@ -138,6 +140,27 @@ class AnalogOutput(ABC):
                     target=self._watch, name=f"watch {self.resource}", daemon=True
                 )
                 self._watcher.start()
+
+    def plays_at(self, sample_rate_hz: float) -> float:
+        """The rate that the device gets when it is asked for one; write at that. Raises as `write`.
+
+        Devices divide a clock by whole numbers, or run at a rate of their own.
+        """
+        with self._exclusive():
+            self._check_open()
+            self._check_limit(sample_rate_hz)
+            got_hz = self._rate_got_hz(sample_rate_hz)
+            self._plays = Setting("sample_rate_hz", sample_rate_hz, got_hz)
+            return got_hz
+
+    def held(self) -> list[Setting]:
+        """What was asked of the device and what it got, since it was opened."""
+        return [] if self._plays is None else [self._plays]
+
+    @property
+    def latency_s(self) -> float:
+        """How much later than its turn in the stream a sample is at the terminal."""
+        return 0.0
 
     def write(self, envelope_v: ArrayLike, sample_rate_hz: float) -> None:
         """Append a block to the stream, starting it when there is none. Does not wait for the
@@ -225,17 +248,25 @@ class AnalogOutput(ABC):
         """Close, whatever the reason."""
         self.close()
 
+    def _rate_got_hz(self, sample_rate_hz: float) -> float:
+        """What the device makes of a rate."""
+        return sample_rate_hz
+
     def _check_rate(self, sample_rate_hz: float) -> None:
+        if self._plays is None or sample_rate_hz != self._plays.got:
+            self._check_limit(sample_rate_hz)
+        if self._rate_hz is not None and sample_rate_hz != self._rate_hz:
+            raise LimitExceeded(
+                f"{self.resource} streams at {self._rate_hz:g} samples/s, not {sample_rate_hz:g}",
+                "end the stream with zero() or hold() first",
+            )
+
+    def _check_limit(self, sample_rate_hz: float) -> None:
         if not 0.0 < sample_rate_hz <= self.settings.sample_rate_limit_hz:
             raise LimitExceeded(
                 f"{self.resource}: {sample_rate_hz:g} samples/s is outside its range, up to "
                 f"{self.settings.sample_rate_limit_hz:g}",
                 "choose a rate within it",
-            )
-        if self._rate_hz is not None and sample_rate_hz != self._rate_hz:
-            raise LimitExceeded(
-                f"{self.resource} streams at {self._rate_hz:g} samples/s, not {sample_rate_hz:g}",
-                "end the stream with zero() or hold() first",
             )
 
     def _check_open(self) -> None:

@@ -20,6 +20,7 @@ from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array
 from hw.errors import DeviceDisconnected
 
 BUFFER_SAMPLES = 1 << 14
+TIMEBASE_HZ = 20e6  # of which a sample takes a whole number of ticks
 _SAMPLE = np.dtype("<f8")
 _ATTEMPTS = 100  # at a header that a writer keeps changing
 
@@ -160,7 +161,10 @@ class SimulatedAnalogOutput(AnalogOutput):
         self._connected().set_level(level_v)
 
     def _start(self, block_v: Array, sample_rate_hz: float) -> None:
-        self._connected().start(block_v, sample_rate_hz, self._clock())
+        self._connected().start(block_v, self._rate_got_hz(sample_rate_hz), self._clock())
+
+    def _rate_got_hz(self, sample_rate_hz: float) -> float:
+        return TIMEBASE_HZ / round(TIMEBASE_HZ / sample_rate_hz)
 
     def _append(self, block_v: Array) -> None:
         self._connected().append(block_v)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array
 from hw.errors import DeviceDisconnected, DeviceError, InstrumentRejected, LimitExceeded
+from hw.setting import Setting
 
 
 def load_sounddevice() -> ModuleType:
@@ -41,6 +42,9 @@ def load_sounddevice() -> ModuleType:
         ) from error
 
 
+RATE_TOLERANCE = 1e-3  # of a crystal that is off; another rate of the card's is farther away
+
+
 class SoundSettings(NamedTuple):
     """`full_scale_v`: measured at the socket for a sample of 1.0; `dc_coupled`: whether a level
     stays.
@@ -56,8 +60,10 @@ class SoundSettings(NamedTuple):
 class SoundCardOutput(AnalogOutput):
     """One channel of a sound card at a fixed sample rate; other channels stay silent.
 
-    Without DC coupling only 0 V can be held or be the zero level, and what is streamed arrives
-    without its slow part. A new level or block is heard after the card's latency of `latency_s`.
+    All channels of the device are opened, since a stream of fewer is played at sockets that nobody
+    named. Without DC coupling only 0 V can be held or be the zero level, and what is streamed
+    arrives without its slow part. Rate and latency are those that the open stream got: a rate that
+    is off by more than a share of RATE_TOLERANCE is refused.
     """
 
     def __init__(
@@ -104,24 +110,55 @@ class SoundCardOutput(AnalogOutput):
 
     def _check_rate(self, sample_rate_hz: float) -> None:
         super()._check_rate(sample_rate_hz)
-        if sample_rate_hz != self._sound.sample_rate_hz:
+        if sample_rate_hz != self._rate_got_hz(sample_rate_hz):
             raise LimitExceeded(
-                f"{self.resource} plays at {self._sound.sample_rate_hz:g} samples/s, not"
+                f"{self.resource} plays at {self._rate_got_hz(sample_rate_hz):g} samples/s, not"
                 f" {sample_rate_hz:g}",
                 "write at its rate",
             )
 
+    def _rate_got_hz(self, sample_rate_hz: float) -> float:
+        return float(self._stream.samplerate)
+
+    @property
+    def latency_s(self) -> float:
+        """That of the open stream."""
+        return self._sound.latency_s if self._stream is None else float(self._stream.latency)
+
+    def held(self) -> list[Setting]:
+        """Rate, latency and channels of the open stream."""
+        if self._stream is None:
+            return []
+        sound = self._sound
+        return [
+            Setting("sample_rate_hz", sound.sample_rate_hz, float(self._stream.samplerate)),
+            Setting("latency_s", sound.latency_s, self.latency_s),
+        ]
+
     def _connect(self) -> None:
         with self._portaudio() as sounddevice:
+            there = int(sounddevice.query_devices(self._device, "output")["max_output_channels"])
+            if self._sound.channel >= there:
+                raise InstrumentRejected(
+                    f"{self.resource} has {there} output channels, and channel"
+                    f" {self._sound.channel} was asked for",
+                    "channels count from 0",
+                )
             stream = sounddevice.OutputStream(
                 samplerate=self._sound.sample_rate_hz,
                 device=self._device,
-                channels=self._sound.channel + 1,
+                channels=there,
                 dtype="float32",
                 latency=self._sound.latency_s,
                 callback=self._play,
             )
             self._stream = stream
+            asked_hz, got_hz = self._sound.sample_rate_hz, float(stream.samplerate)
+            if abs(got_hz - asked_hz) > RATE_TOLERANCE * asked_hz:
+                raise InstrumentRejected(
+                    f"{self.resource} plays at {got_hz:g} samples/s where {asked_hz:g} were asked",
+                    "write down a rate that the card has",
+                )
             stream.start()
 
     def _disconnect(self) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from hw import plugins
 from hw.generator.settings import Shape
+from hw.setting import Setting
 
 if TYPE_CHECKING:
     from hw.generator.settings import ExternalModulation, GeneratorSettings
@@ -24,7 +25,7 @@ WHAT = "waveform generator"
 
 class GeneratorReport(NamedTuple):
     """What a generator says of itself; `programmed` is for a person, `load_open`: volts are into an
-    open circuit.
+    open circuit. `held`: what its driver sets at connecting, and what is set now.
     """
 
     identity: str
@@ -33,6 +34,7 @@ class GeneratorReport(NamedTuple):
     output_on: bool
     load_open: bool
     programmed: str
+    held: tuple[Setting, ...] = ()
 
 
 class Generator(Protocol):

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 from hw.errors import BadReply, InstrumentRejected
 from hw.generator.gate import OutputGate
-from hw.transport.contract import Transport
+from hw.transport.contract import Transport, longer_if_slow
 
 _ERROR_QUEUE_LENGTH = 20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -74,7 +74,8 @@ class GeneratorDialogue:
         message = line.encode("ascii") + b"\n"
         with self.undisturbed():
             self._gate.check(message)
-            reply = self._transport.query(message, self._reply_timeout_s)
+            with longer_if_slow(self._reply_timeout_s):
+                reply = self._transport.query(message, self._reply_timeout_s)
         return reply.decode("ascii", errors="replace").strip()
 
     def send(self, line: str) -> None:

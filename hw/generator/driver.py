@@ -12,6 +12,7 @@ from hw.errors import DeviceError, LimitExceeded
 from hw.generator.contract import GeneratorReport
 from hw.generator.dialogue import GeneratorDialogue
 from hw.generator.settings import ExternalModulation, GeneratorSettings, Shape
+from hw.setting import Setting
 
 
 class Programmed(NamedTuple):
@@ -50,6 +51,10 @@ class GeneratorDriver(ABC):
         """Only ask: whether the output is on, whether levels are for an open circuit, and what is
         set, in words.
         """
+
+    @abstractmethod
+    def _ask_held(self) -> list[Setting]:
+        """Only ask: what the driver sets at connecting, and what is set now."""
 
     @abstractmethod
     def _reset(self) -> None:
@@ -102,7 +107,8 @@ class GeneratorDriver(ABC):
         self._dialogue.open()
         with self._forgetting_on_failure():
             maker, model, serial_number, firmware = self._check_identity()
-            return GeneratorReport(f"{maker} {model}", serial_number, firmware, *self._ask_state())
+            state, held = self._ask_state(), tuple(self._ask_held())
+            return GeneratorReport(f"{maker} {model}", serial_number, firmware, *state, held)
 
     def connect(self) -> None:
         """Open, check the identity, switch off, reset, and set up a sine of minimum amplitude with

@@ -15,9 +15,23 @@ from math import hypot, sqrt
 from hw.errors import BadReply, LimitExceeded
 from hw.monitor.contract import ElectrodeReading, nothing
 from hw.monitor.scpi_line import ScpiLine
+from hw.setting import Setting, refuse_unlike
 from hw.transport.contract import Transport
 
 MODEL = re.compile(r"E4980AL?")
+FREQUENCY_TOLERANCE = 1e-4  # of a step of its synthesiser; an impedance changes by as much
+LEVEL_TOLERANCE = 5e-3  # of a step of its level, which is read back and measured
+_LOOK = "look at the meter; is it the model of the rig's file?"
+# Each is set, and read back: another function or a bias would be another number, or a voltage.
+_WANTED = {
+    ":BIAS:STAT": "0",
+    ":FUNC:IMP:TYPE": "RX",
+    ":APER": "LONG,1",
+    ":TRIG:SOUR": "BUS",
+    ":INIT:CONT": "1",
+    ":AMPL:ALC": "0",
+    ":FUNC:SMON:VAC": "1",
+}
 
 
 @dataclass(frozen=True)
@@ -52,18 +66,22 @@ class E4980A:
     def open(self) -> None:
         """Connect, no voltage, and set up what does not change; raises DeviceError."""
         self._line.open(MODEL)
-        self._line.tell(
-            "*RST",
-            ":VOLT:LEV 0",
-            ":BIAS:STAT 0",
-            ":FUNC:IMP:TYPE RX",
-            ":APER LONG",
-            ":TRIG:SOUR BUS",
-            ":INIT:CONT ON",
-            ":AMPL:ALC 0",
-            ":FUNC:SMON:VAC 1",
-        )
+        set_up = [f"{header} {value}" for header, value in _WANTED.items()]
+        self._line.tell("*RST", ":VOLT:LEV 0", *set_up)
         self.off()
+        refuse_unlike("LCR meter", self.held(), _LOOK)
+
+    def identify(self) -> list[Setting]:
+        """Connect, and only ask; BadReply for another instrument."""
+        self._line.identify(MODEL)
+        return self.held()
+
+    def held(self) -> list[Setting]:
+        """What is to be set and what the instrument holds now."""
+        return [
+            Setting(header, value, _plain(self._line.ask(f"{header}?")))
+            for header, value in {**_WANTED, ":VOLT:LEV": "0"}.items()
+        ]
 
     def close(self) -> None:
         """No voltage, and hang up; raises DeviceError where the meter does not say so."""
@@ -100,6 +118,7 @@ class E4980A:
             self._line.tell(
                 f":FREQ:CW {frequency_hz:.9g}", f":VOLT:LEV {voltage_v / sqrt(2.0):.6g}"
             )
+            self._check_got(frequency_hz, voltage_v / sqrt(2.0))
             self._line.tell(":TRIG:IMM")  # not *TRG, which answers by itself
             self._line.numbers("*OPC?", 1)
             resistance, reactance, status, *_ = self._line.numbers(":FETC:IMP:FORM?", 3)
@@ -116,3 +135,27 @@ class E4980A:
         current_a = peak_v / impedance
         std_a = self._meter.accuracy * hypot(current_a.real, current_a.imag)
         return ElectrodeReading(complex(peak_v), self._meter.accuracy * peak_v, current_a, std_a)
+
+    def _check_got(self, frequency_hz: float, rms_v: float) -> None:
+        """Refuse another carrier or level than was asked for; the voltage that counts is
+        measured.
+        """
+        got_hz = self._line.numbers(":FREQ:CW?", 1)[0]
+        got_v = self._line.numbers(":VOLT:LEV?", 1)[0]
+        unlike = []
+        if abs(got_hz - frequency_hz) > FREQUENCY_TOLERANCE * frequency_hz:
+            unlike.append(Setting("frequency_hz", frequency_hz, got_hz))
+        if abs(got_v - rms_v) > LEVEL_TOLERANCE * rms_v:
+            unlike.append(Setting("level_v_rms", rms_v, got_v))
+        refuse_unlike("LCR meter", unlike, "ask for what it can make")
+
+
+def _plain(answer: str) -> str:
+    """An answer as it is set: numbers without their zeros."""
+    parts = []
+    for part in answer.upper().split(","):
+        try:
+            parts.append(f"{float(part):g}")
+        except ValueError:
+            parts.append(part.strip())
+    return ",".join(parts)

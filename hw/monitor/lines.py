@@ -91,7 +91,19 @@ def electrode_reading(record: Record, lines: MonitorLines, frequency_hz: float) 
 
 
 class SampledInputs(Protocol):
-    """Channels that are sampled all the time."""
+    """Channels that are sampled all the time, at the rate and with the lags that the device got."""
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Samples of each channel per second."""
+
+    @property
+    def buffer_s(self) -> float:
+        """How far back samples are kept."""
+
+    @property
+    def lags_s(self) -> Sequence[float]:
+        """How much later each channel is sampled; raises DeviceError."""
 
     def latest_v(self, count: int) -> Array:
         """Return the newest `count` samples of all channels (count, channels), V; raises
@@ -101,15 +113,12 @@ class SampledInputs(Protocol):
 
 @dataclass(frozen=True)
 class Sampling:
-    """How channels are sampled; a record lasts `record_s`, or one period where that is longer and
-    in `buffer_s`.
+    """What is made of samples; a record lasts `record_s`, or one period where that is longer and in
+    the buffer.
     """
 
-    sample_rate_hz: float
     record_s: float
-    buffer_s: float
     resolution_v: float = 0.0
-    lags_s: Sequence[float] = (0.0, 0.0, 0.0)
 
 
 class SampledMonitor:
@@ -125,7 +134,7 @@ class SampledMonitor:
     @property
     def frequency_range_hz(self) -> tuple[float, float]:
         """One period in the buffer, and what does not alias."""
-        return 1.0 / self._sampling.buffer_s, highest_carrier_hz(self._sampling.sample_rate_hz)
+        return 1.0 / self._inputs.buffer_s, highest_carrier_hz(self._inputs.sample_rate_hz)
 
     def read(
         self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing
@@ -137,12 +146,9 @@ class SampledMonitor:
                 " card tells",
                 "read it with a faster monitor, or let the sweep end there",
             )
-        sampling = self._sampling
-        count = whole_periods(frequency_hz, sampling.sample_rate_hz, sampling.record_s)
+        rate_hz, lags_s = self._inputs.sample_rate_hz, self._inputs.lags_s
+        count = whole_periods(frequency_hz, rate_hz, self._sampling.record_s)
         record = Record(
-            self._inputs.latest_v(count),
-            sampling.sample_rate_hz,
-            sampling.resolution_v,
-            sampling.lags_s,
+            self._inputs.latest_v(count), rate_hz, self._sampling.resolution_v, lags_s
         )
         return electrode_reading(record, self._lines, frequency_hz)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 
 from hw.errors import BadReply, InstrumentRejected
-from hw.transport.contract import Transport
+from hw.transport.contract import Transport, longer_if_slow
 
 _MOST_ERRORS = 30
 
@@ -38,6 +38,10 @@ class ScpiLine:
     def close(self) -> None:
         self._transport.close()
 
+    def clear(self) -> None:
+        """Have the interface forget what is under way: a device clear where it has one."""
+        self._transport.clear()
+
     def tell(self, *lines: str) -> None:
         """Send commands, then ask whether the instrument took them all; InstrumentRejected says
         what it did not.
@@ -57,7 +61,8 @@ class ScpiLine:
 
     def ask(self, line: str) -> str:
         """The line that answers."""
-        answer = self._transport.query(line.encode("ascii") + b"\n", self._timeout_s)
+        with longer_if_slow(self._timeout_s):
+            answer = self._transport.query(line.encode("ascii") + b"\n", self._timeout_s)
         return answer.decode("ascii", errors="replace").strip()
 
     def numbers(self, line: str, count: int) -> list[float]:
@@ -75,7 +80,7 @@ class ScpiLine:
 
     def block(self, line: str) -> bytes:
         """A definite-length block: # d and d digits of length, then so many bytes."""
-        with self._transport.exchange(self._timeout_s):
+        with self._transport.exchange(self._timeout_s), longer_if_slow(self._timeout_s):
             self._transport.write(line.encode("ascii") + b"\n")
             head = self._transport.read_exactly(2, self._timeout_s)
             if not re.fullmatch(rb"#[1-9]", head):

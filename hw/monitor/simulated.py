@@ -5,13 +5,15 @@ and their noise.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import pi
+from math import floor, pi
 from typing import NamedTuple
 
 import numpy as np
 
 from hw.analog.output import Array
 from hw.monitor.lines import MonitorLines
+
+TIMEBASE_HZ = 100e6  # of which a sample takes a whole number of ticks
 
 
 class ElectrodeState(NamedTuple):
@@ -59,16 +61,28 @@ class SimulatedLines:
 
 
 class SimulatedInputs:
-    """A card that samples the lines: clips at its range and rounds to its step."""
+    """A card that samples the lines: clips at its range, rounds to its step, divides its time base.
+
+    Of a rate that its time base does not divide it makes the next higher one, as NI's cards do.
+    """
+
+    lags_s = (0.0, 0.0, 0.0)
 
     def __init__(
-        self, lines: SimulatedLines, sample_rate_hz: float, range_v: float, resolution_v: float
+        self,
+        lines: SimulatedLines,
+        sample_rate_hz: float,
+        range_v: float,
+        resolution_v: float,
+        buffer_s: float = 2.0,
     ) -> None:
-        self._lines, self._sample_rate_hz = lines, sample_rate_hz
+        self.sample_rate_hz = TIMEBASE_HZ / floor(TIMEBASE_HZ / sample_rate_hz * (1.0 + 1e-9))
+        self.buffer_s = buffer_s
+        self._lines = lines
         self._range_v, self._resolution_v = range_v, resolution_v
 
     def latest_v(self, count: int) -> Array:
-        signals = self._lines.signals_v(np.arange(count) / self._sample_rate_hz)
+        signals = self._lines.signals_v(np.arange(count) / self.sample_rate_hz)
         return np.asarray(
             np.clip(
                 np.round(signals / self._resolution_v) * self._resolution_v,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hw.errors import BadReply, DeviceError, DeviceTimeout, LimitExceeded
+from hw.setting import Setting
 from hw.stage import apt
 from hw.stage.apt import Message, StatusBit
 from hw.transport.contract import Transport
@@ -193,9 +194,7 @@ class Lts150:
             )
         with self._undisturbed():
             self._send(apt.with_velocity(Message.SET_VELOCITY, wanted))
-            held = apt.read_velocity(
-                self._ask(apt.on_channel(Message.REQUEST_VELOCITY), Message.VELOCITY)
-            )
+            held = self._ask_velocity()
         if any(
             abs(got - want) > _VELOCITY_TOLERANCE * want + 1.0
             for got, want in zip(held, wanted, strict=True)
@@ -204,6 +203,25 @@ class Lts150:
                 f"{self._transport.resource} holds {held} where {wanted} counts were set",
                 "the stage refuses them, or the scale in the configuration is another model's",
             )
+
+    def held(self) -> list[Setting]:
+        """Only ask: velocity and acceleration that are set at connecting, and that are set now."""
+        held, settings = self._ask_velocity(), self.settings
+        return [
+            Setting(
+                "velocity_m_s", settings.velocity_m_s, held.velocity_raw / settings.counts_per_m_s
+            ),
+            Setting(
+                "acceleration_m_s2",
+                settings.acceleration_m_s2,
+                held.acceleration_raw / settings.counts_per_m_s2,
+            ),
+        ]
+
+    def _ask_velocity(self) -> apt.Velocity:
+        return apt.read_velocity(
+            self._ask(apt.on_channel(Message.REQUEST_VELOCITY), Message.VELOCITY)
+        )
 
     def home(self) -> None:
         """Start to look for the home position; follow with `wait`."""

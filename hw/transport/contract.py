@@ -27,6 +27,16 @@ class Bounds(NamedTuple):
 NO_OTHER_BOUNDS = Bounds()
 
 
+@contextmanager
+def longer_if_slow(reply_timeout_s: float) -> Iterator[None]:
+    """Have a DeviceTimeout name the key that gives a device more time, such as one that wakes."""
+    try:
+        yield
+    except DeviceTimeout as error:
+        error.hint += f"; where it is slow to wake, raise reply_timeout_s, now {reply_timeout_s:g}"
+        raise
+
+
 class Transport(ABC):
     """Bytes to and from one instrument, one dialogue at a time.
 

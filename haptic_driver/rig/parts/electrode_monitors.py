@@ -87,7 +87,7 @@ class CardElectrodeMonitorConfig(SomeElectrodeMonitor):
 
     `reference`: the channel on the generator's own output, through a T-piece; without it phases
     count from the voltage monitor. `conversion_interval_s`: from one channel of the card to the
-    next, where they share one converter.
+    next, where they share one converter; 0 takes what the card says.
     """
 
     kind: Literal["card"]
@@ -129,11 +129,8 @@ def make_card(section: CardElectrodeMonitorConfig, wiring: Wiring) -> Part[Sampl
     assert inputs is not None  # or the file would have been refused
     assert lines is not None
     channels = [*wiring.monitor_channels, *section.channels]
-    lags_s = tuple(section.conversion_interval_s * place for place in inputs.places(channels))
-    sampling = Sampling(
-        inputs.sample_rate_hz, section.record_s, inputs.buffer_s, section.resolution_v, lags_s
-    )
-    return Part(SampledMonitor(inputs.columns(channels), lines, sampling))
+    columns = inputs.columns(channels, section.conversion_interval_s)
+    return Part(SampledMonitor(columns, lines, Sampling(section.record_s, section.resolution_v)))
 
 
 class InstrumentMonitor(SomeElectrodeMonitor):
@@ -162,7 +159,7 @@ class InstrumentMonitor(SomeElectrodeMonitor):
 
 class InfiniiVisionConfig(InstrumentMonitor):
     """A Keysight InfiniiVision oscilloscope on the monitor lines; the generator's Sync triggers it
-    at EXT.
+    at EXT, `trigger_level_v` being between its two levels.
     """
 
     kind: Literal["infiniivision"]
@@ -177,6 +174,9 @@ class InfiniiVisionConfig(InstrumentMonitor):
     )
     highest_frequency_hz: InstrumentHertz = Field(default=2e6, description="nor about faster ones")
     reply_timeout_s: Seconds = Field(default=2.0, description="for one answer")
+    trigger_level_v: Annotated[
+        float, Within(-8.0, 8.0, "no Sync swings around it, and no EXT takes more")
+    ] = Field(default=1.2, description="of EXT, where the generator's Sync goes")
 
     def identity(self) -> re.Pattern[str]:
         from hw.oscilloscope.infiniivision import MODEL
@@ -200,6 +200,7 @@ def make_infiniivision(section: InfiniiVisionConfig, wiring: Wiring) -> Part[Inf
         section.lowest_frequency_hz,
         section.highest_frequency_hz,
         section.reply_timeout_s,
+        section.trigger_level_v,
     )
     scope = InfiniiVision(section.transport(), wired, wiring.monitor_lines)
     return Part(scope, [scope.open], [scope.close])

@@ -12,6 +12,7 @@ from hw.generator.dialogue import NOT_WHOLE, ScpiDialogue
 from hw.generator.driver import GeneratorDriver, Programmed, near, steps
 from hw.generator.keysight.gate import KeysightGate
 from hw.generator.settings import GeneratorSettings, RangePolicy, Shape
+from hw.setting import Setting
 from hw.transport.contract import Transport
 
 # A value read back may differ by this share, or by the last of four digits at the low end (0.1 mV).
@@ -24,11 +25,25 @@ _LOAD_INF_OHM = 9.9e37
 # All that decides the peak at an open terminal, asked at each set point: somebody at the front
 # panel, or a power cycle behind an interface that stays up, can bring LOAD 50 back; then VOLT?
 # alone looks right at twice the voltage.
-_STATE_QUERIES = ("FUNC?", "FREQ?", "VOLT?", "VOLT:OFFS?", "VOLT:UNIT?", "OUTP:LOAD?", "AM:STAT?")
+_STATE_QUERIES = (
+    "FUNC?",
+    "FREQ?",
+    "VOLT?",
+    "VOLT:OFFS?",
+    "VOLT:UNIT?",
+    "OUTP:LOAD?",
+    "AM:STAT?",
+    "OUTP:POL?",
+    "BURS:STAT?",
+)
 _LIMIT_QUERIES = ("VOLT:LIM:HIGH?", "VOLT:LIM:LOW?", "VOLT:LIM:STAT?")
 _FUNCTIONS = {Shape.SINE: "SIN", Shape.SQUARE: "SQU", Shape.DC: "DC"}
 _HEADERS = {"offset_v": "VOLT:OFFS", "frequency_hz": "FREQ", "amplitude_vpp": "VOLT"}
 _MODULATE = {"AM:SOUR": "EXT", "AM:DEPT": "100", "AM:STAT": "1"}
+_MODULATION_QUERIES = ("AM:SOUR?", "AM:DEPT?")
+# Sync triggers what measures phases; an inverted output is half a turn away from it.
+_SYNC = {"OUTP:POL": "NORM", "OUTP:SYNC": "1"}
+_HELD = {"OUTP:LOAD": "INF", "VOLT:UNIT": "VPP", "FUNC": "SIN", "AM:STAT": "0", "BURS:STAT": "0"}
 
 
 class KeysightGenerator(GeneratorDriver, ABC):
@@ -57,6 +72,17 @@ class KeysightGenerator(GeneratorDriver, ABC):
         programmed = f"{function}, {number(level):g} {unit}, offset {number(offset):g} V"
         return self._line.boolean(output), number(load) >= _LOAD_INF_OHM, programmed
 
+    def _ask_held(self) -> list[Setting]:
+        wanted = {**_HELD, **_SYNC}
+        fixed = self.settings.range_policy is RangePolicy.FIXED
+        wanted["VOLT:RANG:AUTO"] = "0" if fixed else "1"
+        if self.limits_itself:
+            wanted["VOLT:LIM:STAT"] = "1"
+        answers = {header: self._line.ask([f"{header}?"], 1)[0] for header in wanted}
+        load_ohm = self._line.number(answers["OUTP:LOAD"])
+        answers["OUTP:LOAD"] = "INF" if load_ohm >= _LOAD_INF_OHM else f"{load_ohm:g}"
+        return [Setting(header, value, answers[header]) for header, value in wanted.items()]
+
     def _reset(self) -> None:
         (output,) = self._line.ask(["OUTP 0", "*RST", "*CLS", "OUTP?"], 1)
         self._check_output(self._line.boolean(output), on=False)
@@ -74,6 +100,7 @@ class KeysightGenerator(GeneratorDriver, ABC):
             "FUNC SIN",
         ]
         commands += ["VOLT MIN", "VOLT:OFFS 0", f"FREQ {base.frequency_hz:.12g}"]
+        commands += [f"{header} {value}" for header, value in _SYNC.items()]
         if self.limits_itself:
             limit_v = self._own_limit_v()
             commands += [
@@ -82,10 +109,11 @@ class KeysightGenerator(GeneratorDriver, ABC):
                 "VOLT:LIM:STAT 1",
             ]
         commands += [] if fixed else ["VOLT:RANG:AUTO ON"]
-        autorange, output, *state = self._line.command(
-            commands, ["VOLT:RANG:AUTO?", "OUTP?", *self._queries(base)]
+        autorange, output, sync, *state = self._line.command(
+            commands, ["VOLT:RANG:AUTO?", "OUTP?", "OUTP:SYNC?", *self._queries(base)]
         )
         self._check_state(state, base)
+        self._check_answers({"OUTP:SYNC?": sync}, {"OUTP:SYNC?": _SYNC["OUTP:SYNC"]})
         if fixed and self._line.boolean(autorange):
             self._fix_range(output)
 
@@ -159,6 +187,7 @@ class KeysightGenerator(GeneratorDriver, ABC):
             for query in _STATE_QUERIES
             if query != "FREQ?" or programmed.shape is not Shape.DC
         ]
+        asked += _MODULATION_QUERIES if programmed.modulation is not None else ()
         return [*asked, *(_LIMIT_QUERIES if self.limits_itself else ())]
 
     def _check_state(self, answers: Sequence[str], wanted: Programmed) -> None:
@@ -182,7 +211,14 @@ class KeysightGenerator(GeneratorDriver, ABC):
                 )
                 and shown["VOLT:UNIT?"] == "VPP"
                 and number(shown["OUTP:LOAD?"]) >= _LOAD_INF_OHM
+                and shown["OUTP:POL?"] == _SYNC["OUTP:POL"]
                 and self._line.boolean(shown["AM:STAT?"]) is (wanted.modulation is not None)
+                and not self._line.boolean(shown["BURS:STAT?"])
+                and all(
+                    self._says(shown[query], _MODULATE[query[:-1]])
+                    for query in _MODULATION_QUERIES
+                    if query in shown
+                )
                 and self._limited(shown)
             )
         except BadReply:

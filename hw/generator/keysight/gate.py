@@ -25,6 +25,8 @@ _CALMING: dict[str, dict[str, Any]] = {
     "VOLT:OFFS 0": {"offset_v": 0.0},
     "VOLT:LIM:STAT 1": {},
     "OUTP 0": {},
+    "OUTP:POL NORM": {},
+    "OUTP:SYNC 1": {},
     "AM:STAT 0": {"modulated": False},
     "OUTP:LOAD INF": {"load_open": True},
     "VOLT:UNIT VPP": {"unit_vpp": True},

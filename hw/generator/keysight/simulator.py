@@ -82,6 +82,12 @@ class SimulatedKeysight:
         with self._scpi.lock:
             self._terminals.set_modulation_input(voltage_v)
 
+    @property
+    def sync_on(self) -> bool:
+        """Whether the Sync output at the back shows the sine's rise."""
+        with self._scpi.lock:
+            return self._state.settings.sync
+
     def overload(self) -> None:
         """A voltage from outside at the terminals: the output switches itself off and says so in
         the error queue.
@@ -147,6 +153,10 @@ class SimulatedKeysight:
         load = named_values(ranges.LOAD_LOW_OHM, ranges.LOAD_HIGH_OHM, ranges.RESET_LOAD_OHM)
         shown = _number(lambda: min(state.settings.load_ohm, INFINITY), lambda: load)
         self._output(":LOAD", state.set_load, shown)
+        self._output(
+            ":POLarity", state.set_polarity, lambda _: "INV" if state.settings.inverted else "NORM"
+        )
+        self._output(":SYNC", state.set_sync, lambda _: f"{state.settings.sync:d}")
         command("APPLy", query=self._ask_apply)
         for function in self.model.functions:
             command(f"APPLy:{function}", partial(self._apply, function))

@@ -42,6 +42,8 @@ class _Settings:
     external: bool = False
     depth: float = 100.0
     burst: bool = False
+    inverted: bool = False
+    sync: bool = True
     limited: bool = False
     limits_v: tuple[float, float] = (-ranges.EMF_PEAK_V, ranges.EMF_PEAK_V)
 
@@ -289,6 +291,14 @@ class GeneratorState:
     def set_output(self, on: bool) -> None:
         """`OUTP`."""
         self._change(on=on)
+
+    def set_polarity(self, text: str) -> None:
+        """`OUTP:POL`: the waveform around its offset; Sync and offset stay as they are."""
+        self.settings.inverted = parse_choice(text, ("NORMal", "INVerted")) == "INV"
+
+    def set_sync(self, text: str) -> None:
+        """`OUTP:SYNC`."""
+        self.settings.sync = parse_boolean(text)
 
     def set_autorange(self, text: str) -> None:
         """`OFF` keeps the attenuator where the present level needs it, `ONCE` looks again and then

@@ -9,6 +9,7 @@ from hw.generator.dialogue import NOT_WHOLE, GeneratorDialogue
 from hw.generator.driver import GeneratorDriver, Programmed, near, steps
 from hw.generator.settings import GeneratorSettings
 from hw.generator.siglent_sdg.gate import LEAST_VPP, SiglentGate
+from hw.setting import Setting
 from hw.transport.contract import Transport
 
 _KEYS = {"offset_v": "OFST", "frequency_hz": "FRQ", "amplitude_vpp": "AMP"}
@@ -18,7 +19,8 @@ _UNIT = re.compile(r"(HZ|V)$")
 _LEVEL_TOLERANCE = 1e-3
 _LEVEL_LSB_V = 1e-3
 _FREQUENCY_TOLERANCE = 1e-6
-_OUTPUT = re.compile(r"C1:OUTP (?P<state>ON|OFF),LOAD,(?P<load>\w+),.*")
+_OUTPUT = re.compile(r"C1:OUTP (?P<state>ON|OFF)(?P<rest>(,\w+,\w+)*)")
+_SYNC = re.compile(r"C1:SYNC (?P<state>ON|OFF)(,TYPE,(?P<of>\w+))?")
 
 
 class SiglentSdg(GeneratorDriver):
@@ -27,7 +29,8 @@ class SiglentSdg(GeneratorDriver):
     The instrument takes one setting per message, and clips and ignores without telling: everything
     is read back, and what is not as set is switched off. Where nothing is believed any more it is
     reset with its output off, since a reset alone ends all that the front panel can add (channels
-    that are combined, harmonics). Answers are those that Siglent's programming guide and public
+    that are combined, harmonics). A reset also switches Sync off, by which others are triggered:
+    it is switched on again. Answers are those that Siglent's programming guide and public
     clients show; none was seen by this project on an instrument: unverified.
     """
 
@@ -40,7 +43,7 @@ class SiglentSdg(GeneratorDriver):
         super().__init__(self._line, settings)
 
     def _ask_state(self) -> tuple[bool, bool, str]:
-        (output_on, load), wave = self._output(), self._pairs("BSWV")
+        (output_on, load, _), wave = self._output(), self._pairs("BSWV")
         programmed = ", ".join(
             f"{key} {wave[key]}" for key in ("WVTP", "AMP", "OFST") if key in wave
         )
@@ -56,6 +59,8 @@ class SiglentSdg(GeneratorDriver):
         base = self._base()
         for line in (
             "C1:OUTP LOAD,HZ",
+            "C1:OUTP PLRT,NOR",
+            "C1:SYNC ON",
             f"C1:BSWV AMP,{LEAST_VPP:g}",
             "C1:BSWV OFST,0",
             "C1:BSWV WVTP,SINE",
@@ -63,6 +68,7 @@ class SiglentSdg(GeneratorDriver):
         ):
             self._line.send(line)
         self._check_state(base)
+        self._check_sync()
 
     def _program(self, believed: Programmed, wanted: Programmed) -> None:
         for name, value in steps(believed, wanted):
@@ -85,15 +91,39 @@ class SiglentSdg(GeneratorDriver):
     # --- what is read back
     # -----------------------------------------------------------------------------------------
 
-    def _output(self) -> tuple[bool, str]:
-        """Whether the output is on, and the load that levels are shown for, "HZ" for an open
-        circuit.
+    def _output(self) -> tuple[bool, str, str]:
+        """Whether the output is on, the load that levels are shown for, "HZ" for an open circuit,
+        and the polarity.
         """
         reply = self._line.query("C1:OUTP?")
         match = _OUTPUT.fullmatch(reply)
-        if match is None:
+        fields = [] if match is None else match["rest"].split(",")[1:]
+        shown = dict(zip(fields[::2], fields[1::2], strict=True))
+        if match is None or "LOAD" not in shown:
             raise self._line.bad_reply(f"answered {reply[:80]!r} to 'C1:OUTP?'", NOT_WHOLE)
-        return match["state"] == "ON", match["load"]
+        return match["state"] == "ON", shown["LOAD"], shown.get("PLRT", "NOR")
+
+    def _check_sync(self) -> None:
+        """What is triggered by Sync measures phases against it."""
+        reply = self._line.query("C1:SYNC?")
+        match = _SYNC.fullmatch(reply)
+        if match is None or match["state"] != "ON" or match["of"] not in (None, "CH1"):
+            raise self._line.bad_reply(
+                f"answers {reply[:80]!r} where Sync was switched on for channel 1", NOT_WHOLE
+            )
+
+    def _ask_held(self) -> list[Setting]:
+        _, load, polarity = self._output()
+        wave, modulation = self._pairs("BSWV"), self._line.query("C1:MDWV?")
+        sync = self._line.query("C1:SYNC?").removeprefix("C1:SYNC ")
+        return [
+            Setting("C1:OUTP LOAD", "HZ", load),
+            Setting("C1:OUTP PLRT", "NOR", polarity),
+            Setting("C1:SYNC", "ON", sync.partition(",")[0]),
+            Setting("C1:BSWV WVTP", "SINE", wave.get("WVTP")),
+            Setting("C1:BSWV PHSE", "0", wave.get("PHSE")),
+            Setting("C1:MDWV STATE", "OFF", modulation.rpartition("STATE,")[2].partition(",")[0]),
+        ]
 
     def _pairs(self, header: str) -> dict[str, str]:
         """The keys and values that a header's question is answered with."""
@@ -106,11 +136,8 @@ class SiglentSdg(GeneratorDriver):
     def _check_state(self, wanted: Programmed) -> None:
         """What is not as set may be any voltage, so it is switched off."""
         try:
-            wave, (_, load), modulation = (
-                self._pairs("BSWV"),
-                self._output(),
-                self._line.query("C1:MDWV?"),
-            )
+            wave, (_, load, polarity) = self._pairs("BSWV"), self._output()
+            modulation = self._line.query("C1:MDWV?")
             frequency_hz, amplitude_vpp, offset_v = (
                 self._line.number(_UNIT.sub("", wave.get(key, "")))
                 for key in ("FRQ", "AMP", "OFST")
@@ -121,15 +148,17 @@ class SiglentSdg(GeneratorDriver):
                 and near(amplitude_vpp, wanted.amplitude_vpp, _LEVEL_TOLERANCE, _LEVEL_LSB_V)
                 and near(offset_v, wanted.offset_v, _LEVEL_TOLERANCE, _LEVEL_LSB_V)
                 and load == "HZ"
+                and polarity == "NOR"
+                and self._line.number(wave.get("PHSE", "0")) == 0.0
                 and modulation == "C1:MDWV STATE,OFF"
             )
-            shown = f"{wave}, load {load}, {modulation}"
+            shown = f"{wave}, load {load}, polarity {polarity}, {modulation}"
         except (BadReply, KeyError) as error:
             as_set, shown = False, str(error)
         if not as_set:
             self.off()
             raise self._line.bad_reply(
                 f"holds {shown} where SINE, {wanted.frequency_hz:g} Hz, {wanted.amplitude_vpp:g}"
-                f" Vpp, offset {wanted.offset_v:g} V and an open load were set",
+                f" Vpp, offset {wanted.offset_v:g} V, an open load and no inversion were set",
                 NOT_WHOLE,
             )

@@ -15,11 +15,13 @@ _CALMING: dict[str, dict[str, Any]] = {
     "C1:BSWV OFST,0": {"offset_v": 0.0},
     "C1:OUTP OFF": {},
     "C1:OUTP LOAD,HZ": {"load_open": True},
+    "C1:OUTP PLRT,NOR": {},
+    "C1:SYNC ON": {},
 }
 _OTHER: dict[str, dict[str, Any]] = {"C1:BSWV WVTP,SINE": {"share": 0.5}, "C1:OUTP ON": {}}
 _FREQUENCY = re.compile(r"C1:BSWV FRQ,[-+.0-9eE]+")
 _LEVEL = re.compile(r"C1:BSWV (?P<what>AMP|OFST),(?P<value>\S+)")
-_QUERY = re.compile(r"\*IDN\?|C1:(OUTP|BSWV|MDWV)\?")
+_QUERY = re.compile(r"\*IDN\?|C1:(OUTP|BSWV|MDWV|SYNC)\?")
 
 
 class SiglentGate(OutputGate):

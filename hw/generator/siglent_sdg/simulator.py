@@ -2,7 +2,8 @@
 or ignores.
 
 The form of its answers is that of Siglent's programming guide (PG02) and of what public clients of
-SDG2042X and T3AFG expect; its ranges are assumed.
+SDG2042X and T3AFG expect; levels are echoed in six digits, as users of an SDG2042X found. `*RST`
+switches Sync off. Its ranges are assumed.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ class SimulatedSdg:
         self._lock = threading.RLock()
         self._signal = _RESET
         self._load_ohm = math.inf
+        self._inverted = self._sync = False
         self._terminals = Terminals(
             _RESET,
             latency or GeneratorLatency(),
@@ -68,6 +70,12 @@ class SimulatedSdg:
         with self._lock:
             return self._terminals.output()
 
+    @property
+    def sync_on(self) -> bool:
+        """Whether the Sync output at the back shows the sine's rise."""
+        with self._lock:
+            return self._sync
+
     def set_modulation_input(self, voltage_v: float) -> None:
         """Put a voltage on the rear panel's modulation input."""
         with self._lock:
@@ -78,6 +86,7 @@ class SimulatedSdg:
             return {"*IDN?": _IDENTITY, "*OPC?": "1"}.get(line, '0,"No error"')
         if line == "*RST":
             self._signal, self._load_ohm = _RESET, math.inf
+            self._inverted = self._sync = False
         match = _COMMAND.fullmatch(line)
         answer = None
         if match is not None:
@@ -93,7 +102,9 @@ class SimulatedSdg:
         signal, scale = self._signal, self._scale
         if header == "OUTP":
             load = "HZ" if math.isinf(self._load_ohm) else f"{self._load_ohm:.0f}"
-            return f"C1:OUTP {'ON' if signal.on else 'OFF'},LOAD,{load},PLRT,NOR"
+            return f"C1:OUTP {'ON' if signal.on else 'OFF'},LOAD,{load},PLRT,{'INVT' if self._inverted else 'NOR'}"
+        if header == "SYNC":
+            return f"C1:SYNC {'ON,TYPE,CH1' if self._sync else 'OFF'}"
         if header == "MDWV":
             return (
                 "C1:MDWV AM,STATE,ON,MDSP,SINE,SRC,EXT" if signal.modulated else "C1:MDWV STATE,OFF"
@@ -123,6 +134,10 @@ class SimulatedSdg:
             for key, value in zip(arguments[::2], arguments[1::2], strict=False):
                 if key == "LOAD":
                     self._set_load(value)
+                if key == "PLRT" and value in ("NOR", "INVT"):
+                    self._inverted = value == "INVT"
+        elif header == "SYNC":
+            self._sync = arguments[0] == "ON"
         elif header == "MDWV":
             for key, value in zip(arguments[::2], arguments[1::2], strict=False):
                 if key == "STATE" and value in ("ON", "OFF"):

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from nidaqmx.task import InStream, OutStream
 from nidaqmx.task import Timing as RealTiming
+from nidaqmx.task.channels import AIChannel
 from nidaqmx.task.collections import (
     AIChannelCollection,
     AOChannelCollection,
@@ -74,6 +75,10 @@ class Card:
         self.owners: dict[str, Any] = {}
         self.tasks: list[Any] = []
         self.broken = False
+        self.timebase_hz = 20e6
+        self.ranges_v = (0.1, 1.0, 5.0, 10.0)
+        self.terminals: dict[str, Any] = {}  # what the card makes of one that was asked for
+        self.convert_rate_hz: float | None = None
 
     def advance(self, dt_s: float) -> None:
         self.now_s += dt_s
@@ -115,9 +120,22 @@ class AIChannels(_Channels):
         terminal_config: Any = constants.TerminalConfiguration.DEFAULT,
         min_val: float = -5.0,
         max_val: float = 5.0,
-    ) -> None:
+    ) -> AIChannelFake:
         assert isinstance(terminal_config, constants.TerminalConfiguration)
-        self._add(physical_channel, self._task._card.signals)
+        card = self._task._card
+        self._add(physical_channel, card.signals)
+        made = card.terminals.get(terminal_config.name, terminal_config)
+        range_v = next((r for r in card.ranges_v if r >= max_val), card.ranges_v[-1])
+        return AIChannelFake(made, range_v)
+
+
+class AIChannelFake:
+    """What of nidaqmx.AIChannel is read back."""
+
+    __slots__ = ("ai_rng_high", "ai_rng_low", "ai_term_cfg")
+
+    def __init__(self, terminal: Any, range_v: float) -> None:
+        self.ai_term_cfg, self.ai_rng_low, self.ai_rng_high = terminal, -range_v, range_v
 
 
 class AOChannels(_Channels):
@@ -164,8 +182,24 @@ class Timing:
     ) -> None:
         assert sample_mode is constants.AcquisitionType.CONTINUOUS
         assert isinstance(samps_per_chan, int)
-        self._task._rate_hz = rate
+        self._task._rate_hz = self._divided(rate)
         self._task._buffer = samps_per_chan
+
+    def _divided(self, rate_hz: float) -> float:
+        """As NI's knowledge base says: inputs round the divisor down, outputs to the nearest."""
+        divisor = self._task._card.timebase_hz / rate_hz
+        whole = np.floor(divisor + 1e-9) if "ai" in self._task._names[0] else np.round(divisor)
+        return float(self._task._card.timebase_hz / whole)
+
+    @property
+    def samp_clk_rate(self) -> float:
+        return float(self._task._rate_hz)
+
+    @property
+    def ai_conv_rate(self) -> float:
+        if self._task._card.convert_rate_hz is None:
+            raise daq_error(-200452, "Specified property is not supported by the device.")
+        return float(self._task._card.convert_rate_hz)
 
 
 class InStreamFake:
@@ -176,6 +210,10 @@ class InStreamFake:
         self.offset = 0
         self.overwrite = constants.OverwriteMode.DO_NOT_OVERWRITE_UNREAD_SAMPLES
         self.relative_to = constants.ReadRelativeTo.CURRENT_READ_POSITION
+
+    @property
+    def input_buf_size(self) -> int:
+        return int(self._task._buffer)
 
     @property
     def total_samp_per_chan_acquired(self) -> int:
@@ -371,6 +409,8 @@ def test_the_fake_has_no_attribute_that_the_real_package_lacks() -> None:
         (Task, nidaqmx.task.Task),
         (InStreamFake, InStream),
         (OutStreamFake, OutStream),
+        (Timing, RealTiming),
+        (AIChannelFake, AIChannel),
     ):
         public = [name for name in dir(fake) if not name.startswith("_") and name != "card"]
         assert public
@@ -440,8 +480,8 @@ def test_a_monitor_of_an_alternating_voltage_reads_its_peak(card: Card) -> None:
     card.signals["Dev1/ai2"] = lambda t: 1.5 * np.sin(2.0 * np.pi * 70.0 * t)
     inputs = inputs_on(card)
     inputs.open()
-    peak = NiAnalogInput(inputs, "Dev1/ai2", samples=100, peak=True)
-    mean = NiAnalogInput(inputs, "Dev1/ai2", samples=100, peak=False)
+    peak = NiAnalogInput(inputs, "Dev1/ai2", window_s=0.1, peak=True)
+    mean = NiAnalogInput(inputs, "Dev1/ai2", window_s=0.1, peak=False)
     assert peak.read_v() == pytest.approx(1.5, rel=0.03)
     assert mean.read_v() == pytest.approx(0.0, abs=1e-9)  # seven whole periods
 
@@ -490,7 +530,7 @@ def test_the_lines_serve_an_amplifier(card: Card) -> None:
         voltage_monitor_v_per_v=0.01,
     )
     amplifier = AnalogAmplifier(
-        settings, enable, NiAnalogInput(inputs, "Dev1/ai2", samples=10, peak=True)
+        settings, enable, NiAnalogInput(inputs, "Dev1/ai2", window_s=0.01, peak=True)
     )
     assert amplifier.enable() is AmplifierState.ENABLED
     assert card.lines["Dev1/port0/line0"] is True

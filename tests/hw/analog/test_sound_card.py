@@ -29,8 +29,10 @@ class PortAudioError(Exception):
 class OutputStream:
     """What is used of sounddevice.OutputStream; `pull` is what PortAudio's thread does."""
 
-    __slots__ = ("_callback", "_channels", "_state", "device")
+    __slots__ = ("_callback", "_channels", "_state", "device", "latency", "samplerate")
     devices = ("DAC",)
+    channels_there = (2,)  # how many a stream may be opened with
+    got_rate_hz, got_latency_s = 48e3, 0.02
     newest: OutputStream
 
     def __init__(
@@ -46,7 +48,10 @@ class OutputStream:
         assert samplerate == 48e3
         if device not in self.devices:
             raise ValueError(f"No output device matching {device!r}")
+        if channels not in self.channels_there:
+            raise PortAudioError("Invalid number of channels", -9998)
         self._callback, self._channels, self._state = callback, channels, "new"
+        self.samplerate, self.latency = self.got_rate_hz, self.got_latency_s
         OutputStream.newest = self
 
     @property
@@ -69,10 +74,18 @@ class OutputStream:
         return out
 
 
+def query_devices(device: Any = None, kind: str | None = None) -> dict[str, Any]:
+    if device not in (None, *OutputStream.devices):
+        raise ValueError(f"No output device matching {device!r}")
+    assert kind == "output"
+    return {"name": "DAC", "max_output_channels": OutputStream.channels_there[-1]}
+
+
 @pytest.fixture(autouse=True)
 def _sounddevice(monkeypatch: pytest.MonkeyPatch) -> None:
     fake = ModuleType("sounddevice")
     fake.OutputStream, fake.PortAudioError = OutputStream, PortAudioError  # type: ignore[attr-defined]
+    fake.query_devices = query_devices  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "sounddevice", fake)
 
 
@@ -135,7 +148,7 @@ def test_a_dc_coupled_card_holds_a_level_until_its_lease_ends() -> None:
     now = [0.0]
     with card(clock=lambda: now[0]) as output:
         output.hold(1.0)
-        assert OutputStream.newest.pull(5).tolist() == [[0.5]] * 5
+        assert OutputStream.newest.pull(5).tolist() == [[0.5, 0.0]] * 5
         now[0] = 0.6
         with pytest.raises(OutputUnderrun):
             output.check()

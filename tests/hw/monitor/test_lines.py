@@ -88,7 +88,7 @@ def test_the_simulated_card_is_read_back_within_its_own_error(frequency_hz):
         monitor = SampledMonitor(
             SimulatedInputs(lines, RATE_HZ, 10.0, step_v),
             LINES,
-            Sampling(RATE_HZ, 0.1, 2.0, step_v),
+            Sampling(0.1, step_v),
         )
         found = monitor.read(frequency_hz, 75.0)
         z += [
@@ -113,7 +113,7 @@ def test_a_card_that_clips_shows_less():
 def test_what_the_card_cannot_tell_is_refused(frequency_hz, told):
     lines = SimulatedLines(lambda: STATE._replace(frequency_hz=frequency_hz), LINES, (0.0, 0.0), 1)
     monitor = SampledMonitor(
-        SimulatedInputs(lines, RATE_HZ, 10.0, 1e-4), LINES, Sampling(RATE_HZ, 0.1, 2.0)
+        SimulatedInputs(lines, RATE_HZ, 10.0, 1e-4), LINES, Sampling(0.1)
     )
     if told:
         assert abs(monitor.read(frequency_hz, 75.0).voltage_v) == pytest.approx(75.0, rel=1e-3)

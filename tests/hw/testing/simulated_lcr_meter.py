@@ -1,4 +1,8 @@
-"""A simulated E4980A on any impedance: SCPI in, resistance and reactance out."""
+"""A simulated E4980A on any impedance: SCPI in, resistance and reactance out.
+
+Its level goes in steps of 0.1 to 1 mV rms, by its size, and its frequency in six digits (from
+memory of its data sheet: unverified). `*RST` leaves CPD, 1 kHz and 1 V, and its own trigger.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,17 @@ import numpy as np
 from hw.generator.keysight.scpi import ScpiEngine, ScpiError
 
 SOURCE_OHM = 100.0  # of its terminals
+_RESET = {
+    "BIAS:STATe": "0",
+    "APERture": "MED,1",
+    "INITiate:CONTinuous": "0",
+    "AMPLitude:ALC": "0",
+    "FUNCtion:SMONitor:VAC": "0",
+    "FUNCtion:IMPedance[:TYPE]": "CPD",
+    "TRIGger:SOURce": "INT",
+}
+_STEPS_V = ((0.2, 1e-4), (0.5, 2e-4), (1.0, 5e-4))
+_SWITCH = {"ON": "1", "OFF": "0"}
 NOISE = 3e-4  # of |Z|, a reading
 HIGHEST_V_RMS = 2.0
 
@@ -39,16 +54,10 @@ class SimulatedE4980A:
             "INITiate:CONTinuous",
             "AMPLitude:ALC",
             "FUNCtion:SMONitor:VAC",
-        ):
-            self._scpi.command(header, lambda _: None)
-        self._scpi.command(
             "FUNCtion:IMPedance[:TYPE]",
-            lambda a: setattr(self, "_type", a[0]),
-            lambda _: self._type,
-        )
-        self._scpi.command(
-            "TRIGger:SOURce", lambda a: setattr(self, "_source", a[0]), lambda _: self._source
-        )
+            "TRIGger:SOURce",
+        ):
+            self._word(header)
         self._scpi.command("TRIGger[:IMMediate]", lambda _: self._measure())
         self._scpi.command("FETCh[:IMPedance][:FORMatted]", query=lambda _: self._fetch())
         self._scpi.command(
@@ -66,8 +75,16 @@ class SimulatedE4980A:
         return self._scpi.handle(data)
 
     def _reset(self) -> None:
-        self._rms_v, self._frequency_hz, self._type, self._source = 1.0, 1e3, "CPD", "INT"
+        self._rms_v, self._frequency_hz = 1.0, 1e3
+        self._words = dict(_RESET)
         self._measured: complex | None = None
+
+    def _word(self, header: str) -> None:
+        def write(arguments: list[str]) -> None:
+            words = [_SWITCH.get(argument.upper(), argument) for argument in arguments]
+            self._words[header] = ",".join(words)
+
+        self._scpi.command(header, write, lambda _: self._words[header])
 
     def _executed(self) -> None:
         self.highest_v = max(self.highest_v, self.voltage_v)
@@ -76,16 +93,17 @@ class SimulatedE4980A:
         value = float(arguments[0])
         if not 0.0 <= value <= HIGHEST_V_RMS:
             raise ScpiError(-222)
-        self._rms_v = value
+        step_v = next((step for most, step in _STEPS_V if value <= most), 1e-3)
+        self._rms_v = step_v * round(value / step_v)
 
     def _set_frequency(self, arguments: list[str]) -> None:
         value = float(arguments[0])
         if not 20.0 <= value <= 2e6:
             raise ScpiError(-222)
-        self._frequency_hz = value
+        self._frequency_hz = float(f"{value:.6g}")
 
     def _measure(self) -> None:
-        if self._source.upper() != "BUS":
+        if self._words["TRIGger:SOURce"].upper() != "BUS":
             raise ScpiError(-221)
         impedance = self._impedance_ohm(self._frequency_hz)
         self._measured = impedance + NOISE * abs(impedance) * complex(
@@ -93,6 +111,6 @@ class SimulatedE4980A:
         )
 
     def _fetch(self) -> str:
-        if self._type.upper() != "RX" or self._measured is None:
+        if self._words["FUNCtion:IMPedance[:TYPE]"].upper() != "RX" or self._measured is None:
             raise ScpiError(-221)
         return f"{self._measured.real:+.6E},{self._measured.imag:+.6E},+0"

@@ -29,18 +29,22 @@ SETTINGS = GeneratorSettings(
 )
 IDENTIFY = (b"*IDN?\n", b"Agilent Technologies,33220A,MY1,2.02-2.02-22-2\n")
 SWITCH_OFF = (b"OUTP 0;*RST;*CLS;:OUTP?\n", b"0\n")
-STATE_QUERIES = b"FUNC?;:FREQ?;:VOLT?;:VOLT:OFFS?;:VOLT:UNIT?;:OUTP:LOAD?;:AM:STAT?;:SYST:ERR?\n"
+STATE_QUERIES = (
+    b"FUNC?;:FREQ?;:VOLT?;:VOLT:OFFS?;:VOLT:UNIT?;:OUTP:LOAD?;:AM:STAT?;:OUTP:POL?;:BURS:STAT?;"
+    b":SYST:ERR?\n"
+)
 SET_UP_LINE = (
     b"VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:BURS:STAT 0;:OUTP:LOAD INF;:VOLT:UNIT VPP;:FUNC SIN;:VOLT"
-    b" MIN;:VOLT:OFFS 0;:FREQ 10;:VOLT:RANG:AUTO?;:OUTP?;:" + STATE_QUERIES
+    b" MIN;:VOLT:OFFS 0;:FREQ 10;:OUTP:POL NORM;:OUTP:SYNC 1;:VOLT:RANG:AUTO?;:OUTP?;:OUTP:SYNC?;:"
+    + STATE_QUERIES
 )
-MINIMUM = b'SIN;+1.0E+01;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n'
-SET_UP = (SET_UP_LINE, b"1;0;" + MINIMUM)
+MINIMUM = b'SIN;+1.0E+01;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n'
+SET_UP = (SET_UP_LINE, b"1;0;1;" + MINIMUM)
 FIX_RANGE = (
     b"OUTP 0;:VOLT 6;:VOLT:RANG:AUTO OFF;:VOLT MIN;:VOLT:RANG:AUTO?;:OUTP?;:" + STATE_QUERIES,
     b"0;0;" + MINIMUM,
 )
-SET_UP_AGAIN = (SET_UP_LINE, b"0;0;" + MINIMUM)
+SET_UP_AGAIN = (SET_UP_LINE, b"0;0;1;" + MINIMUM)
 BASE = (
     b"OUTP 0;:VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:BURS:STAT 0;:FUNC SIN;:VOLT MIN;:VOLT:OFFS 0;:FREQ"
     b" 10;:OUTP?;:" + STATE_QUERIES,
@@ -62,7 +66,7 @@ def levels(
     in order.
     """
     asked = commands + b";:" + STATE_QUERIES if commands else STATE_QUERIES
-    values = (function, frequency, amplitude, offset, b"VPP", b"+9.9E+37", modulated, error)
+    values = (function, frequency, amplitude, offset, b"VPP", b"+9.9E+37", modulated, b"NORM", b"0", error)
     return asked, b";".join(values) + b"\n"
 
 
@@ -262,15 +266,18 @@ def test_another_instrument_is_refused_and_left_alone(identity: bytes) -> None:
 @pytest.mark.parametrize(
     ("answer", "switched_off"),
     [
-        (b'1;0;SIN;10;+2.0E-02;+0.0E+00;VPP;+5.0000000000000E+01;0;+0,"No error"\n', 2),
-        (b'1;0;SIN;10;+2.0E-02;+0.0E+00;VRMS;+9.9E+37;0;+0,"No error"\n', 2),
-        (b'1;0;SIN;10;+2.0E-02;+1.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
-        (b'1;0;SIN;10;+1.0E-01;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
-        (b'1;0;SIN;1000;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
-        (b'1;0;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;1;+0,"No error"\n', 2),
-        (b'1;0;SQU;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
-        (b'1;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;+0,"No error"\n', 2),
-        (b'1;0;SIN;10;+2.0E-02;+0.0E+00;VPP;0;+0,"No error"\n', 1),
+        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+5.0000000000000E+01;0;NORM;0;+0,"No error"\n', 2),
+        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VRMS;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
+        (b'1;0;1;SIN;10;+2.0E-02;+1.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
+        (b'1;0;1;SIN;10;+1.0E-01;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
+        (b'1;0;1;SIN;1000;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
+        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;1;NORM;0;+0,"No error"\n', 2),
+        (b'1;0;1;SQU;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
+        (b'1;1;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
+        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;0;NORM;0;+0,"No error"\n', 1),
+        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;INV;0;+0,"No error"\n', 2),
+        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;1;+0,"No error"\n', 2),
+        (b'1;0;0;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
     ],
 )
 def test_a_set_up_that_did_not_take_is_refused_and_switched_off(
@@ -346,7 +353,7 @@ def test_a_constant_voltage_is_an_offset_without_frequency() -> None:
         OUTPUT_IS_OFF,
         BASE,
         exchange(b"FUNC DC;:FUNC?", b"DC"),
-        (b"VOLT:OFFS -0.4;:" + without_frequency, b"DC;0.02;-0.4;VPP;9.9E37;0" + ERROR_FREE),
+        (b"VOLT:OFFS -0.4;:" + without_frequency, b"DC;0.02;-0.4;VPP;9.9E37;0;NORM;0" + ERROR_FREE),
     )
     driver.set_point(0.0, 60.0, -100.0, shape=Shape.DC)
     assert not script.pairs
@@ -373,6 +380,32 @@ def test_the_limit_is_on_amplitude_and_offset_together(voltage_v: float, offset_
         driver.set_point(250.0, voltage_v, offset_v)
 
 
+def modulated(source_and_depth: bytes) -> tuple[bytes, bytes]:
+    asked, answer = levels(b"FREQ 250;:VOLT 3", b"250", b"3", modulated=b"1")
+    return (
+        asked.replace(b":SYST:ERR?", b":AM:SOUR?;:AM:DEPT?;:SYST:ERR?"),
+        answer.replace(b"NORM;0;", b"NORM;0;" + source_and_depth + b";"),
+    )
+
+
+@pytest.mark.parametrize("held", [b"INT;+1.0E+02", b"EXT;+5.0E+01"])
+def test_another_source_or_depth_of_modulation_than_was_set_is_switched_off(held: bytes) -> None:
+    driver, script = connected(
+        OUTPUT_IS_OFF,
+        BASE,
+        exchange(
+            b"AM:SOUR EXT;:AM:DEPT 100;:AM:STAT 1;:AM:SOUR?;:AM:DEPT?;:AM:STAT?",
+            b"EXT;+1.0000000000000E+02;1",
+        ),
+        modulated(held),
+        OFF,
+        settings=WITH_AM,
+    )
+    with pytest.raises(BadReply, match="AM:DEPT"):
+        driver.set_point(250.0, 300.0, modulation=ExternalModulation())
+    assert not script.pairs
+
+
 def test_external_modulation_programs_what_full_scale_makes_of_it() -> None:
     driver, script = connected(
         OUTPUT_IS_OFF,
@@ -381,7 +414,7 @@ def test_external_modulation_programs_what_full_scale_makes_of_it() -> None:
             b"AM:SOUR EXT;:AM:DEPT 100;:AM:STAT 1;:AM:SOUR?;:AM:DEPT?;:AM:STAT?",
             b"EXT;+1.0000000000000E+02;1",
         ),
-        levels(b"FREQ 250;:VOLT 3", b"250", b"3", modulated=b"1"),
+        modulated(b"EXT;+1.0E+02"),
         settings=WITH_AM,
     )
     driver.set_point(
@@ -401,7 +434,7 @@ def test_modulation_is_refused_until_it_is_measured_and_for_a_constant_voltage()
 
 def test_autoranging_as_a_policy_leaves_the_range_alone() -> None:
     line = SET_UP_LINE.replace(b":VOLT:RANG:AUTO?", b":VOLT:RANG:AUTO ON;:VOLT:RANG:AUTO?")
-    script = Script(IDENTIFY, SWITCH_OFF, (line, b"1;0;" + MINIMUM))
+    script = Script(IDENTIFY, SWITCH_OFF, (line, b"1;0;1;" + MINIMUM))
     settings = replace(SETTINGS, range_policy=RangePolicy.AUTO)
     Agilent33220A(MemoryTransport(script), settings).connect()
     assert not script.pairs

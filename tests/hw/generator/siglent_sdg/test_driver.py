@@ -38,6 +38,8 @@ SET_UP = [
     *RESET,
     *told(
         b"C1:OUTP LOAD,HZ",
+        b"C1:OUTP PLRT,NOR",
+        b"C1:SYNC ON",
         b"C1:BSWV AMP,0.004",
         b"C1:BSWV OFST,0",
         b"C1:BSWV WVTP,SINE",
@@ -46,6 +48,7 @@ SET_UP = [
     wave(b"10", b"0.004"),
     OFF,
     PLAIN,
+    (b"C1:SYNC?\n", b"C1:SYNC ON\n"),
 ]
 
 READY = ("*RST", "C1:OUTP LOAD,HZ", "C1:BSWV AMP,0.004", "C1:BSWV OFST,0", "C1:BSWV WVTP,SINE")
@@ -102,6 +105,8 @@ def test_one_setting_per_line_and_all_of_it_read_back() -> None:
         [wave(b"250.1", b"2.4"), OFF, PLAIN],
         [wave(b"250", b"2.4", b"0.1"), OFF, PLAIN],
         [wave(b"250", b"2.4"), (b"C1:OUTP?\n", b"C1:OUTP OFF,LOAD,50,PLRT,NOR\n"), PLAIN],
+        [wave(b"250", b"2.4"), (b"C1:OUTP?\n", b"C1:OUTP OFF,LOAD,HZ,PLRT,INVT\n"), PLAIN],
+        [wave(b"250", b"2.4"), (b"C1:OUTP?\n", b"C1:OUTP OFF,PLRT,INVT,LOAD,HZ\n"), PLAIN],
         [wave(b"250", b"2.4"), OFF, (b"C1:MDWV?\n", b"C1:MDWV AM,STATE,ON,MDSP,SINE\n")],
         [(b"C1:BSWV?\n", b"C1:BSWV WVTP,DC,OFST,1.2V\n"), OFF, PLAIN],
         [(b"C1:BSWV?\n", b"nonsense\n")],
@@ -112,6 +117,29 @@ def test_what_reads_back_otherwise_is_switched_off(answers: list[tuple[bytes, by
     driver, script = connected(*told(b"C1:BSWV FRQ,250", b"C1:BSWV AMP,2.4"), *answers, *calm, OFF)
     with pytest.raises(BadReply):
         driver.set_point(250.0, 120.0)
+    assert not script.pairs
+
+
+@pytest.mark.parametrize(
+    ("shown", "accepted"),
+    [
+        (b"C1:SYNC ON\n", True),  # what users of an SDG2042X found
+        (b"C1:SYNC ON,TYPE,CH1\n", True),  # what the programming guide says
+        (b"C1:SYNC OFF\n", False),
+        (b"C1:SYNC ON,TYPE,CH2\n", False),
+    ],
+)
+def test_sync_is_switched_on_after_a_reset_and_must_be_of_this_channel(
+    shown: bytes, accepted: bool
+) -> None:
+    calm = told(b"C1:BSWV AMP,0.004", b"C1:BSWV OFST,0", b"C1:OUTP OFF")
+    script = Script(IDENTITY, *RESET, *SET_UP[:-1], (b"C1:SYNC?\n", shown), *calm, OFF)
+    driver = SiglentSdg(MemoryTransport(script), SETTINGS)
+    if accepted:
+        driver.connect()
+        return
+    with pytest.raises(BadReply, match="Sync"):
+        driver.connect()
     assert not script.pairs
 
 
