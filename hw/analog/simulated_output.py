@@ -18,6 +18,7 @@ import numpy as np
 
 from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array
 from hw.errors import DeviceDisconnected
+from hw.setting import Setting, refuse_unlike
 
 BUFFER_SAMPLES = 1 << 14
 TIMEBASE_HZ = 20e6  # of which a sample takes a whole number of ticks
@@ -161,7 +162,9 @@ class SimulatedAnalogOutput(AnalogOutput):
         self._connected().set_level(level_v)
 
     def _start(self, block_v: Array, sample_rate_hz: float) -> None:
-        self._connected().start(block_v, self._rate_got_hz(sample_rate_hz), self._clock())
+        got = Setting("sample_rate_hz", sample_rate_hz, self._rate_got_hz(sample_rate_hz))
+        refuse_unlike(self.resource, [got], "write at the rate of `plays_at`")
+        self._connected().start(block_v, sample_rate_hz, self._clock())
 
     def _rate_got_hz(self, sample_rate_hz: float) -> float:
         return TIMEBASE_HZ / round(TIMEBASE_HZ / sample_rate_hz)

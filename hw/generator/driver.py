@@ -110,6 +110,11 @@ class GeneratorDriver(ABC):
             state, held = self._ask_state(), tuple(self._ask_held())
             return GeneratorReport(f"{maker} {model}", serial_number, firmware, *state, held)
 
+    def held(self) -> list[Setting]:
+        """Only ask: what is set at connecting, and what is set now."""
+        with self._forgetting_on_failure():
+            return self._ask_held()
+
     def connect(self) -> None:
         """Open, check the identity, switch off, reset, and set up a sine of minimum amplitude with
         the output off.

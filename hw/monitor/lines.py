@@ -148,7 +148,5 @@ class SampledMonitor:
             )
         rate_hz, lags_s = self._inputs.sample_rate_hz, self._inputs.lags_s
         count = whole_periods(frequency_hz, rate_hz, self._sampling.record_s)
-        record = Record(
-            self._inputs.latest_v(count), rate_hz, self._sampling.resolution_v, lags_s
-        )
+        record = Record(self._inputs.latest_v(count), rate_hz, self._sampling.resolution_v, lags_s)
         return electrode_reading(record, self._lines, frequency_hz)

@@ -141,14 +141,14 @@ class InfiniiVision:
         return channels | _ALL | {":TRIG:EDGE:LEV": f"{self._wiring.trigger_level_v:g}"}
 
     def _setting(self, header: str, value: str) -> Setting:
-        """Numbers that are near enough count as got."""
+        """A level that is near enough counts as got."""
         answer = self._line.ask(f"{header}?")
         try:
-            got = float(answer)
+            got, wanted = float(answer), float(value)
         except ValueError:
             return Setting(header, value, answer.upper())
-        step = LEVEL_STEP_V if header.endswith("LEV") else 1e-9
-        return Setting(header, value, value if abs(got - float(value)) <= step else f"{got:g}")
+        step = LEVEL_STEP_V if header.endswith("LEV") else 0.0
+        return Setting(header, value, value if abs(got - wanted) <= step else f"{got:g}")
 
     def _set_ranges(self) -> None:
         """Full scales go out; what the channels make of them counts."""

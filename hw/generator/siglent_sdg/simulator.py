@@ -102,7 +102,8 @@ class SimulatedSdg:
         signal, scale = self._signal, self._scale
         if header == "OUTP":
             load = "HZ" if math.isinf(self._load_ohm) else f"{self._load_ohm:.0f}"
-            return f"C1:OUTP {'ON' if signal.on else 'OFF'},LOAD,{load},PLRT,{'INVT' if self._inverted else 'NOR'}"
+            polarity = "INVT" if self._inverted else "NOR"
+            return f"C1:OUTP {'ON' if signal.on else 'OFF'},LOAD,{load},PLRT,{polarity}"
         if header == "SYNC":
             return f"C1:SYNC {'ON,TYPE,CH1' if self._sync else 'OFF'}"
         if header == "MDWV":

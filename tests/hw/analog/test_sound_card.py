@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import sys
-from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 from hw.analog.output import AnalogOutputSettings, OutputUnderrun
 from hw.analog.sound_card import SoundCardOutput, SoundSettings
 from hw.errors import DeviceDisconnected, DeviceError, InstrumentRejected, LimitExceeded
+from tests.hw.testing.sound_card import OutputStream, install
 
 SETTINGS = AnalogOutputSettings(
     low_v=-1.0,
@@ -22,71 +22,9 @@ SETTINGS = AnalogOutputSettings(
 )
 
 
-class PortAudioError(Exception):
-    pass
-
-
-class OutputStream:
-    """What is used of sounddevice.OutputStream; `pull` is what PortAudio's thread does."""
-
-    __slots__ = ("_callback", "_channels", "_state", "device", "latency", "samplerate")
-    devices = ("DAC",)
-    channels_there = (2,)  # how many a stream may be opened with
-    got_rate_hz, got_latency_s = 48e3, 0.02
-    newest: OutputStream
-
-    def __init__(
-        self,
-        samplerate: float,
-        device: Any,
-        channels: int,
-        dtype: str,
-        latency: float,
-        callback: Any,
-    ) -> None:
-        assert dtype == "float32"
-        assert samplerate == 48e3
-        if device not in self.devices:
-            raise ValueError(f"No output device matching {device!r}")
-        if channels not in self.channels_there:
-            raise PortAudioError("Invalid number of channels", -9998)
-        self._callback, self._channels, self._state = callback, channels, "new"
-        self.samplerate, self.latency = self.got_rate_hz, self.got_latency_s
-        OutputStream.newest = self
-
-    @property
-    def active(self) -> bool:
-        return self._state == "started"
-
-    def start(self) -> None:
-        self._state = "started"
-
-    def abort(self) -> None:
-        self._state = "aborted"
-
-    def close(self) -> None:
-        assert self._state == "aborted"
-        self._state = "closed"
-
-    def pull(self, frames: int, *, underflow: bool = False) -> np.ndarray[Any, Any]:
-        out = np.full((frames, self._channels), np.nan, dtype=np.float32)
-        self._callback(out, frames, None, SimpleNamespace(output_underflow=underflow))
-        return out
-
-
-def query_devices(device: Any = None, kind: str | None = None) -> dict[str, Any]:
-    if device not in (None, *OutputStream.devices):
-        raise ValueError(f"No output device matching {device!r}")
-    assert kind == "output"
-    return {"name": "DAC", "max_output_channels": OutputStream.channels_there[-1]}
-
-
 @pytest.fixture(autouse=True)
 def _sounddevice(monkeypatch: pytest.MonkeyPatch) -> None:
-    fake = ModuleType("sounddevice")
-    fake.OutputStream, fake.PortAudioError = OutputStream, PortAudioError  # type: ignore[attr-defined]
-    fake.query_devices = query_devices  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "sounddevice", fake)
+    install(monkeypatch)
 
 
 def card(**kwargs: Any) -> SoundCardOutput:
@@ -213,3 +151,44 @@ def test_without_portaudio_the_library_is_named(monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(DeviceError, match="PortAudio") as caught:
         card().open()
     assert "libportaudio2" in caught.value.hint
+
+
+def test_only_the_named_socket_plays_and_a_card_that_is_stereo_only_opens() -> None:
+    """PortAudio plays a stream of one channel at both sockets, and some cards refuse it."""
+    with card(channel=0) as output:
+        output.write([0.4, 0.8], 48e3)
+        played = OutputStream.newest.pull(2)
+    assert played.shape == (2, 2)
+    assert played[:, 0].tolist() == pytest.approx([0.2, 0.4])
+    assert played[:, 1].tolist() == [0.0, 0.0]
+
+
+def test_a_channel_that_the_card_lacks_is_refused_with_what_it_has() -> None:
+    with pytest.raises(InstrumentRejected, match="has 2 output channels"):
+        card(channel=2).open()
+
+
+def test_the_rate_of_the_open_stream_is_what_is_written_at(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(OutputStream, "got_rate_hz", 47_990.0)
+    with card() as output:
+        assert output.plays_at(48e3) == 47_990.0
+        with pytest.raises(LimitExceeded, match="plays at 47990"):
+            output.write([0.0], 48e3)
+        output.write(np.full(480, 0.2), 47_990.0)
+        assert output.buffered_s == pytest.approx(480.0 / 47_990.0)
+
+
+def test_another_rate_of_the_cards_is_refused_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(OutputStream, "got_rate_hz", 44_100.0)
+    output = card()
+    with pytest.raises(InstrumentRejected, match="44100 samples/s where 48000"):
+        output.open()
+    assert OutputStream.newest._state == "closed"
+
+
+def test_latency_is_that_of_the_open_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(OutputStream, "got_latency_s", 0.05)
+    with card() as output:
+        assert output.latency_s == 0.05

@@ -33,7 +33,8 @@ def test_voltage_and_current_are_peaks_at_the_electrode(frequency_hz):
     found = bench.meter.read(frequency_hz, 2.0)
     assert found.voltage_v / found.current_a == pytest.approx(touch_ohm(frequency_hz), rel=2e-3)
     assert found.voltage_v.real == pytest.approx(
-        2.0**0.5 * 1.414 * abs(touch_ohm(frequency_hz) / (touch_ohm(frequency_hz) + 100.0)), rel=1e-4
+        2.0**0.5 * 1.414 * abs(touch_ohm(frequency_hz) / (touch_ohm(frequency_hz) + 100.0)),
+        rel=1e-4,
     )
     assert found.current_std_a == pytest.approx(1e-3 * abs(found.current_a))
     assert bench.simulated.voltage_v == 0.0  # and off again

@@ -112,9 +112,7 @@ def test_a_card_that_clips_shows_less():
 )
 def test_what_the_card_cannot_tell_is_refused(frequency_hz, told):
     lines = SimulatedLines(lambda: STATE._replace(frequency_hz=frequency_hz), LINES, (0.0, 0.0), 1)
-    monitor = SampledMonitor(
-        SimulatedInputs(lines, RATE_HZ, 10.0, 1e-4), LINES, Sampling(0.1)
-    )
+    monitor = SampledMonitor(SimulatedInputs(lines, RATE_HZ, 10.0, 1e-4), LINES, Sampling(0.1))
     if told:
         assert abs(monitor.read(frequency_hz, 75.0).voltage_v) == pytest.approx(75.0, rel=1e-3)
     else:

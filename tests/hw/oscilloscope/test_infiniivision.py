@@ -7,19 +7,27 @@ import re
 import numpy as np
 import pytest
 
-from hw.errors import BadReply, DeviceError, InstrumentRejected
+from hw.errors import BadReply, DeviceError, DeviceTimeout, InstrumentRejected
 from hw.monitor.lines import MonitorLines
 from hw.monitor.simulated import ElectrodeState, SimulatedLines
 from hw.oscilloscope.infiniivision import MODEL, InfiniiVision, Oscilloscope
+from tests.clock import ManualClock
+from tests.hw.generator.kinds import Bench
 from tests.hw.testing.memory import MemoryTransport
-from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
+from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision, Sync
 
 LINES = MonitorLines(0.01, 500.0, 1e6, 5e5)
+WIRED = Oscilloscope()
 
 
-def bench(state, lines=LINES, noise_v=(2e-4, 2e-4), core=None):
-    simulated = core or SimulatedInfiniiVision(SimulatedLines(lambda: state, lines, noise_v, 3))
-    scope = InfiniiVision(MemoryTransport(simulated), Oscilloscope(), lines)
+def bench(state, lines=LINES, noise_v=(2e-4, 2e-4), core=None, wiring=WIRED, sync=Sync):
+    """A scope whose time passes while it waits."""
+    simulated = core or SimulatedInfiniiVision(
+        SimulatedLines(lambda: state, lines, noise_v, 3), sync=sync
+    )
+    clock = ManualClock(0.0)
+    transport = MemoryTransport(simulated)
+    scope = InfiniiVision(transport, wiring, lines, clock=clock, sleep=clock.sleep)
     scope.open()
     return scope
 
@@ -85,3 +93,77 @@ def test_what_makes_no_sense_is_a_device_error(answers, error, said):
 @pytest.mark.parametrize("name", ["DSO-X 3024T", "MSO-X 4104A", "DSOX1204G", "MSOX3104G"])
 def test_its_series_are_known(name):
     assert MODEL.fullmatch(name)
+
+
+VOLTAGE_V = 4.9 * np.exp(-0.3j)  # behind the generator, which is what Sync shows
+
+
+def test_the_trigger_is_between_the_levels_of_a_sync_of_a_logic_family():
+    """At 0 V, where a reset leaves it, the phase came out anywhere."""
+    for sync in (Sync(), Sync(0.1, 2.4), Sync(0.0, 5.0)):
+        state = ElectrodeState(8e3, VOLTAGE_V, 1e-6j)
+        found = bench(state, sync=lambda sync=sync: sync).read(8e3, 5.0)
+        assert np.angle(found.voltage_v) == pytest.approx(-0.3, abs=2e-3)
+
+
+class Cable:
+    """What it carries may change."""
+
+    def __init__(self, carries):
+        self.carries = carries
+
+    def __call__(self):
+        return self.carries()
+
+
+@pytest.mark.parametrize(
+    ("sync", "level_v"),
+    [(lambda: None, 1.2), (lambda: Sync(0.0, 0.8), 1.2), (Sync, 4.5)],
+)
+def test_a_trigger_that_does_not_come_is_named_and_the_scope_answers_again(sync, level_v):
+    cable = Cable(sync)
+    core = SimulatedInfiniiVision(
+        SimulatedLines(lambda: ElectrodeState(8e3, VOLTAGE_V, 1e-6j), LINES, (0.0, 0.0), 1),
+        sync=cable,
+    )
+    scope = bench(None, core=core, wiring=Oscilloscope(trigger_level_v=level_v))
+    with pytest.raises(DeviceTimeout, match=rf"no trigger came at EXT, {level_v:g} V") as caught:
+        scope.read(8e3, 5.0)
+    assert "Sync" in caught.value.hint
+    cable.carries = lambda: Sync(0.0, 5.0)
+    assert abs(scope.read(8e3, 5.0).voltage_v) == pytest.approx(4.9, rel=1e-3)
+
+
+def test_a_siglent_triggers_it_after_its_reset():
+    """`*RST` leaves the Sync of an SDG off."""
+    generator = Bench("siglent_sdg")
+    generator.connect()
+    state = ElectrodeState(8e3, VOLTAGE_V, 1e-6j)
+    scope = bench(state, sync=lambda: Sync() if generator.generator.sync_on else None)
+    assert np.angle(scope.read(8e3, 5.0).voltage_v) == pytest.approx(-0.3, abs=2e-3)
+    generator.say("*RST")
+    with pytest.raises(DeviceTimeout, match="no trigger"):
+        scope.read(8e3, 5.0)
+
+
+class Silent:
+    """Answers nothing while it acquires, as one does that waits inside a command."""
+
+    def __init__(self, core):
+        self._core, self.heard = core, []
+
+    def handle(self, data):
+        self.heard.append(data)
+        return b"" if b"TER?" in data else self._core.handle(data)
+
+
+def test_a_scope_that_falls_silent_is_cleared_and_the_key_of_its_time_is_named():
+    core = Silent(
+        SimulatedInfiniiVision(
+            SimulatedLines(lambda: ElectrodeState(8e3, 5.0, 1e-6j), LINES, (0.0, 0.0), 1)
+        )
+    )
+    with pytest.raises(DeviceTimeout, match="no trigger came") as caught:
+        bench(None, core=core).read(8e3, 5.0)
+    assert [line for line in core.heard if b"SYST" not in line][-2:] == [b":STOP\n", b"*CLS\n"]
+    assert "reply_timeout_s" in caught.value.__cause__.hint

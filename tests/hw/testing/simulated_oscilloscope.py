@@ -194,4 +194,6 @@ class SimulatedInfiniiVision:
 def _one_two_five(value: float) -> float:
     """The nearest step of 1, 2, 5 and 10 times a power of ten."""
     decade = 10.0 ** floor(log10(value))
-    return min((decade * step for step in (1.0, 2.0, 5.0, 10.0)), key=lambda step: abs(step - value))
+    return min(
+        (decade * step for step in (1.0, 2.0, 5.0, 10.0)), key=lambda step: abs(step - value)
+    )

@@ -519,3 +519,55 @@ def test_pymeasure_works_over_usb(pyvisa_py_with_usb: SpyingBackend) -> None:
     assert client.id.split(",")[1] == "33220A"
     client.adapter.close()
     assert not pyvisa_py_with_usb.violations
+
+
+class Siglent(SpyingBackend):
+    """An SDG1062X, as hcoffin-vecatom recorded it (pyvisa-py, pull request 449, 2024-09-21).
+
+    Packets are of 64 bytes: the first transfer announces the 52 that its first packet has room for
+    and sends 56; the second announces the rest of the sum and fills with zeros.
+    """
+
+    def _begin_transfer(self) -> bool:
+        if self._request is None or not self._answers:
+            return False
+        (tag, _), self._request = self._request, None
+        more = len(self._answers) > 52
+        announced, sent = (52, 56) if more else (len(self._answers), len(self._answers))
+        payload = bytes(self._answers[:sent])
+        del self._answers[:sent]
+        if not more and self.began:
+            announced, payload = len(payload) + 4, payload + bytes(4)
+        self.began = more
+        header = struct.pack("<BBBxLBxxx", 2, tag, ~tag & 0xFF, announced, not more)
+        self._transfer = bytearray(header + payload + bytes(-len(payload) % 4))
+        return True
+
+    began = False
+
+
+IDENTITY = b"Siglent Technologies,SDG1062X,SDG1XDDC801438,1.01.01.33R8"
+
+
+class Sdg:
+    def handle(self, data: bytes) -> bytes:
+        return {b"*IDN?\n": IDENTITY + b"\n", b"C1:SYNC?\n": b"C1:SYNC ON\n"}[data]
+
+
+def test_a_siglent_announces_52_bytes_and_sends_56() -> None:
+    with Siglent(Sdg(), vendor_id=0xF4EC, product_id=0xEE38) as backend:
+        transport = UsbTmcTransport(0xF4EC, 0xEE38, backend=backend)
+        transport.open()
+        assert transport.query(b"*IDN?\n", 5.0) == IDENTITY
+        assert transport.query(b"C1:SYNC?\n", 5.0) == b"C1:SYNC ON"
+        assert transport.query(b"*IDN?\n", 5.0) == IDENTITY
+        transport.close()
+
+
+def test_what_a_siglent_may_nobody_else_may() -> None:
+    with Siglent(Sdg()) as backend:
+        transport = UsbTmcTransport(0x0957, 0x0407, backend=backend)
+        transport.open()
+        with pytest.raises(BadReply, match="68 bytes that announce a payload of 52"):
+            transport.query(b"*IDN?\n", 5.0)
+        transport.close()

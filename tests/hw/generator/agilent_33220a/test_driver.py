@@ -66,7 +66,18 @@ def levels(
     in order.
     """
     asked = commands + b";:" + STATE_QUERIES if commands else STATE_QUERIES
-    values = (function, frequency, amplitude, offset, b"VPP", b"+9.9E+37", modulated, b"NORM", b"0", error)
+    values = (
+        function,
+        frequency,
+        amplitude,
+        offset,
+        b"VPP",
+        b"+9.9E+37",
+        modulated,
+        b"NORM",
+        b"0",
+        error,
+    )
     return asked, b";".join(values) + b"\n"
 
 
