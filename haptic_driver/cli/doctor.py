@@ -43,7 +43,20 @@ def doctor(rig: RigOption = "simulated", as_json: Json = False) -> int:
         "rig": config.name,
         "simulated": config.simulated,
         "ok": not failed,
-        "checks": [{**check._asdict(), "status": check.status.value} for check in checks],
+        "checks": [
+            {
+                "name": check.name,
+                "status": check.status.value,
+                "message": check.message,
+                "hint": check.hint,
+            }
+            for check in checks
+        ],
+        "settings": [
+            {"device": check.name, **one._asdict(), "as_asked": one.as_asked}
+            for check in checks
+            for one in check.held
+        ],
     }
     report(as_json, payload, lambda: _show(config, checks))
     return int(failed)
@@ -60,6 +73,24 @@ def _served(config: RigConfig, serving: ExitStack) -> RigConfig:
     return as_real(config, serving.enter_context(ServedRig(config, touch)).endpoints)
 
 
+def _show_settings(checks: list[Check]) -> None:
+    """Asked and got; before the driver connects, what is not as asked may still be set."""
+    table = Table("device", "setting", "asked", "got", box=None, pad_edge=False)
+    for check in checks:
+        for one in check.held:
+            got = Text("does not say", "dim") if one.got is None else Text(_shown(one.got))
+            if one.as_asked is False:
+                got.stylize("yellow")
+            table.add_row(check.name, one.name, _shown(one.asked), got)
+    if table.rows:
+        stdout.print(Text("\nasked of each device, and got (now, before it is set up)"))
+        stdout.print(table)
+
+
+def _shown(value: object) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
 def _show(config: RigConfig, checks: list[Check]) -> None:
     table = Table("check", "status", "found", box=None, pad_edge=False)
     for check in checks:
@@ -68,6 +99,7 @@ def _show(config: RigConfig, checks: list[Check]) -> None:
     kind = Text.assemble(", ", SIMULATED) if config.simulated else ""
     stdout.print(Text.assemble(f"rig {config.name}", kind, "; nothing was energised"))
     stdout.print(table)
+    _show_settings(checks)
     counts = Counter(check.status for check in checks)
     stdout.print(
         ", ".join(f"{counts[status]} {status.value}" for status in CheckStatus if counts[status])

@@ -11,11 +11,12 @@ import datetime
 import enum
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from haptic_driver.config import Section
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.real_time import PRIORITY
 from haptic_driver.rig import config as rig_config
@@ -48,13 +49,16 @@ from hw.finger.touch_screen import open_touch_reports
 from hw.force.ati_calibration import AtiCalibration
 from hw.force.net_ft import NetFt
 from hw.generator.contract import GeneratorKind, GeneratorReport
-from hw.monitor.scpi_line import ScpiLine
 from hw.safety.interlock import IDENTITY
+from hw.setting import Setting
 from hw.stage import apt
 from hw.stage.lts150 import Lts150
 from hw.transport.contract import Transport
 from hw.transport.resource import make_transport
 
+AMPLIFIER_FIGURES = ("gain_v_per_v", "voltage_monitor_v_per_v", "current_monitor_v_per_a")
+OUTPUT_FIGURES = ("sample_rate_hz", "full_scale_v", "latency_s", "sample_rate_limit_hz")
+BOX_FIGURES = ("counts_per_n", "counts_per_n_m")
 OLD_AFTER = datetime.timedelta(days=365)
 CALIBRATE_TOUCH = "measure it by touching known places: haptic calibrate-touch"
 
@@ -69,12 +73,17 @@ class CheckStatus(enum.Enum):
 
 
 class Check(NamedTuple):
-    """One thing looked at: what was found, and what to do about it."""
+    """One thing looked at: what was found, and what to do about it.
+
+    `held`: what is asked of a device, and what it has got now; a generator gets the rest at
+    connecting.
+    """
 
     name: str
     status: CheckStatus
     message: str
     hint: str = ""
+    held: tuple[Setting, ...] = ()
 
 
 Checks = Iterator[Check]
@@ -221,7 +230,8 @@ def _generator(config: RigConfig) -> Checks:
     kind = config.generator_kind()
     with _failures("waveform generator", transport) as failed:
         found = kind.make(transport, generator_settings(config)).identify()
-        yield _ok("waveform generator", f"{found.identity}, serial number {found.serial_number}")
+        said = f"{found.identity}, serial number {found.serial_number}"
+        yield _ok("waveform generator", said)._replace(held=tuple(found.held))
         yield _unverified(
             "firmware", f"{found.firmware}; couplings and clipping are those of manuals"
         )
@@ -307,7 +317,7 @@ def _amplifier(config: RigConfig) -> Checks:
         f" {amplifier.current_limit_a:g} A, {amplifier.slew_limit_v_per_s:g} V/s: it has no"
         " dialogue, and nothing is energised here",
         "compare one low voltage with a probe",
-    )
+    )._replace(held=_untold(amplifier, AMPLIFIER_FIGURES))
     yield from _fault_line(config)
     yield from _monitors(config)
 
@@ -329,23 +339,20 @@ def _fault_line(config: RigConfig) -> Checks:
 
 
 def _monitors(config: RigConfig) -> Checks:
-    amplifier, card = config.amplifier, config.analog_inputs
+    amplifier, card, name = config.amplifier, config.analog_inputs, "voltage monitor"
     if amplifier.voltage_monitor is None or card is None:
         said = "there is none: nothing sees the electrode, and off means that the generator says so"
-        yield _unverified(
-            "voltage monitor", said, "wire the amplifier's monitor to an analog input"
-        )
+        yield _unverified(name, said, "wire the amplifier's monitor to an analog input")
         return
     inputs = analog_inputs(card, [amplifier.voltage_monitor])
-    with _failures("voltage monitor", inputs) as failed:
+    with _failures(name, inputs) as failed:
         inputs.open()
         monitor = peak_of(card, inputs, amplifier.voltage_monitor)
         electrode_v = monitor.read_v() / amplifier.voltage_monitor_v_per_v
         said = f"peak {electrode_v:.3g} V at the electrode"
-        if electrode_v <= MONITOR_QUIET_V:
-            yield _ok("voltage monitor", said)
-        else:
-            yield _failed("voltage monitor", said, "something drives it")
+        quiet = electrode_v <= MONITOR_QUIET_V
+        check = _ok(name, said) if quiet else _failed(name, said, "something drives it")
+        yield check._replace(held=tuple(inputs.held()))
         yield _unverified(
             "monitor scale", "needs a voltage", "compare one low voltage with a probe"
         )
@@ -363,9 +370,10 @@ def _electrode_monitors(config: RigConfig) -> Checks:
                 "a resistor in the finger's place must read as one throughout",
             )
             continue
-        line = ScpiLine(section.transport(), section.reply_timeout_s)
-        with _failures(name, line) as failed:
-            yield _ok(name, line.identify(section.identity()))
+        monitor = section.driver(config.amplifier.monitor_lines())
+        with _failures(name, monitor.line) as failed:
+            identity = monitor.line.identify(section.identity())
+            yield _ok(name, identity)._replace(held=tuple(monitor.held()))
         yield from failed
 
 
@@ -423,7 +431,8 @@ def _force_sensor(config: RigConfig) -> Checks:
                     f" {reading.lateral_force_n:.3f} N along"
                 )
                 check = _failed if reading.saturated else _ok
-                yield check("force sensor", f"{said}, status {net_ft.status_raw:#010x}")
+                told = check("force sensor", f"{said}, status {net_ft.status_raw:#010x}")
+                yield told._replace(held=_untold(box, BOX_FIGURES))
                 yield _unverified("force scale", "counts and axes", "hang a known weight on it")
             yield from failed
         case NiForceSensorConfig() as ni:
@@ -464,7 +473,10 @@ def _gauges(config: RigConfig, ni: NiForceSensorConfig) -> Checks:
         gauges_v = inputs.latest_v(ni.samples_per_bias)
         said = "gauges at " + ", ".join(f"{v:.3f}" for v in gauges_v.mean(axis=0)) + " V"
         saturated = calibration.saturated(gauges_v)
-        yield _failed("force sensor", said, "unload it") if saturated else _ok("force sensor", said)
+        check = (
+            _failed("force sensor", said, "unload it") if saturated else _ok("force sensor", said)
+        )
+        yield check._replace(held=tuple(inputs.held()))
     yield from failed
 
 
@@ -476,10 +488,12 @@ def _stage(config: RigConfig) -> Checks:
     with _failures("stage", transport) as failed:
         transport.open()
         info = _stage_info(transport, settings.reply_timeout_s)
-        status = Lts150(transport, settings).read_status()
+        stage = Lts150(transport, settings)
+        status, held = stage.read_status(), tuple(stage.held())
         said = f"{info.model}, serial number {info.serial_number}, firmware {info.firmware}"
         is_one = info.model.startswith(settings.model)
-        yield _ok("stage", said) if is_one else _failed("stage", said, f"not a {settings.model}")
+        check = _ok("stage", said) if is_one else _failed("stage", said, f"not a {settings.model}")
+        yield check._replace(held=held)
         where = f"at {1e3 * status.position_m:.2f} mm" if status.homed else "not homed"
         bad = status.motion_error or status.moving
         moving = ", moving" if status.moving else ""
@@ -549,11 +563,18 @@ def _analog_output(config: RigConfig) -> Checks:
     )
     yield _unverified(
         "envelope", said, "measure Modulation In at low voltage: 0 V may be half the amplitude"
-    )
+    )._replace(held=_untold(given, OUTPUT_FIGURES))
 
 
 # --- how it is asked
 # ---------------------------------------------------------------------------------------------
+
+
+def _untold(section: Section, names: Iterable[str]) -> tuple[Setting, ...]:
+    """Figures of the file that are computed with, of a device that does not say its own."""
+    return tuple(
+        Setting(name, value, None) for name in names if (value := getattr(section, name, None))
+    )
 
 
 def _ask(transport: Transport, question: str, timeout_s: float) -> str:

@@ -55,7 +55,7 @@ class E4980A:
     drives = True
 
     def __init__(self, transport: Transport, meter: LcrMeter) -> None:
-        self._line = ScpiLine(transport, meter.reply_timeout_s)
+        self.line = ScpiLine(transport, meter.reply_timeout_s)
         self._meter = meter
 
     @property
@@ -65,21 +65,16 @@ class E4980A:
 
     def open(self) -> None:
         """Connect, no voltage, and set up what does not change; raises DeviceError."""
-        self._line.open(MODEL)
+        self.line.open(MODEL)
         set_up = [f"{header} {value}" for header, value in _WANTED.items()]
-        self._line.tell("*RST", ":VOLT:LEV 0", *set_up)
+        self.line.tell("*RST", ":VOLT:LEV 0", *set_up)
         self.off()
         refuse_unlike("LCR meter", self.held(), _LOOK)
 
-    def identify(self) -> list[Setting]:
-        """Connect, and only ask; BadReply for another instrument."""
-        self._line.identify(MODEL)
-        return self.held()
-
     def held(self) -> list[Setting]:
-        """What is to be set and what the instrument holds now."""
+        """What is to be set and what the instrument holds now; only asks."""
         return [
-            Setting(header, value, _plain(self._line.ask(f"{header}?")))
+            Setting(header, value, _plain(self.line.ask(f"{header}?")))
             for header, value in {**_WANTED, ":VOLT:LEV": "0"}.items()
         ]
 
@@ -88,12 +83,12 @@ class E4980A:
         try:
             self.off()
         finally:
-            self._line.close()
+            self.line.close()
 
     def off(self) -> None:
         """No voltage, read back."""
-        self._line.tell(":VOLT:LEV 0")
-        level_v = self._line.numbers(":VOLT:LEV?", 1)[0]
+        self.line.tell(":VOLT:LEV 0")
+        level_v = self.line.numbers(":VOLT:LEV?", 1)[0]
         if level_v != 0.0:
             raise BadReply(
                 f"LCR meter: holds {level_v:g} V after 0 V were set", "take it off the electrode"
@@ -115,14 +110,12 @@ class E4980A:
             )
         alive()
         try:
-            self._line.tell(
-                f":FREQ:CW {frequency_hz:.9g}", f":VOLT:LEV {voltage_v / sqrt(2.0):.6g}"
-            )
+            self.line.tell(f":FREQ:CW {frequency_hz:.9g}", f":VOLT:LEV {voltage_v / sqrt(2.0):.6g}")
             self._check_got(frequency_hz, voltage_v / sqrt(2.0))
-            self._line.tell(":TRIG:IMM")  # not *TRG, which answers by itself
-            self._line.numbers("*OPC?", 1)
-            resistance, reactance, status, *_ = self._line.numbers(":FETC:IMP:FORM?", 3)
-            rms_v = self._line.numbers(":FETC:SMON:VAC?", 1)[0]
+            self.line.tell(":TRIG:IMM")  # not *TRG, which answers by itself
+            self.line.numbers("*OPC?", 1)
+            resistance, reactance, status, *_ = self.line.numbers(":FETC:IMP:FORM?", 3)
+            rms_v = self.line.numbers(":FETC:SMON:VAC?", 1)[0]
         finally:
             self.off()
         impedance = complex(resistance, reactance)
@@ -140,8 +133,8 @@ class E4980A:
         """Refuse another carrier or level than was asked for; the voltage that counts is
         measured.
         """
-        got_hz = self._line.numbers(":FREQ:CW?", 1)[0]
-        got_v = self._line.numbers(":VOLT:LEV?", 1)[0]
+        got_hz = self.line.numbers(":FREQ:CW?", 1)[0]
+        got_v = self.line.numbers(":VOLT:LEV?", 1)[0]
         unlike = []
         if abs(got_hz - frequency_hz) > FREQUENCY_TOLERANCE * frequency_hz:
             unlike.append(Setting("frequency_hz", frequency_hz, got_hz))

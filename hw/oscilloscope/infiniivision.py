@@ -81,8 +81,8 @@ class InfiniiVision:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._line = ScpiLine(transport, wiring.reply_timeout_s)
-        self._wiring, self._lines = wiring, lines
+        self.line = ScpiLine(transport, wiring.reply_timeout_s)
+        self._wiring, self.lines = wiring, lines
         self._channels = wiring.voltage_channel, wiring.current_channel
         self._range_v = dict.fromkeys(self._channels, 1.0)
         self._clock, self._sleep = clock, sleep
@@ -94,32 +94,27 @@ class InfiniiVision:
 
     def open(self) -> None:
         """Connect and set up what does not change, all of it read back; raises DeviceError."""
-        self._line.open(MODEL)
+        self.line.open(MODEL)
         set_up = [f"{header} {value}" for header, value in self._wanted().items()]
-        self._line.tell("*RST", ":STOP", *set_up)
-        self._line.tell(":WAV:FORM WORD;:WAV:BYT MSBF;:WAV:UNS 1;:WAV:POIN:MODE RAW")
+        self.line.tell("*RST", ":STOP", *set_up)
+        self.line.tell(":WAV:FORM WORD;:WAV:BYT MSBF;:WAV:UNS 1;:WAV:POIN:MODE RAW")
         refuse_unlike("oscilloscope", self.held(), "look at the oscilloscope: probes, inputs, EXT")
 
-    def identify(self) -> list[Setting]:
-        """Connect, and only ask; BadReply for another instrument."""
-        self._line.identify(MODEL)
-        return self.held()
-
     def held(self) -> list[Setting]:
-        """What is to be set and what the instrument holds now."""
+        """What is to be set and what the instrument holds now; only asks."""
         return [self._setting(header, value) for header, value in self._wanted().items()]
 
     def close(self) -> None:
         """Hang up; it keeps its settings and puts nothing out."""
-        self._line.close()
+        self.line.close()
 
     def read(
         self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing
     ) -> ElectrodeReading:
         """See `ElectrodeMonitor`. BadReply where no range shows the signal whole."""
-        self._line.tell(f":TIM:RANG {PERIODS / frequency_hz:.9g}")
-        record_s = self._line.numbers(":TIM:RANG?", 1)[0]
-        guess_v = 2.4 * voltage_v * abs(complex(self._lines.response(frequency_hz)[0]))
+        self.line.tell(f":TIM:RANG {PERIODS / frequency_hz:.9g}")
+        record_s = self.line.numbers(":TIM:RANG?", 1)[0]
+        guess_v = 2.4 * voltage_v * abs(complex(self.lines.response(frequency_hz)[0]))
         self._range_v[self._channels[0]] = min(max(guess_v, LEAST_RANGE_V), MOST_RANGE_V)
         for _ in range(ATTEMPTS):
             alive()
@@ -142,7 +137,7 @@ class InfiniiVision:
 
     def _setting(self, header: str, value: str) -> Setting:
         """A level that is near enough counts as got."""
-        answer = self._line.ask(f"{header}?")
+        answer = self.line.ask(f"{header}?")
         try:
             got, wanted = float(answer), float(value)
         except ValueError:
@@ -152,9 +147,9 @@ class InfiniiVision:
 
     def _set_ranges(self) -> None:
         """Full scales go out; what the channels make of them counts."""
-        self._line.tell(*(f":CHAN{n}:RANG {self._range_v[n]:.6g}" for n in self._channels))
+        self.line.tell(*(f":CHAN{n}:RANG {self._range_v[n]:.6g}" for n in self._channels))
         for n in self._channels:
-            self._range_v[n] = self._line.numbers(f":CHAN{n}:RANG?", 1)[0]
+            self._range_v[n] = self.line.numbers(f":CHAN{n}:RANG?", 1)[0]
 
     def _acquire(self, record_s: float, alive: Callable[[], object]) -> None:
         """One record after one trigger; DeviceTimeout names the trigger where none came."""
@@ -162,10 +157,10 @@ class InfiniiVision:
         deadline_s = self._clock() + patience_s
         triggered = False
         try:
-            self._line.tell("*CLS", ":SING")  # *CLS empties the register of triggers too
+            self.line.tell("*CLS", ":SING")  # *CLS empties the register of triggers too
             while True:
-                triggered |= self._line.numbers(":TER?", 1)[0] == 1.0
-                running = int(self._line.numbers(":OPER:COND?", 1)[0]) & _RUNNING
+                triggered |= self.line.numbers(":TER?", 1)[0] == 1.0
+                running = int(self.line.numbers(":OPER:COND?", 1)[0]) & _RUNNING
                 if triggered and not running:
                     return
                 if self._clock() > deadline_s:
@@ -180,8 +175,8 @@ class InfiniiVision:
         """Leave the oscilloscope so that it answers again, and say what did not come."""
         with suppress(DeviceError):
             if why is not None:
-                self._line.clear()
-            self._line.tell(":STOP", "*CLS")
+                self.line.clear()
+            self.line.tell(":STOP", "*CLS")
         came = "a trigger came, the record did not end" if triggered else "no trigger came"
         raise DeviceTimeout(
             f"oscilloscope: {came} at EXT, {self._wiring.trigger_level_v:g} V rising, within"
@@ -193,11 +188,11 @@ class InfiniiVision:
         """A channel's record: signal in V [n], the sampling rate, and when its first sample was
         after the trigger.
         """
-        self._line.tell(f":WAV:SOUR CHAN{channel}")
-        _, _, _, _, dt_s, first_s, reference, step_v, zero_v, step_zero = self._line.numbers(
+        self.line.tell(f":WAV:SOUR CHAN{channel}")
+        _, _, _, _, dt_s, first_s, reference, step_v, zero_v, step_zero = self.line.numbers(
             ":WAV:PRE?", 10
         )
-        raw = np.frombuffer(self._line.block(":WAV:DATA?"), dtype=">u2").astype(np.float64)
+        raw = np.frombuffer(self.line.block(":WAV:DATA?"), dtype=">u2").astype(np.float64)
         if raw.size == 0 or not dt_s > 0.0:
             raise BadReply(
                 f"oscilloscope: channel {channel} has no record",
@@ -239,6 +234,6 @@ class InfiniiVision:
             np.column_stack([voltage[:count], current[:count], generator]), rate_hz, step_v
         )
         try:
-            return electrode_reading(record, self._lines, frequency_hz)
+            return electrode_reading(record, self.lines, frequency_hz)
         except ValueError as error:
             raise BadReply(f"oscilloscope: {error}", "is its time base fixed?") from error

@@ -23,7 +23,7 @@ from haptic_driver.rig.part import (
 
 if TYPE_CHECKING:
     from hw.impedance.e4980a import E4980A
-    from hw.monitor.lines import SampledMonitor, Sampling
+    from hw.monitor.lines import MonitorLines, SampledMonitor, Sampling
     from hw.oscilloscope.infiniivision import InfiniiVision
     from hw.transport.contract import Transport
 
@@ -156,6 +156,10 @@ class InstrumentMonitor(SomeElectrodeMonitor):
         """What it calls itself, in the second field of its answer to *IDN?."""
         raise NotImplementedError
 
+    def driver(self, lines: MonitorLines | None) -> InfiniiVision | E4980A:
+        """What drives it, on an amplifier's lines; closed."""
+        raise NotImplementedError
+
 
 class InfiniiVisionConfig(InstrumentMonitor):
     """A Keysight InfiniiVision oscilloscope on the monitor lines; the generator's Sync triggers it
@@ -183,6 +187,20 @@ class InfiniiVisionConfig(InstrumentMonitor):
 
         return MODEL
 
+    def driver(self, lines: MonitorLines | None) -> InfiniiVision:
+        from hw.oscilloscope.infiniivision import InfiniiVision, Oscilloscope
+
+        assert lines is not None  # or the file would have been refused
+        wired = Oscilloscope(
+            self.voltage_channel,
+            self.current_channel,
+            self.lowest_frequency_hz,
+            self.highest_frequency_hz,
+            self.reply_timeout_s,
+            self.trigger_level_v,
+        )
+        return InfiniiVision(self.transport(), wired, lines)
+
     @model_validator(mode="after")
     def _apart(self) -> InfiniiVisionConfig:
         if self.voltage_channel == self.current_channel:
@@ -191,18 +209,7 @@ class InfiniiVisionConfig(InstrumentMonitor):
 
 
 def make_infiniivision(section: InfiniiVisionConfig, wiring: Wiring) -> Part[InfiniiVision]:
-    from hw.oscilloscope.infiniivision import InfiniiVision, Oscilloscope
-
-    assert wiring.monitor_lines is not None
-    wired = Oscilloscope(
-        section.voltage_channel,
-        section.current_channel,
-        section.lowest_frequency_hz,
-        section.highest_frequency_hz,
-        section.reply_timeout_s,
-        section.trigger_level_v,
-    )
-    scope = InfiniiVision(section.transport(), wired, wiring.monitor_lines)
+    scope = section.driver(wiring.monitor_lines)
     return Part(scope, [scope.open], [scope.close])
 
 
@@ -239,18 +246,21 @@ class E4980AConfig(InstrumentMonitor):
 
         return MODEL
 
+    def driver(self, lines: MonitorLines | None) -> E4980A:
+        from hw.impedance.e4980a import E4980A, LcrMeter
+
+        allowed = LcrMeter(
+            self.voltage_limit_v,
+            self.lowest_frequency_hz,
+            self.highest_frequency_hz,
+            self.accuracy,
+            self.reply_timeout_s,
+        )
+        return E4980A(self.transport(), allowed)
+
 
 def make_e4980a(section: E4980AConfig, wiring: Wiring) -> Part[E4980A]:
-    from hw.impedance.e4980a import E4980A, LcrMeter
-
-    allowed = LcrMeter(
-        section.voltage_limit_v,
-        section.lowest_frequency_hz,
-        section.highest_frequency_hz,
-        section.accuracy,
-        section.reply_timeout_s,
-    )
-    meter = E4980A(section.transport(), allowed)
+    meter = section.driver(None)
     return Part(meter, [meter.open], [meter.close])
 
 

@@ -188,6 +188,11 @@ def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
         def __init__(self, channels, **how):
             asked.append((channels, how))
 
+        resource = "Dev1/ai6"
+
+        def places(self, channels):
+            return [0]
+
         def open(self):
             raise DeviceError("no such card", "look at it")
 
@@ -203,11 +208,12 @@ def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
     (check,) = doctor._monitors(
         config.model_copy(update={"analog_inputs": card, "amplifier": amplifier})
     )
-    assert check == ("voltage monitor", CheckStatus.FAILED, "no such card", "look at it")
-    (channels, how), closed = asked
+    assert check == ("voltage monitor", CheckStatus.FAILED, "no such card", "look at it", ())
+    (channels, how), *closed = asked
     assert channels == ["Dev1/ai6"]
-    assert (how["range_v"], how["terminal"], how["timeout_s"]) == (5.0, "RSE", 0.3)
-    assert closed == "closed"
+    assert (how["range_v"], how["terminal"]) == (5.0, {"Dev1/ai6": "RSE"})
+    assert how["timeout_s"] == 0.3
+    assert set(closed) == {"closed"}
 
 
 @pytest.mark.parametrize(
@@ -262,6 +268,37 @@ def test_the_command_on_the_simulated_rig(haptic):
         "not verified",
     }
     assert all(set(check) == {"name", "status", "message", "hint"} for check in said["checks"])
+
+
+def test_asked_and_got_of_every_setting_in_one_table(haptic):
+    said = json.loads(haptic("doctor", "--rig", "simulated", "--json").out)["settings"]
+    told = {(one["device"], one["name"]): (one["asked"], one["got"]) for one in said}
+    # a 33220A as it is switched on: LOAD 50, ranging by itself
+    assert told["waveform generator", "OUTP:LOAD"] == ("INF", "50")
+    assert told["waveform generator", "VOLT:RANG:AUTO"] == ("0", "1")
+    assert told["waveform generator", "OUTP:SYNC"] == ("1", "1")
+    assert told["stage", "velocity_m_s"][1] == pytest.approx(0.02, rel=1e-6)
+    assert told["amplifier", "gain_v_per_v"] == (100.0, None)  # it has no dialogue
+    assert {one["as_asked"] for one in said} == {True, False, None}
+    shown = haptic("doctor", "--rig", "simulated").out
+    assert "asked of each device" in shown
+    assert "OUTP:LOAD" in shown
+
+
+def test_a_scope_that_holds_otherwise_is_told_and_left(rig_config, served):
+    scope = SimulatedInfiniiVision(
+        SimulatedLines(lambda: None, MonitorLines(0.01, 500.0), (0.0, 0.0), 1)
+    )
+    with TcpServer(scope) as server:
+        section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
+        real = as_real(rig_config, served.endpoints).model_copy(
+            update={"electrode_monitors": [section]}
+        )
+        held = found(examine(real, TODAY), "electrode monitor, infiniivision").held
+    told = {one.name: (one.asked, one.got) for one in held}
+    assert told[":TRIG:EDGE:SOUR"] == ("EXT", "CHAN1")
+    assert told[":TRIG:EDGE:LEV"] == ("1.2", "0")
+    assert scope.handle(b":TRIG:SWE?\n") == b"AUTO\n"
 
 
 def test_the_command_on_a_rig_that_is_not_there(haptic, tmp_path):
