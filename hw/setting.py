@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from hw.errors import InstrumentRejected
 
-ROUNDING = 1e-6  # share by which a number read back counts as the one that was asked
+ROUNDING = 1e-5  # share by which a number read back counts as the one that was asked: whole counts
 
 Value = float | str | bool
 

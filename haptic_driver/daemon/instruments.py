@@ -13,13 +13,15 @@ from haptic_driver.live.current_sensor import CurrentSensor, ReadElectrode
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.devices import Devices, build_rig, connect_devices
+from haptic_driver.rig.devices import Devices, build_rig, carrier_output, connect_devices
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from haptic_driver.rig.states import RigEvent
 from haptic_driver.simulation.instruments import SCALE
 from haptic_driver.simulation.lines import SCREEN, Lines
+from hw.analog.cards import make_card
+from hw.analog.output import AnalogOutput
 from hw.errors import DeviceDisconnected
 from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
 from hw.finger.tracker import FingerTracker
@@ -27,6 +29,7 @@ from hw.force.net_ft import NetFt, NetFtSettings
 from hw.force.sensor import ForceAxes, ForceSensor, NoForceSensor
 from hw.monitor.contract import ElectrodeReading
 from hw.safety.watchdog import Watchdog, WatchdogSettings
+from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 
 SENSOR_PERIOD_S = 0.001
@@ -153,10 +156,15 @@ def connect_simulated(
         close=connection.close,
     )
     screen = TouchScreen(reports, SCREEN)
-    transport = TcpTransport.from_resource(endpoints["waveform_generator"])
+    carrier = config.waveform_generator.carrier
+    reached: Transport | AnalogOutput = (
+        TcpTransport.from_resource(endpoints["waveform_generator"])
+        if carrier is None
+        else make_card(endpoints["waveform_generator"], carrier_output(carrier))
+    )
     rig = build_rig(
         config,
-        transport,
+        reached,
         force_sensor,
         Wiring(enable=lines, voltage_monitor=lines),
         modulated=not isinstance(config.analog_output, NoAnalogOutput),

@@ -44,6 +44,7 @@ from haptic_driver.rig.part import (
     Metres,
     PartSection,
     Resource,
+    SampleRate,
     Seconds,
     Volts,
     Vouched,
@@ -58,6 +59,7 @@ from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from hw import plugins
 from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
+from hw.generator.analog_carrier.driver import SAMPLES_PER_PERIOD
 from model.support.errors import nearest
 
 # What two programs can hold at the same time; the watchdog must not depend on the driver letting
@@ -229,8 +231,24 @@ class ModulationInputConfig(Vouched):
     ] = Field(description="highest amplitude as a multiple of the programmed one: 1 or 2")
 
 
+class CarrierConfig(Vouched):
+    """The analog output that makes carrier and envelope in a generator's place, sample by sample.
+
+    `peak_v`: the highest at its terminal. `lead_s`: written so far ahead, and so late.
+    """
+
+    sample_rate_hz: SampleRate
+    peak_v: Annotated[float, Within(0.01, 10.0, "outputs of cards end at 10 V")]
+    lead_s: Annotated[
+        float, Within(0.002, 0.2, "no writer is so early, and no voltage may be so late")
+    ] = 0.02
+    timeout_s: Seconds = 0.5
+
+
 class GeneratorConfig(Section):
-    """The waveform generator and how to reach it."""
+    """The waveform generator and how to reach it; `carrier` where an analog output stands in for
+    it.
+    """
 
     model: Annotated[str, AfterValidator(_installed_model)] = Field(
         default="agilent_33220a",
@@ -259,6 +277,7 @@ class GeneratorConfig(Section):
         ),
     )
     modulation_input: ModulationInputConfig | None = None
+    carrier: CarrierConfig | None = None
 
 
 Terminal = Literal["DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT"]
@@ -535,6 +554,7 @@ class RigConfig(Section):
             "limits": self.limits,
             "amplifier": self.amplifier,
             "waveform_generator.modulation_input": self.waveform_generator.modulation_input,
+            "waveform_generator.carrier": self.waveform_generator.carrier,
             "analog_output": self.analog_output,
         }
         missing = [
@@ -735,6 +755,7 @@ def _not_watched(rig: RigConfig) -> Iterator[str]:
     for name, own in (("generator", watchdog.generator), ("interlock", watchdog.interlock)):
         if (
             own is not None
+            and not own.startswith("card:")  # its driver gone, nobody holds it
             and not _SHAREABLE.fullmatch(own)
             and own.upper() in [h.upper() for h in held if h]
         ):
@@ -774,6 +795,7 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
                 f" {rig.safety.settle_s:g}"
             )
     yield from _on_several_cards(rig)
+    yield from _by_samples(rig)
     yield from _aliased(rig)
     if any(part.needs_stage for part in parts) and rig.stage is None:
         yield f'finger_tracker.kind is "{rig.finger_tracker.kind}", and there is no section [stage]'
@@ -819,6 +841,34 @@ def _on_several_cards(rig: RigConfig) -> Iterator[str]:
     unused = sorted(set() if card is None else set(card.terminals) - used)
     if unused:
         yield f"analog_inputs.terminals: {', '.join(unused)} is read by nothing in this file"
+
+
+def _by_samples(rig: RigConfig) -> Iterator[str]:
+    """A carrier that an analog output makes, or a generator that has words for it."""
+    generator, kind = rig.waveform_generator, rig.generator_kind()
+    carrier, is_card = generator.carrier, generator.resource.startswith("card:")
+    if not kind.by_samples:
+        if carrier is not None or is_card:
+            yield f"waveform_generator.carrier: {generator.model} makes its carrier itself"
+        return
+    if carrier is None:
+        yield f"waveform_generator: {generator.model} needs a section [waveform_generator.carrier]"
+        return
+    if not (is_card or generator.resource == SIMULATED):
+        yield 'waveform_generator.resource: an analog output is named as "card:ni:Dev1/ao0"'
+    if not isinstance(rig.analog_output, NoAnalogOutput):
+        yield "analog_output: the carrier has its envelope already; leave the section out"
+    if rig.limits.voltage_v > carrier.peak_v * rig.amplifier.gain_v_per_v * ROUNDING:
+        yield (
+            f"limits.voltage_v {rig.limits.voltage_v:g} is beyond waveform_generator.carrier.peak_v"
+            f" times the amplifier's gain, {carrier.peak_v * rig.amplifier.gain_v_per_v:g}"
+        )
+    if rig.limits.frequency_hz[1] * SAMPLES_PER_PERIOD > carrier.sample_rate_hz * ROUNDING:
+        yield (
+            f"limits.frequency_hz goes up to {rig.limits.frequency_hz[1]:g}, with fewer than"
+            f" {SAMPLES_PER_PERIOD} samples a period: let it end at"
+            f" {carrier.sample_rate_hz / SAMPLES_PER_PERIOD:g}"
+        )
 
 
 def _aliased(rig: RigConfig) -> Iterator[str]:

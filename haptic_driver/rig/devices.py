@@ -32,6 +32,7 @@ from haptic_driver.rig.part import (
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import Rig
 from haptic_driver.rig.states import RigEvent
+from hw.analog.cards import make_card
 from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
 from hw.analog.ni_daq import (
     NiAnalogInput,
@@ -41,10 +42,12 @@ from hw.analog.ni_daq import (
     NiDigitalOutput,
     card_of,
 )
-from hw.analog.output import AnalogOutput
+from hw.analog.output import AnalogOutput, AnalogOutputSettings
 from hw.errors import DeviceTimeout
 from hw.finger.tracker import FingerTracker
 from hw.force.sensor import ForceSensor
+from hw.generator.analog_carrier.driver import CarrierSettings
+from hw.generator.contract import Generator
 from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolicy
 from hw.monitor.contract import ElectrodeMonitor
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
@@ -155,7 +158,7 @@ def connect_devices(
     beaten = [*heartbeats, *([watchdog] if watchdog else [])]
     rig = build_rig(
         config,
-        generator_transport(config),
+        generator_port(config),
         force_sensor,
         lines,
         modulated=not isinstance(config.analog_output, NoAnalogOutput),
@@ -170,7 +173,7 @@ def connect_devices(
 
 def build_rig(
     config: RigConfig,
-    transport: Transport,
+    port: Transport | AnalogOutput,
     force_sensor: ForceSensor,
     lines: Wiring,
     *,
@@ -179,10 +182,10 @@ def build_rig(
     on_event: Callable[[RigEvent], None] = lambda event: None,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Rig:
-    """The devices of `config`, its generator behind `transport` and its amplifier on `lines`;
-    nothing is opened yet.
+    """The devices of `config`, its generator behind `port` and its amplifier on `lines`; nothing is
+    opened yet.
     """
-    generator = config.generator_kind().make(transport, generator_settings(config))
+    generator = make_generator(config, port)
     amplifier = make_part(AMPLIFIERS, config.amplifier, lines)
     if amplifier is None:
         raise BadInputError(
@@ -245,11 +248,36 @@ def calibration_ids(config: RigConfig) -> dict[str, str]:
     }
 
 
-def generator_transport(config: RigConfig) -> Transport:
+def make_generator(config: RigConfig, port: Transport | AnalogOutput) -> Generator:
+    """The generator's driver, behind its transport, or on the analog output that stands in for
+    it.
+    """
+    kind, carrier = config.generator_kind(), config.waveform_generator.carrier
+    if carrier is None:
+        return kind.make(port, generator_settings(config))
+    samples = CarrierSettings(carrier.sample_rate_hz, carrier.lead_s)
+    return kind.make(port, generator_settings(config), samples)
+
+
+def carrier_output(carrier: rig_config.CarrierConfig) -> AnalogOutputSettings:
+    """What the output that makes a carrier may do."""
+    return AnalogOutputSettings(
+        -carrier.peak_v,
+        carrier.peak_v,
+        0.0,
+        carrier.sample_rate_hz,
+        buffer_s=2.0 * carrier.lead_s,
+        timeout_s=carrier.timeout_s,
+    )
+
+
+def generator_port(config: RigConfig) -> Transport | AnalogOutput:
     """How the generator is reached; not open. A serial line gets a marker, so that no late answer
     is believed.
     """
     generator = config.waveform_generator
+    if generator.carrier is not None:
+        return make_card(generator.resource, carrier_output(generator.carrier))
     return make_transport(
         generator.resource,
         visa_backend=generator.visa_backend,

@@ -23,8 +23,8 @@ from haptic_driver.rig import config as rig_config
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import (
     analog_inputs,
-    generator_settings,
-    generator_transport,
+    generator_port,
+    make_generator,
     peak_of,
     stage_settings,
 )
@@ -139,6 +139,7 @@ def _figures(config: RigConfig, today: datetime.date) -> Checks:
         "limits": config.limits,
         "amplifier": config.amplifier,
         "modulation input": config.waveform_generator.modulation_input,
+        "carrier": config.waveform_generator.carrier,
         "analog output": config.analog_output,
     }
     for name, section in sections.items():
@@ -226,10 +227,9 @@ def _real_time() -> Checks:
 
 
 def _generator(config: RigConfig) -> Checks:
-    transport = generator_transport(config)
-    kind = config.generator_kind()
-    with _failures("waveform generator", transport) as failed:
-        found = kind.make(transport, generator_settings(config)).identify()
+    port, kind = generator_port(config), config.generator_kind()
+    with _failures("waveform generator", port) as failed:
+        found = make_generator(config, port).identify()
         said = f"{found.identity}, serial number {found.serial_number}"
         yield _ok("waveform generator", said)._replace(held=tuple(found.held))
         yield _unverified(
@@ -288,6 +288,10 @@ def _watchdog(config: RigConfig) -> Checks:
         yield _warning(
             "watchdog", "there is none: if the driver dies, the output stays as it is", hint
         )
+        return
+    if config.generator_kind().by_samples:
+        said = f"{given.generator}: opening it would put out a level; it is not started here"
+        yield _unverified("watchdog", said, "kill an armed driver once")
         return
     transport = make_transport(given.generator)
     with _failures("watchdog", transport) as failed:
@@ -555,7 +559,9 @@ def _touch_calibration(screen: EvdevFingerConfig, today: datetime.date) -> Check
 def _analog_output(config: RigConfig) -> Checks:
     given = config.analog_output
     if isinstance(given, NoAnalogOutput):
-        yield _ok("envelope", "amplitudes go over SCPI; there is no analog output")
+        carrier = config.waveform_generator.carrier
+        how = "go over SCPI" if carrier is None else "are in the carrier's own samples"
+        yield _ok("envelope", f"amplitudes {how}; there is no analog output for them")
         return
     said = (
         f"{given.kind} output, {given.zero_level_v:g} V for nothing: opening it would put out a"

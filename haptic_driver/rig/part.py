@@ -29,6 +29,7 @@ from pydantic_core import (
 
 from haptic_driver.config import Kinds, Section, Within
 from hw import plugins
+from hw.analog.cards import check_name
 
 if TYPE_CHECKING:
     from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput
@@ -71,6 +72,8 @@ Port = Annotated[int, Field(ge=1, le=65535)]
 
 
 def _known_form(resource: str) -> str:
+    if resource.startswith("card:"):
+        return check_name(resource)
     if resource not in (SIMULATED, NO_WATCHDOG):
         from hw.transport.resource import (  # noqa: PLC0415 - imports what a real device needs
             make_transport,
@@ -81,7 +84,7 @@ def _known_form(resource: str) -> str:
 
 
 Resource = Annotated[str, AfterValidator(_known_form)]
-"""A name that `hw.transport.resource.make_transport` takes."""
+"""A name that `hw.transport.resource.make_transport` takes, or `hw.analog.cards.make_card`."""
 
 
 class Vouched(Section):

@@ -107,6 +107,11 @@ class Rig:
         ) = -math.inf
 
     @property
+    def generator(self) -> Generator:
+        """Its driver; whoever steps simulated time lets it write ahead."""
+        return self._generator
+
+    @property
     def state(self) -> RigState:
         """What is known of the output now; a trip outlasts everything but `reset_trip`."""
         return self._states.shown

@@ -17,6 +17,7 @@ from hw.analog.simulated_output import CardMemory
 from hw.finger.plant import FingerPlant
 from hw.force.net_ft import NetFtScale
 from hw.force.net_ft_server import NetFtServer
+from hw.generator.analog_carrier.simulator import SimulatedCarrier
 from hw.generator.contract import GeneratorLatency, Listener, SimulatedGenerator, TerminalOutput
 from hw.generator.settings import Shape
 from hw.serving.responder import Responder
@@ -28,8 +29,8 @@ SCALE = NetFtScale(counts_per_n=1e6, counts_per_n_m=1e6)  # of the force sensor
 
 
 class SimulatedInstruments(RunningTogether):
-    """Generator, amplifier, force sensor and finger; a card too, wired to Modulation In, where the
-    rig's file has one.
+    """Generator, amplifier, force sensor and finger; a card too, wired to Modulation In, or in the
+    generator's place, where the rig's file has one.
 
     Generator and force sensor answer over their own wires inside a `with` block; the amplifier's
     lines are its own methods. `friction` is the finger's, `finger_gain` multiplies it. `contact` is
@@ -57,6 +58,7 @@ class SimulatedInstruments(RunningTogether):
         self.amplifier = simulated_amplifier(config, contact)
         self.generator = simulated_generator(config, self._drive)
         has_card = isinstance(output, SimulatedAnalogOutputConfig)
+        has_card |= isinstance(self.generator, SimulatedCarrier)
         self.card = (card or CardMemory()) if has_card else None
         self.time_s = 0.0
         self.finger_gain = 1.0
@@ -79,7 +81,9 @@ class SimulatedInstruments(RunningTogether):
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let `dt_s` pass with the finger pressing and sliding so; the outputs act on it."""
         before_s, self.time_s = self.time_s, self.time_s + dt_s
-        if self.card is not None:
+        if isinstance(self.generator, SimulatedCarrier) and self.card is not None:
+            self.generator.look(self.card, self.time_s)
+        elif self.card is not None:
             self.generator.set_modulation_input(self.card.terminal_v(before_s, self.time_s))
         self.generator.advance(dt_s)
         output = self.generator.output()

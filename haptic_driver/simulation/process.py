@@ -112,6 +112,8 @@ class SlidingFinger(RunningTogether):
             "touch_screen": f"127.0.0.1:{self._touch_server.port}",
         }
         here = f"/proc/{os.getpid()}/fd/{self._card}"
+        if self._config.generator_kind().by_samples:
+            return always | {"waveform_generator": f"card:simulated:{here}"}
         return always if self.instruments.card is None else always | {"analog_output": here}
 
     def catch_up(self) -> None:

@@ -8,11 +8,11 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from math import pi
+from math import ceil, pi
 from typing import Self
 
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.devices import build_rig
+from haptic_driver.rig.devices import build_rig, carrier_output
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
 from haptic_driver.rig.parts.electrode_monitors import SimulatedElectrodeMonitorConfig
@@ -29,6 +29,7 @@ from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
 from hw.force.sensor import ForceAxes, ForceReading
+from hw.generator.analog_carrier.driver import AnalogCarrier
 from hw.monitor.contract import ElectrodeMonitor, ElectrodeReading
 from hw.monitor.lines import SampledMonitor
 from hw.monitor.simulated import ElectrodeState, SimulatedInputs, SimulatedLines
@@ -38,6 +39,7 @@ from hw.transport.tcp import TcpTransport
 from model.touch_model import TouchModel
 
 RESEND_S = 0.05
+PUMPED_S = 0.002  # of simulated time, between two looks at a carrier's samples
 # of instruments that are there: simulated time stands still meanwhile, whatever the machine does
 TIMEOUT_S = 60.0
 
@@ -85,16 +87,23 @@ class SimulatedRig:
         self._seen: ElectrodeState | None = None  # what the monitors look at
         self.config, self._monitors = config, electrode_monitors(config, lambda: self._seen)
         self.analog_output = self._analog_output() if envelope else None
-        transport = TcpTransport.from_resource(self.instruments.generator_server.resource)
+        port = self._carrier_output() or through(
+            TcpTransport.from_resource(self.instruments.generator_server.resource)
+        )
         self._force = _SteppedForceSensor(self.instruments)
         lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
         self.rig = build_rig(
-            config, through(transport), self._force, lines, modulated=self.analog_output is not None
+            config, port, self._force, lines, modulated=self.analog_output is not None
         )
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """Let `dt_s` pass with the finger pressing and sliding so; the rig's outputs act on it."""
-        self.instruments.step(dt_s, normal_force_n, speed_m_s)
+        generator = self.rig.generator
+        parts = ceil(dt_s / PUMPED_S) if isinstance(generator, AnalogCarrier) else 1
+        for _ in range(parts):
+            self.instruments.step(dt_s / parts, normal_force_n, speed_m_s)
+            if isinstance(generator, AnalogCarrier):
+                generator.pump()
 
     def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
         """What the first monitor that tells this carrier reads now; None without one, or where
@@ -116,6 +125,18 @@ class SimulatedRig:
             return None
         return SimulatedAnalogOutput(
             lambda: card, section.settings(), clock=lambda: self.instruments.time_s, watch=False
+        )
+
+    def _carrier_output(self) -> AnalogOutput | None:
+        """What stands in for a generator, if anything does."""
+        carrier, card = self.config.waveform_generator.carrier, self.instruments.card
+        if carrier is None or card is None:
+            return None
+        return SimulatedAnalogOutput(
+            lambda: card,
+            carrier_output(carrier),
+            clock=lambda: self.instruments.time_s,
+            watch=False,
         )
 
     def _electrode_state(self) -> ElectrodeState | None:

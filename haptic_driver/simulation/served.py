@@ -12,6 +12,7 @@ force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N,
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping
 
@@ -20,6 +21,8 @@ from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
+from hw.analog.simulated_output import CardMemory
+from hw.generator.analog_carrier.simulator import SimulatedCarrier
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
@@ -45,13 +48,16 @@ class ServedRig(RunningTogether):
 
     def __init__(self, config: RigConfig, model: TouchModel, *, generator_port: int = 0) -> None:
         self.interlock = SimulatedInterlock()
+        card, self._card = CardMemory.create()
         self.instruments = SimulatedInstruments(
             config,
             friction_of(with_hidden(model, config.simulation.hide)),
             contact=lambda: self.interlock.closed,
             force_rate_hz=FORCE_RATE_HZ,
             generator_port=generator_port,
+            card=card,
         )
+        self.instruments.time_s = time.monotonic()  # by which a card plays
         self.amplifier, self.generator = self.instruments.amplifier, self.instruments.generator
         self.amplifier.write(True)
         self.stage = SimulatedLts150(time.monotonic, start_mm=START_MM)
@@ -72,9 +78,14 @@ class ServedRig(RunningTogether):
     @property
     def endpoints(self) -> dict[str, str]:
         """Where everything is, by the names above."""
-        return {
+        generator = {
             "waveform_generator": self.instruments.generator_server.resource,
             "waveform_generator_serial": self._generator_serial.resource,
+        }
+        if isinstance(self.generator, SimulatedCarrier):
+            here = f"/proc/{os.getpid()}/fd/{self._card}"
+            generator = {"waveform_generator": f"card:simulated:{here}"}
+        return generator | {
             "interlock": self._interlock_serial.resource,
             "interlock_tcp": self._interlock_tcp.resource,
             "stage": self._stage_serial.resource,

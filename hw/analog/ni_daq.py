@@ -37,6 +37,7 @@ _RAN_DRY = {
     -200016,
 }  # no regeneration; buffer, FIFO and DAC underflow
 _POLL_S = 1e-3
+_READ_BACK = 50  # single looks, at no multiple of a carrier's period
 _AS_THE_CARD_SAYS = "write down in the rig's file what the card makes of it"
 _RATE_SHORTFALL = 0.01  # the highest carrier, NYQUIST_SHARE of the rate, leaves more room than that
 _INTERVAL_TOLERANCE = 0.01  # of a conversion's interval: below a hundredth of a sample's phase
@@ -480,6 +481,24 @@ class NiAnalogOutput(AnalogOutput):
         if self._task is not None:
             _clear(self._task)
         self._task, self._written = None, None
+
+    def read_back_v(self) -> float | None:
+        """By the channel inside the card from its output to its converter, where it has one."""
+        with _daqmx(self.resource) as nidaqmx:
+            device, _, name = self.resource.partition("/")
+            task = nidaqmx.Task()
+            try:
+                task.ai_channels.add_ai_voltage_chan(
+                    f"{device}/_{name}_vs_aognd",
+                    min_val=self.settings.low_v,
+                    max_val=self.settings.high_v,
+                )
+                looks_v = [abs(float(task.read())) for _ in range(_READ_BACK)]
+            except nidaqmx.errors.DaqError:  # no such channel, or its converter is in use
+                return None
+            finally:
+                _clear(task)
+        return max(looks_v)
 
     def _set_level(self, level_v: float) -> None:
         with _daqmx(self.resource) as nidaqmx:

@@ -21,6 +21,8 @@ from hw.setting import Setting
 
 Array = NDArray[np.float64]
 
+QUIET_V = 0.01  # what a look at an output at 0 V may read
+
 _LEAST_WATCH_S, _MOST_WATCH_S = 1e-3, 50e-3
 
 
@@ -66,6 +68,11 @@ class AnalogOutputSettings:
                 f"analog output needs low <= zero level <= high, not {self.low_v},"
                 f" {self.zero_level_v}, {self.high_v} V"
             )
+
+
+def at_zero(timeout_s: float) -> AnalogOutputSettings:
+    """Of an output that is only to be taken to 0 V and held there."""
+    return AnalogOutputSettings(-1e-3, 1e-3, 0.0, 1.0, timeout_s=timeout_s)
 
 
 class AnalogOutput(ABC):
@@ -156,6 +163,13 @@ class AnalogOutput(ABC):
     def held(self) -> list[Setting]:
         """What was asked of the device and what it got, since it was opened."""
         return [] if self._plays is None else [self._plays]
+
+    def read_back_v(self) -> float | None:
+        """The peak at the terminal by a look of the device's own; None where it has none.
+
+        Needs no opening and changes nothing. Raises DeviceError.
+        """
+        return None
 
     @property
     def latency_s(self) -> float:

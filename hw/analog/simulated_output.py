@@ -21,6 +21,7 @@ from hw.errors import DeviceDisconnected
 from hw.setting import Setting, refuse_unlike
 
 BUFFER_SAMPLES = 1 << 14
+READ_BACK = 1000  # samples: a period of every carrier
 TIMEBASE_HZ = 20e6  # of which a sample takes a whole number of ticks
 _SAMPLE = np.dtype("<f8")
 _ATTEMPTS = 100  # at a header that a writer keeps changing
@@ -55,6 +56,7 @@ class CardMemory:
         self._header = whole[8 : 8 + self._HEADER.size]
         self._samples = np.frombuffer(whole[64:], _SAMPLE, BUFFER_SAMPLES)
         self._told = _Told(*self._HEADER.unpack(self._header))
+        self._mine: _Told | None = None  # what this end told it last
 
     @classmethod
     def create(cls) -> tuple[CardMemory, int]:
@@ -89,7 +91,8 @@ class CardMemory:
         self._tell(_Told(sample_rate_hz, at_s, 0.0, block_v.size))
 
     def append(self, block_v: Array) -> None:
-        """Add to the stream."""
+        """Add to the stream. DeviceDisconnected where somebody else has taken the card since."""
+        self._check_mine()
         written = self._told.written
         self._samples[np.arange(written, written + block_v.size) % BUFFER_SAMPLES] = block_v
         self._tell(self._told._replace(written=written + block_v.size))
@@ -97,7 +100,10 @@ class CardMemory:
     # --- the terminal ------------------------------------------------------------------------
 
     def waiting(self, at_s: float) -> int:
-        """How many samples of the stream are still to be played then."""
+        """How many samples of this end's stream are still to be played then. DeviceDisconnected
+        where another end has told the card something since.
+        """
+        self._check_mine()
         told = self._newest()
         return max(told.written - self._place(told, at_s), 0) if told.rate_hz else 0
 
@@ -113,13 +119,29 @@ class CardMemory:
         end = min(max(self._place(told, to_s), begin + 1), last + 1)
         return float(self._samples[np.arange(begin, end) % BUFFER_SAMPLES].mean())
 
+    def recent(self, to_s: float, count: int) -> tuple[Array, float]:
+        """The newest samples that were at the terminal until then, and their rate; of a level one
+        sample.
+        """
+        told = self._newest()
+        if not told.rate_hz:
+            return np.array([told.level_v]), 0.0
+        place = self._place(told, to_s)
+        first = max(place - count + 1, 0)
+        taken = np.minimum(np.arange(first, place + 1), told.written - 1)
+        return np.asarray(self._samples[taken % BUFFER_SAMPLES]), told.rate_hz
+
     @staticmethod
     def _place(told: _Told, at_s: float) -> int:
         """The sample that is at the terminal then; rounding of the times counts for nothing."""
         return max(int((at_s - told.start_s) * told.rate_hz + 1e-6), 0)
 
+    def _check_mine(self) -> None:
+        if self._mine is not None and self._newest() != self._mine:
+            raise DeviceDisconnected("the simulated card was taken by another", "connect it again")
+
     def _tell(self, told: _Told) -> None:
-        self._told = told
+        self._told = self._mine = told
         self._sequence[0] |= 1  # a reader looks again
         self._header[:] = self._HEADER.pack(*told)
         self._sequence[0] += 1
@@ -157,6 +179,11 @@ class SimulatedAnalogOutput(AnalogOutput):
 
     def _disconnect(self) -> None:
         self._card = None
+
+    def read_back_v(self) -> float | None:
+        """The highest of the last samples at the terminal."""
+        card = self._card or self._find()
+        return float(np.abs(card.recent(self._clock(), READ_BACK)[0]).max())
 
     def _set_level(self, level_v: float) -> None:
         self._connected().set_level(level_v)

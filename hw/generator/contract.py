@@ -16,8 +16,7 @@ from hw.generator.settings import Shape
 from hw.setting import Setting
 
 if TYPE_CHECKING:
-    from hw.generator.settings import ExternalModulation, GeneratorSettings
-    from hw.transport.contract import Transport
+    from hw.generator.settings import ExternalModulation
 
 GROUP = "haptic_driver.generators"
 WHAT = "waveform generator"
@@ -159,14 +158,17 @@ class GeneratorKind:
     """One kind of generator: driver, simulator, and what the watchdog says to it over a connection
     of its own.
 
-    `switch_off` answers nothing; the answer to `ask_off` matches `off_answers`, whose group `off`
-    tells off from on. Amplitudes are into an open circuit. `limits_itself`: the driver sets a
-    voltage limit of the instrument's own. One whose `shapes` hold direct voltages makes offsets
-    too. `relay_interval_s`: its output is switched on at most so often, to spare the relay; no data
-    sheet states how many switchings one lasts (unverified).
+    `make` is given a `Transport` and `GeneratorSettings`. `switch_off` answers nothing; the answer
+    to `ask_off` matches `off_answers`, whose group `off` tells off from on. Amplitudes are into an
+    open circuit. `limits_itself`: the driver sets a voltage limit of the instrument's own. One
+    whose `shapes` hold direct voltages makes offsets too. One that makes its carrier `by_samples`
+    has no words: `make` is given an `AnalogOutput` in place of the transport, and
+    `CarrierSettings`, and the watchdog takes the output to zero. `relay_interval_s`: its output is
+    switched on at most so often, to spare the relay; no data sheet states how many switchings one
+    lasts (unverified).
     """
 
-    make: Callable[[Transport, GeneratorSettings], Generator]
+    make: Callable[..., Generator]
     simulator: MakeSimulator
     amplitude_low_vpp: float
     amplitude_high_vpp: float
@@ -175,6 +177,7 @@ class GeneratorKind:
     off_answers: re.Pattern[bytes] = re.compile(rb"(?P<off>0)|1")
     external_modulation: bool = False
     limits_itself: bool = False
+    by_samples: bool = False
     shapes: frozenset[Shape] = frozenset({Shape.SINE})
     relay_interval_s: float = 0.5
 

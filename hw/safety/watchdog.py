@@ -38,6 +38,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from hw.analog.cards import check_name, make_card
+from hw.analog.output import QUIET_V, at_zero
 from hw.dropping_log import DroppingHandler
 from hw.errors import DeviceDisconnected, DeviceTimeout, SwitchedOff
 from hw.generator.contract import generator_kind
@@ -316,11 +318,44 @@ class _Instrument:
         return match["off"] is not None
 
 
-def _instruments(settings: WatchdogSettings) -> list[_Instrument]:
+class _Card:
+    """An analog output of the watchdog's own, which opens at zero; in place of an `_Instrument`."""
+
+    def __init__(self, resource: str, timeout_s: float) -> None:
+        self.resource = resource
+        self._output = make_card(resource, at_zero(timeout_s))
+
+    def ask(self) -> bool | None:
+        """Whether it reads back as zero; None where it cannot."""
+        return self._told(self._output.read_back_v)
+
+    def switch_off(self) -> bool | None:
+        """To zero, and read back."""
+
+        def off() -> float | None:
+            with self._output:
+                return self._output.read_back_v()
+
+        return self._told(off)
+
+    def _told(self, read_v: Callable[[], float | None]) -> bool | None:
+        try:
+            found_v = read_v()
+        except Exception as error:  # as for an instrument
+            _log.warning("%s: %s", self.resource, error)
+            return None
+        return None if found_v is None else found_v <= QUIET_V
+
+
+def _instruments(settings: WatchdogSettings) -> list[_Instrument | _Card]:
     kind, timeout_s = generator_kind(settings.model), settings.reply_timeout_s
-    off = (kind.switch_off, kind.ask_off)
-    transport = make_transport(settings.generator, visa_backend=settings.visa_backend)
-    found = [_Instrument(transport, timeout_s, kind.ask_off, off, kind.off_answers)]
+    found: list[_Instrument | _Card] = []
+    if kind.by_samples:
+        found.append(_Card(settings.generator, timeout_s))
+    else:
+        off = (kind.switch_off, kind.ask_off)
+        transport = make_transport(settings.generator, visa_backend=settings.visa_backend)
+        found.append(_Instrument(transport, timeout_s, kind.ask_off, off, kind.off_answers))
     if settings.interlock is not None:
         said = re.compile(rb"(?P<off>OFF) [A-Z]+ \d+|ON OK \d+")
         found.append(
@@ -331,7 +366,7 @@ def _instruments(settings: WatchdogSettings) -> list[_Instrument]:
     return found
 
 
-def _answers(instrument: _Instrument) -> bool:
+def _answers(instrument: _Instrument | _Card) -> bool:
     """Whether it says anything about its output, asked up to ASKED_AT_START times."""
     return any(instrument.ask() is not None for _ in range(ASKED_AT_START))
 
@@ -368,7 +403,7 @@ class Hand:
     start.
     """
 
-    def __init__(self, instrument: _Instrument) -> None:
+    def __init__(self, instrument: _Instrument | _Card) -> None:
         self._instrument = instrument
         self._asked: queue.SimpleQueue[bool] = queue.SimpleQueue()
         self._said: queue.SimpleQueue[bool | None] = queue.SimpleQueue()
@@ -501,9 +536,10 @@ def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
             given.retry,
             given.give_up,
         )
-        generator_kind(settings.model)
-        for resource in filter(None, (settings.generator, settings.interlock)):
-            make_transport(resource)
+        by_samples = generator_kind(settings.model).by_samples
+        (check_name if by_samples else make_transport)(settings.generator)
+        if settings.interlock is not None:
+            make_transport(settings.interlock)
     except ValueError as error:
         parser.error(str(error))
     return settings
