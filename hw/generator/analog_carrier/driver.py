@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.analog.output import QUIET_V, AnalogOutput, Array
-from hw.errors import BadReply, DeviceError, LimitExceeded
+from hw.analog.output import QUIET_V, AnalogOutput, Array, OutputUnderrun
+from hw.errors import BadReply, DeviceError, LimitExceeded, SwitchedOff
 from hw.generator.analog_carrier.gate import SampleGate
 from hw.generator.contract import GeneratorReport
 from hw.generator.settings import ExternalModulation, GeneratorSettings, Shape
@@ -176,6 +176,8 @@ class AnalogCarrier:
                 self._written_v = self._amplitude_v
             except DeviceError as error:
                 self._on, self._failure = False, error
+                if isinstance(error, OutputUnderrun):  # a machine was late: it may come on again
+                    self._failure = SwitchedOff(error.message, error.hint)
                 with suppress(DeviceError):
                     self._output.zero()
                 self._gate.forget()

@@ -216,8 +216,13 @@ class Card:
     def close(self):
         self.closed += 1
 
-    def columns(self, names):
-        return _Columns(self, self.places(names))
+    resource = "the card"
+
+    def held(self):
+        return []
+
+    def columns(self, names, conversion_interval_s=0.0):
+        return _Columns(self, self.places(names), conversion_interval_s)
 
     def places(self, names):
         return [self.channels.index(name) for name in names]
@@ -230,8 +235,10 @@ class Card:
 
 
 class _Columns:
-    def __init__(self, card, columns):
+    def __init__(self, card, columns, interval_s):
         self.card, self.columns = card, columns
+        self.sample_rate_hz, self.buffer_s = card.sample_rate_hz, card.buffer_s
+        self.lags_s = [interval_s * column for column in columns]
 
     def latest_v(self, count):
         return self.card.latest_v(count)[:, self.columns]

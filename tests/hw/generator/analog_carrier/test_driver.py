@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from hw.analog.cards import check_name, make_card
-from hw.analog.output import AnalogOutputSettings, OutputUnderrun
+from hw.analog.output import AnalogOutputSettings
 from hw.analog.simulated_output import CardMemory, SimulatedAnalogOutput
-from hw.errors import BadReply, DeviceDisconnected, DeviceError, LimitExceeded
+from hw.errors import BadReply, DeviceDisconnected, DeviceError, LimitExceeded, SwitchedOff
 from hw.generator.analog_carrier.driver import AnalogCarrier, CarrierSettings
 from hw.generator.analog_carrier.gate import SampleGate
 from hw.generator.analog_carrier.simulator import SimulatedCarrier
@@ -121,8 +121,12 @@ def test_samples_that_run_out_go_to_zero_and_are_said(bench: Bench) -> None:
     bench.driver.pump()
     assert bench.card.recent(bench.clock(), 5)[0].tolist() == [0.0]
     assert not bench.driver.is_on()
-    with pytest.raises(OutputUnderrun):
+    with pytest.raises(SwitchedOff, match="ran out of samples"):
         bench.driver.set_point(1000.0, 120.0)
+    bench.driver.set_point(1000.0, 120.0)
+    bench.driver.set_output(True)
+    bench.pass_s(0.05)
+    assert bench.terminal.output().amplitude_v == pytest.approx(1.2, rel=1e-3)
 
 
 def test_a_card_that_another_takes_to_zero_stays_there(bench: Bench) -> None:
