@@ -572,3 +572,8 @@ class NiAnalogOutput(AnalogOutput):
             _clear(task)
             raise
         return task
+
+
+def make_output(where: str, settings: AnalogOutputSettings) -> AnalogOutput:
+    """`card:ni:Dev1/ao0`."""
+    return NiAnalogOutput(where, settings)

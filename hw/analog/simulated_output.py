@@ -206,3 +206,8 @@ class SimulatedAnalogOutput(AnalogOutput):
         if self._card is None:
             raise DeviceDisconnected(f"{self.resource} is not open", "call open() first")
         return self._card
+
+
+def make_output(where: str, settings: AnalogOutputSettings) -> AnalogOutput:
+    """`card:simulated:/proc/PID/fd/N`."""
+    return SimulatedAnalogOutput(lambda: CardMemory.at(where), settings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from math import acos, pi
+from math import acos, ceil, pi
 
 import numpy as np
 
@@ -11,10 +11,10 @@ from hw.analog.output import Array
 from hw.analog.simulated_output import CardMemory
 from hw.generator.contract import GeneratorLatency, Listener, TerminalOutput
 
-WINDOW = 64  # samples that are looked at
+WINDOW = 64  # samples to which a sine is fitted
+LONGEST = 600  # that are looked at: half a period of the slowest carrier, and more
 SILENT_V = 1e-9
 SLOWEST_HZ = 1.0  # as which a level that is held counts: a finger's law knows no direct voltage
-HIGHEST_V = 10.0
 NOTHING = TerminalOutput(SLOWEST_HZ, 0.0, 0.0, on=False)
 
 
@@ -51,7 +51,7 @@ class SimulatedCarrier:
 
     def look(self, card: CardMemory, at_s: float) -> None:
         """Take what the card has at its terminal then."""
-        samples_v, rate_hz = card.recent(at_s, WINDOW)
+        samples_v, rate_hz = card.recent(at_s, LONGEST)
         there = _terminal(samples_v, rate_hz)
         with self._lock:
             changed, self._there = there != self._there, there
@@ -63,6 +63,7 @@ def _terminal(samples_v: Array, rate_hz: float) -> TerminalOutput:
     """A sine's recursion x[n-1] + x[n+1] = 2 cos(w) x[n] tells its frequency, a fit its
     amplitude.
     """
+    lately_v, samples_v = samples_v, samples_v[-WINDOW:]
     if np.abs(samples_v).max() <= SILENT_V:
         return NOTHING
     if samples_v.size < 5 or np.ptp(samples_v[-5:]) == 0.0:
@@ -74,7 +75,9 @@ def _terminal(samples_v: Array, rate_hz: float) -> TerminalOutput:
     basis = np.column_stack([np.cos(phase_rad), np.sin(phase_rad)])
     fitted = np.linalg.lstsq(basis, samples_v, rcond=None)[0] if step_rad > 0.0 else np.zeros(2)
     frequency_hz = max(step_rad * rate_hz / (2.0 * pi), SLOWEST_HZ)
-    amplitude_v = min(float(np.hypot(*fitted)), HIGHEST_V)
+    # An amplitude that falls bends the fit: no more is there than was within half a period.
+    half = ceil(pi / step_rad) + 1 if step_rad > 0.0 else lately_v.size
+    amplitude_v = min(float(np.hypot(*fitted)), float(np.abs(lately_v[-half:]).max()))
     return TerminalOutput(_digits(frequency_hz), _digits(amplitude_v), 0.0, on=True)
 
 
