@@ -122,7 +122,7 @@ class Status(Checked):
     fault: str | None
     lease_left_s: float | None
     lease_holder: str | None  # as it calls itself
-    actuator: str  # "setpoints over SCPI" or "analog envelope"
+    actuator: str  # "setpoints over SCPI", "analog envelope", or of samples
     real_time: bool
     latency_budget_s: dict[str, float]
     latency_measured_s: float | None = None  # from a place to the friction of that place

@@ -76,6 +76,12 @@ class SetpointActuator(Actuator):
         return command._replace(voltage_v=voltage_v)
 
 
+class SampleActuator(SetpointActuator):
+    """Amplitudes as samples of the output that makes the carrier too."""
+
+    name = "carrier and envelope as samples"
+
+
 class CarrierActuator(Actuator):
     """A carrier over SCPI at the highest amplitude that is allowed there, which an envelope takes
     down.
@@ -109,13 +115,15 @@ class CarrierActuator(Actuator):
 def make_actuator(config: RigConfig, rig: Rig) -> Actuator:
     """The way to the generator that a rig's file describes."""
     relay_interval_s = config.generator_kind().relay_interval_s
-    if isinstance(config.analog_output, NoAnalogOutput):
-        return SetpointActuator(rig, relay_interval_s)
-    return CarrierActuator(rig, relay_interval_s, config.limits.voltage_v)
+    if not isinstance(config.analog_output, NoAnalogOutput):
+        return CarrierActuator(rig, relay_interval_s, config.limits.voltage_v)
+    kind = SetpointActuator if config.waveform_generator.carrier is None else SampleActuator
+    return kind(rig, relay_interval_s)
 
 
 def actuator_name(config: RigConfig) -> str:
     """What `haptic status` says of the way to the electrode."""
-    return (
-        SetpointActuator if isinstance(config.analog_output, NoAnalogOutput) else CarrierActuator
-    ).name
+    if not isinstance(config.analog_output, NoAnalogOutput):
+        return CarrierActuator.name
+    kind = SetpointActuator if config.waveform_generator.carrier is None else SampleActuator
+    return kind.name

@@ -27,6 +27,7 @@ from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.driver import GeneratorDriver
 from hw.generator.keysight.driver import KeysightGenerator
 from hw.generator.keysight_33500.driver import Keysight33500
+from hw.generator.settings import GeneratorSettings
 from hw.generator.siglent_sdg.driver import SiglentSdg
 from hw.impedance.e4980a import E4980A, LcrMeter
 from hw.impedance.simulated import SimulatedE4980A
@@ -38,6 +39,7 @@ from hw.serving.responder import Responder
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.stage.simulated import SimulatedLts150
 from tests.clock import ManualClock
+from tests.hw.generator.analog_carrier.bench import Bench as CarrierBench
 from tests.hw.generator.kinds import KINDS, SETTINGS, Bench
 from tests.hw.testing import sound_card
 from tests.hw.testing.memory import MemoryTransport
@@ -76,7 +78,15 @@ def drivers() -> dict[str, type[Any]]:
 
 def test_every_driver_is_walked_or_says_why_not() -> None:
     walked = {"SimulatedAnalogOutput", "NiAnalogInputs", "NiAnalogOutput", "SoundCardOutput"}
-    walked |= {"InfiniiVision", "E4980A", "Lts150", "Agilent33220A", "Keysight33500", "SiglentSdg"}
+    walked |= {
+        "AnalogCarrier",
+        "InfiniiVision",
+        "E4980A",
+        "Lts150",
+        "Agilent33220A",
+        "Keysight33500",
+        "SiglentSdg",
+    }
     unfinished = {AnalogOutput, GeneratorDriver, KeysightGenerator}
     there = {
         name: kind
@@ -197,6 +207,22 @@ def test_a_sound_cards_latency_is_that_of_its_stream(monkeypatch: pytest.MonkeyP
     with SoundCardOutput("DAC", OUTPUT, settings, watch=False) as output:
         assert {one.name for one in output.held()} == {"sample_rate_hz", "latency_s"}
         assert output.latency_s == 0.06
+
+
+def test_the_rate_that_the_card_got_makes_the_frequency() -> None:
+    """At 48 kS/s the simulated card plays 20 MHz / 417."""
+    settings = GeneratorSettings(100.0, 150.0, 100.0, 2e3)
+    bench = CarrierBench(settings, 48e3)
+    bench.driver.connect()
+    bench.driver.set_point(1000.0, 120.0)
+    bench.driver.set_output(True)
+    bench.pass_s(0.5)
+    samples_v, rate_hz = bench.card.recent(bench.clock(), 10_000)
+    assert rate_hz == pytest.approx(20e6 / 417)
+    rises = np.flatnonzero((samples_v[:-1] < 0.0) & (samples_v[1:] >= 0.0))
+    period = (rises[-1] - rises[0]) / (rises.size - 1)
+    assert rate_hz / period == pytest.approx(1000.0, rel=2e-4)
+    assert next(one for one in bench.driver.held()).as_asked is False
 
 
 # --- generators

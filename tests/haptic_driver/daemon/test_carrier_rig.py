@@ -27,7 +27,7 @@ RIG = "simulated-carrier"
 
 
 def test_it_renders_the_voltage_that_render_asks_for(daemon, history):
-    assert daemon.status().actuator == "setpoints over SCPI"
+    assert daemon.status().actuator == "carrier and envelope as samples"
     lease = daemon.arm(LEASE_S)
     daemon.set_target(lease.token, 0.66)
 

@@ -114,7 +114,7 @@ def test_without_the_package_its_name_is_refused_with_what_is_installed(rig):
     )
     assert done.returncode == 2
     assert "'lab_generator' is no waveform generator that is installed" in done.stderr
-    assert "agilent_33220a, keysight_33500, siglent_sdg" in done.stderr
+    assert "agilent_33220a, analog_carrier, keysight_33500, siglent_sdg" in done.stderr
 
 
 @pytest.mark.soak

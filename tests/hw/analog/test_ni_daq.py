@@ -470,3 +470,15 @@ def test_a_stream_is_written_at_the_rate_that_the_card_got(card: Card) -> None:
         output.zero()
         with pytest.raises(InstrumentRejected, match="sample_rate_hz 48000"):
             output.write(np.zeros(100) - 5.0, 48e3)
+
+
+def test_what_is_at_the_output_is_looked_at_through_the_card_without_opening_it(card: Card) -> None:
+    output = output_on(card)
+    assert output.read_back_v() is None  # a card without the channel inside
+    card.signals["Dev1/_ao0_vs_aognd"] = lambda t: card.ao_v
+    assert output.read_back_v() == 3.0
+    with output:
+        assert output.read_back_v() == 5.0
+        card.signals["Dev1/_ao0_vs_aognd"] = lambda t: 0.1  # whatever it was told
+        assert output.read_back_v() == pytest.approx(0.1)
+    assert card.tasks == []

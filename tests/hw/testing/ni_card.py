@@ -265,6 +265,8 @@ class Task:
             assert number_of_samples_per_channel is None
             return self._card.lines[self._names[0]]
         count = number_of_samples_per_channel
+        if count is None:  # a single look, without a clock
+            return float(self._card.signals[self._names[0]](self._card.now_s))
         assert self.in_stream.relative_to is constants.ReadRelativeTo.MOST_RECENT_SAMPLE
         assert self.in_stream.overwrite is constants.OverwriteMode.OVERWRITE_UNREAD_SAMPLES
         assert self.in_stream.offset == -count

@@ -11,40 +11,14 @@ import numpy as np
 import pytest
 
 from hw.analog.cards import check_name, make_card
-from hw.analog.output import AnalogOutputSettings
 from hw.analog.simulated_output import CardMemory, SimulatedAnalogOutput
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, LimitExceeded, SwitchedOff
 from hw.generator.analog_carrier.driver import AnalogCarrier, CarrierSettings
 from hw.generator.analog_carrier.gate import SampleGate
-from hw.generator.analog_carrier.simulator import SimulatedCarrier
-from hw.generator.contract import GeneratorLatency
-from hw.generator.settings import ExternalModulation, GeneratorSettings, Shape
-from tests.clock import ManualClock
+from hw.generator.settings import ExternalModulation, Shape
+from tests.hw.generator.analog_carrier.bench import OUTPUT, SETTINGS, Bench
 
-SETTINGS = GeneratorSettings(100.0, 150.0, 100.0, 2.5e3)  # 1.5 V at the terminal
 CREST = 0.0125  # of 20 samples a period none need be at the crest: 1 - cos(pi / 20)
-OUTPUT = AnalogOutputSettings(-10.0, 10.0, 0.0, 50e3, buffer_s=0.04, gap_s=0.01)
-
-
-class Bench:
-    """Time passes in steps; the carrier is written ahead between them."""
-
-    def __init__(self, settings: GeneratorSettings = SETTINGS, rate_hz: float = 50e3) -> None:
-        self.clock = ManualClock(0.0)
-        self.memory = memoryview(bytearray(CardMemory.SIZE))
-        self.card = CardMemory(self.memory)
-        self.output = SimulatedAnalogOutput(
-            lambda: self.card, OUTPUT, clock=self.clock, watch=False
-        )
-        self.driver = AnalogCarrier(self.output, settings, CarrierSettings(rate_hz))
-        self.terminal = SimulatedCarrier(GeneratorLatency())
-
-    def pass_s(self, dt_s: float, *, pumped: bool = True) -> None:
-        for _ in range(round(dt_s / 0.001)):
-            self.clock.sleep(0.001)
-            if pumped:
-                self.driver.pump()
-            self.terminal.look(self.card, self.clock())
 
 
 @pytest.fixture
@@ -165,22 +139,6 @@ def test_a_card_that_plays_slower_than_its_carriers_need_is_refused() -> None:
     bench = Bench(rate_hz=48e3)
     with pytest.raises(BadReply, match="too few for 2500 Hz"):
         bench.driver.connect()
-
-
-def test_the_rate_that_the_card_got_makes_the_frequency() -> None:
-    """At 48 kS/s the simulated card plays 20 MHz / 417."""
-    settings = GeneratorSettings(100.0, 150.0, 100.0, 2e3)
-    bench = Bench(settings, 48e3)
-    bench.driver.connect()
-    bench.driver.set_point(1000.0, 120.0)
-    bench.driver.set_output(True)
-    bench.pass_s(0.5)
-    samples_v, rate_hz = bench.card.recent(bench.clock(), 10_000)
-    assert rate_hz == pytest.approx(20e6 / 417)
-    rises = np.flatnonzero((samples_v[:-1] < 0.0) & (samples_v[1:] >= 0.0))
-    period = (rises[-1] - rises[0]) / (rises.size - 1)
-    assert rate_hz / period == pytest.approx(1000.0, rel=2e-4)
-    assert next(one for one in bench.driver.held()).as_asked is False
 
 
 @pytest.mark.parametrize(
