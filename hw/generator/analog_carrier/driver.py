@@ -140,11 +140,20 @@ class AnalogCarrier:
         return self._on if read_v is None else read_v > QUIET_V
 
     def off(self) -> bool | None:
-        """Zero at once, whatever is waiting, and read back. Never raises DeviceError."""
-        with suppress(DeviceError), self._lock:
+        """Zero at once, whatever is waiting, and read back. Never raises DeviceError.
+
+        Waits for no call that hangs: without the lock a block that is under way may still come, and
+        what is read back then says so.
+        """
+        free = self._lock.acquire(timeout=self.settings.reply_timeout_s)
+        try:
             self._on = False
-            self._output.zero()
+            with suppress(DeviceError):
+                self._output.zero()
             self._gate.forget()
+        finally:
+            if free:
+                self._lock.release()
         try:
             read_v = self._output.read_back_v()
         except DeviceError:

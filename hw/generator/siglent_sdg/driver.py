@@ -13,7 +13,7 @@ from hw.setting import Setting
 from hw.transport.contract import Transport
 
 _KEYS = {"offset_v": "OFST", "frequency_hz": "FRQ", "amplitude_vpp": "AMP"}
-_UNIT = re.compile(r"(HZ|V)$")
+_UNIT = re.compile(r"(HZ|V|DEG)$")
 # What is read back may differ by this share, or by this much, since small levels have few digits
 # (unverified).
 _LEVEL_TOLERANCE = 1e-3
@@ -149,7 +149,7 @@ class SiglentSdg(GeneratorDriver):
                 and near(offset_v, wanted.offset_v, _LEVEL_TOLERANCE, _LEVEL_LSB_V)
                 and load == "HZ"
                 and polarity == "NOR"
-                and self._line.number(wave.get("PHSE", "0")) == 0.0
+                and self._line.number(_UNIT.sub("", wave.get("PHSE", "0"))) == 0.0
                 and modulation == "C1:MDWV STATE,OFF"
             )
             shown = f"{wave}, load {load}, polarity {polarity}, {modulation}"

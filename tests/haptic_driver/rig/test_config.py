@@ -144,6 +144,10 @@ def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
         ("lease_s = 0.5  ", "lease_s = 0.0  ", "safety.lease_s"),
         ('range_policy = "fixed"', 'range_policy = "best"', "waveform_generator.range_policy"),
         ("measured_by = ", "measured_at = 2025\nmeasured_by = ", "limits.measured_at"),
+        ('terminal = "DIFF" ', 'terminals = {"Dev1/ai5" = "RSE"} ', "Dev1/ai5 is read by nothing"),
+        ('current_monitor = "Dev1/ai7"', 'current_monitor = "Dev3/ai0"', "clocks of their own"),
+        (RESOURCE, 'resource = "card:ni:Dev1/ao0"', "agilent_33220a makes its carrier itself"),
+        (RESOURCE, 'resource = "card:dt:0"', "'dt' is no card that is installed"),
     ],
 )
 def test_what_cannot_be_is_named(tmp_path, old, new, words):
@@ -251,3 +255,30 @@ def test_a_faster_monitor_widens_what_may_be_swept_and_nothing_else(tmp_path):
     assert rig.operating_limits().frequency_high_hz == 8e3
     assert rig.sweep_limits().frequency_high_hz == 1e6
     assert (rig.electrode_monitor(8e3), rig.electrode_monitor(1e6)) == (0, 1)
+
+
+CARRIER = (RIGS / "simulated-carrier.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("peak_v = 10.0", "peak_v = 1.0", "limits.voltage_v 150 is beyond"),
+        ("sample_rate_hz = 50e3", "sample_rate_hz = 44.1e3", "let it end at 2205"),
+        ("[waveform_generator.carrier]", "[output.carrier]", "output.carrier"),
+        ('model = "analog_carrier"', 'model = "siglent_sdg"', "makes its carrier itself"),
+        ("[output]", '[analog_output]\nkind = "none"\n\n[output]', None),
+    ],
+)
+def test_a_carrier_of_samples_fits_its_card_and_the_rigs_limits(tmp_path, old, new, words):
+    path = rig_file(tmp_path, (old, new), content=CARRIER)
+    if words is None:
+        assert load_rig(path).waveform_generator.carrier.peak_v == 10.0
+    else:
+        assert words in refused(path).message
+
+
+def test_a_channel_may_be_wired_otherwise(tmp_path):
+    path = rig_file(tmp_path, ('terminal = "DIFF" ', 'terminals = {"Dev1/ai6" = "RSE"} '))
+    card = load_rig(path).analog_inputs
+    assert [card.terminal_of(name) for name in ("Dev1/ai6", "Dev1/ai7")] == ["RSE", "DIFF"]
