@@ -102,6 +102,11 @@ FORBIDDEN = [  # rule, file, import that must break it
         "hw/generator/siglent_sdg/driver.py",
         "import hw.generator.terminals",
     ),
+    (
+        "devices-do-not-know-their-simulators",
+        "hw/generator/analog_carrier/driver.py",
+        "import hw.analog.simulated_output",
+    ),
     ("devices-do-not-know-their-simulators", "hw/force/net_ft.py", "import hw.force.net_ft_server"),
 ]
 

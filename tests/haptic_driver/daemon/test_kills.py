@@ -18,8 +18,11 @@ SENT = (("render", SIGKILL), ("watchdog", SIGKILL), ("instruments", SIGKILL), ("
 @pytest.mark.timeout(
     1200
 )  # five starts; seconds each, minutes where kernels have to be compiled on a busy machine
-def test_output_is_zero_within_the_lease_after_each_process_is_killed_or_stopped(killable_daemon):
-    daemon = killable_daemon()
+@pytest.mark.parametrize("rig", ["simulated", "simulated-carrier"])
+def test_output_is_zero_within_the_lease_after_each_process_is_killed_or_stopped(
+    killable_daemon, rig
+):
+    daemon = killable_daemon(rig)
     for name, sent in SENT:
         pids = daemon.await_output()
         took_s = daemon.time_to_zero_s(name, sent)

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import pytest
 
-from hw.errors import BadReply, InstrumentRejected, LimitExceeded
+from hw.errors import BadReply, DeviceTimeout, InstrumentRejected, LimitExceeded
 from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.generator.contract import generator_kind
 from hw.generator.dialogue import ScpiDialogue
 from hw.generator.keysight.gate import KeysightGate
 from hw.generator.settings import GeneratorSettings
@@ -58,3 +59,17 @@ def test_what_is_no_finite_number_is_a_bad_reply(text: str) -> None:
         bench.dialogue.number(text)
     with pytest.raises(LimitExceeded, match="not known"):
         bench.dialogue.command(["VOLT 2"], [])
+
+
+class Asleep:
+    def handle(self, data: bytes) -> bytes:
+        return b""
+
+
+@pytest.mark.parametrize("kind", ["agilent_33220a", "siglent_sdg"])
+def test_a_device_that_is_slow_to_wake_names_the_key_that_gives_it_time(kind: str) -> None:
+    settings = GeneratorSettings(100.0, 300.0, 10.0, 10e3, reply_timeout_s=0.25)
+    driver = generator_kind(kind).make(MemoryTransport(Asleep()), settings)
+    with pytest.raises(DeviceTimeout) as caught:
+        driver.identify()
+    assert caught.value.hint.endswith("raise reply_timeout_s, now 0.25")
