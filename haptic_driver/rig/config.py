@@ -232,17 +232,20 @@ class ModulationInputConfig(Vouched):
 
 
 class CarrierConfig(Vouched):
-    """The analog output that makes carrier and envelope in a generator's place, sample by sample.
-
-    `peak_v`: the highest at its terminal. `lead_s`: written so far ahead, and so late.
+    """The analog output that makes carrier and envelope in a generator's place, sample by
+    sample.
     """
 
-    sample_rate_hz: SampleRate
-    peak_v: Annotated[float, Within(0.01, 10.0, "outputs of cards end at 10 V")]
+    sample_rate_hz: SampleRate = Field(
+        description="asked of the output; the carrier counts on the one that it gets"
+    )
+    peak_v: Annotated[float, Within(0.01, 10.0, "outputs of cards end at 10 V")] = Field(
+        description="the highest at the output's terminal"
+    )
     lead_s: Annotated[
         float, Within(0.002, 0.2, "no writer is so early, and no voltage may be so late")
-    ] = 0.02
-    timeout_s: Seconds = 0.5
+    ] = Field(default=0.02, description="written so far ahead, and so late")
+    timeout_s: Seconds = Field(default=0.5, description="no call waits much longer")
 
 
 class GeneratorConfig(Section):
@@ -290,10 +293,11 @@ class AnalogInputsConfig(Section):
         description="per channel"
     )
     terminal: Terminal = Field(
-        default="DIFF", description="of every channel that `terminals` does not name"
+        default="DIFF",
+        description="DIFF, RSE, NRSE, PSEUDO_DIFF or DEFAULT, but for what `terminals` names",
     )
     terminals: dict[str, Terminal] = Field(
-        default={}, description="of single channels, by their names"
+        default={}, description='of a channel that is wired otherwise: {"Dev1/ai6" = "RSE"}'
     )
     range_v: Annotated[float, Within(0.01, 10.0, "ranges of cards are 10 mV to 10 V")] = Field(
         default=10.0, description="+-"

@@ -30,11 +30,9 @@ from hw.generator.keysight_33500.driver import Keysight33500
 from hw.generator.settings import GeneratorSettings
 from hw.generator.siglent_sdg.driver import SiglentSdg
 from hw.impedance.e4980a import E4980A, LcrMeter
-from hw.impedance.simulated import SimulatedE4980A
 from hw.monitor.lines import MonitorLines
 from hw.monitor.simulated import ElectrodeState, SimulatedLines
 from hw.oscilloscope.infiniivision import InfiniiVision, Oscilloscope
-from hw.oscilloscope.simulated import SimulatedInfiniiVision
 from hw.serving.responder import Responder
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.stage.simulated import SimulatedLts150
@@ -44,6 +42,8 @@ from tests.hw.generator.kinds import KINDS, SETTINGS, Bench
 from tests.hw.testing import sound_card
 from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.ni_card import constants, install
+from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
+from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
 
 OUTPUT = AnalogOutputSettings(-5.0, 5.0, -5.0, sample_rate_limit_hz=100e3)
 LINES = MonitorLines(0.01, 500.0)

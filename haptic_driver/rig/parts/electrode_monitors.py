@@ -109,7 +109,9 @@ class CardElectrodeMonitorConfig(SomeElectrodeMonitor):
         float, Within(0.0, 1e-3, "no card is slower from one channel to the next")
     ] = Field(
         default=0.0,
-        description="from one channel to the next where they share a converter; 0: all at once",
+        description=(
+            "from one channel to the next where they share a converter; 0: what the card says"
+        ),
     )
 
     @property
