@@ -11,9 +11,7 @@ import numpy as np
 
 from model.parameters import FrictionLaw
 from model.support.arrays import Array, Values
-from model.touch import Friction
-
-LOAD_REFERENCE_N = 0.5  # the load at which a load exponent leaves friction as it is
+from model.touch import LOAD_REFERENCE_N, Friction
 
 
 def cof(

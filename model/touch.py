@@ -19,6 +19,7 @@ from model.support.arrays import Array, Values
 SPEED_REFERENCE_M_S = (
     0.02  # of the paper's experiment; there effects of speed leave the base model as it is
 )
+LOAD_REFERENCE_N = 0.5  # of the paper's experiment; there effects of load do
 SINE_MEAN_SQUARE = 0.5  # of amplitude 1 V; square waves and direct voltages have 1
 
 
@@ -29,8 +30,10 @@ class Drive:
 
     `mean_square_factor` is 1/2 for a sine, 1 for a square wave or direct current; `steady` is 1
     where `voltage_v` itself is direct; `voltage_phase_rad` is that of the electrode's voltage
-    against the set one; `surface_voltage_v` stands on the insulator whatever is driven. `touching`
-    is 0 where there is no finger, `resting` 1 where it does not slide.
+    against the set one; `surface_voltage_v` stands on the insulator whatever is driven;
+    `kept_square` of the mean square, and `kept_offset_square` of the bias's, is not screened and
+    attracts. `touching` is 0 where there is no finger, `resting` 1 where it does not slide.
+    `seen_area_m2` is the touch's apparent area where it was seen, NaN where not.
     """
 
     frequency_hz: Values
@@ -43,8 +46,11 @@ class Drive:
     steady: Values = 0.0
     voltage_phase_rad: Values = 0.0
     surface_voltage_v: Values = 0.0
+    kept_square: Values = 1.0
+    kept_offset_square: Values = 1.0
     touching: Values = 1.0
     resting: Values = 0.0
+    seen_area_m2: Values = float("nan")
 
     @property
     def fundamental_v(self) -> Values:
@@ -63,14 +69,16 @@ class Drive:
         """Mean square voltage of the main branch; the surface's own acts here unless there is a
         bias to meet it.
         """
-        against = 2.0 * self.steady * self.voltage_v * self.surface_voltage_v
+        voltage_v = np.sqrt(self.kept_square) * self.voltage_v
+        against = 2.0 * self.steady * voltage_v * self.surface_voltage_v
         surface = np.where(self.voltage_offset_v == 0.0, self.surface_voltage_v**2, 0.0)
-        return self.mean_square_factor * self.voltage_v**2 - against + surface
+        return self.mean_square_factor * voltage_v**2 - against + surface
 
     @property
     def offset_mean_square_v2(self) -> Values:
         """Mean square voltage of the bias, less the surface's."""
-        against = (self.voltage_offset_v - self.surface_voltage_v) ** 2
+        offset_v = np.sqrt(self.kept_offset_square) * self.voltage_offset_v
+        against = (offset_v - self.surface_voltage_v) ** 2
         return np.where(self.voltage_offset_v == 0.0, 0.0, against)
 
 
@@ -114,13 +122,15 @@ class Contact:
     """How the rough skin lies on the screen.
 
     `modulus_factor` scales Y*; `gap_shift_m` lifts every gap; `added_pressure_pa` pulls beside the
-    electric field; `field_limit_v_per_m` caps the amplitude of the local field.
+    electric field; `field_limit_v_per_m` caps the amplitude of the local field; `area_factor`
+    scales A_0.
     """
 
     modulus_factor: Values = 1.0
     gap_shift_m: Values = 0.0
     added_pressure_pa: Values = 0.0
     field_limit_v_per_m: Values = float("inf")
+    area_factor: Values = 1.0
 
 
 @dataclass(frozen=True)

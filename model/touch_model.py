@@ -60,14 +60,16 @@ class PreparedTouch:
     """Touches [n] ready for the closed loop, and what the stages after it need.
 
     `omega` and the amplifier's `rms_v` of each branch [n, c]; `electrode_v` the phasor of the
-    voltage's fundamental, `touch_area_m2` 0 without a finger, `stray_f` beside it, all [n]; `shape`
-    is that of the conditions.
+    voltage's fundamental, the apparent `area_m2` of the contact and the `touch_area_m2` through
+    which current flows, 0 without a finger, `stray_f` beside it, all [n]; `shape` is that of the
+    conditions.
     """
 
     circuit: GapCircuit
     omega: Array
     rms_v: Array
     electrode_v: ComplexArray
+    area_m2: Array
     touch_area_m2: Array
     stray_f: Array
     friction: Friction
@@ -85,17 +87,26 @@ def prepare(
     set_frequency_hz = drive.frequency_hz
     for effect in effects:
         drive = effect.drive(drive)
-    branches = _branches(parameters, dielectric, set_frequency_hz, drive)
     softening = 1.0 + drive.resting * (parameters.rest_softening - 1.0)
     contact, laws = (
         Contact(gap_shift_m=parameters.gap_offset_m, modulus_factor=softening),
         Friction(),
     )
     for effect in effects:
-        branches = [effect.stack(b, parameters, drive) for b in branches]
         contact = effect.contact(contact, parameters, drive)
         laws = effect.friction(laws, drive)
+    parameters = replace(parameters, contact_area_m2=_area_m2(parameters, contact, drive))
+    branches = _branches(parameters, dielectric, set_frequency_hz, drive)
+    for effect in effects:
+        branches = [effect.stack(b, parameters, drive) for b in branches]
     return _broadcast(parameters, branches, contact, laws, drive)
+
+
+def _area_m2(parameters: TouchParameters, contact: Contact, drive: Drive) -> Values:
+    """Apparent area of each contact: as seen, or else as the model has it."""
+    area_m2 = parameters.contact_area_m2 * contact.area_factor
+    seen_m2 = drive.seen_area_m2
+    return area_m2 if np.isnan(seen_m2).all() else np.where(np.isnan(seen_m2), area_m2, seen_m2)
 
 
 def _branches(
@@ -149,6 +160,7 @@ def _broadcast(
     }
     electrode = {
         "electrode_v": drive.fundamental_v,
+        "area_m2": parameters.contact_area_m2,
         "touch_area_m2": drive.touching * parameters.contact_area_m2,
         "stray_f": (
             parameters.stray_capacitance_f
@@ -191,9 +203,7 @@ def cof(
     """Friction under the electrostatic pressure [n] and what else attracts, in the shape of the
     conditions.
     """
-    attraction_n = (p_e_pa + touch.circuit.added_pa).reshape(
-        touch.shape
-    ) * parameters.contact_area_m2
+    attraction_n = (touch.area_m2 * (p_e_pa + touch.circuit.added_pa)).reshape(touch.shape)
     return friction.cof(law, parameters.cof_off, attraction_n, load_n, touch.friction)
 
 
@@ -273,15 +283,13 @@ class TouchModel:
         """Force, friction and current, in the shape to which the drive and the effects
         broadcast.
         """
-        p, touch = self.description.values, self._prepare(drive)
+        touch = self._prepare(drive)
         circuit = touch.circuit
         attraction = self._attraction(drive, touch)
         total_pa = circuit.load_pa + attraction.pressure_pa + circuit.added_pa
 
         def amperes(admittance_per_m: ComplexArray) -> Array:
-            return current.current_rms_a(
-                admittance_per_m, touch.omega, touch.rms_v, p.contact_area_m2
-            )
+            return current.current_rms_a(admittance_per_m, touch.omega, touch.rms_v, touch.area_m2)
 
         gaps_per_m = current.sliding_admittance_per_m(self.table, circuit, total_pa)
         within_theory = attraction.pressure_pa <= THEORY_PRESSURE_RATIO * circuit.load_pa
@@ -304,11 +312,8 @@ class TouchModel:
         any contact theory.
         """
         touch = self._prepare(drive)
-        admittance, area_m2 = (
-            current.stuck_admittance_per_m(touch.circuit),
-            self.description.values.contact_area_m2,
-        )
-        stuck_a = current.current_rms_a(admittance, touch.omega, touch.rms_v, area_m2)
+        admittance = current.stuck_admittance_per_m(touch.circuit)
+        stuck_a = current.current_rms_a(admittance, touch.omega, touch.rms_v, touch.area_m2)
         return stuck_a.reshape(touch.shape), np.abs(touch.electrode_v).reshape(touch.shape)
 
     def _prepare(self, drive: Drive) -> PreparedTouch:
@@ -317,7 +322,7 @@ class TouchModel:
 
     def _cof(self, drive: Drive, touch: PreparedTouch, attraction: Attraction) -> Array:
         p, law = self.description.values, self.description.friction_law
-        friction = cof(law, p, touch, attraction.force_n / p.contact_area_m2, drive.normal_force_n)
+        friction = cof(law, p, touch, attraction.force_n / touch.area_m2, drive.normal_force_n)
         return np.where((drive.touching == 1.0) & (drive.resting == 0.0), friction, np.nan)
 
     def _attraction(self, drive: Drive, touch: PreparedTouch) -> Attraction:
@@ -331,4 +336,4 @@ class TouchModel:
 
             return published.solve(self.description, self.table, drive)
         p_e, pulled_in = solver.solve(self.table, touch.circuit)
-        return Attraction(p_e, p_e * self.description.values.contact_area_m2, pulled_in)
+        return Attraction(p_e, p_e * touch.area_m2, pulled_in)

@@ -92,6 +92,7 @@ def _log_force(
         p = model.values
         touch = prepare(p, model.dielectric, model.effects, drive)
         p_e = solver.solve(table, touch.circuit)[0].reshape(touch.shape)
+        area_m2 = touch.area_m2.reshape(touch.shape)
         if not np.isfinite(p_e).all():
             raise ModelError(
                 "the contact pulls in for some of the drawn numbers", "Give a lower voltage"
@@ -100,7 +101,7 @@ def _log_force(
             raise ModelError(
                 "nothing attracts the finger under some condition", "Give a voltage above 0"
             )
-        return np.asarray(np.log(p_e * p.contact_area_m2))
+        return np.asarray(np.log(p_e * area_m2))
 
     def log_force(x: Array) -> Array:
         return np.concatenate(

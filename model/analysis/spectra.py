@@ -117,7 +117,7 @@ def force_spectrum(model: TouchModel, tones: Tones, normal_force_n: float) -> Fo
 
     Effects that know a drive only by one mean square are refused (`knows_one_tone_only`).
     """
-    _, circuit = _one_touch(model, tones, normal_force_n)
+    touch, circuit = _one_touch(model, tones, normal_force_n)
     field, mass = _field_per_v(model, circuit, _total_pressure_pa(model, circuit))
     left = np.sqrt(
         circuit.mean_square_v2[0] / np.where(tones.mean_square_v2 > 0.0, tones.mean_square_v2, 1.0)
@@ -129,7 +129,7 @@ def force_spectrum(model: TouchModel, tones: Tones, normal_force_n: float) -> Fo
     both = np.where(
         f == 0.0, 1.0, 0.5
     )  # cos^2 has mean 1/2; a steady field squared has no other line
-    half = 0.5 * EPS0 * model.description.values.contact_area_m2
+    half = 0.5 * EPS0 * float(touch.area_m2[0])
     lines = [(0.0, complex(half * np.sum(both * (np.abs(field) ** 2 @ mass))))]
     for i in range(f.size):
         if f[i] > 0.0:
@@ -173,7 +173,7 @@ def impedance(
     )
     touch, circuit = _one_touch(model, tones, normal_force_n)
     jw_eps0 = 1j * touch.omega[:, 0] * EPS0
-    area = model.description.values.contact_area_m2
+    area = float(touch.area_m2[0])
     unattracted_pa = circuit.load_pa + circuit.added_pa
     per_m = (
         stuck_admittance_per_m(circuit)

@@ -253,9 +253,10 @@ def theory_error(description: ModelDescription, drive: Drive, force_n: Array) ->
     of its shape.
     """
     p = description.values
-    circuit = prepare(p, description.dielectric, description.effects, drive).circuit
+    touch = prepare(p, description.dielectric, description.effects, drive)
+    circuit = touch.circuit
     pressure_pa = (
-        circuit.load_pa + np.nan_to_num(force_n.ravel()) / p.contact_area_m2 + circuit.added_pa
+        circuit.load_pa + np.nan_to_num(force_n.ravel()) / touch.area_m2 + circuit.added_pa
     )
     a = (
         1.0

@@ -24,8 +24,8 @@ from model.diagnosis.priors import LOG_PRIOR_EACH, NONE, SENSOR_SHARES
 from model.diagnosis.space import FARTHEST
 from model.diagnosis.witness import FRICTION
 from model.effects import CATALOGUE, Effect
-from model.friction import LOAD_REFERENCE_N
 from model.support.arrays import Array
+from model.touch import LOAD_REFERENCE_N
 
 FORCE_SENSOR = "a force sensor that reads the load"
 OUTSIDE = {FORCE_SENSOR: "tare it, and press without sliding"}  # not of the touch, and its check

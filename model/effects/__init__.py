@@ -10,7 +10,9 @@ from model.effects.amplifier_bandwidth import AmplifierBandwidth
 from model.effects.amplifier_slew_limit import AmplifierSlewLimit
 from model.effects.base import Effect, EffectParameter
 from model.effects.capillary_adhesion import CapillaryAdhesion
+from model.effects.charge_build_up import ChargeBuildUp
 from model.effects.contact_ageing import ContactAgeing
+from model.effects.contact_area_law import ContactAreaLaw
 from model.effects.drive_gain_error import DriveGainError
 from model.effects.electrode_polarization import ElectrodePolarization
 from model.effects.electrowetting import Electrowetting
@@ -41,6 +43,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     SweatFilm,
     SpeedDependentGap,
     TrappedCharge,
+    ChargeBuildUp,
     AirBreakdown,
     CapillaryAdhesion,
     Electrowetting,
@@ -48,6 +51,7 @@ CATALOGUE: tuple[type[Effect], ...] = (
     VelocityDependentFriction,
     ContactAgeing,
     ViscoelasticSkin,
+    ContactAreaLaw,
 )
 BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in CATALOGUE}
 

@@ -58,12 +58,12 @@ def stuck_admittance_per_m(circuit: GapCircuit) -> ComplexArray:
 
 
 def current_rms_a(
-    admittance_per_m: ComplexArray, omega: Array, rms_v: Array, area_m2: float
+    admittance_per_m: ComplexArray, omega: Array, rms_v: Array, area_m2: Values
 ) -> Array:
-    """rms current in A of each touch [n] from its branches [n, c], whose currents differ in
-    frequency.
+    """rms current in A of each touch [n] of these areas from its branches [n, c], whose currents
+    differ in frequency.
     """
-    branches = area_m2 * EPS0 * omega * np.abs(admittance_per_m) * rms_v
+    branches = np.reshape(area_m2, (-1, 1)) * EPS0 * omega * np.abs(admittance_per_m) * rms_v
     return np.asarray(np.sqrt(np.sum(branches**2, axis=1)))
 
 

@@ -25,6 +25,7 @@ VANISHED = (
 NEEDS_LOAD = {
     "load_dependent_friction",
     "capillary_adhesion",
+    "contact_area_law",
     "sensor_crosstalk",
     "loaded_sensor_resonance",
 }

@@ -76,6 +76,25 @@ def viscoelastic_skin(state: State, knob: float, _shape: dict, alternative: bool
     state.stiffness = state.stiffness * np.clip(factor, 0.1, 10.0)
 
 
+def contact_area_law(state: State, knob: float, _shape: dict, alternative: bool) -> None:
+    load = state.rows.n / F_REF
+    if alternative:  # a flat part that load does not change, and a Hertzian one
+        share = knob / (2 / 3)
+        factor = np.maximum(1 + share * (load ** (2 / 3) - 1), 0.05)
+    else:
+        factor = load**knob
+    state.spread = state.spread * factor
+
+
+def charge_build_up(state: State, knob: float, shape: dict, alternative: bool) -> None:
+    over, t = state.rows.f / shape["f_b"], np.maximum(state.rows.time, 0) / shape["tau_s"]
+    if alternative:  # relaxation times that are spread, in time as in frequency
+        screened = (1 - np.exp(-(t**0.6))) / (1 + over)
+    else:
+        screened = (1 - np.exp(-t)) / (1 + over**2)
+    state.kept = state.kept * (1 - np.minimum(knob, 0.98) * screened)
+
+
 def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
@@ -150,5 +169,22 @@ EFFECTS = [
         lambda s, _: {"exponent": s, "v_ref_m_per_s": STEADY_SPEED},
         needs="speed_m_s",
         about_alternative="standard linear solid",
+    ),
+    Effect(
+        "contact_area_law",
+        contact_area_law,
+        (0.005, 0.7),
+        nothing,
+        lambda s, _: {"exponent": s, "f_ref_n": F_REF},
+        about_alternative="flat part and Hertzian part",
+    ),
+    Effect(
+        "charge_build_up",
+        charge_build_up,
+        (0.005, 0.95),
+        lambda rng: {"tau_s": log_uniform(rng, 0.3, 10.0), "f_b": log_uniform(rng, 3.0, 300.0)},
+        lambda s, shape: {"share": s, "tau_s": shape["tau_s"], "f_b_hz": shape["f_b"]},
+        needs="time_s",
+        about_alternative="spread relaxation times",
     ),
 ]

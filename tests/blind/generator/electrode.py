@@ -45,7 +45,7 @@ class Observed:
 
 def touch_admittance(state: State) -> np.ndarray:
     """Current per volt through the touch, S."""
-    area = state.finger.area
+    area = state.area
     pressure = state.rows.n / area + state.load_add + electrostatic_pressure(state)
     mass, stack = settled(state, pressure)
     density = stack.current()

@@ -39,7 +39,7 @@ OUTSIDE = tuple(FIRST_STRANGERS)
 WITNESSES = "witnesses"  # the design of the families W
 SECOND_COUNTS = {
     "W0": 18,
-    "W1": 60,
+    "W1": 66,
     "W4": 22,
     "W5": 20,
 }  # each effect three times, each stranger at least twice
@@ -62,10 +62,15 @@ ALIASED = (
     ("drive_gain_error", "paper"),
     ("skin_hydration", "paper"),
     ("skin_nonlinearity", "paper"),
+    ("contact_area_law", "factorial"),
+    ("charge_build_up", "timed"),
 )
 INCOMPATIBLE = {
     frozenset(p)
-    for p in (("skin_hydration", "skin_nonlinearity"), ("air_breakdown", "trapped_charge"))
+    for p in (
+        ("skin_hydration", "skin_nonlinearity"),
+        ("air_breakdown", "trapped_charge"),
+    )
 }
 
 

@@ -55,12 +55,12 @@ def drive_gain_error(state: State, knob: Strength, shape: dict) -> None:
 
 def series_resistance(state: State, knob: Strength, _shape: dict) -> None:
     z = knob / 2000.0 * (500.0 + 1500.0 / (1 + _jw(state) * 1500.0 * 0.22e-6))
-    state.stack_add = state.stack_add + _jw(state) * VACUUM * state.finger.area * z
+    state.stack_add = state.stack_add + _jw(state) * VACUUM * state.area * z
 
 
 def floating_body(state: State, knob: Strength, shape: dict) -> None:
     admittance = 1e-8 / knob * (_jw(state) + 2 * np.pi * shape["shoe_hz"])
-    state.stack_add = state.stack_add + _jw(state) * VACUUM * state.finger.area / admittance
+    state.stack_add = state.stack_add + _jw(state) * VACUUM * state.area / admittance
 
 
 def skin_hydration(state: State, knob: Strength, _shape: dict) -> None:

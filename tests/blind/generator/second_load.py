@@ -79,6 +79,19 @@ def viscoelastic_skin(state: State, knob: Strength, shape: dict) -> None:
     state.stiffness = state.stiffness * np.clip(factor, 0.1, 10.0)
 
 
+def contact_area_law(state: State, knob: Strength, _shape: dict) -> None:
+    load, least = state.rows.n / F_REF, 1 - np.minimum(knob, 0.95)
+    state.spread = state.spread * load / (least * load + 1 - least)
+
+
+def charge_build_up(state: State, knob: Strength, shape: dict) -> None:
+    t, tau, end = np.maximum(state.rows.time, 0.0), shape["tau_s"], shape["end_s"]
+    rise = np.log1p(t * end / (t + end) / tau) / np.log1p(end / tau)
+    injected = state.rows.v / (state.rows.v + shape["v_half"])
+    screened = rise * injected / (1 + (state.rows.f / shape["f_b"]) ** 0.8)
+    state.kept = state.kept * (1 - np.minimum(knob, 0.98) * screened)
+
+
 def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
@@ -139,5 +152,23 @@ FORMS = {
         (0.005, 1.0),
         lambda rng: {"v_c": log_uniform(rng, 0.05, 0.2)},
         "Bagley and Torvik 1983: a solid with a fractional derivative rises over more decades",
+    ),
+    "contact_area_law": Form(
+        contact_area_law,
+        (0.005, 0.9),
+        lambda _rng: {},
+        "Serina 1998: the area of a fingertip grows fast under light load, then hardly: saturation",
+    ),
+    "charge_build_up": Form(
+        charge_build_up,
+        (0.005, 0.98),
+        lambda rng: {
+            "tau_s": log_uniform(rng, 0.1, 1.0),
+            "end_s": log_uniform(rng, 5.0, 60.0),
+            "f_b": log_uniform(rng, 3.0, 300.0),
+            "v_half": log_uniform(rng, 10.0, 60.0),
+        },
+        "Curie and von Schweidler: absorbed charge goes with the logarithm of time; more volts"
+        " inject more of it",
     ),
 }

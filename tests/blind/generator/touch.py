@@ -136,6 +136,8 @@ class State:
     skin_law: Callable | None = None  # V over the skin -> factor on its conductivity
     load_law: Callable = _straight  # (applied, extra force) -> friction relative to mu_off
     cover: np.ndarray | float = 1.0  # share of the contact that lies over the electrode
+    spread: np.ndarray | float = 1.0  # factor on the finger's area
+    kept: np.ndarray | float = 1.0  # share of the driven mean square that is not screened
     after: list = field(default_factory=list)  # (rows, cof, force) -> cof, measuring chain
     monitors: list = field(
         default_factory=list
@@ -144,6 +146,10 @@ class State:
     @property
     def omega(self) -> np.ndarray:
         return 2 * np.pi * self.rows.f
+
+    @property
+    def area(self) -> np.ndarray | float:
+        return self.finger.area * self.spread
 
 
 def prepare(rows: Rows, finger: Finger, rough: Roughness) -> State:
@@ -236,16 +242,18 @@ def _electric_pressure(state: State, pressure: np.ndarray) -> np.ndarray:
     mass, stack = settled(state, pressure)
     square = stack.field_square()
     if state.field_cap is not None:
-        peak = state.field_cap(np.sqrt(square) * state.drive[:, None], stack.air)
+        attracting = np.sqrt(square) * (state.drive * np.sqrt(state.kept))[:, None]
+        peak = state.field_cap(attracting, stack.air)
         return VACUUM / 4 * (mass * peak**2).sum(axis=1)
-    return VACUUM / 2 * (0.5 * state.drive**2 + state.bias_square) * (mass * square).sum(axis=1)
+    mean_square = 0.5 * state.kept * state.drive**2 + state.bias_square
+    return VACUUM / 2 * mean_square * (mass * square).sum(axis=1)
 
 
 def electrostatic_pressure(state: State) -> np.ndarray:
     """Close the loop p = load + p_e(p) by a safeguarded secant; a row past pull-in ends at 1.5
     MPa.
     """
-    base = state.rows.n / state.finger.area + state.load_add
+    base = state.rows.n / state.area + state.load_add
     old = base
     gap_old = _electric_pressure(state, old)
     new = np.minimum(base + gap_old, 1.5e6)
@@ -265,7 +273,7 @@ def electrostatic_pressure(state: State) -> np.ndarray:
 
 def force(state: State) -> np.ndarray:
     active = (state.drive > 0) | (state.bias_square > 0)
-    return np.where(active, electrostatic_pressure(state), 0.0) * state.finger.area * state.cover
+    return np.where(active, electrostatic_pressure(state), 0.0) * state.area * state.cover
 
 
 def friction(state: State) -> np.ndarray:
@@ -275,7 +283,7 @@ def friction(state: State) -> np.ndarray:
     mu = (
         state.finger.mu_off
         * state.mu_factor
-        * state.load_law(normal, electric + state.load_add * state.finger.area)
+        * state.load_law(normal, electric + state.load_add * state.area)
     )
     for step in state.after:
         mu = step(state.rows, mu, electric)

@@ -569,6 +569,63 @@ class TestTrappedCharge:
         assert got.current_rms_a[0] == 0.0
 
 
+class TestChargeBuildUp:
+    HALF = BY_NAME["charge_build_up"](share=0.5, time_constant_s=2.0, corner_hz=10.0)
+
+    def test_mean_squares_by_hand(self, prepared) -> None:
+        """Half of it goes for good under direct voltage, 0.316060 after one time constant; at f_b
+        half of that, at 100 f_b a ten-thousandth.
+        """
+        times = [0.0, 2.0, 1e3]
+        direct = prepared(touches(0.0, 30.0, waveform="dc", time_s=times), self.HALF)
+        np.testing.assert_allclose(
+            direct.circuit.mean_square_v2[:, 0], [900.0, 615.546, 450.0], rtol=1e-6
+        )
+        sine = prepared(touches([1e-3, 10.0, 1e3], 30.0, time_s=1e3), self.HALF)
+        np.testing.assert_allclose(
+            sine.circuit.mean_square_v2[:, 0], [225.0, 337.5, 449.9775], rtol=1e-6
+        )
+
+    def test_a_bias_is_screened_and_the_sine_on_it_is_not(self, prepared) -> None:
+        biased = touches(1e5, 30.0, voltage_offset_v=-40.0, time_s=1e3)
+        square = prepared(biased, self.HALF).circuit.mean_square_v2
+        np.testing.assert_allclose(square, [[450.0, 800.0]], rtol=1e-6)
+
+    def test_a_sine_attracts_as_a_smaller_one(self, with_effects, models) -> None:
+        c = touches(FREQUENCIES, 75.0, time_s=1e3)
+        kept = 1.0 - 0.5 / (1.0 + (FREQUENCIES / 10.0) ** 2)
+        base = models["reference"].predict(touches(FREQUENCIES, 75.0 * np.sqrt(kept)))
+        assert_same(with_effects(self.HALF).predict(c), base, without=CURRENTS)
+
+    def test_it_screens_the_drive_and_not_what_is_trapped(self, prepared) -> None:
+        """(0.707107 30 V - 20 V)^2."""
+        charge = BY_NAME["trapped_charge"](surface_voltage_v=20.0, share_at_rest=1.0)
+        direct = touches(0.0, 30.0, waveform="dc", time_s=1e3)
+        square = prepared(direct, charge, self.HALF).circuit.mean_square_v2
+        np.testing.assert_allclose(square, [[1.4719]], rtol=1e-4)
+
+
+class TestContactAreaLaw:
+    LAW = BY_NAME["contact_area_law"](exponent=0.5)
+
+    @pytest.mark.parametrize(("load_n", "area_m2"), [(0.5, 1e-4), (2.0, 2e-4), (0.125, 5e-5)])
+    def test_at_each_load_it_is_a_touch_of_that_area(
+        self, with_effects, variant, load_n: float, area_m2: float
+    ) -> None:
+        """Pressure, attraction and every current, with what lies in series with the whole touch."""
+        series = BY_NAME["series_resistance"](resistance_ohm=2e4)
+        got = with_effects(series, self.LAW).predict(touches(FREQUENCIES, 75.0, load_n))
+        fixed = with_effects(series, base=variant(contact_area_m2=area_m2))
+        assert_same(got, fixed.predict(touches(FREQUENCIES, 75.0, load_n)))
+
+    def test_an_area_in_proportion_to_load_leaves_friction_alone(self, with_effects) -> None:
+        """The same pressure at every load: the same attraction per area."""
+        law = with_effects(BY_NAME["contact_area_law"](exponent=1.0))
+        got = law.predict(touches(250.0, 75.0, [0.1, 0.5, 2.0]))
+        np.testing.assert_allclose(got.cof, got.cof[1], rtol=1e-9)
+        np.testing.assert_allclose(got.current_rms_a / got.current_rms_a[1], [0.2, 1.0, 4.0])
+
+
 class TestAirBreakdown:
     @pytest.mark.parametrize(
         ("frequency_hz", "voltage_v", "limit"),
