@@ -316,6 +316,12 @@ class TouchModel:
         stuck_a = current.current_rms_a(admittance, touch.omega, touch.rms_v, touch.area_m2)
         return stuck_a.reshape(touch.shape), np.abs(touch.electrode_v).reshape(touch.shape)
 
+    def contact_area_m2(self, normal_force_n: float) -> float:
+        """Apparent area of the touch under a load, by the model."""
+        load_n = np.array([normal_force_n])
+        touch = self._prepare(sines(np.array([250.0]), np.zeros(1), load_n, 0.0, 0.0))
+        return float(touch.area_m2[0])
+
     def _prepare(self, drive: Drive) -> PreparedTouch:
         described = self.description
         return prepare(described.values, described.dielectric, described.effects, drive)

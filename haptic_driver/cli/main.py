@@ -48,6 +48,7 @@ PANELS = {
         "study",
         "sensitivity",
         "reproduce",
+        "contact",
         "simulate",
     ),
     ON_A_RIG: ("doctor", "calibrate-touch", "daemon", "arm", "texture", "watch"),

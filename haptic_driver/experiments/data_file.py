@@ -24,6 +24,7 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.experiments.average import Measured
+from haptic_driver.experiments.contact_area import ContactArea
 from haptic_driver.experiments.plan import Row
 from haptic_driver.files import read_text, replacing, writing
 from haptic_driver.surface import labelled
@@ -69,6 +70,8 @@ COLUMNS = (
     "intervention",
     *ELECTRODE_COLUMNS,
     "kramers_kronig",
+    "contact_area_m2",
+    "contact_area_std_m2",
     "measured_normal_force_n",
     "simulated",
 )
@@ -166,10 +169,14 @@ class DataFile:
         return data
 
     def append(
-        self, row: Row, measured: Measured, electrode: ElectrodeReading | None = None
+        self,
+        row: Row,
+        measured: Measured,
+        electrode: ElectrodeReading | None = None,
+        area: ContactArea | None = None,
     ) -> None:
         """Write one row through to the disk; what was not measured is left empty."""
-        texts = row_texts(row, measured, electrode, simulated=self._simulated)
+        texts = row_texts(row, measured, electrode, area, simulated=self._simulated)
         with writing(Path(self._file.name)):
             self._write([texts[name] for name in COLUMNS])
         self.done += 1
@@ -189,13 +196,21 @@ class DataFile:
 
 
 def row_texts(
-    row: Row, measured: Measured, electrode: ElectrodeReading | None = None, *, simulated: bool
+    row: Row,
+    measured: Measured,
+    electrode: ElectrodeReading | None = None,
+    area: ContactArea | None = None,
+    *,
+    simulated: bool,
 ) -> dict[str, str]:
     """One row of measured data, as text by column; what was not measured is empty."""
     texts = dict.fromkeys(COLUMNS, "") | dict(
         zip(SETTING_COLUMNS, _setting_texts(row), strict=True)
     )
     texts |= {} if electrode is None else _electrode_texts(electrode)
+    if area is not None:
+        texts["contact_area_m2"] = _text(area.area_m2)
+        texts["contact_area_std_m2"] = _text(area.std_m2, digits=4)
     return texts | {
         "cof": _text(measured.cof),
         "cof_std": _text(measured.cof_std, digits=4),

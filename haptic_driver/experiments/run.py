@@ -16,6 +16,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.average import Measured, average, mean_reading
 from haptic_driver.experiments.bench import Bench
 from haptic_driver.experiments.check import Judged, Refusal, check, resolved
+from haptic_driver.experiments.contact_area import ContactArea, contact_area
 from haptic_driver.experiments.data_file import DataFile, Identity
 from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.experiments.stroke import stage_of
@@ -165,19 +166,21 @@ def run(
 
 def _measure_at_last(
     experiment: Experiment, bench: Bench, number: int, row: Row, tell: Callable[[str], None]
-) -> tuple[Measured, ElectrodeReading | None]:
+) -> tuple[Measured, ElectrodeReading | None, ContactArea | None]:
     """A row under its mean load and with its output on all the time, at one of a few attempts."""
     wanted_n, tolerance = row.setting.normal_force_n, experiment.plan.load_tolerance
     for left in reversed(range(ATTEMPTS)):
         try:
-            measured, electrode = measure_row(experiment, bench, number, row)
+            measured, electrode, area = measure_row(experiment, bench, number, row)
         except HapticError as error:
             if not left or error.code not in PASSING or bench.rig.state is not RigState.OFF:
                 raise
             tell(f"row {number + 1}: {error.message}; once more")
             continue
         if abs(measured.normal_force_n - wanted_n) <= tolerance * wanted_n:
-            return measured, electrode
+            if area is None and bench.camera is not None and row.setting.finger != "none":
+                tell(f"row {number + 1}: no frame of the camera shows the touch")
+            return measured, electrode, area
         missed = (
             f"row {number + 1}: the load was {measured.normal_force_n:.3g} N, not {wanted_n:g} N"
         )
@@ -200,32 +203,39 @@ def _wait_until_due(plan: Plan, bench: Bench, setting: Setting) -> None:
 
 def measure_row(
     experiment: Experiment, bench: Bench, number: int, row: Row
-) -> tuple[Measured, ElectrodeReading | None]:
+) -> tuple[Measured, ElectrodeReading | None, ContactArea | None]:
     """What one row gives; the finger is lifted and the output off after."""
     plan, setting = experiment.plan, row.setting
     try:
         bench.begin_row(number, row)
+        began_s = bench.time_s
+        if bench.camera is not None:
+            bench.camera.start()
         _bring_up(experiment, bench, setting)
         steps = ceil(plan.settle_s / SETTLING_STEP_S)
         for _ in range(steps):
             _slide(bench, plan.settle_s / steps, setting)
+        settled_s = bench.time_s - began_s
         window, readings = _window(bench, plan, setting)
+        frames = [] if bench.camera is None else bench.camera.frames()
         bench.end_row()
     finally:
         evidence = bench.rig.off()
     _require_off(evidence)
     bench.step(plan.pause_s, 0.0, 0.0)
     electrode = mean_reading(readings)
+    steady = [frame for frame in frames if frame.time_s >= settled_s] or list(frames)[-1:]
+    area = contact_area(steady, experiment.config.camera)
     if setting.sweep:
         load_n = 0.0 if setting.finger == "none" else float(np.mean(window[:, 2]))
-        return Measured(nan, nan, load_n, float(np.mean(window[:, 0]))), electrode
+        return Measured(nan, nan, load_n, float(np.mean(window[:, 0]))), electrode, area
     measured = average(window[:, 0], window[:, 1], window[:, 2])
     if not measured.valid:
         hint = (
             "Check that the finger slides, and the force sensor's axes: both forces count positive"
         )
         raise HapticError("no_friction", f"row {number + 1}, {setting}: measured {measured}", hint)
-    return measured, electrode
+    return measured, electrode, area
 
 
 def _window(bench: Bench, plan: Plan, setting: Setting) -> tuple[Array, list[ElectrodeReading]]:

@@ -19,6 +19,7 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import connect_devices
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.rig import Rig
+from hw.camera.contract import Camera
 from hw.force.sensor import ForceReading
 from hw.monitor.contract import ElectrodeReading
 from hw.stage.lts150 import Lts150, StageStatus
@@ -61,6 +62,10 @@ class StageBench:
     @property
     def rig(self) -> Rig:
         return self._devices.rig
+
+    @property
+    def camera(self) -> Camera | None:
+        return self._devices.camera
 
     @property
     def time_s(self) -> float:

@@ -30,6 +30,7 @@ from haptic_driver.render.policies import POLICIES
 from haptic_driver.rig.part import (
     AMPLIFIERS,
     ANALOG_OUTPUTS,
+    CAMERAS,
     ELECTRODE_MONITORS,
     FINGER_TRACKERS,
     FORCE_SENSORS,
@@ -51,6 +52,7 @@ from haptic_driver.rig.part import (
 )
 from haptic_driver.rig.parts.amplifiers import AmplifierConfig
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SomeAnalogOutput
+from haptic_driver.rig.parts.cameras import CameraSection, NoCamera
 from haptic_driver.rig.parts.electrode_monitors import (
     CardElectrodeMonitorConfig,
     SomeElectrodeMonitor,
@@ -94,6 +96,7 @@ if TYPE_CHECKING:
     SomeMonitor = SomeElectrodeMonitor
     SomeOutput = NoAnalogOutput | SomeAnalogOutput
     SomeTracker = PartSection
+    SomeCamera = NoCamera | CameraSection
 else:  # whatever is installed
     SomeAmplifier = Annotated[
         PartSection, KindsOf(AMPLIFIERS), BeforeValidator(_analog_if_not_said)
@@ -102,6 +105,7 @@ else:  # whatever is installed
     SomeMonitor = Annotated[PartSection, KindsOf(ELECTRODE_MONITORS)]
     SomeOutput = Annotated[PartSection, KindsOf(ANALOG_OUTPUTS)]
     SomeTracker = Annotated[PartSection, KindsOf(FINGER_TRACKERS)]
+    SomeCamera = Annotated[PartSection, KindsOf(CAMERAS)]
 
 
 # Table 5 of ICNIRP 2010, Health Phys. 99:818: contact current, occupational, is twice that of the
@@ -530,6 +534,7 @@ class RigConfig(Section):
     analog_output: SomeOutput = NoAnalogOutput()
     stage: StageConfig | None = None
     finger_tracker: SomeTracker = NoFingerTracker()
+    camera: SomeCamera = NoCamera()
     screen: ScreenConfig = ScreenConfig()
     output: OutputConfig = OutputConfig()
     finger: FingerConfig = FingerConfig()
@@ -723,6 +728,7 @@ def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
     for name, kind in (
         ("force_sensor", rig.force_sensor),
         ("analog_output", rig.analog_output),
+        ("camera", rig.camera),
         *monitors,
     ):
         is_simulated = kind is not None and kind.kind == SIMULATED

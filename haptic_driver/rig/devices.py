@@ -22,6 +22,7 @@ from haptic_driver.rig.evidence import OffEvidence, tried
 from haptic_driver.rig.part import (
     AMPLIFIERS,
     ANALOG_OUTPUTS,
+    CAMERAS,
     ELECTRODE_MONITORS,
     FINGER_TRACKERS,
     FORCE_SENSORS,
@@ -43,6 +44,7 @@ from hw.analog.ni_daq import (
     card_of,
 )
 from hw.analog.output import AnalogOutput, AnalogOutputSettings
+from hw.camera.contract import Camera
 from hw.errors import DeviceTimeout
 from hw.finger.tracker import FingerTracker
 from hw.force.sensor import ForceSensor
@@ -81,6 +83,7 @@ class Devices:
     opening: Sequence[Callable[[], object]]
     closing: Sequence[Callable[[], object]]
     electrode_monitors: Sequence[ElectrodeMonitor] = ()
+    camera: Camera | None = None
 
     def open(self) -> None:
         """Open everything; whoever answers late is asked again. Raises HapticError and
@@ -148,6 +151,7 @@ def connect_devices(
     enable, heartbeats = parts.interlock()
     output = parts.analog_output() if envelope else None
     monitors = parts.electrode_monitors()
+    camera = parts.camera()
     amplifier = config.amplifier
     lines = Wiring(
         enable=enable,
@@ -168,7 +172,18 @@ def connect_devices(
     claims = Claims(config.addresses)
     opening = [claims.take, *parts.before_rig, rig.connect, *parts.after_rig]
     closing = [*parts.closing, claims.release]
-    return Devices(rig, force_sensor, tracker, stage, output, watchdog, opening, closing, monitors)
+    return Devices(
+        rig,
+        force_sensor,
+        tracker,
+        stage,
+        output,
+        watchdog,
+        opening,
+        closing,
+        monitors,
+        camera,
+    )
 
 
 def build_rig(
@@ -413,6 +428,16 @@ class _Parts:
             self.after_rig += part.opening
             self.closing[:0] = part.closing
         return [part.device for part in parts]
+
+    def camera(self) -> Camera | None:
+        """It only looks; opened last."""
+        part = make_part(CAMERAS, self._config.camera, Wiring())
+        if part is None:
+            return None
+        self.after_rig += part.opening
+        self.closing[:0] = part.closing
+        device: Camera = part.device
+        return device
 
     def _analog_inputs(self) -> NiCards | None:
         config, card = self._config, self._config.analog_inputs

@@ -29,7 +29,7 @@ from haptic_driver.rig.devices import (
     stage_settings,
 )
 from haptic_driver.rig.evidence import MONITOR_QUIET_V
-from haptic_driver.rig.part import NO_WATCHDOG, Vouched
+from haptic_driver.rig.part import CAMERAS, NO_WATCHDOG, Vouched, Wiring, make_part
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.parts.electrode_monitors import InstrumentMonitor
 from haptic_driver.rig.parts.finger_trackers import (
@@ -119,6 +119,7 @@ def examine(config: RigConfig, today: datetime.date) -> list[Check]:
         *_force_sensor(config),
         *_stage(config),
         *_finger_tracker(config, today),
+        *_camera(config),
         *_analog_output(config),
         *_real_time(),
     ]
@@ -379,6 +380,20 @@ def _electrode_monitors(config: RigConfig) -> Checks:
             identity = monitor.line.identify(section.identity())
             yield _ok(name, identity)._replace(held=tuple(monitor.held()))
         yield from failed
+
+
+def _camera(config: RigConfig) -> Checks:
+    """It is opened, which sets it up; a burst is not taken."""
+    part = make_part(CAMERAS, config.camera, Wiring())
+    if part is None:
+        return
+    with _failures("camera", part.device) as failed:
+        part.device.open()
+        yield _ok("camera", f"{config.camera.kind}, answers and takes its settings")
+        yield _unverified(
+            "camera scale", "nobody looked", "film a ruler: haptic contact --scale-from"
+        )
+    yield from failed
 
 
 def _interlock(config: RigConfig) -> Checks:

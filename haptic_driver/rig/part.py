@@ -42,6 +42,7 @@ FORCE_SENSORS = "haptic_driver.force_sensors"
 ANALOG_OUTPUTS = "haptic_driver.analog_outputs"
 FINGER_TRACKERS = "haptic_driver.finger_trackers"
 ELECTRODE_MONITORS = "haptic_driver.electrode_monitors"
+CAMERAS = "haptic_driver.cameras"
 SIMULATED = "simulated"
 NO_WATCHDOG = "none"
 

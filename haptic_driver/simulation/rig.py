@@ -79,6 +79,7 @@ class SimulatedRig:
         )
         self.instruments = SimulatedInstruments(config, friction or friction_of(finger), wrap=wrap)
         self.amplifier = self.instruments.amplifier
+        self._finger = finger
         self._electrode = electrode if friction else electrode_of(finger, stray_f)
         self._stray_f = (
             None if friction else stray_f + finger.description.values.stray_capacitance_f
@@ -118,6 +119,13 @@ class SimulatedRig:
     def read_force(self) -> ForceReading:
         """What the force sensor says now."""
         return self._force.read()
+
+    def touch_area_m2(self) -> float:
+        """Apparent contact area of the model's finger under the present load; 0 where it is
+        lifted.
+        """
+        load_n = self.instruments.plant.normal_force_n
+        return self._finger.contact_area_m2(load_n) if load_n > 0.0 else 0.0
 
     def _analog_output(self) -> AnalogOutput | None:
         section, card = self.config.analog_output, self.instruments.card

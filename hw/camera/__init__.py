@@ -1,0 +1,1 @@
+"""Cameras that see the fingerpad through the screen."""
