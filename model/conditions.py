@@ -20,6 +20,7 @@ RANGES = {
     "voltage_offset_v": (-1e5, 1e5, "V"),
     "speed_m_s": (0.0, 10.0, "m/s"),
     "time_s": (-1e9, 1e9, "s"),
+    "contact_area_m2": (1e-7, 1e-2, "m^2"),
 }
 UNDRIVEN_HZ = 250.0  # stands for the ignored frequency of rows without voltage
 
@@ -33,7 +34,8 @@ class Conditions:
     mean square of the whole wave. `voltage_offset_v` is a steady bias added to it. `speed_m_s` and
     `time_s` matter to some effects only. `finger` holds names of `FINGERS`: a resting one has no
     speed, and softer skin (`TouchParameters.rest_softening`); without a finger nothing is left but
-    the stray capacitance. Only sliding fingers have kinetic friction.
+    the stray capacitance. Only sliding fingers have kinetic friction. `contact_area_m2` is the
+    apparent area where it was seen, NaN where not: there it is the model's.
     """
 
     frequency_hz: Array
@@ -44,6 +46,7 @@ class Conditions:
     speed_m_s: Array | None = None
     time_s: Array | None = None
     finger: NDArray[np.str_] | None = None
+    contact_area_m2: Array | None = None
 
     def __post_init__(self) -> None:
         """Refuse what has no physical meaning, naming the row."""
@@ -65,6 +68,8 @@ class Conditions:
                 wrong = ~((values >= low) & (values <= high))
                 if name == "frequency_hz":
                     wrong &= driven & (wave != "dc")
+                if name == "contact_area_m2":
+                    wrong &= ~np.isnan(values)
                 if wrong.any():
                     i = int(np.argmax(wrong))
                     said = f"{name} = {values[i]:g} is out of range"
@@ -95,7 +100,13 @@ class Conditions:
             steady=direct.astype(np.float64),
             touching=(finger != "none").astype(np.float64),
             resting=(finger == "resting").astype(np.float64),
+            seen_area_m2=0.0
+            if self.contact_area_m2 is None
+            else np.nan_to_num(self.contact_area_m2),
         )
+
+    def _seen_area_m2(self) -> Values:
+        return 0.0 if self.contact_area_m2 is None else np.nan_to_num(self.contact_area_m2)
 
     def _finger(self) -> NDArray[np.str_]:
         return (

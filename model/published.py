@@ -132,6 +132,11 @@ def solve(description: ModelDescription, table: GapTable, drive: Drive) -> Attra
     """
     _check(description, drive)
     p = description.values
+    if np.any(drive.seen_area_m2):
+        raise ModelError(
+            "the equations as printed know one area of contact",
+            "Leave contact_area_m2 out, or use variant 'corrected'",
+        )
     fields = dict(zip(vars(drive), np.broadcast_arrays(*vars(drive).values()), strict=True))
     frequency, voltage, load_n = (
         fields[name].ravel() for name in ("frequency_hz", "voltage_v", "normal_force_n")

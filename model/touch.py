@@ -33,7 +33,7 @@ class Drive:
     against the set one; `surface_voltage_v` stands on the insulator whatever is driven;
     `kept_square` of the mean square, and `kept_offset_square` of the bias's, is not screened and
     attracts. `touching` is 0 where there is no finger, `resting` 1 where it does not slide.
-    `seen_area_m2` is the touch's apparent area where it was seen, NaN where not.
+    `seen_area_m2` is the touch's apparent area where it was seen, 0 where not.
     """
 
     frequency_hz: Values
@@ -50,7 +50,7 @@ class Drive:
     kept_offset_square: Values = 1.0
     touching: Values = 1.0
     resting: Values = 0.0
-    seen_area_m2: Values = float("nan")
+    seen_area_m2: Values = 0.0
 
     @property
     def fundamental_v(self) -> Values:

@@ -106,7 +106,7 @@ def _area_m2(parameters: TouchParameters, contact: Contact, drive: Drive) -> Val
     """Apparent area of each contact: as seen, or else as the model has it."""
     area_m2 = parameters.contact_area_m2 * contact.area_factor
     seen_m2 = drive.seen_area_m2
-    return area_m2 if np.isnan(seen_m2).all() else np.where(np.isnan(seen_m2), area_m2, seen_m2)
+    return np.where(seen_m2 > 0.0, seen_m2, area_m2) if np.any(seen_m2) else area_m2
 
 
 def _branches(

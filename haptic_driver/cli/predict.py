@@ -31,6 +31,7 @@ WHERE_EMPTY = {
     "voltage_offset_v": 0.0,
     "speed_m_s": SPEED_REFERENCE_M_S,
     "time_s": 0.0,
+    "contact_area_m2": np.nan,
 }  # optional columns
 WANTED = (
     f"Give a CSV with columns {', '.join(REQUIRED)} (optional {', '.join(WHERE_EMPTY)}, waveform:"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.generic[Any]]
+Image = NDArray[np.uint8 | np.uint16]
 
 
 class Frame(NamedTuple):

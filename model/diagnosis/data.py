@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from model.conditions import FINGERS, WAVEFORMS, Conditions
 from model.diagnosis.witness import (
+    CONTACT_AREA,
     CURRENT,
     CURRENT_PHASE,
     FRICTION,
@@ -39,6 +40,7 @@ SPREADS = {  # of a witness's standard deviation
     "current_phase_std_rad": (1e-6, 10.0, "rad"),
     "electrode_voltage_std_v": (1e-9, 1e4, "V"),
     "electrode_voltage_phase_std_rad": (1e-6, 10.0, "rad"),
+    "contact_area_std_m2": (1e-12, 1e-2, "m^2"),
 }
 RANGES = {
     "frequency_hz": (1e-3, 1e9, "Hz"),
@@ -53,7 +55,7 @@ RANGES = {
 WANTED = (
     f"Give a CSV with columns {', '.join(REQUIRED)}, cof; optional cof_std, speed_m_s, time_s,"
     " session, trial; of the electrode current_a, current_phase_rad, electrode_voltage_v,"
-    " electrode_voltage_phase_rad, finger"
+    " electrode_voltage_phase_rad, finger; of a camera contact_area_m2"
 )
 
 
@@ -113,6 +115,11 @@ class Measurements:
     def has_current(self) -> bool:
         """Whether the electrode's current was measured, amount or phase."""
         return bool(self.of(CURRENT).any() or self.of(CURRENT_PHASE).any())
+
+    @property
+    def has_area(self) -> bool:
+        """Whether a camera saw the touch."""
+        return bool(self.of(CONTACT_AREA).any())
 
     @property
     def observed(self) -> Array:
@@ -300,7 +307,7 @@ def _observations(table: Table, rows: Measurements) -> Measurements:
     if not given:
         table.require(WITNESSES[FRICTION].column)
         raise ModelError(
-            f"{table.path}: no row says anything of friction, current or voltage", WANTED
+            f"{table.path}: no row says anything of friction, current, voltage or area", WANTED
         )
     columns = dict(rows.columns)
     for name in [name for witness in given for name in (witness.column, witness.std)]:
@@ -327,7 +334,7 @@ def _observations(table: Table, rows: Measurements) -> Measurements:
         True if rows.waveform is None else rows.waveform != "dc"
     )
     there = {
-        i: np.isfinite(columns[witness.column]) & (alternating | (i == FRICTION))
+        i: np.isfinite(columns[witness.column]) & (alternating | (i in (FRICTION, CONTACT_AREA)))
         for i, witness in enumerate(WITNESSES)
         if witness in given
     }

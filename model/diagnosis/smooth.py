@@ -13,7 +13,7 @@ import numpy as np
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.priors import AMPLITUDES
-from model.diagnosis.witness import FRICTION
+from model.diagnosis.witness import CONTACT_AREA, FRICTION
 from model.support.arrays import Array
 
 LENGTH = 0.8  # of the kernel, in standardised inputs
@@ -60,7 +60,9 @@ def discrepancy_terms(data: Measurements, force: Array) -> list[Array]:
     for witness in data.witnesses:
         mine = data.of(witness)
         driven = data.driven[mine].astype(float)
-        shown = [driven, force[mine], np.ones(driven.size)] if witness == FRICTION else [driven]
+        always = np.ones(driven.size)
+        known = {FRICTION: [driven, force[mine], always], CONTACT_AREA: [always]}
+        shown = known.get(witness, [driven])
         for part in _terms(data.subset(mine), shown):
             parts.append(np.zeros((data.count, part.shape[1])))
             parts[-1][mine] = part

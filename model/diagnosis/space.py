@@ -14,7 +14,14 @@ import numpy as np
 from model import solver
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
-from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, VOLTAGE, VOLTAGE_PHASE
+from model.diagnosis.witness import (
+    CONTACT_AREA,
+    CURRENT,
+    CURRENT_PHASE,
+    FRICTION,
+    VOLTAGE,
+    VOLTAGE_PHASE,
+)
 from model.effects import Effect
 from model.effects.drive_gain_error import DriveGainError
 from model.electric.current import sliding_admittance_per_m
@@ -95,8 +102,10 @@ REST = Nuisance("rest_softening", 0.8, tail=0.01)
 def nuisances(description: ModelDescription, data: Measurements) -> tuple[Nuisance, ...]:
     """What differs between fingers and rigs, as far as these data can show it."""
     free = [*NUISANCES]
+    if data.has_current or data.has_area:
+        free.append(AREA)
     if data.has_current:
-        free += [AREA, _as_known(description, STRAY)]
+        free.append(_as_known(description, STRAY))
         if data.finger is not None and 0 < np.sum(data.finger == "none") < data.count:
             free.append(_as_known(description, OPEN))
     if data.finger is not None and np.any(data.finger == "resting"):
@@ -204,10 +213,11 @@ class Predictor:
 
     def _solve(self, parameters: TouchParameters, effects: list[Effect], count: int) -> Array:
         touch, p_e = self._pressed(parameters, effects)
-        electrical = any(witness != FRICTION for witness, _ in self._witnesses)
-        answers = self._friction(parameters, touch, p_e) | (
-            self._electrode(touch, p_e) if electrical else {}
-        )
+        seen = {witness for witness, _ in self._witnesses}
+        answers = self._friction(parameters, touch, p_e)
+        answers[CONTACT_AREA] = np.log(touch.area_m2.reshape(touch.shape))
+        if seen - {FRICTION, CONTACT_AREA}:
+            answers |= self._electrode(touch, p_e)
         predicted = np.empty((count, self._row.size))
         for (witness, mine), against in zip(self._witnesses, self._against, strict=True):
             here = np.broadcast_to(answers[witness], (count, answers[witness].shape[-1]))[

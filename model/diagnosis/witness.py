@@ -1,4 +1,5 @@
-"""What bears witness to the touch: friction, and the voltage and the current at the electrode.
+"""What bears witness to the touch: friction, the voltage and the current at the electrode, and the
+apparent area of contact as a camera sees it.
 
 Amounts are compared as logarithms, phases in rad. A current beside a measured voltage of the
 electrode is taken against that, so that what the amplifier does cancels: the voltage's own
@@ -25,7 +26,8 @@ class Witness:
 
     `std` is the column of its standard deviation; `usual_std` (relative, or rad) stands for it
     where neither that nor replicates say it. `gain_std` is what all rows of a session share:
-    electrodes, washing and posture for friction, the monitors' gain and delay for the others.
+    electrodes, washing and posture for friction and for the area, the monitors' gain and delay
+    for the others.
     `against` is a column that it is compared with where that is measured in the same row.
     `least_std` (relative, or rad) is what no rig, or no model of a touch, is better than from row
     to row, whatever its instrument resolves.
@@ -85,8 +87,17 @@ WITNESSES = (
         is_phase=True,
         range=(-10.0, 10.0, "rad"),
     ),
+    Witness(
+        "contact_area_m2",
+        "contact_area_std_m2",
+        "contact area",
+        0.03,
+        0.03,
+        least_std=0.01,
+        range=(1e-7, 1e-2, "m^2"),
+    ),
 )
-FRICTION, CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE = range(5)
+FRICTION, CURRENT, CURRENT_PHASE, VOLTAGE, VOLTAGE_PHASE, CONTACT_AREA = range(6)
 BY_COLUMN = {witness.column: witness for witness in WITNESSES}
 
 
