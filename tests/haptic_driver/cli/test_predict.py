@@ -326,3 +326,28 @@ def test_an_unknown_finger_is_refused(predict):
     assert status == 2
     assert "slidign" in said["error"]["message"]
     assert "sliding" in said["error"]["hint"]
+
+
+def test_a_seen_area_stands_for_the_models(predict):
+    """Twice the load on twice the area: the same pressure, twice the force and the current."""
+    status, _, rows = predict(
+        f"{BASE},contact_area_m2\n250,75,0.5,\n250,75,0.5,1e-4\n250,75,1.0,2e-4\n"
+    )
+    assert status == 0
+    for name, factor in (("electrostatic_force_n", 2.0), ("cof", 1.0), ("current_a", 2.0)):
+        one, same, twice = numbers(rows, name)
+        assert one == same
+        assert twice == pytest.approx(factor * one, rel=1e-7)  # nine digits are written
+
+
+def test_an_area_out_of_range_is_refused(predict):
+    status, said, _ = predict(f"{BASE},contact_area_m2\n250,75,0.5,100\n")
+    assert (status, said["error"]["code"]) == (2, "bad_condition")
+    assert "contact_area_m2 = 100" in said["error"]["message"]
+
+
+def test_a_published_variant_knows_one_area(predict):
+    text = f"{BASE},contact_area_m2\n250,75,0.5,1.2e-4\n"
+    status, said, _ = predict(text, "--model", "published")
+    assert status == 2
+    assert "one area" in said["error"]["message"]

@@ -1,0 +1,103 @@
+"""The section `[camera]` of a rig's file, and what a camera that is not there says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from haptic_driver.config import parse
+from haptic_driver.errors import BadInputError
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.part import CAMERAS, Wiring, make_part
+from haptic_driver.rig.parts.cameras import GenicamCameraConfig
+from hw.camera.genicam import GenicamCamera, GenicamSettings
+from hw.camera.simulated import Burst, Finger, SimulatedCamera
+from hw.errors import DeviceError
+
+
+def with_camera(**section: object) -> RigConfig:
+    said = load_rig("simulated").model_dump() | {"camera": section}
+    return parse(RigConfig, said, "rig.toml")
+
+
+def test_a_rig_without_one_has_none() -> None:
+    config = load_rig("simulated")
+    assert config.camera.kind == "none"
+    assert make_part(CAMERAS, config.camera, Wiring()) is None
+
+
+def test_a_simulated_rig_has_a_simulated_one() -> None:
+    assert with_camera(kind="simulated", frames=3).camera.kind == "simulated"
+    with pytest.raises(BadInputError, match=r"camera\.kind disagree"):
+        with_camera(kind="genicam", producer="a.cti", scale_m_per_pixel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ({"kind": "webcam"}, "webcam"),
+        ({"kind": "simulated", "scale_m_per_pixel": 0.021}, "scale_m_per_pixel"),
+        ({"kind": "simulated", "frames": 0}, "frames"),
+    ],
+)
+def test_what_a_file_may_not_say(section: dict[str, object], said: str) -> None:
+    with pytest.raises(BadInputError, match=said):
+        with_camera(**section)
+
+
+def test_a_genicam_camera_that_is_not_there_says_so() -> None:
+    """Whether or not `harvesters` is installed: no path of a producer is right here."""
+    section = GenicamCameraConfig(kind="genicam", producer="gone.cti", scale_m_per_pixel=2e-5)
+    part = make_part(CAMERAS, section, Wiring())
+    assert part is not None
+    with pytest.raises(DeviceError, match=r"gone\.cti|package") as caught:
+        part.device.open()
+    assert caught.value.hint
+    with pytest.raises(DeviceError, match="not open"):
+        part.device.start()
+    part.device.close()
+
+
+def test_genicam_settings_reach_the_nodes() -> None:
+    """By the names of the Standard Features Naming Convention; what a camera lacks is named."""
+
+    class Node:
+        value: object = None
+
+    names = (
+        "AcquisitionMode",
+        "AcquisitionFrameCount",
+        "AcquisitionFrameRate",
+        "ExposureTime",
+        "TriggerSelector",
+        "TriggerSource",
+        "TriggerMode",
+    )
+    nodes = type("Nodes", (), {name: Node() for name in names})()
+    camera = GenicamCamera(GenicamSettings("a.cti", count=7, rate_hz=20.0, exposure_s=5e-4))
+    camera._set_up(nodes)
+    assert (nodes.AcquisitionFrameCount.value, nodes.AcquisitionFrameRate.value) == (7, 20.0)
+    assert nodes.ExposureTime.value == pytest.approx(500.0)  # microseconds
+    del type(nodes).TriggerMode
+    with pytest.raises(DeviceError, match="no TriggerMode"):
+        camera._set_up(nodes)
+
+
+class TestSimulated:
+    def at(self, *fingers: Finger) -> SimulatedCamera:
+        told = iter(fingers)
+        return SimulatedCamera(lambda: next(told), burst=Burst(3, 0.1))
+
+    def test_a_burst_has_the_frames_that_there_was_time_for(self) -> None:
+        camera = self.at(Finger(5.0, 8e-5, 0.0), Finger(5.25, 8e-5, 0.0))
+        camera.start()
+        assert [frame.time_s for frame in camera.frames()] == pytest.approx([0.1, 0.2])
+
+    def test_without_a_trigger_nothing_comes(self) -> None:
+        assert self.at(Finger(5.0, 8e-5, 0.0)).frames() == []
+
+    def test_no_finger_is_a_bare_screen(self) -> None:
+        camera = self.at(Finger(0.0, 0.0, 0.0), Finger(0.15, 0.0, 0.0))
+        camera.start()
+        (frame,) = camera.frames()
+        assert np.quantile(frame.image, 0.01) > 100
