@@ -25,7 +25,7 @@ WHITE = 0.995  # of the most that a camera gives
 MOST_GLARE = 2e-3  # of the touch's surroundings
 MOVED = 1.35  # times the film's usual blur: what is told of it ends where edges overlap
 FADED = 0.7  # of the film's usual contrast of ridges
-BLUR_LIMIT_M = 29e-6  # beyond, ridges of a share of 0.4 are off by 4 % and more
+BLUR_LIMIT_M = 45e-6  # beyond, ridges of a share of 0.4 or 0.6 are off by 3 % and more
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,8 @@ SMOOTHING = 0.5  # of a period: leaves 1 % of the ridges in what tells the outli
 FINEST_M = 20e-6  # over which noise is averaged where ridges are told
 LEAST_DARKENING = 0.03  # of the bare screen's light
 NOISE_FACTOR = 8.0  # by how much the touch has to stand out of the smoothed noise
+# Of the pixels of ridges, and of valleys: where blur has left their levels, in narrow ones too.
+PLATEAU = 0.75
 NEAR_EDGE = 0.1  # of the contrast: pixels that tell the slope of ridges' edges
 LEAST_AREA_M2 = 3e-6
 
@@ -125,9 +127,8 @@ def _ridges(dark: Array, mask: Mask, scale_m: float) -> tuple[float, float, floa
     fine = gaussian_filter(dark, smoothed_px, mode="nearest")
     inside = fine[mask]
     limit = float(filters.threshold_otsu(inside))
-    high, low = (
-        float(np.median(part)) for part in (inside[inside > limit], inside[inside <= limit])
-    )
+    high = float(np.quantile(inside[inside > limit], PLATEAU))
+    low = float(np.quantile(inside[inside <= limit], 1.0 - PLATEAU))
     contrast, limit = high - low, 0.5 * (high + low)
     slope = np.hypot(*np.gradient(fine))[mask]
     at_edges = slope[np.abs(inside - limit) < NEAR_EDGE * contrast]

@@ -217,14 +217,15 @@ def measure_row(
             _slide(bench, plan.settle_s / steps, setting)
         settled_s = bench.time_s - began_s
         window, readings = _window(bench, plan, setting)
-        frames = [] if bench.camera is None else bench.camera.frames()
+        ended_s = bench.time_s - began_s
         bench.end_row()
     finally:
         evidence = bench.rig.off()
     _require_off(evidence)
+    frames = [] if bench.camera is None else bench.camera.frames()  # may wait: nothing is on
     bench.step(plan.pause_s, 0.0, 0.0)
     electrode = mean_reading(readings)
-    steady = [frame for frame in frames if frame.time_s >= settled_s] or list(frames)[-1:]
+    steady = [frame for frame in frames if settled_s <= frame.time_s <= ended_s]
     area = contact_area(steady, experiment.config.camera)
     if setting.sweep:
         load_n = 0.0 if setting.finger == "none" else float(np.mean(window[:, 2]))

@@ -26,7 +26,7 @@ class Error(NamedTuple):
 
 def of_film(number: int) -> Error:
     """A film of one scene: the screen alone in every other one, then the touch twice, moved."""
-    random = np.random.default_rng([4803, number])
+    random = np.random.default_rng([4804, number])
     scene = drawing.scene(random)
     places = random.uniform(-4e-4, 4e-4, (2, 2))
     truths = [drawing.drawn(scene, random, (float(x), float(y))) for x, y in places]
@@ -51,7 +51,7 @@ def check(count: int) -> None:
     )
     assert (area < AREA_WITHIN).all()
     assert (ridges < RIDGES_WITHIN).all()
-    assert ridges.size > 0.5 * count
+    assert ridges.size > 0.9 * count
 
 
 def test_a_few_drawn_films() -> None:
