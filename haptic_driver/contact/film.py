@@ -105,8 +105,15 @@ def grey(image: Any) -> Array:
 def read_picture(path: Path, page: int | None = None) -> Any:
     """One picture of any of the formats; a raw one by the camera's own grey values."""
     if path.suffix.lower() in RAW:
-        optional("rawpy", EXTRA, f"{path.name}, a raw picture,")
-        return _opened(path).imread(path, plugin="rawpy", no_auto_bright=True, output_bps=16)
+        rawpy = optional("rawpy", EXTRA, f"{path.name}, a raw picture,")
+        as_counted = {
+            "no_auto_bright": True,
+            "output_bps": 16,
+            "gamma": (1, 1),
+            "user_wb": [1.0, 1.0, 1.0, 1.0],
+            "output_color": rawpy.ColorSpace.raw,
+        }
+        return _opened(path).imread(path, plugin="rawpy", **as_counted)
     if page is not None:
         return optional("tifffile", EXTRA, str(path)).imread(path, key=page)
     return _opened(path).imread(path)

@@ -19,6 +19,7 @@ from hw.camera.fingerprint import Optics, Touch, bare, drawn
 
 iio = pytest.importorskip("imageio.v3")
 tifffile = pytest.importorskip("tifffile")
+pytest.importorskip("rawpy")
 pytest.importorskip("skimage")
 OPTICS = Optics(width=288, height=352, scale_m=42e-6, blur_m=15e-6)
 AREAS_M2 = (5e-5, 6e-5)
@@ -32,6 +33,22 @@ def images() -> list[np.ndarray]:
     return [bare(OPTICS, random), *(drawn(Touch(a), OPTICS, random).image for a in AREAS_M2)]
 
 
+def write_dng(path: Path, image: np.ndarray) -> None:
+    """A raw picture of a sensor behind a mosaic of colours that all count alike."""
+    identity = sum(((int(v), 1) for v in np.eye(3).ravel()), ())
+    tags = [
+        (33421, "H", 2, (2, 2), True),  # the mosaic: size, and red green green blue
+        (33422, "B", 4, (0, 1, 1, 2), True),
+        (50706, "B", 4, (1, 4, 0, 0), True),  # version
+        (50708, "s", 0, "a camera", True),
+        (50714, "H", 1, 0, True),  # black and white
+        (50717, "I", 1, 255 * 257, True),
+        (50721, "2i", 9, identity, True),  # from colours to the camera's
+    ]
+    counts = image.astype(np.uint16) * 257
+    tifffile.imwrite(path, counts, photometric=32803, extratags=tags, metadata=None)
+
+
 @pytest.fixture(scope="module")
 def films(images: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same as a video, a stack, and a folder with time stamps."""
@@ -40,6 +57,9 @@ def films(images: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) ->
     iio.imwrite(folder / "film.avi", colours, plugin="pyav", fps=25, codec="ffv1")
     stack = np.stack(images).astype(np.uint16) * 257
     tifffile.imwrite(folder / "film.tif", stack, photometric="minisblack")
+    (folder / "raw").mkdir()
+    for number, image in enumerate(images):
+        write_dng(folder / "raw" / f"img_{number}.dng", image)
     (folder / "frames").mkdir()
     for number, image in zip((8, 9, 10), images, strict=True):  # natural order, not that of letters
         iio.imwrite(folder / "frames" / f"img_{number}.png", image)
@@ -55,7 +75,12 @@ def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict]:
 
 @pytest.mark.parametrize(
     ("name", "times_s"),
-    [("film.avi", (0.0, 0.04, 0.08)), ("film.tif", (0.0, 1.0, 2.0)), ("frames", (0.0, 0.02, 0.05))],
+    [
+        ("film.avi", (0.0, 0.04, 0.08)),
+        ("film.tif", (0.0, 1.0, 2.0)),
+        ("frames", (0.0, 0.02, 0.05)),
+        ("raw", (0.0, 1.0, 2.0)),
+    ],
 )
 def test_every_kind_of_film_gives_the_areas(films, tmp_path, capsys, name, times_s) -> None:
     out = tmp_path / "contact.csv"

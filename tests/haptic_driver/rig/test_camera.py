@@ -7,6 +7,7 @@ import pytest
 
 from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError
+from haptic_driver.rig import doctor
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.part import CAMERAS, Wiring, make_part
 from haptic_driver.rig.parts.cameras import GenicamCameraConfig
@@ -101,3 +102,12 @@ class TestSimulated:
         camera.start()
         (frame,) = camera.frames()
         assert np.quantile(frame.image, 0.01) > 100
+
+
+def test_doctor_says_that_a_camera_does_not_answer() -> None:
+    section = GenicamCameraConfig(kind="genicam", producer="gone.cti", scale_m_per_pixel=2e-5)
+    config = load_rig("simulated").model_copy(update={"camera": section})
+    (check,) = doctor._camera(config)
+    assert (check.name, check.status) == ("camera", doctor.Status.FAILED)
+    assert check.hint
+    assert list(doctor._camera(load_rig("simulated"))) == []
