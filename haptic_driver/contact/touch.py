@@ -33,9 +33,9 @@ class Seen:
     """A touch as a frame shows it; lengths in m from the picture's upper left corner.
 
     `axes_m` the longer and the shorter axis of the ellipse of the same moments, `angle_rad` of the
-    longer from x to y. `contrast`: how much darker ridges are than valleys, of the bare screen's
-    light. `blur_m`: standard deviation of a point's image, told by the ridges'
-    edges. `mask` [y, x] is the touch, `outline` its closed line [n, 2] as (y, x) in pixels.
+    longer from x to y, 0 to pi. `contrast`: how much darker ridges are than valleys, of the bare
+    screen's light. `blur_m`: standard deviation of a point's image, told by the ridges' edges.
+    `mask` [y, x] is the touch, `outline` its closed line [n, 2] as (y, x) in pixels.
     """
 
     area_m2: float
@@ -102,7 +102,7 @@ def _measured(dark: Array, mean_dark: Array, mask: Mask, half: float, scale_m: f
             float(region.axis_major_length) * scale_m,
             float(region.axis_minor_length) * scale_m,
         ),
-        angle_rad=float(np.pi / 2.0 - turn) if turn > 0.0 else float(-np.pi / 2.0 - turn),
+        angle_rad=float(np.remainder(np.pi / 2.0 - turn, np.pi)),
         contrast=contrast,
         blur_m=blur_m,
         mask=mask,

@@ -51,7 +51,7 @@ def check(count: int) -> None:
     )
     assert (area < AREA_WITHIN).all()
     assert (ridges < RIDGES_WITHIN).all()
-    assert ridges.size > 0.9 * count
+    assert ridges.size > 0.8 * count  # blur goes up to where they are not told
 
 
 def test_a_few_drawn_films() -> None:
