@@ -53,12 +53,7 @@ class Film:
             yield from _opened(self.path).imiter(self.path, plugin=_video_plugin())
             return
         for path, page in self.places:
-            try:
-                yield read_picture(path, page)
-            except HapticError:
-                raise
-            except Exception as error:  # each format has errors of its own
-                raise BadInputError("bad_film", f"{path}: cannot be read: {error}", GIVE) from error
+            yield read_picture(path, page)
 
 
 def read_film(path: Path, times: Path | None = None, rate_hz: float | None = None) -> Film:
@@ -103,7 +98,16 @@ def grey(image: Any) -> Array:
 
 
 def read_picture(path: Path, page: int | None = None) -> Any:
-    """One picture of any of the formats; a raw one by the camera's own grey values."""
+    """One picture of any of the formats, a raw one as the camera counted; BadInputError."""
+    try:
+        return _picture(path, page)
+    except HapticError:
+        raise
+    except Exception as error:  # each format has errors of its own
+        raise BadInputError("bad_film", f"{path}: cannot be read: {error}", GIVE) from error
+
+
+def _picture(path: Path, page: int | None) -> Any:
     if path.suffix.lower() in RAW:
         rawpy = optional("rawpy", EXTRA, f"{path.name}, a raw picture,")
         as_counted = {

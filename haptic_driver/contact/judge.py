@@ -12,6 +12,7 @@ from scipy.ndimage import binary_dilation
 
 from haptic_driver.contact.light import flattened
 from haptic_driver.contact.touch import Seen, find_touch
+from haptic_driver.errors import BadInputError
 from haptic_driver.signals import Array
 
 NO_FINGER, OUTSIDE, GLARE, MOTION, BLURRED = (
@@ -96,6 +97,9 @@ def _empty_screen(frames: Iterable[Array], scale_m: float) -> Array | None:
 
 
 def _seen(frame: Array, time_s: float, scale_m: float, background: Array | None) -> FrameSeen:
+    if background is not None and background.shape != frame.shape:
+        said = f"the picture of the bare screen is of {background.shape}, a frame of {frame.shape}"
+        raise BadInputError("bad_background", said, "Take it with the same camera and settings")
     seen = find_touch(flattened(frame, background), scale_m)
     if seen is None:
         return FrameSeen(time_s, NO_FINGER, None)

@@ -131,6 +131,28 @@ def test_what_is_no_film_is_refused(films, tmp_path, capsys) -> None:
         assert said["hint"]
 
 
+def test_a_background_has_to_be_a_picture_of_the_same_size(films, tmp_path, capsys) -> None:
+    bad, other = tmp_path / "bad.png", tmp_path / "other.png"
+    bad.write_bytes(b"no picture")
+    iio.imwrite(other, np.full((200, 200), 180, np.uint8))
+    for path, code in ((bad, "bad_film"), (other, "bad_background")):
+        words = (str(films / "frames"), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
+        status, said = error(capsys, *words, "--background", str(path))
+        assert (status, said["code"]) == (2, code)
+
+
+def test_a_background_takes_the_place_of_frames_without_a_finger(films, tmp_path, capsys) -> None:
+    (tmp_path / "touches").mkdir()
+    for number in (9, 10):
+        name = f"img_{number}.png"
+        (tmp_path / "touches" / name).write_bytes((films / "frames" / name).read_bytes())
+    words = (str(tmp_path / "touches"), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
+    bare = str(films / "frames" / "img_8.png")
+    status, said = run(capsys, *words, "--background", bare, "--rate", "50")
+    assert (status, said["counted"]) == (0, 2)
+    assert said["area_m2"] == pytest.approx(np.mean(AREAS_M2), rel=0.03)
+
+
 def test_time_stamps_have_to_fit(films, tmp_path) -> None:
     short = tmp_path / "short.txt"
     short.write_text("0.1\n0.2\n", encoding="utf-8")
