@@ -17,6 +17,7 @@ import time
 from collections.abc import Mapping
 
 from haptic_driver.rig.config import InterlockBox, RigConfig, StageConfig, WatchdogConfig
+from haptic_driver.rig.parts.cameras import NoCamera
 from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
@@ -113,6 +114,7 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
         update={
             "simulated": False,
             "electrode_monitors": [],
+            "camera": NoCamera(),
             "waveform_generator": config.waveform_generator.model_copy(
                 update={"resource": generator}
             ),
