@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from haptic_driver.contact.judge import BLURRED, FrameSeen
-from haptic_driver.pictures.files import pyplot, saved
+from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.signals import Array
 
 AREA, RIDGES, BAD = "#1b6ca8", "#3a3a3a", "#d1495b"

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 Scale = Annotated[float, Within(1e-7, 1e-3, "no camera sees ridges with larger or finer pixels")]
 
 
+SCALE = "how large a pixel is at the screen, from a film of a ruler"
+
+
 class NoCamera(PartSection):
     """Nobody sees the touch."""
 
@@ -26,36 +29,47 @@ class CameraSection(PartSection):
 
     sees: ClassVar[bool] = True
 
-    scale_m_per_pixel: Scale
-    frames: Annotated[int, Field(ge=1, le=1000)] = 5
-    interval_s: Seconds = 0.1
+    scale_m_per_pixel: Scale = Field(description=SCALE)
+    frames: Annotated[int, Field(ge=1, le=1000)] = Field(
+        default=5, description="taken after each trigger, at a row's start"
+    )
+    interval_s: Seconds = Field(default=0.1, description="from one to the next")
 
 
 class SimulatedCameraConfig(CameraSection):
     """Draws the simulated finger's touch."""
 
     kind: Literal["simulated"]
-    scale_m_per_pixel: Scale = 45e-6
-    width: Annotated[int, Field(ge=64, le=4096)] = 360
-    height: Annotated[int, Field(ge=64, le=4096)] = 440
-    blur_m: Annotated[float, Within(0.0, 1e-3, "nothing would be seen")] = 15e-6
-    noise: Annotated[float, Within(0.0, 1.0, "it is a share of white")] = 0.015
+    scale_m_per_pixel: Scale = Field(default=45e-6, description=SCALE)
+    width: Annotated[int, Field(ge=64, le=4096)] = Field(
+        default=360, description="pixels of the simulated picture"
+    )
+    height: Annotated[int, Field(ge=64, le=4096)] = Field(
+        default=440, description="the same, downwards"
+    )
+    blur_m: Annotated[float, Within(0.0, 1e-3, "nothing would be seen")] = Field(
+        default=15e-6, description="standard deviation of a point's image"
+    )
+    noise: Annotated[float, Within(0.0, 1.0, "it is a share of white")] = Field(
+        default=0.015, description="standard deviation of a pixel, as a share of white"
+    )
 
 
 class GenicamCameraConfig(CameraSection):
-    """A GenICam camera through `harvesters`; unverified.
-
-    `producer`: the .cti file of its transport layer, its path from the rig's file. An empty
-    `serial` takes the only camera that is there.
-    """
+    """A GenICam camera through `harvesters`; unverified."""
 
     files = ("producer",)
 
     kind: Literal["genicam"]
-    producer: str
-    serial: str = ""
-    exposure_s: Seconds = 1e-3
-    timeout_s: Seconds = 2.0
+    producer: str = Field(
+        description="the .cti file of the camera's transport layer; its path counts from the rig's file"
+    )
+    serial: str = Field(default="", description="which camera; empty: the only one")
+    exposure_s: Seconds = Field(
+        default=1e-3,
+        description="of a frame: a sliding finger must not move by a tenth of a ridge meanwhile",
+    )
+    timeout_s: Seconds = Field(default=2.0, description="for one frame")
 
 
 def make_genicam(section: GenicamCameraConfig, wiring: Wiring) -> Part[GenicamCamera]:

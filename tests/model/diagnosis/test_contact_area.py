@@ -10,7 +10,7 @@ import pytest
 from model.conditions import Conditions
 from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
-from model.diagnosis.fit import Problem
+from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.space import AREA, Predictor, nuisances
 from model.diagnosis.witness import CONTACT_AREA, FRICTION
