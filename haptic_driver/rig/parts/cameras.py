@@ -62,7 +62,7 @@ class GenicamCameraConfig(CameraSection):
 
     kind: Literal["genicam"]
     producer: str = Field(
-        description="the .cti file of the camera's transport layer; its path counts from the rig's file"
+        description="the .cti file of its transport layer; its path counts from the rig's file"
     )
     serial: str = Field(default="", description="which camera; empty: the only one")
     exposure_s: Seconds = Field(

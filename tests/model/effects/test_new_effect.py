@@ -55,7 +55,8 @@ for line in filter(str.strip, sys.stdin):
 TESTS = "import pytest; sys.exit(pytest.main(sys.argv[1:]))"
 PAGES = """
 import reference
-reference.main(lambda name, text: print(text))
+for text in reference.texts().values():
+    print(text)
 """
 
 
