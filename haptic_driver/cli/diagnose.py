@@ -39,6 +39,7 @@ from model.effects.learned import LEARNED
 from model.planning.resolution import Resolution, resolution
 from model.planning.separation import APART
 from model.reporting.report import write_report
+from model.support.tables import BadRowsError
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import TouchModel
 
@@ -56,6 +57,10 @@ def diagnose(
         Option(help="More data of the same finger and rig; may be given repeatedly."),
     ] = None,
     rows: RowsOption = None,
+    leave_out_bad: Annotated[
+        bool,
+        Option("--leave-out-bad", help="Go on without rows that cannot be used, and tell."),
+    ] = False,
     seed: Annotated[int, Option(help="Of the random draws in tests and folds.", min=0)] = 0,
     plan: Annotated[
         str | None, named("plans", "A plan to judge beforehand, beside data or without")
@@ -95,7 +100,8 @@ def diagnose(
         raise BadInputError(
             "bad_data", "give data or --plan", "haptic diagnose data.csv, or --plan full --rig R"
         )
-    description, measurements = load_model(model), read_data(given, rows) if given or rows else None
+    description = load_model(model)
+    measurements = _measured(given, rows, leave_out_bad) if given or rows else None
     if plan is not None:
         _show_levels((plan, rig), description, measurements, out, (strength, noise), as_json)
         return
@@ -111,6 +117,16 @@ def diagnose(
         found | {"next_plan": str(following) if following else None},
         lambda: _show(found, out, again),
     )
+
+
+def _measured(given: Sequence[Path], rows: Path | None, leave_out_bad: bool) -> Measurements:
+    try:
+        return read_data(given, rows, leave_out_bad)
+    except BadInputError as error:
+        if isinstance(error.__cause__, BadRowsError):
+            hint = f"{error.hint}. To go on without such rows: --leave-out-bad"
+            raise BadInputError(error.code, error.message, hint) from error
+        raise
 
 
 def _show_levels(

@@ -19,11 +19,13 @@ from model.diagnosis.data import Measurements, read_measurements, together
 ENDINGS = (".h5", ".hdf5")
 
 
-def read_data(paths: Sequence[Path], rows: Path | None = None) -> Measurements:
+def read_data(
+    paths: Sequence[Path], rows: Path | None = None, leave_out_bad: bool = False
+) -> Measurements:
     """Files of measured data (CSV) and recordings (HDF5), by their endings, as one data set.
 
     What the recordings were cut into is kept in the file `rows`. BadInputError for what cannot be
-    used.
+    used; with `leave_out_bad` rows of tables that cannot be are left out, see `read_measurements`.
     """
     recordings = [path for path in paths if path.suffix.lower() in ENDINGS]
     tables = [path for path in paths if path not in recordings]
@@ -33,12 +35,13 @@ def read_data(paths: Sequence[Path], rows: Path | None = None) -> Measurements:
     if rows is not None and rows.exists():
         raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
     with TemporaryDirectory() as folder, bad_input("bad_data"):
-        parts = []
+        parts = list[tuple[str, Measurements]]()
         if recordings:
             cut = rows or Path(folder) / "rows.csv"
             write_recorded(recordings, cut)
             parts.append((", ".join(map(str, recordings)), read_measurements(cut)))
-        return together([*parts, *((str(path), read_measurements(path)) for path in tables)])
+        parts += [(str(path), read_measurements(path, leave_out_bad)) for path in tables]
+        return together(parts)
 
 
 def write_recorded(recordings: Sequence[Path], out: Path) -> int:

@@ -37,7 +37,11 @@ def audited(description: ModelDescription, data: Measurements) -> Audit:
     noise = noise_of(data)
     kinds = testable_effects(data, description.effects)
     left_out = f"{data.left_out} rows contradict Kramers and Kronig, and are left out"
-    warnings = (left_out,) if data.left_out else ()
+    warnings: tuple[str, ...] = (left_out,) if data.left_out else ()
+    if data.bad_rows:
+        count = len(data.bad_rows)
+        rows = "row that cannot be used is" if count == 1 else "rows that cannot be used are"
+        warnings += (f"{count} {rows} left out: {'; '.join(data.bad_rows)}",)
     return Audit(data, noise, kinds, warnings, _blocked(data, noise, kinds))
 
 

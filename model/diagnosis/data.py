@@ -74,6 +74,7 @@ class Measurements:
     rig, see `model.effects.interventions`, None for nothing anywhere. `left_out`: rows of spectra
     that the file itself marks as in contradiction with Kramers and Kronig. `least_cof_std`:
     relative; what of friction is known no better from row to row, whatever the scatter says.
+    `bad_rows`: what was wrong in rows that were left out on request, a line of the file each.
     """
 
     columns: dict[str, Array]
@@ -87,6 +88,7 @@ class Measurements:
     finger: NDArray[np.str_] | None = None
     intervention: NDArray[np.str_] | None = None
     left_out: int = 0
+    bad_rows: tuple[str, ...] = ()
     least_cof_std: float = WITNESSES[FRICTION].least_std
 
     @property
@@ -260,11 +262,29 @@ class Measurements:
         return group.ravel()
 
 
-def read_measurements(path: Path) -> Measurements:
-    """Read a data file; ModelError names the line and column that is wrong."""
-    table = read_table(path, REQUIRED, WANTED)
+def read_measurements(path: Path, leave_out_bad: bool = False) -> Measurements:
+    """Read a data file; BadRowsError names every line and column that is wrong.
+
+    ModelError where the file as a whole is. With `leave_out_bad` those rows are left out, and told
+    in `bad_rows`.
+    """
+    table = read_table(path, REQUIRED, WANTED, at_once=True)
     if not table.rows:
         raise ModelError(f"{path}: has no rows", WANTED)
+    if len(table.wrong) == len(table.rows):
+        raise table.bad_rows()
+    found, said = _measurements(table), tuple[str, ...]()
+    while table.wrong:
+        kept = table.without_wrong()
+        if not leave_out_bad or not kept.rows:
+            raise table.bad_rows()
+        said += table.said_wrong()
+        table, found = kept, _measurements(kept)
+    return replace(found, bad_rows=said)
+
+
+def _measurements(table: Table) -> Measurements:
+    """All rows of a table; what is wrong in one is noted in the table, and stands for nothing."""
     waveform = _words(table, "waveform", WAVEFORMS)
     voltage = _column(table, "voltage_v")
     ignored = voltage == 0.0
@@ -316,20 +336,20 @@ def _observations(table: Table, rows: Measurements) -> Measurements:
     for witness in given:
         _check_stated(table, columns, witness)
     silent = np.all([np.isnan(columns[witness.column]) for witness in given], axis=0)
-    if silent.any():
-        i = int(np.argmax(silent))
+    for i in np.flatnonzero(silent).tolist():
         said = (
             f"{table.where(i)}: {given[0].column} is '', not a number, and no other witness speaks"
             " there"
         )
-        raise ModelError(said, WANTED, "not_a_number")
+        if not table.rows[i][given[0].column]:
+            table.refuse(i, ModelError(said, WANTED, "not_a_number"))
     if given == [WITNESSES[FRICTION]]:
         return replace(rows, columns=columns)
     held = np.zeros(rows.count, bool) if rows.finger is None else rows.finger != "sliding"
     wrong = held & np.isfinite(columns.get("cof", np.full(rows.count, np.nan)))
-    if wrong.any():
-        said = f"{table.where(int(np.argmax(wrong)))}: has a cof, but its finger does not slide"
-        raise ModelError(said, "Leave cof empty there: friction is kinetic")
+    for i in np.flatnonzero(wrong).tolist():
+        said = f"{table.where(i)}: has a cof, but its finger does not slide"
+        table.refuse(i, ModelError(said, "Leave cof empty there: friction is kinetic"))
     alternating = (rows.columns["voltage_v"] != 0.0) & (
         True if rows.waveform is None else rows.waveform != "dc"
     )
@@ -351,8 +371,8 @@ def stacked(rows: Measurements, there: Mapping[int, Mask]) -> Measurements:
 
 
 def _check_stated(table: Table, columns: dict[str, Array], witness: Witness) -> None:
-    """ModelError where a standard deviation stands without its value, or friction's in some rows
-    only.
+    """Refuse rows where a standard deviation stands without its value, or friction without one
+    that others have.
     """
     if witness.std not in columns:
         return
@@ -360,13 +380,12 @@ def _check_stated(table: Table, columns: dict[str, Array], witness: Witness) -> 
     wrong = states & ~has
     if witness is WITNESSES[FRICTION]:
         wrong |= has & ~states
-    if wrong.any():
-        i = int(np.argmax(wrong))
+    hint = f"Give {witness.column} and {witness.std} in the same rows"
+    for i in np.flatnonzero(wrong).tolist():
         lacks = witness.std if has[i] else witness.column
         said = f"{table.where(i)}: {lacks} is '', not a number"
-        raise ModelError(
-            said, f"Give {witness.column} and {witness.std} in the same rows", "not_a_number"
-        )
+        if not table.rows[i][lacks]:
+            table.refuse(i, ModelError(said, hint, "not_a_number"))
 
 
 def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
@@ -422,6 +441,7 @@ def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
             [data.intervention for data in sets], [data.count for data in sets], NOTHING
         ),
         left_out=sum(data.left_out for data in sets),
+        bad_rows=tuple(f"{name}, {said}" for name, data in parts for said in data.bad_rows),
     )
 
 
@@ -457,28 +477,41 @@ def _words(table: Table, column: str, known: tuple[str, ...]) -> NDArray[np.str_
     names = [name.lower() or known[0] for name in table.text(column)]
     for i, name in enumerate(names):
         if name not in known:
-            raise ModelError(
-                f"{table.where(i)}: {column} '{name}' is unknown", nearest(name, list(known))
-            )
+            said = f"{table.where(i)}: {column} '{name}' is unknown"
+            table.refuse(i, ModelError(said, nearest(name, list(known))))
     return np.array(names)
 
 
 def _column(
     table: Table, name: str, ignored: Mask | None = None, where_empty: float | None = None
 ) -> Array:
-    """One column [n] within its range; 0 in the rows `ignored`, `where_empty`, if given, in empty
-    cells.
+    """One column [n]; 0 in the rows `ignored`, `where_empty`, if given, in empty cells.
+
+    A cell that is no number within the column's range is refused, and NaN or as it is.
     """
-    values = table.numbers(name, where_empty, ignored)
+    skipped = np.zeros(len(table.rows), bool) if ignored is None else ignored
+    values = np.zeros(len(table.rows))
+    for i, text in enumerate(table.text(name)):
+        if skipped[i] or _cut(table, i):
+            continue
+        try:
+            values[i] = table.number(i, name) if text or where_empty is None else where_empty
+        except ModelError as error:
+            table.refuse(i, error)
+            values[i] = np.nan
     low, high, unit = RANGES.get(name, (-np.inf, np.inf, ""))
-    outside = ~((values >= low) & (values <= high)) & ~np.isnan(values)
-    if ignored is not None:
-        outside &= ~ignored
-    if outside.any():
-        i = int(np.argmax(outside))
-        said = f"{table.where(i)}: {name} = {table.rows[i][name]} is out of range"
-        question = "is the unit right?"
-        if name == "normal_force_n" and np.all(values[outside] < 0.0):
-            question = "give the force that presses as positive: change its sign"
-        raise ModelError(said, f"It must lie in {low:g}..{high:g} {unit}; {question}")
+    outside = ~((values >= low) & (values <= high)) & ~np.isnan(values) & ~skipped
+    question = "is the unit right?"
+    if name == "normal_force_n" and np.all(values[outside] < 0.0):
+        question = "give the force that presses as positive: change its sign"
+    for i in np.flatnonzero(outside).tolist():
+        if not _cut(table, i):
+            within = f"{low:g}..{high:g} {unit}".rstrip()
+            said = f"{table.where(i)}: {name} = {table.rows[i][name]} is out of range {within}"
+            table.refuse(i, ModelError(said, f"It must lie in {within}; {question}"))
     return values
+
+
+def _cut(table: Table, row: int) -> bool:
+    """Whether a row has no cells that could be read by column."""
+    return row in table.wrong and not any(table.rows[row].values())

@@ -87,7 +87,7 @@ def diagnose(
     """Run the whole workflow on one data set."""
     audit = audited(description, data)
     if audit.noise is None or audit.blocked:
-        return Diagnosis(data, audit.noise, None, (audit.blocked,), seed)
+        return Diagnosis(data, audit.noise, None, (audit.blocked, *audit.warnings), seed)
     setting = fitted(description, audit, progress)
     hypotheses = weighed(setting, audit, progress)
     verdict = verdict_of(hypotheses, posterior(hypotheses.evidences))

@@ -184,6 +184,7 @@ def _data(diagnosis: Diagnosis) -> Record:
             if data.row is None
             else int(np.unique(data.row[data.driven]).size)
         ),
+        "rows_left_out": len(data.bad_rows),
         "witnesses": {WITNESSES[i].column: int(data.of(i).sum()) for i in data.witnesses},
         "sessions": len(np.unique(data.session)),
         "columns": sorted(data.columns),

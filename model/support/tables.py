@@ -11,7 +11,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -22,10 +22,15 @@ from model.support.cells import is_number, number, read_cell
 from model.support.errors import ModelError
 from model.support.reading import LARGEST_FILE_BYTES, as_text, read_bytes
 
+MOST_LISTED = 200  # cells that an error names
 ROW_BYTES = 100  # where rows are limited
 MOST_SAID = 40  # columns that an error names
 HEADER_LINES = 100  # of a file, in which its header is looked for
 COMMAS = "Save it with commas between the columns and points in the numbers: 0.5, not 0,5"
+
+
+class BadRowsError(ModelError):
+    """What is wrong in several rows, or in one."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,8 @@ class Table:
 
     A row that ends early has empty cells; empty rows, lines that begin with #, and empty columns
     without a name at the end are left out. `wanted` is the hint that says what the file must look
-    like; `content_hash` the SHA-256 of the file.
+    like; `content_hash` the SHA-256 of the file. `wrong`: by row what its reader cannot use, for
+    who tells of all rows at once.
     """
 
     path: Path
@@ -44,6 +50,37 @@ class Table:
     lines: list[int]
     wanted: str
     content_hash: str
+    wrong: dict[int, list[ModelError]] = field(default_factory=dict)
+
+    def refuse(self, row: int, error: ModelError) -> None:
+        """Note what is wrong in a row, its message beginning with `where`."""
+        self.wrong.setdefault(row, []).append(error)
+
+    def without_wrong(self) -> Table:
+        """The rows in which nothing is wrong."""
+        kept = [i for i in range(len(self.rows)) if i not in self.wrong]
+        rows, lines = [self.rows[i] for i in kept], [self.lines[i] for i in kept]
+        return replace(self, rows=rows, lines=lines, wrong={})
+
+    def said_wrong(self) -> tuple[str, ...]:
+        """What is wrong, a text for each line of the file that has something."""
+        told = []
+        for row, faults in sorted(self.wrong.items()):
+            reasons = [fault.message.removeprefix(f"{self.where(row)}: ") for fault in faults]
+            told.append(f"line {self.lines[row]}: {', '.join(reasons)}")
+        return tuple(told)
+
+    def bad_rows(self) -> BadRowsError:
+        """All that is wrong as one error."""
+        faults = [fault for _, found in sorted(self.wrong.items()) for fault in found]
+        hint = ". ".join(dict.fromkeys(fault.hint for fault in faults))
+        if len(faults) == 1:
+            return BadRowsError(faults[0].message, hint, faults[0].code)
+        listed = self.said_wrong()
+        more = f"; and {len(listed) - MOST_LISTED} more" if len(listed) > MOST_LISTED else ""
+        said = f"{len(self.wrong)} of {len(self.rows)} rows cannot be used: "
+        message = f"{self.path}: {said}{'; '.join(listed[:MOST_LISTED])}{more}"
+        return BadRowsError(message, hint, "bad_rows")
 
     def require(self, column: str) -> None:
         """ModelError where there is no such column."""
@@ -125,9 +162,12 @@ def read_table(
     wanted: str,
     most_rows: int | None = None,
     known: Sequence[str] = (),
+    at_once: bool = False,
 ) -> Table:
     """A table with the columns `required`; `wanted` is the hint that says what the file must look
     like. By the names `known`, or required, a header is found that is not in the first line.
+
+    `at_once`: a row that is too long is noted in `wrong`, and refuses nothing by itself.
     """
     try:
         content = read_bytes(
@@ -164,9 +204,17 @@ def read_table(
     if columns and (not set(columns) >= set(required) or not set(columns) & set(names)):
         _check_header(path, numbered[0], first_lines, names, wanted)
     _check_columns(path, columns, required, wanted)
-    rows = [_row(f"{path}, line {line}", columns, cells) for line, cells in numbered[1:]]
     lines = [line for line, _ in numbered[1:]]
-    return Table(path, columns, rows, lines, wanted, hashlib.sha256(content).hexdigest())
+    table = Table(path, columns, [], lines, wanted, hashlib.sha256(content).hexdigest())
+    for line, cells in numbered[1:]:
+        try:
+            table.rows.append(_row(f"{path}, line {line}", columns, cells))
+        except ModelError as error:
+            if not at_once:
+                raise
+            table.refuse(len(table.rows), error)
+            table.rows.append(dict.fromkeys(columns, ""))
+    return table
 
 
 def _without_empty_end(cells: list[str]) -> list[str]:

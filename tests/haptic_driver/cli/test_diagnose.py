@@ -259,6 +259,28 @@ def test_bad_data_are_told_where(tmp_path, capsys, text, words) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_bad_rows_are_counted_in_the_report(tmp_path, capsys) -> None:
+    rows = [f"{10 * (i + 1)},{50 + i},0.5,{0.55 + 0.001 * i}" for i in range(11)]
+    path = tmp_path / "some.csv"
+    path.write_text(
+        "frequency_hz,voltage_v,normal_force_n,cof\n"
+        + "\n".join([*rows, "250,75,300,0.6", "250,75,0.5,"])
+    )
+    command = ["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]
+    assert main(command) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert "line 13: normal_force_n = 300" in error["message"]
+    assert "line 14: cof is ''" in error["message"]
+    assert "--leave-out-bad" in error["hint"]
+    assert main([*command, "--leave-out-bad"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["data"]["rows"] == 11
+    assert said["data"]["rows_left_out"] == 2
+    (told,) = [word for word in said["reasons"] if "left out" in word]
+    assert "line 13: normal_force_n = 300" in told
+    assert "line 14: cof is ''" in told
+
+
 def test_a_missing_file(tmp_path, capsys) -> None:
     assert main(["diagnose", str(tmp_path / "no.csv"), "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["error"]["code"] == "bad_data"

@@ -15,7 +15,7 @@ from model.electric.dielectrics import read_csv
 from model.support.cells import read_cell, written_cell
 from model.support.errors import ModelError
 from model.support.reading import LARGEST_FILE_BYTES, read_bytes
-from model.support.tables import Table, read_table
+from model.support.tables import BadRowsError, Table, read_table
 
 WANTED = "Give columns a, b"
 
@@ -212,6 +212,46 @@ def test_measurements_that_are_wrong_are_named_with_their_line(
     assert caught.value.hint
 
 
+BAD = f"""{HEADER},cof_std,session
+250,75,0.5,0.6,0.01,A
+250,75,500,high,0.01,A
+250,75,0.5,0.6,,A
+
+250,-75,0.5,0.6,,A
+250,75,0,5,0,6,0.01,A
+250,75,0.5,0.61,0.01,B
+"""
+
+
+def test_all_that_is_wrong_is_told_at_once(tmp_path) -> None:
+    path = file(tmp_path, BAD)
+    with pytest.raises(BadRowsError) as caught:
+        read_measurements(path)
+    assert caught.value.code == "bad_rows"
+    told = (
+        f"{path}: 4 of 6 rows cannot be used: line 3: normal_force_n = 500 is out of range"
+        " 0.001..100 N, cof is 'high', not a number; line 4: cof_std is '', not a number;"
+        " line 6: voltage_v = -75 is out of range 0..10000 V, cof_std is '', not a number; line 7: has more fields than the"
+        " header (8, not 6)"
+    )
+    assert sorted(caught.value.message.split("; ")) == sorted(told.split("; "))
+    assert "change its sign" not in caught.value.hint
+
+
+def test_bad_rows_are_left_out_on_request_and_told(tmp_path) -> None:
+    read = read_measurements(file(tmp_path, BAD), leave_out_bad=True)
+    np.testing.assert_array_equal(read.columns["cof"], [0.6, 0.61])
+    assert read.session_names == ("A", "B")
+    assert [said.partition(":")[0] for said in read.bad_rows] == [f"line {i}" for i in (3, 4, 6, 7)]
+
+
+def test_a_file_of_bad_rows_alone_is_refused(tmp_path) -> None:
+    with pytest.raises(BadRowsError, match="2 of 2 rows"):
+        read_measurements(
+            file(tmp_path, f"{HEADER}\n250,75,500,0.6\n250,75,600,0.6\n"), leave_out_bad=True
+        )
+
+
 def test_an_optional_column_that_is_empty_throughout_is_not_there(tmp_path) -> None:
     read = read_measurements(file(tmp_path, f"{HEADER},speed_m_s,time_s\n250,75,0.5,0.6,,3\n"))
     assert set(read.columns) == {*HEADER.split(","), "time_s"}
@@ -270,7 +310,7 @@ def test_a_table_is_read_as_it_was_before_its_formulas_became_text(tmp_path) -> 
 WIDE = """
 import resource, sys
 from pathlib import Path
-from model.support.tables import read_table
+from model.support.tables import BadRowsError, read_table
 
 resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
 print(len(read_table(Path(sys.argv[1]), ("c0",), "").columns))
