@@ -124,7 +124,7 @@ def _measured(given: Sequence[Path], rows: Path | None, leave_out_bad: bool) -> 
         return read_data(given, rows, leave_out_bad)
     except BadInputError as error:
         if isinstance(error.__cause__, BadRowsError):
-            hint = f"{error.hint}. To go on without such rows: --leave-out-bad"
+            hint = f"{error.hint}\nTo go on without such rows: --leave-out-bad"
             raise BadInputError(error.code, error.message, hint) from error
         raise
 

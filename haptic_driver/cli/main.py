@@ -55,6 +55,7 @@ PANELS = {
     "Record and experiment": ("record", "mark", "export", "experiment"),
     "When friction is not as the model says": (
         "measure",
+        "rows",
         "diagnose",
         "investigate",
         "calibrate",

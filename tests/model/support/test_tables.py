@@ -231,8 +231,8 @@ def test_all_that_is_wrong_is_told_at_once(tmp_path) -> None:
     told = (
         f"{path}: 4 of 6 rows cannot be used: line 3: normal_force_n = 500 is out of range"
         " 0.001..100 N, cof is 'high', not a number; line 4: cof_std is '', not a number;"
-        " line 6: voltage_v = -75 is out of range 0..10000 V, cof_std is '', not a number; line 7: has more fields than the"
-        " header (8, not 6)"
+        " line 6: voltage_v = -75 is out of range 0..10000 V, cof_std is '', not a number;"
+        " line 7: has more fields than the header (8, not 6)"
     )
     assert sorted(caught.value.message.split("; ")) == sorted(told.split("; "))
     assert "change its sign" not in caught.value.hint

@@ -1,0 +1,309 @@
+"""A trial -> where voltage and motion are, its windows, and a row of measured data for each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import isfinite, sqrt
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.average import average
+from haptic_driver.experiments.raw_trials.columns import read_columns
+from haptic_driver.experiments.raw_trials.trial_map import (
+    QUANTITIES,
+    TEXTS,
+    Conditions,
+    TrialMap,
+    Window,
+)
+from haptic_driver.experiments.raw_trials.units import to_si
+from haptic_driver.files import bad_input
+from haptic_driver.signals import Array, Mask
+from model.support.tables import read_table
+
+COLUMNS = (
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "cof",
+    "cof_std",
+    "speed_m_s",
+    "time_s",
+    "session",
+    "trial",
+    "setting",
+    "commanded_normal_force_n",
+    "commanded_speed_m_s",
+    "voltage_offset_v",
+    "waveform",
+    "electrode_voltage_v",
+    "file",
+)
+FEWEST = 10  # samples of a window
+MOST = 4000  # samples whose correlation is looked at; more are averaged in blocks
+SPEED_WINDOW_S = 0.02
+MOVING = 0.2  # of the greatest speed, where the map says none
+SLIDES = 0.8  # of a window
+ON = 0.5  # of the greatest voltage, where the map says none
+PEAK = {"peak": 1.0, "peak_to_peak": 0.5}
+RMS = {"sine": sqrt(2.0), "square": 1.0, "dc": 1.0}
+Row = dict[str, str | float]
+
+
+class Span(NamedTuple):
+    """A stretch of a trial's own time."""
+
+    name: str
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial: columns [n] in SI by role, what was set, and when voltage and motion were there."""
+
+    path: Path
+    columns: Mapping[str, Array]
+    conditions: Mapping[str, str | float]
+    voltage: Span | None
+    moving: Mask
+    motion: Span
+    spans: tuple[Span, ...]
+
+
+def tabled(said: Conditions, folder: Path) -> dict[str, dict[str, str]]:
+    """The lines of the table of conditions by file; empty where the map names none."""
+    if said.table is None:
+        return {}
+    with bad_input("bad_map"):
+        table = read_table(folder / said.table, ("file",), "A column file, and those of conditions")
+    return {row["file"]: row for row in table.rows}
+
+
+def conditions_of(
+    path: Path, said: Conditions, table: Mapping[str, Mapping[str, str]]
+) -> dict[str, str | float]:
+    """What was set in a trial, in SI; BadInputError where the map does not say it."""
+    texts: dict[str, str | float] = dict(said.values)
+    if said.table is not None:
+        row = table.get(path.name, table.get(path.stem))
+        if row is None:
+            raise BadInputError("bad_trial", f"{path}: {said.table} has no row for it")
+        texts |= {name: cell for name, cell in row.items() if cell and name != "file"}
+    for pattern in said.patterns:
+        match = re.search(pattern, path.name)
+        if match is None:
+            raise BadInputError("bad_trial", f"{path}: its name has nothing like {pattern}")
+        texts |= {name: text for name, text in match.groupdict().items() if text is not None}
+    found: dict[str, str | float] = {}
+    for name, text in texts.items():
+        if name in TEXTS:
+            found[name] = str(text).lower() if name == "waveform" else str(text)
+        elif name in QUANTITIES:
+            found[name] = _quantity(path, name, text, said)
+    return found | _amplitude(path, found, said)
+
+
+def _quantity(path: Path, name: str, text: str | float, said: Conditions) -> float:
+    if name not in said.units:
+        hint = f"Give conditions.units.{name}"
+        raise BadInputError("unknown_unit", f"{path}: {name} has no unit", hint)
+    factor = to_si(name, said.units[name], f"conditions.units.{name}")
+    try:
+        value = float(re.sub(r"(?<=\d)[p,](?=\d)", ".", str(text)))
+    except ValueError:
+        value = float("nan")
+    if not isfinite(value):
+        raise BadInputError("bad_trial", f"{path}: {name} is '{text}', not a number")
+    return factor * value
+
+
+def _amplitude(
+    path: Path, found: Mapping[str, str | float], said: Conditions
+) -> dict[str, str | float]:
+    """The set voltage as an amplitude at the electrode; a name that says none is refused."""
+    if "voltage" not in found:
+        hint = "Give voltage in conditions: patterns, table or values; the frequency too"
+        raise BadInputError("bad_trial", f"{path}: nothing says its voltage", hint)
+    voltage = float(found["voltage"])
+    waveform = str(found.get("waveform", "sine"))
+    if waveform not in RMS:
+        raise BadInputError("bad_trial", f"{path}: waveform '{waveform}' is none of {list(RMS)}")
+    if voltage and waveform != "dc" and "frequency" not in found:
+        raise BadInputError("bad_trial", f"{path}: nothing says its frequency")
+    factor = RMS[waveform] if said.voltage_is == "rms" else PEAK[said.voltage_is]
+    return {"voltage": voltage * factor * said.voltage_scale}
+
+
+def read_trial(path: Path, said: TrialMap, conditions: Mapping[str, str | float]) -> Trial:
+    """A file as a trial; BadInputError says what in it is not as the map says."""
+    columns = read_columns(path, said)
+    time_s = columns["time"]
+    whole = Span("record", float(time_s[0]), float(time_s[-1]))
+    moving = _moving(columns, said)
+    if not moving.any():
+        raise BadInputError("bad_trial", f"{path}: nothing moves in it")
+    motion = Span("motion", float(time_s[moving][0]), float(time_s[moving][-1]))
+    voltage = _voltage(path, columns, said, whole) if conditions["voltage"] else None
+    trial = Trial(path, columns, conditions, voltage, moving, motion, ())
+    return replace(trial, spans=_spans(trial, said))
+
+
+def _voltage(path: Path, columns: Mapping[str, Array], said: TrialMap, whole: Span) -> Span | None:
+    mark = said.voltage_on
+    if mark is None:
+        return None
+    if mark.column is None:
+        assert mark.start_s is not None
+        return Span("voltage", mark.start_s, whole.end_s if mark.end_s is None else mark.end_s)
+    amount = np.abs(columns[mark.column])
+    threshold_v = mark.threshold_v or ON * float(np.max(amount))
+    above = np.flatnonzero(amount > threshold_v)
+    if not above.size:
+        said_no = f"{path}: {mark.column} never exceeds {threshold_v:g} V"
+        raise BadInputError("bad_trial", said_no, "Is threshold_v right, and gain?")
+    time_s = columns["time"]
+    return Span("voltage", float(time_s[above[0]]), float(time_s[above[-1]]))
+
+
+def _moving(columns: Mapping[str, Array], said: TrialMap) -> Mask:
+    time_s, mark = columns["time"], said.motion
+    if mark is None:
+        return np.ones(time_s.size, bool)
+    if mark.start_s is not None:
+        end_s = np.inf if mark.end_s is None else mark.end_s
+        return np.asarray((time_s >= mark.start_s) & (time_s <= end_s))
+    speed = np.abs(_speed(columns))
+    least = mark.least_speed_m_s or MOVING * float(np.percentile(speed, 95.0))
+    return np.asarray(speed >= max(least, 1e-12))
+
+
+def _speed(columns: Mapping[str, Array]) -> Array:
+    if "speed" in columns:
+        return columns["speed"]
+    time_s, half_s = columns["time"], 0.5 * SPEED_WINDOW_S
+    after_s = np.minimum(time_s + half_s, time_s[-1])
+    before_s = np.maximum(time_s - half_s, time_s[0])
+    way_m = np.interp(after_s, time_s, columns["position"])
+    way_m -= np.interp(before_s, time_s, columns["position"])
+    return np.asarray(way_m / np.maximum(after_s - before_s, 1e-9))
+
+
+def _spans(trial: Trial, said: TrialMap) -> tuple[Span, ...]:
+    """The windows in the trial's time; of a trial without voltage the whole motion is one."""
+    baseline = () if said.baseline is None else (_placed("baseline", said.baseline, trial),)
+    if not trial.conditions["voltage"] and any(w.after != "motion" for w in said.windows):
+        return (Span("window 1", trial.motion.start_s, trial.motion.end_s),)
+    windows = [_placed(f"window {i}", w, trial) for i, w in enumerate(said.windows, start=1)]
+    return (*baseline, *windows)
+
+
+def _placed(name: str, window: Window, trial: Trial) -> Span:
+    if window.after == "motion":
+        zero_s = trial.motion.start_s
+    else:
+        assert trial.voltage is not None
+        zero_s = trial.voltage.start_s if window.after == "on" else trial.voltage.end_s
+    return Span(name, zero_s + window.start_s, zero_s + window.end_s)
+
+
+def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
+    """A row for each window; BadInputError where one holds too little, or no friction."""
+    zero_n, rows = None, list[Row]()
+    for span in trial.spans:
+        chosen = _within(trial, span)
+        row = _row(trial, span, chosen, number)
+        if span.name == "baseline" and said.baseline is not None:
+            if said.baseline.use == "offset":
+                zero_n = float(np.mean(trial.columns["lateral_force"][chosen]))
+                continue
+            offset: Row = {"voltage_offset_v": 0.0} if row["voltage_offset_v"] != "" else {}
+            row |= {"voltage_v": 0.0, "electrode_voltage_v": "", **offset}
+        elif zero_n is not None and said.baseline is not None and said.baseline.cof is not None:
+            load_n = float(row["normal_force_n"])
+            row["cof"] = float(row["cof"]) - zero_n / load_n + said.baseline.cof
+        if not float(row["cof"]) > 0.0:
+            word = f"{trial.path}: friction is {row['cof']:.3g} in {span.name}"
+            raise BadInputError(
+                "bad_trial", word, "Are sign, offset and unit of both forces right?"
+            )
+        rows.append(row)
+    return rows
+
+
+def _within(trial: Trial, span: Span) -> Mask:
+    time_s = trial.columns["time"]
+    inside = np.asarray((time_s >= span.start_s) & (time_s <= span.end_s))
+    where = f"{trial.path}: {span.name}, {span.start_s:.4g} to {span.end_s:.4g} s,"
+    record = f"the record goes from {time_s[0]:.4g} to {time_s[-1]:.4g} s"
+    if span.start_s < time_s[0] or span.end_s > time_s[-1] or inside.sum() < FEWEST:
+        said = f"{where} holds {int(inside.sum())} samples; {record}"
+        raise BadInputError("bad_trial", said, "Is the file whole, and the window right?")
+    moving = inside & trial.moving
+    if moving.sum() < max(SLIDES * inside.sum(), FEWEST):
+        share = moving.sum() / inside.sum()
+        raise BadInputError("bad_trial", f"{where} slides for {share:.0%} of the time")
+    return np.asarray(moving)
+
+
+def _row(trial: Trial, span: Span, chosen: Mask, number: int) -> Row:
+    columns, set_to = trial.columns, trial.conditions
+    lateral_n = _thinned(columns["lateral_force"][chosen])
+    if "normal_force" in columns:
+        normal_n = _thinned(columns["normal_force"][chosen])
+    elif "normal_force" in set_to:
+        normal_n = np.full(lateral_n.size, float(set_to["normal_force"]))
+    else:
+        raise BadInputError("bad_trial", f"{trial.path}: nothing says its load")
+    if np.mean(normal_n) <= 0.0:
+        said = f"{trial.path}: the load is {np.mean(normal_n):.3g} N in {span.name}"
+        raise BadInputError("bad_trial", said, "Is sign of columns.normal_force right?")
+    measured = average(_thinned(columns["time"][chosen]), lateral_n, normal_n)
+    zero_s = trial.voltage.start_s if trial.voltage is not None else trial.motion.start_s
+    by_column = "speed" in columns or "position" in columns
+    speed: str | float = (
+        float(np.mean(np.abs(_speed(columns)[chosen]))) if by_column else set_to.get("speed", "")
+    )
+    row: Row = dict.fromkeys(COLUMNS, "")
+    row |= {
+        "frequency_hz": set_to.get("frequency", ""),
+        "voltage_v": set_to["voltage"],
+        "normal_force_n": measured.normal_force_n,
+        "cof": measured.cof,
+        "cof_std": measured.cof_std,
+        "speed_m_s": speed,
+        "time_s": measured.time_s - zero_s,
+        "session": set_to.get("session", "1"),
+        "trial": set_to.get("trial", str(number)),
+        "setting": set_to.get("setting", _setting(set_to)),
+        "commanded_normal_force_n": set_to.get("normal_force", ""),
+        "commanded_speed_m_s": set_to.get("speed", ""),
+        "voltage_offset_v": set_to.get("voltage_offset", ""),
+        "waveform": set_to.get("waveform", ""),
+        "file": trial.path.name,
+    }
+    if "electrode_voltage" in columns and set_to["voltage"]:
+        root = sqrt(float(np.mean(columns["electrode_voltage"][chosen] ** 2)))
+        row["electrode_voltage_v"] = root * RMS[str(set_to.get("waveform", "sine"))]
+    return row
+
+
+def _setting(set_to: Mapping[str, str | float]) -> str:
+    """What was commanded, as a name that repeats share."""
+    parts = [f"{set_to[name]:g} {unit}" for name, unit in _SHOWN.items() if name in set_to]
+    return ", ".join([*parts, *([str(set_to["waveform"])] if "waveform" in set_to else [])])
+
+
+_SHOWN = {"frequency": "Hz", "voltage": "V", "normal_force": "N", "speed": "m/s"}
+
+
+def _thinned(values: Array) -> Array:
+    """Means of equal blocks, where there are more than MOST values."""
+    block = -(-values.size // MOST)
+    blocks = values[: values.size // block * block].reshape(-1, block)
+    return np.asarray(blocks.mean(axis=1))
