@@ -8,6 +8,7 @@ as on a humid day.
 
 from __future__ import annotations
 
+import re
 import sys
 from itertools import product
 from pathlib import Path
@@ -79,6 +80,11 @@ def write(folder: Path) -> None:
         if number == len(every) - 1:
             text = text[: len(text) // 2]
         (folder / f"{name}.csv").write_text(text, encoding="cp1252")
+
+
+def map_of(page: Path) -> str:
+    """The map that the page shows."""
+    return re.findall(r"^```toml\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)[0]
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ from haptic_driver.cli.main import GROUPS, build_app, main
 from haptic_driver.client import HapticClient
 from haptic_driver.config import find_config
 from haptic_driver.daemon.messages import DaemonState
+from tests.docs import own_data
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -124,6 +125,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "conditions.csv").write_text(
         "frequency_hz,voltage_v,normal_force_n\n250,75,0.5\n,0,0.5\n"
     )
+    own_data.write(folder / "trials")
+    (folder / "map.toml").write_text(own_data.map_of(ROOT / "docs" / "own-data.md"))
     rows = [f"{0.01 * i:.2f},{0.0004 * i:.5f},{0.5 if i > 10 else 0.0}" for i in range(200)]
     (folder / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + "\n".join(rows) + "\n")
     return folder

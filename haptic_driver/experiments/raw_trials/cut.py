@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import isfinite, sqrt
+from math import hypot, isfinite, sqrt
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from haptic_driver.experiments.raw_trials.columns import read_columns
 from haptic_driver.experiments.raw_trials.trial_map import (
     QUANTITIES,
     TEXTS,
+    Baseline,
     Conditions,
     TrialMap,
     Window,
@@ -214,19 +215,18 @@ def _placed(name: str, window: Window, trial: Trial) -> Span:
 
 def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
     """A row for each window; BadInputError where one holds too little, or no friction."""
-    zero_n, rows = None, list[Row]()
+    before, rows = None, list[Row]()
     for span in trial.spans:
         chosen = _within(trial, span)
         row = _row(trial, span, chosen, number)
         if span.name == "baseline" and said.baseline is not None:
-            if said.baseline.use == "offset":
-                zero_n = float(np.mean(trial.columns["lateral_force"][chosen]))
+            if said.baseline.use != "row":
+                before = row
                 continue
             offset: Row = {"voltage_offset_v": 0.0} if row["voltage_offset_v"] != "" else {}
             row |= {"voltage_v": 0.0, "electrode_voltage_v": "", **offset}
-        elif zero_n is not None and said.baseline is not None and said.baseline.cof is not None:
-            load_n = float(row["normal_force_n"])
-            row["cof"] = float(row["cof"]) - zero_n / load_n + said.baseline.cof
+        elif before is not None and said.baseline is not None:
+            row |= _against(row, before, said.baseline)
         if not float(row["cof"]) > 0.0:
             word = f"{trial.path}: friction is {row['cof']:.3g} in {span.name}"
             raise BadInputError(
@@ -234,6 +234,21 @@ def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
             )
         rows.append(row)
     return rows
+
+
+def _against(row: Row, before: Row, said: Baseline) -> Row:
+    """Friction and its standard error of a row against those before voltage."""
+    assert said.cof is not None
+    cof, std = float(row["cof"]), float(row["cof_std"])
+    cof_before, std_before = float(before["cof"]), float(before["cof_std"])
+    if said.use == "offset":
+        loads = float(before["normal_force_n"]) / float(row["normal_force_n"])
+        error = hypot(std, loads * std_before)
+        return {"cof": said.cof + cof - loads * cof_before, "cof_std": error}
+    if cof_before <= 0.0:
+        raise BadInputError("bad_trial", f"{row['file']}: friction before voltage is not positive")
+    found = said.cof * cof / cof_before
+    return {"cof": found, "cof_std": abs(found) * hypot(std / cof, std_before / cof_before)}
 
 
 def _within(trial: Trial, span: Span) -> Mask:

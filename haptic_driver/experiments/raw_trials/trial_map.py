@@ -103,16 +103,17 @@ class Baseline(Window):
     """Friction before voltage.
 
     `use`: "row", a row without voltage; "offset", the trial's own zero: cof = `cof` plus what
-    friction rose since, over the load.
+    the lateral force rose since, over the load; "gain", the trial's own gain: cof = `cof` times
+    friction over that before voltage.
     """
 
-    use: Literal["row", "offset"] = "row"
+    use: Literal["row", "offset", "gain"] = "row"
     cof: float | None = Field(default=None, gt=0.0, le=10.0)
 
     @model_validator(mode="after")
     def _knows_its_friction(self) -> Self:
-        if (self.use == "offset") == (self.cof is None):
-            raise ValueError('cof belongs to use = "offset": friction without voltage')
+        if (self.use == "row") != (self.cof is None):
+            raise ValueError('cof, friction without voltage, belongs to use = "offset" or "gain"')
         return self
 
 
