@@ -41,6 +41,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LONG = [
     ROOT / "docs" / "diagnosis.md"
 ]  # half a minute of what tests of the commands do on less data: with `make soak`
+OWN_DATA = ROOT / "docs" / "own-data.md"
 SCRIPT = Path(sys.executable).with_name("haptic")
 HANG_S = 120.0
 
@@ -126,7 +127,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "frequency_hz,voltage_v,normal_force_n\n250,75,0.5\n,0,0.5\n"
     )
     own_data.write(folder / "trials")
-    (folder / "map.toml").write_text(own_data.map_of(ROOT / "docs" / "own-data.md"))
+    (folder / "map.toml").write_text(own_data.map_of(OWN_DATA))
     rows = [f"{0.01 * i:.2f},{0.0004 * i:.5f},{0.5 if i > 10 else 0.0}" for i in range(200)]
     (folder / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + "\n".join(rows) + "\n")
     return folder
@@ -158,6 +159,23 @@ def test_commands_run_as_shown(
             status = main(shlex.split(command)[1:])
             assert status == 0, f"{command}\n{capsys.readouterr().err}"
             done.add(command)
+
+
+def test_the_page_on_own_data_tells_what_comes_out(
+    reader: Path, done: set[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    test_commands_run_as_shown(OWN_DATA, reader, done, capsys)
+    page = OWN_DATA.read_text(encoding="utf-8")
+    trial = (reader / "trials" / "day1_60V_10Hz_0p3N_t01.csv").read_text(encoding="cp1252")
+    shown = next(block for block in blocks(OWN_DATA, "text") if block.startswith("Messung"))
+    assert trial.startswith(shown)
+    said = json.loads((reader / "own-diagnosis" / "report.json").read_text(encoding="utf-8"))
+    assert said["verdict"] == "effect_found"
+    (effect,) = said["effects"]
+    assert effect["name"] == "humid_gap_conduction"
+    found = effect["parameters"]["gap_conductivity_s_per_m"]
+    assert f"{found['value']:.1e}".replace("e-0", "e-") in page
+    assert abs(found["value"] - own_data.HUMID_S_PER_M) < 3.0 * found["std"]
 
 
 def test_the_readme_shows_commands_at_all() -> None:

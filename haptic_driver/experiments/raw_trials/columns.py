@@ -231,10 +231,16 @@ def _labview(path: Path, lines: list[str]) -> TextLook:
 
 
 def _numbers(path: Path, text: TextLook, places: list[int]) -> Iterator[Array]:
-    body = [line for line in text.lines[text.first :] if line.strip()]
-    if not body:
+    lines = [i for i, line in enumerate(text.lines) if i >= text.first and line.strip()]
+    if not lines:
         raise BadInputError("bad_trial", f"{path}: no numbers stand below its header")
-    joined = "\n".join(body)
+    hint = "Is it whole? Do separator and decimal of the map hold for it?"
+    for i in lines if any(text.names) else []:
+        cells = cells_of(text.lines[i].rstrip(), text.separator)
+        if any(cells[len(text.names) :]):
+            said = f"{path}, line {i + 1}: has {len(cells)} cells under {len(text.names)} names"
+            raise BadInputError("bad_trial", said, hint)
+    joined = "\n".join(text.lines[i] for i in lines)
     if text.decimal == ",":
         joined = joined.replace(",", ".")
     mark = MARKS.get(text.separator, text.separator)
@@ -249,11 +255,11 @@ def _numbers(path: Path, text: TextLook, places: list[int]) -> Iterator[Array]:
         )
     except ValueError as error:
         at = re.search(r"row (\d+)", str(error))
-        first = next(i for i, line in enumerate(text.lines[text.first :]) if line.strip())
-        line = "" if at is None else f", line {text.first + first + 1 + int(at[1])}"
+        # numpy counts rows from 1 where columns are missing, and else from 0
+        row = int(at[1]) - ("invalid column" in str(error)) if at else 0
         reason = re.sub(r" at row \d+,?( column \d+)?", "", str(error)).rstrip(".")
-        hint = "Is it whole? Do separator and decimal of the map hold for it?"
-        raise BadInputError("bad_trial", f"{path}{line}: {reason}", hint) from error
+        said = f"{path}, line {lines[row] + 1}: {reason}"
+        raise BadInputError("bad_trial", said, hint) from error
     return iter(table.T)
 
 

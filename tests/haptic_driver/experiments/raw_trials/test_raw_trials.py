@@ -287,7 +287,14 @@ def test_what_is_wrong_with_a_trial_is_told(tmp_path, columns, reason) -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "line"), [("0,1,2,3,4\n5,1,high,3,4\n", 4), ("0,1,2,3,4\n\n5,1,2\n", 5)]
+    ("body", "line"),
+    [
+        ("0,1,2,3,4\n5,1,high,3,4\n", 4),
+        ("0,1,2,3,4\n\n5,1,high,3,4\n", 5),
+        ("0,1,2,3,4\n5,1,2\n", 4),
+        ("0,1,2,3,4\n\n5,1,2\n", 5),
+        ("0,1,2,3,4\n5,1,2,3,4,5\n", 4),
+    ],
 )
 def test_a_line_that_is_no_row_of_numbers_is_named(tmp_path, body, line) -> None:
     path = tmp_path / f"{NAME}.csv"
