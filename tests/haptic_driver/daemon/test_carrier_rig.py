@@ -15,7 +15,7 @@ from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.set_up import reach_hz
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.fidelity.samples import fidelity_of_samples
-from haptic_driver.rig.slide import even_strokes, write_slide
+from tests.even_strokes import even_strokes, write_slide
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, reset
 from tests.waiting import until
 
