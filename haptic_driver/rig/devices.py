@@ -15,9 +15,8 @@ from typing import Self
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.patience import done_within
-from haptic_driver.rig import config as rig_config
 from haptic_driver.rig.claims import Claims
-from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.config import AnalogInputsConfig, RigConfig
 from haptic_driver.rig.evidence import OffEvidence, tried
 from haptic_driver.rig.part import (
     AMPLIFIERS,
@@ -31,6 +30,8 @@ from haptic_driver.rig.part import (
     make_part,
 )
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.parts.generators import CarrierConfig
+from haptic_driver.rig.parts.interlocks import InterlockBox, ModemLineInterlock, NiInterlock
 from haptic_driver.rig.rig import Rig
 from haptic_driver.rig.states import RigEvent
 from hw.analog.cards import make_card
@@ -54,7 +55,7 @@ from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolic
 from hw.monitor.contract import ElectrodeMonitor
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.watchdog import Watchdog, WatchdogSettings
-from hw.stage.lts150 import Lts150, StageSettings
+from hw.stage.lts150 import Lts150
 from hw.transport.contract import Transport
 from hw.transport.marker import scpi_marker
 from hw.transport.resource import make_transport
@@ -274,7 +275,7 @@ def make_generator(config: RigConfig, port: Transport | AnalogOutput) -> Generat
     return kind.make(port, generator_settings(config), samples)
 
 
-def carrier_output(carrier: rig_config.CarrierConfig) -> AnalogOutputSettings:
+def carrier_output(carrier: CarrierConfig) -> AnalogOutputSettings:
     """What the output that makes a carrier may do."""
     return AnalogOutputSettings(
         -carrier.peak_v,
@@ -351,17 +352,17 @@ class _Parts:
     def interlock(self) -> tuple[DigitalOutput | None, list[Heartbeat]]:
         """The enable line, if any, and what has to be beaten for it."""
         match self._config.interlock:
-            case rig_config.InterlockBox(resource=resource, reply_timeout_s=timeout_s):
+            case InterlockBox(resource=resource, reply_timeout_s=timeout_s):
                 box = HeartbeatInterlock(make_transport(resource), reply_timeout_s=timeout_s)
                 self.before_rig.append(box.connect)
                 self.closing.insert(0, box.close)
                 return box, [box]
-            case rig_config.ModemLineInterlock(port=port, line=name, looped_back=looped_back):
+            case ModemLineInterlock(port=port, line=name, looped_back=looped_back):
                 modem_line = ModemLine(port, name, looped_back=looped_back)
                 self.before_rig.append(modem_line.connect)
                 self.closing.insert(0, modem_line.close)
                 return modem_line, []
-            case rig_config.NiInterlock(line=name):
+            case NiInterlock(line=name):
                 line = NiDigitalOutput(name)
                 self.before_rig.append(line.open)
                 self.closing.insert(0, line.close)
@@ -387,7 +388,7 @@ class _Parts:
             return None
         transport = make_transport(given.resource, rtscts=True)
         set_rts = transport.set_rts if isinstance(transport, SerialTransport) else None
-        stage = Lts150(transport, stage_settings(given), set_rts=set_rts)
+        stage = Lts150(transport, given.settings(), set_rts=set_rts)
         self.after_rig.append(stage.connect)
         self.closing.insert(0, stage.close)
         return stage
@@ -451,7 +452,7 @@ class _Parts:
         return inputs
 
 
-def analog_inputs(card: rig_config.AnalogInputsConfig, channels: Sequence[str]) -> NiCards:
+def analog_inputs(card: AnalogInputsConfig, channels: Sequence[str]) -> NiCards:
     """Some channels, of one card or several, as the rig's file describes them; not open."""
     how = card.model_dump(exclude={"monitor_window_s", "terminal", "terminals"})
     cards: dict[str, list[str]] = {}
@@ -465,12 +466,6 @@ def analog_inputs(card: rig_config.AnalogInputsConfig, channels: Sequence[str]) 
     )
 
 
-def peak_of(card: rig_config.AnalogInputsConfig, inputs: NiCards, channel: str) -> NiAnalogInput:
+def peak_of(card: AnalogInputsConfig, inputs: NiCards, channel: str) -> NiAnalogInput:
     """A monitor of an alternating voltage, read over the card's window."""
     return NiAnalogInput(inputs, channel, window_s=card.monitor_window_s, peak=True)
-
-
-def stage_settings(given: rig_config.StageConfig) -> StageSettings:
-    """The stage's share of a rig's file."""
-    low_m, high_m = given.travel_m
-    return StageSettings(low_m, high_m, **given.model_dump(exclude={"resource", "travel_m"}))
