@@ -69,13 +69,13 @@ class Examination(NamedTuple):
     def unverified(self, message: str, hint: str = "", held: Iterable[Setting] = ()) -> Check:
         return Check(self.name, CheckStatus.NOT_VERIFIED, message, hint, tuple(held))
 
-    def dated(self, what: str, on: datetime.date) -> Check:
-        """A figure's day; it is to be measured again after a year."""
+    def dated(self, what: str, on: datetime.date, by: str = "") -> Check:
+        """A figure's day; it is to be measured again after a year, by a command."""
         said = f"{what} on {on.isoformat()}"
         if on > self.today:
-            return self.warning(f"{said}, which is still to come", "correct the date")
+            return self.warning(f"{said}, which is still to come", f"correct the date{by}")
         if self.today - on > OLD_AFTER:
-            return self.warning(f"{said}, {(self.today - on).days} days ago", "measure again")
+            return self.warning(f"{said}, {(self.today - on).days} days ago", f"measure again{by}")
         return self.ok(said)
 
     def told(self, examine: Callable[[Examination], Checks]) -> Checks:

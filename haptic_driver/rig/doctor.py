@@ -48,10 +48,6 @@ def _examinations(rig: RigConfig) -> Iterator[tuple[str, Callable[[Examination],
     yield "real-time scheduling", _real_time
 
 
-# --- the file
-# ------------------------------------------------------------------------------------------------
-
-
 def _figures(at: Examination) -> Checks:
     for missing in at.rig.unverified:
         said = f"{missing} unset: the rig refuses to come on"
@@ -65,10 +61,6 @@ def _figures(at: Examination) -> Checks:
 
 def _no_force_sensor(at: Examination) -> Checks:
     yield at.failed("there is none in the rig's file", "add a section [force_sensor]")
-
-
-# --- the machine
-# -------------------------------------------------------------------------------------------------
 
 
 def _resources(at: Examination) -> Checks:

@@ -115,10 +115,8 @@ class EvdevFingerConfig(PartSection):
         if self.touch_calibration().placeholder:
             hint = "measure it by touching known places: haptic calibrate-touch"
             yield at.warning("a placeholder", hint)
-            return
-        check = at.dated("measured", self.measured_at)
-        hint = check.hint and f"{check.hint} (haptic calibrate-touch)"
-        yield check._replace(hint=hint)
+        else:
+            yield at.dated("measured", self.measured_at, " (haptic calibrate-touch)")
 
     def _examine_screen(self, at: Examination) -> Checks:
         from hw.finger.touch_screen import open_touch_reports

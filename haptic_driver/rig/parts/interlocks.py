@@ -10,7 +10,6 @@ from pydantic import Field
 from haptic_driver.config import Section, Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import Resource
-from hw.errors import BadReply
 
 
 class NoInterlock(Section):
@@ -37,28 +36,19 @@ class InterlockBox(Section):
     ] = Field(default=0.05, description="for one answer of the box")
 
     def examine(self, at: Examination) -> Checks:
-        """Ask without a beat, which is what closes its contact."""
-        from hw.safety.interlock import IDENTITY
+        """Hang up without a word: the driver's own closing opens the contact."""
+        from hw.safety.interlock import IDENTITY, HeartbeatInterlock
         from hw.transport.resource import make_transport
 
         with closing(make_transport(self.resource)) as transport:
-            transport.open()
-
-            def asked(question: bytes) -> str:
-                answer = transport.query(question, 10.0 * self.reply_timeout_s)
-                return answer.decode("ascii", errors="replace").strip()
-
-            identity = asked(b"ID?\n")
-            if identity != IDENTITY:
-                raise BadReply(
-                    f"{transport.resource} is {identity!r}, not {IDENTITY!r}", "check the port"
-                )
-            status = asked(b"STATUS?\n")
-            said = f"{identity}: {status}"
-            if status.startswith("OFF "):
-                yield at.ok(said)
-            else:
+            box = HeartbeatInterlock(transport, reply_timeout_s=10.0 * self.reply_timeout_s)
+            box.identify()
+            closed, reason, beat = box.status()
+            said = f"{IDENTITY}: {'ON' if closed else 'OFF'} {reason} {beat}"
+            if closed:
                 yield at.warning(said, "its contact is closed: somebody uses the rig")
+            else:
+                yield at.ok(said)
             yield at.called("interlock contact").unverified("its wiring shows only when it closes")
 
 
