@@ -10,8 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from haptic_driver.cli.output import SIMULATED, Json, RigOption, report, stdout
+from haptic_driver.rig.check import Check, CheckStatus
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.doctor import Check, CheckStatus, examine
+from haptic_driver.rig.doctor import examine
 from haptic_driver.surface.models import load_model
 
 COLOURS = {

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.plan import Plan, Setting
-from haptic_driver.rig.config import RigConfig, StageConfig
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.parts.stages import StageConfig
 
 SPARE_S = (
     1.0  # for set points that take longer than the voltage may rise, and for the stage's own delays

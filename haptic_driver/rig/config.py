@@ -42,10 +42,8 @@ from haptic_driver.rig.part import (
     Hertz,
     KindsOf,
     LoadNewtons,
-    Metres,
     PartSection,
-    Resource,
-    SampleRate,
+    Patience,
     Seconds,
     Volts,
     Vouched,
@@ -58,7 +56,9 @@ from haptic_driver.rig.parts.electrode_monitors import (
     SomeElectrodeMonitor,
 )
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
-from hw import plugins
+from haptic_driver.rig.parts.generators import GeneratorConfig, WatchdogConfig
+from haptic_driver.rig.parts.interlocks import InterlockBox, InterlockConfig
+from haptic_driver.rig.parts.stages import StageConfig
 from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
 from hw.generator.analog_carrier.driver import SAMPLES_PER_PERIOD
@@ -67,10 +67,6 @@ from model.support.errors import nearest
 # What two programs can hold at the same time; the watchdog must not depend on the driver letting
 # go.
 _SHAREABLE = re.compile(r"TCPIP\d*::.*", re.IGNORECASE)
-
-
-def _installed_model(model: str) -> str:
-    return plugins.known(generators.GROUP, model, generators.WHAT)
 
 
 def _known_policy(name: str) -> str:
@@ -189,11 +185,6 @@ class LimitsConfig(Vouched):
         return self
 
 
-Patience = Annotated[
-    float, Within(1e-3, 10.0, "what may be wrong at the electrode is not waited for longer")
-]
-
-
 class SafetySettings(Section):
     """When the rig stops trusting its caller or its devices.
 
@@ -222,69 +213,6 @@ class SafetySettings(Section):
     off_retry_s: Patience = Field(
         default=0.5, description="between attempts to get an output off that did not say so"
     )
-
-
-class ModulationInputConfig(Vouched):
-    """Modulation In at the back of the generator; see `hw.generator.settings.ModulationInput`."""
-
-    full_scale_v: Annotated[
-        float, Within(0.1, 10.0, "no generator's Modulation In takes less or more")
-    ] = Field(description="input for the highest amplitude; minus that is nothing, 0 V is HALF")
-    amplitude_at_full_scale: Annotated[
-        float, Within(0.5, 4.0, "no generator's modulation goes to less or more")
-    ] = Field(description="highest amplitude as a multiple of the programmed one: 1 or 2")
-
-
-class CarrierConfig(Vouched):
-    """The analog output that makes carrier and envelope in a generator's place, sample by
-    sample.
-    """
-
-    sample_rate_hz: SampleRate = Field(
-        description="asked of the output; the carrier counts on the one that it gets"
-    )
-    peak_v: Annotated[float, Within(0.01, 10.0, "outputs of cards end at 10 V")] = Field(
-        description="the highest at the output's terminal"
-    )
-    lead_s: Annotated[
-        float, Within(0.002, 0.2, "no writer is so early, and no voltage may be so late")
-    ] = Field(default=0.02, description="written so far ahead, and so late")
-    timeout_s: Seconds = Field(default=0.5, description="no call waits much longer")
-
-
-class GeneratorConfig(Section):
-    """The waveform generator and how to reach it; `carrier` where an analog output stands in for
-    it.
-    """
-
-    model: Annotated[str, AfterValidator(_installed_model)] = Field(
-        default="agilent_33220a",
-        description='"agilent_33220a", "keysight_33500", "siglent_sdg", or one that you install',
-    )
-    resource: Resource = Field(
-        description=(
-            "how to reach it: `TCPIP::host::5025::SOCKET` (LAN), `TCPIP::host::inst0::INSTR`"
-            " (VXI-11), `USB0::…::INSTR`, `ASRL/dev/ttyUSB0::INSTR`, `GPIB0::10::INSTR`,"
-            " `visa:NAME` to send any of them through VISA, or `simulated`"
-        )
-    )
-    visa_backend: str = Field(
-        default="@py", description='of pyvisa: "@py" is pyvisa-py, "@ivi" an installed VISA library'
-    )
-    baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = Field(
-        default=115200, description="of a serial resource"
-    )
-    reply_timeout_s: Annotated[
-        float, Within(1e-3, 30.0, "no answer is sooner there, nor waited for longer")
-    ] = Field(default=1.0, description="for one answer")
-    range_policy: Literal["fixed", "auto"] = Field(
-        default="fixed",
-        description=(
-            '"fixed": no relay switches; "auto": better accuracy, disturbed when it switches'
-        ),
-    )
-    modulation_input: ModulationInputConfig | None = None
-    carrier: CarrierConfig | None = None
 
 
 Terminal = Literal["DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT"]
@@ -318,90 +246,6 @@ class AnalogInputsConfig(Section):
     def terminal_of(self, channel: str) -> str:
         """How a channel is wired."""
         return self.terminals.get(channel, self.terminal)
-
-
-class NoInterlock(Section):
-    """Nothing in the amplifier's enable line, said plainly: its state stays unknown."""
-
-    kind: Literal["none"] = "none"
-
-
-class InterlockBox(Section):
-    """A heartbeat interlock box; see `hw.safety.interlock`."""
-
-    kind: Literal["box"]
-    resource: Resource = Field(description="serial port or socket of the box")
-    reply_timeout_s: Annotated[
-        float, Within(1e-3, 0.1, "the box is asked on the way to every set point")
-    ] = Field(default=0.05, description="for one answer of the box")
-
-
-class ModemLineInterlock(Section):
-    """RTS or DTR of a serial port as enable line."""
-
-    kind: Literal["modem_line"]
-    port: str = Field(description="serial port whose line it is")
-    line: Literal["rts", "dtr"] = Field(
-        description="which line: `rts` or `dtr` of a port, or a digital output of a card"
-    )
-    looped_back: bool = Field(description="true where a wire brings RTS back to CTS, DTR to DSR")
-
-
-class NiInterlock(Section):
-    """A digital output of an NI card as enable line."""
-
-    kind: Literal["ni"]
-    line: str = Field(
-        description="which line: `rts` or `dtr` of a port, or a digital output of a card"
-    )
-
-
-InterlockConfig = Annotated[
-    NoInterlock | InterlockBox | ModemLineInterlock | NiInterlock, Field(discriminator="kind")
-]
-
-
-class WatchdogConfig(Section):
-    """The process that switches off when the driver dies, over connections of its own; see
-    `hw.safety.watchdog`.
-    """
-
-    generator: Resource = Field(
-        description='or "none", said plainly; never the driver\'s USB, GPIB or serial port'
-    )
-    interlock: Resource | None = Field(
-        default=None, description="a second way to the box, if it has one"
-    )
-    period_s: Patience = Field(
-        default=0.5,
-        description="without a beat for so long it switches off; not below safety.lease_s",
-    )
-    reply_timeout_s: Patience = Field(default=0.3, description="for one answer")
-    retry_s: Patience = Field(default=0.2, description="between attempts")
-    give_up_s: Annotated[
-        float, Within(0.1, 3600.0, "one attempt takes as long, and nobody waits for longer")
-    ] = Field(default=60.0, description="without evidence")
-
-
-StageSpeed = Annotated[float, Within(1e-6, 0.5, "no stage of this kind is faster")]
-StageAcceleration = Annotated[
-    float, Within(1e-6, 5.0, "no stage of this kind gathers speed faster")
-]
-
-
-class StageConfig(Section):
-    """A Thorlabs LTS150; see `hw.stage.lts150.StageSettings`."""
-
-    resource: Resource = Field(description="serial port, or `simulated`")
-    travel_m: Annotated[list[Metres], Field(min_length=2, max_length=2)] = Field(
-        description="[lowest, highest] position"
-    )
-    velocity_m_s: StageSpeed = Field(description="of its moves")
-    acceleration_m_s2: StageAcceleration = Field(description="of its moves")
-    velocity_limit_m_s: StageSpeed = Field(description="nothing faster is ever asked for")
-    acceleration_limit_m_s2: StageAcceleration = Field(
-        description="nothing faster is ever asked for"
-    )
 
 
 class OutputConfig(Section):
@@ -555,21 +399,26 @@ class RigConfig(Section):
         return self
 
     @property
-    def unverified(self) -> list[str]:
-        """What keeps the rig from coming on: safety figures nobody vouches for, and what nobody has
-        decided.
-        """
-        vouched = {
+    def vouched(self) -> dict[str, Vouched]:
+        """The sections whose figures somebody has to vouch for, by their names in the file."""
+        sections = {
             "limits": self.limits,
             "amplifier": self.amplifier,
             "waveform_generator.modulation_input": self.waveform_generator.modulation_input,
             "waveform_generator.carrier": self.waveform_generator.carrier,
             "analog_output": self.analog_output,
         }
+        return {name: section for name, section in sections.items() if isinstance(section, Vouched)}
+
+    @property
+    def unverified(self) -> list[str]:
+        """What keeps the rig from coming on: safety figures nobody vouches for, and what nobody has
+        decided.
+        """
         missing = [
             f"{name}.measured_by and measured_at"
-            for name, section in vouched.items()
-            if isinstance(section, Vouched) and not section.verified
+            for name, section in self.vouched.items()
+            if not section.verified
         ]
         if self.watchdog is None and not self.simulated:
             missing.append('watchdog.generator (a resource, or "none")')

@@ -11,13 +11,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Self
+from typing import Any, Self
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.patience import done_within
-from haptic_driver.rig import config as rig_config
 from haptic_driver.rig.claims import Claims
-from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.config import AnalogInputsConfig, RigConfig
 from haptic_driver.rig.evidence import OffEvidence, tried
 from haptic_driver.rig.part import (
     AMPLIFIERS,
@@ -27,10 +26,13 @@ from haptic_driver.rig.part import (
     FINGER_TRACKERS,
     FORCE_SENSORS,
     NO_WATCHDOG,
+    PartSection,
     Wiring,
     make_part,
 )
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.parts.generators import CarrierConfig
+from haptic_driver.rig.parts.interlocks import InterlockBox, ModemLineInterlock, NiInterlock
 from haptic_driver.rig.rig import Rig
 from haptic_driver.rig.states import RigEvent
 from hw.analog.cards import make_card
@@ -54,7 +56,7 @@ from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolic
 from hw.monitor.contract import ElectrodeMonitor
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.watchdog import Watchdog, WatchdogSettings
-from hw.stage.lts150 import Lts150, StageSettings
+from hw.stage.lts150 import Lts150
 from hw.transport.contract import Transport
 from hw.transport.marker import scpi_marker
 from hw.transport.resource import make_transport
@@ -146,12 +148,12 @@ def connect_devices(
     parts = _Parts(config)
     force_sensor = parts.force_sensor(before)
     stage = parts.stage()
-    tracker = parts.tracker(stage)
+    tracker = parts.reader(FINGER_TRACKERS, config.finger_tracker, Wiring(parts.inputs, stage))
     watchdog = parts.watchdog()
     enable, heartbeats = parts.interlock()
     output = parts.analog_output() if envelope else None
     monitors = parts.electrode_monitors()
-    camera = parts.camera()
+    camera = parts.reader(CAMERAS, config.camera, Wiring())
     amplifier = config.amplifier
     lines = Wiring(
         enable=enable,
@@ -274,7 +276,7 @@ def make_generator(config: RigConfig, port: Transport | AnalogOutput) -> Generat
     return kind.make(port, generator_settings(config), samples)
 
 
-def carrier_output(carrier: rig_config.CarrierConfig) -> AnalogOutputSettings:
+def carrier_output(carrier: CarrierConfig) -> AnalogOutputSettings:
     """What the output that makes a carrier may do."""
     return AnalogOutputSettings(
         -carrier.peak_v,
@@ -311,11 +313,11 @@ class _Parts:
         self.before_rig: list[Callable[[], object]] = []
         self.after_rig: list[Callable[[], object]] = []
         self.closing: list[Callable[[], object]] = []
-        self._inputs = self._analog_inputs()
+        self.inputs = self._analog_inputs()
 
     def force_sensor(self, before: ForceSensor | None) -> ForceSensor:
         sensor = self._config.force_sensor
-        part = None if sensor is None else make_part(FORCE_SENSORS, sensor, Wiring(self._inputs))
+        part = None if sensor is None else make_part(FORCE_SENSORS, sensor, Wiring(self.inputs))
         if part is None:
             raise BadInputError(
                 "no_force_sensor",
@@ -335,8 +337,8 @@ class _Parts:
         card = self._config.analog_inputs
         return (
             None
-            if channel is None or self._inputs is None or card is None
-            else peak_of(card, self._inputs, channel)
+            if channel is None or self.inputs is None or card is None
+            else peak_of(card, self.inputs, channel)
         )
 
     def fault_line(self) -> DigitalInput | None:
@@ -344,27 +346,23 @@ class _Parts:
         if name is None:
             return None
         line = NiDigitalInput(name)
-        self.before_rig.append(line.open)
-        self.closing.insert(0, line.close)
+        self._first(line.open, line.close)
         return line
 
     def interlock(self) -> tuple[DigitalOutput | None, list[Heartbeat]]:
         """The enable line, if any, and what has to be beaten for it."""
         match self._config.interlock:
-            case rig_config.InterlockBox(resource=resource, reply_timeout_s=timeout_s):
+            case InterlockBox(resource=resource, reply_timeout_s=timeout_s):
                 box = HeartbeatInterlock(make_transport(resource), reply_timeout_s=timeout_s)
-                self.before_rig.append(box.connect)
-                self.closing.insert(0, box.close)
+                self._first(box.connect, box.close)
                 return box, [box]
-            case rig_config.ModemLineInterlock(port=port, line=name, looped_back=looped_back):
+            case ModemLineInterlock(port=port, line=name, looped_back=looped_back):
                 modem_line = ModemLine(port, name, looped_back=looped_back)
-                self.before_rig.append(modem_line.connect)
-                self.closing.insert(0, modem_line.close)
+                self._first(modem_line.connect, modem_line.close)
                 return modem_line, []
-            case rig_config.NiInterlock(line=name):
+            case NiInterlock(line=name):
                 line = NiDigitalOutput(name)
-                self.before_rig.append(line.open)
-                self.closing.insert(0, line.close)
+                self._first(line.open, line.close)
                 return line, []
         return None, []
 
@@ -377,8 +375,7 @@ class _Parts:
             **given.model_dump(), model=generator.model, visa_backend=generator.visa_backend
         )
         watchdog = Watchdog(settings)
-        self.before_rig.append(watchdog.start)
-        self.closing.insert(0, watchdog.close)
+        self._first(watchdog.start, watchdog.close)
         return watchdog
 
     def stage(self) -> Lts150 | None:
@@ -387,23 +384,27 @@ class _Parts:
             return None
         transport = make_transport(given.resource, rtscts=True)
         set_rts = transport.set_rts if isinstance(transport, SerialTransport) else None
-        stage = Lts150(transport, stage_settings(given), set_rts=set_rts)
+        stage = Lts150(transport, given.settings(), set_rts=set_rts)
         self.after_rig.append(stage.connect)
         self.closing.insert(0, stage.close)
         return stage
 
-    def tracker(self, stage: Lts150 | None) -> FingerTracker | None:
-        part = make_part(FINGER_TRACKERS, self._config.finger_tracker, Wiring(self._inputs, stage))
+    def _first(self, opening: Callable[[], object], closing: Callable[[], object]) -> None:
+        self.before_rig.append(opening)
+        self.closing.insert(0, closing)
+
+    def reader(self, group: str, section: PartSection, wiring: Wiring) -> Any:
+        """What only reads is opened last and closed first; None where there is none."""
+        part = make_part(group, section, wiring)
         if part is None:
             return None
         self.after_rig += part.opening
         self.closing[:0] = part.closing
-        device: FingerTracker = part.device
-        return device
+        return part.device
 
     def analog_output(self) -> AnalogOutput | None:
         """At its zero level before the carrier can come, and after it has gone."""
-        part = make_part(ANALOG_OUTPUTS, self._config.analog_output, Wiring(self._inputs))
+        part = make_part(ANALOG_OUTPUTS, self._config.analog_output, Wiring(self.inputs))
         if part is None:
             return None
         self.before_rig += part.opening
@@ -412,32 +413,14 @@ class _Parts:
         return device
 
     def electrode_monitors(self) -> list[ElectrodeMonitor]:
-        """They only read; opened last."""
-        amplifier = self._config.amplifier
+        amplifier, sections = self._config.amplifier, self._config.electrode_monitors
         wiring = Wiring(
-            self._inputs,
+            self.inputs,
             monitor_lines=amplifier.monitor_lines(),
             monitor_channels=amplifier.channels,
         )
-        made = [
-            make_part(ELECTRODE_MONITORS, section, wiring)
-            for section in self._config.electrode_monitors
-        ]
-        parts = [part for part in made if part is not None]
-        for part in parts:
-            self.after_rig += part.opening
-            self.closing[:0] = part.closing
-        return [part.device for part in parts]
-
-    def camera(self) -> Camera | None:
-        """It only looks; opened last."""
-        part = make_part(CAMERAS, self._config.camera, Wiring())
-        if part is None:
-            return None
-        self.after_rig += part.opening
-        self.closing[:0] = part.closing
-        device: Camera = part.device
-        return device
+        made = [self.reader(ELECTRODE_MONITORS, section, wiring) for section in sections]
+        return [monitor for monitor in made if monitor is not None]
 
     def _analog_inputs(self) -> NiCards | None:
         config, card = self._config, self._config.analog_inputs
@@ -451,7 +434,7 @@ class _Parts:
         return inputs
 
 
-def analog_inputs(card: rig_config.AnalogInputsConfig, channels: Sequence[str]) -> NiCards:
+def analog_inputs(card: AnalogInputsConfig, channels: Sequence[str]) -> NiCards:
     """Some channels, of one card or several, as the rig's file describes them; not open."""
     how = card.model_dump(exclude={"monitor_window_s", "terminal", "terminals"})
     cards: dict[str, list[str]] = {}
@@ -465,12 +448,6 @@ def analog_inputs(card: rig_config.AnalogInputsConfig, channels: Sequence[str]) 
     )
 
 
-def peak_of(card: rig_config.AnalogInputsConfig, inputs: NiCards, channel: str) -> NiAnalogInput:
+def peak_of(card: AnalogInputsConfig, inputs: NiCards, channel: str) -> NiAnalogInput:
     """A monitor of an alternating voltage, read over the card's window."""
     return NiAnalogInput(inputs, channel, window_s=card.monitor_window_s, peak=True)
-
-
-def stage_settings(given: rig_config.StageConfig) -> StageSettings:
-    """The stage's share of a rig's file."""
-    low_m, high_m = given.travel_m
-    return StageSettings(low_m, high_m, **given.model_dump(exclude={"resource", "travel_m"}))

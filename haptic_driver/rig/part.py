@@ -28,8 +28,10 @@ from pydantic_core import (
 )
 
 from haptic_driver.config import Kinds, Section, Within
+from haptic_driver.rig.check import Checks, Examination
 from hw import plugins
 from hw.analog.cards import check_name
+from hw.setting import Setting
 
 if TYPE_CHECKING:
     from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput
@@ -68,6 +70,9 @@ ForceRange = Annotated[float, Within(0.1, 200.0, "no sensor under a fingertip me
 Farads = Annotated[float, Within(0.0, 1e-6, "no electrode, panel and wiring have more")]
 Metres = Annotated[float, Within(-2.0, 2.0, "no screen or stage is larger")]
 Seconds = Annotated[float, Within(1e-6, 60.0, "nothing here waits for longer")]
+Patience = Annotated[
+    float, Within(1e-3, 10.0, "what may be wrong at the electrode is not waited for longer")
+]
 Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
 Port = Annotated[int, Field(ge=1, le=65535)]
 
@@ -125,6 +130,14 @@ class PartSection(Section):
         DeviceError.
         """
         return ""
+
+    def untold(self, *names: str) -> list[Setting]:
+        """Figures that are computed with, of a device that does not say its own."""
+        return [Setting(name, said, None) for name in names if (said := getattr(self, name, None))]
+
+    def examine(self, at: Examination) -> Checks:
+        """Only ask the device: set, switch, reset and move nothing, and close what was opened."""
+        yield at.unverified(f"{self.kind}: how to ask it is not known here")
 
 
 @dataclass(frozen=True)

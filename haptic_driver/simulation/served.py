@@ -16,10 +16,13 @@ import os
 import time
 from collections.abc import Mapping
 
-from haptic_driver.rig.config import InterlockBox, RigConfig, StageConfig, WatchdogConfig
+from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.cameras import NoCamera
 from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
+from haptic_driver.rig.parts.generators import WatchdogConfig
+from haptic_driver.rig.parts.interlocks import InterlockBox
+from haptic_driver.rig.parts.stages import StageConfig
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
 from hw.analog.simulated_output import CardMemory

@@ -74,6 +74,11 @@ class HeartbeatInterlock:
 
     def connect(self) -> None:
         """Open, check that it is such a box, and open its contact."""
+        self.identify()
+        self.write(False)
+
+    def identify(self) -> None:
+        """Open, and only ask whether it is such a box."""
         self._transport.open()
         identity = self._ask("ID?")
         if identity != IDENTITY:
@@ -82,7 +87,6 @@ class HeartbeatInterlock:
                 f"{self._transport.resource} is {identity!r}, not {IDENTITY!r}",
                 "check the port in the configuration",
             )
-        self.write(False)
 
     def status(self) -> InterlockStatus:
         """What the box says of itself."""

@@ -139,7 +139,7 @@ class Lts150:
             self._set_rts(False)
         for message in (Message.NO_FLASH, Message.STOP_UPDATES):
             self._send(apt.Frame(message))
-        info = apt.read_info(self._ask(apt.Frame(Message.REQUEST_INFO), Message.INFO))
+        info = self.identify()
         if not info.model.startswith(self.settings.model):
             raise BadReply(
                 f"{self._transport.resource} is {info.model!r}, serial number {info.serial_number},"
@@ -149,6 +149,10 @@ class Lts150:
         self._send(apt.on_channel(Message.SET_CHANNEL_ENABLED, 1))
         self.set_velocity(self.settings.velocity_m_s, self.settings.acceleration_m_s2)
         return info
+
+    def identify(self) -> apt.Info:
+        """Only ask what it is, over a transport that is open."""
+        return apt.read_info(self._ask(apt.Frame(Message.REQUEST_INFO), Message.INFO))
 
     def read_status(self) -> StageStatus:
         """Ask where the stage is and what it does."""

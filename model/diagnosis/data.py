@@ -7,7 +7,7 @@ friction, the electrode's current and voltage, and their phases.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,10 @@ from model.support.tables import Table, read_table
 
 REQUIRED = ("frequency_hz", "voltage_v", "normal_force_n")
 OPTIONAL = ("speed_m_s", "time_s", "voltage_offset_v", "humidity_pct", "temperature_c")
+MEASURED = {  # a condition that a sensor reads, and the column with what was commanded
+    "normal_force_n": "commanded_normal_force_n",
+    "speed_m_s": "commanded_speed_m_s",
+}
 SPREADS = {  # of a witness's standard deviation
     "cof_std": (1e-9, 20.0, ""),
     "current_std_a": (1e-15, 100.0, "A"),
@@ -47,6 +51,8 @@ RANGES = {
     "voltage_v": (0.0, 1e4, "V"),
     "normal_force_n": (1e-3, 100.0, "N"),
     "speed_m_s": (0.0, 10.0, "m/s"),
+    "commanded_normal_force_n": (1e-3, 100.0, "N"),
+    "commanded_speed_m_s": (0.0, 10.0, "m/s"),
     "time_s": (-1e9, 1e9, "s"),
     "voltage_offset_v": (-1e4, 1e4, "V"),
     **SPREADS,
@@ -75,6 +81,7 @@ class Measurements:
     that the file itself marks as in contradiction with Kramers and Kronig. `least_cof_std`:
     relative; what of friction is known no better from row to row, whatever the scatter says.
     `bad_rows`: what was wrong in rows that were left out on request, a line of the file each.
+    `setting` [n] and `trial` [n]: numbers of what the file calls so, None where it says nothing.
     """
 
     columns: dict[str, Array]
@@ -90,6 +97,8 @@ class Measurements:
     left_out: int = 0
     bad_rows: tuple[str, ...] = ()
     least_cof_std: float = WITNESSES[FRICTION].least_std
+    setting: NDArray[np.intp] | None = None
+    trial: NDArray[np.intp] | None = None
 
     @property
     def count(self) -> int:
@@ -237,21 +246,32 @@ class Measurements:
                 "row",
                 "finger",
                 "intervention",
+                "setting",
+                "trial",
             )
         }
         return replace(
             self, columns={name: values[rows] for name, values in self.columns.items()}, **chosen
         )
 
-    def replicate_groups(self, apart: bool = True, sessions_apart: bool = True) -> NDArray[np.intp]:
+    def replicate_groups(
+        self,
+        apart: bool = True,
+        sessions_apart: bool = True,
+        held: Iterable[str] = MEASURED,
+    ) -> NDArray[np.intp]:
         """A number per observation, equal for the same session and settings; time and repeat do not
         count.
 
-        `apart`: each witness has groups of its own; `sessions_apart`: each session.
+        `apart`: each witness has groups of its own; `sessions_apart`: each session. `held`:
+        measured conditions that count. What the file says was commanded counts in their place.
         """
-        keys = ["voltage_v", "normal_force_n", "speed_m_s", "voltage_offset_v"]
+        keys = ["voltage_v", "voltage_offset_v"]
+        if self.setting is None:
+            keys += [MEASURED[key] if MEASURED[key] in self.columns else key for key in held]
         settings = [np.where(self.driven, self.columns["frequency_hz"], 0.0)]
         settings += [self.session.astype(float)] if sessions_apart else []
+        settings += [] if self.setting is None else [self.setting.astype(float)]
         settings += [self.columns[key] for key in keys if key in self.columns]
         for words in (self.waveform, self.finger, self.intervention):
             if words is not None:
@@ -296,9 +316,10 @@ def _measurements(table: Table) -> Measurements:
         table, "normal_force_n", None if finger is None else finger == "none"
     )
     held = None if finger is None else finger != "sliding"
-    for name in OPTIONAL:
+    resting = {"speed_m_s": held, "commanded_speed_m_s": held}
+    for name in (*OPTIONAL, *MEASURED.values()):
         if _says(table, name):
-            columns[name] = _column(table, name, held if name == "speed_m_s" else None)
+            columns[name] = _column(table, name, resting.get(name))
     if finger is not None and (finger == "none").any() and (finger != "none").any():
         touching = finger != "none"
         columns["normal_force_n"][~touching] = np.median(columns["normal_force_n"][touching])
@@ -313,6 +334,8 @@ def _measurements(table: Table) -> Measurements:
         table.content_hash,
         finger=finger,
         intervention=done,
+        setting=_labels(table, "setting"),
+        trial=_labels(table, "trial"),
     )
     found = _observations(table, rows)
     if found.row is None or not _says(table, "kramers_kronig"):
@@ -442,6 +465,8 @@ def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
         ),
         left_out=sum(data.left_out for data in sets),
         bad_rows=tuple(f"{name}, {said}" for name, data in parts for said in data.bad_rows),
+        setting=_numbers([data.setting for data in sets], [data.count for data in sets]),
+        trial=_numbers([data.trial for data in sets], [data.count for data in sets]),
     )
 
 
@@ -463,6 +488,27 @@ def _said(
             for said, count in zip(words, counts, strict=True)
         ]
     )
+
+
+def _numbers(
+    labels: Sequence[NDArray[np.intp] | None], counts: Sequence[int]
+) -> NDArray[np.intp] | None:
+    """Numbers of settings or trials as one column; None unless every data set has them."""
+    if any(numbers is None for numbers in labels):
+        return None
+    parts, before = list[NDArray[np.intp]](), 0
+    for numbers, count in zip(labels, counts, strict=True):
+        assert numbers is not None
+        parts.append(numbers + before)
+        before += int(numbers.max()) + 1 if count else 0
+    return np.concatenate(parts)
+
+
+def _labels(table: Table, column: str) -> NDArray[np.intp] | None:
+    """A number per row for each text of a column; None where the column says nothing."""
+    if not _says(table, column):
+        return None
+    return np.unique(table.text(column), return_inverse=True)[1].ravel()
 
 
 def _says(table: Table, name: str) -> bool:

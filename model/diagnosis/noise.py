@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from model.diagnosis.data import Measurements
+from model.diagnosis.levels import FEWEST_DEGREES, Levels, levels, trials
 from model.diagnosis.smooth import roots, standardised
-from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, WITNESSES
+from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, WITNESSES, Witness
 from model.support.arrays import Array, ComplexArray
 
 SESSION_GAIN_STD = WITNESSES[FRICTION].gain_std
@@ -22,7 +23,6 @@ LOOSE_DEGREES = (
 )
 MOST_DEGREES = 200.0
 USUAL_STRAY_F = 300e-12  # where no open circuit tells
-LONG_AFTER = 10.0  # times the usual time between replicates
 AREA_STD = 0.03  # of the logarithm of the touch's area, from session to session
 
 
@@ -75,13 +75,14 @@ class Noise:
 @dataclass(frozen=True)
 class _Own:
     """Standard deviations of one witness's observations [n], where they come from, and the
-    replicates that checked.
+    replicates that checked; `trial` [n]: what the observations of a trial share.
     """
 
     std: Array
     source: str
     degrees: int
     warnings: tuple[str, ...] = ()
+    trial: Array | None = None
 
 
 def noise_of(
@@ -94,19 +95,20 @@ def noise_of(
     single rows' noise.
     """
     inflation = np.ones(data.count) if inflation is None else inflation
-    own_std, found = np.empty(data.count), []
+    own_std, trial_std, found = np.empty(data.count), np.zeros(data.count), list[_Own]()
     for witness in data.witnesses:
         mine = data.of(witness)
         own = _own_noise(data.subset(mine), witness, inflation[mine])
         if own is None:
             return None
         own_std[mine] = own.std
+        trial_std[mine] = 0.0 if own.trial is None else own.trial
         found.append(own)
     least = _least_std(data)
     sure = own_std < least
     own_std = np.maximum(own_std, least)
     shared = np.hstack([shared_std(data), _response_std(data, np.where(sure, least, 0.0))])
-    lower, blocks = np.zeros((data.count, data.count)), []
+    lower, blocks, trial = np.zeros((data.count, data.count)), [], trials(data)
     for rows in rows_in_order(data):
         rank = np.argsort(rows)  # when each was measured, in the order of the file
         blocks.append(rows[rank])
@@ -115,6 +117,8 @@ def noise_of(
         if correlation != 0.0:
             covariance = correlation ** np.abs(rank[:, None] - rank) * np.outer(std, std)
         covariance += shared[blocks[-1]] @ shared[blocks[-1]].T
+        together = trial[blocks[-1]][:, None] == trial[blocks[-1]]
+        covariance += together * np.outer(trial_std[blocks[-1]], trial_std[blocks[-1]])
         lower[np.ix_(blocks[-1], blocks[-1])] = cholesky(covariance, lower=True)
     degrees = sum(own.degrees for own in found)
     return Noise(
@@ -191,65 +195,59 @@ def touch_share(data: Measurements) -> ComplexArray:
 
 def _own_noise(data: Measurements, witness: int, inflation: Array) -> _Own | None:
     """Of one witness alone: as stated, held against replicates; as replicates say; or the usual."""
-    known, values, stated = WITNESSES[witness], data.observed, data.stated_std
+    known, stated = WITNESSES[witness], data.stated_std
+    if np.isnan(stated).all():
+        return _unstated(known, data, inflation)
     if np.isnan(stated).any():
-        usual = _usual(known.usual_std, data, inflation)
-        if np.isnan(stated).all() or usual is None:
-            return usual
+        usual = _unstated(known, data, inflation)
+        if usual is None:
+            return None
         stated = np.where(np.isnan(stated), usual.std / inflation, stated)
     std = stated * inflation
-    source = known.std
-    _, degrees = _replicate_scatter(data, values, inflation)
-    if degrees < 4:
-        return _Own(std, source, degrees)
-    scatter, degrees = _replicate_scatter(data, values, std)
-    ratio, warnings = float(np.sqrt(scatter)), []
-    if not 1.0 / 1.3 < ratio < 1.3:
-        warnings.append(
-            f"replicates scatter {ratio:.2f} times as much as {known.std} says; their scatter is"
-            " used"
-        )
-        source = f"{known.std}, scaled to the replicates"
-    return _Own(std * ratio, source, degrees, tuple(warnings))
+    told = levels(data, data.observed, std)
+    if told.has_trials:
+        return _of_levels(told, std, f"{known.std}, scaled to rows and trials")
+    if told.row.degrees < FEWEST_DEGREES:
+        return _Own(std, known.std, told.row.degrees)
+    ratio = float(np.sqrt(told.row.variance))
+    if 1.0 / 1.3 < ratio < 1.3:
+        return _Own(std * ratio, known.std, told.row.degrees)
+    said = f"replicates scatter {ratio:.2f} times as much as {known.std} says"
+    return _Own(
+        std * ratio,
+        f"{known.std}, scaled to the replicates",
+        told.row.degrees,
+        (f"{said}; their scatter is used",),
+    )
 
 
-def _usual(usual_std: float | None, data: Measurements, inflation: Array) -> _Own | None:
+def _unstated(known: Witness, data: Measurements, inflation: Array) -> _Own | None:
     """What replicates say, or else what is usual of such an instrument; None where nothing is."""
-    scatter, degrees = _replicate_scatter(data, data.observed, inflation)
-    if degrees >= 2:
-        return _Own(np.sqrt(scatter) * inflation, "replicates", degrees)
-    if usual_std is None:
+    told = levels(data, data.observed, inflation)
+    if told.has_trials:
+        return _of_levels(told, inflation, "rows and trials")
+    if told.row.degrees >= 2:
+        return _Own(np.sqrt(told.row.variance) * inflation, "replicates", told.row.degrees)
+    if known.usual_std is None:
         return None
-    name = WITNESSES[data.witnesses[0]]
-    unit = "rad" if name.is_phase else "of the value"
-    said = f"{name.column} has neither {name.std} nor replicates: {usual_std:g} {unit} is assumed"
-    return _Own(usual_std * inflation, f"assumed for {name.column}", 0, (said,))
+    unit = "rad" if known.is_phase else "of the value"
+    said = f"{known.column} has neither {known.std} nor replicates"
+    return _Own(
+        known.usual_std * inflation,
+        f"assumed for {known.column}",
+        0,
+        (f"{said}: {known.usual_std:g} {unit} is assumed",),
+    )
 
 
-def _replicate_scatter(data: Measurements, values: Array, std: Array) -> tuple[float, int]:
-    """Pooled variance within groups of replicates, in units of `std` squared, and its degrees of
-    freedom.
-    """
-    group = _close_in_time(data, data.replicate_groups())
-    weight = std**-2
-    means = np.bincount(group, values * weight) / np.bincount(group, weight)
-    degrees = int(np.sum(np.bincount(group) - 1))
-    squares = np.sum(((values - means[group]) / std) ** 2)
-    return (float(squares / degrees) if degrees else 0.0), degrees
-
-
-def _close_in_time(data: Measurements, group: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Groups of replicates [n], split where one comes long after the others: what drifts meanwhile
-    is no noise.
-    """
-    time_s, later = data.columns.get("time_s"), np.zeros(data.count, np.intp)
-    if time_s is None:
-        return group
-    for rows in (np.flatnonzero(group == g) for g in np.flatnonzero(np.bincount(group) > 2)):
-        rows_by_time = rows[np.argsort(time_s[rows], kind="stable")]
-        gap_s = np.diff(time_s[rows_by_time])
-        later[rows_by_time[1:]] = np.cumsum(gap_s > LONG_AFTER * np.median(gap_s))
-    return np.unique(np.stack([group, later]), axis=1, return_inverse=True)[1].ravel()
+def _of_levels(told: Levels, std: Array, source: str) -> _Own:
+    """Rows' own noise and what a trial's rows share, each by its own scatter."""
+    return _Own(
+        np.sqrt(told.row.variance) * std,
+        source,
+        told.trial.degrees,
+        trial=np.sqrt(told.trial.variance) * std,
+    )
 
 
 def rows_in_order(data: Measurements) -> list[NDArray[np.intp]]:

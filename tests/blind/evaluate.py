@@ -19,6 +19,7 @@ from typing import Any
 
 from .peers import peers_table
 from .scores import Answer, Guess, bins, calibration_error, chance_error, reliability, wilson
+from .sets_csv import write_csv
 from .witness_table import witness_table
 
 VISIBLE = ((0, 12), (12, 35), (35, 75), (75, 200), (200, math.inf))
@@ -292,6 +293,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sets", type=Path, required=True)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--csv", type=Path, help="every set in one row")
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     answers = run(given.sets, given.workers)
@@ -303,6 +305,8 @@ def main() -> None:
     text = table(friction, labels, headers) if friction else ""
     text += witness_table(witnessed, labels) if witnessed else ""
     text += peers_table(answers, labels, guesses, notes)
+    if given.csv:
+        write_csv(given.csv, answers, labels, guesses)
     if given.out:
         given.out.write_text("# Diagnosis on blind data, as measured\n\n" + text)
     print(text)

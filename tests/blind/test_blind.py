@@ -4,6 +4,7 @@ any number.
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import subprocess
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.blind.evaluate import Answer, run
+from tests.blind.sets_csv import write_csv
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.soak
@@ -92,3 +94,15 @@ def test_strangers_are_unexplained(outcome) -> None:
     strangers = pick(outcome, lambda label: any(effect["stranger"] for effect in label["effects"]))
     assert len(strangers) == 1
     assert {got.verdict for _, got in strangers} == {"unexplained"}
+
+
+def test_every_set_has_a_row_with_what_was_hidden_and_said(outcome, tmp_path: Path) -> None:
+    answers, labels = outcome
+    write_csv(tmp_path / "sets.csv", answers, labels, {})
+    with (tmp_path / "sets.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["set"] for row in rows] == sorted(answers)
+    for row in rows:
+        effects = labels[row["set"]]["effects"]
+        assert row["hidden"].split() == [effect["name"] for effect in effects]
+        assert row["verdict"] == answers[row["set"]].verdict

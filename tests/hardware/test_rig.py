@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from haptic_driver.rig.actuator import make_actuator
+from haptic_driver.rig.check import CheckStatus
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import connect_devices
-from haptic_driver.rig.doctor import CheckStatus, examine
+from haptic_driver.rig.doctor import examine
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import Course, DriveCommand
 

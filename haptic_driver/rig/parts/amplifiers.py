@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from haptic_driver.config import Within
+from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
     MonitorHertz,
     MonitorNoise,
@@ -103,6 +105,53 @@ class AmplifierConfig(Vouched, PartSection):
             self.voltage_monitor_bandwidth_hz or inf,
             self.current_monitor_bandwidth_hz or inf,
         )
+
+    def examine(self, at: Examination) -> Checks:
+        """Look at its lines: it has no dialogue."""
+        yield at.unverified(
+            f"gain {self.gain_v_per_v:g}, {self.voltage_limit_v:g} V,"
+            f" {self.current_limit_a:g} A, {self.slew_limit_v_per_s:g} V/s: it has no"
+            " dialogue, and nothing is energised here",
+            "compare one low voltage with a probe",
+            self.untold("gain_v_per_v", "voltage_monitor_v_per_v", "current_monitor_v_per_a"),
+        )
+        yield from at.called("fault line").told(self._examine_fault_line)
+        yield from at.called("voltage monitor").told(self._examine_monitor)
+
+    def _examine_fault_line(self, at: Examination) -> Checks:
+        from hw.analog.ni_daq import NiDigitalInput
+
+        if self.fault_line is None:
+            yield at.unverified("there is none: a tripped amplifier shows on its monitor at best")
+            return
+        with closing(NiDigitalInput(self.fault_line)) as line:
+            if line.read() is self.fault_level:
+                yield at.failed("it says fault", "look at the amplifier; check fault_level")
+            else:
+                yield at.ok("no fault")
+
+    def _examine_monitor(self, at: Examination) -> Checks:
+        from haptic_driver.rig.devices import analog_inputs, peak_of
+        from haptic_driver.rig.evidence import MONITOR_QUIET_V
+
+        channel, card = self.voltage_monitor, at.rig.analog_inputs
+        if channel is None or card is None:
+            yield at.unverified(
+                "there is none: nothing sees the electrode, and off means that the generator says"
+                " so",
+                "wire the amplifier's monitor to an analog input",
+            )
+            return
+        with closing(analog_inputs(card, [channel])) as inputs:
+            inputs.open()
+            electrode_v = peak_of(card, inputs, channel).read_v() / self.voltage_monitor_v_per_v
+            said, held = f"peak {electrode_v:.3g} V at the electrode", inputs.held()
+            if electrode_v <= MONITOR_QUIET_V:
+                yield at.ok(said, held)
+            else:
+                yield at.failed(said, "something drives it", held)
+            hint = "compare one low voltage with a probe"
+            yield at.called("monitor scale").unverified("needs a voltage", hint)
 
 
 class AnalogAmplifierConfig(AmplifierConfig):

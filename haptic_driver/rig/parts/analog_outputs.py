@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, model_validator
 
 from haptic_driver.config import Within
+from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
     LineVolts,
     Part,
@@ -29,6 +30,11 @@ class NoAnalogOutput(PartSection):
     """No fast envelope: amplitudes go over SCPI."""
 
     kind: Literal["none"] = "none"
+
+    def examine(self, at: Examination) -> Checks:
+        over_scpi = at.rig.waveform_generator.carrier is None
+        how = "go over SCPI" if over_scpi else "are in the carrier's own samples"
+        yield at.ok(f"amplitudes {how}; there is no analog output for them")
 
 
 class SomeAnalogOutput(Vouched, PartSection):
@@ -81,6 +87,15 @@ class SomeAnalogOutput(Vouched, PartSection):
         from hw.analog.output import AnalogOutputSettings
 
         return AnalogOutputSettings(**self.given_for(AnalogOutputSettings))
+
+    def examine(self, at: Examination) -> Checks:
+        said = (
+            f"{self.kind} output, {self.zero_level_v:g} V for nothing: opening it would put out a"
+            " level"
+        )
+        hint = "measure Modulation In at low voltage: 0 V may be half the amplitude"
+        names = "sample_rate_hz", "full_scale_v", "latency_s", "sample_rate_limit_hz"
+        yield at.unverified(said, hint, self.untold(*names))
 
 
 class SimulatedAnalogOutputConfig(SomeAnalogOutput):

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from haptic_driver.config import Within
-from haptic_driver.rig.part import Part, PartKind, PartSection, Seconds, Wiring
+from haptic_driver.rig.check import Checks, Examination
+from haptic_driver.rig.part import (
+    CAMERAS,
+    Part,
+    PartKind,
+    PartSection,
+    Seconds,
+    Wiring,
+    make_part,
+)
 
 if TYPE_CHECKING:
     from hw.camera.genicam import GenicamCamera
@@ -23,6 +33,10 @@ class NoCamera(PartSection):
 
     kind: Literal["none"] = "none"
 
+    def examine(self, at: Examination) -> Checks:
+        """Nothing is missing."""
+        return iter(())
+
 
 class CameraSection(PartSection):
     """What every camera has: how large a pixel is at the screen, and the burst of a trigger."""
@@ -34,6 +48,17 @@ class CameraSection(PartSection):
         default=5, description="taken after each trigger, at a row's start"
     )
     interval_s: Seconds = Field(default=0.1, description="from one to the next")
+
+    def examine(self, at: Examination) -> Checks:
+        """Open it, which sets it up; a burst is not taken."""
+        part = make_part(CAMERAS, self, Wiring())
+        if part is None:
+            return
+        with closing(part.device):
+            part.device.open()
+            yield at.ok(f"{self.kind}, answers and takes its settings")
+            hint = "film a ruler: haptic contact --scale-from"
+            yield at.called("camera scale").unverified("nobody looked", hint)
 
 
 class SimulatedCameraConfig(CameraSection):

@@ -5,11 +5,13 @@ the frequency.
 from __future__ import annotations
 
 import re
+from contextlib import closing
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from haptic_driver.config import Within
+from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
     Hertz,
     Part,
@@ -48,6 +50,10 @@ class SomeElectrodeMonitor(PartSection):
     def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
         """The lowest and the highest carrier; `card_hz` are those of the rig's card."""
         raise NotImplementedError
+
+    def examine(self, at: Examination) -> Checks:
+        hint = "a resistor in the finger's place must read as one throughout"
+        yield at.unverified("needs a voltage", hint)
 
 
 class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
@@ -161,6 +167,12 @@ class InstrumentMonitor(SomeElectrodeMonitor):
     def driver(self, lines: MonitorLines | None) -> InfiniiVision | E4980A:
         """What drives it, on an amplifier's lines; closed."""
         raise NotImplementedError
+
+    def examine(self, at: Examination) -> Checks:
+        """Ask who it is; what it would read needs a voltage."""
+        monitor = self.driver(at.rig.amplifier.monitor_lines())
+        with closing(monitor.line) as line:
+            yield at.ok(line.identify(self.identity()), monitor.held())
 
 
 class InfiniiVisionConfig(InstrumentMonitor):

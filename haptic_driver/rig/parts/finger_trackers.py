@@ -11,6 +11,7 @@ from pydantic import Field
 
 from haptic_driver.config import Within
 from haptic_driver.errors import BadInputError
+from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import Metres, Part, PartKind, PartSection, Wiring
 
 if TYPE_CHECKING:
@@ -28,6 +29,9 @@ class NoFingerTracker(PartSection):
 
     kind: Literal["none"] = "none"
 
+    def examine(self, at: Examination) -> Checks:
+        yield at.unverified("there is none: nothing can be rendered by position")
+
 
 class StageFingerConfig(PartSection):
     """The finger rides on the stage."""
@@ -41,6 +45,9 @@ class StageFingerConfig(PartSection):
     direction: Annotated[list[Direction], Field(min_length=2, max_length=2)] = Field(
         default=[1.0, 0.0], description="of the stage's travel on the screen"
     )
+
+    def examine(self, at: Examination) -> Checks:
+        yield at.unverified("the stage carries the finger: see the stage")
 
 
 def make_stage(section: StageFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
@@ -99,6 +106,24 @@ class EvdevFingerConfig(PartSection):
             )
             raise BadInputError("bad_config", said, hint) from error
 
+    def examine(self, at: Examination) -> Checks:
+        """Its calibration, and whether its events can be read."""
+        yield from at.called("touch calibration").told(self._examine_calibration)
+        yield from at.called("touch screen").told(self._examine_screen)
+
+    def _examine_calibration(self, at: Examination) -> Checks:
+        if self.touch_calibration().placeholder:
+            hint = "measure it by touching known places: haptic calibrate-touch"
+            yield at.warning("a placeholder", hint)
+        else:
+            yield at.dated("measured", self.measured_at, " (haptic calibrate-touch)")
+
+    def _examine_screen(self, at: Examination) -> Checks:
+        from hw.finger.touch_screen import open_touch_reports
+
+        open_touch_reports(self.device).close()
+        yield at.ok(self.device)
+
 
 def make_evdev(section: EvdevFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
     """Reads its event device."""
@@ -115,6 +140,11 @@ class RecordedFingerConfig(PartSection):
 
     kind: Literal["recorded"]
     file: str = Field(description="CSV of a slide; its path counts from the rig's file")
+
+    def examine(self, at: Examination) -> Checks:
+        there = Path(self.file).is_file()
+        said = f"plays {self.file}{'' if there else ': missing'}"
+        yield at.ok(said) if there else at.failed(said)
 
 
 def make_recorded(section: RecordedFingerConfig, wiring: Wiring) -> Part[FingerTracker]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from haptic_driver.config import Within
+from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
     Axis,
     Farads,
@@ -68,6 +70,12 @@ class NoForceSensorConfig(ForceSensorSection):
         default=0.0, description="of electrode and leads without a finger, from an open circuit"
     )
 
+    def examine(self, at: Examination) -> Checks:
+        by_current = at.rig.friction_from_current
+        source = "the electrode's current" if by_current else f"no reading: {self.load_n:g} N"
+        said = f"none; load and friction from {source}"
+        yield at.warning(said, "docs/live.md says what that holds")
+
 
 def make_none(section: NoForceSensorConfig, wiring: Wiring) -> Part[NoForceSensor]:
     """What stands for it."""
@@ -114,6 +122,27 @@ class NiForceSensorConfig(ForceSensorSection):
         sensor = AtiCalibration.from_file(file)
         content = hashlib.sha256(file.read_bytes()).hexdigest()
         return f"{sensor.serial}, calibrated {sensor.calibrated_on}, SHA-256 {content}"
+
+    def examine(self, at: Examination) -> Checks:
+        """Its calibration, and the gauges' voltages; no bias is taken."""
+        from haptic_driver.rig.devices import analog_inputs
+        from hw.force.ati_calibration import AtiCalibration
+
+        assert at.rig.analog_inputs is not None  # or the file would have been refused
+        sensor = AtiCalibration.from_file(Path(self.calibration_file))
+        said = f"{sensor.serial} ({sensor.part_number}), calibrated: {sensor.calibrated_on}"
+        calibration = at.called("force calibration")
+        known = sensor.calibrated_on != "unknown"
+        yield calibration.ok(said) if known else calibration.warning(said)
+        with closing(analog_inputs(at.rig.analog_inputs, self.gauges)) as inputs:
+            inputs.open()
+            gauges_v = inputs.latest_v(self.samples_per_bias)
+            mean_v = ", ".join(f"{v:.3f}" for v in gauges_v.mean(axis=0))
+            said = f"gauges at {mean_v} V"
+            if sensor.saturated(gauges_v):
+                yield at.failed(said, "unload it", inputs.held())
+            else:
+                yield at.ok(said, inputs.held())
 
 
 def make_ni(section: NiForceSensorConfig, wiring: Wiring) -> Part[GaugeForceSensor]:
@@ -171,6 +200,23 @@ class NetFtForceSensorConfig(ForceSensorSection):
             axes=ForceAxes(self.normal_axis, self.lateral_axis),
             **self.given_for(NetFtSettings),
         )
+
+    def examine(self, at: Examination) -> Checks:
+        """One reading as it stands; no bias is taken."""
+        from hw.force.net_ft import NetFt
+
+        with closing(NetFt(self.settings())) as box:
+            box.open()
+            reading = box.read()
+            said = (
+                f"{box.resource}: {reading.normal_force_n:.3f} N down,"
+                f" {reading.lateral_force_n:.3f} N along, status {box.status_raw:#010x}"
+            )
+            held = self.untold("counts_per_n", "counts_per_n_m")
+            yield at.failed(said, held=held) if reading.saturated else at.ok(said, held)
+            yield at.called("force scale").unverified(
+                "counts and axes", "hang a known weight on it"
+            )
 
 
 def make_net_ft(section: NetFtForceSensorConfig, wiring: Wiring) -> Part[NetFt]:

@@ -15,7 +15,7 @@ from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.set_up import reach_hz
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.fidelity.samples import fidelity_of_samples
-from haptic_driver.rig.slide import even_strokes, write_slide
+from tests.even_strokes import even_strokes, write_slide
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, reset
 from tests.waiting import until
 
@@ -25,7 +25,7 @@ RIG = "simulated-carrier"
 def test_it_renders_the_voltage_that_render_asks_for(daemon, history):
     assert daemon.status().actuator == "carrier and envelope as samples"
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.66)
+    daemon.targets.set(lease.token, 0.66)
 
     def agrees():
         """The electrode now, and what was asked for within the last 60 ms."""
@@ -49,7 +49,7 @@ def test_a_lost_client_takes_the_carrier_to_zero(daemon, history):
 
 def test_a_watchdog_that_dies_is_a_fault_at_zero(daemon, history):
     lease = daemon.arm(LEASE_S)
-    daemon.set_target(lease.token, 0.66)
+    daemon.targets.set(lease.token, 0.66)
     keep_rendering(
         daemon, lease.token, lambda: [v for _, v in history(time.monotonic() - 0.1) if v > 10.0]
     )
@@ -66,7 +66,7 @@ def test_linen_at_80_mm_per_s(settings, tmp_path):
     write_slide(even_strokes(0.080), tmp_path / "slide.csv")
     with Daemon(replace(settings, slide=tmp_path / "slide.csv", amplifier_record=None)) as daemon:
         lease = daemon.arm(60.0)
-        daemon.play(lease.token, "linen", nearest=True)
+        daemon.targets.play(lease.token, "linen", nearest=True)
         for _ in range(12):  # the finger becomes known
             time.sleep(0.4)
             daemon.renew(lease.token)

@@ -349,7 +349,7 @@ def test_a_recording_ends_with_the_lease_of_who_asked_for_it(daemon, tmp_path, m
     """`haptic experiment run --record` that was killed left it running for ever."""
     monkeypatch.setattr(recordings, "AFTER_LEASE_S", 0.2)
     since = max(event.number for event in daemon.events(0))
-    lease = daemon.arm(LEASE_S)
+    lease = daemon.arm(8.0)
     daemon.record(str(tmp_path / "run.h5"), lease.token)
     keep_rendering(daemon, lease.token, lambda: read_run(tmp_path / "run.h5").samples.size)
     assert daemon.status().recording is not None

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from haptic_driver.daemon.inlets import LslMarkers, label_of
-from haptic_driver.daemon.messages import Mark
 from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, feeding
+from haptic_driver.daemon.verbs import Mark
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.recording.event import Event
 from tests.haptic_driver.daemon.ticks import made_tick

@@ -16,8 +16,8 @@ from haptic_driver.daemon.instruments import connect_real
 from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig.config import WatchdogConfig
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
+from haptic_driver.rig.parts.generators import WatchdogConfig
 from haptic_driver.simulation.served import as_real
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.daemon.refusal import refusal

@@ -24,9 +24,9 @@ from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.experiments.run import prepare, run
 from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.experiments.stroke import stage_of, stroke
-from haptic_driver.rig import devices
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
+from haptic_driver.rig.parts.stages import StageConfig
 from haptic_driver.simulation.finger_model import electrode_of
 from haptic_driver.simulation.served import NORMAL_FORCE_N, ServedRig, as_real
 from hw.force.sensor import ForceReading
@@ -226,10 +226,10 @@ def test_a_stage_of_another_scale_makes_no_row(
     """It holds the counts that were sent, and slides at half the speed that they were meant to
     be.
     """
-    honest = devices.stage_settings
-    half = honest(stage_of(real)).counts_per_m_s / 2.0
+    honest = StageConfig.settings
+    half = stage_of(real).settings().counts_per_m_s / 2.0
     monkeypatch.setattr(
-        devices, "stage_settings", lambda given: replace(honest(given), counts_per_m_s=half)
+        StageConfig, "settings", lambda given: replace(honest(given), counts_per_m_s=half)
     )
     error = refused(real, model, plan(DRIVEN), tmp_path / "data.csv")
     assert error.code == "stage_slipped"

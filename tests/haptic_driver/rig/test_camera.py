@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import datetime
+
 import numpy as np
 import pytest
 
 from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig import doctor
+from haptic_driver.rig.check import Check, CheckStatus, Examination
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.part import CAMERAS, Wiring, make_part
 from haptic_driver.rig.parts.cameras import GenicamCameraConfig
@@ -104,10 +106,15 @@ class TestSimulated:
         assert np.quantile(frame.image, 0.01) > 100
 
 
+def checks_of(config: RigConfig) -> list[Check]:
+    at = Examination("camera", config, datetime.date(2024, 6, 1))
+    return list(at.told(config.camera.examine))
+
+
 def test_doctor_says_that_a_camera_does_not_answer() -> None:
     section = GenicamCameraConfig(kind="genicam", producer="gone.cti", scale_m_per_pixel=2e-5)
     config = load_rig("simulated").model_copy(update={"camera": section})
-    (check,) = doctor._camera(config)
-    assert (check.name, check.status) == ("camera", doctor.Status.FAILED)
+    (check,) = checks_of(config)
+    assert (check.name, check.status) == ("camera", CheckStatus.FAILED)
     assert check.hint
-    assert list(doctor._camera(load_rig("simulated"))) == []
+    assert checks_of(load_rig("simulated")) == []

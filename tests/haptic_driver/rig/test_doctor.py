@@ -8,9 +8,11 @@ import pytest
 
 from haptic_driver.rig import config as rig_config_module
 from haptic_driver.rig import devices, doctor
+from haptic_driver.rig.check import CheckStatus, Examination
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.doctor import CheckStatus, examine
+from haptic_driver.rig.doctor import examine
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
+from haptic_driver.rig.parts.interlocks import NoInterlock
 from haptic_driver.simulation.served import ServedRig, as_real
 from hw.errors import DeviceError
 from hw.generator.agilent_33220a.simulator import Simulated33220A
@@ -91,9 +93,7 @@ def test_a_sound_rig(rig_config, served):
 
 
 def test_what_stays_on_without_an_interlock_is_told(rig_config, served):
-    without = as_real(rig_config, served.endpoints).model_copy(
-        update={"interlock": rig_config_module.NoInterlock()}
-    )
+    without = as_real(rig_config, served.endpoints).model_copy(update={"interlock": NoInterlock()})
     check = found(examine(without, TODAY), "interlock")
     assert check.status is CheckStatus.WARNING
     assert (
@@ -176,7 +176,8 @@ def test_a_silent_instrument_does_not_hold_it_up(rig_config, served):
     ],
 )
 def test_figures_age_in_a_year_and_are_not_of_the_future(rig_config, today, status):
-    checks = list(doctor._figures(rig_config, today))  # measured 2024-01-01
+    at = Examination("configuration", rig_config, today)
+    checks = list(doctor._figures(at))  # measured 2024-01-01
     assert [check.status for check in checks] == [status, status]
 
 
@@ -205,9 +206,9 @@ def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
         sample_rate_hz=20e3, range_v=5.0, terminal="RSE", timeout_s=0.3
     )
     amplifier = config.amplifier.model_copy(update={"voltage_monitor": "Dev1/ai6"})
-    (check,) = doctor._monitors(
-        config.model_copy(update={"analog_inputs": card, "amplifier": amplifier})
-    )
+    read = config.model_copy(update={"analog_inputs": card, "amplifier": amplifier})
+    checks = amplifier.examine(Examination("amplifier", read, TODAY))
+    check = found(checks, "voltage monitor")
     assert check == ("voltage monitor", CheckStatus.FAILED, "no such card", "look at it", ())
     (channels, how), *closed = asked
     assert channels == ["Dev1/ai6"]
@@ -237,21 +238,12 @@ def test_a_touch_screen_that_is_not_calibrated_names_the_command_that_does_it(
     screen = config.finger_tracker.model_copy(
         update={"measured_at": TODAY, "device": "/dev/null"} | changed
     )
-    checks = list(
-        doctor._finger_tracker(config.model_copy(update={"finger_tracker": screen}), TODAY)
-    )
+    checks = list(screen.examine(Examination("finger tracker", config, TODAY)))
     check = found(checks, "touch calibration")
     assert check.status is status
     assert said in check.message
     assert ("haptic calibrate-touch" in check.hint) == (status is not CheckStatus.OK)
     assert found(checks, "touch screen").status is CheckStatus.FAILED  # /dev/null is none
-
-
-def test_only_questions_can_be_asked():
-    with pytest.raises(ValueError, match="no question"):
-        doctor._ask(None, "OUTP 1", 1.0)
-    with pytest.raises(ValueError, match="no question"):
-        doctor._ask(None, "OUTP 1;:OUTP?", 1.0)
 
 
 def test_the_command_on_the_simulated_rig(haptic):

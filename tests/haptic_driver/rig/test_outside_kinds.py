@@ -4,6 +4,7 @@ their own.
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from haptic_driver.rig.part import (
     FORCE_SENSORS,
 )
 from hw.generator import contract as generators
-from tests.haptic_driver.config_texts import SIMULATED
+from tests.haptic_driver.config_texts import SIMULATED, as_real_rig
 from tests.waiting import HANG_S
 
 HAPTIC = Path(sys.executable).with_name("haptic")
@@ -37,6 +38,25 @@ AT_IMPORT = {
     "ends": "import os; os._exit(7)",
     "hangs": "import time; time.sleep(1e6)",
 }
+EXAMINED = """
+from typing import Literal
+from haptic_driver.rig.part import PartKind, PartSection
+from hw.setting import Setting
+
+class Sensor(PartSection):
+    kind: Literal["lab"]
+    port: str
+
+    def examine(self, at):
+        yield at.ok(f"{self.port} says LAB1", [Setting("range_n", 10.0, 20.0)])
+        yield at.called("force zero").unverified("a weight shows it", "hang one on it")
+        raise OSError("it hung up")
+
+class Tracker(PartSection):
+    kind: Literal["lab"]
+
+SENSOR, TRACKER = PartKind(Sensor), PartKind(Tracker)
+"""
 pytestmark = pytest.mark.timeout(300)
 
 
@@ -48,15 +68,22 @@ def installed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("installed")
     for name, code in AT_IMPORT.items():
         left = f"open({str(folder / (name + '.imported'))!r}, 'w').close()\n"
-        (folder / f"kind_that_{name}.py").write_text(left + code)
-        about = folder / f"kind_that_{name}-1.0.dist-info"
-        about.mkdir()
-        (about / "METADATA").write_text(
-            f"Metadata-Version: 2.1\nName: kind-that-{name}\nVersion: 1.0\n"
-        )
         points = "".join(f"[{group}]\n{name} = kind_that_{name}:KIND\n" for group in GROUPS)
-        (about / "entry_points.txt").write_text(points)
-    return {**os.environ, "PYTHONPATH": str(folder), "FOLDER": str(folder)}
+        install(folder, f"kind_that_{name}", left + code, points)
+    return environment(folder)
+
+
+def install(folder, module, code, points):
+    (folder / f"{module}.py").write_text(code)
+    about = folder / f"{module}-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(points)
+
+
+def environment(folder):
+    path = os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "PYTHONPATH": path, "FOLDER": str(folder)}
 
 
 def run(installed, *arguments):
@@ -105,3 +132,30 @@ def test_a_kind_that_is_not_there_is_told_with_the_nearest_of_all_names(installe
     assert "force_sensor.kind is 'hang'" in done.stderr
     assert "hangs" in done.stderr
     assert imported(installed) == before
+
+
+def test_a_part_of_ones_own_is_examined_like_those_that_come_with_the_driver(tmp_path):
+    """What it says is listed in its place, what ends it early too, and the others are examined."""
+    points = f"[{FORCE_SENSORS}]\nlab = lab_kinds:SENSOR\n"
+    points += f"[{FINGER_TRACKERS}]\nlab = lab_kinds:TRACKER\n"
+    install(tmp_path, "lab_kinds", EXAMINED, points)
+    rig = tmp_path / "lab.toml"
+    parts = '[force_sensor]\nkind = "lab"\nport = "COM7"\n[finger_tracker]\nkind = "lab"\n'
+    rig.write_text(as_real_rig("TCPIP::127.0.0.1::9::SOCKET") + parts)
+    done = run(environment(tmp_path), "doctor", "--rig", rig, "--json")
+    assert done.returncode == 1, done.stderr
+    said = json.loads(done.stdout)
+    checks = [tuple(check.values()) for check in said["checks"]]
+    first = checks.index(("force sensor", "ok", "COM7 says LAB1", ""))
+    assert checks[first + 1 : first + 4] == [
+        ("force zero", "not verified", "a weight shows it", "hang one on it"),
+        (
+            "force sensor",
+            "failed",
+            "OSError: it hung up",
+            "look at what it answers, and at its driver",
+        ),
+        ("finger tracker", "not verified", "lab: how to ask it is not known here", ""),
+    ]
+    (held,) = [one for one in said["settings"] if one["device"] == "force sensor"]
+    assert (held["name"], held["asked"], held["got"]) == ("range_n", 10.0, 20.0)

@@ -246,5 +246,5 @@ def test_only_friction_is_used(reference, rich, found):
         "current_a": np.ones(twice.size)
     }
     witness = np.repeat([FRICTION, CURRENT], data.count)
-    mixed = replace(data, columns=columns, session=data.session[twice], witness=witness, row=twice)
+    mixed = replace(data.subset(twice), columns=columns, witness=witness, row=twice)
     np.testing.assert_array_equal(calibrate(reference, mixed).fit.vector, found.fit.vector)

@@ -1,0 +1,64 @@
+"""The stage that carries the finger or the screen."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from haptic_driver.config import Section, Within
+from haptic_driver.rig.check import Checks, Examination
+from haptic_driver.rig.part import Metres, Resource
+
+if TYPE_CHECKING:
+    from hw.stage.lts150 import StageSettings
+
+StageSpeed = Annotated[float, Within(1e-6, 0.5, "no stage of this kind is faster")]
+StageAcceleration = Annotated[
+    float, Within(1e-6, 5.0, "no stage of this kind gathers speed faster")
+]
+
+
+class StageConfig(Section):
+    """A Thorlabs LTS150; see `hw.stage.lts150.StageSettings`."""
+
+    resource: Resource = Field(description="serial port, or `simulated`")
+    travel_m: Annotated[list[Metres], Field(min_length=2, max_length=2)] = Field(
+        description="[lowest, highest] position"
+    )
+    velocity_m_s: StageSpeed = Field(description="of its moves")
+    acceleration_m_s2: StageAcceleration = Field(description="of its moves")
+    velocity_limit_m_s: StageSpeed = Field(description="nothing faster is ever asked for")
+    acceleration_limit_m_s2: StageAcceleration = Field(
+        description="nothing faster is ever asked for"
+    )
+
+    def settings(self) -> StageSettings:
+        """The same, as the driver takes it."""
+        from hw.stage.lts150 import StageSettings
+
+        low_m, high_m = self.travel_m
+        return StageSettings(low_m, high_m, **self.model_dump(exclude={"resource", "travel_m"}))
+
+    def examine(self, at: Examination) -> Checks:
+        """Hang up without a word: the driver's own closing stops a move."""
+        from hw.stage.lts150 import Lts150
+        from hw.transport.resource import make_transport
+
+        with closing(make_transport(self.resource)) as transport:
+            transport.open()
+            stage = Lts150(transport, self.settings())
+            info, status, held = stage.identify(), stage.read_status(), stage.held()
+            said = f"{info.model}, serial number {info.serial_number}, firmware {info.firmware}"
+            model = stage.settings.model
+            if info.model.startswith(model):
+                yield at.ok(said, held)
+            else:
+                yield at.failed(said, f"not a {model}", held)
+            how = f"at {1e3 * status.position_m:.2f} mm" if status.homed else "not homed"
+            how += ", moving" if status.moving else ""
+            how += ", motion error" if status.motion_error else ""
+            state = at.called("stage state")
+            bad = status.motion_error or status.moving
+            yield state.warning(how) if bad else state.ok(how)

@@ -1,0 +1,125 @@
+"""Noise in levels: rows, trials and settings, on data whose levels are known."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.levels import levels, loads_are_measured, settings, trials
+from model.diagnosis.noise import noise_of
+
+FREQUENCIES_HZ = (50.0, 250.0, 1000.0)
+VOLTAGES_V = (60.0, 100.0, 140.0)
+
+
+def measured(
+    row_std: float = 0.01,
+    trial_std: float = 0.12,
+    load_std: float = 0.05,
+    drift: float = 0.0,
+    seed: int = 3,
+) -> Measurements:
+    """Five trials of four rows at nine settings, each trial under a load of its own."""
+    chance = np.random.default_rng(seed)
+    rows = []
+    for frequency_hz in FREQUENCIES_HZ:
+        for voltage_v in VOLTAGES_V:
+            for _ in range(5):
+                load_n = 0.5 * np.exp(load_std * chance.standard_normal())
+                gain = np.exp(trial_std * chance.standard_normal())
+                for time_s in (1.0, 1.5, 2.0, 2.65):
+                    level = 0.4 + 2e-5 * voltage_v**2 / load_n + drift * np.exp(-time_s)
+                    noise = np.exp(row_std * chance.standard_normal())
+                    cof = level * gain * noise
+                    rows.append((frequency_hz, voltage_v, load_n, cof, time_s))
+    names = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "time_s")
+    columns = dict(zip(names, np.array(rows).T, strict=True))
+    count = len(rows)
+    digest = hashlib.sha256(columns["cof"].tobytes()).hexdigest()
+    return Measurements(columns, np.zeros(count, np.intp), ("1",), None, digest)
+
+
+def of(data: Measurements):
+    return levels(data, data.observed, np.ones(data.count))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("row_std", "trial_std"), [(0.01, 0.12), (0.03, 0.06)])
+def test_rows_and_trials_scatter_as_they_were_made(row_std, trial_std, seed):
+    found = of(measured(row_std, trial_std, seed=seed))
+    assert found.has_trials
+    # Five standard deviations of a variance with so many degrees of freedom, and the difference
+    # of loads that no slope takes away.
+    assert found.row.variance == pytest.approx(row_std**2, rel=5 * (2 / found.row.degrees) ** 0.5)
+    of_means = trial_std**2 + row_std**2 / 4
+    assert found.trial.variance == pytest.approx(of_means, rel=5 * (2 / found.trial.degrees) ** 0.5)
+
+
+def test_what_the_trials_of_a_setting_share_over_time_is_no_noise():
+    still, drifting = of(measured()), of(measured(drift=0.4))
+    assert drifting.row.variance < 2.0 * still.row.variance
+
+
+def test_measured_loads_repeat_one_another_where_they_are_near():
+    data = measured()
+    assert loads_are_measured(data)
+    assert np.unique(trials(data)).size == 45
+    assert np.unique(settings(data)).size < 20  # nine where all five loads lie within 15 %
+
+
+def test_loads_far_from_each_other_are_settings_of_their_own():
+    data = measured(load_std=0.01)
+    columns = data.columns | {
+        "normal_force_n": np.where(
+            trials(data) % 2 == 0,
+            data.columns["normal_force_n"],
+            2 * data.columns["normal_force_n"],
+        )
+    }
+    assert np.unique(settings(replace(data, columns=columns))).size == 18
+
+
+def test_a_commanded_load_says_what_repeats():
+    data = measured(load_std=0.2)
+    commanded = {"commanded_normal_force_n": np.full(data.count, 0.5)}
+    told = replace(data, columns=data.columns | commanded, trial=trials(data))
+    assert np.unique(settings(told)).size == 9
+    assert np.unique(trials(told)).size == 45
+
+
+def test_equal_loads_without_trials_scatter_as_replicates_do():
+    data = measured(load_std=0.0, trial_std=0.0)
+    found = of(data)
+    values = data.observed.reshape(9, 20)
+    by_hand = values.var(axis=1, ddof=1).mean()
+    assert not found.has_trials
+    assert found.row.degrees == 9 * 19
+    assert found.row.variance == pytest.approx(by_hand, rel=1e-12)
+
+
+def test_rows_of_a_trial_share_its_gain_in_the_covariance():
+    data = measured()
+    noise = noise_of(data)
+    assert noise is not None
+    covariance = noise.lower @ noise.lower.T
+    trial = trials(data)
+    same = (trial[:, None] == trial) & ~np.eye(data.count, dtype=bool)
+    apart = trial[:, None] != trial
+    assert covariance[same].min() - covariance[apart].max() == pytest.approx(0.12**2, rel=0.5)
+    assert np.median(noise.own_std) == pytest.approx(0.01, rel=0.3)
+    assert noise.source == "rows and trials"
+
+
+def test_the_columns_of_a_file_name_trial_and_setting(tmp_path):
+    path = tmp_path / "data.csv"
+    head = "frequency_hz,voltage_v,normal_force_n,cof,setting,trial,commanded_normal_force_n"
+    rows = [f"100,50,{0.49 + 0.01 * i},0.6,a,{i},0.5" for i in range(3)]
+    rows += [f"100,80,{0.49 + 0.01 * i},0.7,b,{i},0.5" for i in range(3)]
+    path.write_text("\n".join([head, *rows]))
+    data = read_measurements(path)
+    assert list(settings(data)) == [0, 0, 0, 1, 1, 1]
+    assert np.unique(trials(data)).size == 6
