@@ -26,7 +26,7 @@ class PowerLaw:
 
     def __call__(self, indentation_m: float) -> float:
         """Force in N."""
-        return self.force_n * (indentation_m / self.indentation_m) ** self.exponent
+        return self.force_n * math.pow(indentation_m / self.indentation_m, self.exponent)
 
 
 @dataclass(frozen=True)
