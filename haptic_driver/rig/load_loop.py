@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
+from haptic_driver.errors import HapticError
 from haptic_driver.rig.load_controller import (
     Act,
     LoadSettings,
@@ -28,6 +29,10 @@ from hw.force.sensor import ForceReading
 from hw.stage.lts150 import StageStatus
 
 PERIOD_S = 0.01  # between looks, where the devices answer faster
+HOMING_S = 60.0  # [unverified] of the slowest homing
+LET_GO_S = 5.0  # for the stage to rest
+SETTLED_S = 0.3  # over which a load is averaged before it is believed
+SETTLED_SHARE = 0.05
 
 
 class LoadStage(Protocol):
@@ -43,6 +48,12 @@ class LoadStage(Protocol):
 
     def move_to(self, position_m: float) -> None:
         """Start a move."""
+
+    def wait(self, timeout_s: float) -> StageStatus:
+        """Until the move has arrived; whatever is raised, the stage is told to stop first."""
+
+    def home(self) -> None:
+        """Start to look for the home position, at the lower end."""
 
     def stop(self) -> StageStatus:
         """Stop and return the status at rest."""
@@ -67,6 +78,25 @@ class Mounting:
 
     def position_m(self, depth_m: float) -> float:
         return self.towards * depth_m
+
+
+def make_clear(stage: LoadStage, mounting: Mounting) -> None:
+    """Bring the stage to where the finger is free, homed if need be.
+
+    HapticError for one that is not homed where homing would press. Raises DeviceError.
+    """
+    if not stage.read_status().homed:
+        if mounting.towards < 0:
+            raise HapticError(
+                "not_homed",
+                "the load stage is not homed, and homing, to its lower end, would press",
+                "Take the finger and its holder out, home the stage, then start again",
+            )
+        stage.home()
+        stage.wait(HOMING_S)
+    stage.set_velocity(mounting.retract_m_s, mounting.acceleration_m_s2)
+    stage.move_to(mounting.clear_m)
+    stage.wait(HOMING_S)
 
 
 class LoadLoop:
@@ -112,6 +142,41 @@ class LoadLoop:
             self.let_go()
         return self.state
 
+    def hold(self, duration_s: float) -> None:
+        """Look for so long, at least once; HapticError, with the stage told to let go, when the
+        loop ends.
+        """
+        end_s = self._clock() + duration_s
+        while True:
+            if self.look().phase is Phase.ENDED:
+                raise HapticError(
+                    "load_let_go",
+                    f"the load stage let go: {self.state.reason}",
+                    "Remove the cause, then start again",
+                )
+            if self._clock() >= end_s:
+                return
+
+    def settle(self, timeout_s: float) -> None:
+        """Hold until the load's mean over `SETTLED_S` is within `SETTLED_SHARE` of the target;
+        HapticError when it is not in time, or as `hold`.
+        """
+        target_n, began_s = self.settings.target_n, self._clock()
+        while self._clock() - began_s <= timeout_s:
+            loads, until_s = [], self._clock() + SETTLED_S
+            while self._clock() < until_s:
+                self.hold(0.0)
+                loads.append(self.load_n)
+            mean_n = sum(loads) / len(loads)
+            held = self.state.phase is Phase.HOLD
+            if held and abs(mean_n - target_n) <= SETTLED_SHARE * target_n:
+                return
+        raise HapticError(
+            "load_missed",
+            f"the load is {self.load_n:.2f} N after {timeout_s:g} s, not {target_n:g} N",
+            "Look at the finger's stiffness in the rig's file: haptic load tune",
+        )
+
     def let_go(self) -> bool:
         """Retract or stop, without asking the sensor; whether the stage took it. Never raises
         DeviceError.
@@ -125,8 +190,12 @@ class LoadLoop:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let go, also of a loop that has ended: its stage may not have taken the order."""
-        self.let_go()
+        """Let go, also of a loop that has ended: its stage may not have taken the order. Returns
+        when the stage rests.
+        """
+        if self.let_go():
+            with suppress(DeviceError):
+                self._stage.wait(LET_GO_S)
 
     def _see(self) -> Seen:
         load_n, saturated = None, False
