@@ -115,6 +115,7 @@ class LoadLoop:
         self.settings = settings
         self.state = LoadState()
         self.load_n = math.nan  # the newest
+        self.depth_m = math.nan
         self._stage = stage
         self._read_force = read_force
         self._mounting = mounting
@@ -156,6 +157,16 @@ class LoadLoop:
                 )
             if self._clock() >= end_s:
                 return
+
+    def average(self, duration_s: float) -> tuple[float, float]:
+        """Mean load in N and depth in m while it is held for so long; HapticError as `hold`."""
+        end_s, looks, load_n, depth_m = self._clock() + duration_s, 0, 0.0, 0.0
+        while self._clock() < end_s:
+            self.hold(0.0)
+            looks += 1
+            load_n += (self.load_n - load_n) / looks
+            depth_m += (self.depth_m - depth_m) / looks
+        return load_n, depth_m
 
     def settle(self, timeout_s: float) -> None:
         """Hold until the load's mean over `SETTLED_S` is within `SETTLED_SHARE` of the target;
@@ -211,7 +222,7 @@ class LoadLoop:
             status = self._stage.read_status()
             moving = status.moving
             if status.homed and not status.motion_error:
-                depth_m = self._mounting.depth_m(status.position_m)
+                depth_m = self.depth_m = self._mounting.depth_m(status.position_m)
         return Seen(self._clock(), load_n, age_s, saturated, depth_m, moving)
 
     def _carry_out(self, order: Order) -> None:

@@ -9,10 +9,13 @@ from collections.abc import Callable
 
 import pytest
 
+from haptic_driver.errors import HapticError
 from haptic_driver.rig.load_controller import LoadSettings, LoadState, Phase
-from haptic_driver.rig.load_loop import LoadLoop
+from haptic_driver.rig.load_loop import LoadLoop, Mounting, make_clear
+from haptic_driver.rig.load_tuning import tune
 from hw.finger.body import BodySettings, Elastic, PowerLaw
 from hw.force.sensor import ForceReading
+from hw.stage.lts150 import Lts150
 from tests.haptic_driver.rig.load_rig import FACE_M, Finger, score, slow_part
 
 TARGET_N = 0.5
@@ -178,3 +181,52 @@ def test_a_stage_that_is_pulled_ends_the_loop_and_is_said() -> None:
         loop.state.moved_s,
     )
     assert not loop.let_go()
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_tuning_finds_the_stiffness_of_a_finger(factor: float) -> None:
+    """The slope of the relaxed tissue, 1.75 F / d, three quarters of the force of the instant; some
+    of it has not relaxed within a step.
+    """
+    finger = Finger(lambda depth_m: factor * PowerLaw()(depth_m))
+    with finger.loop(LoadSettings(TARGET_N, depth_m=5e-3)) as loop:
+        loop.settle(10.0)
+        found = tune(loop)
+    depth_m = 1.75e-3 * (TARGET_N / (0.75 * factor)) ** (1 / 1.75)
+    relaxed_n_per_m = 1.75 * TARGET_N / depth_m
+    print(f"\n{factor:g}: {found}, relaxed {relaxed_n_per_m:.0f} N/m")
+    assert 0.9 * relaxed_n_per_m < found.stiffness_n_per_m < 1.35 * relaxed_n_per_m
+    assert found.spread_n_per_m < 0.3 * found.stiffness_n_per_m
+
+
+def test_a_load_that_settles_is_told_and_one_that_cannot_is_refused() -> None:
+    finger = Finger()
+    with finger.loop(SETTINGS) as loop:
+        loop.settle(10.0)
+        mean_n, depth_m = loop.average(2.0)
+    assert mean_n == pytest.approx(TARGET_N, rel=0.03)
+    assert depth_m > FACE_M
+    soft = Finger(lambda depth_m: 0.1 * PowerLaw()(depth_m))
+    with (
+        pytest.raises(HapticError, match=r"not reached within 3\.0 mm"),
+        soft.loop(SETTINGS) as loop,
+    ):
+        loop.settle(30.0)
+    assert soft.body.load_n == 0.0
+
+
+def test_a_stage_whose_homing_would_press_is_not_homed() -> None:
+    finger = Finger()
+    finger.stage.stop()
+    with pytest.raises(HapticError, match="would press"):
+        make_clear(Unhomed(finger.stage), Mounting(towards=-1, clear_m=0.02))
+
+
+class Unhomed:
+    """A stage that says it is not homed, and whose moves fail the test."""
+
+    def __init__(self, stage: Lts150) -> None:
+        self.read_status = lambda: stage.read_status()._replace(homed=False)
+
+    def __getattr__(self, name: str) -> None:
+        raise AssertionError(f"{name} was called")
