@@ -59,8 +59,8 @@ from haptic_driver.rig.parts.electrode_monitors import (
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.rig.parts.generators import GeneratorConfig, WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox, InterlockConfig
-from haptic_driver.rig.parts.stages import StageConfig
 from haptic_driver.rig.parts.load_stages import LoadStageSection, NoLoadStage
+from haptic_driver.rig.parts.stages import StageConfig
 from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
 from hw.generator.analog_carrier.driver import SAMPLES_PER_PERIOD

@@ -16,7 +16,7 @@ from typing import Any, Self
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.patience import done_within
 from haptic_driver.rig.claims import Claims
-from haptic_driver.rig.config import AnalogInputsConfig, RigConfig
+from haptic_driver.rig.config import AnalogInputsConfig, RigConfig, addresses_of
 from haptic_driver.rig.evidence import OffEvidence, tried
 from haptic_driver.rig.load_loop import LoadStage
 from haptic_driver.rig.part import (
@@ -233,7 +233,7 @@ def connect_load(config: RigConfig) -> LoadDevices:
     force_sensor = parts.force_sensor(None)
     stage = parts.load_stage()
     assert stage is not None  # a kind that is not "none" makes one
-    claims = Claims(rig_config.addresses_of([config.force_sensor, config.load_stage]))
+    claims = Claims(addresses_of([config.force_sensor, config.load_stage]))
     return LoadDevices(
         force_sensor,
         stage,
