@@ -51,7 +51,7 @@ PANELS = {
         "contact",
         "simulate",
     ),
-    ON_A_RIG: ("doctor", "calibrate-touch", "daemon", "arm", "texture", "watch"),
+    ON_A_RIG: ("doctor", "calibrate-touch", "load", "daemon", "arm", "texture", "watch"),
     "Record and experiment": ("record", "mark", "export", "experiment"),
     "When friction is not as the model says": (
         "measure",
@@ -66,6 +66,7 @@ GROUPS = {
     "surface": "Build, describe and draw the lookup surface.",
     "texture": "List, draw, check, import and play textures.",
     "daemon": "Run the daemon.",
+    "load": "Have a load stage hold a finger's load, and find the finger's stiffness.",
     "experiment": (
         "Run psychophysical experiments, try their design without a rig, and fit what was answered."
     ),

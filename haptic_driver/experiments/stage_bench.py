@@ -1,8 +1,8 @@
 """A real rig on which a stage slides the screen under a finger, or the finger over the screen: one
 stroke per row.
 
-The stage sets the speed. The load is the finger's own, by hand or by weights: it is waited for, and
-what it was during a row is measured. Times are real.
+The stage sets the speed. A load stage holds each row's load; without one the load is the finger's
+own, by hand or by weights, and is waited for. What it was during a row is measured. Times are real.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.experiments.stroke import SPARE_S, stage_of, stroke
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import connect_devices
+from haptic_driver.rig.load_loop import LoadLoop, make_clear
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.rig import Rig
 from hw.camera.contract import Camera
 from hw.force.sensor import ForceReading
@@ -52,9 +54,10 @@ class StageBench:
         self._stage_config = stage_of(config)
         self._plan = plan
         self._tell = tell
-        self._devices = connect_devices(without_envelope(config))
+        self._devices = connect_devices(without_envelope(config), load_stage=True)
         self._sensor_zero_s = 0.0  # on the force sensor's clock
         self._sessions = 0
+        self._load: LoadLoop | None = None  # while a load stage presses
         # its speed, and the stage's status when it had been reached; None while the finger does not
         # slide
         self._stroke: tuple[float, StageStatus] | None = None
@@ -86,6 +89,7 @@ class StageBench:
     def begin_row(self, number: int, row: Row) -> None:
         """See `Bench`. To where the stroke begins, until the load is there, and up to speed."""
         stage, wanted_n, self._stroke = self._stage, row.setting.normal_force_n, None
+        self._lift()
         if row.setting.finger == "none":
             lifted_n = self._config.finger.contact_off_n
             self._await_load(
@@ -95,19 +99,17 @@ class StageBench:
         tolerance_n = self._plan.load_tolerance * wanted_n
         pressing = f"row {number + 1}: press with {wanted_n:g} N"
         if row.setting.finger == "resting":
-            self._await_load(
-                f"{pressing}, still", lambda load_n: abs(load_n - wanted_n) <= tolerance_n
-            )
+            self._press(f"{pressing}, still", wanted_n, tolerance_n)
             return
         path = stroke(row.setting, self._plan, self._config)
         stage.set_velocity(self._stage_config.velocity_m_s, self._stage_config.acceleration_m_s2)
         stage.move_to(path.start_m)
         stage.wait(self._move_s(stage, path.start_m))
-        self._await_load(pressing, lambda load_n: abs(load_n - wanted_n) <= tolerance_n)
+        self._press(pressing, wanted_n, tolerance_n)
         self._tell(f"row {number + 1}: measuring, hold {wanted_n:g} N")
         stage.set_velocity(path.speed_m_s, self._stage_config.acceleration_m_s2)
         stage.move_to(path.end_m)
-        time.sleep(path.accelerate_s)
+        self._wait(path.accelerate_s)
         began = stage.read_status()
         self._stroke = path.speed_m_s, began
         if not began.moving:
@@ -123,7 +125,9 @@ class StageBench:
         """
         if normal_force_n == 0.0 and self._stage.read_status().moving:
             self._stage.stop()
-        time.sleep(dt_s)
+        if normal_force_n == 0.0:
+            self._lift()
+        self._wait(dt_s)
 
     def read_force(self) -> ForceReading:
         reading = self.rig.read_force()
@@ -161,6 +165,9 @@ class StageBench:
         self._devices.open()
         try:
             status = self._stage.read_status()
+            if self._devices.load_stage is not None:
+                self._tell("moving the load stage to where the finger is free: keep clear")
+                make_clear(self._devices.load_stage, self._load_section.mounting())
             if not status.homed:
                 self._tell("homing the stage: keep clear")
                 self._stage.home()
@@ -171,14 +178,54 @@ class StageBench:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Switch off, stop the stage, hang up."""
-        self._devices.close()
+        """Switch off, lift the finger, stop the stages, hang up."""
+        try:
+            if self._load is not None:
+                self.rig.off()
+                self._lift()
+        finally:
+            self._devices.close()
 
     @property
     def _stage(self) -> Lts150:
         stage = self._devices.stage
         assert stage is not None  # the constructor has looked
         return stage
+
+    @property
+    def _load_section(self) -> LoadStageSection:
+        section = self._config.load_stage
+        assert isinstance(section, LoadStageSection)  # no other kind makes a stage
+        return section
+
+    def _press(self, what: str, wanted_n: float, tolerance_n: float) -> None:
+        """Until the load is there, brought by the load stage or by whoever presses."""
+        stage = self._devices.load_stage
+        if stage is None:
+            self._await_load(what, lambda load_n: abs(load_n - wanted_n) <= tolerance_n)
+            return
+        section = self._load_section
+        self._tell(what)
+        try:
+            settings = section.loop(wanted_n)
+        except ValueError as error:
+            raise HapticError("load_refused", str(error), "Change the plan's loads") from error
+        self._load = LoadLoop(stage, self.rig.read_force, settings, section.mounting())
+        self._load.settle(LOAD_WAIT_S)
+
+    def _lift(self) -> None:
+        """Have the load stage let go, and forget its loop."""
+        load, self._load = self._load, None
+        if load is not None:
+            with load:
+                pass
+
+    def _wait(self, duration_s: float) -> None:
+        """Time passes; a load stage holds meanwhile."""
+        if self._load is None:
+            time.sleep(duration_s)
+        else:
+            self._load.hold(duration_s)
 
     def _move_s(self, stage: Lts150, position_m: float) -> float:
         """What a move from here may take at most."""

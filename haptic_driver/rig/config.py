@@ -8,7 +8,7 @@ and a rig refuses to come on until the list is empty.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -34,6 +34,7 @@ from haptic_driver.rig.part import (
     ELECTRODE_MONITORS,
     FINGER_TRACKERS,
     FORCE_SENSORS,
+    LOAD_STAGES,
     NO_WATCHDOG,
     SIMULATED,
     DirectVolts,
@@ -58,6 +59,7 @@ from haptic_driver.rig.parts.electrode_monitors import (
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.rig.parts.generators import GeneratorConfig, WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox, InterlockConfig
+from haptic_driver.rig.parts.load_stages import LoadStageSection, NoLoadStage
 from haptic_driver.rig.parts.stages import StageConfig
 from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
@@ -93,6 +95,7 @@ if TYPE_CHECKING:
     SomeOutput = NoAnalogOutput | SomeAnalogOutput
     SomeTracker = PartSection
     SomeCamera = NoCamera | CameraSection
+    SomeLoadStage = NoLoadStage | LoadStageSection
 else:  # whatever is installed
     SomeAmplifier = Annotated[
         PartSection, KindsOf(AMPLIFIERS), BeforeValidator(_analog_if_not_said)
@@ -102,6 +105,7 @@ else:  # whatever is installed
     SomeOutput = Annotated[PartSection, KindsOf(ANALOG_OUTPUTS)]
     SomeTracker = Annotated[PartSection, KindsOf(FINGER_TRACKERS)]
     SomeCamera = Annotated[PartSection, KindsOf(CAMERAS)]
+    SomeLoadStage = Annotated[PartSection, KindsOf(LOAD_STAGES)]
 
 
 # Table 5 of ICNIRP 2010, Health Phys. 99:818: contact current, occupational, is twice that of the
@@ -377,6 +381,7 @@ class RigConfig(Section):
     electrode_monitors: list[SomeMonitor] = Field(default=[])
     analog_output: SomeOutput = NoAnalogOutput()
     stage: StageConfig | None = None
+    load_stage: SomeLoadStage = NoLoadStage()
     finger_tracker: SomeTracker = NoFingerTracker()
     camera: SomeCamera = NoCamera()
     screen: ScreenConfig = ScreenConfig()
@@ -439,22 +444,11 @@ class RigConfig(Section):
             self.waveform_generator,
             self.interlock,
             self.stage,
+            self.load_stage,
             self.force_sensor,
             self.finger_tracker,
         ]
-        found = []
-        for section in (*driven, self.analog_output, *self.electrode_monitors):
-            said = {} if section is None else section.model_dump()
-            found += [
-                str(said[key])
-                for key in ("resource", "device", "line")
-                if said.get(key) is not None
-            ]
-            if "host" in said:
-                found.append(f"{said['host']}:{said['port']}")
-            elif isinstance(said.get("port"), str):
-                found.append(said["port"])
-        return found
+        return addresses_of([*driven, self.analog_output, *self.electrode_monitors])
 
     @property
     def monitor_reach_hz(self) -> float:
@@ -535,6 +529,21 @@ class RigConfig(Section):
         )
 
 
+def addresses_of(sections: Sequence[Section | None]) -> list[str]:
+    """Where the instruments of some sections are."""
+    found = []
+    for section in sections:
+        said = {} if section is None else section.model_dump()
+        found += [
+            str(said[key]) for key in ("resource", "device", "line") if said.get(key) is not None
+        ]
+        if "host" in said:
+            found.append(f"{said['host']}:{said['port']}")
+        elif isinstance(said.get("port"), str):
+            found.append(said["port"])
+    return found
+
+
 def load_rig(name_or_path: str) -> RigConfig:
     """A rig by the name of its file in `configs/rigs/`, or by path."""
     path = find_config(name_or_path, "rigs")
@@ -578,6 +587,7 @@ def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
         ("force_sensor", rig.force_sensor),
         ("analog_output", rig.analog_output),
         ("camera", rig.camera),
+        ("load_stage", rig.load_stage),
         *monitors,
     ):
         is_simulated = kind is not None and kind.kind == SIMULATED
@@ -658,6 +668,9 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
     yield from _aliased(rig)
     if any(part.needs_stage for part in parts) and rig.stage is None:
         yield f'finger_tracker.kind is "{rig.finger_tracker.kind}", and there is no section [stage]'
+    measured = rig.force_sensor is not None and rig.force_sensor.kind != "none"
+    if rig.load_stage.kind != "none" and not measured:
+        yield "load_stage: nothing measures the load that it is to hold; add a [force_sensor]"
     modulation = rig.waveform_generator.modulation_input
     if isinstance(rig.analog_output, NoAnalogOutput):
         return

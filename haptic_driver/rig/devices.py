@@ -16,8 +16,9 @@ from typing import Any, Self
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.patience import done_within
 from haptic_driver.rig.claims import Claims
-from haptic_driver.rig.config import AnalogInputsConfig, RigConfig
+from haptic_driver.rig.config import AnalogInputsConfig, RigConfig, addresses_of
 from haptic_driver.rig.evidence import OffEvidence, tried
+from haptic_driver.rig.load_loop import LoadStage
 from haptic_driver.rig.part import (
     AMPLIFIERS,
     ANALOG_OUTPUTS,
@@ -25,6 +26,7 @@ from haptic_driver.rig.part import (
     ELECTRODE_MONITORS,
     FINGER_TRACKERS,
     FORCE_SENSORS,
+    LOAD_STAGES,
     NO_WATCHDOG,
     PartSection,
     Wiring,
@@ -86,6 +88,7 @@ class Devices:
     closing: Sequence[Callable[[], object]]
     electrode_monitors: Sequence[ElectrodeMonitor] = ()
     camera: Camera | None = None
+    load_stage: LoadStage | None = None
 
     def open(self) -> None:
         """Open everything; whoever answers late is asked again. Raises HapticError and
@@ -132,14 +135,15 @@ def connect_devices(
     on_event: Callable[[RigEvent], None] = lambda event: None,
     before: ForceSensor | None = None,
     envelope: bool = True,
+    load_stage: bool = False,
 ) -> Devices:
     """The drivers of the devices that `config` names; nothing is opened before the result is
     entered.
 
     With an analog output the generator's amplitude follows it. `before`: the force sensor of an
     earlier connection, whose bias is kept, since a finger may press now. Without `envelope` the
-    analog output is somebody else's to open, before these. Raises BadInputError for a rig without
-    hardware.
+    analog output is somebody else's to open, before these; the load stage stays closed unless asked
+    for. Raises BadInputError for a rig without hardware.
     """
     if config.simulated:
         raise BadInputError(
@@ -148,6 +152,7 @@ def connect_devices(
     parts = _Parts(config)
     force_sensor = parts.force_sensor(before)
     stage = parts.stage()
+    pressing = parts.load_stage() if load_stage else None
     tracker = parts.reader(FINGER_TRACKERS, config.finger_tracker, Wiring(parts.inputs, stage))
     watchdog = parts.watchdog()
     enable, heartbeats = parts.interlock()
@@ -185,6 +190,55 @@ def connect_devices(
         closing,
         monitors,
         camera,
+        pressing,
+    )
+
+
+@dataclass(frozen=True)
+class LoadDevices:
+    """Force sensor and load stage alone, open inside a `with` block; the generator is left alone.
+
+    Opening takes the sensor's bias: leave it unloaded. Raises HapticError and DeviceError.
+    """
+
+    force_sensor: ForceSensor
+    stage: LoadStage
+    opening: Sequence[Callable[[], object]]
+    closing: Sequence[Callable[[], object]]
+
+    def __enter__(self) -> Self:
+        try:
+            for step in self.opening:
+                _patiently(step)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop the stage and hang up."""
+        for step in self.closing:
+            done_within(CLOSE_S, partial(tried, step, None))
+
+
+def connect_load(config: RigConfig) -> LoadDevices:
+    """What holds a load on the rig; BadInputError for one without a load stage."""
+    if config.load_stage.kind == "none":
+        raise BadInputError(
+            "no_load_stage",
+            f"rig {config.name} has no load stage: the load is the finger's own",
+            "Add a section [load_stage] to its file",
+        )
+    parts = _Parts(config)
+    force_sensor = parts.force_sensor(None)
+    stage = parts.load_stage()
+    assert stage is not None  # a kind that is not "none" makes one
+    claims = Claims(addresses_of([config.force_sensor, config.load_stage]))
+    return LoadDevices(
+        force_sensor,
+        stage,
+        [claims.take, *parts.before_rig, *parts.after_rig],
+        [*parts.closing, claims.release],
     )
 
 
@@ -392,6 +446,16 @@ class _Parts:
     def _first(self, opening: Callable[[], object], closing: Callable[[], object]) -> None:
         self.before_rig.append(opening)
         self.closing.insert(0, closing)
+
+    def load_stage(self) -> LoadStage | None:
+        """Stopped as it is closed, after the output has gone off."""
+        part = make_part(LOAD_STAGES, self._config.load_stage, Wiring())
+        if part is None:
+            return None
+        self.after_rig += part.opening
+        self.closing[:0] = part.closing
+        device: LoadStage = part.device
+        return device
 
     def reader(self, group: str, section: PartSection, wiring: Wiring) -> Any:
         """What only reads is opened last and closed first; None where there is none."""

@@ -42,6 +42,7 @@ def _examinations(rig: RigConfig) -> Iterator[tuple[str, Callable[[Examination],
     yield "force sensor", rig.force_sensor.examine if rig.force_sensor else _no_force_sensor
     if rig.stage is not None:
         yield "stage", rig.stage.examine
+    yield "load stage", rig.load_stage.examine
     yield "finger tracker", rig.finger_tracker.examine
     yield "camera", rig.camera.examine
     yield "envelope", rig.analog_output.examine

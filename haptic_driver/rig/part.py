@@ -45,6 +45,7 @@ ANALOG_OUTPUTS = "haptic_driver.analog_outputs"
 FINGER_TRACKERS = "haptic_driver.finger_trackers"
 ELECTRODE_MONITORS = "haptic_driver.electrode_monitors"
 CAMERAS = "haptic_driver.cameras"
+LOAD_STAGES = "haptic_driver.load_stages"
 SIMULATED = "simulated"
 NO_WATCHDOG = "none"
 

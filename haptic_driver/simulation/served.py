@@ -6,6 +6,7 @@ waveform_generator_serial  the same instrument on a pseudo-terminal
 interlock, interlock_tcp   the heartbeat interlock box of `hw.safety.interlock`, in series with
                            the amplifier's enable
 stage                      an LTS150 on a pseudo-terminal; it carries the finger
+load_stage                 another, which presses the finger from FACE_M on
 force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N, pressing along
                            -z, sliding along x
 """
@@ -22,10 +23,12 @@ from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.rig.parts.generators import WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox
+from haptic_driver.rig.parts.load_stages import Lts150LoadStageConfig
 from haptic_driver.rig.parts.stages import StageConfig
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
 from hw.analog.simulated_output import CardMemory
+from hw.finger.body import FingerBody
 from hw.generator.analog_carrier.simulator import SimulatedCarrier
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer
@@ -38,6 +41,8 @@ NORMAL_FORCE_N = 0.5  # of the finger on the screen
 SPEED_STEP_M_S = 1e-3  # the model is asked about whole millimetres per second: answers are kept
 FORCE_RATE_HZ = 1000.0
 START_MM = 5.0  # of the stage: homing takes a second
+FACE_M = 0.012  # position of the load stage at which the skin touches
+CLEAR_M = 0.008
 REPLY_S = 0.1  # of the interlock box, which shares its processor with everything else here
 
 
@@ -67,6 +72,11 @@ class ServedRig(RunningTogether):
         self.stage = SimulatedLts150(time.monotonic, start_mm=START_MM)
         self._position_mm = self.stage.position_mm
         self._pressing = False
+        self.load_stage = SimulatedLts150(
+            time.monotonic, start_mm=START_MM, serial_number=45_000_002
+        )
+        self._body: FingerBody | None = None  # once the load stage has moved
+        self._load_serial = SerialServer(self.load_stage, framed=False)
         self._generator_serial = SerialServer(self.generator)
         self._interlock_tcp = TcpServer(self.interlock)
         self._interlock_serial = SerialServer(self.interlock, framed=False)
@@ -77,6 +87,7 @@ class ServedRig(RunningTogether):
             self._interlock_tcp,
             self._interlock_serial,
             self._stage_serial,
+            self._load_serial,
         )
 
     @property
@@ -93,6 +104,7 @@ class ServedRig(RunningTogether):
             "interlock": self._interlock_serial.resource,
             "interlock_tcp": self._interlock_tcp.resource,
             "stage": self._stage_serial.resource,
+            "load_stage": self._load_serial.resource,
             "force_sensor": f"{self.instruments.force_box.host}:{self.instruments.force_box.port}",
         }
 
@@ -104,7 +116,28 @@ class ServedRig(RunningTogether):
         speed_m_s = abs(self._position_mm - before_mm) * 1e-3 / dt_s
         speed_m_s = SPEED_STEP_M_S * round(speed_m_s / SPEED_STEP_M_S)
         self._pressing = self._pressing or self.stage.moving
-        self.instruments.step(dt_s, NORMAL_FORCE_N if self._pressing else 0.0, speed_m_s)
+        self.instruments.step(dt_s, self._load_n(dt_s), speed_m_s)
+
+    def _load_n(self, dt_s: float) -> float:
+        if self._body is None and self.load_stage.moving:
+            self._body = FingerBody()
+        if self._body is None:
+            return NORMAL_FORCE_N if self._pressing else 0.0
+        depth_m = 1e-3 * self.load_stage.position_mm - FACE_M
+        return self._body.step(dt_s, depth_m, friction_n=self.instruments.plant.lateral_force_n)
+
+
+def with_load_stage(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
+    """A real rig, and the load stage that is served at `endpoints`."""
+    section = Lts150LoadStageConfig(
+        kind="lts150",
+        resource=endpoints["load_stage"],
+        travel_m=[0.0, 0.15],
+        higher_presses=True,
+        clear_m=CLEAR_M,
+        when_wrong="retract",
+    )
+    return config.model_copy(update={"load_stage": section})
 
 
 def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:

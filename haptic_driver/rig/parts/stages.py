@@ -42,23 +42,29 @@ class StageConfig(Section):
         return StageSettings(low_m, high_m, **self.model_dump(exclude={"resource", "travel_m"}))
 
     def examine(self, at: Examination) -> Checks:
-        """Hang up without a word: the driver's own closing stops a move."""
-        from hw.stage.lts150 import Lts150
-        from hw.transport.resource import make_transport
+        return examine_lts150(at, self.resource, self.settings())
 
-        with closing(make_transport(self.resource)) as transport:
-            transport.open()
-            stage = Lts150(transport, self.settings())
-            info, status, held = stage.identify(), stage.read_status(), stage.held()
-            said = f"{info.model}, serial number {info.serial_number}, firmware {info.firmware}"
-            model = stage.settings.model
-            if info.model.startswith(model):
-                yield at.ok(said, held)
-            else:
-                yield at.failed(said, f"not a {model}", held)
-            how = f"at {1e3 * status.position_m:.2f} mm" if status.homed else "not homed"
-            how += ", moving" if status.moving else ""
-            how += ", motion error" if status.motion_error else ""
-            state = at.called("stage state")
-            bad = status.motion_error or status.moving
-            yield state.warning(how) if bad else state.ok(how)
+
+def examine_lts150(at: Examination, resource: str, settings: StageSettings) -> Checks:
+    """Ask a stage who and where it is; nothing moves.
+
+    It hangs up without a word: the driver's own closing stops a move.
+    """
+    from hw.stage.lts150 import Lts150
+    from hw.transport.resource import make_transport
+
+    with closing(make_transport(resource)) as transport:
+        transport.open()
+        stage = Lts150(transport, settings)
+        info, status, held = stage.identify(), stage.read_status(), stage.held()
+        said = f"{info.model}, serial number {info.serial_number}, firmware {info.firmware}"
+        if info.model.startswith(settings.model):
+            yield at.ok(said, held)
+        else:
+            yield at.failed(said, f"not a {settings.model}", held)
+        how = f"at {1e3 * status.position_m:.2f} mm" if status.homed else "not homed"
+        how += ", moving" if status.moving else ""
+        how += ", motion error" if status.motion_error else ""
+        state = at.called(f"{at.name} state")
+        bad = status.motion_error or status.moving
+        yield state.warning(how) if bad else state.ok(how)

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from haptic_driver.cli import doctor, output
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.check import Check, CheckStatus
+from haptic_driver.rig.config import load_rig
 from tests.waiting import HANG_S
 
 

@@ -1,0 +1,118 @@
+"""`haptic load`: a load stage holds a finger's load, and finds the finger's stiffness."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from haptic_driver.cli.output import (
+    Json,
+    RigOption,
+    confirm_attended,
+    report,
+    status,
+    stderr,
+    stdout,
+)
+from haptic_driver.errors import BadInputError, HapticError, require_range
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.devices import connect_load
+from haptic_driver.rig.load_loop import LoadLoop, make_clear
+from haptic_driver.rig.load_tuning import tune as find
+from haptic_driver.rig.parts.load_stages import LoadStageSection
+
+app = typer.Typer(no_args_is_help=True)
+SETTLE_S = 30.0
+LONGEST_S = 24 * 3600.0
+Yes = Annotated[bool, Option("--yes", help="Begin without asking; somebody is there.")]
+
+
+@app.command()
+def hold(
+    newtons: Annotated[float, Argument(help="Load to hold, N.")],
+    rig: RigOption = "simulated",
+    seconds: Annotated[float | None, Option(help="So long; until Ctrl-C if left out.")] = None,
+    yes: Yes = False,
+    as_json: Json = False,
+) -> None:
+    """Hold a finger's load by the rig's load stage, while no other program drives the rig.
+
+    Opens the force sensor and the load stage alone: nothing is energised. Lifts off, or stops, as
+    the rig's file says, at the end and when anything is wrong.
+
+    Example: `haptic load hold 0.5 --rig mine`
+    """
+    if seconds is not None:
+        require_range("--seconds", seconds, 0.1, LONGEST_S, unit=" s")
+    with _pressed(rig, newtons, yes) as loop:
+        stderr.print(f"holding {newtons:g} N; Ctrl-C lets go")
+        mean_n, depth_m = loop.average(LONGEST_S if seconds is None else seconds)
+    said = {"load_n": newtons, "mean_load_n": mean_n, "depth_m": depth_m}
+    report(as_json, said, lambda: stdout.print(f"held {newtons:g} N, mean {mean_n:.3f} N"))
+
+
+@app.command()
+def tune(
+    by: Annotated[str, Option(help="Who tunes; it is written beside the figures.")],
+    newtons: Annotated[float, Option(help="Load at which to tune, N.")] = 0.5,
+    rig: RigOption = "simulated",
+    yes: Yes = False,
+    as_json: Json = False,
+) -> None:
+    """Find the finger's stiffness by steps of a tenth of a held load; prints lines for the rig's
+    file.
+
+    Example: `haptic load tune --rig mine --by 'A. Smith'`
+    """
+    if not by.strip():
+        raise BadInputError("usage", "--by is empty", "Say who tunes")
+    with _pressed(rig, newtons, yes) as loop:
+        try:
+            found = find(loop)
+        except ValueError as error:
+            raise HapticError("not_tuned", str(error), "Then tune again") from error
+    today = datetime.date.today().isoformat()
+    stiffness = float(f"{found.stiffness_n_per_m:.3g}")
+    quoted = by.replace("\\", "\\\\").replace('"', '\\"')
+    lines = f'stiffness_n_per_m = {stiffness:g}\ntuned_by = "{quoted}"\ntuned_at = {today}'
+    said = {**found._asdict(), "tuned_by": by, "tuned_at": today, "toml": lines}
+    report(as_json, said, lambda: _show(lines, found.spread_n_per_m))
+
+
+def _show(lines: str, spread_n_per_m: float) -> None:
+    stdout.print("for [load_stage] of the rig's file:", markup=False)
+    stdout.print(lines, markup=False)
+    stdout.print(f"the steps differ by {spread_n_per_m:.3g} N/m (1 sigma)")
+
+
+@contextmanager
+def _pressed(rig: str, newtons: float, yes: bool) -> Iterator[LoadLoop]:
+    """The loop of a rig's load stage at its load; it lets go at the end, whatever ends it."""
+    config = load_rig(rig)
+    devices = connect_load(config)
+    section = config.load_stage
+    assert isinstance(section, LoadStageSection)  # or there would be no devices
+    try:
+        settings = section.loop(newtons)
+    except ValueError as error:
+        raise BadInputError("bad_load", str(error), "Ask for another load") from error
+    if not yes:
+        stderr.print(
+            f"rig {config.name}: the load stage will move, and press with {newtons:g} N. Take the"
+            " finger off: the force sensor's bias comes first."
+        )
+        confirm_attended(config.name)
+    with devices, status("bias") as tell:
+        tell("to where the finger is free: keep clear")
+        make_clear(devices.stage, section.mounting())
+        with LoadLoop(
+            devices.stage, devices.force_sensor.read, settings, section.mounting()
+        ) as loop:
+            tell(f"pressing with {newtons:g} N")
+            loop.settle(SETTLE_S)
+            yield loop

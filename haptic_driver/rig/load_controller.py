@@ -1,0 +1,203 @@
+"""How a stage holds the load of a finger: what is seen -> what the stage is told.
+
+Pure: no clock, no device. Every order is one short move that ends by itself, so a stage whose
+driver has died finishes at most `step_m` and rests. Depth is the stage's position towards the
+finger, m.
+
+A move takes the share `gain` of the way that the finger's stiffness says is missing (feed-forward),
+and what the place has to drift by to keep the load (the integral of the error, for a plate that is
+not level and tissue that relaxes). The stiffness rises with the load as for a sphere on a plane
+(Hertz, load over indentation with exponent 1.5).
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+STIFFNESS_AT_N = 0.5  # the load at which a finger's stiffness is told
+OVERLOAD = 1.5  # times the target
+ROUNDING_M = 1e-6  # a stage stands within a few counts of where it was sent
+
+
+class Phase(enum.Enum):
+    """What the load stage is doing."""
+
+    APPROACH = "approach"
+    HOLD = "hold"
+    ENDED = "ended"
+
+
+class Act(enum.Enum):
+    """What the stage is told."""
+
+    NOTHING = "nothing"
+    MOVE = "move"
+    STOP = "stop"
+    RETRACT = "retract"
+
+
+@dataclass(frozen=True)
+class LoadSettings:
+    """How the load is held; the gains are those that `haptic load tune` finds. ValueError for
+    numbers that make no loop.
+
+    `drift_per_s` is the integral gain. `depth_m` bounds the way after the first touch, `reach_m`
+    the way until it, `step_m` and `rate_m_s` each move. `retracts`: whether the stage lifts off or
+    stays where it is when something is wrong.
+    """
+
+    target_n: float
+    stiffness_n_per_m: float = 700.0
+    gain: float = 0.35
+    drift_per_s: float = 2.0
+    drift_limit_m_s: float = 1e-3
+    rate_m_s: float = 5e-3
+    step_m: float = 0.35e-3
+    depth_m: float = 3e-3
+    reach_m: float = 10e-3
+    approach_m_s: float = 1e-3
+    approach_step_m: float = 0.15e-3
+    touch_n: float = 0.05
+    load_limit_n: float = 3.0
+    silent_s: float = 0.1
+    retracts: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be a loop."""
+        for name, value in vars(self).items():
+            if name != "retracts" and not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"load {name} must be a finite number > 0, not {value!r}")
+        if not self.touch_n < self.target_n < self.load_limit_n:
+            raise ValueError(
+                f"a load of {self.target_n:g} N must be above the first touch,"
+                f" {self.touch_n:g} N, and below the limit, {self.load_limit_n:g} N"
+            )
+        if self.gain > 1.0:
+            raise ValueError(f"load gain must be at most 1, not {self.gain:g}")
+
+    @property
+    def trip_n(self) -> float:
+        """The load at which the stage is told to let go."""
+        return min(OVERLOAD * self.target_n, self.load_limit_n)
+
+    def way_m(self, from_n: float, to_n: float) -> float:
+        """How much deeper a finger of this stiffness has to be for `to_n` than for `from_n`."""
+        soft_m = 1.5 * STIFFNESS_AT_N / self.stiffness_n_per_m
+
+        def depth_m(load_n: float) -> float:
+            return soft_m * math.pow(max(load_n, 0.0) / STIFFNESS_AT_N, 2.0 / 3.0)
+
+        return depth_m(to_n) - depth_m(from_n)
+
+
+class Seen(NamedTuple):
+    """The newest load with its age, and where the stage is. `load_n` is None where the sensor
+    failed, `depth_m` where the stage did.
+    """
+
+    time_s: float
+    load_n: float | None
+    load_age_s: float
+    saturated: bool
+    depth_m: float | None
+    moving: bool
+
+
+class Order(NamedTuple):
+    """What the stage is told: for a MOVE, where to and how fast at most."""
+
+    act: Act
+    depth_m: float = math.nan
+    speed_m_s: float = math.nan
+
+
+NOTHING = Order(Act.NOTHING)
+
+
+@dataclass(frozen=True)
+class LoadState:
+    """What the controller remembers; `reason` says why it ended."""
+
+    phase: Phase = Phase.APPROACH
+    reason: str = ""
+    start_m: float | None = None  # where the approach began
+    touch_m: float | None = None  # where the finger was first felt
+    drift_m_s: float = 0.0
+    moved_s: float | None = None  # when the last move was told
+
+
+def step(settings: LoadSettings, state: LoadState, seen: Seen) -> tuple[LoadState, Order]:
+    """One look at sensor and stage: what is remembered, and what the stage is told."""
+    if state.phase is Phase.ENDED:
+        return state, NOTHING
+    if wrong := _wrong_load(settings, seen) or _wrong_place(settings, state, seen):
+        act = Act.RETRACT if settings.retracts else Act.STOP
+        return replace(state, phase=Phase.ENDED, reason=wrong), Order(act)
+    assert seen.load_n is not None  # or something is wrong
+    assert seen.depth_m is not None
+    if seen.moving:
+        return state, NOTHING
+    if state.phase is Phase.APPROACH:
+        return _approach(settings, state, seen, seen.load_n, seen.depth_m)
+    return _hold(settings, state, seen, seen.load_n, seen.depth_m)
+
+
+def _wrong_load(settings: LoadSettings, seen: Seen) -> str:
+    """Why the stage has to let go by what the sensor says; empty while nothing is wrong."""
+    if seen.load_n is None:
+        return "the force sensor does not answer"
+    if seen.saturated or not math.isfinite(seen.load_n):
+        return "the force sensor is saturated"
+    if not seen.load_age_s <= settings.silent_s:
+        return f"the force sensor is silent, its newest reading is {seen.load_age_s:.2f} s old"
+    if seen.load_n >= settings.trip_n:
+        return f"the load is {seen.load_n:.2f} N, its limit {settings.trip_n:.2f} N"
+    return ""
+
+
+def _wrong_place(settings: LoadSettings, state: LoadState, seen: Seen) -> str:
+    """The same by where the stage is."""
+    if seen.depth_m is None:
+        return "the load stage does not answer"
+    begun_m = state.touch_m if state.touch_m is not None else state.start_m
+    bound_m = settings.depth_m if state.touch_m is not None else settings.reach_m
+    if begun_m is not None and seen.depth_m - begun_m >= bound_m - ROUNDING_M:
+        met = "the load is not reached" if state.touch_m is not None else "no finger is felt"
+        return f"{met} within {1e3 * bound_m:.1f} mm"
+    return ""
+
+
+def _approach(
+    settings: LoadSettings, state: LoadState, seen: Seen, load_n: float, depth_m: float
+) -> tuple[LoadState, Order]:
+    if load_n >= settings.touch_n:
+        felt = replace(state, phase=Phase.HOLD, touch_m=depth_m, moved_s=None)
+        return _hold(settings, felt, seen, load_n, depth_m)
+    start_m = depth_m if state.start_m is None else state.start_m
+    to_m = min(depth_m + settings.approach_step_m, start_m + settings.reach_m)
+    order = Order(Act.MOVE, to_m, settings.approach_m_s)
+    return replace(state, start_m=start_m, moved_s=seen.time_s), order
+
+
+def _hold(
+    settings: LoadSettings, state: LoadState, seen: Seen, load_n: float, depth_m: float
+) -> tuple[LoadState, Order]:
+    dt_s = 0.0 if state.moved_s is None else seen.time_s - state.moved_s
+    missing_m = settings.way_m(load_n, settings.target_n)
+    drift_m_s = state.drift_m_s + settings.gain * settings.drift_per_s * missing_m * dt_s
+    drift_m_s = _within(drift_m_s, settings.drift_limit_m_s)
+    wanted_m = settings.gain * missing_m + drift_m_s * dt_s
+    bounded_m = _within(wanted_m, settings.step_m)
+    touch_m = depth_m if state.touch_m is None else state.touch_m
+    to_m = min(depth_m + bounded_m, touch_m + settings.depth_m)
+    if bounded_m != wanted_m or to_m != depth_m + bounded_m:
+        drift_m_s = state.drift_m_s  # what a bound takes away is not added up
+    told = replace(state, drift_m_s=drift_m_s, moved_s=seen.time_s)
+    return told, Order(Act.MOVE, to_m, settings.rate_m_s)
+
+
+def _within(value: float, bound: float) -> float:
+    return min(max(value, -bound), bound)

@@ -1,0 +1,247 @@
+"""The load controller on a stage and a force sensor.
+
+Each look asks the sensor, then the stage, and carries out the order. The loop lets go (retracts or
+stops, as its settings say) on every way out of its `with` block: what fails, Ctrl-C too. A process
+that is killed leaves a stage that finishes one short move and rests.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
+
+from haptic_driver.errors import HapticError
+from haptic_driver.rig.load_controller import (
+    Act,
+    LoadSettings,
+    LoadState,
+    Order,
+    Phase,
+    Seen,
+    step,
+)
+from hw.errors import DeviceError
+from hw.force.sensor import ForceReading
+from hw.stage.lts150 import StageStatus
+
+PERIOD_S = 0.01  # between looks, where the devices answer faster
+HOMING_S = 60.0  # [unverified] of the slowest homing
+LET_GO_S = 5.0  # for the stage to rest
+SETTLED_S = 0.3  # over which a load is averaged before it is believed
+SETTLED_SHARE = 0.05
+
+
+class LoadStage(Protocol):
+    """A stage along the normal; `hw.stage.lts150.Lts150` is one. Every method may raise
+    DeviceError.
+    """
+
+    def read_status(self) -> StageStatus:
+        """Where it is, and whether it moves."""
+
+    def set_velocity(self, velocity_m_s: float, acceleration_m_s2: float) -> None:
+        """For the moves to come."""
+
+    def move_to(self, position_m: float) -> None:
+        """Start a move."""
+
+    def wait(self, timeout_s: float) -> StageStatus:
+        """Until the move has arrived; whatever is raised, the stage is told to stop first."""
+
+    def home(self) -> None:
+        """Start to look for the home position, at the lower end."""
+
+    def stop(self) -> StageStatus:
+        """Stop and return the status at rest."""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """How the stage stands to the finger: `towards` is 1 where higher positions press, else -1.
+
+    Letting go goes back by `retract_m` from where the stage is, no further than `clear_m`, the
+    position at which the finger is free.
+    """
+
+    towards: int
+    clear_m: float
+    retract_m: float = 5e-3
+    retract_m_s: float = 20e-3
+    acceleration_m_s2: float = 50e-3
+
+    def depth_m(self, position_m: float) -> float:
+        return self.towards * position_m
+
+    def position_m(self, depth_m: float) -> float:
+        return self.towards * depth_m
+
+
+def make_clear(stage: LoadStage, mounting: Mounting) -> None:
+    """Bring the stage to where the finger is free, homed if need be.
+
+    HapticError for one that is not homed where homing would press. Raises DeviceError.
+    """
+    if not stage.read_status().homed:
+        if mounting.towards < 0:
+            raise HapticError(
+                "not_homed",
+                "the load stage is not homed, and homing, to its lower end, would press",
+                "Take the finger and its holder out, home the stage, then start again",
+            )
+        stage.home()
+        stage.wait(HOMING_S)
+    stage.set_velocity(mounting.retract_m_s, mounting.acceleration_m_s2)
+    stage.move_to(mounting.clear_m)
+    stage.wait(HOMING_S)
+
+
+class LoadLoop:
+    """Holds a load while `look` is called, again and again, between entering and leaving."""
+
+    def __init__(
+        self,
+        stage: LoadStage,
+        read_force: Callable[[], ForceReading],
+        settings: LoadSettings,
+        mounting: Mounting,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.settings = settings
+        self.state = LoadState()
+        self.load_n = math.nan  # the newest
+        self.depth_m = math.nan
+        self._stage = stage
+        self._read_force = read_force
+        self._mounting = mounting
+        self._clock = clock
+        self._sleep = sleep
+        self._speed_m_s = math.nan  # of the stage's moves, as set
+        self._told_s = (math.nan, clock())  # the sensor's time of the newest reading, and ours
+        self._due_s = -math.inf
+
+    def look(self) -> LoadState:
+        """Wait until the next look is due, look, and have the stage do what follows.
+
+        Raises no DeviceError: a device that fails ends the loop, and the state says why.
+        """
+        self._sleep(max(self._due_s - self._clock(), 0.0))
+        self._due_s = self._clock() + PERIOD_S
+        self.state, order = step(self.settings, self.state, self._see())
+        try:
+            self._carry_out(order)
+        except DeviceError as error:
+            if self.state.phase is not Phase.ENDED:
+                self.state = replace(
+                    self.state, phase=Phase.ENDED, reason=f"the load stage: {error}"
+                )
+            self.let_go()
+        return self.state
+
+    def hold(self, duration_s: float) -> None:
+        """Look for so long, at least once; HapticError, with the stage told to let go, when the
+        loop ends.
+        """
+        end_s = self._clock() + duration_s
+        while True:
+            if self.look().phase is Phase.ENDED:
+                raise HapticError(
+                    "load_let_go",
+                    f"the load stage let go: {self.state.reason}",
+                    "Remove the cause, then start again",
+                )
+            if self._clock() >= end_s:
+                return
+
+    def average(self, duration_s: float) -> tuple[float, float]:
+        """Mean load in N and depth in m while it is held for so long; HapticError as `hold`."""
+        end_s, looks, load_n, depth_m = self._clock() + duration_s, 0, 0.0, 0.0
+        while self._clock() < end_s:
+            self.hold(0.0)
+            looks += 1
+            load_n += (self.load_n - load_n) / looks
+            depth_m += (self.depth_m - depth_m) / looks
+        return load_n, depth_m
+
+    def settle(self, timeout_s: float) -> None:
+        """Hold until the load's mean over `SETTLED_S` is within `SETTLED_SHARE` of the target;
+        HapticError when it is not in time, or as `hold`.
+        """
+        target_n, began_s = self.settings.target_n, self._clock()
+        while self._clock() - began_s <= timeout_s:
+            loads, until_s = [], self._clock() + SETTLED_S
+            while self._clock() < until_s:
+                self.hold(0.0)
+                loads.append(self.load_n)
+            mean_n = sum(loads) / len(loads)
+            held = self.state.phase is Phase.HOLD
+            if held and abs(mean_n - target_n) <= SETTLED_SHARE * target_n:
+                return
+        raise HapticError(
+            "load_missed",
+            f"the load is {self.load_n:.2f} N after {timeout_s:g} s, not {target_n:g} N",
+            "Look at the finger's stiffness in the rig's file: haptic load tune",
+        )
+
+    def let_go(self) -> bool:
+        """Retract or stop, without asking the sensor; whether the stage took it. Never raises
+        DeviceError.
+        """
+        with suppress(DeviceError):
+            self._stop_and(retract=self.settings.retracts)
+            return True
+        return False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let go, also of a loop that has ended: its stage may not have taken the order. Returns
+        when the stage rests.
+        """
+        if self.let_go():
+            with suppress(DeviceError):
+                self._stage.wait(LET_GO_S)
+
+    def _see(self) -> Seen:
+        load_n, saturated = None, False
+        with suppress(DeviceError):
+            reading = self._read_force()
+            load_n, saturated = reading.normal_force_n, reading.saturated
+            self.load_n = load_n
+            if reading.time_s != self._told_s[0]:
+                self._told_s = reading.time_s, self._clock()
+        age_s = self._clock() - self._told_s[1]
+        depth_m, moving = None, False
+        with suppress(DeviceError):
+            status = self._stage.read_status()
+            moving = status.moving
+            if status.homed and not status.motion_error:
+                depth_m = self.depth_m = self._mounting.depth_m(status.position_m)
+        return Seen(self._clock(), load_n, age_s, saturated, depth_m, moving)
+
+    def _carry_out(self, order: Order) -> None:
+        match order.act:
+            case Act.MOVE:
+                self._move(order.depth_m, order.speed_m_s)
+            case Act.STOP | Act.RETRACT:
+                self._stop_and(retract=order.act is Act.RETRACT)
+
+    def _move(self, depth_m: float, speed_m_s: float) -> None:
+        if speed_m_s != self._speed_m_s:
+            self._stage.set_velocity(speed_m_s, self._mounting.acceleration_m_s2)
+            self._speed_m_s = speed_m_s
+        self._stage.move_to(self._mounting.position_m(depth_m))
+
+    def _stop_and(self, *, retract: bool) -> None:
+        status = self._stage.stop()
+        if retract:
+            mounting = self._mounting
+            back_m = mounting.depth_m(status.position_m) - mounting.retract_m
+            clear_m = mounting.depth_m(mounting.clear_m)
+            self._move(max(back_m, clear_m), mounting.retract_m_s)

@@ -1,0 +1,169 @@
+"""Kinds of stages along the normal, which press the finger on the screen and hold its load."""
+
+from __future__ import annotations
+
+import datetime
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from haptic_driver.config import Within
+from haptic_driver.rig.check import Checks, Examination
+from haptic_driver.rig.load_controller import LoadSettings
+from haptic_driver.rig.load_loop import Mounting
+from haptic_driver.rig.part import (
+    LoadNewtons,
+    Metres,
+    Part,
+    PartKind,
+    PartSection,
+    Resource,
+    Wiring,
+)
+from haptic_driver.rig.parts.stages import examine_lts150
+
+if TYPE_CHECKING:
+    from hw.stage.lts150 import Lts150, StageSettings
+
+Stiffness = Annotated[float, Within(10.0, 1e5, "no fingertip is softer or stiffer")]
+Gain = Annotated[float, Within(0.01, 1.0, "more than the whole way swings")]
+Drift = Annotated[float, Within(0.01, 20.0, "no loop of this pace takes a faster one")]
+Way = Annotated[float, Within(1e-4, 0.05, "no finger is pressed so far")]
+Speed = Annotated[float, Within(1e-4, 0.05, "no finger is pressed faster")]
+Acceleration = Annotated[float, Within(1e-3, 5.0, "no stage of this kind gathers speed faster")]
+
+
+class NoLoadStage(PartSection):
+    """The load is the finger's own, by hand or by weights."""
+
+    kind: Literal["none"] = "none"
+
+    def examine(self, at: Examination) -> Checks:
+        yield from ()
+
+
+class LoadStageSection(PartSection):
+    """What every load stage has: how it stands to the finger, what it does when something is wrong,
+    and the gains of the loop.
+
+    It lets go at 1.5 times the load that it is to hold, at `load_limit_n`, and when the force
+    sensor is silent or saturated or the stage does not answer.
+    """
+
+    holds: ClassVar[bool] = True
+
+    higher_presses: bool = Field(description="whether higher positions press the finger")
+    clear_m: Metres = Field(description="position at which the finger is free; it begins here")
+    when_wrong: Literal["retract", "stop"] = Field(
+        description="lift off, or stay where it is: whichever is safe for this rig"
+    )
+    load_limit_n: LoadNewtons = Field(default=3.0, description="never more, whatever is asked")
+    retract_m: Way = Field(default=5e-3, description="so far back, but not beyond `clear_m`")
+    reach_m: Way = Field(default=10e-3, description="from `clear_m` until a finger must be felt")
+    depth_m: Way = Field(default=3e-3, description="never deeper, from where it is first felt")
+    rate_m_s: Speed = Field(default=5e-3, description="no move that holds the load is faster")
+    acceleration_m_s2: Acceleration = Field(default=0.05, description="of all its moves")
+    stiffness_n_per_m: Stiffness = Field(
+        default=700.0, description="of the finger at 0.5 N; `haptic load tune` measures it"
+    )
+    gain: Gain = Field(default=0.35, description="share of the missing way that a move takes")
+    drift_per_s: Drift = Field(default=2.0, description="integral gain")
+    tuned_by: str = Field(default="", description="who found the stiffness")
+    tuned_at: datetime.date | None = Field(default=None, description="when")
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.load_limit_n <= LoadSettings.touch_n:
+            raise ValueError(f"load_limit_n must be above the first touch, {LoadSettings.touch_n}")
+        return self
+
+    def loop(self, target_n: float) -> LoadSettings:
+        """How `target_n` is held; ValueError for a load that is not held."""
+        return LoadSettings(
+            target_n,
+            retracts=self.when_wrong == "retract",
+            **self.model_dump(
+                include={
+                    "load_limit_n",
+                    "reach_m",
+                    "depth_m",
+                    "rate_m_s",
+                    "stiffness_n_per_m",
+                    "gain",
+                    "drift_per_s",
+                }
+            ),
+        )
+
+    def examine(self, at: Examination) -> Checks:
+        yield from super().examine(at)
+        yield from self._gains(at)
+
+    def _gains(self, at: Examination) -> Checks:
+        gains, found = at.called("load gains"), f"{self.stiffness_n_per_m:g} N/m"
+        if self.tuned_by and self.tuned_at:
+            yield gains.ok(f"{found}, {self.tuned_by}, {self.tuned_at}")
+        else:
+            yield gains.unverified(f"{found}, tuned by nobody: haptic load tune")
+
+    def mounting(self) -> Mounting:
+        """How the stage stands to the finger."""
+        return Mounting(
+            1 if self.higher_presses else -1,
+            self.clear_m,
+            self.retract_m,
+            acceleration_m_s2=self.acceleration_m_s2,
+        )
+
+
+class Lts150LoadStageConfig(LoadStageSection):
+    """A Thorlabs LTS150 along the normal; unverified on the instrument."""
+
+    kind: Literal["lts150"]
+    resource: Resource = Field(description="serial port")
+    travel_m: Annotated[list[Metres], Field(min_length=2, max_length=2)] = Field(
+        description="[lowest, highest] position"
+    )
+
+    @model_validator(mode="after")
+    def _within_travel(self) -> Self:
+        low_m, high_m = self.travel_m
+        if not low_m <= self.clear_m <= high_m:
+            raise ValueError(f"clear_m {self.clear_m:g} is outside travel_m")
+        return self
+
+    def examine(self, at: Examination) -> Checks:
+        yield from examine_lts150(at, self.resource, lts150_settings(self))
+        yield from self._gains(at)
+
+
+def lts150_settings(section: Lts150LoadStageConfig) -> StageSettings:
+    """What its driver is told; no move is faster than letting go."""
+    from hw.stage.lts150 import StageSettings
+
+    mounting = section.mounting()
+    speed_m_s = max(section.rate_m_s, mounting.retract_m_s)
+    low_m, high_m = section.travel_m
+    return StageSettings(
+        low_m,
+        high_m,
+        velocity_m_s=section.rate_m_s,
+        acceleration_m_s2=section.acceleration_m_s2,
+        velocity_limit_m_s=speed_m_s,
+        acceleration_limit_m_s2=section.acceleration_m_s2,
+    )
+
+
+def make_lts150(section: Lts150LoadStageConfig, wiring: Wiring) -> Part[Lts150]:
+    from hw.stage.lts150 import Lts150
+    from hw.transport.resource import make_transport
+    from hw.transport.serial import SerialTransport
+
+    transport = make_transport(section.resource, rtscts=True)
+    set_rts = transport.set_rts if isinstance(transport, SerialTransport) else None
+    stage = Lts150(transport, lts150_settings(section), set_rts=set_rts)
+    return Part(stage, [stage.connect], [stage.close])
+
+
+NONE = PartKind(NoLoadStage)
+LTS150 = PartKind(Lts150LoadStageConfig, make_lts150)

@@ -1,0 +1,118 @@
+"""What the load controller decides, look by look."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from haptic_driver.rig.load_controller import (
+    NOTHING,
+    Act,
+    LoadSettings,
+    LoadState,
+    Phase,
+    Seen,
+    step,
+)
+
+SETTINGS = LoadSettings(0.5)
+HOLDING = LoadState(Phase.HOLD, start_m=0.009, touch_m=0.010, moved_s=0.9)
+QUIET = Seen(1.0, 0.5, 0.0, False, 0.011, False)
+
+
+def test_it_approaches_by_short_slow_moves_until_the_finger_is_felt() -> None:
+    seen = Seen(1.0, 0.0, 0.0, False, 0.009, False)
+    state, order = step(SETTINGS, LoadState(), seen)
+    assert (order.act, order.speed_m_s) == (Act.MOVE, 1e-3)
+    assert order.depth_m == pytest.approx(0.009 + 0.15e-3)
+    assert state.phase is Phase.APPROACH
+    state, _ = step(SETTINGS, state, seen._replace(load_n=0.049))
+    assert state.phase is Phase.APPROACH
+    state, order = step(SETTINGS, state, seen._replace(load_n=0.05, depth_m=0.0095))
+    assert (state.phase, state.touch_m) == (Phase.HOLD, 0.0095)
+    assert order.depth_m > 0.0095
+
+
+def test_no_order_while_the_stage_moves() -> None:
+    assert step(SETTINGS, HOLDING, QUIET._replace(load_n=0.3, moving=True)) == (HOLDING, NOTHING)
+
+
+def test_a_move_is_the_gains_share_of_what_hertz_says_is_missing() -> None:
+    """A sphere on a plane: load k d^1.5, whose slope at 0.5 N is 700 N/m."""
+    settings = replace(SETTINGS, drift_per_s=1e-9)
+    k = (700.0 / 1.5) ** 1.5 / 0.5**0.5  # slope 1.5 k^(2/3) F^(1/3)
+    missing_m = (0.5 / k) ** (2 / 3) - (0.4 / k) ** (2 / 3)
+    _, order = step(settings, HOLDING, QUIET._replace(load_n=0.4))
+    assert order.depth_m - 0.011 == pytest.approx(0.35 * missing_m, rel=1e-5)
+
+
+def test_what_a_bound_takes_away_is_not_added_up() -> None:
+    state = HOLDING
+    for i in range(100):
+        state, order = step(SETTINGS, state, QUIET._replace(time_s=1.0 + i, load_n=0.0))
+        assert order.depth_m == pytest.approx(0.011 + SETTINGS.step_m)
+        assert order.speed_m_s == SETTINGS.rate_m_s
+    assert state.drift_m_s == 0.0
+
+
+def test_it_never_goes_deeper_than_its_bound_and_lets_go_there() -> None:
+    near = QUIET._replace(load_n=0.1, depth_m=0.010 + SETTINGS.depth_m - 1e-5)
+    _, order = step(SETTINGS, HOLDING, near)
+    assert order.depth_m == 0.010 + SETTINGS.depth_m
+    state, order = step(SETTINGS, HOLDING, near._replace(depth_m=order.depth_m))
+    assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
+    assert "3.0 mm" in state.reason
+
+
+def test_it_lets_go_where_no_finger_is_felt() -> None:
+    begun = LoadState(start_m=0.009)
+    state, order = step(SETTINGS, begun, QUIET._replace(load_n=0.0, depth_m=0.019))
+    assert (order.act, state.reason) == (Act.RETRACT, "no finger is felt within 10.0 mm")
+
+
+WRONG = {
+    "load": (QUIET._replace(load_n=0.75), "0.75 N"),
+    "no answer": (QUIET._replace(load_n=None), "does not answer"),
+    "no number": (QUIET._replace(load_n=float("nan")), "saturated"),
+    "saturated": (QUIET._replace(saturated=True), "saturated"),
+    "silent": (QUIET._replace(load_age_s=0.11), "silent"),
+    "unknown age": (QUIET._replace(load_age_s=float("nan")), "silent"),
+    "stage lost": (QUIET._replace(depth_m=None), "stage does not answer"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize(("retracts", "act"), [(True, Act.RETRACT), (False, Act.STOP)])
+@pytest.mark.parametrize("state", [LoadState(start_m=0.009), HOLDING], ids=["approach", "hold"])
+def test_whatever_is_wrong_ends_it_once(
+    name: str, moving: bool, retracts: bool, act: Act, state: LoadState
+) -> None:
+    seen, said = WRONG[name]
+    settings = replace(SETTINGS, retracts=retracts)
+    ended, order = step(settings, state, seen._replace(moving=moving))
+    assert (ended.phase, order.act) == (Phase.ENDED, act)
+    assert said in ended.reason
+    assert step(settings, ended, QUIET) == (ended, NOTHING)
+
+
+def test_the_limit_holds_below_one_and_a_half_times_a_high_target() -> None:
+    assert LoadSettings(2.9).trip_n == 3.0
+    assert LoadSettings(1.0).trip_n == 1.5
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"target_n": 0.05},
+        {"target_n": 3.0},
+        {"target_n": float("nan")},
+        {"target_n": 0.5, "gain": 1.1},
+        {"target_n": 0.5, "stiffness_n_per_m": 0.0},
+        {"target_n": 0.5, "step_m": float("inf")},
+    ],
+)
+def test_what_makes_no_loop_is_refused(given: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="load"):
+        LoadSettings(**given)
