@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import stat
 import tomllib
@@ -73,5 +74,7 @@ def as_text(path: Path, content: bytes) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        said = f"{path} is not UTF-8 text (byte {error.start})"
-        raise ModelError(said, "save it as UTF-8", "file_unreadable") from None
+        said, hint = f"{path} is not UTF-8 text (byte {error.start})", "save it as UTF-8"
+        if b"\0" in content and not content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            hint = "it is a binary file: export what it holds as text"
+        raise ModelError(said, hint, "file_unreadable") from None

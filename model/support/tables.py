@@ -27,6 +27,7 @@ ROW_BYTES = 100  # where rows are limited
 MOST_SAID = 40  # columns that an error names
 HEADER_LINES = 100  # of a file, in which its header is looked for
 COMMAS = "Save it with commas between the columns and points in the numbers: 0.5, not 0,5"
+ONE_NAME = "Give each column one name in the header, with a comma between two"
 
 
 class BadRowsError(ModelError):
@@ -203,12 +204,15 @@ def read_table(
     names = [*required, *known]
     if columns and (not set(columns) >= set(required) or not set(columns) & set(names)):
         _check_header(path, numbered[0], first_lines, names, wanted)
+        _check_no_preamble(path, numbered[:HEADER_LINES], wanted)
     _check_columns(path, columns, required, wanted)
+    has_points = any("." in cell for _, cells in numbered[1:HEADER_LINES] for cell in cells)
+    hint = ONE_NAME if has_points else COMMAS
     lines = [line for line, _ in numbered[1:]]
     table = Table(path, columns, [], lines, wanted, hashlib.sha256(content).hexdigest())
     for line, cells in numbered[1:]:
         try:
-            table.rows.append(_row(f"{path}, line {line}", columns, cells))
+            table.rows.append(_row(f"{path}, line {line}", columns, cells, hint))
         except ModelError as error:
             if not at_once:
                 raise
@@ -250,16 +254,33 @@ def _check_header(
         line, found = best
         if found[0].startswith("#"):
             said, hint = f"its header is commented out, in line {line}", "Remove the # before it"
-        else:
-            said = f"its header stands in line {line}, below what is no part of the table"
-            hint = f"Delete the lines above line {line}, or begin each of them with #"
-        raise ModelError(f"{path}: {said}", f"{hint}. {wanted}", "bad_table")
+            raise ModelError(f"{path}: {said}", f"{hint}. {wanted}", "bad_table")
+        raise _preamble(path, line, wanted)
     if all(map(is_number, filter(None, names(cells)))):
         said = f"{path}, line {at}: holds numbers where the names of the columns should stand"
         raise ModelError(said, f"Give a header. {wanted}", "bad_table")
     if len(cells) == 1 and set(cells[0].split(" ")) & set(known) - {cells[0]}:
         said = f"{path}: its columns are separated by spaces"
         raise ModelError(said, f"{COMMAS}. {wanted}", "bad_table")
+
+
+def _check_no_preamble(path: Path, lines: Sequence[tuple[int, list[str]]], wanted: str) -> None:
+    """ModelError where a line of more names than the first comes before any row of numbers."""
+    width = len(_without_empty_end(lines[0][1]))
+    for line, cells in lines[1:]:
+        numeric = [is_number(cell) for cell in cells if cell]
+        if all(numeric):
+            return
+        if not any(numeric) and len(_without_empty_end(cells)) > width:
+            raise _preamble(path, line, wanted)
+
+
+def _preamble(path: Path, line: int, wanted: str) -> ModelError:
+    return ModelError(
+        f"{path}: its header stands in line {line}, below what is no part of the table",
+        f"Delete the lines above line {line}, or begin each of them with #. {wanted}",
+        "bad_table",
+    )
 
 
 def _check_columns(path: Path, columns: list[str], required: Sequence[str], wanted: str) -> None:
@@ -288,10 +309,10 @@ def _require(path: Path, columns: list[str], column: str, wanted: str) -> None:
         raise ModelError(f"{path}: column {column} is missing{found}", wanted, "missing_column")
 
 
-def _row(where: str, columns: list[str], cells: list[str]) -> dict[str, str]:
+def _row(where: str, columns: list[str], cells: list[str], hint: str) -> dict[str, str]:
     if len(cells) > len(columns):
         cells = _without_empty_end(cells)
     if len(cells) > len(columns):
         said = f"{where}: has more fields than the header ({len(cells)}, not {len(columns)})"
-        raise ModelError(said, COMMAS, "bad_table")
+        raise ModelError(said, hint, "bad_table")
     return dict(zip(columns, cells + [""] * (len(columns) - len(cells)), strict=True))
