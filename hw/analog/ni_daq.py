@@ -29,6 +29,7 @@ _NOT_IN_TIME = {
     -200292,
     -200293,
 }  # samples not yet available, not yet writable, no more space
+_TOO_FAST = {-200361, -200279}  # its memory, or the driver's buffer, ran over
 _RAN_DRY = {
     -200290,
     -200291,
@@ -77,9 +78,10 @@ def _daqmx(resource: str) -> Iterator[Any]:
             raise DeviceTimeout(
                 f"{resource} was not ready in time ({message})", "check the card's clock"
             ) from error
-        raise InstrumentRejected(
-            f"{resource}: {message}", "compare the rig's file with NI MAX"
-        ) from error
+        hint = "compare the rig's file with NI MAX"
+        if error.error_code in _TOO_FAST:
+            hint = "give a lower sample rate, or the machine less to do"
+        raise InstrumentRejected(f"{resource}: {message}", hint) from error
     except nidaqmx.errors.Error as error:
         raise DeviceError(f"{resource}: {error}", "update NI-DAQmx") from error
 

@@ -246,6 +246,25 @@ def test_the_lines_serve_an_amplifier(card: Card) -> None:
     assert amplifier.monitor_voltage_v() is None
 
 
+@pytest.mark.parametrize(
+    ("fault", "hint"),
+    [
+        ((-200361, "Onboard device memory overflow."), "lower sample rate"),
+        ((-200279, "The application is not able to keep up."), "lower sample rate"),
+        ((-88709, "The specified device is not present."), "NI MAX"),
+    ],
+)
+def test_a_card_whose_samples_are_not_fetched_in_time_is_told_from_a_wrong_one(
+    card: Card, fault: tuple[int, str], hint: str
+) -> None:
+    inputs = inputs_on(card)
+    inputs.open()
+    card.fault, card.broken = fault, True
+    with pytest.raises(InstrumentRejected, match=fault[1]) as caught:
+        inputs.latest_v(10)
+    assert hint in caught.value.hint
+
+
 def test_a_digital_input_reads_its_line(card: Card) -> None:
     line = NiDigitalInput("Dev1/port0/line1")
     assert line.read() is True

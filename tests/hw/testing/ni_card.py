@@ -38,6 +38,7 @@ class Card:
         self.owners: dict[str, Any] = {}
         self.tasks: list[Any] = []
         self.broken = False
+        self.fault = -88709, "The specified device is not present or is not active in the system."
         self.timebase_hz = 20e6
         self.ranges_v = (0.1, 1.0, 5.0, 10.0)
         self.terminals: dict[str, Any] = {}  # what the card makes of one that was asked for
@@ -51,9 +52,7 @@ class Card:
 
     def check(self) -> None:
         if self.broken:
-            raise daq_error(
-                -88709, "The specified device is not present or is not active in the system."
-            )
+            raise daq_error(*self.fault)
 
     def reserve(self, resource: str, task: Any) -> None:
         self.check()
