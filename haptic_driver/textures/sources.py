@@ -180,7 +180,8 @@ def require_shares(path: Path, shares: Array) -> None:
         shares,
         0.0,
         1.0,
-        "divide by full scale, or drop cof_black and cof_white if it holds cof",
+        "bring it to 0 to 1 (less its least value, over its range), or drop cof_black and"
+        " cof_white if it holds cof",
     )
 
 

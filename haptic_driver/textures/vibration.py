@@ -21,6 +21,7 @@ from haptic_driver.textures.description import FINEST_MM
 LARGEST_WAV_BYTES = 64 << 20
 LONGEST_M = 0.5  # of the surface; it repeats after that
 LEAST_PERIODS = 4  # of the lowest frequency kept, in the whole
+SIZE_UNKNOWN = b"\xff" * 4  # of a file that was written to a pipe
 WAV_DAMAGE = (
     ValueError,
     EOFError,
@@ -48,7 +49,13 @@ def read_wav(path: Path) -> Vibration:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of chunks that are no sound
+            if content[4:8] != SIZE_UNKNOWN:
+                warnings.filterwarnings("error", "Reached EOF prematurely")
             rate_hz, samples = wavfile.read(io.BytesIO(content))
+    except wavfile.WavFileWarning as error:
+        raise BadInputError(
+            "bad_wav", f"{path} is cut off: {error}", "Copy or export it again, to its end"
+        ) from None
     except WAV_DAMAGE as error:
         raise BadInputError(
             "bad_wav", f"{path} is no sound file: {error}", "Export it as WAV, PCM or float"

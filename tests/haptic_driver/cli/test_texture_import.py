@@ -472,6 +472,24 @@ def test_a_wav_whose_header_promises_more_than_it_holds_is_read_no_further(hapti
     assert "has 2 channels" in done.said["error"]["message"]
 
 
+def test_a_wav_that_is_cut_off_is_refused_and_one_from_a_pipe_is_not(haptic, tmp_path):
+    """A program that writes to a pipe cannot say a length, and leaves all ones in its place."""
+    file = tmp_path / "a.wav"
+    write_wav(file, np.sin(np.arange(8000) / 50.0), 8000)
+    whole = file.read_bytes()
+    importing = ["texture", "import", file, "--out", tmp_path / "t.toml", *SCALE, "--json"]
+    file.write_bytes(whole[:8000])
+    error = haptic(*importing).said["error"]
+    assert "a.wav is cut off" in error["message"]
+    assert "Copy or export it again" in error["hint"]
+    assert not (tmp_path / "t.toml").exists()
+    unknown = b"\xff" * 4
+    file.write_bytes(whole[:4] + unknown + whole[8:40] + unknown + whole[44:])
+    piped = haptic(*importing, "--force")
+    file.write_bytes(whole)
+    assert haptic(*importing, "--force").said == piped.said
+
+
 def test_nothing_is_overwritten_unasked_and_never_the_source(haptic, tmp_path):
     time, position, load, lateral = there_and_back()
     write_csv(

@@ -479,6 +479,8 @@ class TestArrays:
         )
 
     def test_npy_with_scale(self, folder):
+        np.save(folder / "a.npy", np.array([[-2e-9, 3e-9]]))
+        assert "less its least value, over its range" in map_refused(folder, "a.npy", SCALE).hint
         np.save(folder / "a.npy", np.asfortranarray([[0.0, 0.25, 1.0], [1.0, 0.0, 0.0]]))
         np.testing.assert_allclose(map_of(folder, "a.npy").cof, [[0.5, 0.55, 0.7], [0.7, 0.5, 0.5]])
 
