@@ -27,7 +27,7 @@ ROW_BYTES = 100  # where rows are limited
 MOST_SAID = 40  # columns that an error names
 HEADER_LINES = 100  # of a file, in which its header is looked for
 COMMAS = "Save it with commas between the columns and points in the numbers: 0.5, not 0,5"
-ONE_NAME = "Give each column one name in the header, with a comma between two"
+ONE_NAME = "Give each column one name in the header, and each number a point: 0.5, not 0,5"
 
 
 class BadRowsError(ModelError):
