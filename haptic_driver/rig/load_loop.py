@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.load_controller import (
@@ -26,7 +26,9 @@ from haptic_driver.rig.load_controller import (
 )
 from hw.errors import DeviceError
 from hw.force.sensor import ForceReading
-from hw.stage.lts150 import StageStatus
+
+if TYPE_CHECKING:  # who reads a rig's file does not wait for devices
+    from hw.stage.lts150 import StageStatus
 
 PERIOD_S = 0.01  # between looks, where the devices answer faster
 HOMING_S = 60.0  # [unverified] of the slowest homing

@@ -16,6 +16,8 @@ NEXT_TO_NOTHING = (
     1e-3  # of the first step of voltage: stands for 0 V, where what is per volt has a limit
 )
 
+WITHIN = (0.25, 0.5, 0.75)  # of a cell of voltage, where a learned term may have a hump
+
 
 def worst_case(
     description: ModelDescription, frequency_hz: Array, voltage_v: Array
@@ -26,6 +28,22 @@ def worst_case(
     Neither depends on the finger's speed: a stuck finger has none, and what the amplifier does
     comes before it.
     """
+    found = _at(description, frequency_hz, voltage_v)
+    if description.learned_form is None:
+        return found  # the catalogue's effects rise or fall with voltage: ends of a cell bound it
+    for share in WITHIN:
+        within_v = voltage_v.copy()
+        within_v[1:] = share * voltage_v[1:] + (1.0 - share) * voltage_v[:-1]
+        for ends, inside in zip(found, _at(description, frequency_hz, within_v), strict=True):
+            hump = inside[:, 1:] > np.maximum(ends[:, :-1], ends[:, 1:])
+            ends[:, 1:] = np.where(hump, inside[:, 1:], ends[:, 1:])
+    return found
+
+
+def _at(
+    description: ModelDescription, frequency_hz: Array, voltage_v: Array
+) -> tuple[Array, Array]:
+    """The same at the given voltages [v] alone."""
     touch = TouchModel(description)
     set_v = np.concatenate([[NEXT_TO_NOTHING * voltage_v[1]], voltage_v[1:]])
     stuck_a = electrode_v = np.zeros((frequency_hz.size, voltage_v.size))
