@@ -25,12 +25,15 @@ def worst_case(
     """Worst-case finger current (A rms) and peak voltage at the electrode [f, v], each per volt
     that is set.
 
+    A cell of voltage is bounded by its ends (`WorstCase.of`). A learned term may have a hump
+    inside, so with one it is asked within cells too; `make limits` tries the catalogue's effects.
+
     Neither depends on the finger's speed: a stuck finger has none, and what the amplifier does
     comes before it.
     """
     found = _at(description, frequency_hz, voltage_v)
     if description.learned_form is None:
-        return found  # the catalogue's effects rise or fall with voltage: ends of a cell bound it
+        return found
     for share in WITHIN:
         within_v = voltage_v.copy()
         within_v[1:] = share * voltage_v[1:] + (1.0 - share) * voltage_v[:-1]
