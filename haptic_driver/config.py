@@ -23,8 +23,6 @@ from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import bad_input
-from model.support import reading
 from model.support.errors import did_you_mean, nearest
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
@@ -262,9 +260,3 @@ def members(annotation: Any) -> list[Any]:
         and get_origin(annotation) not in (list, dict, Literal)
     )
     return [member for part in inner for member in members(part)] if is_union else [annotation]
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The content of a TOML file; BadInputError says what is wrong with it."""
-    with bad_input():
-        return reading.read_toml(path)

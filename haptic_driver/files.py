@@ -11,32 +11,17 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from haptic_driver.errors import BadInputError, HapticError
-from model.support import reading
 from model.support.cells import written_cells
 from model.support.errors import ModelError
 
 
-def read_bytes(path: Path, most_bytes: int = reading.LARGEST_FILE_BYTES) -> bytes:
-    """The whole file, which is a regular one."""
-    with bad_input():
-        return reading.read_bytes(path, most_bytes)
-
-
-def read_text(path: Path, most_bytes: int = reading.LARGEST_TEXT_BYTES) -> str:
-    """The whole file as UTF-8, with or without a byte order mark."""
-    with bad_input():
-        return reading.read_text(path, most_bytes)
-
-
 @contextmanager
-def bad_input(code: str = "") -> Iterator[None]:
-    """What a reader of `model` refuses becomes the driver's error, with the same words and its own
-    code or `code`.
-    """
+def bad_input(code: str) -> Iterator[None]:
+    """What a reader of `model` refuses gets another code: what the file was given for."""
     try:
         yield
     except ModelError as error:
-        raise BadInputError(code or error.code, error.message, error.hint) from error
+        raise ModelError(error.message, error.hint, code) from error
 
 
 @contextmanager

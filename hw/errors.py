@@ -4,19 +4,16 @@
 
 from __future__ import annotations
 
+from haptic_base.errors import HapticError
 
-class DeviceError(Exception):
-    """A device failed; `message` says what and where (the resource), `hint` says what to do.
 
-    `code` is stable text for programs, one per class.
-    """
+class DeviceError(HapticError):
+    """A device failed; `message` names the resource, and `code` is one per class."""
 
     code = "device_error"
 
     def __init__(self, message: str, hint: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.hint = hint
+        super().__init__(type(self).code, message, hint)
 
 
 class DeviceTimeout(DeviceError):

@@ -1,5 +1,7 @@
 """A model as its file describes it: parameters with their sources, skin data, friction law,
 effects.
+
+It is checked by hand: ranges are data of parameters and effects, which fits take as bounds too.
 """
 
 from __future__ import annotations

@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ("haptic_driver", "model", "hw", "configs")
+PACKAGES = ("haptic_base", "haptic_driver", "model", "hw")
+SOURCES = (*PACKAGES, "configs")
 BUILD_FILES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE")
 
 
@@ -59,13 +60,13 @@ def test_the_wheel_holds_every_module_config_and_page(wheel: Path) -> None:
     held = set(zipfile.ZipFile(wheel).namelist())
     wanted = {
         path.relative_to(ROOT).as_posix()
-        for package in ("haptic_driver", "model", "hw")
+        for package in PACKAGES
         for path in (ROOT / package).rglob("*.py")
     }
     wanted |= {
         path.relative_to(ROOT).as_posix()
         for path in (ROOT / "haptic_driver/daemon/web/dashboard").iterdir()
-    } | {f"{package}/py.typed" for package in ("haptic_driver", "model", "hw")}
+    } | {f"{package}/py.typed" for package in PACKAGES}
     wanted.add("model/reporting/page.html")
     configs = [path for path in (ROOT / "configs").rglob("*") if path.is_file()]
     assert {path.parent.name for path in configs} >= {
@@ -81,11 +82,7 @@ def test_the_wheel_holds_every_module_config_and_page(wheel: Path) -> None:
 
 def test_the_wheel_installs_only_its_packages(wheel: Path) -> None:
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
-    assert {top for top in tops if not top.endswith(".dist-info")} == {
-        "haptic_driver",
-        "model",
-        "hw",
-    }
+    assert {top for top in tops if not top.endswith(".dist-info")} == set(PACKAGES)
 
 
 def test_a_checkout_says_its_commit(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from haptic_driver.experiments.check import told
 from haptic_driver.experiments.data_file import meta_path
 from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, load_plan, write_plan
 from haptic_driver.experiments.resolving import ways
-from haptic_driver.files import bad_input, read_text, writing
+from haptic_driver.files import bad_input, writing
 from haptic_driver.live.recordings import read_data
 from haptic_driver.pictures.model import draw_resolution
 from haptic_driver.rig.config import load_rig
@@ -39,6 +39,7 @@ from model.effects.learned import LEARNED
 from model.planning.resolution import Resolution, resolution
 from model.planning.separation import APART
 from model.reporting.report import write_report
+from model.support.reading import read_text
 from model.support.tables import BadRowsError
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import TouchModel

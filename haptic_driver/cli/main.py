@@ -28,8 +28,6 @@ from haptic_driver.cli.output import (
 )
 from haptic_driver.daemon.verbs import commands
 from haptic_driver.errors import BadInputError, HapticError
-from hw.errors import DeviceError
-from model.support.errors import ModelError
 
 os.environ.setdefault(
     "OPENBLAS_NUM_THREADS", "1"
@@ -219,10 +217,6 @@ def main(arguments: list[str]) -> int:
             outcome = app(arguments, standalone_mode=False, prog_name="haptic")
     except HapticError as error:
         failure = error
-    except ModelError as error:
-        failure = BadInputError(error.code, error.message, error.hint)
-    except DeviceError as error:
-        failure = HapticError(error.code, error.message, error.hint)
     except USAGE_ERROR as error:
         if type(error).__name__ == "NoArgsIsHelpError":
             error.show()

@@ -22,7 +22,7 @@ from haptic_driver.cli.output import (
     stderr,
     stdout,
 )
-from haptic_driver.config import parse, read_toml
+from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.benches import bench_for
 from haptic_driver.experiments.check import told
@@ -37,6 +37,7 @@ from haptic_driver.simulation.finger_function import load_finger
 from haptic_driver.simulation.finger_model import with_hidden
 from haptic_driver.surface.models import load_model
 from model.effects.interventions import BY_INTERVENTION, NOTHING
+from model.support.reading import read_toml
 from model.touch_model import TouchModel
 
 

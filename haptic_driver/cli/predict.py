@@ -11,7 +11,7 @@ from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, stderr, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import bad_input, replacing
+from haptic_driver.files import replacing
 from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.support.arrays import Array
@@ -56,11 +56,10 @@ def predict(
 
     Example: `haptic predict --table conditions.csv --out out.csv --model reference`
     """
-    with bad_input():
-        given = read_table(table, REQUIRED, WANTED)
-        if not given.rows:
-            raise BadInputError("bad_table", f"{table}: has no rows", WANTED)
-        columns = _columns(given)
+    given = read_table(table, REQUIRED, WANTED)
+    if not given.rows:
+        raise BadInputError("bad_table", f"{table}: has no rows", WANTED)
+    columns = _columns(given)
     description = load_model(model)
     try:
         conditions = Conditions(**columns)

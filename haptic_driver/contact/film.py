@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError, optional
-from haptic_driver.files import read_text
 from haptic_driver.signals import Array
+from model.support.reading import read_text
 
 EXTRA = "camera"
 STACKS = (".tif", ".tiff")

@@ -30,7 +30,6 @@ from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig, 
 from haptic_driver.signals import NO_COURSE, Course
 from hw.analog.output import AnalogOutput
 from hw.analog.simulated_output import CardMemory, SimulatedAnalogOutput
-from hw.errors import DeviceError
 from hw.generator.settings import ModulationInput
 
 PERIOD_S = 0.001
@@ -100,7 +99,7 @@ class EnvelopeLoop:
                 lead_s = self._lead.lead_s
                 if not self._writer.go_on(course, driven.full_scale_v, lead_s, may_rise):
                     self._whole_s = now_s + lead_s  # until what bridges the gap has been played
-        except (DeviceError, HapticError) as error:
+        except HapticError as error:
             self._say(now_s, message_of(error))
             raise
         self._say(now_s)

@@ -26,9 +26,10 @@ from haptic_driver.errors import BadInputError, optional
 from haptic_driver.experiments.average import Measured
 from haptic_driver.experiments.contact_area import ContactArea
 from haptic_driver.experiments.plan import Row
-from haptic_driver.files import read_text, replacing, writing
+from haptic_driver.files import replacing, writing
 from haptic_driver.surface import labelled
 from hw.monitor.contract import ElectrodeReading
+from model.support.reading import read_text
 
 SETTING_COLUMNS = (
     "frequency_hz",

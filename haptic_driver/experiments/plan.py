@@ -19,12 +19,13 @@ from pydantic import (
     model_validator,
 )
 
-from haptic_driver.config import Section, find_config, parse, read_toml
+from haptic_driver.config import Section, find_config, parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_text
 from model.conditions import UNDRIVEN_HZ
 from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.support.errors import nearest
+from model.support.reading import read_toml
 
 MOST_ROWS = 100_000
 LONGEST_S = 86400.0  # of a session

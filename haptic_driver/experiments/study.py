@@ -24,7 +24,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from haptic_driver.config import Checked, find_config, parse, read_toml
+from haptic_driver.config import Checked, find_config, parse
 from haptic_driver.errors import BadInputError, HapticError, optional
 from haptic_driver.files import write_rows, write_text
 from haptic_driver.limits import OperatingLimits
@@ -41,6 +41,7 @@ from model.description import ModelDescription
 from model.diagnosis.space import FINGER
 from model.parameters import SPECIFICATION
 from model.support.errors import nearest
+from model.support.reading import read_toml
 from model.touch_model import TouchModel
 
 MOST_TASKS = 1_000_000

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.files import bad_input
 from haptic_driver.signals import Array
 from hw.finger.touch_screen import RawTouch, TouchCalibration, fit_calibration
 from model.support.tables import Table, read_table
@@ -62,16 +61,15 @@ def read_places(path: Path) -> Places:
     """Places to touch, or with columns x_raw, y_raw, measured_at those touched; BadInputError says
     what is wrong.
     """
-    with bad_input():
-        table = read_table(path, ("x_m", "y_m"), WANTED)
-        place_m = np.column_stack([_metres(table, "x_m"), _metres(table, "y_m")])
-        _check_spread(path, place_m, "places")
-        if not {"x_raw", "y_raw"} & set(table.columns):
-            return Places(place_m, [], None)
-        for column in ("x_raw", "y_raw", "measured_at"):
-            table.require(column)
-        raw = np.column_stack([table.numbers("x_raw"), table.numbers("y_raw")])
-        days = [_day(table, row) for row in range(len(table.rows))]
+    table = read_table(path, ("x_m", "y_m"), WANTED)
+    place_m = np.column_stack([_metres(table, "x_m"), _metres(table, "y_m")])
+    _check_spread(path, place_m, "places")
+    if not {"x_raw", "y_raw"} & set(table.columns):
+        return Places(place_m, [], None)
+    for column in ("x_raw", "y_raw", "measured_at"):
+        table.require(column)
+    raw = np.column_stack([table.numbers("x_raw"), table.numbers("y_raw")])
+    days = [_day(table, row) for row in range(len(table.rows))]
     _check_spread(path, raw, "counts")
     touched = [TouchedPlace(*row) for row in np.hstack([place_m, raw]).tolist()]
     return Places(place_m, touched, min(days))

@@ -14,10 +14,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, FiniteFloat, model_validator
 
-from haptic_driver.config import Section, config_names, find_config, parse, read_toml
+from haptic_driver.config import Section, config_names, find_config, parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.textures.bands import CENTRES_HZ
 from model.support.errors import nearest
+from model.support.reading import read_toml
 
 FOLDER = "perception"
 # Ranges refuse what must be another unit: kilohertz, millimetres, per cent.

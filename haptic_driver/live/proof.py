@@ -50,7 +50,7 @@ def mend(
     try:
         model, fitted = refit(known, own, now_s)
     except ModelError as error:
-        return Mended(str(error))
+        return Mended(f"{error.message}. {error.hint}" if error.hint else error.message)
     nats, shares = [], []
     for each in (present, model):
         off, weight = weighted(each, unseen, now_s)

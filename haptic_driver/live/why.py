@@ -21,7 +21,6 @@ from haptic_driver.live.recordings import row
 from haptic_driver.live.window import Window
 from haptic_driver.processes.real_time import give_way
 from haptic_driver.surface.models import load_model
-from model.support.errors import ModelError
 
 ROWS, PAGE = "rows.csv", "report.html"
 SUSPECTS = 5
@@ -49,7 +48,7 @@ def answer(model: str, folder: Path) -> dict[str, Any]:
         rows = replace(read_measurements(folder / ROWS), least_cof_std=LEAST_STD)
         diagnosis = diagnose(description, rows, 0, lambda step: None)
         found = write_report(diagnosis, description, folder, "what was rendered")
-    except (HapticError, ModelError) as error:
+    except HapticError as error:
         return {"state": "failed", "said": f"{error.message}. {error.hint}"}
     return {
         "state": "done",

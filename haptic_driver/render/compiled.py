@@ -8,9 +8,6 @@ sources: whatever is edited, no stale machine code runs.
 from __future__ import annotations
 
 import hashlib
-import os
-import stat
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -19,6 +16,7 @@ import numba
 import numpy as np
 from numba.extending import register_jitable
 
+from haptic_base.cache import code_cache
 from haptic_driver.signals import Array
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -33,27 +31,7 @@ def _cache_folder() -> Path:
     for path in (*sorted(here.glob("*.py")), here.parent / "signals.py"):
         if path.name != "policies.py":  # no kernel reads it, and a new policy shall compile nothing
             digest.update(path.read_bytes())
-    return _code_cache() / digest.hexdigest()[:16]
-
-
-def _code_cache() -> Path:
-    """A folder that nobody else can write to, since machine code runs without being looked at.
-
-    `model.support.cache.code_cache` says the same: the render process loads nothing of `model`.
-    """
-    users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "haptic-driver"
-    folder = Path(os.environ.get("HAPTIC_CACHE_DIR") or users) / "kernels"
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not hasattr(os, "getuid"):
-            return folder
-        found = folder.lstat()
-        if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid():
-            folder.chmod(0o700)
-            return folder
-    except OSError:
-        pass
-    return Path(tempfile.mkdtemp(prefix="haptic-kernels-"))
+    return code_cache() / digest.hexdigest()[:16]
 
 
 _FOLDER = str(_cache_folder())

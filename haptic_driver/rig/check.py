@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 from haptic_driver.errors import HapticError
-from hw.errors import DeviceError
 from hw.setting import Setting
 
 if TYPE_CHECKING:
@@ -82,7 +81,7 @@ class Examination(NamedTuple):
         """Pass the checks on, and what ended them early as one that failed."""
         try:
             yield from examine(self)
-        except (DeviceError, HapticError) as error:
+        except HapticError as error:
             yield self.failed(error.message, error.hint)
         except Exception as error:  # the driver of a lab's own device may raise anything
             said = f"{type(error).__name__}: {error}"

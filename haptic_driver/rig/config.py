@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from haptic_driver.config import Section, Within, find_config, parse, read_toml
+from haptic_driver.config import Section, Within, find_config, parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
 from haptic_driver.render.policies import POLICIES
@@ -65,6 +65,7 @@ from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
 from hw.generator.analog_carrier.driver import SAMPLES_PER_PERIOD
 from model.support.errors import nearest
+from model.support.reading import read_toml
 
 # What two programs can hold at the same time; the watchdog must not depend on the driver letting
 # go.

@@ -60,9 +60,8 @@ def read_slide(path: Path) -> Slide:
     the tick.
     """
     wanted = f"Give a CSV with columns {', '.join(COLUMNS)}, time rising, at least 10 rows"
-    with bad_input():
-        read = read_table(path, COLUMNS, wanted)
-        table = np.column_stack([_numbers(read, column) for column in COLUMNS])
+    read = read_table(path, COLUMNS, wanted)
+    table = np.column_stack([_numbers(read, column) for column in COLUMNS])
     if len(table) < 10:
         raise BadInputError("bad_slide", f"{path}: has {len(table)} rows", wanted)
     with bad_input("bad_slide"):

@@ -6,12 +6,10 @@ from dataclasses import replace
 
 from haptic_driver.config import find_config
 from haptic_driver.errors import shown
-from haptic_driver.files import bad_input
 from model.description import ModelDescription, read_model
 
 
 def load_model(name_or_path: str) -> ModelDescription:
     """A model by the name of its file in `configs/models/`, or by path."""
-    with bad_input():
-        model = read_model(find_config(name_or_path, "models"))
+    model = read_model(find_config(name_or_path, "models"))
     return replace(model, name=shown(model.name), about=shown(model.about, lines=True))

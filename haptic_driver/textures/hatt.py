@@ -14,11 +14,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import read_text
 from haptic_driver.signals import Array
 from haptic_driver.textures.bands import EDGES_HZ
 from haptic_driver.textures.process import power
 from model.support.cells import number
+from model.support.reading import read_text
 
 LARGEST_XML_BYTES = 4 << 20
 MOST_MODELS = 150  # so many fit a texture's file

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import read_text
 from haptic_driver.signals import Array
 from haptic_driver.textures.description import FINEST_MM
+from model.support.reading import read_text
 
 MODALITY = "Friction"
 CURVES = ("Linear", "Cubic", "Akima")  # Bezier and Bspline do not pass through their keyframes

@@ -8,11 +8,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from haptic_driver.config import read_toml
 from haptic_driver.errors import BadInputError, shown
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
 from haptic_driver.textures import description, formulas, hjif, script, sources, spectrum
 from model.support.errors import did_you_mean
+from model.support.reading import read_toml
 
 MAP_EXAMPLE = """\
 kind = "map"

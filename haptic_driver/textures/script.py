@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import bad_input
 from haptic_driver.render.texture import Interpolation, Script, Step, Texture, Uniform
 from haptic_driver.textures.description import (
     LONGEST_TABLE_ROWS,
@@ -30,9 +29,8 @@ POSITIONS = ("position_m", "position_mm")  # of a profile
 
 def is_script(path: Path) -> bool:
     """Whether the first line of a CSV file has a column of times."""
-    with bad_input():
-        table = read_table(path, [], EITHER_HINT, LONGEST_TABLE_ROWS, [*COLUMNS, *POSITIONS])
-        return "time_s" in table.columns
+    table = read_table(path, [], EITHER_HINT, LONGEST_TABLE_ROWS, [*COLUMNS, *POSITIONS])
+    return "time_s" in table.columns
 
 
 def build(described: ScriptDescription, path: Path, load: Callable[[str], Texture]) -> Script:
@@ -52,8 +50,7 @@ def read(
     """The script in a CSV file with columns time_s, cof or texture, and if you like label and
     interpolation.
     """
-    with bad_input():
-        table = read_table(path, ["time_s"], SCRIPT_HINT, LONGEST_TABLE_ROWS, COLUMNS)
+    table = read_table(path, ["time_s"], SCRIPT_HINT, LONGEST_TABLE_ROWS, COLUMNS)
     for name in table.columns:
         if name not in COLUMNS:
             said = f"{path}: unknown column '{name}'"
@@ -61,8 +58,7 @@ def read(
     steps = []
     for row, cells in enumerate(table.rows):
         given: dict[str, Any] = {column: text for column, text in cells.items() if text}
-        with bad_input():
-            given |= {column: table.number(row, column) for column in NUMBERS if column in given}
+        given |= {column: table.number(row, column) for column in NUMBERS if column in given}
         steps.append((table.where(row), parse_step(given, table.where(row))))
     return _script(path, steps, load, interpolation)
 

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import bad_input, read_bytes, read_text
 from haptic_driver.signals import Array
 from haptic_driver.textures.description import LONGEST_TABLE_ROWS, TEXTURE_COF
 from model.support.cells import number
+from model.support.reading import read_bytes, read_text
 from model.support.tables import read_table
 
 LARGEST_MAP_PIXELS = 4_000_000
@@ -219,13 +219,12 @@ def read_profile(path: Path) -> tuple[list[float], list[float]]:
     """Positions in metres and frictions of a CSV file with columns position_mm or position_m, and
     cof.
     """
-    with bad_input():
-        known = ("position_m", "position_mm")
-        table = read_table(path, ["cof"], PROFILE_HINT, LONGEST_TABLE_ROWS, known)
-        in_mm = "position_mm" in table.columns and "position_m" not in table.columns
-        position, metres = ("position_mm", 1e-3) if in_mm else ("position_m", 1.0)
-        table.require(position)
-        along, cof = table.numbers(position), table.numbers("cof")
+    known = ("position_m", "position_mm")
+    table = read_table(path, ["cof"], PROFILE_HINT, LONGEST_TABLE_ROWS, known)
+    in_mm = "position_mm" in table.columns and "position_m" not in table.columns
+    position, metres = ("position_mm", 1e-3) if in_mm else ("position_m", 1.0)
+    table.require(position)
+    along, cof = table.numbers(position), table.numbers("cof")
     for row in np.flatnonzero(~((cof >= TEXTURE_COF[0]) & (cof <= TEXTURE_COF[1]))).tolist():
         hint = f"cof lies in {TEXTURE_COF[0]} to {TEXTURE_COF[1]}"
         raise BadInputError("bad_profile", f"{table.where(row)}: cof {cof[row]:g}", hint)

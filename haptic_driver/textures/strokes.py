@@ -72,16 +72,14 @@ def read_strokes(path: Path, names: Mapping[str, str]) -> Strokes:
                 f"--column {wanted}=...: not a column that is read",
                 nearest(wanted, COLUMNS),
             )
-    with bad_input():
-        known = [*COLUMNS, *names.values()]
-        table = read_table(path, [], WANTED, LONGEST_STROKE_ROWS, known)
-        given = [wanted for wanted in COLUMNS if wanted in names or wanted in table.columns]
-        position = next((column for column in POSITIONS_M if column in given), "position_mm")
-        position_m, normal_n, lateral_n = (
-            _column(table, column, names)
-            for column in (position, "normal_force_n", "lateral_force_n")
-        )
-        time_s = _column(table, "time_s", names) if "time_s" in given else None
+    known = [*COLUMNS, *names.values()]
+    table = read_table(path, [], WANTED, LONGEST_STROKE_ROWS, known)
+    given = [wanted for wanted in COLUMNS if wanted in names or wanted in table.columns]
+    position = next((column for column in POSITIONS_M if column in given), "position_mm")
+    position_m, normal_n, lateral_n = (
+        _column(table, column, names) for column in (position, "normal_force_n", "lateral_force_n")
+    )
+    time_s = _column(table, "time_s", names) if "time_s" in given else None
     position_m *= POSITIONS_M[position]
     if time_s is None:
         return Strokes(position_m, normal_n, lateral_n, None)

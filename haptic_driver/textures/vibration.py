@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import read_bytes
 from haptic_driver.signals import Array
 from haptic_driver.textures.description import FINEST_MM
+from model.support.reading import read_bytes
 
 LARGEST_WAV_BYTES = 64 << 20
 LONGEST_M = 0.5  # of the surface; it repeats after that

@@ -26,6 +26,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_base.cache import cache_dir
 from model.contact import resolution
 from model.contact.gap_integrals import TableArrays
 from model.contact.resolution import (
@@ -37,7 +38,6 @@ from model.contact.resolution import (
 )
 from model.contact.roughness import SelfAffineShape
 from model.support.arrays import Array
-from model.support.cache import cache_dir
 
 
 @dataclass(frozen=True)

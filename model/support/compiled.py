@@ -16,7 +16,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-from model.support.cache import code_cache
+from haptic_base.cache import code_cache
 
 F = TypeVar("F", bound=Callable[..., object])
 

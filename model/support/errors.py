@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from difflib import get_close_matches
 
+from haptic_base.errors import BadInputError
 
-class ModelError(ValueError):
-    """Bad input to the model: `message` says what and where, `hint` what to do, `code` names the
-    kind of mistake.
-    """
+
+class ModelError(BadInputError, ValueError):
+    """Bad input to the model; a ValueError too, as Python's own libraries raise for it."""
 
     def __init__(self, message: str, hint: str = "", code: str = "bad_model") -> None:
-        super().__init__(f"{message}. {hint}" if hint else message)
-        self.message = message
-        self.hint = hint
-        self.code = code
+        super().__init__(code, message, hint)
 
 
 class RowError(ModelError):

@@ -296,7 +296,8 @@ def test_a_power_law_that_no_skin_has_is_refused(write, key: str, value: float) 
 
 def test_nearest_lists_all_where_nothing_is_near() -> None:
     assert nearest("zzz", ["beta", "alpha"]) == "Known: alpha, beta"
-    assert str(ModelError("what", "do")) == "what. do"
+    error = ModelError("what", "do")
+    assert (str(error), error.__notes__) == ("what", ["hint: do"])
     assert str(ModelError("what")) == "what"
 
 

@@ -17,10 +17,11 @@ from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.psychophysics.delivery import Felt, felt, strokes
 from haptic_driver.experiments.psychophysics.description import Experiment, Stimulus, TrialSettings
-from haptic_driver.files import read_bytes, write_text
+from haptic_driver.files import write_text
 from haptic_driver.textures.description import FINEST_MM
 from haptic_driver.textures.library import load
 from model.support.errors import nearest
+from model.support.reading import read_bytes
 
 POLL_S = 0.1
 SILENT_S = 3.0  # without a new sample the daemon has stopped

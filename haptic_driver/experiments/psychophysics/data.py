@@ -24,8 +24,9 @@ from typing import Any, NamedTuple, get_type_hints
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.psychophysics.delivery import Felt
-from haptic_driver.files import read_text, write_rows, write_text, writing
+from haptic_driver.files import write_rows, write_text, writing
 from model.support.cells import read_cell, written_cell
+from model.support.reading import read_text
 
 NOTHING = "n/a"
 LARGEST_TABLE_BYTES = 64 << 20

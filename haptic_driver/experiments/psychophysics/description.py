@@ -12,11 +12,11 @@ from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field, FiniteFloat, model_validator
 
-from haptic_driver.config import Section, find_config, parse, read_toml
+from haptic_driver.config import Section, find_config, parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.psychophysics.functions import Form
-from haptic_driver.files import read_bytes
 from model.support.errors import nearest
+from model.support.reading import read_bytes, read_toml
 
 Name = Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9]+$")]
 Level = Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]

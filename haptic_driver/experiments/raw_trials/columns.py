@@ -14,8 +14,8 @@ import numpy as np
 from haptic_driver.errors import BadInputError, HapticError, optional
 from haptic_driver.experiments.raw_trials.trial_map import ColumnSaid, FileLook, TrialMap
 from haptic_driver.experiments.raw_trials.units import to_si
-from haptic_driver.files import read_bytes
 from haptic_driver.signals import Array
+from model.support.reading import read_bytes
 
 KINDS = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), "text"),

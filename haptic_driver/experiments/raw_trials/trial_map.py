@@ -8,7 +8,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from haptic_driver.config import Section, parse, read_toml
+from haptic_driver.config import Section, parse
+from model.support.reading import read_toml
 
 Seconds = Annotated[float, Field(ge=-1e6, le=1e6)]
 TEXTS = ("session", "trial", "setting", "waveform")

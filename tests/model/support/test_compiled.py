@@ -21,8 +21,9 @@ def package(tmp_path) -> Path:
     """
     folder = tmp_path / "model"
     (folder / "support").mkdir(parents=True)
-    for name in ("__init__.py", "support/__init__.py", "support/cache.py", "support/compiled.py"):
+    for name in ("__init__.py", "support/__init__.py", "support/compiled.py"):
         shutil.copy(SOURCES / name, folder / name)
+    shutil.copytree(SOURCES.parent / "haptic_base", tmp_path / "haptic_base")
     (folder / "constant.py").write_text("FACTOR = 2.0\n")
     (folder / "user.py").write_text(
         "from model.support.compiled import kernel\nfrom model.constant import FACTOR\n\n\n"
