@@ -5,8 +5,6 @@ places.
 from __future__ import annotations
 
 import datetime
-import math
-import os
 import time
 from contextlib import closing, suppress
 from pathlib import Path
@@ -22,59 +20,42 @@ from haptic_driver.experiments.touched_places import (
     HOLD_S,
     PLAUSIBLE_M,
     STILL_SHARE,
-    Places,
     TouchFit,
-    fit_touches,
     matrix_of,
     read_places,
     rig_lines,
-    rows_of,
     touch_places,
 )
-from haptic_driver.files import exists_already, write_rows, writing
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig
+from haptic_driver.signals import Array
 from hw.finger.touch_screen import TouchReports, open_touch_reports
 from model.support.errors import nearest
 
 
 def calibrate_touch(
-    places: Annotated[
-        Path, Argument(help="CSV: x_m, y_m; what --out wrote is fitted without touching.")
-    ],
+    places: Annotated[Path, Argument(help="CSV: x_m, y_m.")],
     rig: RigOption,
-    out: Annotated[
-        Path | None, Option(help="CSV to write: places, counts and day, to fit them again.")
-    ] = None,
     spread_raw: Annotated[
         float | None,
         Option(min=0.0, help="Counts within which a finger holds still; else 0.5 % of an axis."),
     ] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite an existing --out.")] = False,
     as_json: Json = False,
 ) -> None:
     """Calibrate a rig's touch screen: touch known places as asked, and paste what it says.
 
-    Give at least 3 places that are not on a line; from 4 on they check one another, from 6 on
-    (corners, middle, an edge) they tell which touch was wrong. Nothing is energised: neither
+    Give at least 3 places that are not on a line; from 4 on they check one another, better 6:
+    corners, middle, an edge. Nothing is energised: neither
     generator nor amplifier is opened. The rig's file stays as it is.
 
     Example: `haptic calibrate-touch places.csv --rig mine`
     """
     config, screen = _with_screen(rig)
-    given = read_places(places)
-    if out is not None:
-        _check_writable(out, force)
-    if given.measured_on is None:
-        found = _touched(given, screen, spread_raw)
-    else:
-        found = fit_touches(given.touched, given.measured_on)
-    if out is not None:
-        write_rows(out, rows_of(found))
+    found = _touched(read_places(places), screen, spread_raw)
     if not found.agrees:
-        raise _disagreement(found, places, out, BadInputError if given.touched else HapticError)
-    payload = _payload(config, found, out)
-    report(as_json, payload, lambda: _show(found, find_config(rig, "rigs"), out))
+        raise _disagreement(found, places)
+    payload = _payload(config, found)
+    report(as_json, payload, lambda: _show(found, find_config(rig, "rigs")))
 
 
 def _with_screen(rig: str) -> tuple[RigConfig, EvdevFingerConfig]:
@@ -95,19 +76,7 @@ def _with_screen(rig: str) -> tuple[RigConfig, EvdevFingerConfig]:
     )
 
 
-def _check_writable(out: Path, force: bool) -> None:
-    """What can be known before anybody has touched anything."""
-    with writing(out):
-        out.parent.mkdir(parents=True, exist_ok=True)
-        if out.is_dir():
-            raise IsADirectoryError
-        if not os.access(out.parent, os.W_OK):
-            raise PermissionError(f"{out.parent} may not be written to")
-    if out.exists() and not force:
-        raise exists_already(out)
-
-
-def _touched(places: Places, screen: EvdevFingerConfig, spread_raw: float | None) -> TouchFit:
+def _touched(place_m: Array, screen: EvdevFingerConfig, spread_raw: float | None) -> TouchFit:
     with closing(open_touch_reports(screen.device)) as reports:
         spread = _spread(reports, spread_raw)
         still = f"{HOLD_S:g} s within {spread[0]:.0f} x {spread[1]:.0f} counts"
@@ -116,7 +85,7 @@ def _touched(places: Places, screen: EvdevFingerConfig, spread_raw: float | None
         )
         try:
             return touch_places(
-                places.place_m,
+                place_m,
                 reports.read,
                 spread,
                 stderr.print,
@@ -127,7 +96,7 @@ def _touched(places: Places, screen: EvdevFingerConfig, spread_raw: float | None
         except KeyboardInterrupt as stop:
             raise HapticError(
                 "interrupted",
-                "interrupted; nothing was written",
+                "interrupted",
                 "Nothing was energised. Run it again",
             ) from stop
 
@@ -144,30 +113,20 @@ def _spread(reports: TouchReports, spread_raw: float | None) -> tuple[float, flo
     return max(STILL_SHARE * x_raw, 2.0), max(STILL_SHARE * y_raw, 2.0)
 
 
-def _disagreement(
-    found: TouchFit, places: Path, out: Path | None, kind: type[HapticError]
-) -> HapticError:
-    off_m = found.touch_error_m or 0.0
-    kept = f"; the touches are in {out}" if out is not None else ""
+def _disagreement(found: TouchFit, places: Path) -> HapticError:
+    off_mm = 1e3 * (found.touch_error_m or 0.0)
     said = (
-        f"the touches disagree: one is off by {1e3 * off_m:.1f} mm (rms), above"
-        f" {1e3 * PLAUSIBLE_M:g} mm"
+        f"the touches disagree: one is off by {off_mm:.1f} mm (rms), above"
+        f" {1e3 * PLAUSIBLE_M:g} mm; farthest off is place {found.worst + 1}"
     )
     hint = (
         f"Check its metres in {places}, or leave its row out; touch with one fingertip, in the"
         " order asked for"
     )
-    return kind("touches_disagree", f"{said}; worst is place {_worst(found)}{kept}", hint)
+    return HapticError("touches_disagree", said, hint)
 
 
-def _worst(found: TouchFit) -> str:
-    *others, last = [str(number + 1) for number in found.suspects]
-    return (
-        f"{', '.join(others)} or {last}, which so few places cannot tell apart" if others else last
-    )
-
-
-def _payload(config: RigConfig, found: TouchFit, out: Path | None) -> dict[str, Any]:
+def _payload(config: RigConfig, found: TouchFit) -> dict[str, Any]:
     places = zip(found.touched, found.off_m, strict=True)
     return {
         "rig": config.name,
@@ -177,19 +136,17 @@ def _payload(config: RigConfig, found: TouchFit, out: Path | None) -> dict[str, 
         "residual_m": found.calibration.residual_m,
         "touch_error_m": found.touch_error_m,
         "places": [{**place._asdict(), "off_m": off_m} for place, off_m in places],
-        "worst": [number + 1 for number in found.suspects],
+        "worst": None if found.touch_error_m is None else found.worst + 1,
         "toml": rig_lines(found.calibration),
-        "out": None if out is None else str(out),
     }
 
 
-def _show(found: TouchFit, rig_file: Path, out: Path | None) -> None:
+def _show(found: TouchFit, rig_file: Path) -> None:
     table = Table("place", "x mm", "y mm", "x_raw", "y_raw", "off by mm", box=None)
     for number, (place, off_m) in enumerate(zip(found.touched, found.off_m, strict=True), start=1):
         lengths_mm = (f"{1e3 * length_m:.1f}" for length_m in place[:2])
         counts = (f"{count:.1f}" for count in place[2:])
-        off = "-" if math.isnan(off_m) else f"{1e3 * off_m:.2f}"
-        table.add_row(str(number), *lengths_mm, *counts, off)
+        table.add_row(str(number), *lengths_mm, *counts, f"{1e3 * off_m:.2f}")
     stdout.print(table)
     calibration = found.calibration
     if calibration.residual_m is None or found.touch_error_m is None:
@@ -200,11 +157,9 @@ def _show(found: TouchFit, rig_file: Path, out: Path | None) -> None:
     else:
         stdout.print(
             f"residual {1e3 * calibration.residual_m:.2f} mm (rms): one touch is off by"
-            f" {1e3 * found.touch_error_m:.2f} mm (rms)\nworst: place {_worst(found)}"
+            f" {1e3 * found.touch_error_m:.2f} mm (rms)\nfarthest off: place {found.worst + 1}"
         )
     (a, b, _), (d, e, _) = calibration.matrix_m
     x, y = (f"({1e3 * along:.4f}, {1e3 * across:.4f}) mm" for along, across in ((a, d), (b, e)))
     stdout.print(f"a count of x_raw moves the finger by {x}, of y_raw by {y}")
-    if out is not None:
-        stdout.print(f"places and counts: {out}")
     stdout.print(f"\nPut this into [finger_tracker] of {rig_file}:\n\n{rig_lines(calibration)}")

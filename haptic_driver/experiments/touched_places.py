@@ -28,7 +28,6 @@ RESTLESS_S = 3.0  # a touch that has not held still for so long is told
 POLL_S = 0.005
 STILL_SHARE = 0.005  # of an axis: on a screen of 200 mm, 1 mm, as well as a finger can be placed
 PLAUSIBLE_M = 2e-3  # what a finger misses a mark by; more is another place, or another unit
-ALIKE = 0.8  # places that explain a disagreement almost as well as the best cannot be told from it
 
 LARGEST_M = 2.0  # beyond, the unit must be wrong
 NARROWEST = 0.05  # how far from a line places must be, against their length along it
@@ -47,32 +46,16 @@ class TouchedPlace(NamedTuple):
     y_raw: float
 
 
-class Places(NamedTuple):
-    """What a file says: `place_m` [n, 2]; where they have been touched already, with which counts,
-    and the day of the first.
-    """
-
-    place_m: Array
-    touched: list[TouchedPlace]
-    measured_on: datetime.date | None
-
-
-def read_places(path: Path) -> Places:
-    """Places to touch, or with columns x_raw, y_raw, measured_at those touched; BadInputError says
-    what is wrong.
-    """
+def read_places(path: Path) -> Array:
+    """Places to touch: [n, 2]. BadInputError says what is wrong."""
     table = read_table(path, ("x_m", "y_m"), WANTED)
     place_m = np.column_stack([_metres(table, "x_m"), _metres(table, "y_m")])
-    _check_spread(path, place_m, "places")
-    if not {"x_raw", "y_raw"} & set(table.columns):
-        return Places(place_m, [], None)
-    for column in ("x_raw", "y_raw", "measured_at"):
-        table.require(column)
-    raw = np.column_stack([table.numbers("x_raw"), table.numbers("y_raw")])
-    days = [_day(table, row) for row in range(len(table.rows))]
-    _check_spread(path, raw, "counts")
-    touched = [TouchedPlace(*row) for row in np.hstack([place_m, raw]).tolist()]
-    return Places(place_m, touched, min(days))
+    if len(place_m) < 3:
+        raise BadInputError("bad_places", f"{path}: has {len(place_m)} places", WANTED)
+    along, across = np.linalg.svd(place_m - place_m.mean(axis=0), compute_uv=False)
+    if across <= NARROWEST * along:
+        raise BadInputError("bad_places", f"{path}: its places are on a line, or nearly", WANTED)
+    return place_m
 
 
 def _metres(table: Table, column: str) -> Array:
@@ -85,39 +68,19 @@ def _metres(table: Table, column: str) -> Array:
     return values
 
 
-def _day(table: Table, row: int) -> datetime.date:
-    text = table.rows[row]["measured_at"]
-    try:
-        return datetime.date.fromisoformat(text)
-    except ValueError:
-        said = f"{table.where(row)}: measured_at is {text!r}, not a date"
-        raise BadInputError("bad_places", said, "Write the day as 2025-01-31") from None
-
-
-def _check_spread(path: Path, points: Array, what: str) -> None:
-    if len(points) < 3:
-        raise BadInputError("bad_places", f"{path}: has {len(points)} {what}", WANTED)
-    along, across = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if across <= NARROWEST * along:
-        raise BadInputError("bad_places", f"{path}: its {what} are on a line, or nearly", WANTED)
-
-
 @dataclass(frozen=True)
 class TouchFit:
-    """A calibration, and how well the touches agree on it; places count from 0.
+    """A calibration, and how well the touches agree on it.
 
     `touch_error_m`: how far one touch is off, root mean square, from the residual and how much of
-    it the fit took up; None for three places, which fit exactly. `off_m`: how far each place is
-    from where all others put it, NaN where these are on a line. `suspects`: the places that, left
-    out, make the others agree best; several where they cannot be told apart (with four places, all
-    of them).
+    it the fit took up; None for three places, which fit exactly. `off_m`: how far the map puts each
+    touch from its place.
     """
 
     touched: list[TouchedPlace]
     calibration: TouchCalibration
     touch_error_m: float | None
     off_m: list[float]
-    suspects: list[int]
 
     @property
     def agrees(self) -> bool:
@@ -125,6 +88,11 @@ class TouchFit:
         tells.
         """
         return self.touch_error_m is None or self.touch_error_m <= PLAUSIBLE_M
+
+    @property
+    def worst(self) -> int:
+        """Index of the touch that is farthest off."""
+        return int(np.argmax(self.off_m))
 
 
 def fit_touches(touched: Sequence[TouchedPlace], measured_on: datetime.date) -> TouchFit:
@@ -137,26 +105,10 @@ def fit_touches(touched: Sequence[TouchedPlace], measured_on: datetime.date) -> 
         raise HapticError(
             "touches_on_a_line", said, "Touch each place as it is asked for"
         ) from error
-    if calibration.residual_m is None:
-        return TouchFit(list(touched), calibration, None, [math.nan] * count, [])
-    off_m, squares_m2 = np.array([_left_out(numbers, i, measured_on) for i in range(count)]).T
-    gain_m2 = np.nan_to_num(count * calibration.residual_m**2 - squares_m2)
-    suspects = np.flatnonzero(~np.isnan(off_m) & (gain_m2 >= ALIKE * gain_m2.max())).tolist()
-    touch_error_m = calibration.residual_m * math.sqrt(count / (count - 3))
-    return TouchFit(list(touched), calibration, touch_error_m, off_m.tolist(), suspects)
-
-
-def _left_out(numbers: Array, i: int, measured_on: datetime.date) -> tuple[float, float]:
-    """How far place i is from where the others put it, and the sum of squares of what these leave;
-    NaN on a line.
-    """
-    others = np.delete(numbers, i, axis=0)
-    try:
-        fitted = fit_calibration(others[:, 2:], others[:, :2], measured_on)
-    except ValueError:
-        return math.nan, math.nan
-    off_m = math.dist(fitted.apply(*numbers[i, 2:]), numbers[i, :2])
-    return off_m, len(others) * (fitted.residual_m or 0.0) ** 2
+    off_m = [math.dist(calibration.apply(*place[2:]), place[:2]) for place in touched]
+    residual_m = calibration.residual_m
+    error_m = None if residual_m is None else residual_m * math.sqrt(count / (count - 3))
+    return TouchFit(list(touched), calibration, error_m, off_m)
 
 
 def touch_places(
@@ -169,51 +121,35 @@ def touch_places(
     clock: Callable[[], float],
     sleep: Callable[[float], None],
 ) -> TouchFit:
-    """Have each place touched in turn, and those once more that disagree; the fit may still not
-    agree.
+    """Have each place touched in turn; the touches may still not agree.
 
     `read` gives the screen's newest report without waiting; `tell` gets what the user should know.
     Raises what `read` raises, and HapticError as `fit_touches`.
     """
-    touched: dict[int, TouchedPlace] = {}
-
-    def touch(number: int, request: str) -> None:
-        x_m, y_m = place_m[number].tolist()
+    touched: list[TouchedPlace] = []
+    for number, (x_m, y_m) in enumerate(place_m.tolist(), start=1):
         where = f"x = {1e3 * x_m:.1f} mm, y = {1e3 * y_m:.1f} mm"
-        tell(f"{request} place {number + 1} of {len(place_m)}: {where}")
+        tell(f"touch place {number} of {len(place_m)}: {where}")
         place = TouchedPlace(x_m, y_m, *_held(read, spread_raw, tell, clock, sleep))
-        _check_moved(number, place, touched, spread_raw)
-        touched[number] = place
-
-    for number in range(len(place_m)):
-        touch(number, "touch")
-    found = fit_touches([*touched.values()], measured_on)
-    if found.agrees:
-        return found
-    for number in found.suspects:
-        off_mm = 1e3 * found.off_m[number]
-        touch(number, f"{off_mm:.1f} mm off where the others put it; touch again")
-    return fit_touches([*touched.values()], measured_on)
+        _check_moved(place, touched, spread_raw)
+        touched.append(place)
+    return fit_touches(touched, measured_on)
 
 
 def _check_moved(
-    number: int,
-    place: TouchedPlace,
-    touched: dict[int, TouchedPlace],
-    spread_raw: tuple[float, float],
+    place: TouchedPlace, touched: list[TouchedPlace], spread_raw: tuple[float, float]
 ) -> None:
     """Two places at the same counts would make a map of noise, and three places fit whatever was
     touched.
     """
-    for other, earlier in touched.items():
+    for other, earlier in enumerate(touched, start=1):
         near = np.abs(np.subtract(place[2:], earlier[2:])) <= spread_raw
-        if near.all() and other != number and place[:2] != earlier[:2]:
-            said = (
-                f"place {number + 1} was touched where place {other + 1} was: the counts are the"
-                " same"
-            )
+        if near.all() and place[:2] != earlier[:2]:
+            number = len(touched) + 1
             raise HapticError(
-                "same_counts", said, "Run it again, and touch each place when it is asked for"
+                "same_counts",
+                f"place {number} was touched where place {other} was: the counts are the same",
+                "Run it again, and touch each place when it is asked for",
             )
 
 
@@ -262,12 +198,6 @@ def _held(
         if read().touching:
             touched_s = clock()
     return x_raw, y_raw
-
-
-def rows_of(found: TouchFit) -> list[dict[str, str | float]]:
-    """Rows of a file that `read_places` takes for touched."""
-    day = found.calibration.measured_on.isoformat()
-    return [{**place._asdict(), "measured_at": day} for place in found.touched]
 
 
 def matrix_of(calibration: TouchCalibration) -> list[list[float]]:
