@@ -98,12 +98,12 @@ def filled(page: str, parts: dict[str, str]) -> str:
 def configuration() -> dict[str, str]:
     """What every file of `configs/` may say."""
     found = {
-        "rigs": _sections(RigConfig.model_json_schema()),
+        "rigs": sections(RigConfig.model_json_schema()),
         "models": _model_tables(),
         "textures": _variants(TypeAdapter(Description).json_schema()),
-        "plans": _sections(PlanFile.model_json_schema()),
-        "experiments": _sections(ExperimentFile.model_json_schema()),
-        "populations": _sections(StudyPlan.model_json_schema()),
+        "plans": sections(PlanFile.model_json_schema()),
+        "experiments": sections(ExperimentFile.model_json_schema()),
+        "populations": sections(StudyPlan.model_json_schema()),
     }
     return {name: "\n\n".join(filter(None, parts)) for name, parts in found.items()}
 
@@ -157,7 +157,7 @@ def _kind(table: Schema) -> str | None:
     return cast("str | None", table["properties"].get("kind", {}).get("const"))
 
 
-def _sections(schema: Schema, path: str = "") -> Iterator[str]:
+def sections(schema: Schema, path: str = "") -> Iterator[str]:
     """A table of the keys of a file or section, then the sections inside it."""
     definitions = schema.get("$defs", {})
     yield _said(schema.get("description", ""))
@@ -168,7 +168,7 @@ def _sections(schema: Schema, path: str = "") -> Iterator[str]:
             table = f"[[{inner}]]" if entry.get("type") == "array" else f"[{inner}]"
             kind = _kind(found)
             yield f"### `{table}`" + (f' with `kind = "{kind}"`' if kind else "")
-            yield from _sections({**found, "$defs": definitions}, f"{inner}.")
+            yield from sections({**found, "$defs": definitions}, f"{inner}.")
 
 
 def _variants(schema: Schema) -> Iterator[str]:
@@ -177,7 +177,7 @@ def _variants(schema: Schema) -> Iterator[str]:
     for branch in schema["anyOf"]:
         found = definitions[branch["$ref"].rpartition("/")[2]]
         yield f'### `kind = "{_kind(found)}"`'
-        yield from _sections({**found, "$defs": definitions})
+        yield from sections({**found, "$defs": definitions})
 
 
 def _tables_in(entry: Schema, definitions: Schema) -> list[Schema]:

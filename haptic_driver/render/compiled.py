@@ -21,7 +21,7 @@ from haptic_driver.signals import Array
 
 F = TypeVar("F", bound=Callable[..., object])
 
-_kernels: list[Any] = []
+KERNELS: list[Any] = []
 
 
 def _cache_folder() -> Path:
@@ -50,7 +50,7 @@ def kernel(function: F) -> F:
         compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     finally:
         config.CACHE_DIR = before
-    _kernels.append(compiled)
+    KERNELS.append(compiled)
     return cast(F, compiled)
 
 
@@ -64,7 +64,7 @@ def refuse_to_compile() -> None:
     """From here on a kernel in use raises TypeError for arguments it was not compiled for:
     compiling takes seconds.
     """
-    for each in _kernels:
+    for each in KERNELS:
         if each.signatures:
             each.disable_compile()
 

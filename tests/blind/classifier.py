@@ -63,7 +63,7 @@ def classified(
     for plan, files in _plans(paths).items():
         if len(files) < FEWEST:
             continue
-        templates = [_template(description, data) for data in files.values()]
+        templates = [template(description, data) for data in files.values()]
         drew = simulated(templates[:TEMPLATES], np.random.default_rng(0), draws)
         rows, names = (np.array(column) for column in zip(*drew, strict=True))
         kept_back = np.arange(names.size) % KEPT_BACK == 0
@@ -111,7 +111,7 @@ def settings(data: Measurements) -> Array:
     )
 
 
-def _template(description: ModelDescription, data: Measurements) -> Template:
+def template(description: ModelDescription, data: Measurements) -> Template:
     noise = noise_of(data)
     assert noise is not None
     return Template(data, Predictor(description, data), noise)
@@ -164,7 +164,7 @@ def features(template: Template, values: Array | None = None) -> Array:
     `values` [n] stands for what the set itself observes.
     """
     data, predictor, noise = template
-    left, fitted = _beside_base(predictor, noise, data.observed if values is None else values)
+    left, fitted = beside_base(predictor, noise, data.observed if values is None else values)
     gain = np.bincount(data.group, left) / np.maximum(np.bincount(data.group), 1)
     own = (left - gain[data.group]) / noise.own_std
     _, setting = np.unique(settings(data), axis=0, return_inverse=True)
@@ -184,7 +184,7 @@ def _means(values: Array, groups: Array, count: int = 0) -> Array:
     return total / np.sqrt(np.maximum(np.bincount(groups, minlength=count), 1))
 
 
-def _beside_base(predictor: Predictor, noise: Noise, values: Array) -> tuple[Array, Array]:
+def beside_base(predictor: Predictor, noise: Noise, values: Array) -> tuple[Array, Array]:
     """What the base model leaves [n], and its parameters in prior units, by Gauss-Newton."""
     size = len(predictor.free)
     at = np.zeros(size)

@@ -40,10 +40,10 @@ def paths(tmp_path_factory):
 
 def test_the_base_model_is_fitted_before_features_are_taken(paths):
     """What the base model itself predicts leaves nothing, and its parameters come back."""
-    template = classifier._template(read_model(MODEL), read_measurements(paths[0]))
+    template = classifier.template(read_model(MODEL), read_measurements(paths[0]))
     vector = np.random.default_rng(1).normal(size=len(template.predictor.free))
     values = template.predictor.predicted((), vector[None])[0]
-    left, fitted = classifier._beside_base(template.predictor, template.noise, values)
+    left, fitted = classifier.beside_base(template.predictor, template.noise, values)
     assert np.abs(left / template.noise.own_std).max() < 0.5
     assert fitted[0] == pytest.approx(vector[0], abs=0.1)  # held by rows without voltage
 
@@ -52,7 +52,7 @@ def test_features_tell_a_gain_error_from_nothing(paths):
     """The electrode's voltage shows the whole gain, and none where none is hidden."""
     description = read_model(MODEL)
     files = [read_measurements(path) for path in paths if "all" in path.name]
-    templates = [classifier._template(description, data) for data in files]
+    templates = [classifier.template(description, data) for data in files]
     rows = np.array([classifier.features(template) for template in templates])
     witnesses_seen = len(templates[0].data.witnesses)
     fitted = len(templates[0].predictor.free)

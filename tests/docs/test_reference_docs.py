@@ -65,7 +65,7 @@ class SledgeFile(Section):
 
 
 def test_one_field_is_a_row_of_the_reference() -> None:
-    *_, table = reference._sections(SledgeFile.model_json_schema())
+    *_, table = reference.sections(SledgeFile.model_json_schema())
     assert table.splitlines()[2:] == [
         "| `speed_m_s` | number, ≥ 0 | m/s | required | how fast |",
         "| `mass_kg` | number |  | 0.5 | without the finger |",
@@ -89,7 +89,7 @@ def test_a_key_without_a_meaning_is_refused() -> None:
         speed_m_s: float = Field(ge=0.0)
 
     with pytest.raises(KeyError, match="speed_m_s"):
-        list(reference._sections(Made.model_json_schema()))
+        list(reference.sections(Made.model_json_schema()))
 
 
 def test_a_page_without_a_place_for_a_part_is_refused() -> None:

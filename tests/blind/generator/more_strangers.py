@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from .effect import Effect, log_uniform
-from .strangers import _make, _peak
+from .strangers import make, peak
 from .touch import State
 
 F_REF = 0.5  # N
@@ -61,7 +61,7 @@ def electrode_edge(state: State, knob: float, _shape: dict, _alt: bool) -> None:
 def ridge_resonance(state: State, knob: float, shape: dict, _alt: bool) -> None:
     """Attraction at twice the drive's frequency meets the rate of passing ridges: load swings."""
     passing = np.maximum(state.rows.speed, 1e-3) / shape["pitch_m"]
-    met = np.where(state.rows.v > 0, _peak(np.log(2 * state.rows.f / passing), 0.0, 0.6), 0.0)
+    met = np.where(state.rows.v > 0, peak(np.log(2 * state.rows.f / passing), 0.0, 0.6), 0.0)
     state.after.append(lambda _rows, mu, _force: mu * (1 - np.minimum(knob, 0.9) * met))
 
 
@@ -80,48 +80,48 @@ def dielectric_absorption(state: State, knob: float, _shape: dict, _alt: bool) -
 
 
 EFFECTS: list[Effect] = [
-    _make(
+    make(
         "cable_resonance",
         cable_resonance,
         (3.0, 1000.0),
         lambda rng: {"quality": log_uniform(rng, 5.0, 20.0)},
     ),
-    _make("monitor_roll_off", monitor_roll_off, (0.3, 1e4), lambda _rng: {}),
-    _make(
+    make("monitor_roll_off", monitor_roll_off, (0.3, 1e4), lambda _rng: {}),
+    make(
         "insulator_warming",
         insulator_warming,
         (0.01, 20.0),
         lambda rng: {"tau_s": log_uniform(rng, 30.0, 200.0)},
         "time_s",
     ),
-    _make("crossover_distortion", crossover_distortion, (0.001, 45.0), lambda _rng: {}),
-    _make(
+    make("crossover_distortion", crossover_distortion, (0.001, 45.0), lambda _rng: {}),
+    make(
         "amplitude_steps",
         amplitude_steps,
         (0.003, 0.8),
         lambda rng: {"place": float(rng.uniform(0.0, 1.0))},
     ),
-    _make(
+    make(
         "electroosmotic_wetting",
         electroosmotic_wetting,
         (0.01, 100.0),
         lambda rng: {"tau_s": log_uniform(rng, 20.0, 120.0)},
         "time_s",
     ),
-    _make("electrode_edge", electrode_edge, (0.01, 10.0), lambda _rng: {}, "time_s"),
-    _make(
+    make("electrode_edge", electrode_edge, (0.01, 10.0), lambda _rng: {}, "time_s"),
+    make(
         "ridge_resonance",
         ridge_resonance,
         (0.003, 0.9),
         lambda rng: {"pitch_m": float(rng.uniform(3e-4, 6e-4))},
         "speed_m_s",
     ),
-    _make(
+    make(
         "loaded_sensor_resonance",
         loaded_sensor_resonance,
         (0.003, 0.8),
         lambda rng: {"f_r": log_uniform(rng, 60.0, 600.0)},
     ),
-    _make("dielectric_absorption", dielectric_absorption, (0.01, 0.9), lambda _rng: {}, "before"),
+    make("dielectric_absorption", dielectric_absorption, (0.01, 0.9), lambda _rng: {}, "before"),
 ]
 UNFELT = {"monitor_roll_off"}  # no trace in friction, whatever the design

@@ -10,12 +10,12 @@ from .effect import Effect, log_uniform
 from .touch import CREEP_SPEED, State
 
 
-def _peak(x: np.ndarray, centre: float, width: float) -> np.ndarray:
+def peak(x: np.ndarray, centre: float, width: float) -> np.ndarray:
     return 1 / (1 + ((x - centre) / width) ** 2)
 
 
 def sensor_resonance_speed(state: State, knob: float, shape: dict, _alt: bool) -> None:
-    bump = _peak(np.log(np.maximum(state.rows.speed, CREEP_SPEED)), np.log(shape["v_r"]), 0.25)
+    bump = peak(np.log(np.maximum(state.rows.speed, CREEP_SPEED)), np.log(shape["v_r"]), 0.25)
     state.after.append(lambda _rows, mu, _force: mu * (1 + knob * bump))
 
 
@@ -27,7 +27,7 @@ def sensor_resonance_frequency(state: State, knob: float, shape: dict, _alt: boo
 
 
 def screen_resonance(state: State, knob: float, shape: dict, _alt: bool) -> None:
-    bump = np.where(state.rows.v > 0, _peak(np.log(state.rows.f), np.log(shape["f_r"]), 0.25), 0.0)
+    bump = np.where(state.rows.v > 0, peak(np.log(state.rows.f), np.log(shape["f_r"]), 0.25), 0.0)
     state.after.append(lambda _rows, mu, _force: mu * (1 + shape["sign"] * knob * bump))
 
 
@@ -51,7 +51,7 @@ def force_quantiser(state: State, knob: float, _shape: dict, _alt: bool) -> None
 def humidity_ramp(state: State, knob: float, shape: dict, _alt: bool) -> None:
     t = state.rows.time
     ramp = (t - t.min()) / max(np.ptp(t), 1.0)
-    window = _peak(np.log(state.rows.f), np.log(shape["f_m"]), 1.2)
+    window = peak(np.log(state.rows.f), np.log(shape["f_m"]), 1.2)
     off = state.finger.mu_off
     state.after.append(
         lambda rows, mu, force: mu - off * force / rows.n * np.minimum(knob * ramp * window, 0.95)
@@ -59,7 +59,7 @@ def humidity_ramp(state: State, knob: float, shape: dict, _alt: bool) -> None:
 
 
 def mains_interference(state: State, knob: float, _shape: dict, _alt: bool) -> None:
-    near = _peak(np.log(state.rows.f), np.log(50.0), 0.08) + 0.6 * _peak(
+    near = peak(np.log(state.rows.f), np.log(50.0), 0.08) + 0.6 * peak(
         np.log(state.rows.f), np.log(100.0), 0.08
     )
     near = np.where(state.rows.v > 0, near, 0.0)
@@ -88,43 +88,43 @@ def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-def _make(name, apply, knob, draw, needs="") -> Effect:
+def make(name, apply, knob, draw, needs="") -> Effect:
     return Effect(name, apply, knob, draw, lambda s, shape: {"strength": s, **shape}, needs)
 
 
 EFFECTS = [
-    _make(
+    make(
         "sensor_resonance_speed",
         sensor_resonance_speed,
         (0.003, 2.0),
         lambda rng: {"v_r": log_uniform(rng, 0.012, 0.06)},
         "speed_m_s",
     ),
-    _make(
+    make(
         "sensor_resonance_frequency",
         sensor_resonance_frequency,
         (0.003, 0.8),
         lambda rng: {"f_r": log_uniform(rng, 60.0, 2e3)},
     ),
-    _make(
+    make(
         "screen_resonance",
         screen_resonance,
         (0.003, 2.0),
         lambda rng: {"f_r": float(rng.choice([100.0, 250.0, 500.0, 1e3, 1e4])), "sign": 1.0},
     ),
-    _make("gain_drift", gain_drift, (0.01, 6.0), lambda rng: {"sign": _sign(rng)}, "time_s"),
-    _make("force_quantiser", force_quantiser, (0.003, 0.6), lambda _rng: {}),
-    _make(
+    make("gain_drift", gain_drift, (0.01, 6.0), lambda rng: {"sign": _sign(rng)}, "time_s"),
+    make("force_quantiser", force_quantiser, (0.003, 0.6), lambda _rng: {}),
+    make(
         "humidity_ramp",
         humidity_ramp,
         (0.01, 0.95),
         lambda rng: {"f_m": log_uniform(rng, 30.0, 3e4)},
         "time_s",
     ),
-    _make("mains_interference", mains_interference, (0.003, 2.0), lambda _rng: {}),
-    _make("sensor_crosstalk", sensor_crosstalk, (0.003, 0.5), lambda rng: {"sign": _sign(rng)}),
-    _make("lateral_saturation", lateral_saturation, (0.5, 12.0), lambda _rng: {}),
-    _make(
+    make("mains_interference", mains_interference, (0.003, 2.0), lambda _rng: {}),
+    make("sensor_crosstalk", sensor_crosstalk, (0.003, 0.5), lambda rng: {"sign": _sign(rng)}),
+    make("lateral_saturation", lateral_saturation, (0.5, 12.0), lambda _rng: {}),
+    make(
         "stick_slip",
         stick_slip,
         (0.01, 0.9),

@@ -91,10 +91,10 @@ class BenchControl:
         settings = SimpleNamespace(config=config)
         self.basis = SimpleNamespace(inquiry=self.inquiry, settings=settings, why=self.ask_why)
         self.targets = self
-        self._lock = threading.RLock()
-        self._tell("state", "idle")
+        self.lock = threading.RLock()
+        self.tell("state", "idle")
 
-    def _tell(self, kind, message, data=None):
+    def tell(self, kind, message, data=None):
         number, now_s = len(self.told) + 1, time.monotonic()
         self.told.append(
             Event(number=number, time_s=now_s, kind=kind, message=message, data=data or {})
@@ -106,10 +106,10 @@ class BenchControl:
     def _expire(self):
         if self.machine.armed and self._now_s() > self.machine.lease_until_s:
             self.machine.disarm()
-            self._tell("lease", "the lease ran out; output off")
+            self.tell("lease", "the lease ran out; output off")
 
     def status(self):
-        with self._lock:
+        with self.lock:
             self._expire()
             self.ticks += 1
             rendering = self.machine.state is DaemonState.RENDERING
@@ -158,24 +158,24 @@ class BenchControl:
         self._expire()
 
     def arm(self, lease_s, holder="somebody"):
-        with self._lock:
+        with self.lock:
             self._change("arm", lease_s)
             self.holders.append(holder)
             lease = self.machine.arm(self._now_s(), lease_s, holder)
-            self._tell("state", "armed")
+            self.tell("state", "armed")
             return lease
 
     def renew(self, token):
-        with self._lock:
+        with self.lock:
             self._change("renew")
             return self.machine.renew(token, self._now_s())
 
     def _render(self, token, cof, texture):
-        with self._lock:
+        with self.lock:
             self.machine.renew(token, self._now_s())
             self.machine.render(token, self._now_s())
             self.cof, self.texture = cof, texture
-            self._tell("target", texture or f"friction {cof:g}")
+            self.tell("target", texture or f"friction {cof:g}")
         return self.status()
 
     def set(self, token, cof, *, nearest=False):
@@ -193,25 +193,25 @@ class BenchControl:
         return self._render(token, None, texture)
 
     def off(self):
-        with self._lock:
+        with self.lock:
             self._change("off")
             self.machine.off()
         return self.status()
 
     def disarm(self):
-        with self._lock:
+        with self.lock:
             self._change("disarm")
             self.machine.disarm()
-            self._tell("state", "disarmed")
+            self.tell("state", "disarmed")
         return self.status()
 
     def fail(self, reason):
-        with self._lock:
+        with self.lock:
             self.machine.fault(reason)
-            self._tell("fault", reason)
+            self.tell("fault", reason)
 
     def reset(self):
-        with self._lock:
+        with self.lock:
             self._change("reset")
             if self.machine.state is not DaemonState.FAULT:
                 raise RefusedError("no_fault", "the daemon is not in fault", "nothing to reset")
@@ -219,7 +219,7 @@ class BenchControl:
         return self.status()
 
     def use_model(self, name, carrier_hz=None, *, feedback=True):
-        with self._lock:
+        with self.lock:
             self._change("use_model", name)
             if self.machine.state is not DaemonState.IDLE:
                 raise RefusedError(
@@ -256,7 +256,7 @@ class BenchControl:
 
     def mark(self, label, data):
         self._change("mark", label, dict(data))
-        self._tell("marker", label, dict(data))
+        self.tell("marker", label, dict(data))
         return Marked(number=len(self.told), time_s=self.told[-1].time_s, **dict(clock_offsets()))
 
     def textures(self):

@@ -29,7 +29,7 @@ FRICTION = 0.65
 
 
 def used() -> set[str]:
-    return {kernel.py_func.__name__ for kernel in compiled._kernels if kernel.signatures}
+    return {kernel.py_func.__name__ for kernel in compiled.KERNELS if kernel.signatures}
 
 
 def report(daemon: Daemon, state: str, late: set[str]) -> None:

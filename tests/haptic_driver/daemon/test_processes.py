@@ -17,6 +17,7 @@ from haptic_driver.daemon.address import Address
 from haptic_driver.daemon.place import Place
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.child import Child
+from tests.waiting import until
 
 LEFT_BEHIND = """
 import os, sys
@@ -132,8 +133,7 @@ def test_how_a_child_ended_is_said_in_words(tmp_path):
     child.stop()
     assert child.ended == "the painter process was killed by SIGKILL"
     failing = Child("loader", "json.tool", [str(tmp_path / "missing")])
-    failing._process.wait(30.0)
-    assert failing.ended is not None
+    until(lambda: failing.ended is not None)
     assert "the loader process ended with status" in failing.ended
     failing.stop()
 

@@ -5,6 +5,8 @@ their own wires.
 from __future__ import annotations
 
 import math
+import os
+import signal
 from contextlib import suppress
 from dataclasses import replace
 
@@ -197,7 +199,7 @@ def test_sensors_that_fall_silent_are_connected_anew(daemon, served, monkeypatch
 
 def test_a_watchdog_that_dies_is_started_again(daemon):
     before = daemon.pids["watchdog"]
-    daemon.supervisor.instruments.devices.watchdog._process.kill()
+    os.kill(before, signal.SIGKILL)
     until(lambda: daemon.status().state is DaemonState.FAULT)
     reset(daemon)
     assert daemon.pids["watchdog"] != before

@@ -43,6 +43,7 @@ class Bench:
     """
 
     def __init__(self, settings):
+        self.settings = settings
         self.shared = SharedState()
         self.now_s = 1000.0
         self.renderer = Renderer(settings, self.shared, clock=lambda: self.now_s)
@@ -329,7 +330,7 @@ def test_every_tick_leaves_one_sample(bench):
     last = samples[-1]
     assert last["speed_m_s"] == pytest.approx(0.05, rel=1e-3)
     assert last["measured_cof"] == pytest.approx(0.3 / 0.5)
-    latency_s = bench.renderer._settings.tick.finger.output_latency_s
+    latency_s = bench.settings.tick.finger.output_latency_s
     assert last["output_x_m"] - last["position_x_m"] == pytest.approx(0.05 * latency_s, rel=1e-2)
 
 
@@ -428,7 +429,7 @@ from haptic_driver.render.texture import FrictionMap, Placed, Profile, Waves
 from tests.haptic_driver.daemon.test_render_process import Bench, story
 
 def forms():
-    return [len(kernel.signatures) for kernel in compiled._kernels]
+    return [len(kernel.signatures) for kernel in compiled.KERNELS]
 
 settings = pickle.load(sys.stdin.buffer)
 Renderer(settings, SharedState()).warm_up()

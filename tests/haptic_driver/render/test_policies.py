@@ -144,9 +144,9 @@ def test_no_kernel_reads_what_the_folder_of_machine_code_is_not_named_by():
     """Policies may change without a word to the cache, so no compiled function may use one."""
     read = {
         (kernel.__name__, name)
-        for kernel in compiled._kernels
+        for kernel in compiled.KERNELS
         for name in kernel.py_func.__code__.co_names
         if getattr(kernel.py_func.__globals__.get(name), "__module__", "").endswith(".policies")
     }
-    assert compiled._kernels
+    assert compiled.KERNELS
     assert read == set()

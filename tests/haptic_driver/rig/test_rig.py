@@ -73,11 +73,12 @@ class Heart:
 class Bench:
     """A rig on a generator in memory; settings reach the terminals at once."""
 
-    def __init__(self, config, enable=True, monitor=True, **options):
+    def __init__(self, config, enable=True, monitor=True, wire=Heard, **options):
+        self.config = config
         self.amplifier = TrippingAmplifier(100.0, 700.0, enabled=not enable)
         self.generator = Simulated33220A(IMMEDIATE, listener=self.amplifier.drive)
         self.faults = FaultyInstrument(self.generator)
-        self.wire = Heard(self.faults)
+        self.wire = wire(self.faults)
         self.sensor = BreakableSensor()
         line = self.amplifier if enable else None
         self.monitor = Monitor(self.amplifier)
@@ -458,7 +459,7 @@ def test_hearts_hear_from_a_rig_between_two_touches(rig_config):
     """
     heart = Heart()
     bench = Bench(rig_config, heartbeats=[heart])
-    interval_s = bench.rig._safety.beat_interval_s
+    interval_s = bench.config.safety.beat_interval_s
     bench.rig.command(0.0, on(60.0))
     bench.rig.command(0.1, OFF)
     beats, rests = heart.beats, heart.rests
@@ -767,9 +768,8 @@ class Dropped(Heard):
 
 
 @pytest.fixture
-def dropping(bench):
-    bench.wire = Dropped(bench.faults)
-    bench.rig._generator._dialogue._transport._responder = bench.wire
+def dropping(rig_config):
+    bench = Bench(rig_config, wire=Dropped)
     bench.rig.command(0.0, on(60.0))
     assert bench.voltage_v > 50.0
     return bench
@@ -855,8 +855,8 @@ def test_closing_over_a_link_with_errors_of_its_own_does_not_raise(dropping):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_more_current_than_the_amplifier_may_give_is_a_trip(bench, monkeypatch, sign):
     bench.rig.command(0.0, on(80.0))
-    limit_a = bench.rig._config.amplifier.current_limit_a
-    reading_v = sign * limit_a * bench.rig._config.amplifier.current_monitor_v_per_a
+    limit_a = bench.config.amplifier.current_limit_a
+    reading_v = sign * limit_a * bench.config.amplifier.current_monitor_v_per_a
     monkeypatch.setattr(bench.amplifier.current_monitor, "read_v", lambda: 0.99 * reading_v)
     bench.rig.hold(0.3)
     assert bench.rig.state is RigState.ON
@@ -959,7 +959,7 @@ def test_who_switches_on_stops_at_the_next_step_after_somebody_switches_off(
 def test_a_set_point_after_somebody_has_switched_off_is_not_sent(bench, monkeypatch):
     bench.rig.command(0.0, on(80.0))
     withdrawing = Withdrawing(bench, monkeypatch, "check")
-    bench.rig.command(1e-3 + bench.rig._interval_s, on(81.0))
+    bench.rig.command(1e-3 + bench.config.output.setpoint_interval_s, on(81.0))
     withdrawing.thread.join()
     assert withdrawing.steps == []
     assert bench.rig.state is RigState.OFF

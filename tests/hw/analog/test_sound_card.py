@@ -43,7 +43,7 @@ def test_blocks_come_out_scaled_in_order_on_their_channel() -> None:
     played = np.concatenate((first, second))
     assert played[:, 1].tolist() == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5, 0.5, 0.5, 0.5])
     assert played[:, 0].tolist() == [0.0] * 8
-    assert OutputStream.newest._state == "closed"
+    assert OutputStream.newest.state == "closed"
 
 
 def test_running_dry_keeps_the_last_sample_for_a_moment_then_gives_zero_and_is_reported() -> None:
@@ -185,7 +185,7 @@ def test_another_rate_of_the_cards_is_refused_and_left(monkeypatch: pytest.Monke
     output = card()
     with pytest.raises(InstrumentRejected, match="44100 samples/s where 48000"):
         output.open()
-    assert OutputStream.newest._state == "closed"
+    assert OutputStream.newest.state == "closed"
 
 
 def test_latency_is_that_of_the_open_stream(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ class PortAudioError(Exception):
 class OutputStream:
     """What is used of sounddevice.OutputStream; `pull` is what PortAudio's thread does."""
 
-    __slots__ = ("_callback", "_channels", "_state", "device", "latency", "samplerate")
+    __slots__ = ("_callback", "_channels", "device", "latency", "samplerate", "state")
     devices = ("DAC",)
     channels_there = (2,)  # how many a stream may be opened with
     got_rate_hz, got_latency_s = 48e3, 0.02
@@ -38,23 +38,23 @@ class OutputStream:
             raise ValueError(f"No output device matching {device!r}")
         if channels not in self.channels_there:
             raise PortAudioError("Invalid number of channels", -9998)
-        self._callback, self._channels, self._state = callback, channels, "new"
+        self._callback, self._channels, self.state = callback, channels, "new"
         self.samplerate, self.latency = self.got_rate_hz, self.got_latency_s
         OutputStream.newest = self
 
     @property
     def active(self) -> bool:
-        return self._state == "started"
+        return self.state == "started"
 
     def start(self) -> None:
-        self._state = "started"
+        self.state = "started"
 
     def abort(self) -> None:
-        self._state = "aborted"
+        self.state = "aborted"
 
     def close(self) -> None:
-        assert self._state == "aborted"
-        self._state = "closed"
+        assert self.state == "aborted"
+        self.state = "closed"
 
     def pull(self, frames: int, *, underflow: bool = False) -> np.ndarray[Any, Any]:
         out = np.full((frames, self._channels), np.nan, dtype=np.float32)

@@ -49,13 +49,13 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         serial_number: str = "SIM0001",
         pending_checks: int = 0,
     ) -> None:
-        self._core = core
+        self.core = core
         self._vendor_id, self._product_id, self._serial_number = (
             vendor_id,
             product_id,
             serial_number,
         )
-        self._pending_checks = pending_checks
+        self.pending_checks = pending_checks
         self.resource = f"USB0::0x{vendor_id:04X}::0x{product_id:04X}::{serial_number}::0::INSTR"
         self.violations: list[str] = []
         self._changed = threading.Condition()
@@ -98,25 +98,25 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         """
         self._generation = getattr(self, "_generation", 0) + 1
         self._command = bytearray()  # of a message whose end has not come
-        self._answers = bytearray()
+        self.answers = bytearray()
         self._request: tuple[int, int] | None = None  # tag and size that the host asked for
         self._transfer: bytearray | None = None  # what is left of the transfer on Bulk-IN
         self._interrupts: list[bytes] = []
         self._last_tag = 0
-        self._halted = False
+        self.halted = False
         self._checks_left = 0
 
     def _work(self) -> None:
         while (item := self._messages.get()) is not None:
             generation, message = item
             try:
-                answer = self._core.handle(message)
+                answer = self.core.handle(message)
             except Disconnect:
                 self.replug()
                 continue
             with self._changed:
                 if generation == self._generation:
-                    self._answers += answer
+                    self.answers += answer
                     self._changed.notify_all()
 
     # --- bulk and interrupt transfers
@@ -127,12 +127,12 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         with self._changed:
             self._check(dev_handle)
             transfer = bytes(data)
-            if self._halted:
+            if self.halted:
                 raise _usb_error(errno.EPIPE)
             problem = self._problem(transfer)
             if problem is not None:
                 self.violations.append(problem)
-                self._halted = True
+                self.halted = True
                 raise _usb_error(errno.EPIPE)
             self._take(transfer)
             return len(transfer)
@@ -161,7 +161,7 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
             self._request = (self._last_tag, size)
             self._changed.notify_all()
             return
-        self._answers.clear()  # a new message interrupts an answer that was not fetched
+        self.answers.clear()  # a new message interrupts an answer that was not fetched
         self._command += b"*TRG" if kind == 128 else transfer[_HEADER.size : _HEADER.size + size]
         if kind == 128 or attributes & 1:
             message = bytes(self._command)
@@ -183,12 +183,12 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
             return self._packets(buff)
 
     def _begin_transfer(self) -> bool:
-        if self._request is None or not self._answers:
+        if self._request is None or not self.answers:
             return False
         (tag, size), self._request = self._request, None
-        payload = bytes(self._answers[:size])
-        del self._answers[:size]
-        self._transfer = bytearray(self.reply(tag, payload, last=not self._answers))
+        payload = bytes(self.answers[:size])
+        del self.answers[:size]
+        self._transfer = bytearray(self.reply(tag, payload, last=not self.answers))
         return True
 
     def reply(self, tag: int, payload: bytes, *, last: bool) -> bytes:
@@ -226,7 +226,7 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         with self._changed:
             self._check(dev_handle)
             if ep == BULK_OUT:
-                self._halted = False
+                self.halted = False
 
     # --- control requests
     # ----------------------------------------------------------------------------------
@@ -297,7 +297,7 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
     def _interface_request(self, request: int) -> bytes | None:
         if request == 5:
             self._forget()
-            self._halted = True
+            self.halted = True
             return self._initiated(0, True)[:1]
         answers = {
             7: _CAPABILITIES,
@@ -306,7 +306,7 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         return bytes([self._check_status(), 0]) if request == 6 else answers.get(request)
 
     def _initiated(self, tag: int, underway: bool) -> bytes:
-        self._checks_left = self._pending_checks
+        self._checks_left = self.pending_checks
         return bytes([_SUCCESS if underway else _NOT_IN_PROGRESS, tag])
 
     def _check_status(self) -> int:
@@ -317,7 +317,7 @@ class SimulatedUsbBackend(usb.backend.IBackend):  # type: ignore[misc]  # pyusb 
         """READ_STATUS_BYTE of USB488: the value comes on the interrupt endpoint."""
         if not 2 <= tag <= 127:
             raise _usb_error(errno.EPIPE)
-        status = int(self._core.handle(b"*STB?\n"))
+        status = int(self.core.handle(b"*STB?\n"))
         with self._changed:
             self._interrupts.append(bytes([tag | 0x80, status]))
         return bytes([_SUCCESS, tag, 0])

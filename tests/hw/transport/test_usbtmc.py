@@ -186,7 +186,7 @@ def test_a_malformed_reply_is_refused_and_the_next_is_right(
 def test_a_message_that_never_ends_is_refused() -> None:
     class Babble(SpyingBackend):
         def reply(self, tag: int, payload: bytes, *, last: bool) -> bytes:
-            self._answers += b"more"
+            self.answers += b"more"
             return super().reply(tag, payload, last=False)
 
     with Babble(Echo()) as babble:
@@ -208,9 +208,9 @@ def test_an_answer_in_many_transfers_is_one_line(
         part = next(parts)
         ended = part.endswith(b"\n")
         if not ended:
-            backend._answers += b"."  # there is more to ask for
+            backend.answers += b"."  # there is more to ask for
         else:
-            backend._answers.clear()
+            backend.answers.clear()
         header = reply[:4] + struct.pack("<IBxxx", len(part), ended)
         return header + part + bytes(-len(part) % 4)
 
@@ -241,13 +241,13 @@ def test_a_device_that_stays_pending_is_claimed_afresh_or_reported(backend: Spyi
     slept: list[float] = []
     transport = UsbTmcTransport(0x0957, 0x0407, backend=backend, sleep=slept.append)
     transport.open()
-    backend._pending_checks = 10**9
+    backend.pending_checks = 10**9
     with pytest.raises(DeviceTimeout):
         transport.query(b"SILENCE\n", 0.05)
     with pytest.raises(BadReply, match="still pending"):
         transport.query(b"?x\n", 5.0)
     assert len(slept) <= 200
-    backend._pending_checks = 0
+    backend.pending_checks = 0
     assert transport.query(b"?x\n", 5.0) == b"x"
     transport.close()
 
@@ -281,13 +281,13 @@ def test_a_timeout_in_the_middle_of_a_long_command_drops_what_was_taken(
         transport.write(b"?" + b"z" * 100_000 + b"\n")
     backend.bulk_write = write  # type: ignore[method-assign]
     assert transport.query(b"?short\n", 5.0) == b"short"
-    assert backend._core.heard == [b"?short\n"]  # half a command is never carried out
+    assert backend.core.heard == [b"?short\n"]  # half a command is never carried out
 
 
 def test_a_halted_endpoint_is_refused_and_cleared(
     transport: UsbTmcTransport, backend: SpyingBackend
 ) -> None:
-    backend._halted = True
+    backend.halted = True
     with pytest.raises(BadReply, match="refusal"):
         transport.query(b"?x\n", 5.0)
     assert transport.query(b"?y\n", 5.0) == b"y"
@@ -529,13 +529,13 @@ class Siglent(SpyingBackend):
     """
 
     def _begin_transfer(self) -> bool:
-        if self._request is None or not self._answers:
+        if self._request is None or not self.answers:
             return False
         (tag, _), self._request = self._request, None
-        more = len(self._answers) > 52
-        announced, sent = (52, 56) if more else (len(self._answers), len(self._answers))
-        payload = bytes(self._answers[:sent])
-        del self._answers[:sent]
+        more = len(self.answers) > 52
+        announced, sent = (52, 56) if more else (len(self.answers), len(self.answers))
+        payload = bytes(self.answers[:sent])
+        del self.answers[:sent]
         if not more and self.began:
             announced, payload = len(payload) + 4, payload + bytes(4)
         self.began = more

@@ -280,8 +280,8 @@ def test_notes_and_markers_are_among_the_events(page, control):
 
 
 def test_every_flag_has_a_meaning_and_says_since_when(page, control):
-    control._tell("flag", "overrun")
-    control._tell("flag", "overrun")
+    control.tell("flag", "overrun")
+    control.tell("flag", "overrun")
     control.flags = Flag(2**32 - 1).names()
     expect(page.locator("#flags li")).to_have_count(len(control.flags))
     said = page.locator("#flags li").all_inner_texts()
@@ -443,12 +443,12 @@ def test_a_lost_connection_does_not_look_alive_and_comes_back(page, served):
 
 def test_silence_on_an_open_connection_is_a_lost_one(page, control):
     text(page, "#state", "IDLE")
-    control._lock.acquire()  # the API goes on, but has nothing to say
+    control.lock.acquire()  # the API goes on, but has nothing to say
     try:
         text(page, "#link", "connection lost")
         text(page, "#state", "UNKNOWN")
     finally:
-        control._lock.release()
+        control.lock.release()
     text(page, "#link", "connected")
 
 
@@ -494,10 +494,10 @@ def test_a_model_that_somebody_has_chosen_stays_chosen_when_the_link_comes_back(
     """
     page.select_option("#model", "other")
     page.evaluate("document.querySelector('#model').options[0].dataset.before = ''")
-    control._lock.acquire()
+    control.lock.acquire()
     try:
         text(page, "#link", "connection lost")
     finally:
-        control._lock.release()
+        control.lock.release()
     expect(page.locator("#model option[data-before]")).to_have_count(0)
     expect(page.locator("#model")).to_have_value("other")
