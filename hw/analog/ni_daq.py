@@ -38,6 +38,7 @@ _RAN_DRY = {
     -200016,
 }  # no regeneration; buffer, FIFO and DAC underflow
 _POLL_S = 1e-3
+_LINE_TIMEOUT_S = 0.5
 _READ_BACK = 50  # single looks, at no multiple of a carrier's period
 _AS_THE_CARD_SAYS = "write down in the rig's file what the card makes of it"
 _RATE_SHORTFALL = 0.01  # the highest carrier, NYQUIST_SHARE of the rate, leaves more room than that
@@ -394,9 +395,8 @@ class NiAnalogInput:
 class _NiLine(ABC):
     """One digital line, taken by `open` or the first use."""
 
-    def __init__(self, line: str, *, timeout_s: float = 0.5) -> None:
+    def __init__(self, line: str) -> None:
         self.resource = line
-        self._timeout_s = timeout_s
         self._lock = threading.Lock()
         self._task: Any = None
 
@@ -408,7 +408,7 @@ class _NiLine(ABC):
     def read(self) -> bool:
         """Return the level that is on the line. Raises DeviceError."""
         with self._taken() as task:
-            return bool(task.read(timeout=self._timeout_s))
+            return bool(task.read(timeout=_LINE_TIMEOUT_S))
 
     def close(self) -> None:
         """Release the line, which keeps its level; never fails."""
@@ -450,7 +450,7 @@ class NiDigitalOutput(_NiLine):
     def write(self, value: bool, /) -> None:
         """Set the line. Raises DeviceError."""
         with self._taken() as task:
-            task.write(bool(value), auto_start=True, timeout=self._timeout_s)
+            task.write(bool(value), auto_start=True, timeout=_LINE_TIMEOUT_S)
 
     def _add(self, task: Any) -> None:
         task.do_channels.add_do_chan(self.resource)

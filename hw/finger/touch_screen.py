@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 # struct input_event and codes of linux/input.h and linux/input-event-codes.h
 _EVENT = struct.Struct("@llHHi")  # seconds, microseconds, type, code, value
 _READ_BYTES = 256 * _EVENT.size
+_STILL_AFTER_S = 0.05  # several report intervals of a screen
 _SYNC, _KEY, _ABSOLUTE = 0x00, 0x01, 0x03
 _SYNC_REPORT, _SYNC_DROPPED = 0, 3
 _KEY_TOUCH = 0x14A
@@ -338,7 +339,7 @@ class TouchReports:
 class TouchScreen:
     """A touch screen as a finger tracker: its reports in metres.
 
-    A finger at rest causes no events, so after `still_after_s` without any (several report
+    A finger at rest causes no events, so after 50 ms without any (several report
     intervals of the screen) a reading says that the place is true now.
     """
 
@@ -347,12 +348,10 @@ class TouchScreen:
         reports: TouchReports,
         calibration: TouchCalibration,
         *,
-        still_after_s: float = 0.05,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.calibration = calibration
         self._reports = reports
-        self._still_after_s = still_after_s
         self._clock = clock
         self._told_s = -math.inf
 
@@ -362,7 +361,7 @@ class TouchScreen:
         """
         touch, now_s = self._reports.read(), self._clock()
         self._told_s = max(
-            self._told_s, now_s if now_s - touch.time_s > self._still_after_s else touch.time_s
+            self._told_s, now_s if now_s - touch.time_s > _STILL_AFTER_S else touch.time_s
         )
         if touch.time_s == -math.inf:
             return FingerReading(self._told_s, math.nan, math.nan, False)

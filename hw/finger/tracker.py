@@ -19,6 +19,8 @@ from hw.transport.running import Running
 
 Array = NDArray[np.float64]
 
+STALE_AFTER_S = 0.2
+
 
 class FingerReading(NamedTuple):
     """One reading: when the position was true (CLOCK_MONOTONIC), the position in screen
@@ -57,14 +59,13 @@ class StageFinger(Running):
         origin_m: tuple[float, float],
         direction: tuple[float, float] = (1.0, 0.0),
         interval_s: float = 0.005,
-        stale_after_s: float = 0.2,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         if not abs(math.hypot(*direction) - 1.0) < 1e-3:
             raise ValueError(f"stage direction {direction} must be a unit vector")
         self._read_status = read_status
         self._origin_m, self._direction = origin_m, direction
-        self._interval_s, self._stale_after_s = interval_s, stale_after_s
+        self._interval_s = interval_s
         self._clock = clock
         self._newest: StageStatus | None = None
         self._error: DeviceError | None = None
@@ -88,9 +89,9 @@ class StageFinger(Running):
         if self._error is not None:
             raise type(self._error)(self._error.message, self._error.hint) from self._error
         status = self._newest
-        if status is None or self._clock() - status.time_s > self._stale_after_s:
+        if status is None or self._clock() - status.time_s > STALE_AFTER_S:
             raise DeviceTimeout(
-                f"the stage has told no position for {self._stale_after_s:g} s",
+                f"the stage has told no position for {STALE_AFTER_S:g} s",
                 "start it; try again",
             )
         if not status.homed:

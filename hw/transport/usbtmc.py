@@ -82,7 +82,7 @@ class UsbTmcTransport(Transport):
         self._interrupted: Callable[[float], None] | None = None
 
     @classmethod
-    def from_resource(cls, resource: str, *, backend: Any = None) -> UsbTmcTransport:
+    def from_resource(cls, resource: str) -> UsbTmcTransport:
         """Build from `USB0::vendor::product[::serial][::interface]::INSTR`, ids decimal or 0x...;
         or ValueError.
 
@@ -93,9 +93,7 @@ class UsbTmcTransport(Transport):
             raise ValueError(
                 f"{resource!r} is not of the form USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR"
             )
-        return cls(
-            int(match["vendor"], 0), int(match["product"], 0), match["serial"], backend=backend
-        )
+        return cls(int(match["vendor"], 0), int(match["product"], 0), match["serial"])
 
     # --- finding and claiming
     # ------------------------------------------------------------------------------
