@@ -1,3 +1,1 @@
-"""What every room uses and no physics is in: errors, files and tables of a user, compiled code and
-its cache.
-"""
+"""What every room uses and no physics is in: errors, files and tables of a user, compiled code."""

@@ -15,8 +15,10 @@ from pydantic import Field, FiniteFloat
 
 from haptic_driver.client import HapticClient
 from haptic_driver.config import Checked
-from haptic_driver.daemon.verbs import Leased, Request, Verbs
+from haptic_driver.daemon.verbs import Leased, Request, Verb, Verbs
 from haptic_driver.errors import BadInputError
+from hw.errors import DeviceTimeout
+from model.support.errors import ModelError
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
@@ -106,3 +108,24 @@ def test_what_is_out_of_range_is_refused_in_the_same_words_everywhere(socket, ha
     assert (done.status, done.said["error"]["message"]) == (2, said)
     with httpx.Client(transport=httpx.HTTPTransport(uds=str(socket)), base_url="http://h") as http:
         assert http.post("/push", json={"force_n": 3.0}).json()["error"]["message"] == said
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "code"),
+    [
+        (DeviceTimeout("the generator is silent", "look at it"), 409, "device_timeout"),
+        (ModelError("skin is missing", "give it"), 422, "bad_model"),
+    ],
+)
+def test_what_fails_beneath_is_told_with_its_own_code(monkeypatch, tmp_path, error, status, code):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(Verbs, "push", Verb("POST", "/push", Push, Pushed, fail, ""), raising=False)
+    with serving(BenchControl(), tmp_path):
+        transport = httpx.HTTPTransport(uds=str(tmp_path / "d.sock"))
+        with httpx.Client(transport=transport, base_url="http://h") as http:
+            answer = http.post("/push", json={"force_n": 0.5})
+    assert answer.status_code == status
+    assert answer.json()["error"] == error.content
+    assert error.code == code
