@@ -1,11 +1,11 @@
-"""What can go wrong (`haptic_base.errors`), and what the driver asks of values and packages."""
+"""What can go wrong, and what the driver asks of values and packages."""
 
 from __future__ import annotations
 
 import importlib
 from typing import Any
 
-from haptic_base.errors import BadInputError, HapticError, message_of, shown
+from haptic_driver.base.errors import BadInputError, HapticError, message_of, shown
 
 __all__ = ["BadInputError", "HapticError", "message_of", "optional", "require_range", "shown"]
 

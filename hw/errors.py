@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from haptic_base.errors import HapticError
+from haptic_driver.base.errors import HapticError
 
 
 class DeviceError(HapticError):

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("haptic_base", "haptic_driver", "model", "hw")
+PACKAGES = ("haptic_driver", "model", "hw")
 SOURCES = (*PACKAGES, "configs")
 BUILD_FILES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE")
 

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 from numba.extending import register_jitable
 
-from haptic_base.cache import code_cache
+from haptic_driver.base.cache import code_cache
 from haptic_driver.signals import Array
 
 F = TypeVar("F", bound=Callable[..., object])

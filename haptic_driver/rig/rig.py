@@ -370,7 +370,9 @@ class Rig:
                 error.code, f"{error.message} (output: {evidence})", error.hint
             ) from error
         except HapticError:
-            raise  # a trip, which has switched off
+            if self.state is not RigState.TRIPPED:  # a trip has switched off already
+                self.off()
+            raise
         except Exception as error:  # of a library that has errors of its own
             evidence = self.off()
             said = f"{type(error).__name__}: {error} (output: {evidence})"

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_base.cache import cache_dir
+from haptic_driver.base.cache import cache_dir
 from model.contact import resolution
 from model.contact.gap_integrals import TableArrays
 from model.contact.resolution import (

@@ -16,7 +16,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-from haptic_base.cache import code_cache
+from haptic_driver.base.cache import code_cache
 
 F = TypeVar("F", bound=Callable[..., object])
 

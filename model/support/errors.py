@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from difflib import get_close_matches
 
-from haptic_base.errors import BadInputError
+from haptic_driver.base.errors import BadInputError
 
 
 class ModelError(BadInputError, ValueError):

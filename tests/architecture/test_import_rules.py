@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("haptic_base", "haptic_driver", "model", "hw")
+PACKAGES = ("haptic_driver", "model", "hw")
 
 FORBIDDEN = [  # rule, file, import that must break it
-    ("the-base-stands-alone", "haptic_base/errors.py", "import hw.errors"),
-    ("the-base-stands-alone", "haptic_base/cache.py", "import numpy"),
+    ("the-base-stands-alone", "haptic_driver/base/errors.py", "import hw.errors"),
+    ("the-base-stands-alone", "haptic_driver/base/cache.py", "import numpy"),
     ("model-knows-no-devices", "model/solver.py", "import hw.amplifier.analog"),
     ("model-knows-no-devices", "model/solver.py", "import haptic_driver.errors"),
     ("the-model-reads-forward", "model/solver.py", "import model.touch_model"),

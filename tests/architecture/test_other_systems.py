@@ -12,7 +12,7 @@ import builtins, os, pkgutil, signal, socket, sys
 from importlib import import_module
 
 imported = builtins.__import__
-OURS = ("haptic_base", "model", "hw", "haptic_driver")
+OURS = ("model", "hw", "haptic_driver")
 LINUX = {"fcntl", "resource", "termios", "tty", "pwd", "evdev"}
 
 def elsewhere(name, globals=None, *rest, **named):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("haptic_base", "model", "hw", "haptic_driver")
+PACKAGES = ("model", "hw", "haptic_driver")
 COMMANDS = ROOT / "haptic_driver" / "cli"  # a command has as many parameters as it has options
 MOST_PARAMETERS = 8
 TOP = {"errors", "files", "signals", "limits", "config", "client"}

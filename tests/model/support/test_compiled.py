@@ -23,7 +23,9 @@ def package(tmp_path) -> Path:
     (folder / "support").mkdir(parents=True)
     for name in ("__init__.py", "support/__init__.py", "support/compiled.py"):
         shutil.copy(SOURCES / name, folder / name)
-    shutil.copytree(SOURCES.parent / "haptic_base", tmp_path / "haptic_base")
+    (tmp_path / "haptic_driver").mkdir()
+    shutil.copy(SOURCES.parent / "haptic_driver" / "__init__.py", tmp_path / "haptic_driver")
+    shutil.copytree(SOURCES.parent / "haptic_driver" / "base", tmp_path / "haptic_driver" / "base")
     (folder / "constant.py").write_text("FACTOR = 2.0\n")
     (folder / "user.py").write_text(
         "from model.support.compiled import kernel\nfrom model.constant import FACTOR\n\n\n"

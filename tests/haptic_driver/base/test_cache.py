@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_base.cache import cache_dir, code_cache
+from haptic_driver.base.cache import cache_dir, code_cache
 
 
 def test_environment_decides_in_this_order(monkeypatch, tmp_path) -> None:

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from haptic_base.errors import BadInputError, HapticError, message_of
+from haptic_driver.base.errors import BadInputError, HapticError, message_of
 from haptic_driver.client import NoDaemonError
 from haptic_driver.daemon.messages import RefusedError
 from hw.errors import DeviceDisconnected, DeviceError
 from model.support.errors import ModelError, RowError
 
-ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("haptic_base", "haptic_driver", "model", "hw")
+ROOT = Path(__file__).resolve().parents[3]
+PACKAGES = ("haptic_driver", "model", "hw")
 BUILT_IN = {"Exception", "ValueError", "RuntimeError", "OSError", "KeyError", "TypeError"}
 # A simulated instrument answers `ScpiError`; the others are caught where they arise.
 ROOTS = {"HapticError", "ScpiError", "Withdrawn", "_Closed"}
