@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from haptic_driver.daemon.messages import AgreementCell
 
 SIGNS = ((0.05, "▲", "▼"), (0.02, "+", "-"), (0.0, "·", "·"))  # of friction: from so much off on
+Verbose = Annotated[bool, Option("--verbose", help="Say the whole status.")]
 POLL_S = 0.1
 ALREADY = "armed already"
 ON_OFF = ("on", "off")
@@ -116,14 +117,21 @@ def command_of(verb: Verb[..., Any, Any]) -> Callable[..., None]:
     fields = verb.schema.model_fields.items()
     parameters = [_parameter(name, field, metavars) for name, field in fields]
 
-    def run(socket: str | None, as_json: bool, **said: Any) -> None:
+    def run(socket: str | None, as_json: bool, verbose: bool = True, **said: Any) -> None:
         said = {name: said[name] == "on" if said[name] in ON_OFF else said[name] for name in said}
         with client_of(socket) as client:
             token = _token(client.address) if isinstance(verb, Leased) else ""
-            answer = client.ask(verb, said, token)
-        show(as_json, answer)
+            try:
+                answer = client.ask(verb, said, token)
+            except BadInputError as refused:
+                if "nearest" in said and refused.code == "unreachable":
+                    refused.hint += ": --nearest"
+                raise
+        show(as_json, answer, in_short=not verbose)
 
-    of_all = (("socket", SocketOption, None), ("as_json", Json, False))
+    of_all = [("socket", SocketOption, None), ("as_json", Json, False)]
+    if verb.answer is Status and verb.method == "POST":
+        of_all.append(("verbose", Verbose, False))
     parameters += [
         Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
         for name, kind, default in of_all
@@ -161,12 +169,12 @@ def _parameter(name: str, field: FieldInfo, metavars: Iterator[str]) -> Paramete
     return Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
 
 
-def show_status(status: Status) -> None:
-    """The status for a person."""
-    said = Text(str(status))
+def show_status(status: Status, *, in_short: bool = False) -> None:
+    """The status for a person; `in_short` in one line."""
+    said = Text(status.in_short() if in_short else str(status))
     said.highlight_regex(r"(?<=output )(ON|UNKNOWN)|fault:", "bold red")
     stdout.print(said)
-    for line in agreement_lines(status):
+    for line in () if in_short else agreement_lines(status):
         stdout.print(Text(f"  {line}"))
 
 
@@ -194,13 +202,16 @@ def _sign(share: float) -> str:
     )
 
 
-def show(as_json: bool, answer: BaseModel) -> None:
-    """What the daemon answered, to a person or as JSON."""
-    report(as_json, answer.model_dump(mode="json"), lambda: _said(answer))
+def show(as_json: bool, answer: BaseModel, *, in_short: bool = False) -> None:
+    """What the daemon answered, to a person or as JSON; a status `in_short` in one line."""
+    report(as_json, answer.model_dump(mode="json"), lambda: _said(answer, in_short))
 
 
-def _said(answer: BaseModel) -> None:
-    show_status(answer) if isinstance(answer, Status) else stdout.print(str(answer))
+def _said(answer: BaseModel, in_short: bool) -> None:
+    if isinstance(answer, Status):
+        show_status(answer, in_short=in_short)
+    else:
+        stdout.print(str(answer))
 
 
 def client_of(socket: str | None) -> HapticClient:

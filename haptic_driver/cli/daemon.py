@@ -12,8 +12,8 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
-from haptic_driver.daemon.address import Address
+from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stderr, stdout
+from haptic_driver.daemon.address import Address, listen
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.started import start_thread
 
@@ -79,13 +79,6 @@ def run(
 
     Example: `haptic daemon run --rig simulated --port 8470`
     """
-    from haptic_driver.daemon.quiet_log import OncePerSecond, Printable  # noqa: PLC0415
-    from haptic_driver.daemon.run import (  # noqa: PLC0415  (the web server is slow to import)
-        Links,
-        run_daemon,
-    )
-    from hw.dropping_log import DroppingHandler  # noqa: PLC0415
-
     address = Address.of(socket)
     place = address.path
     if place is None:
@@ -94,6 +87,15 @@ def run(
             f"a daemon does not listen at {address}",
             "Give a path as --socket, and --port",
         )
+    if port is not None:
+        listen(port).close()  # one that is taken is told now, not after seconds
+    stderr.print(f"starting rig {rig}; it takes some seconds")
+    from haptic_driver.daemon.quiet_log import OncePerSecond, Printable  # noqa: PLC0415
+    from haptic_driver.daemon.run import (  # noqa: PLC0415  (the web server is slow to import)
+        Links,
+        run_daemon,
+    )
+    from hw.dropping_log import DroppingHandler  # noqa: PLC0415
 
     def announce(socket: Path, page: str | None) -> None:
         said = partial(

@@ -34,10 +34,12 @@ from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
+from model.diagnosis.where import ALARM
 from model.diagnosis.workflow import diagnose as run
 from model.effects.learned import LEARNED
 from model.planning.resolution import Resolution, resolution
 from model.planning.separation import APART
+from model.reporting.page import gap_said, sentence
 from model.reporting.report import write_report
 from model.support.reading import read_text
 from model.support.tables import BadRowsError
@@ -230,13 +232,14 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
             "verdict: ", (found["verdict"], "bold"), still, f": {'; '.join(found['reasons'])}"
         )
     )
+    stdout.print(sentence(found))
     for said in found["learned"]["words"] if found["learned"] else ():
         stdout.print(f"  {said}")
     for effect in found["effects"]:
         if effect["name"] == LEARNED:  # no cause and no name: its values are in the model's file
             continue
         values = ", ".join(
-            f"{name} = {p['value']:.3g} ± {p['std']:.2g} {p['unit']}"
+            f"{name} = {p['value']:.3g} ± {p['std']:.2g} {_unit(p)}".rstrip()
             for name, p in effect["parameters"].items()
         )
         stdout.print(f"  {effect['name']}: probability {effect['probability']:.3f}; {values}")
@@ -248,15 +251,15 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
     for row in found["alternatives"][:5]:
         table.add_row(row["name"], f"{row['probability']:.3g}")
     stdout.print(table)
-    for region in found["where"][:3]:
+    for region in [r for r in found["where"][:3] if r["p_value"] < ALARM]:
         said = f"p = {region['p_value']:.2g}, sign {region['sign']:+d}"
         stdout.print(f"  disagrees at {place(region)}: {said}")
     fit = found["fit"]
     if fit["gap_closed"] is not None:
         held = fit["held_out_chi2_per_point"]
         stdout.print(
-            f"held out: {held['before']:.2f} -> {held['after']:.2f} per point (1 is noise), "
-            f"gap closed {fit['gap_closed']:.0%}"
+            f"held out: {held['before']:.2f} -> {held['after']:.2f} per point (1 is noise);"
+            f" the new model {gap_said(fit['gap_closed'])}"
         )
     for warning in found.get("warnings", []):
         stdout.print(f"warning: {warning}")
@@ -287,3 +290,8 @@ def once_more(plan: Path, given: Sequence[Path], model: str, out: Path) -> str:
     measure = ["haptic", "measure", "--rig", rig, "--plan", str(plan), "--out", str(measured)]
     diagnose = ["haptic", "diagnose", str(given[0]), *also, "--model", model, "--out", str(out)]
     return f"{shlex.join(measure)} && \\\n  {shlex.join(diagnose)}"
+
+
+def _unit(parameter: Mapping[str, Any]) -> str:
+    """A pure number has none."""
+    return "" if parameter["unit"] == "1" else str(parameter["unit"])

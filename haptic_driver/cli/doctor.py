@@ -6,7 +6,7 @@ import datetime
 from collections import Counter
 from contextlib import ExitStack
 
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from haptic_driver.cli.output import SIMULATED, Json, RigOption, report, stdout
@@ -93,7 +93,7 @@ def _shown(value: object) -> str:
 
 
 def _show(config: RigConfig, checks: list[Check]) -> None:
-    table = Table("check", "status", "found", box=None, pad_edge=False)
+    table = Table("check", "status", Column("found", overflow="fold"), box=None, pad_edge=False)
     for check in checks:
         found = Text.assemble(check.message, (f"\n{check.hint}" if check.hint else "", "dim"))
         table.add_row(check.name, Text(check.status.value, COLOURS[check.status]), found)

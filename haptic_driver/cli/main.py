@@ -9,7 +9,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -147,6 +147,17 @@ def build_app(imported: Iterable[str]) -> typer.Typer:
     return app
 
 
+def _with_bare_flags(command: Any) -> Any:
+    """The same command line whose help shows no type behind a flag, as if it took a value."""
+    own_help = command.get_help_option(command.context_class(command))
+    for parameter in (*command.params, own_help):
+        if getattr(parameter, "is_flag", False) and parameter.metavar is None:
+            parameter.metavar = ""
+    for inner in getattr(command, "commands", {}).values():
+        _with_bare_flags(inner)
+    return command
+
+
 def module_of(name: str) -> Any:
     """Where a command or group lives."""
     return import_module(f"haptic_driver.cli.{_module(name)}")
@@ -193,28 +204,33 @@ def _acts(arguments: list[str]) -> bool:
     return words[:1] in (["mark"], ["record"]) or (verb is not None and verb.method == "POST")
 
 
-def run() -> None:
-    """Entry point of the `haptic` script. Exit status: 0 done, 1 failed, 2 bad input."""
+def run(begin: Callable[[], None] = lambda: None) -> None:
+    """Run the command line of this process. Exit status: 0 done, 1 failed, 2 bad input.
+
+    `begin` is called when all is imported and the command begins.
+    """
     gc.set_threshold(
         50_000
     )  # imports make many objects and no garbage; to look for it took a tenth of `haptic solve`,
     prepare_output()
-    status = main(sys.argv[1:])
+    status = main(sys.argv[1:], begin)
     gc.freeze()  # and at the end a quarter
     sys.exit(status)
 
 
-def main(arguments: list[str]) -> int:
-    """Run one command line and return its exit status."""
+def main(arguments: list[str], begin: Callable[[], None] = lambda: None) -> int:
+    """Run one command line and return its exit status; `begin` is called when all is imported."""
     if arguments[:1] == [
         "set"
     ]:  # the parser takes a negative number for an option, but not one behind a space
         arguments = [f" {word}" if re.match(r"-\.?\d", word) else word for word in arguments]
     asked = [word for word in arguments or _being_completed() if word in known()][:1]
     app = build_app(asked)
+    begin()
     try:
         with compiling():
-            outcome = app(arguments, standalone_mode=False, prog_name="haptic")
+            command = _with_bare_flags(typer.main.get_command(app))
+            outcome = command.main(arguments, prog_name="haptic", standalone_mode=False)
     except HapticError as error:
         failure = error
     except USAGE_ERROR as error:
@@ -222,8 +238,8 @@ def main(arguments: list[str]) -> int:
             error.show()
             return BadInputError.exit_status
         context = getattr(error, "ctx", None)
-        command = context.command_path if context is not None else "haptic"
-        failure = BadInputError("usage", _said(error), f"See: {command} --help")
+        path = context.command_path if context is not None else "haptic"
+        failure = BadInputError("usage", _said(error), f"See: {path} --help")
     except (KeyboardInterrupt, typer.Abort):
         failure = HapticError(
             "interrupted", "interrupted", "The output was switched off where a rig was open"

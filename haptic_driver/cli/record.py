@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from haptic_driver.cli.control import client_of, show
+from haptic_driver.cli.control import Verbose, client_of, show
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json
 from haptic_driver.errors import BadInputError
@@ -18,6 +18,7 @@ def record(
     stop: Annotated[bool, Option("--stop", help="End the recording.")] = False,
     socket: SocketOption = None,
     as_json: Json = False,
+    verbose: Verbose = False,
 ) -> None:
     """Record every tick into a file, until --stop.
 
@@ -26,4 +27,4 @@ def record(
     if stop == (file is not None):
         raise BadInputError("usage", "give either a file or --stop", "See: haptic record --help")
     with client_of(socket) as client:
-        show(as_json, client.record(file))
+        show(as_json, client.record(file), in_short=not verbose)

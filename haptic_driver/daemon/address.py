@@ -16,6 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 from haptic_driver.errors import BadInputError, HapticError
 
 SOCKET_NAME = "daemon.sock"
+LOOPBACK = "127.0.0.1"
 _PEER = struct.Struct("3i")  # process, user and group of whoever listens
 
 
@@ -107,3 +108,19 @@ def _require_own(line: socket.socket, path: Path) -> None:
         raise HapticError(
             "not_yours", said, "give the socket of your own daemon, or the address of its page"
         )
+
+
+def listen(port: int) -> socket.socket:
+    """A loopback socket at a port, 0: any that is free. Raises HapticError when it cannot be
+    had.
+    """
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((LOOPBACK, port))
+    except OSError as error:
+        listener.close()
+        raise HapticError(
+            "no_port", f"{LOOPBACK} port {port}: {error.strerror}", "choose another --port"
+        ) from error
+    return listener

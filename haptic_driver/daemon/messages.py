@@ -142,11 +142,8 @@ class Status(Checked):
     recording_fault: str | None  # what is missing of the present recording, and why
 
     def __str__(self) -> str:
-        on = {True: "ON", False: "off", None: "UNKNOWN"}[self.output_on]
+        on, asked = self._output_said(), self._asked_said()
         simulated = " (simulated)" if self.simulated else ""
-        asked = self.texture or (
-            "nothing" if self.target_cof is None else f"friction {self.target_cof:.3g}"
-        )
         low, high = self.reachable_cof
         missed = f"{self.overruns} overruns, {self.underruns} underruns"
         lines = [
@@ -184,6 +181,22 @@ class Status(Checked):
         )
 
     __repr__ = __str__  # what a notebook shows
+
+    def in_short(self) -> str:
+        """One line: what the daemon does, and what it was asked."""
+        said = [f"{self.state}, output {self._output_said()}", f"asked {self._asked_said()}"]
+        said += [] if self.recording is None else [f"recording into {self.recording}"]
+        said += [] if self.adaptation is None else [f"adapting: {self.adaptation}"]
+        said += [] if self.fault is None else [f"fault: {self.fault}"]
+        return "; ".join(said)
+
+    def _output_said(self) -> str:
+        return {True: "ON", False: "off", None: "UNKNOWN"}[self.output_on]
+
+    def _asked_said(self) -> str:
+        if self.texture is not None:
+            return self.texture
+        return "nothing" if self.target_cof is None else f"friction {self.target_cof:.3g}"
 
     def latency_said(self) -> str:
         """The latency as measured, where that is known, beside the rig's file."""

@@ -17,7 +17,7 @@ from haptic_driver.daemon.outlets import LslOutlet, OscOutlet, Outlet, feeding
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.service import as_service
 from haptic_driver.daemon.set_up import DaemonSettings, daemon_settings
-from haptic_driver.daemon.web.server import listen, serve
+from haptic_driver.daemon.web.server import serve
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import take_precedence
 
@@ -57,8 +57,6 @@ def run_daemon(
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda number, frame: ended.set())
-    if tcp_port is not None:
-        listen(tcp_port).close()  # one that is taken is told now, not after seconds
     take_precedence()
     place = Place(socket)
     try:

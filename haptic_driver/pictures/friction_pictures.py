@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.signals import WITHIN, Array, Mask
 from haptic_driver.simulation.slide import SlideRecord
 from haptic_driver.surface.file import SurfaceFile
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 TARGET, ACHIEVED, DRIVE = "#d1495b", "#1b6ca8", "#3a3a3a"
 DPI = 130
@@ -52,13 +56,24 @@ def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
         friction.set(ylabel="coefficient of friction")
         figure.suptitle(f"{title} (simulated rig)")
         voltage.set(ylabel="voltage at the electrode, V peak")
-        frequency.set(
-            ylabel="carrier, Hz", xlabel="position, mm", yscale="log" if named else "linear"
-        )
+        frequency.set(ylabel="carrier, Hz", xlabel="position, mm")
+        _scale_carrier(frequency, record.frequency_hz)
         if named:
             friction.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False)
         for axes in (friction, voltage, frequency):
             axes.grid(alpha=0.25)
+
+
+def _scale_carrier(axes: Axes, frequency_hz: Array) -> None:
+    """Logarithmic over decades; else numbers that can be read off, with some room around one."""
+    shown = frequency_hz[np.isfinite(frequency_hz) & (frequency_hz > 0.0)]
+    if not shown.size:
+        return
+    low_hz, high_hz = float(shown.min()), float(shown.max())
+    if high_hz > 10.0 * low_hz:
+        axes.set(yscale="log")
+    else:
+        axes.set(ylim=(0.9 * low_hz, 1.1 * high_hz))
 
 
 def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> None:

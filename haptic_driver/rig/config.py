@@ -369,7 +369,10 @@ class SimulationConfig(Section):
 class RigConfig(Section):
     """One rig, as its file in `configs/rigs/` says."""
 
-    name: str = Field(description="shown in every status, record and log line")
+    name: str = Field(
+        default="",
+        description="shown in every status, record and log line; by default the file's own name",
+    )
     simulated: bool = Field(description='true only with waveform_generator.resource = "simulated"')
     limits: LimitsConfig
     waveform_generator: GeneratorConfig
@@ -548,7 +551,8 @@ def addresses_of(sections: Sequence[Section | None]) -> list[str]:
 def load_rig(name_or_path: str) -> RigConfig:
     """A rig by the name of its file in `configs/rigs/`, or by path."""
     path = find_config(name_or_path, "rigs")
-    return _with_whole_paths(parse(RigConfig, read_toml(path), str(path)), path.parent)
+    said = {"name": path.stem} | read_toml(path)
+    return _with_whole_paths(parse(RigConfig, said, str(path)), path.parent)
 
 
 def _with_whole_paths(rig: RigConfig, folder: Path) -> RigConfig:

@@ -45,7 +45,7 @@ def sentence(content: Mapping[str, Any]) -> str:
         return text + (
             "."
             if closed is None
-            else f"; adding {'it' if verb == 'is' else 'them'} {_closed(closed)}."
+            else f"; adding {'it' if verb == 'is' else 'them'} {gap_said(closed)}."
         )
     if content["verdict"] == "ambiguous":
         members = [words(n) for n in content["checks"]]
@@ -64,12 +64,13 @@ def sentence(content: Mapping[str, Any]) -> str:
         )
         closed = content["fit"]["gap_closed"]
         return text + (
-            f"; a learned term {_closed(closed)}." if names and closed is not None else "."
+            f"; a learned term {gap_said(closed)}." if names and closed is not None else "."
         )
     return f"These data cannot test the model: {'; '.join(content['reasons'])}."
 
 
-def _closed(share: float) -> str:
+def gap_said(share: float) -> str:
+    """What share of the gap closes on data left out of the fit, in words."""
     percent = 100.0 * share
     if percent <= 0.0:
         return "closes nothing of the gap on data left out of the fit"

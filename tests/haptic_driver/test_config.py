@@ -244,7 +244,7 @@ def test_a_section_that_is_no_section_is_refused():
 def put(folder, name):
     path = folder / "rigs" / "bench.toml"
     path.parent.mkdir(parents=True)
-    path.write_text(SIMULATED.replace('name = "simulated"', f'name = "{name}"'), encoding="utf-8")
+    path.write_text(f'name = "{name}"\n{SIMULATED}', encoding="utf-8")
 
 
 def test_the_named_folder_comes_before_the_local_one_and_the_programs_own(monkeypatch, tmp_path):
@@ -300,3 +300,8 @@ def test_a_file_of_the_wrong_shape_has_a_hint():
         refused(parse, Pair, [1.0], "a.toml").hint
         == "Change a key that it names; the keys are: low, high"
     )
+
+
+def test_a_copy_of_a_rigs_file_has_the_name_of_its_own_file(tmp_path):
+    (tmp_path / "bench7.toml").write_text(SIMULATED, encoding="utf-8")
+    assert load_rig(str(tmp_path / "bench7.toml")).name == "bench7"

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import uvicorn
 
+from haptic_driver.daemon.address import LOOPBACK, listen
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.private_file import write_private
@@ -26,7 +27,6 @@ from haptic_driver.errors import HapticError
 from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.started import start_thread
 
-LOOPBACK = "127.0.0.1"
 MOST_AT_ONCE = 64  # requests and streams
 START_TIMEOUT_S = 20.0
 STARTED_POLL_S = 0.005
@@ -133,19 +133,3 @@ def _running(served: list[_Served]) -> Iterator[None]:
         join_within(END_S, doors)
         for one in served:
             one.close()
-
-
-def listen(port: int) -> socket.socket:
-    """A loopback socket at a port, 0: any that is free. Raises HapticError when it cannot be
-    had.
-    """
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    try:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((LOOPBACK, port))
-    except OSError as error:
-        listener.close()
-        raise HapticError(
-            "no_port", f"{LOOPBACK} port {port}: {error.strerror}", "choose another --port"
-        ) from error
-    return listener

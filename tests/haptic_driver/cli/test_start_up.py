@@ -4,12 +4,14 @@ output is on.
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
-from haptic_driver.cli.main import GROUPS, build_app, known
+from haptic_driver.cli.main import GROUPS, build_app, known, main
 
 # By what they are for; each takes from a tenth of a second to one to import.
 NUMBERS = {
@@ -50,6 +52,29 @@ def imported(*arguments: str) -> set[str]:
         check=True,
     )
     return set(done.stderr.split())
+
+
+@pytest.mark.parametrize("after_s", [0.05, 0.2, 0.4, 0.6])
+def test_ctrl_c_while_importing_ends_it_quietly(after_s):
+    """Whatever it imports then; a later Ctrl-C meets the command, which says that it was."""
+    code = "from haptic_driver.cli.start import run; run()"
+    words = [sys.executable, "-c", f"print(flush=True); {code}", "demo", "--out", "/dev/null/x"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
+        it.stdout.readline()
+        time.sleep(after_s)
+        it.send_signal(signal.SIGINT)
+        _, said = it.communicate(timeout=60)
+    assert "Traceback" not in said
+    assert it.returncode in (130, 1)
+    assert "interrupted" in said
+
+
+def test_help_shows_no_type_behind_a_flag(capsys):
+    for command in ("diagnose", "texture check", "set", "record"):
+        assert main([*command.split(), "--help"]) == 0
+        shown = capsys.readouterr().out
+        assert "--help" in shown
+        assert "bool" not in shown
 
 
 @pytest.mark.parametrize("command", [["--help"], ["--version"]], ids=" ".join)

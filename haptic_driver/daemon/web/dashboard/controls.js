@@ -31,8 +31,8 @@ export class Controls {
     });
     this.button("disarm", () => this.disarm());
     this.button("reset", () => ask("POST", "/reset"));
-    this.form("set", () => this.holding("/set", { cof: $("cof").valueAsNumber }));
-    this.form("play", () => this.holding("/texture", { name: this.texture }));
+    this.form("set", () => this.holding("/set", { cof: $("cof").valueAsNumber, nearest: $("nearest").checked }));
+    this.form("play", () => this.holding("/texture", { name: this.texture, nearest: $("nearest").checked }));
     this.form("record", () => ask("POST", "/record", { path: this.status?.recording ? null : $("path").value }));
     this.form("mark", () => this.mark());
     this.form("use", () => ask("POST", "/model", { name: $("model").value }));
