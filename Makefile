@@ -4,7 +4,7 @@ BIN := .venv/bin
 # Hundreds of processes start in a test run: what one has compiled serves the next, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo demo-diagnosis demo-live test soak kills limits calibration mutate lint bench bench-live validate blind investigations docs clean
+.PHONY: demo demo-diagnosis demo-live test soak kills limits calibration mutate lint bench bench-live validate blind investigations docs changelog wheels clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -90,6 +90,14 @@ docs: .venv/.runtime
 	$(BIN)/python docs/reference.py
 	$(BIN)/python docs/verdict_figure.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# What the next release says: the news fragments of changes/, as a list.
+changelog:
+	@for file in changes/[!R]*.md; do [ -e "$$file" ] && sed '1s/^/- /; 2,$$s/^/  /' "$$file"; done; true
+
+# The wheel, installed and run from an empty folder by every Python that this machine has, from 3.11 on.
+wheels: .venv/.test
+	$(BIN)/python -m pytest -m soak -rP tests/test_packaging.py
 
 clean:
 	rm -rf .venv out

@@ -21,7 +21,7 @@ SOURCES = (*PACKAGES, "configs")
 BUILD_FILES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE")
 
 
-def run(*command: object, folder: Path) -> str:
+def run(*command: object, folder: Path, timeout_s: float = 250.0) -> str:
     environment = {
         name: value
         for name, value in os.environ.items()
@@ -33,7 +33,7 @@ def run(*command: object, folder: Path) -> str:
         env=environment,
         capture_output=True,
         text=True,
-        timeout=250,
+        timeout=timeout_s,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
@@ -136,3 +136,39 @@ def test_installed_in_an_empty_environment_the_demo_runs_from_any_folder(
     assert (elsewhere / demo["pictures"][0]).is_file()
     assert json.loads(run(haptic, "doctor", "--rig", "simulated", "--json", folder=elsewhere))
     assert "haptic-driver" in run(haptic, "--version", folder=elsewhere)
+
+
+def pythons() -> list[str]:
+    """Every Python from 3.11 to 3.15 of this machine that starts, newest of each minor version."""
+    found = {}
+    roots = [Path(folder) for folder in os.environ.get("PATH", "").split(os.pathsep)]
+    roots += sorted(Path.home().glob(".pyenv/versions/*/bin"))
+    for minor in range(11, 16):
+        for python in (root / f"python3.{minor}" for root in roots):
+            done = None
+            if os.access(python, os.X_OK):
+                done = subprocess.run([python, "-c", ""], capture_output=True, check=False)
+            if done is not None and done.returncode == 0:
+                found[minor] = str(python)
+    return list(found.values())
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("python", pythons(), ids=lambda path: Path(path).name)
+def test_the_wheel_installs_with_its_libraries_and_runs(
+    python: str, wheel: Path, tmp_path: Path
+) -> None:
+    """The libraries come from the package index, in the versions that fit this Python."""
+    home, elsewhere = tmp_path / "venv", tmp_path / "elsewhere"
+    run(python, "-m", "venv", home, folder=tmp_path)
+    elsewhere.mkdir()
+    own = home / "bin" / "python"
+    run(own, "-m", "pip", "install", "--quiet", wheel, folder=elsewhere, timeout_s=1000)
+    demo = json.loads(run(home / "bin" / "haptic", "demo", "--json", folder=elsewhere))
+    assert demo["simulated"] is True
+    assert demo["share_within_5_percent"] > 0.8
+    solved = json.loads(
+        run(home / "bin" / "haptic", "solve", "--friction", "0.6", "--json", folder=elsewhere)
+    )
+    assert abs(solved["cof"] - 0.6) < 0.001

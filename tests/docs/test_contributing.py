@@ -1,0 +1,51 @@
+"""The effect that `CONTRIBUTING.md` adds is one that the model can have."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_driver.surface.models import load_model
+from model.conditions import Conditions
+from model.effects import BY_NAME, CATALOGUE, Effect
+from model.parameters import Parameter
+from model.touch_model import TouchModel
+
+PAGE = Path(__file__).resolve().parents[2] / "CONTRIBUTING.md"
+
+
+@pytest.fixture(scope="module")
+def dry_film(tmp_path_factory: pytest.TempPathFactory) -> Iterator[type[Effect]]:
+    (block,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    folder = tmp_path_factory.mktemp("effect")
+    (folder / "dry_film.py").write_text(block)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        yield importlib.import_module("dry_film").DryFilm
+    del sys.modules["dry_film"]
+
+
+def test_half_of_the_area_carries_between_half_and_all_of_the_current(
+    dry_film: type[Effect], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half the area under the same load is pressed twice as hard: its gap is narrower, not open."""
+    monkeypatch.setitem(BY_NAME, dry_film.name, dry_film)
+    bare = load_model("reference")
+    half = {"dry_film": {"covered": Parameter(0.5, "1", "")}}
+    covered = replace(bare, effect_parameters=half)
+    asked = Conditions(np.array([1000.0]), np.array([1.0]), np.array([0.5]))
+    bare_a, covered_a = (
+        float(TouchModel(model).predict(asked).current_rms_a[0]) for model in (bare, covered)
+    )
+    assert 0.5 < covered_a / bare_a < 1.0
+
+
+def test_its_name_is_not_taken(dry_film: type[Effect]) -> None:
+    assert dry_film.name not in {kind.name for kind in CATALOGUE}
