@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Annotated
 
@@ -25,6 +26,9 @@ from haptic_driver.rig.devices import connect_load
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
 from haptic_driver.rig.load_tuning import tune as find
 from haptic_driver.rig.parts.load_stages import LoadStageSection
+from haptic_driver.simulation.load import SimulatedLoad
+from haptic_driver.surface.models import load_model
+from model.touch_model import TouchModel
 
 app = typer.Typer(no_args_is_help=True)
 SETTLE_S = 30.0
@@ -35,7 +39,7 @@ Yes = Annotated[bool, Option("--yes", help="Begin without asking; somebody is th
 @app.command()
 def hold(
     newtons: Annotated[float, Argument(help="Load to hold, N.")],
-    rig: RigOption = "simulated",
+    rig: RigOption = "simulated-paper",
     seconds: Annotated[float | None, Option(help="So long; until Ctrl-C if left out.")] = None,
     yes: Yes = False,
     as_json: Json = False,
@@ -43,13 +47,14 @@ def hold(
     """Hold a finger's load by the rig's load stage, while no other program drives the rig.
 
     Opens the force sensor and the load stage alone: nothing is energised. Lifts off, or stops, as
-    the rig's file says, at the end and when anything is wrong.
+    the rig's file says, at the end and when anything is wrong. A simulated rig holds `--seconds` of
+    its own time.
 
-    Example: `haptic load hold 0.5 --rig mine`
+    Example: `haptic load hold 0.5 --rig simulated-paper --seconds 10`
     """
     if seconds is not None:
         require_range("--seconds", seconds, 0.1, LONGEST_S, unit=" s")
-    with _pressed(rig, newtons, yes) as loop:
+    with _pressed(rig, newtons, yes, in_real_time=seconds is None) as loop:
         stderr.print(f"holding {newtons:g} N; Ctrl-C lets go")
         mean_n, depth_m = loop.average(LONGEST_S if seconds is None else seconds)
     said = {"load_n": newtons, "mean_load_n": mean_n, "depth_m": depth_m}
@@ -60,14 +65,14 @@ def hold(
 def tune(
     by: Annotated[str, Option(help="Who tunes; it is written beside the figures.")],
     newtons: Annotated[float, Option(help="Load at which to tune, N.")] = 0.5,
-    rig: RigOption = "simulated",
+    rig: RigOption = "simulated-paper",
     yes: Yes = False,
     as_json: Json = False,
 ) -> None:
     """Find the finger's stiffness by steps of a tenth of a held load; prints lines for the rig's
     file.
 
-    Example: `haptic load tune --rig mine --by 'A. Smith'`
+    Example: `haptic load tune --rig simulated-paper --by 'A. Smith'`
     """
     if not by.strip():
         raise BadInputError("usage", "--by is empty", "Say who tunes")
@@ -91,17 +96,24 @@ def _show(lines: str, spread_n_per_m: float) -> None:
 
 
 @contextmanager
-def _pressed(rig: str, newtons: float, yes: bool) -> Iterator[LoadLoop]:
+def _pressed(rig: str, newtons: float, yes: bool, in_real_time: bool = False) -> Iterator[LoadLoop]:
     """The loop of a rig's load stage at its load; it lets go at the end, whatever ends it."""
     config = load_rig(rig)
-    devices = connect_load(config)
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], object] = time.sleep
+    if config.simulated:
+        model = TouchModel(load_model(config.simulation.model or "reference"))
+        simulated = SimulatedLoad(config, model, in_real_time=in_real_time)
+        devices, clock, sleep = simulated.devices, simulated.clock, simulated.sleep
+    else:
+        devices = connect_load(config)
     section = config.load_stage
     assert isinstance(section, LoadStageSection)  # or there would be no devices
     try:
         settings = section.loop(newtons)
     except ValueError as error:
         raise BadInputError("bad_load", str(error), "Ask for another load") from error
-    if not yes:
+    if not (yes or config.simulated):
         stderr.print(
             f"rig {config.name}: the load stage will move, and press with {newtons:g} N. Take the"
             " finger off: the force sensor's bias comes first."
@@ -110,8 +122,9 @@ def _pressed(rig: str, newtons: float, yes: bool) -> Iterator[LoadLoop]:
     with devices, status("bias") as tell:
         tell("to where the finger is free: keep clear")
         make_clear(devices.stage, section.mounting())
+        read = devices.force_sensor.read
         with LoadLoop(
-            devices.stage, devices.force_sensor.read, settings, section.mounting()
+            devices.stage, read, settings, section.mounting(), clock=clock, sleep=sleep
         ) as loop:
             tell(f"pressing with {newtons:g} N")
             loop.settle(SETTLE_S)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from haptic_driver.experiments.bench import SimulatedBench
 from haptic_driver.experiments.run import Experiment
+from haptic_driver.experiments.simulated_stages import SimulatedStageBench
 from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.simulation.finger_function import FingerFunction
@@ -18,12 +19,14 @@ def bench_for(
     finger: FingerFunction | None,
     tell: Callable[[str], None],
 ) -> SimulatedBench | StageBench:
-    """The simulated rig with that finger, or with its own, or the real one; to be entered."""
+    """The simulated rig with that finger, or with its own, or the real one; to be entered. A rig
+    with a stage slides by it.
+    """
     config = experiment.config
     if not config.simulated:
         return StageBench(config, experiment.plan, tell)
     friction, electrode = (None, None) if finger is None else (finger.friction, finger.electrode)
-    return SimulatedBench(
+    bench = SimulatedBench(
         carried_out(config, experiment.plan.intervention),
         experiment.model,
         seed=experiment.seed,
@@ -31,6 +34,9 @@ def bench_for(
         friction=friction,
         electrode=electrode,
     )
+    if config.stage is None:
+        return bench
+    return SimulatedStageBench(config, experiment.plan, bench, tell)
 
 
 def carried_out(config: RigConfig, intervention: str) -> RigConfig:

@@ -104,7 +104,7 @@ def prepare(
     Finger currents are those that `model` predicts. HapticError for a rig that may not come on,
     BadInputError when nothing is left to measure.
     """
-    if not config.simulated:
+    if not config.simulated or config.load_stage.kind != "none":
         stage_of(config)
     require_verified(config)
     settings = resolved(plan.settings, config, model)

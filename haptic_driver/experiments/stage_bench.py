@@ -2,7 +2,8 @@
 stroke per row.
 
 The stage sets the speed. A load stage holds each row's load; without one the load is the finger's
-own, by hand or by weights, and is waited for. What it was during a row is measured. Times are real.
+own, by hand or by weights, and is waited for. What it was during a row is measured. Times are real,
+or those of whoever gives clock and devices.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from haptic_driver.errors import HapticError
 from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.experiments.stroke import SPARE_S, stage_of, stroke
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.devices import connect_devices
+from haptic_driver.rig.devices import Devices, connect_devices
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.parts.load_stages import LoadStageSection
@@ -42,19 +43,29 @@ def without_envelope(config: RigConfig) -> RigConfig:
 
 class StageBench:
     """The devices of a rig's file as a bench; see `Bench`. `tell` is called with what the person
-    has to do now.
+    has to do now. `devices` stand in for those of the file, `clock` and `sleep` for real time.
 
     Entering opens the devices, which takes the force sensor's bias: nothing may touch the screen.
     It homes the stage if needed. Leaving switches off and stops the stage. Raises HapticError and
     DeviceError.
     """
 
-    def __init__(self, config: RigConfig, plan: Plan, tell: Tell = lambda what: None) -> None:
+    def __init__(
+        self,
+        config: RigConfig,
+        plan: Plan,
+        tell: Tell = lambda what: None,
+        *,
+        devices: Devices | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> None:
         self._config = config
         self._stage_config = stage_of(config)
         self._plan = plan
         self._tell = tell
-        self._devices = connect_devices(without_envelope(config), load_stage=True)
+        self._devices = devices or connect_devices(without_envelope(config), load_stage=True)
+        self._clock, self._sleep = clock, sleep
         self._sensor_zero_s = 0.0  # on the force sensor's clock
         self._sessions = 0
         self._load: LoadLoop | None = None  # while a load stage presses
@@ -72,7 +83,7 @@ class StageBench:
 
     @property
     def time_s(self) -> float:
-        return time.monotonic()
+        return self._clock()
 
     def begin_session(self, session: int, time_s: float) -> None:
         """See `Bench`. Another session is another placing of the finger: it has to be lifted
@@ -210,7 +221,14 @@ class StageBench:
             settings = section.loop(wanted_n)
         except ValueError as error:
             raise HapticError("load_refused", str(error), "Change the plan's loads") from error
-        self._load = LoadLoop(stage, self.rig.read_force, settings, section.mounting())
+        self._load = LoadLoop(
+            stage,
+            self.rig.read_force,
+            settings,
+            section.mounting(),
+            clock=self._clock,
+            sleep=self._sleep,
+        )
         self._load.settle(LOAD_WAIT_S)
 
     def _lift(self) -> None:
@@ -223,7 +241,7 @@ class StageBench:
     def _wait(self, duration_s: float) -> None:
         """Time passes; a load stage holds meanwhile."""
         if self._load is None:
-            time.sleep(duration_s)
+            self._sleep(duration_s)
         else:
             self._load.hold(duration_s)
 
@@ -244,10 +262,10 @@ class StageBench:
         """Until the load's mean over `LOAD_STEADY_S` is as wanted; HapticError when it is not in
         time.
         """
-        began_s = time.monotonic()
+        began_s = self._clock()
         recent: deque[tuple[float, float]] = deque()
         while True:
-            now_s, load_n = time.monotonic(), self.rig.read_force().normal_force_n
+            now_s, load_n = self._clock(), self.rig.read_force().normal_force_n
             recent.append((now_s, load_n))
             while now_s - recent[0][0] > LOAD_STEADY_S:
                 recent.popleft()
@@ -262,4 +280,4 @@ class StageBench:
                     hint,
                 )
             self._tell(f"{what}, now {mean_n:.2f} N")
-            time.sleep(LOAD_POLL_S)
+            self._sleep(LOAD_POLL_S)

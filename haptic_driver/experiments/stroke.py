@@ -53,10 +53,10 @@ def stroke(setting: Setting, plan: Plan, config: RigConfig) -> Stroke:
 
 
 def beyond_stage(setting: Setting, plan: Plan, config: RigConfig) -> str | None:
-    """Why the stage cannot slide so; None when it can. A simulated finger slides as far as it is
-    told.
+    """Why the stage cannot slide so; None when it can. Without a stage a simulated finger slides as
+    far as it is told.
     """
-    if config.simulated or setting.finger != "sliding":
+    if (config.simulated and config.stage is None) or setting.finger != "sliding":
         return None
     stage = stage_of(config)
     if setting.speed_m_s > stage.velocity_limit_m_s:

@@ -602,9 +602,11 @@ def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
     real = {
         "interlock": rig.interlock is not None and rig.interlock.kind != "none",
         "watchdog": rig.watchdog is not None and rig.watchdog.generator != NO_WATCHDOG,
-        "stage": rig.stage is not None,
+        "stage": rig.stage is not None and rig.stage.resource != SIMULATED,
         "analog_inputs": rig.analog_inputs is not None,
     }
+    if not rig.simulated and rig.stage is not None and rig.stage.resource == SIMULATED:
+        yield "simulated and stage.resource disagree about whether this rig is simulated"
     if rig.simulated and any(real.values()):
         yield (
             f"{', '.join(name for name, given in real.items() if given)}: a simulated rig has no"
@@ -673,7 +675,8 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
     yield from _aliased(rig)
     if any(part.needs_stage for part in parts) and rig.stage is None:
         yield f'finger_tracker.kind is "{rig.finger_tracker.kind}", and there is no section [stage]'
-    measured = rig.force_sensor is not None and rig.force_sensor.kind != "none"
+    sensor = rig.force_sensor
+    measured = rig.simulated if sensor is None else sensor.kind != "none"
     if rig.load_stage.kind != "none" and not measured:
         yield "load_stage: nothing measures the load that it is to hold; add a [force_sensor]"
     modulation = rig.waveform_generator.modulation_input

@@ -112,7 +112,7 @@ class LoadLoop:
         mounting: Mounting,
         *,
         clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
+        sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         self.settings = settings
         self.state = LoadState()

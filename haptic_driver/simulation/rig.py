@@ -19,6 +19,7 @@ from haptic_driver.rig.parts.electrode_monitors import SimulatedElectrodeMonitor
 from haptic_driver.simulation.finger_model import (
     ElectrodeLaw,
     FrictionLaw,
+    between_loads,
     electrode_of,
     friction_of,
     with_hidden,
@@ -28,7 +29,7 @@ from hw.analog.output import AnalogOutput
 from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
-from hw.force.sensor import ForceAxes, ForceReading
+from hw.force.sensor import ForceAxes, ForceReading, ForceSensor
 from hw.generator.analog_carrier.driver import AnalogCarrier
 from hw.monitor.contract import ElectrodeMonitor, ElectrodeReading
 from hw.monitor.lines import SampledMonitor
@@ -77,7 +78,9 @@ class SimulatedRig:
             with_hidden(model, config.simulation.hide),
             config.simulation.stray_capacitance_f,
         )
-        self.instruments = SimulatedInstruments(config, friction or friction_of(finger), wrap=wrap)
+        varied = config.load_stage.kind != "none"  # then the load is another in every step
+        law = friction or (between_loads if varied else friction_of)(finger)
+        self.instruments = SimulatedInstruments(config, law, wrap=wrap)
         self.amplifier = self.instruments.amplifier
         self._finger = finger
         self._electrode = electrode if friction else electrode_of(finger, stray_f)
@@ -115,6 +118,11 @@ class SimulatedRig:
         if i is None or self._seen is None:
             return None
         return self._monitors[i].read(frequency_hz, voltage_v)
+
+    @property
+    def force_sensor(self) -> ForceSensor:
+        """Its driver's end; open inside the `with` block."""
+        return self._force
 
     def read_force(self) -> ForceReading:
         """What the force sensor says now."""

@@ -23,7 +23,7 @@ from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.rig.parts.generators import WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox
-from haptic_driver.rig.parts.load_stages import Lts150LoadStageConfig
+from haptic_driver.rig.parts.load_stages import Lts150LoadStageConfig, NoLoadStage
 from haptic_driver.rig.parts.stages import StageConfig
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
@@ -151,6 +151,7 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
             "simulated": False,
             "electrode_monitors": [],
             "camera": NoCamera(),
+            "load_stage": NoLoadStage(),
             "waveform_generator": config.waveform_generator.model_copy(
                 update={"resource": generator}
             ),

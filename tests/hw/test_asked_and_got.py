@@ -34,6 +34,7 @@ from hw.impedance.e4980a import E4980A, LcrMeter
 from hw.monitor.lines import MonitorLines
 from hw.monitor.simulated import ElectrodeState, SimulatedLines
 from hw.oscilloscope.infiniivision import InfiniiVision, Oscilloscope
+from hw.serving.memory import MemoryTransport
 from hw.serving.responder import Responder
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.stage.simulated import SimulatedLts150
@@ -41,7 +42,6 @@ from tests.clock import ManualClock
 from tests.hw.generator.analog_carrier.bench import Bench as CarrierBench
 from tests.hw.generator.kinds import KINDS, SETTINGS, Bench
 from tests.hw.testing import sound_card
-from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.ni_card import constants, install
 from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
 from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision

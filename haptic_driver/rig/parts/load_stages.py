@@ -33,6 +33,14 @@ Speed = Annotated[float, Within(1e-4, 0.05, "no finger is pressed faster")]
 Acceleration = Annotated[float, Within(1e-3, 5.0, "no stage of this kind gathers speed faster")]
 
 
+Travel = Annotated[list[Metres], Field(min_length=2, max_length=2)]
+
+PRESSES = "whether higher positions press the finger"
+CLEAR = "position at which the finger is free; it begins here"
+WRONG = "lift off, or stay where it is: whichever is safe for this rig"
+TRAVEL = "[lowest, highest] position"
+
+
 class NoLoadStage(PartSection):
     """The load is the finger's own, by hand or by weights."""
 
@@ -52,11 +60,9 @@ class LoadStageSection(PartSection):
 
     holds: ClassVar[bool] = True
 
-    higher_presses: bool = Field(description="whether higher positions press the finger")
-    clear_m: Metres = Field(description="position at which the finger is free; it begins here")
-    when_wrong: Literal["retract", "stop"] = Field(
-        description="lift off, or stay where it is: whichever is safe for this rig"
-    )
+    higher_presses: bool = Field(description=PRESSES)
+    clear_m: Metres = Field(description=CLEAR)
+    when_wrong: Literal["retract", "stop"] = Field(description=WRONG)
     load_limit_n: LoadNewtons = Field(default=3.0, description="never more, whatever is asked")
     retract_m: Way = Field(default=5e-3, description="so far back, but not beyond `clear_m`")
     reach_m: Way = Field(default=10e-3, description="from `clear_m` until a finger must be felt")
@@ -116,14 +122,10 @@ class LoadStageSection(PartSection):
         )
 
 
-class Lts150LoadStageConfig(LoadStageSection):
-    """A Thorlabs LTS150 along the normal; unverified on the instrument."""
+class OnLts150(LoadStageSection):
+    """A load stage of that make: its travel."""
 
-    kind: Literal["lts150"]
-    resource: Resource = Field(description="serial port")
-    travel_m: Annotated[list[Metres], Field(min_length=2, max_length=2)] = Field(
-        description="[lowest, highest] position"
-    )
+    travel_m: Travel = Field(description=TRAVEL)
 
     @model_validator(mode="after")
     def _within_travel(self) -> Self:
@@ -132,12 +134,37 @@ class Lts150LoadStageConfig(LoadStageSection):
             raise ValueError(f"clear_m {self.clear_m:g} is outside travel_m")
         return self
 
+
+class SimulatedLoadStageConfig(OnLts150):
+    """A simulated LTS150, and the body of the finger that it presses."""
+
+    kind: Literal["simulated"]
+    higher_presses: bool = Field(default=True, description=PRESSES)
+    clear_m: Metres = Field(default=8e-3, description=CLEAR)
+    when_wrong: Literal["retract", "stop"] = Field(default="retract", description=WRONG)
+    travel_m: Travel = Field(default=[0.0, 0.15], description=TRAVEL)
+    face_m: Metres = Field(default=12e-3, description="position at which the skin touches")
+    stiffness_factor: Annotated[float, Within(0.05, 20.0, "no fingertip is so")] = Field(
+        default=1.0, description="of the body, against 1 N at 1.75 mm"
+    )
+
+    def examine(self, at: Examination) -> Checks:
+        yield at.ok("simulated")
+        yield from self._gains(at)
+
+
+class Lts150LoadStageConfig(OnLts150):
+    """A Thorlabs LTS150 along the normal; unverified on the instrument."""
+
+    kind: Literal["lts150"]
+    resource: Resource = Field(description="serial port")
+
     def examine(self, at: Examination) -> Checks:
         yield from examine_lts150(at, self.resource, lts150_settings(self))
         yield from self._gains(at)
 
 
-def lts150_settings(section: Lts150LoadStageConfig) -> StageSettings:
+def lts150_settings(section: OnLts150) -> StageSettings:
     """What its driver is told; no move is faster than letting go."""
     from hw.stage.lts150 import StageSettings
 
@@ -166,4 +193,5 @@ def make_lts150(section: Lts150LoadStageConfig, wiring: Wiring) -> Part[Lts150]:
 
 
 NONE = PartKind(NoLoadStage)
+SIMULATED = PartKind(SimulatedLoadStageConfig)
 LTS150 = PartKind(Lts150LoadStageConfig, make_lts150)

@@ -64,7 +64,7 @@ def test_tuning_says_what_to_write_down(haptic: Any, rig: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [
-        (["hold", "0.5", "--yes"], "no_load_stage"),
+        (["hold", "0.5", "--rig", "simulated", "--yes"], "no_load_stage"),
         (["tune", "--by", " ", "--yes"], "usage"),
         (["hold", "0.5", "--seconds", "-1", "--yes"], "out_of_range"),
     ],
@@ -81,3 +81,14 @@ def test_a_load_beyond_the_limits_moves_nothing(
         "bad_load"
     )
     assert served.load_stage.position_mm == 5.0
+
+
+def test_a_simulated_rig_holds_by_its_file_alone(haptic: Any) -> None:
+    """Half a newton on a finger of 1 N at 1.75 mm of which a quarter fades is 1.3 to 1.5 mm deep;
+    its skin is at 12 mm.
+    """
+    held = said(haptic("load", "hold", "0.5", "--seconds", "20", "--json"))
+    assert held["mean_load_n"] == pytest.approx(0.5, rel=0.03)
+    assert 13e-3 < held["depth_m"] < 13.6e-3
+    tuned = said(haptic("load", "tune", "--by", "A", "--json"))
+    assert 500.0 < tuned["stiffness_n_per_m"] < 1000.0

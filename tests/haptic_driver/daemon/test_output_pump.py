@@ -27,9 +27,9 @@ from haptic_driver.simulation.finger_model import surface_friction
 from haptic_driver.simulation.instruments import simulated_amplifier, simulated_generator
 from hw.analog.output import AnalogOutputSettings
 from hw.finger.plant import FingerPlant
+from hw.serving.memory import MemoryTransport
 from tests.haptic_driver.stand_ins import PlantSensor
 from tests.hw.analog.simulated_analog_output import SteppedAnalogOutput
-from tests.hw.testing.memory import MemoryTransport
 
 TICK_S = 0.001
 FORCE_N, SPEED_M_S = 0.5, 0.04

@@ -19,10 +19,10 @@ from haptic_driver.rig.parts.electrode_monitors import E4980AConfig
 from haptic_driver.rig.states import RigState
 from hw.impedance.e4980a import E4980A, LcrMeter
 from hw.monitor.contract import ElectrodeReading
+from hw.serving.memory import MemoryTransport
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.experiments.test_run import table
-from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
 
 SWEEP = """

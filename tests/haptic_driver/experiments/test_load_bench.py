@@ -7,10 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.experiments.benches import bench_for
+from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import Setting
+from haptic_driver.experiments.run import prepare, run
+from haptic_driver.experiments.simulated_stages import SimulatedStageBench
 from haptic_driver.experiments.stroke import stage_of
-from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.simulation.served import FACE_M, ServedRig, as_real, with_load_stage
 from hw.force.sensor import ForceReading
 from model.touch_model import TouchModel
@@ -102,3 +106,34 @@ def test_a_sensor_that_falls_silent_lifts_the_finger(
         measured(real, model, given, tmp_path / "data.csv", lambda what: None)
     assert off(served)
     assert lifted(served)
+
+
+def test_a_simulated_rig_with_stages_measures_at_the_loads_of_a_plan(
+    model: TouchModel, tmp_path: Path
+) -> None:
+    """The same bench in simulated time: strokes by the stage, loads by the loop, and a camera
+    sees the touch.
+    """
+    config = load_rig("simulated-paper")
+    rows = [Setting(250.0, 75.0, load_n, SPEED_M_S) for load_n in (0.3, 0.6)]
+    experiment = prepare(config, model, plan(*rows, average_s=1.0))
+    bench = bench_for(experiment, 0, None, lambda what: None)
+    with bench, DataFile.create(tmp_path / "data.csv", experiment.identity()) as data:
+        run(experiment, bench, data)
+    assert isinstance(bench, SimulatedStageBench)
+    assert bench.stages.load_n == 0.0
+    found = table(tmp_path / "data.csv")
+    assert len(found) == 4
+    for row in found:
+        load_n = float(row["normal_force_n"])
+        assert float(row["measured_normal_force_n"]) == pytest.approx(load_n, rel=0.1)
+        # scatter of 2 % by session and row, and what the method is off
+        assert float(row["contact_area_m2"]) == pytest.approx(
+            model.contact_area_m2(load_n), rel=0.1
+        )
+
+
+def test_a_simulated_rig_that_slides_no_finger_measures_no_load(model: TouchModel) -> None:
+    config = load_rig("simulated-paper").model_copy(update={"stage": None})
+    with pytest.raises(BadInputError, match="has no stage"):
+        prepare(config, model, plan(Setting(250.0, 75.0, 0.5, SPEED_M_S)))

@@ -13,9 +13,9 @@ from haptic_driver.rig.load_loop import LoadLoop, Mounting
 from hw.errors import DeviceTimeout
 from hw.finger.body import BodySettings, Elastic, FingerBody
 from hw.force.sensor import ForceReading
+from hw.serving.memory import MemoryTransport
 from hw.stage.lts150 import Lts150, StageSettings
 from tests.hw.testing.faulty_stage import FaultyLts150
-from tests.hw.testing.memory import MemoryTransport
 
 STAGE = StageSettings(
     travel_low_m=0.0,

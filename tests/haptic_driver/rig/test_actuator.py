@@ -22,9 +22,9 @@ from haptic_driver.simulation.rig import SimulatedRig
 from hw.analog.output import AnalogOutputSettings
 from hw.errors import DeviceDisconnected
 from hw.finger.plant import FingerPlant
+from hw.serving.memory import MemoryTransport
 from tests.haptic_driver.stand_ins import PlantSensor
 from tests.hw.analog.simulated_analog_output import SteppedAnalogOutput
-from tests.hw.testing.memory import MemoryTransport
 
 RATE_HZ, SAMPLES = 50e3, 50
 LEAD_S = 0.005

@@ -2,6 +2,7 @@
 keeps it off.
 """
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -214,6 +215,15 @@ def test_a_simulated_rig_has_no_real_devices(tmp_path):
         "watchdog: a simulated rig has no such real device"
         in refused(rig_file(tmp_path, content=content)).message
     )
+
+
+def test_a_stage_is_simulated_where_the_rig_is(tmp_path):
+    stage = TEMPLATE[TEMPLATE.index("[stage]") : TEMPLATE.index("[load_stage]")]
+    assert "no such real device" in refused(rig_file(tmp_path, content=SIMULATED + stage)).message
+    told = re.sub(r'resource = "[^"]*"', 'resource = "simulated"', stage)
+    assert load_rig(rig_file(tmp_path, content=SIMULATED + told)).stage is not None
+    real = TEMPLATE.replace(stage, told)
+    assert "stage.resource disagree" in refused(rig_file(tmp_path, content=real)).message
 
 
 @pytest.mark.parametrize("monitor", ["voltage_monitor", "current_monitor"])

@@ -25,11 +25,11 @@ from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.settings import Shape
 from hw.safety.interlock import HeartbeatInterlock
 from hw.safety.simulated_interlock import SimulatedInterlock
+from hw.serving.memory import MemoryTransport
 from tests.clock import ManualClock
 from tests.haptic_driver.stand_ins import BreakableSensor, Heard
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
-from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.tripping_amplifier import TrippingAmplifier
 
 OFF = DriveCommand(250.0, 0.0, False)

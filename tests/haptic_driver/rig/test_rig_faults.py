@@ -24,12 +24,12 @@ from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceDisconnected, DeviceTimeout
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.contract import GeneratorLatency
+from hw.serving.memory import MemoryTransport
 from tests.clock import ManualClock
 from tests.haptic_driver.stand_ins import BreakableSensor
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.hw.testing.faulty_transport import Faulty, LinkFault, LinkFaultKind
-from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.tripping_amplifier import TrippingAmplifier
 
 REPLY_TIMEOUT_S = 0.2

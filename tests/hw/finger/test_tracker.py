@@ -10,10 +10,10 @@ import pytest
 from haptic_driver.signals import FingerSample
 from hw.errors import DeviceDisconnected, DeviceTimeout
 from hw.finger.tracker import FingerReading, FingerTracker, RecordedFinger, StageFinger
+from hw.serving.memory import MemoryTransport
 from hw.stage.lts150 import Lts150, StageSettings, StageStatus
 from hw.stage.simulated import SimulatedLts150
 from tests.clock import ManualClock
-from tests.hw.testing.memory import MemoryTransport
 
 
 def test_readings_map_onto_the_samples_of_the_driver() -> None:

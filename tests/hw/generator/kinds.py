@@ -9,8 +9,8 @@ from typing import Any
 
 from hw.generator.contract import GeneratorKind, GeneratorLatency, TerminalOutput, generator_kind
 from hw.generator.settings import GeneratorSettings, ModulationInput
+from hw.serving.memory import MemoryTransport
 from tests.hw.instruments import IMMEDIATE
-from tests.hw.testing.memory import MemoryTransport
 
 GAIN, LIMIT_V = 100.0, 300.0
 SETTINGS = GeneratorSettings(GAIN, LIMIT_V, 10.0, 10e3)

@@ -12,9 +12,9 @@ from hw.generator.contract import generator_kind
 from hw.generator.dialogue import ScpiDialogue
 from hw.generator.keysight.gate import KeysightGate
 from hw.generator.settings import GeneratorSettings
+from hw.serving.memory import MemoryTransport
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
-from tests.hw.testing.memory import MemoryTransport
 
 READY = ["OUTP 0", "*RST", "OUTP:LOAD INF", "VOLT:UNIT VPP", "VOLT 1"]
 

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from hw.errors import BadReply, InstrumentRejected, LimitExceeded
 from hw.generator.contract import GeneratorLatency, generator_kind
 from hw.generator.settings import ExternalModulation, ModulationInput, RangePolicy, Shape
+from hw.serving.memory import MemoryTransport
 from tests.hw.generator.kinds import GAIN, KINDS, LIMIT_V, MODULATED, SETTINGS, Bench
 from tests.hw.instruments import IMMEDIATE
-from tests.hw.testing.memory import MemoryTransport
 
 ROUNDING = 1.0 + 1e-6
 every_kind = pytest.mark.parametrize("name", KINDS)

@@ -9,7 +9,7 @@ import pytest
 
 from hw.errors import BadReply, DeviceError, LimitExceeded
 from hw.impedance.e4980a import E4980A, LcrMeter
-from tests.hw.testing.memory import MemoryTransport
+from hw.serving.memory import MemoryTransport
 from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
 
 

@@ -11,9 +11,9 @@ from hw.errors import BadReply, DeviceError, DeviceTimeout, InstrumentRejected
 from hw.monitor.lines import MonitorLines
 from hw.monitor.simulated import ElectrodeState, SimulatedLines
 from hw.oscilloscope.infiniivision import MODEL, InfiniiVision, Oscilloscope
+from hw.serving.memory import MemoryTransport
 from tests.clock import ManualClock
 from tests.hw.generator.kinds import Bench
-from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision, Sync
 
 LINES = MonitorLines(0.01, 500.0, 1e6, 5e5)

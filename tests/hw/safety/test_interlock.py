@@ -16,13 +16,13 @@ from hw.errors import BadReply, DeviceDisconnected, DeviceError
 from hw.generator.contract import TerminalOutput
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.simulated_interlock import SimulatedInterlock
+from hw.serving.memory import MemoryTransport
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
 from hw.transport.contract import Transport
 from hw.transport.resource import make_transport
 from tests.clock import ManualClock
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
-from tests.hw.testing.memory import MemoryTransport
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout, LimitExceeded
+from hw.serving.memory import MemoryTransport
 from hw.serving.serial import SerialServer
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.transport.serial import SerialTransport
 from tests.clock import ManualClock
 from tests.hw.testing.faulty_stage import FaultyLts150
-from tests.hw.testing.memory import MemoryTransport
 
 SETTINGS = StageSettings(
     travel_low_m=0.0,

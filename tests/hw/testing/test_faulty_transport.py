@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout
+from hw.serving.memory import MemoryTransport
 from tests.hw.testing.faulty_transport import Faulty, LinkFault, LinkFaultKind
-from tests.hw.testing.memory import MemoryTransport
 
 GARBAGE = b"\x00garbage\n"
 NONE = LinkFault(LinkFaultKind.NONE)

@@ -16,12 +16,12 @@ from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.settings import GeneratorSettings
+from hw.serving.memory import MemoryTransport
 from hw.serving.responder import Disconnect
 from hw.transport.contract import Transport
 from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
-from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.recording import Recording, Replay, ReplayMismatch
 
 SETTINGS = GeneratorSettings(100.0, 150.0, 100.0, 1000.0)
@@ -121,7 +121,7 @@ def test_a_log_is_never_written_over(tmp_path: Path) -> None:
 def test_a_crash_loses_nothing(tmp_path: Path) -> None:
     path = tmp_path / "wire.jsonl"
     program = (
-        "import os, sys; from pathlib import Path\nfrom tests.hw.testing.memory import"
+        "import os, sys; from pathlib import Path\nfrom hw.serving.memory import"
         " MemoryTransport; from tests.hw.testing.recording import Recording\nclass Echo:\n    def"
         " handle(self, data): return data\nt = Recording(MemoryTransport(Echo()),"
         " Path(sys.argv[1])); t.open(); t.query(b'last words\\n', 1.0)\nos.kill(os.getpid(), 9)\n"

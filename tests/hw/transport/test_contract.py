@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
+from hw.serving.memory import MemoryTransport
 from hw.serving.responder import Disconnect
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
@@ -24,7 +25,6 @@ from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import closed_port
 from tests.hw.testing.faulty_transport import Faulty
-from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.recording import Recording
 from tests.hw.testing.usb_backend import SimulatedUsbBackend
 

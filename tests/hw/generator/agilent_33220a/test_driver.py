@@ -16,8 +16,8 @@ from hw.generator.settings import (
     RangePolicy,
     Shape,
 )
+from hw.serving.memory import MemoryTransport
 from tests.hw.generator.asking import read_output
-from tests.hw.testing.memory import MemoryTransport
 
 # 100 V at the electrode per volt at the generator: 1 Vpp is 50 V peak.
 SETTINGS = GeneratorSettings(

@@ -15,6 +15,7 @@ from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.settings import GeneratorSettings
+from hw.serving.memory import MemoryTransport
 from hw.serving.tcp import TcpServer
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
@@ -22,7 +23,6 @@ from tests.clock import ManualClock
 from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
-from tests.hw.testing.memory import MemoryTransport
 
 pytestmark = pytest.mark.timeout(60)
 

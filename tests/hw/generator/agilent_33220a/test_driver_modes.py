@@ -20,11 +20,11 @@ from hw.generator.settings import (
     RangePolicy,
     Shape,
 )
+from hw.serving.memory import MemoryTransport
 from hw.serving.tcp import TcpServer
 from hw.transport.tcp import TcpTransport
 from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
-from tests.hw.testing.memory import MemoryTransport
 
 GAIN, LIMIT_V = 100.0, 300.0
 

@@ -14,12 +14,12 @@ from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.contract import GeneratorLatency, TerminalOutput
 from hw.generator.settings import GeneratorSettings
+from hw.serving.memory import MemoryTransport
 from hw.serving.tcp import TcpServer
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
-from tests.hw.testing.memory import MemoryTransport
 
 SETTINGS = GeneratorSettings(100.0, 300.0, 10.0, 10e3)
 ROUNDING = 1.0 + 1e-9

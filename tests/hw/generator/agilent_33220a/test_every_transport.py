@@ -11,6 +11,7 @@ from hw.errors import LimitExceeded
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.settings import GeneratorSettings
+from hw.serving.memory import MemoryTransport
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
 from hw.transport.contract import Transport
@@ -19,7 +20,6 @@ from hw.transport.serial import SerialTransport
 from hw.transport.tcp import TcpTransport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
-from tests.hw.testing.memory import MemoryTransport
 from tests.hw.testing.usb_backend import SimulatedUsbBackend
 
 LINKS: dict[str, Callable[[Simulated33220A, ExitStack], Transport]] = {

@@ -10,8 +10,8 @@ from hw.errors import BadReply, LimitExceeded
 from hw.generator.settings import GeneratorSettings
 from hw.generator.siglent_sdg.driver import SiglentSdg
 from hw.generator.siglent_sdg.gate import SiglentGate
+from hw.serving.memory import MemoryTransport
 from tests.hw.generator.kinds import Bench
-from tests.hw.testing.memory import MemoryTransport
 
 SETTINGS = GeneratorSettings(100.0, 300.0, 10.0, 10e3)
 IDENTITY = (b"*IDN?\n", b"Siglent Technologies,SDG2042X,SDG2XCAX1R1234,2.01.01.35R3B2\n")

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from hw.errors import DeviceTimeout
-from tests.hw.testing.memory import MemoryTransport
+from hw.serving.memory import MemoryTransport
 
 
 class Slow:
