@@ -122,9 +122,14 @@ def _pressed(rig: str, newtons: float, yes: bool, in_real_time: bool = False) ->
     with devices, status("bias") as tell:
         tell("to where the finger is free: keep clear")
         make_clear(devices.stage, section.mounting())
-        read = devices.force_sensor.read
         with LoadLoop(
-            devices.stage, read, settings, section.mounting(), clock=clock, sleep=sleep
+            devices.stage,
+            devices.force_sensor.read,
+            settings,
+            section.mounting(),
+            clock=clock,
+            sleep=sleep,
+            guard=devices.watchdog,
         ) as loop:
             tell(f"pressing with {newtons:g} N")
             loop.settle(SETTLE_S)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Self
 
 from haptic_driver.errors import HapticError
@@ -69,6 +70,7 @@ class StageBench:
         self._sensor_zero_s = 0.0  # on the force sensor's clock
         self._sessions = 0
         self._load: LoadLoop | None = None  # while a load stage presses
+        self._pressing = ExitStack()
         # its speed, and the stage's status when it had been reached; None while the finger does not
         # slide
         self._stroke: tuple[float, StageStatus] | None = None
@@ -221,22 +223,22 @@ class StageBench:
             settings = section.loop(wanted_n)
         except ValueError as error:
             raise HapticError("load_refused", str(error), "Change the plan's loads") from error
-        self._load = LoadLoop(
+        load = LoadLoop(
             stage,
             self.rig.read_force,
             settings,
             section.mounting(),
             clock=self._clock,
             sleep=self._sleep,
+            guard=self._devices.watchdog,
         )
+        self._load = self._pressing.enter_context(load)
         self._load.settle(LOAD_WAIT_S)
 
     def _lift(self) -> None:
         """Have the load stage let go, and forget its loop."""
-        load, self._load = self._load, None
-        if load is not None:
-            with load:
-                pass
+        self._load = None
+        self._pressing.close()
 
     def _wait(self, duration_s: float) -> None:
         """Time passes; a load stage holds meanwhile."""

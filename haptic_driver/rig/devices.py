@@ -35,6 +35,7 @@ from haptic_driver.rig.part import (
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.parts.generators import CarrierConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox, ModemLineInterlock, NiInterlock
+from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.rig import Rig
 from haptic_driver.rig.states import RigEvent
 from hw.analog.cards import make_card
@@ -152,13 +153,13 @@ def connect_devices(
     parts = _Parts(config)
     force_sensor = parts.force_sensor(before)
     stage = parts.stage()
-    pressing = parts.load_stage() if load_stage else None
     tracker = parts.reader(FINGER_TRACKERS, config.finger_tracker, Wiring(parts.inputs, stage))
-    watchdog = parts.watchdog()
+    watchdog = parts.watchdog(load_stage)
     enable, heartbeats = parts.interlock()
     output = parts.analog_output() if envelope else None
     monitors = parts.electrode_monitors()
     camera = parts.reader(CAMERAS, config.camera, Wiring())
+    pressing = parts.load_stage() if load_stage else None
     amplifier = config.amplifier
     lines = Wiring(
         enable=enable,
@@ -166,7 +167,7 @@ def connect_devices(
         current_monitor=parts.monitor(amplifier.current_monitor),
         fault=parts.fault_line(),
     )
-    beaten = [*heartbeats, *([watchdog] if watchdog else [])]
+    beaten = [*heartbeats, *([watchdog] if watchdog and watchdog.settings.generator else [])]
     rig = build_rig(
         config,
         generator_port(config),
@@ -205,6 +206,7 @@ class LoadDevices:
     stage: LoadStage
     opening: Sequence[Callable[[], object]]
     closing: Sequence[Callable[[], object]]
+    watchdog: Watchdog | None = None
 
     def __enter__(self) -> Self:
         try:
@@ -231,6 +233,7 @@ def connect_load(config: RigConfig) -> LoadDevices:
         )
     parts = _Parts(config)
     force_sensor = parts.force_sensor(None)
+    watchdog = parts.watchdog(True, generator=False)
     stage = parts.load_stage()
     assert stage is not None  # a kind that is not "none" makes one
     claims = Claims(addresses_of([config.force_sensor, config.load_stage]))
@@ -239,6 +242,7 @@ def connect_load(config: RigConfig) -> LoadDevices:
         stage,
         [claims.take, *parts.before_rig, *parts.after_rig],
         [*parts.closing, claims.release],
+        watchdog,
     )
 
 
@@ -420,14 +424,24 @@ class _Parts:
                 return line, []
         return None, []
 
-    def watchdog(self) -> Watchdog | None:
-        given = self._config.watchdog
-        if given is None or given.generator == NO_WATCHDOG:
+    def watchdog(self, load_stage: bool, generator: bool = True) -> Watchdog | None:
+        """Over the generator, the load stage, both, or None where there is neither to watch."""
+        section, given = self._config.load_stage, self._config.watchdog
+        stage = None
+        if load_stage and isinstance(section, LoadStageSection):
+            stage = section.guarded()
+        if generator and given is not None and given.generator != NO_WATCHDOG:
+            own = self._config.waveform_generator
+            settings = WatchdogSettings(
+                **given.model_dump(),
+                model=own.model,
+                visa_backend=own.visa_backend,
+                load_stage=stage,
+            )
+        elif stage is not None:
+            settings = WatchdogSettings(None, load_stage=stage)
+        else:
             return None
-        generator = self._config.waveform_generator
-        settings = WatchdogSettings(
-            **given.model_dump(), model=generator.model, visa_backend=generator.visa_backend
-        )
         watchdog = Watchdog(settings)
         self._first(watchdog.start, watchdog.close)
         return watchdog

@@ -2,16 +2,17 @@
 
 Each look asks the sensor, then the stage, and carries out the order. The loop lets go (retracts or
 stops, as its settings say) on every way out of its `with` block: what fails, Ctrl-C too. A process
-that is killed leaves a stage that finishes one short move and rests.
+that is killed leaves a stage that finishes one short move and rests, until the watchdog has it let
+go.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol, Self
 
 from haptic_driver.errors import HapticError
@@ -26,6 +27,7 @@ from haptic_driver.rig.load_controller import (
 )
 from hw.errors import DeviceError
 from hw.force.sensor import ForceReading
+from hw.stage.letting_go import Mounting, let_go
 
 if TYPE_CHECKING:  # who reads a rig's file does not wait for devices
     from hw.stage.lts150 import StageStatus
@@ -61,25 +63,14 @@ class LoadStage(Protocol):
         """Stop and return the status at rest."""
 
 
-@dataclass(frozen=True)
-class Mounting:
-    """How the stage stands to the finger: `towards` is 1 where higher positions press, else -1.
+class Guard(Protocol):
+    """Who lets go if this program dies; `hw.safety.watchdog.Watchdog` is one."""
 
-    Letting go goes back by `retract_m` from where the stage is, no further than `clear_m`, the
-    position at which the finger is free.
-    """
+    def press(self) -> None:
+        """The stage will press. Raises DeviceError where nobody guards."""
 
-    towards: int
-    clear_m: float
-    retract_m: float = 5e-3
-    retract_m_s: float = 20e-3
-    acceleration_m_s2: float = 50e-3
-
-    def depth_m(self, position_m: float) -> float:
-        return self.towards * position_m
-
-    def position_m(self, depth_m: float) -> float:
-        return self.towards * depth_m
+    def lifted(self) -> None:
+        """The stage has let go."""
 
 
 def make_clear(stage: LoadStage, mounting: Mounting) -> None:
@@ -113,6 +104,7 @@ class LoadLoop:
         *,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
+        guard: Guard | None = None,
     ) -> None:
         self.settings = settings
         self.state = LoadState()
@@ -123,6 +115,9 @@ class LoadLoop:
         self._mounting = mounting
         self._clock = clock
         self._sleep = sleep
+        self._guard = guard
+        self._trouble = ""  # what a device said last that failed
+        self._released = True  # the stage took the order to let go
         self._speed_m_s = math.nan  # of the stage's moves, as set
         self._told_s = (math.nan, clock())  # the sensor's time of the newest reading, and ours
         self._due_s = -math.inf
@@ -152,13 +147,19 @@ class LoadLoop:
         end_s = self._clock() + duration_s
         while True:
             if self.look().phase is Phase.ENDED:
-                raise HapticError(
-                    "load_let_go",
-                    f"the load stage let go: {self.state.reason}",
-                    "Remove the cause, then start again",
-                )
+                raise self._ended()
             if self._clock() >= end_s:
                 return
+
+    def _ended(self) -> HapticError:
+        why = f"{self.state.reason} ({self._trouble})" if self._trouble else self.state.reason
+        if self._released:
+            said = f"the load stage let go: {why}"
+            return HapticError("load_let_go", said, "Remove the cause, then start again")
+        said = f"the load stage may still press, and takes no order: {why}"
+        return HapticError(
+            "load_presses", said, "Lift the finger off by hand, switch the stage off"
+        )
 
     def average(self, duration_s: float) -> tuple[float, float]:
         """Mean load in N and depth in m while it is held for so long; HapticError as `hold`."""
@@ -194,12 +195,16 @@ class LoadLoop:
         """Retract or stop, without asking the sensor; whether the stage took it. Never raises
         DeviceError.
         """
-        with suppress(DeviceError):
-            self._stop_and(retract=self.settings.retracts)
-            return True
-        return False
+        try:
+            self._let_go(retract=self.settings.retracts)
+        except DeviceError:
+            self._released = False
+        return self._released
 
     def __enter__(self) -> Self:
+        """Raises DeviceError where the guard does not guard."""
+        if self._guard is not None:
+            self._guard.press()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -208,11 +213,14 @@ class LoadLoop:
         """
         if self.let_go():
             with suppress(DeviceError):
-                self._stage.wait(LET_GO_S)
+                if self.settings.retracts:
+                    self._stage.wait(LET_GO_S)
+                if self._guard is not None:
+                    self._guard.lifted()
 
     def _see(self) -> Seen:
         load_n, saturated = None, False
-        with suppress(DeviceError):
+        with self._noted():
             reading = self._read_force()
             load_n, saturated = reading.normal_force_n, reading.saturated
             self.load_n = load_n
@@ -220,19 +228,29 @@ class LoadLoop:
                 self._told_s = reading.time_s, self._clock()
         age_s = self._clock() - self._told_s[1]
         depth_m, moving = None, False
-        with suppress(DeviceError):
+        with self._noted():
             status = self._stage.read_status()
             moving = status.moving
-            if status.homed and not status.motion_error:
+            if not status.homed or status.motion_error:
+                self._trouble = "it is not homed any more, or reports a motion error"
+            else:
                 depth_m = self.depth_m = self._mounting.depth_m(status.position_m)
         return Seen(self._clock(), load_n, age_s, saturated, depth_m, moving)
+
+    @contextmanager
+    def _noted(self) -> Iterator[None]:
+        """A device that fails is no reading; what it said is kept for whoever is told."""
+        try:
+            yield
+        except DeviceError as error:
+            self._trouble = error.message
 
     def _carry_out(self, order: Order) -> None:
         match order.act:
             case Act.MOVE:
                 self._move(order.depth_m, order.speed_m_s)
             case Act.STOP | Act.RETRACT:
-                self._stop_and(retract=order.act is Act.RETRACT)
+                self._let_go(retract=order.act is Act.RETRACT)
 
     def _move(self, depth_m: float, speed_m_s: float) -> None:
         if speed_m_s != self._speed_m_s:
@@ -240,10 +258,7 @@ class LoadLoop:
             self._speed_m_s = speed_m_s
         self._stage.move_to(self._mounting.position_m(depth_m))
 
-    def _stop_and(self, *, retract: bool) -> None:
-        status = self._stage.stop()
-        if retract:
-            mounting = self._mounting
-            back_m = mounting.depth_m(status.position_m) - mounting.retract_m
-            clear_m = mounting.depth_m(mounting.clear_m)
-            self._move(max(back_m, clear_m), mounting.retract_m_s)
+    def _let_go(self, *, retract: bool) -> None:
+        self._speed_m_s = math.nan
+        let_go(self._stage, self._mounting, retract=retract)
+        self._released = True

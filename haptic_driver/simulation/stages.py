@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from haptic_driver.rig.load_loop import Mounting
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig, lts150_settings
 from haptic_driver.rig.parts.stages import StageConfig
 from hw.finger.body import FingerBody, PowerLaw
 from hw.serving.memory import MemoryTransport
+from hw.stage.letting_go import Mounting
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.stage.simulated import SimulatedLts150
 
@@ -41,6 +41,7 @@ class SimulatedStages:
     ) -> None:
         self.now_s = 0.0
         self.asked_n = 0.0
+        self.thrust_m = 0.0  # by which the finger has come to meet the stage
         self.load_n = 0.0
         self._pass_time, self._friction_n = pass_time, friction_n
         self._press = load_stage
@@ -88,7 +89,7 @@ class SimulatedStages:
         if self.pressing is None or self._press is None or self._mounting is None:
             return 0.0 if self.asked_n > 0.0 else -math.inf
         away_m = 1e-3 * self.pressing.position_mm - self._press.face_m
-        return self._mounting.depth_m(away_m)
+        return self._mounting.depth_m(away_m) + self.thrust_m
 
     def _position_m(self) -> float:
         return 0.0 if self.sliding is None else 1e-3 * self.sliding.position_mm

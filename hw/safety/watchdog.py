@@ -8,7 +8,8 @@ the interlock's contact if it is told of one, reads both back, and tries again u
 evidence or `give_up_s` have passed. A driver that was only kept waiting by a busy machine may beat
 again once there is evidence; otherwise the watchdog ends, and its exit status says what it knows.
 It can do nothing against a computer without power or an instrument that is cut off: that is what
-the interlock box is for.
+the interlock box is for. Told of a load stage, it has it lift off, or stop, when the driver has
+ended while it pressed.
 
 From when it is ready it starts nothing more: its threads, connections and words are there. Its log
 waits for nobody.
@@ -17,7 +18,8 @@ waits for nobody.
     [--interlock I] ...
 
 reads beats from its standard input: `b` (the output is wanted), `r` (rest: it is known to be off,
-do not wait for beats). It counts from the first beat. Standard output gets one line, `ready` or why
+do not wait for beats), `p` (the load stage presses from now on), `l` (it has let go). It counts
+from the first beat. Standard output gets one line, `ready` or why
 not, and then `h` whenever it has heard, `s` when it begins to switch off, `d` when it has.
 """
 
@@ -43,11 +45,13 @@ from hw.analog.output import QUIET_V, at_zero
 from hw.dropping_log import DroppingHandler
 from hw.errors import DeviceDisconnected, DeviceTimeout, SwitchedOff
 from hw.generator.contract import generator_kind
+from hw.safety.guarded_stage import GuardedStage, StageHold
 from hw.transport.contract import Transport
 from hw.transport.resource import make_transport
 from hw.transport.running import Running
 
 BEAT, REST = b"b", b"r"
+PRESSED, LIFTED = b"p", b"l"
 READY = "ready"
 HEARD, SWITCHING, DONE = b"h", b"s", b"d"
 CLOSED = "the pipe is closed"
@@ -59,6 +63,7 @@ ASKED_AT_START = (
     4  # times: nothing is on yet, and a busy machine's late answer is no reason to go without
 )
 PRIORITY = 1  # of SCHED_FIFO, where that is granted: before all that is not in real time
+STAGE_S = 10.0  # for a load stage, whose driver may still hold it for a moment
 _END_S = 10.0  # for the process to be scheduled and to end; it switches off meanwhile
 _log = logging.getLogger("hw.safety.watchdog")
 
@@ -74,8 +79,8 @@ class Outcome(enum.IntEnum):
 
 @dataclass(frozen=True)
 class WatchdogSettings:
-    """What it switches off, and when. Resources as `make_transport` takes them; `interlock` may be
-    absent.
+    """What it switches off, and when. Resources as `make_transport` takes them; each may be absent,
+    not all of them.
 
     `model` is the generator's kind, see `hw.generator.contract`; `visa_backend` as `make_transport`
     takes it.
@@ -87,7 +92,7 @@ class WatchdogSettings:
     not > 0.
     """
 
-    generator: str
+    generator: str | None
     interlock: str | None = None
     model: str = "agilent_33220a"
     visa_backend: str = "@py"
@@ -95,6 +100,7 @@ class WatchdogSettings:
     reply_timeout_s: float = 0.3
     retry_s: float = 0.2
     give_up_s: float = 60.0
+    load_stage: GuardedStage | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be a setting."""
@@ -106,9 +112,10 @@ class WatchdogSettings:
 
     def arguments(self) -> list[str]:
         """The command line that says the same."""
-        given = {
+        given: dict[str, object] = {
             name.removesuffix("_s").replace("_", "-"): value for name, value in vars(self).items()
         }
+        given["load-stage"] = None if self.load_stage is None else self.load_stage.as_text()
         return [f"--{name}={value}" for name, value in given.items() if value is not None]
 
 
@@ -220,12 +227,30 @@ class Watchdog(Running):
                     time.monotonic()
                 )  # stopped while it rests, the next beats tell
 
+    def press(self) -> None:
+        """Say that the load stage will press. Raises DeviceDisconnected where nobody listens."""
+        try:
+            if self._process is None:
+                raise BrokenPipeError("it is not running")
+            os.write(_pipe(self._process), PRESSED)
+        except OSError as error:
+            raise DeviceDisconnected(
+                f"watchdog: nothing would lift the finger if this program died ({error})",
+                "start it again",
+            ) from error
+
+    def lifted(self) -> None:
+        """Say that the load stage has let go; no matter when the watchdog has ended."""
+        if self._process is not None:
+            with suppress(OSError):
+                os.write(_pipe(self._process), LIFTED)
+
     def close(self) -> bool | None:
         """Let it switch off and end; return whether the output is off (None: unknown). Never
         raises.
 
-        Takes at most `give_up_s`, a few reply timeouts, and what a busy machine needs to end a
-        process.
+        Takes at most `give_up_s`, `STAGE_S` for a load stage, a few reply timeouts, and what a busy
+        machine needs to end a process.
         """
         process, self._process = self._process, None
         if process is None:
@@ -233,7 +258,10 @@ class Watchdog(Running):
         try:
             # closes its input, which makes it switch off
             process.communicate(
-                timeout=self.settings.give_up_s + 10.0 * self.settings.reply_timeout_s + _END_S
+                timeout=self.settings.give_up_s
+                + STAGE_S
+                + 10.0 * self.settings.reply_timeout_s
+                + _END_S
             )
         except subprocess.TimeoutExpired:
             return None
@@ -348,14 +376,9 @@ class _Card:
 
 
 def _instruments(settings: WatchdogSettings) -> list[_Instrument | _Card]:
-    kind, timeout_s = generator_kind(settings.model), settings.reply_timeout_s
-    found: list[_Instrument | _Card] = []
-    if kind.by_samples:
-        found.append(_Card(settings.generator, timeout_s))
-    else:
-        off = (kind.switch_off, kind.ask_off)
-        transport = make_transport(settings.generator, visa_backend=settings.visa_backend)
-        found.append(_Instrument(transport, timeout_s, kind.ask_off, off, kind.off_answers))
+    timeout_s, found = settings.reply_timeout_s, list[_Instrument | _Card]()
+    if settings.generator is not None:
+        found.append(_generator(settings, settings.generator))
     if settings.interlock is not None:
         said = re.compile(rb"(?P<off>OFF) [A-Z]+ \d+|ON OK \d+")
         found.append(
@@ -366,7 +389,16 @@ def _instruments(settings: WatchdogSettings) -> list[_Instrument | _Card]:
     return found
 
 
-def _answers(instrument: _Instrument | _Card) -> bool:
+def _generator(settings: WatchdogSettings, resource: str) -> _Instrument | _Card:
+    kind, timeout_s = generator_kind(settings.model), settings.reply_timeout_s
+    if kind.by_samples:
+        return _Card(resource, timeout_s)
+    off = (kind.switch_off, kind.ask_off)
+    transport = make_transport(resource, visa_backend=settings.visa_backend)
+    return _Instrument(transport, timeout_s, kind.ask_off, off, kind.off_answers)
+
+
+def _answers(instrument: _Instrument | _Card | StageHold) -> bool:
     """Whether it says anything about its output, asked up to ASKED_AT_START times."""
     return any(instrument.ask() is not None for _ in range(ASKED_AT_START))
 
@@ -403,7 +435,7 @@ class Hand:
     start.
     """
 
-    def __init__(self, instrument: _Instrument | _Card) -> None:
+    def __init__(self, instrument: _Instrument | _Card | StageHold) -> None:
         self._instrument = instrument
         self._asked: queue.SimpleQueue[bool] = queue.SimpleQueue()
         self._said: queue.SimpleQueue[bool | None] = queue.SimpleQueue()
@@ -447,6 +479,32 @@ def switch_off(hands: Sequence[Hand], settings: WatchdogSettings) -> Outcome:
     return Outcome.ON if False in said else Outcome.UNKNOWN
 
 
+class _Lifter:
+    """Has the load stage let go, where there is one and it presses."""
+
+    def __init__(self, stage: StageHold | None, settings: WatchdogSettings) -> None:
+        self.presses = threading.Event()
+        self._hand = None if stage is None else Hand(stage)
+        self._settings = settings
+        self._begun = False
+
+    def begin(self) -> None:
+        """Waits for nothing."""
+        self._begun = self._hand is not None and self.presses.is_set()
+        if self._hand is not None and self._begun:
+            self._hand.begin()
+
+    def end(self) -> None:
+        """Again and again until it has let go, or time is up; says which."""
+        if self._hand is None or not self._begun:
+            return
+        deadline_s = time.monotonic() + STAGE_S
+        while not (said := self._hand.said()) and time.monotonic() < deadline_s:
+            time.sleep(self._settings.retry_s)
+            self._hand.begin()
+        _log.info("load stage %s", "has let go" if said else "may still press")
+
+
 def main(arguments: Sequence[str] | None = None) -> Outcome:
     """Run the process; the outcome is its exit status."""
     settings = _parse(arguments)
@@ -463,7 +521,9 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
         format="%(asctime)s watchdog: %(message)s", level=logging.INFO, handlers=[log]
     )
     instruments = _instruments(settings)
-    silent = [instrument.resource for instrument in instruments if not _answers(instrument)]
+    stage = None if settings.load_stage is None else StageHold(settings.load_stage)
+    asked = [*instruments, *([] if stage is None else [stage])]
+    silent = [instrument.resource for instrument in asked if not _answers(instrument)]
     if silent:
         print(f"{', '.join(silent)} does not answer", flush=True)
         return Outcome.NOT_STARTED
@@ -472,9 +532,10 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
     ):  # it has little to do, and must not wait for a machine that has too much
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     hands = [Hand(instrument) for instrument in instruments]
+    lifter = _Lifter(stage, settings)
     print(READY, flush=True)
     beats: queue.Queue[bytes] = queue.Queue()
-    threading.Thread(target=_listen, args=(beats,), daemon=True).start()
+    threading.Thread(target=_listen, args=(beats, lifter.presses), daemon=True).start()
     os.set_blocking(sys.stdout.fileno(), False)  # it waits for nobody who does not read
     while True:
         try:
@@ -482,10 +543,13 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
         except Exception:  # no memory, say: there is nothing left to wait with
             reason = CLOSED
         _say(SWITCHING)
+        if reason == CLOSED:  # else the driver holds the stage
+            lifter.begin()
         outcome = switch_off(hands, settings)
         _say(DONE)
         _log.info("%s; output %s", reason, outcome.name.lower())
         if reason == CLOSED or outcome is not Outcome.OFF:
+            lifter.end()
             log.flush()
             return outcome
 
@@ -496,11 +560,15 @@ def _say(what: bytes) -> None:
         os.write(sys.stdout.fileno(), what)
 
 
-def _listen(beats: queue.Queue[bytes]) -> None:
-    """Put what comes on standard input, the newest of each read, and nothing at its end."""
+def _listen(beats: queue.Queue[bytes], presses: threading.Event) -> None:
+    """Put what comes on standard input, the newest beat of each read, and nothing at its end."""
     try:
         while received := os.read(0, 4096):
-            beats.put(received[-1:])
+            if (PRESSED in received) or (LIFTED in received):
+                last = received.rfind(PRESSED) > received.rfind(LIFTED)
+                presses.set() if last else presses.clear()
+            if beat := received.translate(None, PRESSED + LIFTED)[-1:]:
+                beats.put(beat)
     finally:  # an input that cannot be read is at its end too
         beats.put(b"")
 
@@ -509,9 +577,7 @@ def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
     parser = argparse.ArgumentParser(
         prog="python -m hw.safety.watchdog", description="Switch off when the driver dies."
     )
-    parser.add_argument(
-        "--generator", required=True, help="its resource, e.g. TCPIP::host::5025::SOCKET"
-    )
+    parser.add_argument("--generator", help="its resource, e.g. TCPIP::host::5025::SOCKET")
     parser.add_argument("--model", default=WatchdogSettings.model, help="the generator's kind")
     parser.add_argument(
         "--visa-backend",
@@ -519,6 +585,7 @@ def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
         help="what pyvisa calls its library",
     )
     parser.add_argument("--interlock", help="resource of a heartbeat interlock box")
+    parser.add_argument("--load-stage", help="a load stage, as GuardedStage writes it")
     for name in ("period", "reply-timeout", "retry", "give-up"):
         default = getattr(WatchdogSettings, f"{name.replace('-', '_')}_s")
         parser.add_argument(
@@ -535,9 +602,13 @@ def _parse(arguments: Sequence[str] | None) -> WatchdogSettings:
             given.reply_timeout,
             given.retry,
             given.give_up,
+            None if given.load_stage is None else GuardedStage.from_text(given.load_stage),
         )
-        by_samples = generator_kind(settings.model).by_samples
-        (check_name if by_samples else make_transport)(settings.generator)
+        if settings.generator is not None:
+            by_samples = generator_kind(settings.model).by_samples
+            (check_name if by_samples else make_transport)(settings.generator)
+        elif settings.load_stage is None:
+            raise ValueError("--generator or --load-stage: there is nothing to watch")
         if settings.interlock is not None:
             make_transport(settings.interlock)
     except ValueError as error:

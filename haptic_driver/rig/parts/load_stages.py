@@ -10,7 +10,6 @@ from pydantic import Field, model_validator
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.load_controller import LoadSettings
-from haptic_driver.rig.load_loop import Mounting
 from haptic_driver.rig.part import (
     LoadNewtons,
     Metres,
@@ -21,8 +20,10 @@ from haptic_driver.rig.part import (
     Wiring,
 )
 from haptic_driver.rig.parts.stages import examine_lts150
+from hw.stage.letting_go import Mounting
 
 if TYPE_CHECKING:
+    from hw.safety.guarded_stage import GuardedStage
     from hw.stage.lts150 import Lts150, StageSettings
 
 Stiffness = Annotated[float, Within(10.0, 1e5, "no fingertip is softer or stiffer")]
@@ -101,6 +102,12 @@ class LoadStageSection(PartSection):
             ),
         )
 
+    def guarded(self) -> GuardedStage | None:
+        """What the watchdog is told, to let go when the driver dies; None for a kind that it does
+        not know.
+        """
+        return None
+
     def examine(self, at: Examination) -> Checks:
         yield from super().examine(at)
         yield from self._gains(at)
@@ -158,6 +165,13 @@ class Lts150LoadStageConfig(OnLts150):
 
     kind: Literal["lts150"]
     resource: Resource = Field(description="serial port")
+
+    def guarded(self) -> GuardedStage | None:
+        from hw.safety.guarded_stage import GuardedStage
+
+        return GuardedStage(
+            self.resource, lts150_settings(self), self.mounting(), self.when_wrong == "retract"
+        )
 
     def examine(self, at: Examination) -> Checks:
         yield from examine_lts150(at, self.resource, lts150_settings(self))

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptic_driver.rig.load_controller import LoadSettings, Phase
-from haptic_driver.rig.load_loop import LoadLoop, Mounting
+from haptic_driver.rig.load_loop import LoadLoop
 from hw.errors import DeviceTimeout
 from hw.finger.body import BodySettings, Elastic, FingerBody
 from hw.force.sensor import ForceReading
 from hw.serving.memory import MemoryTransport
+from hw.stage.letting_go import Mounting
 from hw.stage.lts150 import Lts150, StageSettings
 from tests.hw.testing.faulty_stage import FaultyLts150
 

@@ -11,10 +11,11 @@ import pytest
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.load_controller import LoadSettings, LoadState, Phase
-from haptic_driver.rig.load_loop import LoadLoop, Mounting, make_clear
+from haptic_driver.rig.load_loop import LoadLoop, make_clear
 from haptic_driver.rig.load_tuning import tune
 from hw.finger.body import BodySettings, Elastic, PowerLaw
 from hw.force.sensor import ForceReading
+from hw.stage.letting_go import Mounting
 from hw.stage.lts150 import Lts150
 from tests.haptic_driver.rig.load_rig import FACE_M, Finger, score, slow_part
 
