@@ -5,7 +5,8 @@ from __future__ import annotations
 import datetime
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -22,7 +23,8 @@ from haptic_driver.cli.output import (
 )
 from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.devices import connect_load
+from haptic_driver.rig.devices import LoadDevices, connect_load
+from haptic_driver.rig.load_gains import LoadGains
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
 from haptic_driver.rig.load_tuning import tune as find
 from haptic_driver.rig.parts.load_stages import LoadStageSection
@@ -46,7 +48,8 @@ def hold(
 ) -> None:
     """Hold a finger's load by the rig's load stage, while no other program drives the rig.
 
-    Opens the force sensor and the load stage alone: nothing is energised. Lifts off, or stops, as
+    Opens the force sensor and the load stage alone: nothing is energised. A daemon on the same rig
+    has both already: end it first. Lifts off, or stops, as
     the rig's file says, at the end and when anything is wrong. A simulated rig holds `--seconds` of
     its own time.
 
@@ -66,33 +69,45 @@ def tune(
     by: Annotated[str, Option(help="Who tunes; it is written beside the figures.")],
     newtons: Annotated[float, Option(help="Load at which to tune, N.")] = 0.5,
     rig: RigOption = "simulated-paper",
+    out: Annotated[
+        Path | None, Option(help="File to write; the rig's gains_file if left out.")
+    ] = None,
     yes: Yes = False,
     as_json: Json = False,
 ) -> None:
-    """Find the finger's stiffness by steps of a tenth of a held load; prints lines for the rig's
-    file.
+    """Find the finger's stiffness by steps of a tenth of a held load, and write it down.
 
-    Example: `haptic load tune --rig simulated-paper --by 'A. Smith'`
+    `haptic load hold` and `haptic measure` take it from the file that `load_stage.gains_file`
+    names.
+
+    Example: `haptic load tune --rig simulated-paper --by 'A. Smith' --out load_gains.toml`
     """
     if not by.strip():
         raise BadInputError("usage", "--by is empty", "Say who tunes")
+    section = load_rig(rig).load_stage
+    named = section.gains_file if isinstance(section, LoadStageSection) else ""
+    path = out or (Path(named) if named else None)
     with _pressed(rig, newtons, yes) as loop:
         try:
             found = find(loop)
         except ValueError as error:
             raise HapticError("not_tuned", str(error), "Then tune again") from error
-    today = datetime.date.today().isoformat()
-    stiffness = float(f"{found.stiffness_n_per_m:.3g}")
-    quoted = by.replace("\\", "\\\\").replace('"', '\\"')
-    lines = f'stiffness_n_per_m = {stiffness:g}\ntuned_by = "{quoted}"\ntuned_at = {today}'
-    said = {**found._asdict(), "tuned_by": by, "tuned_at": today, "toml": lines}
-    report(as_json, said, lambda: _show(lines, found.spread_n_per_m))
+    gains = LoadGains(**found._asdict(), tuned_by=by.strip(), tuned_at=datetime.date.today())
+    if path is not None:
+        gains.write(path)
+    said = {**gains.model_dump(mode="json"), "out": None if path is None else str(path)}
+    report(as_json, said, lambda: _show(gains, path))
 
 
-def _show(lines: str, spread_n_per_m: float) -> None:
-    stdout.print("for [load_stage] of the rig's file:", markup=False)
-    stdout.print(lines, markup=False)
-    stdout.print(f"the steps differ by {spread_n_per_m:.3g} N/m (1 sigma)")
+def _show(gains: LoadGains, path: Path | None) -> None:
+    found = f"{gains.stiffness_n_per_m:.3g} N/m, the steps differ by {gains.spread_n_per_m:.2g} N/m"
+    stdout.print(f"stiffness at 0.5 N: {found} (1 sigma)")
+    if path is None:
+        stdout.print(
+            "not written down: give --out, or name load_stage.gains_file in the rig's file"
+        )
+    else:
+        stdout.print(f"-> {path}; used where load_stage.gains_file names it")
 
 
 @contextmanager
@@ -119,7 +134,7 @@ def _pressed(rig: str, newtons: float, yes: bool, in_real_time: bool = False) ->
             " finger off: the force sensor's bias comes first."
         )
         confirm_attended(config.name)
-    with devices, status("bias") as tell:
+    with _unless_held(devices), status("bias") as tell:
         tell("to where the finger is free: keep clear")
         make_clear(devices.stage, section.mounting())
         with LoadLoop(
@@ -134,3 +149,20 @@ def _pressed(rig: str, newtons: float, yes: bool, in_real_time: bool = False) ->
             tell(f"pressing with {newtons:g} N")
             loop.settle(SETTLE_S)
             yield loop
+
+
+@contextmanager
+def _unless_held(devices: LoadDevices) -> Iterator[None]:
+    """Open; where another program has the rig, say what holds a load then."""
+    with ExitStack() as opened:
+        try:
+            opened.enter_context(devices)
+        except HapticError as error:
+            if error.code != "in_use":
+                raise
+            hint = (
+                "A daemon reads the force sensor itself: end it, then hold; haptic measure holds"
+                " each row's load by itself"
+            )
+            raise HapticError("in_use", error.message, hint) from error
+        yield

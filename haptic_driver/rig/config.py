@@ -559,7 +559,9 @@ def _with_whole_paths(rig: RigConfig, folder: Path) -> RigConfig:
     """Files that a rig's file names are looked for beside it."""
     parts = {name: getattr(rig, name) for name in RigConfig.model_fields}
     changed = {
-        name: part.model_copy(update={key: str(folder / getattr(part, key)) for key in part.files})
+        name: part.model_copy(
+            update={key: str(folder / said) for key in part.files if (said := getattr(part, key))}
+        )
         for name, part in parts.items()
         if isinstance(part, PartSection) and part.files
     }

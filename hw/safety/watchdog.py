@@ -547,7 +547,8 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
             lifter.begin()
         outcome = switch_off(hands, settings)
         _say(DONE)
-        _log.info("%s; output %s", reason, outcome.name.lower())
+        if hands:
+            _log.info("%s; output %s", reason, outcome.name.lower())
         if reason == CLOSED or outcome is not Outcome.OFF:
             lifter.end()
             log.flush()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
@@ -10,6 +11,7 @@ from pydantic import Field, model_validator
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.load_controller import LoadSettings
+from haptic_driver.rig.load_gains import LoadGains, Stiffness, read_gains
 from haptic_driver.rig.part import (
     LoadNewtons,
     Metres,
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
     from hw.safety.guarded_stage import GuardedStage
     from hw.stage.lts150 import Lts150, StageSettings
 
-Stiffness = Annotated[float, Within(10.0, 1e5, "no fingertip is softer or stiffer")]
 Gain = Annotated[float, Within(0.01, 1.0, "more than the whole way swings")]
 Drift = Annotated[float, Within(0.01, 20.0, "no loop of this pace takes a faster one")]
 Way = Annotated[float, Within(1e-4, 0.05, "no finger is pressed so far")]
@@ -59,6 +60,7 @@ class LoadStageSection(PartSection):
     sensor is silent or saturated or the stage does not answer.
     """
 
+    files = ("gains_file",)
     holds: ClassVar[bool] = True
 
     higher_presses: bool = Field(description=PRESSES)
@@ -75,6 +77,10 @@ class LoadStageSection(PartSection):
     )
     gain: Gain = Field(default=0.35, description="share of the missing way that a move takes")
     drift_per_s: Drift = Field(default=2.0, description="integral gain")
+    gains_file: str = Field(
+        default="",
+        description="that `haptic load tune` writes, beside this file; counts before the keys here",
+    )
     tuned_by: str = Field(default="", description="who found the stiffness")
     tuned_at: datetime.date | None = Field(default=None, description="when")
 
@@ -84,18 +90,26 @@ class LoadStageSection(PartSection):
             raise ValueError(f"load_limit_n must be above the first touch, {LoadSettings.touch_n}")
         return self
 
+    @property
+    def gains(self) -> LoadGains | None:
+        """What was written down; None where nothing was. BadInputError for a file that is none."""
+        return read_gains(Path(self.gains_file)) if self.gains_file else None
+
     def loop(self, target_n: float) -> LoadSettings:
-        """How `target_n` is held; ValueError for a load that is not held."""
+        """How `target_n` is held; ValueError for a load that is not held, BadInputError as
+        `gains`.
+        """
+        gains = self.gains
         return LoadSettings(
             target_n,
             retracts=self.when_wrong == "retract",
+            stiffness_n_per_m=self.stiffness_n_per_m if gains is None else gains.stiffness_n_per_m,
             **self.model_dump(
                 include={
                     "load_limit_n",
                     "reach_m",
                     "depth_m",
                     "rate_m_s",
-                    "stiffness_n_per_m",
                     "gain",
                     "drift_per_s",
                 }
@@ -113,11 +127,21 @@ class LoadStageSection(PartSection):
         yield from self._gains(at)
 
     def _gains(self, at: Examination) -> Checks:
-        gains, found = at.called("load gains"), f"{self.stiffness_n_per_m:g} N/m"
-        if self.tuned_by and self.tuned_at:
-            yield gains.ok(f"{found}, {self.tuned_by}, {self.tuned_at}")
+        gains, own = at.called("load gains"), self.gains
+        given = self if own is None else own
+        found = f"{given.stiffness_n_per_m:g} N/m"
+        if given.tuned_by and given.tuned_at:
+            yield gains.ok(f"{found}, {given.tuned_by}, {given.tuned_at}")
         else:
             yield gains.unverified(f"{found}, tuned by nobody: haptic load tune")
+        dying = at.called("load stage if the driver dies")
+        if self.kind == "simulated":
+            return
+        if self.guarded() is None:
+            yield dying.warning("it rests and presses on: the watchdog does not know this kind")
+        else:
+            does = "lift off" if self.when_wrong == "retract" else "stop"
+            yield dying.unverified(f"the watchdog has it {does}", "kill a haptic load hold once")
 
     def mounting(self) -> Mounting:
         """How the stage stands to the finger."""

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from haptic_driver.rig.claims import Claims
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.simulation.served import CLEAR_M, FACE_M
 from tests.haptic_driver.config_texts import served_rig_text
 from tests.haptic_driver.stand_ins import living_rig
@@ -53,12 +59,44 @@ def test_a_load_is_held_and_the_finger_lifted(haptic: Any, rig: str, served: Any
     assert not served.generator.output().on
 
 
-def test_tuning_says_what_to_write_down(haptic: Any, rig: str) -> None:
+def test_tuning_writes_down_what_the_next_loop_takes(haptic: Any, rig: str, tmp_path: Path) -> None:
     """The body's tissue has 630 to 740 N/m at 0.5 N, relaxed and at once."""
+    path = Path(rig)
+    path.write_text(path.read_text() + 'gains_file = "gains.toml"\n')
+    section = load_rig(rig).load_stage
+    assert isinstance(section, LoadStageSection)
+    assert section.loop(0.5).stiffness_n_per_m == 700.0
     found = said(haptic("load", "tune", "--rig", rig, "--by", 'A "B" C', "--yes", "--json"))
-    lines = tomllib.loads(found["toml"])
-    assert lines["tuned_by"] == 'A "B" C'
+    assert "error" not in found, found
+    assert found["out"] == str(tmp_path / "gains.toml")
+    lines = tomllib.loads((tmp_path / "gains.toml").read_text())
+    assert (lines["tuned_by"], lines["tuned_at"]) == ('A "B" C', datetime.date.today())
     assert 500.0 < lines["stiffness_n_per_m"] < 1000.0
+    assert section.loop(0.5).stiffness_n_per_m == lines["stiffness_n_per_m"]
+
+
+def test_a_gains_file_that_is_none_is_refused(haptic: Any, rig: str, tmp_path: Path) -> None:
+    path = Path(rig)
+    path.write_text(path.read_text() + 'gains_file = "gains.toml"\n')
+    (tmp_path / "gains.toml").write_text("stiffness_n_per_m = -3\n")
+    outcome = said(haptic("load", "hold", "0.5", "--rig", rig, "--yes", "--json"))
+    assert "gains.toml" in outcome["error"]["message"]
+
+
+def test_where_another_program_has_the_rig_it_says_what_to_do(haptic: Any, rig: str) -> None:
+    with closing_claims(load_rig(rig)):
+        outcome = said(haptic("load", "hold", "0.5", "--rig", rig, "--yes", "--json"))
+    assert outcome["error"]["code"] == "in_use"
+    assert "end it, then hold" in outcome["error"]["hint"]
+
+
+@contextmanager
+def closing_claims(config: RigConfig) -> Iterator[None]:
+    """As a daemon has them."""
+    claims = Claims(config.addresses)
+    claims.take()
+    yield
+    claims.release()
 
 
 @pytest.mark.parametrize(

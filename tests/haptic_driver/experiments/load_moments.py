@@ -220,7 +220,8 @@ class Served:
 
     def _let_go(self) -> bool:
         free = self.rig.instruments.plant.normal_force_n == 0.0
-        return free and not self.rig.load_stage.moving and not self.rig.generator.output().on
+        moving = self.rig.load_stage.moving or self.rig.stage.moving  # the stroke may go on
+        return free and not moving and not self.rig.generator.output().on
 
 
 @contextmanager
