@@ -1,13 +1,14 @@
 """How a stage holds the load of a finger: what is seen -> what the stage is told.
 
 Pure: no clock, no device. Every order is one short move that ends by itself, so a stage whose
-driver has died finishes at most `step_m` and rests. Depth is the stage's position towards the
-finger, m.
+driver has died finishes at most `step_m`, or up to three times that on a softer finger, and rests.
+Depth is the stage's position towards the finger, m.
 
 A move takes the share `gain` of the way that the finger's stiffness says is missing (feed-forward),
 and what the place has to drift by to keep the load (the integral of the error, for a plate that is
 not level and tissue that relaxes). The stiffness rises with the load as for a sphere on a plane
-(Hertz, load over indentation with exponent 1.5).
+(Hertz, load over indentation with exponent 1.5). How much stiffer or softer this finger is than the
+settings say shows while its load rises: by how far the stage had to go.
 """
 
 from __future__ import annotations
@@ -19,6 +20,12 @@ from typing import NamedTuple
 
 STIFFNESS_AT_N = 0.5  # the load at which a finger's stiffness is told
 OVERLOAD = 1.5  # times the target
+RISEN = 0.8  # of the target: from then on the pulse tells more than the way
+MARGIN = (
+    1.2  # some fingers stiffen more than a sphere on a plane, and all are stiffer in an instant
+)
+STIFFER = 3.0  # times stiffer or softer than the settings say, at most
+LEAST_WAY_M = 0.15e-3  # ten times what a tremor moves
 ROUNDING_M = 1e-6  # a stage stands within a few counts of where it was sent
 
 
@@ -45,13 +52,14 @@ class LoadSettings:
     numbers that make no loop.
 
     `drift_per_s` is the integral gain. `depth_m` bounds the way after the first touch, `reach_m`
-    the way until it, `step_m` and `rate_m_s` each move. `retracts`: whether the stage lifts off or
+    the way until it, `step_m` and `rate_m_s` each move: on a softer finger `step_m` is more, so
+    that it brings the same load. `retracts`: whether the stage lifts off or
     stays where it is when something is wrong.
     """
 
     target_n: float
     stiffness_n_per_m: float = 700.0
-    gain: float = 0.35
+    gain: float = 0.45
     drift_per_s: float = 2.0
     drift_limit_m_s: float = 1e-3
     rate_m_s: float = 5e-3
@@ -83,9 +91,11 @@ class LoadSettings:
         """The load at which the stage is told to let go."""
         return min(OVERLOAD * self.target_n, self.load_limit_n)
 
-    def way_m(self, from_n: float, to_n: float) -> float:
-        """How much deeper a finger of this stiffness has to be for `to_n` than for `from_n`."""
-        soft_m = 1.5 * STIFFNESS_AT_N / self.stiffness_n_per_m
+    def way_m(self, from_n: float, to_n: float, stiffer: float = 1.0) -> float:
+        """How much deeper a finger so many times as stiff has to be for `to_n` than for
+        `from_n`.
+        """
+        soft_m = 1.5 * STIFFNESS_AT_N / (stiffer * self.stiffness_n_per_m)
 
         def depth_m(load_n: float) -> float:
             return soft_m * math.pow(max(load_n, 0.0) / STIFFNESS_AT_N, 2.0 / 3.0)
@@ -125,6 +135,9 @@ class LoadState:
     reason: str = ""
     start_m: float | None = None  # where the approach began
     touch_m: float | None = None  # where the finger was first felt
+    touch_n: float = 0.0  # with so much
+    risen: bool = False  # most of the load has been there
+    stiffer: float = 1.0  # than the settings say, as seen while the load rose
     drift_m_s: float = 0.0
     moved_s: float | None = None  # when the last move was told
 
@@ -174,7 +187,7 @@ def _approach(
     settings: LoadSettings, state: LoadState, seen: Seen, load_n: float, depth_m: float
 ) -> tuple[LoadState, Order]:
     if load_n >= settings.touch_n:
-        felt = replace(state, phase=Phase.HOLD, touch_m=depth_m, moved_s=None)
+        felt = replace(state, phase=Phase.HOLD, touch_m=depth_m, touch_n=load_n, moved_s=None)
         return _hold(settings, felt, seen, load_n, depth_m)
     start_m = depth_m if state.start_m is None else state.start_m
     to_m = min(depth_m + settings.approach_step_m, start_m + settings.reach_m)
@@ -186,17 +199,29 @@ def _hold(
     settings: LoadSettings, state: LoadState, seen: Seen, load_n: float, depth_m: float
 ) -> tuple[LoadState, Order]:
     dt_s = 0.0 if state.moved_s is None else seen.time_s - state.moved_s
-    missing_m = settings.way_m(load_n, settings.target_n)
+    touch_m = depth_m if state.touch_m is None else state.touch_m
+    state = _risen(settings, state, load_n, depth_m - touch_m)
+    missing_m = settings.way_m(load_n, settings.target_n, state.stiffer)
     drift_m_s = state.drift_m_s + settings.gain * settings.drift_per_s * missing_m * dt_s
     drift_m_s = _within(drift_m_s, settings.drift_limit_m_s)
     wanted_m = settings.gain * missing_m + drift_m_s * dt_s
-    bounded_m = _within(wanted_m, settings.step_m)
-    touch_m = depth_m if state.touch_m is None else state.touch_m
+    bounded_m = _within(wanted_m, settings.step_m / min(state.stiffer, 1.0))
     to_m = min(depth_m + bounded_m, touch_m + settings.depth_m)
     if bounded_m != wanted_m or to_m != depth_m + bounded_m:
         drift_m_s = state.drift_m_s  # what a bound takes away is not added up
     told = replace(state, drift_m_s=drift_m_s, moved_s=seen.time_s)
     return told, Order(Act.MOVE, to_m, settings.rate_m_s)
+
+
+def _risen(settings: LoadSettings, state: LoadState, load_n: float, moved_m: float) -> LoadState:
+    """The finger's stiffness from how far the stage went for the load so far, until most of the
+    load is there.
+    """
+    if state.risen or moved_m < LEAST_WAY_M or load_n <= state.touch_n:
+        return state
+    seen = MARGIN * settings.way_m(state.touch_n, load_n) / moved_m
+    stiffer = min(max(seen, 1.0 / STIFFER), STIFFER)
+    return replace(state, stiffer=stiffer, risen=load_n >= RISEN * settings.target_n)
 
 
 def _within(value: float, bound: float) -> float:

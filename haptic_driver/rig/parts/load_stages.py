@@ -75,7 +75,7 @@ class LoadStageSection(PartSection):
     stiffness_n_per_m: Stiffness = Field(
         default=700.0, description="of the finger at 0.5 N; `haptic load tune` measures it"
     )
-    gain: Gain = Field(default=0.35, description="share of the missing way that a move takes")
+    gain: Gain = Field(default=0.45, description="share of the missing way that a move takes")
     drift_per_s: Drift = Field(default=2.0, description="integral gain")
     gains_file: str = Field(
         default="",

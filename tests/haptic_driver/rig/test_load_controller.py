@@ -17,7 +17,7 @@ from haptic_driver.rig.load_controller import (
 )
 
 SETTINGS = LoadSettings(0.5)
-HOLDING = LoadState(Phase.HOLD, start_m=0.009, touch_m=0.010, moved_s=0.9)
+HOLDING = LoadState(Phase.HOLD, start_m=0.009, touch_m=0.010, risen=True, moved_s=0.9)
 QUIET = Seen(1.0, 0.5, 0.0, False, 0.011, False)
 
 
@@ -44,7 +44,34 @@ def test_a_move_is_the_gains_share_of_what_hertz_says_is_missing() -> None:
     k = (700.0 / 1.5) ** 1.5 / 0.5**0.5  # slope 1.5 k^(2/3) F^(1/3)
     missing_m = (0.5 / k) ** (2 / 3) - (0.4 / k) ** (2 / 3)
     _, order = step(settings, HOLDING, QUIET._replace(load_n=0.4))
-    assert order.depth_m - 0.011 == pytest.approx(0.35 * missing_m, rel=1e-5)
+    assert order.depth_m - 0.011 == pytest.approx(0.45 * missing_m, rel=1e-5)
+
+
+@pytest.mark.parametrize("stiffer", [0.1, 0.4, 1.0, 2.0, 10.0])
+def test_the_way_that_a_rising_load_takes_tells_how_stiff_a_finger_is(stiffer: float) -> None:
+    """A sphere on a plane whose slope at 0.5 N is 700 N/m times `stiffer`: 1.5 F / slope deep. A
+    fifth more is taken, as other fingers stiffen more; beyond three times either way nothing is
+    believed.
+    """
+
+    def depth_m(load_n: float) -> float:
+        return 1.5 * 0.5 / (stiffer * 700.0) * (load_n / 0.5) ** (2 / 3)
+
+    settings, taken = replace(SETTINGS, depth_m=50e-3), min(max(1.2 * stiffer, 1 / 3), 3.0)
+    state = replace(HOLDING, touch_n=0.05, touch_m=depth_m(0.05), risen=False)
+    for load_n in (0.2, 0.49, 0.1):
+        deep = depth_m(load_n)
+        state, order = step(settings, state, QUIET._replace(load_n=load_n, depth_m=deep))
+        known = deep - depth_m(0.05) >= 0.15e-3 or state.risen
+        assert state.stiffer == pytest.approx(taken if known else 1.0)
+        assert order.depth_m - deep <= SETTINGS.step_m / min(taken, 1.0) * (1.0 + 1e-9)
+    assert state.risen or depth_m(0.49) - depth_m(0.05) < 0.15e-3
+
+
+def test_a_load_that_does_not_rise_tells_nothing_of_the_finger() -> None:
+    state = replace(HOLDING, touch_n=0.06, risen=False)
+    after, _ = step(SETTINGS, state, QUIET._replace(load_n=0.05))
+    assert (after.stiffer, after.risen) == (1.0, False)
 
 
 def test_what_a_bound_takes_away_is_not_added_up() -> None:
