@@ -10,9 +10,11 @@ from __future__ import annotations
 import sys
 
 from benchmarks import (
+    contact_area,
     daemon_fidelity,
     envelope,
     live,
+    load,
     published_algorithm,
     start_up,
     surface_build,
@@ -30,6 +32,8 @@ PARTS = (
     surface_lookup,
     published_algorithm,
     transport,
+    load,
+    contact_area,
     tick_compute,
     envelope,
     tick_lateness,
