@@ -23,12 +23,12 @@ class SimulatedStageBench(StageBench):
         tell: Tell = lambda what: None,
     ) -> None:
         self.world = world
-        pressing = config.load_stage
+        pressing, instruments = config.load_stage, world.simulated.instruments
         self.stages = SimulatedStages(
             config.stage,
             pressing if isinstance(pressing, SimulatedLoadStageConfig) else None,
             world.step,
-            lambda: world.simulated.instruments.plant.lateral_force_n,
+            lambda: (instruments.plant.lateral_force_n, instruments.attraction_n()),
         )
         super().__init__(
             config,

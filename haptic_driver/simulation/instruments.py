@@ -113,6 +113,16 @@ class SimulatedInstruments(RunningTogether):
             return 0.0, output.offset_v, 0.0, output.shape.value
         return output.frequency_hz, output.amplitude_v, output.offset_v, output.shape.value
 
+    def attraction_n(self) -> float:
+        """Force of the voltage between skin and screen, by how much more friction there is than
+        without it; 0 for a finger that rests or is lifted.
+        """
+        plant, load_n = self.plant, self.plant.normal_force_n
+        if load_n <= 0.0 or self.speed_m_s == 0.0 or self.voltage_v == 0.0:
+            return 0.0
+        bare_n = self._lateral_n(self.frequency_hz, 0.0, load_n, self.speed_m_s)
+        return load_n * max(plant.lateral_force_n / bare_n - 1.0, 0.0) if bare_n > 0.0 else 0.0
+
     def _lateral_n(
         self, frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float
     ) -> float:

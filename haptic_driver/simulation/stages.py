@@ -28,7 +28,8 @@ SPEED_STEP_M_S = 1e-3  # the model is asked about whole millimetres per second: 
 class SimulatedStages:
     """The stages of a simulated rig's file, either of which may be missing, with their drivers.
 
-    `pass_time(dt_s, load_n, speed_m_s)` is called for every step of time. Without a load stage the
+    `pass_time(dt_s, load_n, speed_m_s)` is called for every step of time, `touch_n` tells friction
+    and attraction of the touch. Without a load stage the
     finger presses with `asked_n`, as a person does who is asked to.
     """
 
@@ -37,13 +38,13 @@ class SimulatedStages:
         stage: StageConfig | None,
         load_stage: SimulatedLoadStageConfig | None,
         pass_time: Callable[[float, float, float], None],
-        friction_n: Callable[[], float] = lambda: 0.0,
+        touch_n: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),
     ) -> None:
         self.now_s = 0.0
         self.asked_n = 0.0
         self.thrust_m = 0.0  # by which the finger has come to meet the stage
         self.load_n = 0.0
-        self._pass_time, self._friction_n = pass_time, friction_n
+        self._pass_time, self._touch_n = pass_time, touch_n
         self._press = load_stage
         self._mounting: Mounting | None = None
         self.sliding = self.pressing = None
@@ -82,7 +83,10 @@ class SimulatedStages:
         if self._press is None:
             self.load_n = self.asked_n
         else:
-            self.load_n = self.body.step(dt_s, self._depth_m(), friction_n=self._friction_n())
+            friction_n, attraction_n = self._touch_n()
+            self.load_n = self.body.step(
+                dt_s, self._depth_m(), attraction_n=attraction_n, friction_n=friction_n
+            )
         self._pass_time(dt_s, self.load_n, speed_m_s)
 
     def _depth_m(self) -> float:

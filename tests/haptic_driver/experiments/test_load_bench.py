@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.experiments.bench import Scatter, SimulatedBench
 from haptic_driver.experiments.benches import bench_for
 from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import Setting
@@ -17,6 +19,7 @@ from haptic_driver.experiments.stroke import stage_of
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.simulation.served import FACE_M, ServedRig, as_real, with_load_stage
 from hw.force.sensor import ForceReading
+from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.experiments.test_stage_bench import SPEED_M_S, measured, off, plan, table
 from tests.haptic_driver.stand_ins import living_rig
@@ -131,6 +134,32 @@ def test_a_simulated_rig_with_stages_measures_at_the_loads_of_a_plan(
         assert float(row["contact_area_m2"]) == pytest.approx(
             model.contact_area_m2(load_n), rel=0.1
         )
+
+
+def test_the_simulated_skin_is_drawn_by_the_attraction_of_the_model(model: TouchModel) -> None:
+    """Friction is a coefficient times load and attraction together, so that the rise tells the
+    latter; the lag has settled after 50 ms at 20 mm/s.
+    """
+    bench = SimulatedBench(
+        load_rig("simulated-paper"), model, seed=1, scatter=Scatter(0.0, 0.0, 0.01, 0.0, 0.0)
+    )
+    instruments = bench.simulated.instruments
+    with bench:
+        bench.simulated.amplifier.write(True)
+        for on in ("0", "1"):
+            instruments.generator.handle(
+                b"OUTP:LOAD INF;:FREQ 250;:VOLT 1.5;:OUTP %s\n" % on.encode()
+            )
+            for _ in range(100):
+                bench.step(1e-3, 0.5, 0.02)
+            if on == "0":
+                assert instruments.attraction_n() == 0.0
+        voltage_v = instruments.voltage_v
+        assert voltage_v == pytest.approx(75.0, rel=1e-3)
+        conditions = Conditions(*(np.array([x]) for x in (250.0, voltage_v, 0.5)))
+        wanted_n = float(model.predict(conditions).electrostatic_force_n[0])
+        assert wanted_n > 0.05
+        assert instruments.attraction_n() == pytest.approx(wanted_n, rel=0.02)
 
 
 def test_a_simulated_rig_that_slides_no_finger_measures_no_load(model: TouchModel) -> None:
