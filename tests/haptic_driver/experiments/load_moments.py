@@ -31,7 +31,7 @@ from haptic_driver.simulation.served import ServedRig
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
 from model.touch_model import TouchModel
-from tests.haptic_driver.config_texts import served_rig_text
+from tests.haptic_driver.config_texts import changed, served_rig_text
 from tests.haptic_driver.stand_ins import living_rig
 from tests.hw.testing.faulty_stage import FaultyLts150
 from tests.waiting import until
@@ -190,7 +190,8 @@ class Served:
             return now_n
 
         rig._load_n = noted  # type: ignore[method-assign]
-        text = served_rig_text(rig.endpoints) + STAGES.format(**rig.endpoints)
+        patient = ('kind = "box"', 'kind = "box"\nreply_timeout_s = 0.1')  # as long as it may
+        text = changed(served_rig_text(rig.endpoints), patient) + STAGES.format(**rig.endpoints)
         (folder / "mine.toml").write_text(text)
         (folder / "one.toml").write_text(
             'name = "one"\nfrequency_hz = 250.0\nvoltage_v = 75.0\nnormal_force_n = 0.5\n'

@@ -13,6 +13,7 @@ from model.touch_model import TouchModel
 from tests.haptic_driver.experiments.load_moments import failed, serving
 
 pytestmark = pytest.mark.timeout(300)
+ATTEMPTS = 4
 
 
 @pytest.mark.parametrize(
@@ -39,9 +40,14 @@ def test_whatever_fails_the_finger_feels_less_than_the_limit_and_the_output_is_o
 def test_a_killed_process_leaves_the_finger_to_the_watchdog(
     config: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:
-    """Within the first row's stroke."""
+    """Within the first row's stroke. Where the machine is too busy for the rig, the process ends by
+    itself, which has to be as safe: then once more.
+    """
     with serving(config, model, tmp_path) as served:
-        moment = served.killed(3.0)
-    assert moment.safe, str(moment)
-    assert moment.highest_n > 0.05, "nothing was pressed"
-    assert moment.last_n == 0.0
+        for _ in range(ATTEMPTS):
+            moment = served.killed(3.0)
+            assert moment.safe, str(moment)
+            assert moment.last_n == 0.0
+            if not moment.said:
+                break
+    assert moment.highest_n > 0.05, f"nothing was pressed: {moment}"
