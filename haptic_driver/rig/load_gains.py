@@ -9,8 +9,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from haptic_driver.config import Section, Within, parse, read_toml
+from haptic_driver.config import Section, Within, parse
 from haptic_driver.files import write_text
+from model.support.reading import read_toml
 
 Stiffness = Annotated[float, Within(10.0, 1e5, "no fingertip is softer or stiffer")]
 
