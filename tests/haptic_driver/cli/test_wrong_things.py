@@ -147,7 +147,13 @@ WRONG = [
         "syntax.toml: not valid TOML: Invalid value (at line 1",
         "TOML",
     ),
-    ([*SOLVE, "--rig", "empty.toml"], 2, "bad_config", "empty.toml: simulated is missing", "Add it"),
+    (
+        [*SOLVE, "--rig", "empty.toml"],
+        2,
+        "bad_config",
+        "empty.toml: simulated is missing",
+        "Add it",
+    ),
     (
         [*SOLVE, "--rig", "type.toml"],
         2,
