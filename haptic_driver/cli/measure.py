@@ -30,6 +30,7 @@ from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
 from haptic_driver.experiments.spectra import Stray, mark_spectra
+from haptic_driver.recording.strokes import StrokesFile, require_free, strokes_path
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.states import RigState
@@ -104,17 +105,24 @@ def measure(
     _tell_refused(experiment, strict)
     _ask(experiment, yes)
     identity = experiment.identity(function.source if function else "")
+    path = strokes_path(out)
+    if not resume:
+        require_free(path, force=force)
     opened = (
         DataFile.resume(out, identity, experiment.rows)
         if resume
         else DataFile.create(out, identity, force=force)
     )
+    about = {"plan": identity.plan, "model": identity.model, "rig": identity.rig}
+    kept = (StrokesFile.resume if resume else StrokesFile.create)(
+        path, about | {"simulated": float(identity.simulated)}
+    )
     total = len(experiment.rows)
-    with opened as data, progress("measuring", total) as advance:
+    with opened as data, kept as strokes, progress("measuring", total) as advance:
         bench = bench_for(experiment, data.done, function, advance.tell)
         try:
             with bench:
-                off = run(experiment, bench, data, advance, advance.tell)
+                off = run(experiment, bench, data, advance, advance.tell, strokes)
         except KeyboardInterrupt as stop:
             is_off = bench.rig.state is RigState.OFF
             output = (
@@ -137,6 +145,7 @@ def _payload(experiment: Experiment, rows: int, out: Path, stray: Stray | None) 
         "rows": rows,
         "skipped": experiment.skipped,
         "out": str(out),
+        "strokes": str(strokes_path(out)),
         "plan": experiment.plan.name,
         "simulated": experiment.config.simulated,
         "duration_s": experiment.duration_s,

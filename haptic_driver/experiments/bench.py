@@ -6,9 +6,10 @@ The real one is `haptic_driver.experiments.stage_bench`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import exp, sqrt
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -24,6 +25,13 @@ from hw.camera.simulated import Burst, Finger, SimulatedCamera
 from hw.force.sensor import ForceReading
 from hw.monitor.contract import ElectrodeReading
 from model.touch_model import TouchModel
+
+
+class Place(NamedTuple):
+    """Where the finger was along the slide, at a time of the bench's clock."""
+
+    time_s: float
+    position_m: float
 
 
 class Bench(Protocol):
@@ -44,8 +52,21 @@ class Bench(Protocol):
     def begin_session(self, session: int, time_s: float) -> None:
         """A finger comes to the rig; the clock of its force readings stands at `time_s`."""
 
+    @property
+    def run_up_s(self) -> float:
+        """How long the finger takes to gather the row's speed; the first steps are these."""
+
+    @property
+    def places(self) -> Sequence[Place]:
+        """Where the finger was since the row began, as often as it was looked at."""
+
     def begin_row(self, number: int, row: Row) -> None:
-        """The finger touches for a row; on return it slides, or will with the first step."""
+        """The finger touches for a row; on return it begins to slide, or will with the first
+        step.
+        """
+
+    def up_to_speed(self) -> None:
+        """The run-up is over; HapticError when the finger does not slide."""
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         """The finger presses and slides so for `dt_s`; without a load it is lifted."""
@@ -108,6 +129,8 @@ class SimulatedBench:
         config = config.model_copy(update={"simulation": simulation})
         self.simulated = SimulatedRig(config, model, friction=friction, electrode=electrode)
         self._time_s = 0.0
+        self.run_up_s = 0.0  # it slides at once
+        self.places: list[Place] = []
         self._session_gain = self._session_area = 1.0
         self._wobble = 0.0
         self._random = np.random.default_rng(self._seed)
@@ -150,6 +173,10 @@ class SimulatedBench:
     def begin_row(self, number: int, row: Row) -> None:
         self._random = np.random.default_rng([*self._seed, 2, number])
         self._wobble = float(self._random.standard_normal())
+        self.places = [Place(self._time_s, 0.0)]
+
+    def up_to_speed(self) -> None:
+        """See `Bench`."""
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         kept = exp(-dt_s / self._scatter.wobble_s)
@@ -164,6 +191,8 @@ class SimulatedBench:
         )
         self.simulated.step(dt_s, normal_force_n, speed_m_s)
         self._time_s += dt_s
+        before_m = self.places[-1].position_m if self.places else 0.0
+        self.places.append(Place(self._time_s, before_m + speed_m_s * dt_s))
 
     def read_force(self) -> ForceReading:
         return self.rig.read_force()

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import ceil, nan
+from math import nan
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,9 @@ from haptic_driver.experiments.contact_area import ContactArea, contact_area
 from haptic_driver.experiments.data_file import DataFile, Identity
 from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.experiments.stroke import stage_of
+from haptic_driver.experiments.trace import Trace
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.recording.strokes import StrokesFile
 from haptic_driver.render import drive, safety
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence
@@ -40,7 +43,8 @@ PASSING = (
     "output_lost",
     "stroke_ended",
 )  # what a computer that was busy for a moment does better the next time
-SETTLING_STEP_S = 0.05  # while waiting nothing is read
+SETTLING_STEP_S = 0.05  # while nobody reads
+INSTANT_S = 1e-9  # less is a sum of floats
 
 
 @dataclass(frozen=True)
@@ -143,11 +147,12 @@ def run(
     data: DataFile,
     progress: Callable[[int], None] = lambda done: None,
     tell: Callable[[str], None] = lambda what: None,
+    strokes: StrokesFile | None = None,
 ) -> OffEvidence:
     """Measure what `data` does not have yet, row by row, on a bench that has been entered.
 
-    `progress` is called with the number of rows done, `tell` with why a row is measured again. The
-    output is off between rows and when this returns or raises, whatever happens; HapticError when
+    `progress` is called with the number of rows done, `tell` with why a row is measured again. What
+    slides is kept in `strokes`, where given. The output is off between rows and when this returns or raises, whatever happens; HapticError when
     it cannot be shown to be off.
     """
     session = 0
@@ -157,33 +162,49 @@ def run(
                 session = row.session
                 bench.begin_session(session, _session_time_s(experiment, data, session))
             _wait_until_due(experiment.plan, bench, row.setting)
-            data.append(row, *_measure_at_last(experiment, bench, number, row, tell))
+            data.append(row, *_measure_at_last(experiment, bench, number, row, tell, strokes))
             progress(data.done)
     finally:
         evidence = bench.rig.off()
     return _require_off(evidence)
 
 
+class MeasuredRow(NamedTuple):
+    """What one row gives, as far as the rig tells it."""
+
+    measured: Measured
+    electrode: ElectrodeReading | None
+    area: ContactArea | None
+
+
 def _measure_at_last(
-    experiment: Experiment, bench: Bench, number: int, row: Row, tell: Callable[[str], None]
-) -> tuple[Measured, ElectrodeReading | None, ContactArea | None]:
+    experiment: Experiment,
+    bench: Bench,
+    number: int,
+    row: Row,
+    tell: Callable[[str], None],
+    strokes: StrokesFile | None,
+) -> MeasuredRow:
     """A row under its mean load and with its output on all the time, at one of a few attempts."""
-    wanted_n, tolerance = row.setting.normal_force_n, experiment.plan.load_tolerance
+    setting, tolerance = row.setting, experiment.plan.load_tolerance
+    wanted_n = setting.normal_force_n
     for left in reversed(range(ATTEMPTS)):
         try:
-            measured, electrode, area = measure_row(experiment, bench, number, row)
+            trace = Trace(bench) if strokes and setting.finger == "sliding" else None
+            found = measure_row(experiment, bench, number, row, trace)
         except HapticError as error:
             if not left or error.code not in PASSING or bench.rig.state is not RigState.OFF:
                 raise
             tell(f"row {number + 1}: {error.message}; once more")
             continue
-        if abs(measured.normal_force_n - wanted_n) <= tolerance * wanted_n:
-            if area is None and bench.camera is not None and row.setting.finger != "none":
+        load_n = found.measured.normal_force_n
+        if abs(load_n - wanted_n) <= tolerance * wanted_n:
+            if found.area is None and bench.camera is not None and setting.finger != "none":
                 tell(f"row {number + 1}: no frame of the camera shows the touch")
-            return measured, electrode, area
-        missed = (
-            f"row {number + 1}: the load was {measured.normal_force_n:.3g} N, not {wanted_n:g} N"
-        )
+            if strokes and trace:
+                strokes.append(trace.stroke(number + 1, row))
+            return found
+        missed = f"row {number + 1}: the load was {load_n:.3g} N, not {wanted_n:g} N"
         if left:
             tell(f"{missed}; once more")
     said = f"{missed}, {ATTEMPTS} times"
@@ -202,21 +223,20 @@ def _wait_until_due(plan: Plan, bench: Bench, setting: Setting) -> None:
 
 
 def measure_row(
-    experiment: Experiment, bench: Bench, number: int, row: Row
-) -> tuple[Measured, ElectrodeReading | None, ContactArea | None]:
-    """What one row gives; the finger is lifted and the output off after."""
+    experiment: Experiment, bench: Bench, number: int, row: Row, trace: Trace | None = None
+) -> MeasuredRow:
+    """What one row gives; the finger is lifted and the output off after. `trace` keeps it whole."""
     plan, setting = experiment.plan, row.setting
     try:
         bench.begin_row(number, row)
         began_s = bench.time_s
         if bench.camera is not None:
             bench.camera.start()
-        _bring_up(experiment, bench, setting)
-        steps = ceil(plan.settle_s / SETTLING_STEP_S)
-        for _ in range(steps):
-            _slide(bench, plan.settle_s / steps, setting)
+        _run_up(bench, setting, trace)
+        _bring_up(experiment, bench, setting, trace)
+        _settle(bench, plan, setting, trace)
         settled_s = bench.time_s - began_s
-        window, readings = _window(bench, plan, setting)
+        window, readings = _window(bench, plan, setting, trace)
         ended_s = bench.time_s - began_s
         bench.end_row()
     finally:
@@ -229,17 +249,51 @@ def measure_row(
     area = contact_area(steady, experiment.config.camera)
     if setting.sweep:
         load_n = 0.0 if setting.finger == "none" else float(np.mean(window[:, 2]))
-        return Measured(nan, nan, load_n, float(np.mean(window[:, 0]))), electrode, area
+        swept = Measured(nan, nan, load_n, float(np.mean(window[:, 0])))
+        return MeasuredRow(swept, electrode, area)
     measured = average(window[:, 0], window[:, 1], window[:, 2])
     if not measured.valid:
         hint = (
             "Check that the finger slides, and the force sensor's axes: both forces count positive"
         )
         raise HapticError("no_friction", f"row {number + 1}, {setting}: measured {measured}", hint)
-    return measured, electrode, area
+    return MeasuredRow(measured, electrode, area)
 
 
-def _window(bench: Bench, plan: Plan, setting: Setting) -> tuple[Array, list[ElectrodeReading]]:
+def _run_up(bench: Bench, setting: Setting, trace: Trace | None) -> None:
+    """The finger gathers speed, the output off."""
+    for dt_s in _steps(bench, bench.run_up_s, trace):
+        bench.step(dt_s, setting.normal_force_n, setting.speed_m_s)
+        if trace:
+            trace.look()
+    bench.up_to_speed()
+
+
+def _settle(bench: Bench, plan: Plan, setting: Setting, trace: Trace | None) -> None:
+    """Friction takes its new value."""
+    if trace:
+        trace.settles()
+    for dt_s in _steps(bench, plan.settle_s, trace):
+        _slide(bench, dt_s, setting)
+        if trace:
+            trace.look()
+    if trace:
+        trace.steady()
+
+
+def _steps(bench: Bench, duration_s: float, trace: Trace | None) -> Iterator[float]:
+    """What to wait for from look to look until `duration_s` has passed; longer where nobody
+    looks.
+    """
+    step_s = READING_S if trace else SETTLING_STEP_S
+    end_s = bench.time_s + duration_s
+    while (left_s := end_s - bench.time_s) > INSTANT_S:
+        yield min(step_s, left_s)
+
+
+def _window(
+    bench: Bench, plan: Plan, setting: Setting, trace: Trace | None
+) -> tuple[Array, list[ElectrodeReading]]:
     """A window of `average_s`: time, lateral and normal force [n, 3], and the electrode where a
     monitor tells it.
 
@@ -258,6 +312,8 @@ def _window(bench: Bench, plan: Plan, setting: Setting) -> tuple[Array, list[Ele
                 "saturated", f"the force sensor is at the end of its range ({force})", "Lower load"
             )
         forces.append((force.time_s, force.lateral_force_n, force.normal_force_n))
+        if trace:
+            trace.look(force)
         due = len(electrode) < wanted * elapsed_s / plan.average_s and reading_s <= 0.5 * elapsed_s
         if due and (plan.settle_s + elapsed_s) * setting.frequency_hz >= 1.0:
             before_s = bench.time_s
@@ -299,7 +355,9 @@ def _slide(bench: Bench, dt_s: float, setting: Setting) -> None:
         )
 
 
-def _bring_up(experiment: Experiment, bench: Bench, setting: Setting) -> None:
+def _bring_up(
+    experiment: Experiment, bench: Bench, setting: Setting, trace: Trace | None
+) -> None:
     """The finger slides, then the voltage rises at the rig's rate, one set point at a time, past
     the last gate.
     """
@@ -322,6 +380,8 @@ def _bring_up(experiment: Experiment, bench: Bench, setting: Setting) -> None:
         bench.step(output.setpoint_interval_s, setting.normal_force_n, setting.speed_m_s)
         state, command = drive.drive(settings, state, safe, bench.time_s)
         rig.command(bench.time_s, command, setting.voltage_offset_v, Shape(setting.waveform))
+        if trace:
+            trace.look()
 
 
 def _session_time_s(experiment: Experiment, data: DataFile, session: int) -> float:

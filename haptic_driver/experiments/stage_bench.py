@@ -15,8 +15,9 @@ from contextlib import ExitStack
 from typing import Self
 
 from haptic_driver.errors import HapticError
+from haptic_driver.experiments.bench import Place
 from haptic_driver.experiments.plan import Plan, Row, Setting
-from haptic_driver.experiments.stroke import SPARE_S, stage_of, stroke
+from haptic_driver.experiments.stroke import SPARE_S, Stroke, stage_of, stroke
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, connect_devices
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
@@ -31,6 +32,7 @@ from hw.stage.lts150 import Lts150, StageStatus
 LOAD_WAIT_S = 60.0  # for a person to bring the load, or to lift the finger
 LOAD_STEADY_S = 0.3  # over which a load is averaged before it is believed
 LOAD_POLL_S = 0.02
+PLACE_S = 0.05  # between looks at a sliding stage, whose answer takes longer than a force's
 HOMING_S = 60.0  # [unverified] of the slowest homing
 SPEED_TOLERANCE = 0.05  # by which the stage's own speed may differ from what was set
 
@@ -74,6 +76,8 @@ class StageBench:
         # its speed, and the stage's status when it had been reached; None while the finger does not
         # slide
         self._stroke: tuple[float, StageStatus] | None = None
+        self._path: Stroke | None = None  # from its start until the finger is lifted
+        self.places: list[Place] = []
 
     @property
     def rig(self) -> Rig:
@@ -101,7 +105,9 @@ class StageBench:
 
     def begin_row(self, number: int, row: Row) -> None:
         """See `Bench`. To where the stroke begins, until the load is there, and up to speed."""
-        stage, wanted_n, self._stroke = self._stage, row.setting.normal_force_n, None
+        stage, wanted_n = self._stage, row.setting.normal_force_n
+        self._stroke = self._path = None
+        self.places = []
         self._lift()
         if row.setting.finger == "none":
             lifted_n = self._config.finger.contact_off_n
@@ -122,9 +128,19 @@ class StageBench:
         self._tell(f"row {number + 1}: measuring, hold {wanted_n:g} N")
         stage.set_velocity(path.speed_m_s, self._stage_config.acceleration_m_s2)
         stage.move_to(path.end_m)
-        self._wait(path.accelerate_s)
-        began = stage.read_status()
-        self._stroke = path.speed_m_s, began
+        self._path = path
+        self._place()
+
+    @property
+    def run_up_s(self) -> float:
+        return 0.0 if self._path is None else self._path.accelerate_s
+
+    def up_to_speed(self) -> None:
+        """See `Bench`."""
+        if self._path is None:
+            return
+        began = self._place()
+        self._stroke = self._path.speed_m_s, began
         if not began.moving:
             raise HapticError(
                 "stage_rests",
@@ -139,8 +155,11 @@ class StageBench:
         if normal_force_n == 0.0 and self._stage.read_status().moving:
             self._stage.stop()
         if normal_force_n == 0.0:
+            self._path = None
             self._lift()
         self._wait(dt_s)
+        if self._path is not None and self.time_s - self.places[-1].time_s >= PLACE_S:
+            self._place()
 
     def read_force(self) -> ForceReading:
         reading = self.rig.read_force()
@@ -159,7 +178,7 @@ class StageBench:
         """See `Bench`. HapticError when the stage did not slide at the row's speed all the time."""
         if self._stroke is None:
             return
-        (wanted_m_s, began), ended = self._stroke, self._stage.read_status()
+        (wanted_m_s, began), ended = self._stroke, self._place()
         if not ended.moving:
             said = (
                 f"the stage came to rest at {1e3 * ended.position_m:.1f} mm before the row was over"
@@ -210,6 +229,12 @@ class StageBench:
         section = self._config.load_stage
         assert isinstance(section, LoadStageSection)  # no other kind makes a stage
         return section
+
+    def _place(self) -> StageStatus:
+        """Where the stage is now, which is kept."""
+        status = self._stage.read_status()
+        self.places.append(Place(status.time_s, status.position_m))
+        return status
 
     def _press(self, what: str, wanted_n: float, tolerance_n: float) -> None:
         """Until the load is there, brought by the load stage or by whoever presses."""

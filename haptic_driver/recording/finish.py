@@ -45,7 +45,7 @@ def finish(path: Path, descriptor: int) -> str | None:
         if there:
             with path.open("rb") as older:
                 records.copy(older.fileno(), made)
-        with _CheckedFile(made, "r+b", closefd=False) as raw:
+        with CheckedFile(made, "r+b", closefd=False) as raw:
             try:
                 with h5py.File(raw, "r+" if there else "w") as file:
                     lacks = _add_run(file, descriptor, path)
@@ -80,7 +80,7 @@ def missing(path: Path, ticks: int, events: int, cause: str = "") -> str | None:
     return f"{said} are missing in {path}: {why}" if said else None
 
 
-class _CheckedFile(io.FileIO):
+class CheckedFile(io.FileIO):
     """A file for h5py to write to, which keeps the first error: HDF5 prints it and goes on."""
 
     error: OSError | None = None

@@ -20,7 +20,6 @@ to CSV and Parquet.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -32,8 +31,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.errors import BadInputError, optional
-from haptic_driver.files import exists_already, replacing
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import replacing
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.finish import opened
@@ -45,8 +44,8 @@ from haptic_driver.recording.structure import (
     member,
     read_column,
 )
+from haptic_driver.recording.tables import Blocks, writer_of
 from haptic_driver.surface import labelled
-from model.support.cells import written_cells
 
 BLOCK_ROWS = 1 << 15  # exported at a time
 
@@ -111,13 +110,7 @@ def export(
     ending, a file that exists (unless `force`) and an unreadable recording; HapticError when it
     cannot be written. All or nothing.
     """
-    write = {".csv": _write_csv, ".parquet": _write_parquet}.get(out.suffix.lower())
-    if write is None:
-        raise BadInputError(
-            "bad_ending", f"{out}: ends neither in .csv nor in .parquet", "Give --out run.csv"
-        )
-    if out.exists() and not force:
-        raise exists_already(out)
+    write = writer_of(out, force)
     with _opened(path) as file:
         group = _group(path, file, run)
         table = group["events" if events else "samples"]
@@ -209,9 +202,6 @@ def _column(dataset: h5py.Dataset, rows: slice) -> NDArray[Any]:
     return read_column(dataset, rows, dataset.file.id.get_filesize())
 
 
-Blocks = Iterator[list[NDArray[Any]]]
-
-
 def _blocks(table: h5py.Group, fields: Sequence[str], progress: Callable[[int], None]) -> Blocks:
     """Columns of a table, some rows at a time, at least once."""
     count = table[fields[0]].shape[0]
@@ -219,34 +209,3 @@ def _blocks(table: h5py.Group, fields: Sequence[str], progress: Callable[[int], 
         stop = min(start + BLOCK_ROWS, count)
         yield [_column(table[name], slice(start, stop)) for name in fields]
         progress(stop)
-
-
-def _write_csv(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(fields)
-        for columns in blocks:
-            writer.writerows(zip(*(_cells(column) for column in columns), strict=True))
-
-
-def _cells(column: NDArray[Any]) -> list[Any]:
-    cells: list[Any] = column.tolist()
-    if column.dtype.kind == "O":
-        return written_cells(cells)
-    return ["" if cell != cell else cell for cell in cells] if column.dtype.kind == "f" else cells  # noqa: PLR0124 - NaN
-
-
-def _write_parquet(
-    path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]
-) -> None:
-    """With `about` as JSON under the key `haptic_driver` of the file's metadata."""
-    pa, parquet = (
-        optional(module, "parquet", "Parquet") for module in ("pyarrow", "pyarrow.parquet")
-    )
-    first = next(blocks)
-    metadata = {"haptic_driver": json.dumps(about)}
-    schema = pa.table(dict(zip(fields, first, strict=True))).schema.with_metadata(metadata)
-    with parquet.ParquetWriter(path, schema) as writer:
-        writer.write_table(pa.table(dict(zip(fields, first, strict=True)), schema=schema))
-        for columns in blocks:
-            writer.write_table(pa.table(dict(zip(fields, columns, strict=True)), schema=schema))

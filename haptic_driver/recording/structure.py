@@ -87,13 +87,13 @@ def check_run(run: h5py.Group, tables: Mapping[str, Mapping[str, Any]], file_byt
     """ValueError unless each table has its columns, with the types given, of one length, and all
     fit into the file.
     """
-    _check_plain(member(run, "config", h5py.Dataset), h5py.string_dtype(), 0)
+    check_plain(member(run, "config", h5py.Dataset), h5py.string_dtype(), 0)
     total = 0
     for table, kinds in tables.items():
         group = member(run, table, h5py.Group)
         columns = [member(group, name, h5py.Dataset) for name in kinds]
         for column, kind in zip(columns, kinds.values(), strict=True):
-            _check_plain(column, np.dtype(kind), 1)
+            check_plain(column, np.dtype(kind), 1)
             total += column.size * column.dtype.itemsize
         if len({column.size for column in columns}) > 1:
             raise ValueError(f"{group.name}: columns differ in length")
@@ -123,7 +123,7 @@ def read_column(column: h5py.Dataset, rows: slice, file_bytes: int) -> NDArray[A
         raise ValueError(f"{column.name}: {error}") from error
 
 
-def _check_plain(dataset: h5py.Dataset, kind: np.dtype[Any], dimensions: int) -> None:
+def check_plain(dataset: h5py.Dataset, kind: np.dtype[Any], dimensions: int) -> None:
     is_text = h5py.check_string_dtype(kind) is not None
     is_as_said = (
         h5py.check_string_dtype(dataset.dtype) is not None if is_text else dataset.dtype == kind

@@ -216,6 +216,12 @@ class Rig:
         with self._safe():
             return self._force_sensor.read()
 
+    def read_monitors(self) -> tuple[float | None, float | None]:
+        """Voltage and current by the amplifier's monitors, V and A; None where there is none.
+        Never raises.
+        """
+        return self._amplifier.monitor_voltage_v(), self._amplifier.monitor_current_a()
+
     def off(self) -> OffEvidence:
         """Off at once: amplifier disabled first, since its line is fast; then the generator.
 
