@@ -53,6 +53,7 @@ PANELS = {
     "Record and experiment": ("record", "mark", "export", "experiment"),
     "When friction is not as the model says": (
         "measure",
+        "figure",
         "rows",
         "diagnose",
         "investigate",

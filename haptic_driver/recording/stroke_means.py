@@ -25,7 +25,16 @@ from model.friction import electrostatic_force_n
 BINS = 40  # of displacement, across the steady window
 TOUCHING_N = 0.02  # a bin with less load has no friction
 SAME_S = 0.05  # by which a row and its stroke may differ in the time of their window
-NEEDED = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "time_s", "session", "trial")
+NEEDED = (
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "speed_m_s",
+    "cof",
+    "time_s",
+    "session",
+    "trial",
+)
 
 
 class Condition(NamedTuple):
@@ -148,10 +157,23 @@ def _rows(data: Path) -> list[dict[str, str]]:
         said = f"{data}: has no column {', '.join(missing)}"
         raise BadInputError("not_measured_data", said, "Give the CSV that haptic measure wrote")
     rows = [row for row in reader if row["cof"] and row.get("finger", "sliding") == "sliding"]
+    for row in rows:
+        _require_numbers(data, row)
     if not rows:
         said = f"{data}: holds no friction of a sliding finger"
         raise BadInputError("no_friction", said, "Measure a plan with [[points]]")
     return rows
+
+
+def _require_numbers(data: Path, row: Mapping[str, str]) -> None:
+    for name in NEEDED:
+        try:
+            number = float(row[name])
+        except (ValueError, TypeError):
+            number = nan
+        if not isfinite(number):
+            said = f"{data}: {name} {row[name]!r} is no number"
+            raise BadInputError("bad_number", said, "Correct that cell, or leave out its line")
 
 
 def _condition(
@@ -159,7 +181,7 @@ def _condition(
 ) -> Condition:
     frequencies: dict[Condition, set[float]] = {}
     for row in rows:
-        told = _told(data, row)
+        told = _condition_of(row)
         is_sine = row.get("waveform") in (None, "", "sine")
         if told.voltage_v > 0.0 and is_sine and not float(row.get("voltage_offset_v") or 0.0):
             frequencies.setdefault(told, set()).add(float(row["frequency_hz"]))
@@ -176,12 +198,8 @@ def _condition(
     return max(fitting, key=lambda told: (len(fitting[told]), told))
 
 
-def _told(data: Path, row: Mapping[str, str]) -> Condition:
-    try:
-        speed_m_s = float(row.get("speed_m_s") or nan)
-        return Condition(float(row["voltage_v"]), float(row["normal_force_n"]), speed_m_s)
-    except ValueError as error:
-        raise BadInputError("bad_number", f"{data}: {error}", "Correct that cell") from error
+def _condition_of(row: Mapping[str, str]) -> Condition:
+    return Condition(*(float(row[name]) for name in Condition._fields))
 
 
 def _trials(
@@ -196,7 +214,7 @@ def _trials(
         by_row.setdefault(_key(stroke.row), []).append(stroke)
     trials = []
     for row in rows:
-        told = Condition(*(float(row[name]) for name in Condition._fields))
+        told = _condition_of(row)
         if told not in (condition, condition._replace(voltage_v=0.0)):
             continue
         frequency_hz = float(row["frequency_hz"]) if told.voltage_v else 0.0
@@ -235,29 +253,32 @@ def _window(path: Path, trials: Sequence[_Trial]) -> tuple[float, float]:
 
 def _curve(frequency_hz: float, trials: Sequence[_Trial], width_m: float) -> Curve:
     samples = [trial.stroke.samples for trial in trials]
-    low = int(np.floor(min(s["displacement_m"].min() for s in samples) / width_m))
-    high = int(np.floor(max(s["displacement_m"].max() for s in samples) / width_m)) + 1
-    edges_m = width_m * np.arange(low, high + 1)
+    at_m: Array = np.concatenate([s["displacement_m"] for s in samples])
+    first, last = (int(np.floor(end_m / width_m)) for end_m in (at_m.min(), at_m.max()))
+    bins = last - first + 1
     lateral_n, load_n, velocity_m_s = (
-        np.array([_binned(s["displacement_m"], s[name], edges_m) for s in samples])
+        np.array(
+            [_binned(s["displacement_m"], s[name], width_m, first, bins) for s in samples]
+        )
         for name in ("lateral_force_n", "normal_force_n", "velocity_m_s")
     )
     cof = np.where(load_n > TOUCHING_N, lateral_n, np.nan) / load_n
     return Curve(
         frequency_hz,
         len(trials),
-        0.5 * (edges_m[1:] + edges_m[:-1]),
+        width_m * (first + 0.5 + np.arange(bins)),
         *mean_and_error(cof),
         *mean_and_error(load_n),
         *mean_and_error(velocity_m_s),
     )
 
 
-def _binned(displacement_m: Array, values: Array, edges_m: Array) -> Array:
+def _binned(at_m: Array, values: Array, width_m: float, first: int, bins: int) -> Array:
     """Mean of the values in each bin; NaN where there is none."""
-    count, _ = np.histogram(displacement_m, edges_m)
-    total, _ = np.histogram(displacement_m, edges_m, weights=values)
-    return np.where(count > 0, total, np.nan) / np.maximum(count, 1)
+    place = np.floor(at_m / width_m).astype(int) - first
+    count = np.bincount(place, minlength=bins)
+    total = np.bincount(place, values, minlength=bins)
+    return np.asarray(np.where(count > 0, total, np.nan) / np.maximum(count, 1))
 
 
 def _steady(repeated: Mapping[float, Sequence[_Trial]]) -> Steady:
