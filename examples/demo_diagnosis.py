@@ -19,7 +19,7 @@ from haptic_driver.experiments.investigate import Budget, Investigation, Subject
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.pictures.friction_pictures import ACHIEVED, DPI, TARGET
 from haptic_driver.pictures.saving import pyplot, saved
-from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.slide import synthetic_slide
 from haptic_driver.signals import WITHIN
 from haptic_driver.simulation.rig import SimulatedRig
@@ -47,26 +47,22 @@ class Demonstration:
 def demonstrate(out: Path) -> Demonstration:
     subject = Subject(load_rig(RIG), load_model(MODEL), load_plan(PLAN))
     found = investigate(subject, out / "investigation", Budget(), print)
-    before, after = rendered(MODEL), rendered(found.diagnosis["model"])
+    before, after = (rendered(m, load_rig(RIG)) for m in (MODEL, found.diagnosis["model"]))
     names = ", ".join(effect["name"].replace("_", " ") for effect in found.diagnosis["effects"])
     picture = out / "before-and-after.png"
     draw_before_and_after({"the model as given": before, f"with {names} added": after}, picture)
     return Demonstration(found, before, after, picture)
 
 
-def rendered(model: str) -> SlideRecord:
+def rendered(model: str, config: RigConfig) -> SlideRecord:
     """The rig's finger sliding over the texture, driven by the surface of a model; feedback would
     hide what is off.
     """
-    config, description, texture = (
-        load_rig(RIG),
-        load_model(model),
-        load_texture(TEXTURE, texture_dirs()),
-    )
+    description, texture = load_model(model), load_texture(TEXTURE, texture_dirs())
     settings = render_settings(
         config, build_surface(description, config.operating_limits()), feedback=False
     )
-    finger = load_model(config.simulation.model or model)
+    finger = load_model(config.simulation.model or MODEL)
     with SimulatedRig(config, TouchModel(finger)) as rig:
         return render_slide(synthetic_slide(), texture, settings, rig)
 

@@ -170,10 +170,7 @@ def _curve_rows(means: StrokeMeans) -> list[dict[str, Any]]:
 
 def _rows(columns: dict[str, Any], missing: str | None) -> list[dict[str, Any]]:
     return [
-        {
-            name: _written(value, missing)
-            for name, value in zip(columns, values, strict=True)
-        }
+        {name: _written(value, missing) for name, value in zip(columns, values, strict=True)}
         for values in zip(*columns.values(), strict=True)
     ]
 

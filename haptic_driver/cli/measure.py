@@ -63,6 +63,9 @@ def measure(
     finger: Annotated[
         str | None, Option(help="module:function, all that the simulated finger does.")
     ] = None,
+    figure: Annotated[
+        bool, Option("--figure", help="Draw figure 3 beside the data: haptic figure.")
+    ] = False,
     yes: Annotated[
         bool, Option("--yes", help="A real rig begins without asking; somebody is there.")
     ] = False,
@@ -78,6 +81,8 @@ def measure(
     speed_m_s, time_s)` that returns the lateral force in N, or `(lateral_force_n, current_a,
     electrode_voltage_v)` with complex peak phasors against the set voltage; the data do not say
     which.
+
+    Every stroke is kept in `data.strokes.h5` beside the data, look by look at the force sensor.
 
     Example: `haptic measure --rig simulated --plan paper --out data.csv`
     """
@@ -113,12 +118,11 @@ def measure(
         if resume
         else DataFile.create(out, identity, force=force)
     )
+    begin = StrokesFile.resume if resume else StrokesFile.create
     about = {"plan": identity.plan, "model": identity.model, "rig": identity.rig}
-    kept = (StrokesFile.resume if resume else StrokesFile.create)(
-        path, about | {"simulated": float(identity.simulated)}
-    )
+    about |= {"simulated": float(identity.simulated)}
     total = len(experiment.rows)
-    with opened as data, kept as strokes, progress("measuring", total) as advance:
+    with opened as data, begin(path, about) as strokes, progress("measuring", total) as advance:
         bench = bench_for(experiment, data.done, function, advance.tell)
         try:
             with bench:
@@ -133,11 +137,25 @@ def measure(
             said = f"interrupted; {data.done} of {total} rows are in {out}, {output}"
             raise HapticError("interrupted", said, "Continue with --resume") from stop
     stray = _check_spectra(experiment, out)
-    report(
-        as_json,
-        _payload(experiment, data.done, out, stray),
-        lambda: _show(experiment, out, off, stray),
-    )
+    payload = _payload(experiment, data.done, out, stray)
+    drawn = _draw(out, model) if figure else []
+    payload |= {"files": [str(file) for file in drawn]} if figure else {}
+
+    def say() -> None:
+        _show(experiment, out, off, stray)
+        for file in drawn:
+            stdout.print(str(file), markup=False)
+
+    report(as_json, payload, say)
+
+
+def _draw(out: Path, model: str) -> list[Path]:
+    """Figures 3 and 7(a) beside the data."""
+    from haptic_driver.cli.figure import curves_of, draw  # noqa: PLC0415 - only who draws waits
+    from haptic_driver.recording.stroke_means import stroke_means  # noqa: PLC0415
+
+    means = stroke_means(out, {})
+    return draw(means, out.with_name(f"{out.stem}-figure-3.png"), curves_of(means, model, None))
 
 
 def _payload(experiment: Experiment, rows: int, out: Path, stray: Stray | None) -> dict[str, Any]:

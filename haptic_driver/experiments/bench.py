@@ -191,8 +191,9 @@ class SimulatedBench:
         )
         self.simulated.step(dt_s, normal_force_n, speed_m_s)
         self._time_s += dt_s
-        before_m = self.places[-1].position_m if self.places else 0.0
-        self.places.append(Place(self._time_s, before_m + speed_m_s * dt_s))
+        if self.places and normal_force_n > 0.0:
+            slid_m = self.places[-1].position_m + speed_m_s * dt_s
+            self.places.append(Place(self._time_s, slid_m))
 
     def read_force(self) -> ForceReading:
         return self.rig.read_force()

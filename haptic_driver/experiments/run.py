@@ -152,8 +152,8 @@ def run(
     """Measure what `data` does not have yet, row by row, on a bench that has been entered.
 
     `progress` is called with the number of rows done, `tell` with why a row is measured again. What
-    slides is kept in `strokes`, where given. The output is off between rows and when this returns or raises, whatever happens; HapticError when
-    it cannot be shown to be off.
+    slides is kept in `strokes`, where given. The output is off between rows and when this returns
+    or raises, whatever happens; HapticError when it cannot be shown to be off.
     """
     session = 0
     try:
@@ -355,9 +355,7 @@ def _slide(bench: Bench, dt_s: float, setting: Setting) -> None:
         )
 
 
-def _bring_up(
-    experiment: Experiment, bench: Bench, setting: Setting, trace: Trace | None
-) -> None:
+def _bring_up(experiment: Experiment, bench: Bench, setting: Setting, trace: Trace | None) -> None:
     """The finger slides, then the voltage rises at the rig's rate, one set point at a time, past
     the last gate.
     """

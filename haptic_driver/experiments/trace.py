@@ -86,10 +86,9 @@ class Trace:
 
 
 def _slide(time_s: Array, places: Sequence[Place]) -> tuple[Array, Array]:
-    """Position and velocity at times [n], from two places or more that were told; their times
-    rise.
-    """
-    at_s, position_m = (np.array(column) for column in zip(*places, strict=True))
+    """Position and velocity at times [n], from places that were told at two times or more."""
+    by_time = dict(places)
+    at_s, position_m = np.array(list(by_time)), np.array(list(by_time.values()))
     velocity_m_s = np.diff(position_m) / np.diff(at_s)
     middle_s = 0.5 * (at_s[1:] + at_s[:-1])
     return np.interp(time_s, at_s, position_m), np.interp(time_s, middle_s, velocity_m_s)

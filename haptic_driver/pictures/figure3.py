@@ -94,7 +94,7 @@ def _strokes(means: StrokeMeans, friction: Axes, load: Axes, velocity: Axes) -> 
     friction.set(ylabel="coefficient of friction", ylim=_friction_range(means.curves))
     load.set(ylabel="normal force, N", ylim=_load_range(means))
     velocity.set(ylabel="velocity, mm/s", xlabel="displacement with the voltage up, mm")
-    velocity.set_ylim(bottom=0.0)
+    velocity.set_ylim(0.0, 1.25e3 * means.condition.speed_m_s)
     for axes in (friction, load):
         axes.tick_params(labelbottom=False)
     columns = min(len(means.curves), 6)

@@ -22,7 +22,7 @@ from haptic_driver.recording.strokes import Stroke, StrokeRow, read_strokes, str
 from haptic_driver.signals import Array
 from model.friction import electrostatic_force_n
 
-BINS = 40  # of displacement, across the steady window
+BINS = 20  # of displacement, across the steady window
 TOUCHING_N = 0.02  # a bin with less load has no friction
 SAME_S = 0.05  # by which a row and its stroke may differ in the time of their window
 NEEDED = (
@@ -257,16 +257,14 @@ def _curve(frequency_hz: float, trials: Sequence[_Trial], width_m: float) -> Cur
     first, last = (int(np.floor(end_m / width_m)) for end_m in (at_m.min(), at_m.max()))
     bins = last - first + 1
     lateral_n, load_n, velocity_m_s = (
-        np.array(
-            [_binned(s["displacement_m"], s[name], width_m, first, bins) for s in samples]
-        )
+        np.array([_binned(s["displacement_m"], s[name], width_m, first, bins) for s in samples])
         for name in ("lateral_force_n", "normal_force_n", "velocity_m_s")
     )
     cof = np.where(load_n > TOUCHING_N, lateral_n, np.nan) / load_n
     return Curve(
         frequency_hz,
         len(trials),
-        width_m * (first + 0.5 + np.arange(bins)),
+        np.asarray(width_m * (first + 0.5 + np.arange(bins)), np.float64),
         *mean_and_error(cof),
         *mean_and_error(load_n),
         *mean_and_error(velocity_m_s),

@@ -50,9 +50,7 @@ def _cells(column: NDArray[Any]) -> list[Any]:
     return ["" if cell != cell else cell for cell in cells] if column.dtype.kind == "f" else cells  # noqa: PLR0124 - NaN
 
 
-def write_parquet(
-    path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]
-) -> None:
+def write_parquet(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]) -> None:
     """With `about` as JSON under the key `haptic_driver` of the file's metadata."""
     pa, parquet = (
         optional(module, "parquet", "Parquet") for module in ("pyarrow", "pyarrow.parquet")
