@@ -119,8 +119,12 @@ def measure(
         else DataFile.create(out, identity, force=force)
     )
     begin = StrokesFile.resume if resume else StrokesFile.create
-    about = {"plan": identity.plan, "model": identity.model, "rig": identity.rig}
-    about |= {"simulated": float(identity.simulated)}
+    about: dict[str, str | float] = {
+        "plan": identity.plan,
+        "model": identity.model,
+        "rig": identity.rig,
+        "simulated": float(identity.simulated),
+    }
     total = len(experiment.rows)
     with opened as data, begin(path, about) as strokes, progress("measuring", total) as advance:
         bench = bench_for(experiment, data.done, function, advance.tell)

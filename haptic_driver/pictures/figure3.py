@@ -64,7 +64,7 @@ def draw_figure7a(means: StrokeMeans, models: Sequence[ModelCurve], path: Path) 
 def _strokes(means: StrokeMeans, friction: Axes, load: Axes, velocity: Axes) -> None:
     colours = _colours(means)
     for curve in means.curves:
-        how: dict[str, Any] = {"color": colours[curve.frequency_hz], "lw": 1.3}
+        how: dict[str, Any] = {"color": colours[curve.frequency_hz], "lw": 1.5}
         label = _hertz(curve.frequency_hz) if curve.frequency_hz else "no voltage"
         for axes, values, error in (
             (friction, curve.cof, curve.cof_sem),
@@ -74,7 +74,7 @@ def _strokes(means: StrokeMeans, friction: Axes, load: Axes, velocity: Axes) -> 
             x_mm = 1e3 * curve.displacement_m
             axes.plot(x_mm, values, label=label, **how)
             band = values - error, values + error
-            axes.fill_between(x_mm, *band, color=how["color"], alpha=0.2, lw=0)
+            axes.fill_between(x_mm, *band, color=how["color"], alpha=0.13, lw=0)
     begin_mm, end_mm = (1e3 * end for end in means.window_m)
     for axes in (friction, load, velocity):
         axes.axvspan(begin_mm, end_mm, color=WINDOW, alpha=0.08, lw=0)

@@ -42,6 +42,7 @@ LONG = [
     ROOT / "docs" / "diagnosis.md"
 ]  # half a minute of what tests of the commands do on less data: with `make soak`
 OWN_DATA = ROOT / "docs" / "own-data.md"
+PAPER = ROOT / "docs" / "paper-experiment.md"
 SCRIPT = Path(sys.executable).with_name("haptic")
 HANG_S = 120.0
 
@@ -128,6 +129,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     own_data.write(folder / "trials")
     (folder / "map.toml").write_text(own_data.map_of(OWN_DATA))
+    (folder / "figure3.toml").write_text(blocks(PAPER, "toml")[0])
     rows = [f"{0.01 * i:.2f},{0.0004 * i:.5f},{0.5 if i > 10 else 0.0}" for i in range(200)]
     (folder / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + "\n".join(rows) + "\n")
     return folder
