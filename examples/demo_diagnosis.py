@@ -54,11 +54,11 @@ def demonstrate(out: Path) -> Demonstration:
     return Demonstration(found, before, after, picture)
 
 
-def rendered(model: str, config: RigConfig) -> SlideRecord:
+def rendered(model: str, config: RigConfig, name: str = TEXTURE) -> SlideRecord:
     """The rig's finger sliding over the texture, driven by the surface of a model; feedback would
     hide what is off.
     """
-    description, texture = load_model(model), load_texture(TEXTURE, texture_dirs())
+    description, texture = load_model(model), load_texture(name, texture_dirs())
     settings = render_settings(
         config, build_surface(description, config.operating_limits()), feedback=False
     )

@@ -34,6 +34,8 @@ from model.touch_model import TouchModel
 RIG, MODEL, PLAN = "simulated-paper", "reference", "paper"
 # What the finger has and the model has not: the ground strap hangs on by a few nanofarads only.
 HIDDEN, VALUES = "floating_body", {"body_capacitance_f": 3e-9}
+# Ridges within the reach of a finger that has lost its ground strap.
+TEXTURE = 'kind = "grating"\nmean_cof = 0.60\namplitude_cof = 0.04\nperiod_mm = 10.0\n'
 
 
 def demonstrate(out: Path) -> None:
@@ -110,8 +112,10 @@ def show_friction(diagnosis: Path, out: Path) -> None:
     report = json.loads((diagnosis / "report.json").read_text(encoding="utf-8"))
     names = ", ".join(effect["name"].replace("_", " ") for effect in report["effects"])
     print(f"\nhidden was {HIDDEN}; the diagnosis says {report['verdict']}: {names or 'nothing'}")
-    config = hidden_rig()
-    before, after = (rendered(model, config) for model in (MODEL, str(diagnosis / "model.toml")))
+    config, texture = hidden_rig(), out / "ridges.toml"
+    texture.write_text(TEXTURE, encoding="utf-8")
+    mended = str(diagnosis / "model.toml")
+    before, after = (rendered(model, config, str(texture)) for model in (MODEL, mended))
     print("friction on target, asked against got, on the same finger:")
     for when, record in (("as given", before), ("mended", after)):
         print(f"  model {when:>8}: {asked_and_got(record)}")
@@ -122,14 +126,15 @@ def show_friction(diagnosis: Path, out: Path) -> None:
 
 
 def asked_and_got(record: SlideRecord) -> str:
-    """Means over the slide, the rms error, and the share of the time on target."""
+    """Means over the slide, the rms error, and how much of it was on target and in reach."""
     touching = np.concatenate([np.arange(s.start, s.stop) for s in record.strokes])
     asked, got = record.target_cof[touching], record.measured_cof[touching]
     found = score(record).fidelity
     return (
         f"asked {np.nanmean(asked):.3f}, got {np.nanmean(got):.3f} on average;"
         f" error {found.cof_error_rms or 0.0:.4f} rms,"
-        f" {found.share_within_5_percent or 0.0:.0%} of sliding time within 5 %"
+        f" {found.share_within_5_percent or 0.0:.0%} of the time within 5 %,"
+        f" {found.reachable_share or 0.0:.0%} within reach of that model"
     )
 
 

@@ -23,7 +23,7 @@ def export(
 ) -> None:
     """Write a run of a recording as CSV or Parquet, one row per tick.
 
-    Strokes of `haptic measure` become one row per look at the force sensor.
+    Strokes of `haptic measure` become one row per reading of the force sensor.
 
     Example: `haptic export run.h5 --out run.csv`
     """

@@ -74,6 +74,11 @@ class Bench(Protocol):
     def read_force(self) -> ForceReading:
         """The force sensor's present reading, its time on the session's clock."""
 
+    def forces(self, newest: ForceReading) -> Sequence[ForceReading]:
+        """What the sensor has told since this was asked last, as far as it keeps that; `newest` was
+        read now.
+        """
+
     def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
         """The electrode's voltage and current under what is set; None where no monitor tells it.
         DeviceError.
@@ -197,6 +202,9 @@ class SimulatedBench:
 
     def read_force(self) -> ForceReading:
         return self.rig.read_force()
+
+    def forces(self, newest: ForceReading) -> Sequence[ForceReading]:
+        return [newest]  # it sends when it is read
 
     def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
         return self.simulated.read_electrode(setting.frequency_hz, setting.voltage_v)

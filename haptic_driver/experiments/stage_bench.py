@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import Self
 
@@ -163,7 +163,11 @@ class StageBench:
 
     def read_force(self) -> ForceReading:
         reading = self.rig.read_force()
-        return reading._replace(time_s=reading.time_s - self._sensor_zero_s)
+        return self._on_session_clock(reading)
+
+    def forces(self, newest: ForceReading) -> Sequence[ForceReading]:
+        """See `Bench`."""
+        return [self._on_session_clock(told) for told in self.rig.take_forces()] or [newest]
 
     def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
         i = self._config.electrode_monitor(setting.frequency_hz, setting.sweep)
@@ -229,6 +233,9 @@ class StageBench:
         section = self._config.load_stage
         assert isinstance(section, LoadStageSection)  # no other kind makes a stage
         return section
+
+    def _on_session_clock(self, reading: ForceReading) -> ForceReading:
+        return reading._replace(time_s=reading.time_s - self._sensor_zero_s)
 
     def _place(self) -> StageStatus:
         """Where the stage is now, which is kept."""

@@ -33,19 +33,18 @@ class Trace:
         self._settles_s = self._steady_s = nan
 
     def look(self, force: ForceReading | None = None) -> None:
-        """Keep a reading, or take one, with the amplifier's monitors."""
-        force = force or self._bench.read_force()
-        volts, amperes = self._bench.rig.read_monitors()
-        look = _Look(
-            self._bench.time_s,
-            force.time_s,
-            force.lateral_force_n,
-            force.normal_force_n,
-            nan if volts is None else volts,
-            nan if amperes is None else amperes,
-        )
-        if not self._looks or look.time_s > self._looks[-1].time_s:  # the sensor has news
-            self._looks.append(look)
+        """Keep a reading, or take one, with the amplifier's monitors and what the sensor told since
+        the last look.
+        """
+        newest = force or self._bench.read_force()
+        now_s = self._bench.time_s
+        volts, amperes = (nan if x is None else x for x in self._bench.rig.read_monitors())
+        told = self._bench.forces(newest)
+        for reading in told if self._looks else [newest]:  # what came before is another row's
+            at_s = now_s + reading.time_s - newest.time_s
+            forces_n = reading.lateral_force_n, reading.normal_force_n
+            if not self._looks or reading.time_s > self._looks[-1].time_s:  # it is news
+                self._looks.append(_Look(at_s, reading.time_s, *forces_n, volts, amperes))
 
     def settles(self) -> None:
         """The voltage is up: displacement counts from here."""

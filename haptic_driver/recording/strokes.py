@@ -3,7 +3,7 @@
 - `/rows/NAME`: one entry per stroke, for the names of `ROW_FIELDS`. `row` is the line of the data
   file below its header, from 1; the setting is as it was commanded. `steady_begin_m` and
   `steady_end_m` bound the steady window by displacement. `first_sample` counts from 0.
-- `/samples/NAME`: one entry per look at the force sensor, for the names of `SAMPLE_FIELDS`.
+- `/samples/NAME`: one entry per reading of the force sensor, for the names of `SAMPLE_FIELDS`.
   `displacement_m` is 0 where the voltage is up and friction begins to settle; `position_m` is the
   stage's. `time_s` is that of the data file. `monitor_voltage_v` and `monitor_current_a` are the
   amplifier's monitors, peak, NaN where none is wired. `steady` is 1 within the window.

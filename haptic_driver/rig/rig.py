@@ -22,7 +22,7 @@ from haptic_driver.signals import DriveCommand
 from hw.amplifier.analog import AnalogAmplifier
 from hw.analog.lines import Heartbeat
 from hw.errors import DeviceError, LimitExceeded, SwitchedOff
-from hw.force.sensor import ForceReading, ForceSensor
+from hw.force.sensor import ForceReading, ForceSensor, KeepsReadings
 from hw.generator.contract import Generator
 from hw.generator.settings import Shape
 
@@ -215,6 +215,12 @@ class Rig:
         """The force sensor's present reading."""
         with self._safe():
             return self._force_sensor.read()
+
+    def take_forces(self) -> list[ForceReading]:
+        """Every force reading since the last call, where the sensor keeps them; else none."""
+        sensor = self._force_sensor
+        with self._safe():
+            return sensor.take_readings() if isinstance(sensor, KeepsReadings) else []
 
     def read_monitors(self) -> tuple[float | None, float | None]:
         """Voltage and current by the amplifier's monitors, V and A; None where there is none.

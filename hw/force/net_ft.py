@@ -13,6 +13,7 @@ import socket
 import struct
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -34,6 +35,7 @@ _TOLD_BYTES = 64  # beside a record
 _STOP_ATTEMPTS = 3
 _QUIET_S = 0.02  # without a record for so long, the stream counts as stopped
 _BACKLOG_RECORDS = 4096  # taken per look at most; far more than a socket's buffer holds
+_KEPT_RECORDS = 8192  # a second of the fastest box, until somebody takes them
 
 
 class Command(IntEnum):
@@ -119,6 +121,7 @@ class NetFt:
         self._socket: socket.socket | None = None
         self._address = ("", 0)
         self._newest: Wrench | None = None
+        self._kept: deque[Wrench] = deque(maxlen=_KEPT_RECORDS)
         self._sequences: tuple[int, int] | None = None
         self._looked_s = 0.0
         self._arrived_s = -math.inf  # of the newest record
@@ -137,6 +140,7 @@ class NetFt:
             with suppress(OSError):  # not everywhere
                 self._socket.setsockopt(socket.SOL_SOCKET, _TIMESTAMP, 1)
             self.counters, self._newest, self._sequences = RdtCounters(), None, None
+            self._kept.clear()
             self._arrived_s = -math.inf
             self._looked_s = self._clock()
             try:
@@ -165,6 +169,16 @@ class NetFt:
                 self._newest = None
                 return self._await(lambda wrench: True, self._settings.timeout_s)
             return self._newest
+
+    def take_readings(self) -> list[ForceReading]:
+        """Return every record that came since the last call, seen from the screen, the latest 8192
+        at most. Raises DeviceDisconnected when not open.
+        """
+        with self._lock:
+            self._look()
+            kept = [self._settings.axes.reading(wrench) for wrench in self._kept]
+            self._kept.clear()
+            return kept
 
     def take_bias(self) -> None:
         """Make the present load the box's zero; the stream must confirm it, since the box does not.
@@ -303,9 +317,10 @@ class NetFt:
         tx, ty, tz = (count / scale.counts_per_n_m for count in counts[3:])
         faulty = status & ~self._settings.ignored_status != 0
         self._arrived_s = max(self._arrived_s, arrived_s)
-        self._newest = (
-            Wrench(self._arrived_s, (fx, fy, fz), (tx, ty, tz), faulty) if believed else None
-        )
+        wrench = Wrench(self._arrived_s, (fx, fy, fz), (tx, ty, tz), faulty)
+        self._newest = wrench if believed else None
+        if believed:
+            self._kept.append(wrench)
 
     def _advances(self, rdt_sequence: int, f_t_sequence: int) -> bool:
         """Count what is wrong with the record's place in the stream; False when it is no news."""

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -33,6 +33,16 @@ class ForceSensor(Protocol):
 
     def read(self) -> ForceReading:
         """Return the newest reading. Raises DeviceError."""
+
+
+@runtime_checkable
+class KeepsReadings(Protocol):
+    """A force sensor that tells every reading, however seldom somebody asks."""
+
+    def take_readings(self) -> list[ForceReading]:
+        """Return all since the last call, oldest first, or the latest thousands. Raises
+        DeviceError.
+        """
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.experiments.run import prepare, run
 from haptic_driver.experiments.stage_bench import StageBench
 from haptic_driver.experiments.stroke import stage_of, stroke
+from haptic_driver.recording.strokes import StrokesFile, read_strokes, strokes_path
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
 from haptic_driver.rig.parts.stages import StageConfig
@@ -36,6 +37,7 @@ from hw.stage import apt
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.config_texts import served_rig_text
+from tests.haptic_driver.recording.stroke_files import ABOUT
 from tests.haptic_driver.stand_ins import living_rig
 from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
 
@@ -97,6 +99,31 @@ def refused(real: RigConfig, model: TouchModel, given: Plan, out: Path) -> Hapti
     with pytest.raises(HapticError) as error:
         measured(real, model, given, out, lambda what: None)
     return error.value
+
+
+def test_a_stroke_keeps_every_record_of_the_force_box(
+    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    """The box sends a record each millisecond; the row itself reads one in five at most."""
+    given = plan(DRIVEN, voltage_off_every=0)
+    experiment, path = prepare(real, model, given), strokes_path(tmp_path / "data.csv")
+    with (
+        DataFile.create(tmp_path / "data.csv", experiment.identity()) as data,
+        StrokesFile.create(path, ABOUT) as strokes,
+        StageBench(real, given) as bench,
+    ):
+        run(experiment, bench, data, strokes=strokes)
+    (found,) = read_strokes(path).strokes
+    (row,) = table(tmp_path / "data.csv")
+    samples, steady = found.samples, found.samples[found.samples["steady"] == 1]
+    assert np.median(np.diff(samples["time_s"])) == pytest.approx(1e-3, rel=0.5)
+    assert steady.size > 250  # of 1000, fewer on a busy machine; a row reads 200 at most
+    cof = steady["lateral_force_n"].mean() / steady["normal_force_n"].mean()
+    assert float(row["cof"]) == pytest.approx(cof, rel=0.01)  # the same window, other readings
+    sliding = samples[samples["displacement_m"] > 0.0]
+    assert np.median(sliding["velocity_m_s"]) == pytest.approx(SPEED_M_S, rel=0.02)
+    assert samples["velocity_m_s"][0] < 0.5 * SPEED_M_S  # from rest
+    assert np.isnan(samples["monitor_voltage_v"]).all()  # as_real has none on a card
 
 
 def off(served: ServedRig) -> bool:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
@@ -244,6 +245,24 @@ def test_what_piled_up_while_nobody_looked_is_not_taken_for_new() -> None:
         box.emit(1)
         assert device.read().normal_force_n == pytest.approx(2.0)
         device.close()
+
+
+def test_every_record_is_kept_until_it_is_taken() -> None:
+    loads = iter(range(1, 1000))
+    with FaultyNetFt(lambda: (0.0, 0.0, -float(next(loads)), 0.0, 0.0, 0.0), rate_hz=None) as box:
+        device = client_of(box.port)
+        device.open()
+        assert len(device.take_readings()) == 1
+        box.emit(3)
+        read_until(device, lambda: device.counters.accepted == 4)
+        taken = device.take_readings()
+        forces_n = [reading.normal_force_n for reading in taken]
+        assert np.diff(forces_n) == pytest.approx([1.0, 1.0])
+        assert taken[-1] == device.read()
+        assert device.take_readings() == []
+        device.close()
+    with pytest.raises(DeviceDisconnected):
+        device.take_readings()
 
 
 def test_a_software_bias_is_confirmed_by_the_stream(box: FaultyNetFt, client: NetFt) -> None:
