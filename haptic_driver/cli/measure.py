@@ -82,7 +82,7 @@ def measure(
     electrode_voltage_v)` with complex peak phasors against the set voltage; the data do not say
     which.
 
-    Every stroke is kept in `data.strokes.h5` beside the data, reading by reading of the force sensor.
+    Every stroke is kept beside the data, in `data.strokes.h5`.
 
     Example: `haptic measure --rig simulated --plan paper --out data.csv`
     """
