@@ -231,6 +231,7 @@ class _SteppedForceSensor:
         self.box = NetFt(settings)
 
     def read(self) -> ForceReading:
+        self.box.take_readings()  # nobody may have looked for long: the next record is believed
         heard, until_s, sent_s = self.box.counters.accepted, time.monotonic() + TIMEOUT_S, -math.inf
         reading: ForceReading | None = None
         while reading is None:

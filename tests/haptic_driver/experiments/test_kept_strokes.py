@@ -211,9 +211,9 @@ def test_a_stage_tells_where_the_finger_is_from_rest_to_the_end(
     assert samples["velocity_m_s"][0] < 5e-3
     sliding = samples["displacement_m"] > 0.0
     assert samples["velocity_m_s"][sliding] == pytest.approx(0.02, rel=0.01)
-    # where the voltage is up, friction begins to settle: 0.2 s before the window
-    assert found.row.steady_begin_m == pytest.approx(0.02 * 0.2, abs=0.4e-3)
-    assert found.row.steady_end_m - found.row.steady_begin_m == pytest.approx(0.02, abs=0.6e-3)
+    # friction settles for 0.2 s; a look at sensor and stages lasts some 30 ms, 0.6 mm, at most
+    assert found.row.steady_begin_m == pytest.approx(0.02 * 0.2, abs=0.7e-3)
+    assert found.row.steady_end_m - found.row.steady_begin_m == pytest.approx(0.02, abs=0.7e-3)
     assert samples["monitor_voltage_v"][samples["displacement_m"] < -1e-3].max() == 0.0
     assert samples["monitor_voltage_v"][samples["steady"] == 1] == pytest.approx(75.0)
     assert samples["normal_force_n"] == pytest.approx(0.5, rel=0.25)  # tremor, single readings

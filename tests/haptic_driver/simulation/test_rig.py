@@ -304,3 +304,15 @@ def test_a_simulated_finger_ages_with_its_touch_and_not_with_the_machine(rig_con
             for _ in range(count):
                 bench.instruments.step(1e-3, force_n, 0.02)
     assert max(ages_s) == pytest.approx(0.020)
+
+
+@pytest.mark.timeout(50)  # it would wait for a minute, and then give up
+def test_a_force_is_read_however_long_nobody_has_looked(rig_config, touch, monkeypatch):
+    with SimulatedRig(rig_config, touch) as rig:
+        rig.step(0.01, 0.5, 0.02)
+        rig.read_force()
+        box = rig.force_sensor.box
+        now_s = box._clock
+        monkeypatch.setattr(box, "_clock", lambda: now_s() + 100.0)
+        rig.step(0.01, 0.7, 0.02)
+        assert rig.read_force().normal_force_n == pytest.approx(0.7, abs=0.02)
