@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import read_text
 from haptic_driver.recording.strokes import Stroke, StrokeRow, read_strokes, strokes_path
 from haptic_driver.signals import Array
 from model.friction import electrostatic_force_n
+from model.support.reading import read_text
 
 BINS = 20  # of displacement, across the steady window
 TOUCHING_N = 0.02  # a bin with less load has no friction
