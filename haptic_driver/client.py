@@ -38,6 +38,7 @@ from haptic_driver.daemon.verbs import Answer, Verb, Verbs, Written
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
+from haptic_driver.scene import Scene
 
 if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
     import numpy as np
@@ -193,6 +194,7 @@ class Session:
 
     set = Verbs.set
     play = Verbs.play
+    change_scene = Verbs.change_scene
 
     def __init__(self, client: HapticClient, lease: Lease) -> None:
         self.token = lease.token
@@ -206,6 +208,13 @@ class Session:
     def ask(self, verb: Verb[..., Any, Answer], said: dict[str, Any], _: str = "") -> Answer:
         """What the daemon answers the holder of the lease."""
         return self._client.ask(verb, said, self.token)
+
+    @property
+    def scene(self) -> Scene:
+        """The daemon's scene of objects."""
+        return Scene(
+            lambda changes, show: self.change_scene(changes, show), self._client.scene_shown
+        )
 
     def record(self, path: Path | None) -> Status:
         """Record into a file until the lease is over, whatever ends it, or stop that with None."""

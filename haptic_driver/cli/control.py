@@ -120,7 +120,7 @@ def command_of(verb: Verb[..., Any, Any]) -> Callable[..., None]:
     def run(socket: str | None, as_json: bool, verbose: bool = True, **said: Any) -> None:
         said = {name: said[name] == "on" if said[name] in ON_OFF else said[name] for name in said}
         with client_of(socket) as client:
-            token = _token(client.address) if isinstance(verb, Leased) else ""
+            token = lease_token(client.address) if isinstance(verb, Leased) else ""
             try:
                 answer = client.ask(verb, said, token)
             except BadInputError as refused:
@@ -221,7 +221,7 @@ def client_of(socket: str | None) -> HapticClient:
     return HapticClient(socket)
 
 
-def _token(address: Address) -> str:
+def lease_token(address: Address) -> str:
     """What `haptic arm` left for the other commands."""
     try:
         return address.lease_file.read_text().strip()
@@ -235,7 +235,7 @@ def _token(address: Address) -> str:
 def _held_already(client: HapticClient) -> Lease | None:
     """The lease that an earlier `haptic arm` of this user holds; None where somebody else does."""
     try:
-        return client.renew(_token(client.address))
+        return client.renew(lease_token(client.address))
     except HapticError:
         return None
 

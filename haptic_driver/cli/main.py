@@ -49,7 +49,7 @@ PANELS = {
         "contact",
         "simulate",
     ),
-    ON_A_RIG: ("doctor", "calibrate-touch", "load", "daemon", "arm", "texture", "watch"),
+    ON_A_RIG: ("doctor", "calibrate-touch", "load", "daemon", "arm", "texture", "scene", "watch"),
     "Record and experiment": ("record", "mark", "export", "experiment"),
     "When friction is not as the model says": (
         "measure",
@@ -64,6 +64,7 @@ PANELS = {
 GROUPS = {
     "surface": "Build, describe and draw the lookup surface.",
     "texture": "List, draw, check, import and play textures.",
+    "scene": "Put objects on the screen, move them while they are felt, and see them replayed.",
     "daemon": "Run the daemon.",
     "load": "Have a load stage hold a finger's load, and find the finger's stiffness.",
     "experiment": (
@@ -202,7 +203,9 @@ def _acts(arguments: list[str]) -> bool:
     if words[:1] == ["arm"]:
         return True
     verb = commands().get(" ".join(words[:2])) or commands().get(" ".join(words[:1]))
-    return words[:1] in (["mark"], ["record"]) or (verb is not None and verb.method == "POST")
+    return words[:1] in (["mark"], ["record"], ["scene"]) or (
+        verb is not None and verb.method == "POST"
+    )
 
 
 def run(begin: Callable[[], None] = lambda: None) -> None:
@@ -221,9 +224,8 @@ def run(begin: Callable[[], None] = lambda: None) -> None:
 
 def main(arguments: list[str], begin: Callable[[], None] = lambda: None) -> int:
     """Run one command line and return its exit status; `begin` is called when all is imported."""
-    if arguments[:1] == [
-        "set"
-    ]:  # the parser takes a negative number for an option, but not one behind a space
+    # The parser takes a negative number for an option, but not one behind a space.
+    if arguments[:1] in (["set"], ["scene"]):
         arguments = [f" {word}" if re.match(r"-\.?\d", word) else word for word in arguments]
     asked = [word for word in arguments or _being_completed() if word in known()][:1]
     app = build_app(asked)

@@ -81,7 +81,16 @@ class Daemon:
         self._painter = Loader("painter")  # begun when somebody looks
         basis = Basis(settings, shared, events, self._loader)
         self.basis: Basis = basis
-        targets = Targets(shared, orders, events, clock, partial(_reachable, basis), self._loader)
+        screen = settings.config.screen
+        targets = Targets(
+            shared,
+            orders,
+            events,
+            clock,
+            partial(_reachable, basis),
+            self._loader,
+            (screen.width_m, screen.height_m),
+        )
         self.targets: Targets = targets
         self._recordings = Recordings(
             shared, events, lambda: basis.settings, identified, orders.machine.is_held_by, clock
@@ -308,7 +317,9 @@ class Daemon:
         if path is None:
             self._recordings.stop(lease)
         else:
-            self._recordings.start(Path(path), lease)
+            with self.targets.changing:
+                self._recordings.start(Path(path), lease)
+                self.targets.tell_scene()
         return self.status()
 
     def mark(self, label: str, data: Mapping[str, Any]) -> Marked:

@@ -7,12 +7,14 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from heapq import merge
 from typing import Any
 
 from haptic_driver.errors import shown
 from haptic_driver.recording.event import Event
 
 EVENTS_KEPT = 1000
+OFTEN = "scene"  # a kind that comes many times a second: kept apart, and logged for whoever looks
 
 _log = logging.getLogger("haptic_driver.daemon")
 
@@ -22,7 +24,8 @@ class EventLog:
 
     def __init__(self) -> None:
         self.listener: Callable[[Event], object] = lambda event: None
-        self._events: deque[Event] = deque(maxlen=EVENTS_KEPT)
+        self._seldom: deque[Event] = deque(maxlen=EVENTS_KEPT)
+        self._often: deque[Event] = deque(maxlen=EVENTS_KEPT)
         self._count = 0
         self._lock = threading.Lock()
 
@@ -40,11 +43,13 @@ class EventLog:
             event = Event(
                 number=self._count, time_s=happened_s, kind=kind, message=said, data=dict(data)
             )
-            self._events.append(event)
+            (self._often if kind == OFTEN else self._seldom).append(event)
         self.listener(event)
-        _log.log(logging.ERROR if kind in ("fault", "trip") else logging.INFO, "%s: %s", kind, said)
+        usual = logging.DEBUG if kind == OFTEN else logging.INFO
+        _log.log(logging.ERROR if kind in ("fault", "trip") else usual, "%s: %s", kind, said)
         return event
 
     def since(self, number: int) -> list[Event]:
         with self._lock:
-            return [event for event in self._events if event.number > number]
+            kept = merge(self._seldom, self._often, key=lambda event: event.number)
+            return [event for event in kept if event.number > number]

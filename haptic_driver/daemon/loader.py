@@ -19,7 +19,7 @@ import threading
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,10 +30,12 @@ from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.real_time import give_way
 from haptic_driver.processes.shared_memory import TARGET_BYTES
-from haptic_driver.render.texture import Target, of_every_kind
+from haptic_driver.render.scene import of_every_kind
+from haptic_driver.render.texture import Target
 from haptic_driver.surface.models import load_model
-from haptic_driver.textures.library import load, load_texture, texture_names
+from haptic_driver.textures.library import load, load_material, load_texture, texture_names
 from haptic_driver.textures.reach import Demand, demand
+from haptic_driver.textures.scene import Drawn, Made, Material
 from haptic_driver.textures.tile import Grid, cell_means, levels
 from model.description import ModelDescription
 from model.support.errors import nearest
@@ -43,6 +45,14 @@ TIME_S = 5.0
 TOO_MUCH = "too_much"
 START_TIMEOUT_S = 60.0  # of the process, on a busy machine
 PATIENCE_S = 0.2  # for another request to end: who waits holds a thread of the API
+
+
+class Asking(NamedTuple):
+    """What is to be rendered and what it asks for; `drawn`: of a scene, its objects."""
+
+    target: Target
+    demand: Demand
+    drawn: Drawn | None
 
 
 class Loader:
@@ -63,11 +73,20 @@ class Loader:
         with self._lock:
             self._start()
 
-    def texture(self, name: str, reachable_cof: tuple[float, float]) -> tuple[Target, Demand]:
+    def texture(self, name: str, reachable_cof: tuple[float, float]) -> Asking:
         """A texture or script, and what it asks of a surface that reaches so far. Raises
         HapticError.
         """
-        found: tuple[Target, Demand] = self._ask(_texture, name, reachable_cof)
+        found: Asking = self._ask(_texture, name, reachable_cof)
+        return found
+
+    def material(
+        self, material: Material, reachable_cof: tuple[float, float]
+    ) -> tuple[Made, Demand]:
+        """What an object of a scene is made of, likewise. Raises HapticError."""
+        found: tuple[Made, Demand] = self._ask(
+            _material, material.name, material.width_mm, reachable_cof
+        )
         return found
 
     def tile(self, name: str, grid: Grid) -> tuple[float, float, bytes]:
@@ -153,9 +172,16 @@ class Loader:
             child.kill()
 
 
-def _texture(name: str, reachable_cof: tuple[float, float]) -> tuple[Target, Demand]:
-    target = load(name, texture_dirs()).target
-    return target, demand(target, reachable_cof)
+def _texture(name: str, reachable_cof: tuple[float, float]) -> Asking:
+    loaded = load(name, texture_dirs())
+    return Asking(loaded.target, demand(loaded.target, reachable_cof), loaded.drawn)
+
+
+def _material(
+    name: str, width_mm: float | None, reachable_cof: tuple[float, float]
+) -> tuple[Made, Demand]:
+    texture = load_material(Material(name, width_mm), texture_dirs())
+    return Made.of(texture), demand(texture, reachable_cof)
 
 
 def _tile(name: str, grid: Grid) -> tuple[float, float, bytes]:
@@ -198,7 +224,8 @@ def _bounded() -> None:
 
 def main() -> int:
     """Answer until control hangs up."""
-    import scipy.interpolate  # noqa: F401, PLC0415  (what is read may need it)
+    import scipy.interpolate  # noqa: PLC0415  (what is read may need it)
+    import scipy.ndimage  # noqa: F401, PLC0415
     from PIL import PngImagePlugin  # noqa: F401, PLC0415
 
     for texture in of_every_kind():

@@ -14,6 +14,7 @@ from haptic_driver.config import Checked
 from haptic_driver.errors import HapticError
 from haptic_driver.recording.clock import ClockOffsets
 from haptic_driver.recording.event import Event
+from haptic_driver.textures.objects import SceneDescription
 
 LEASE_HEADER = "X-Haptic-Lease"
 SOMEBODY = "somebody"  # who holds a lease and did not say
@@ -241,6 +242,33 @@ class TextureNames(Checked):
 
     textures: list[str]
     scripts: list[str]
+
+
+class SceneChanged(Checked):
+    """What `POST /scene` answers: the number of this change, when render was given it, and how many
+    objects there are.
+
+    `rendering` false: the output was switched off, and only `show` brings the scene back.
+    """
+
+    number: int
+    time_s: float
+    objects: int
+    rendering: bool
+
+    def __str__(self) -> str:
+        now = "" if self.rendering else "; not rendered: show it with haptic scene show"
+        return f"scene of {self.objects} object{'s' * (self.objects != 1)}{now}"
+
+
+class SceneShown(Checked):
+    """What `GET /scene` answers: the present scene, null where there is none, and the number of its
+    last change.
+    """
+
+    number: int
+    rendering: bool
+    scene: SceneDescription | None
 
 
 class ModelNames(Checked):

@@ -85,6 +85,12 @@ class Orders:
             self._order_now(target)
             self.pump.open(self.order.number)
 
+    def use_target(self, token: str, target: int) -> None:
+        """Render goes on with the target of that number, where it renders at all."""
+        with self.lock:
+            self.machine.renew(token, self._clock())
+            self._order_now(target)
+
     def use_surface(self, number: int) -> None:
         """Render goes by the surface of that number from its next tick on."""
         with self.lock:

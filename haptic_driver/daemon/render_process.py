@@ -37,9 +37,10 @@ from haptic_driver.render import envelope
 from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.finger import FingerTracking
-from haptic_driver.render.texture import FloatArray, Target, of_every_kind
+from haptic_driver.render.scene import Objects, Scene, of_every_kind
+from haptic_driver.render.texture import FloatArray, Target
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
-from haptic_driver.signals import SLIDING_M_S, FingerSample, FingerState
+from haptic_driver.signals import SLIDING_M_S, Array, FingerSample, FingerState
 from haptic_driver.textures.bands import FINGER_LAG_M
 
 WARM_UP_TICKS = 200
@@ -164,6 +165,8 @@ class Renderer:
         """Begin as after arming; instants that were missed stay counted."""
         self._arming = order.arming
         self._target = 0
+        self._scene: Scene | None = None
+        self._arranged: tuple[Array, ...] = ()  # the tables of objects that it has now
         self._tick_settings = self._nothing
         self._detail_m = math.inf
         self._asked.forget()
@@ -228,10 +231,23 @@ class Renderer:
         if order.target != self._target:
             self._target = order.target
             target = self._shared.targets.read(order.target) if order.target else Nothing()
-            self._detail_m = target.detail_m
-            self._tick_settings = replace(self._nothing, texture=target)
+            self._scene = target if isinstance(target, Scene) else None
+            self._render(target)
+        if self._scene is not None:
+            self._rearrange(self._scene)
         since_s = max(self._shared.driven.read().since_s, played.whole_s)
         return Heard(order, self._shared.sensed.read(), since_s)
+
+    def _render(self, target: Target) -> None:
+        self._detail_m = target.detail_m
+        self._tick_settings = replace(self._tick_settings, texture=target)
+
+    def _rearrange(self, scene: Scene) -> None:
+        """Take up another table of the present scene's objects, where there is one."""
+        number, tables = self._shared.scene.read()
+        if number == self._target and tables is not self._arranged:
+            self._arranged = tables
+            self._render(scene.with_objects(Objects(*tables)))
 
     def _take_up(self, number: int) -> None:
         """Render by another surface from here on, with the voltage as it is."""

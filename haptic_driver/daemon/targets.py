@@ -5,23 +5,30 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.loader import Loader
-from haptic_driver.daemon.messages import RefusedError
+from haptic_driver.daemon.messages import RefusedError, SceneChanged, SceneShown
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import PUMP_PERIOD_S
 from haptic_driver.errors import BadInputError, shown
 from haptic_driver.processes.shared_memory import Output, SharedState
+from haptic_driver.recording.scenes import as_changes, change_said, event_data
+from haptic_driver.render.scene import Scene
 from haptic_driver.render.texture import Script, Target, Uniform
+from haptic_driver.textures.objects import Add, Change, Move, SceneDescription, Set, SetBackground
+from haptic_driver.textures.reach import Demand
+from haptic_driver.textures.scene import Drawn, require_on_screen
 
 USUAL_FORCE_N = 0.5  # where no finger says how it presses
 FAR = 0.1  # so far beyond the reachable range, relative, a friction is a slip of the hand
 MOST_FAR = 0.5  # of a texture's area
+EMPTY = Drawn(SceneDescription(), {})
 TAKE_OVER_S = 0.5  # render takes up a target within a tick; a stalled one never
 
 
@@ -29,7 +36,8 @@ class Targets:
     """The present target and its name. `choosing` is of whoever hands one over; `orders.lock`
     guards both.
 
-    `reachable`: the lowest and the highest friction under a load.
+    `reachable`: the lowest and the highest friction under a load. `drawn` is the target's objects
+    where it is a scene, `changing` of whoever changes them; objects lie on a screen of `screen_m`.
     """
 
     def __init__(
@@ -40,10 +48,15 @@ class Targets:
         clock: Callable[[], float],
         reachable: Callable[[float], tuple[float, float]],
         loader: Loader,
+        screen_m: tuple[float, float],
     ) -> None:
+        self.changing = threading.Lock()
         self.choosing = threading.Lock()
         self.target: Target | None = None
         self.name: str | None = None
+        self.drawn: Drawn | None = None
+        self._changes = 0
+        self._screen_m = screen_m
         self._shared = shared
         self._orders = orders
         self._events = events
@@ -54,7 +67,7 @@ class Targets:
 
     def forget(self) -> None:
         """None is asked for."""
-        self.target = self.name = None
+        self.target = self.name = self.drawn = None
 
     def set(self, token: str, cof: float, *, nearest: bool = False) -> None:
         """One friction everywhere. Raises BadInputError for one far out of reach, unless the
@@ -64,8 +77,9 @@ class Targets:
         load_n, (low, high) = self.reach()
         if not (nearest or (1.0 - FAR) * low <= cof <= (1.0 + FAR) * high):
             raise _out_of_reach(f"friction {cof:g} is", load_n, low, high)
-        self._hand_over(token, Uniform(cof), None)
-        self._events.tell("target", f"friction {cof:g}", cof=cof)
+        with self.changing:
+            self._hand_over(token, Uniform(cof), None)
+            self._events.tell("target", f"friction {cof:g}", cof=cof)
 
     def play(self, token: str, texture: str, *, nearest: bool = False) -> None:
         """A texture, or a script from its beginning. Raises BadInputError as `set` does, where most
@@ -73,16 +87,87 @@ class Targets:
         """
         self._orders.renew(token)
         load_n, (low, high) = self.reach()
-        target, asked = self._loader.texture(texture, ((1.0 - FAR) * low, (1.0 + FAR) * high))
-        if not nearest and asked.share_below + asked.share_above > MOST_FAR:
-            what = f"most of {texture}, {asked.cof_low:.3g} to {asked.cof_high:.3g}, is"
-            raise _out_of_reach(what, load_n, low, high)
-        self._hand_over(
-            token,
-            target.started(self._clock()) if isinstance(target, Script) else target,
-            shown(texture),
+        target, asked, drawn = self._loader.texture(
+            texture, ((1.0 - FAR) * low, (1.0 + FAR) * high)
         )
-        self._events.tell("texture", texture)
+        if not nearest:
+            _require_near(texture, asked, load_n, low, high)
+        if isinstance(target, Script):
+            target = target.started(self._clock())
+        with self.changing:
+            self._hand_over(token, target, shown(texture), drawn)
+            self._events.tell("texture", texture)
+            self.tell_scene()
+
+    def change_scene(
+        self, token: str, changes: Sequence[Change], *, show: bool = False, nearest: bool = False
+    ) -> SceneChanged:
+        """Change the present scene, or begin one. Raises BadInputError as `set` and `play` do, and
+        for a change that cannot be; then nothing is changed.
+        """
+        self._orders.renew(token)
+        with self.changing:
+            before = self.drawn
+            drawn = (before or EMPTY).changed((before or EMPTY).described.changed(changes))
+            load_n, (low, high) = self.reach()
+            if not nearest:
+                _require_reach(changes, load_n, low, high)
+            for material in drawn.missing:
+                reach = (1.0 - FAR) * low, (1.0 + FAR) * high
+                made, asked = self._loader.material(material, reach)
+                if not nearest and material.width_mm is None:
+                    _require_near(material.name, asked, load_n, low, high)
+                drawn = drawn.with_material(material, made)
+            self._require_on_screen(drawn, changes)
+            if not show and before is not None and drawn.materials is before.materials:
+                self._rearrange(token, drawn)
+                return self._tell_changes([change_said(change) for change in changes], EMPTY)
+            drawn = drawn.without_leftovers()
+            name = self.name if before is not None else "scene"
+            self._hand_over(token, drawn.scene(), name, drawn, begins=show or before is None)
+            said = [change_said(change) for change in changes]
+            whole = before is None or show
+            return self._tell_changes(as_changes(drawn.described) if whole else said, drawn)
+
+    def scene_shown(self) -> SceneShown:
+        drawn, rendering = self.drawn, self._orders.rendering
+        scene = None if drawn is None else drawn.described
+        return SceneShown(number=self._changes, rendering=rendering, scene=scene)
+
+    def tell_scene(self) -> None:
+        """All of the present scene as an event, where there is one: for who begins to listen."""
+        if self.drawn is not None:
+            self._tell_changes(as_changes(self.drawn.described), self.drawn)
+
+    def _tell_changes(self, changes: list[dict[str, Any]], read: Drawn) -> SceneChanged:
+        """As events, with what the textures that were read for it hold."""
+        assert self.drawn is not None
+        self._changes += 1
+        rendering, time_s = self._orders.rendering, time.monotonic()
+        said = f"{len(changes)} change{'s' * (len(changes) != 1)}"
+        for data in event_data(self._changes, changes, read.materials):
+            self._events.add("scene", said, data, time_s)
+        objects = len(self.drawn.described.object)
+        return SceneChanged(
+            number=self._changes, time_s=time_s, objects=objects, rendering=rendering
+        )
+
+    def _require_on_screen(self, drawn: Drawn, changes: Sequence[Change]) -> None:
+        placed = {c.id for c in changes if isinstance(c, Add | Move | Set)}
+        for each in drawn.described.object:
+            if each.id in placed:
+                require_on_screen(each, drawn, self._screen_m)
+
+    def _rearrange(self, token: str, drawn: Drawn) -> None:
+        """Other objects of the same materials, from the next tick on; nothing begins to be
+        rendered.
+        """
+        objects = drawn.objects()
+        with self.choosing, self._orders.lock:
+            self._orders.machine.renew(token, self._clock())
+            assert isinstance(self.target, Scene)  # of the lease that holds
+            self._shared.scene.write(self._orders.order.target, objects)
+            self.target, self.drawn = self.target.with_objects(objects), drawn
 
     def asked_cof(self, output: Output, samples: NDArray[np.void]) -> float | None:
         """What was asked for, also before render has taken it up.
@@ -110,8 +195,18 @@ class Targets:
         )
         return load_n, self._reachable(load_n)
 
-    def _hand_over(self, token: str, target: Target, name: str | None) -> None:
-        """Render takes it up between two ticks."""
+    def _hand_over(
+        self,
+        token: str,
+        target: Target,
+        name: str | None,
+        drawn: Drawn | None = None,
+        *,
+        begins: bool = True,
+    ) -> None:
+        """Render takes it up between two ticks, and begins to render where it did not, if it
+        `begins`.
+        """
         with self.choosing:
             with self._orders.lock:
                 self._orders.machine.renew(token, self._clock())  # whoever asks is alive
@@ -119,8 +214,11 @@ class Targets:
             self.await_taken(lambda output: output.target == number)
             self._shared.targets.write(number + 1, target)
             with self._orders.lock:
-                self._orders.render(token, number + 1)
-                self.target, self.name = target, name
+                if begins:
+                    self._orders.render(token, number + 1)
+                else:
+                    self._orders.use_target(token, number + 1)
+                self.target, self.name, self.drawn = target, name, drawn
 
     def await_taken(self, is_taken: Callable[[Output], bool]) -> None:
         """Until render uses what it was given before, since the next takes the place of the one
@@ -135,6 +233,21 @@ class Targets:
                     "look at the status",
                 )
             time.sleep(PUMP_PERIOD_S)
+
+
+def _require_near(what: str, asked: Demand, load_n: float, low: float, high: float) -> None:
+    """Refuse a texture most of which is far out of reach."""
+    if asked.share_below + asked.share_above > MOST_FAR:
+        said = f"most of {what}, {asked.cof_low:.3g} to {asked.cof_high:.3g}, is"
+        raise _out_of_reach(said, load_n, low, high)
+
+
+def _require_reach(changes: Sequence[Change], load_n: float, low: float, high: float) -> None:
+    """Refuse a friction of an object or background that is far out of reach."""
+    for change in changes:
+        if isinstance(change, Add | Set | SetBackground) and change.cof is not None:
+            if not (1.0 - FAR) * low <= change.cof <= (1.0 + FAR) * high:
+                raise _out_of_reach(f"friction {change.cof:g} is", load_n, low, high)
 
 
 def _out_of_reach(what: str, load_n: float, low: float, high: float) -> BadInputError:

@@ -34,6 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, JsonValue
 from haptic_driver.config import Checked
 from haptic_driver.daemon import messages
 from haptic_driver.daemon.messages import SOMEBODY, Lease, Status, Why
+from haptic_driver.textures.objects import Change
 
 if TYPE_CHECKING:  # a client does not wait for what a daemon imports
     from haptic_driver.daemon.daemon import Daemon
@@ -45,6 +46,7 @@ else:
 MOST_SAMPLES = (
     2000  # what turns into JSON in a few milliseconds, of which the set-point pump loses as many
 )
+MOST_CHANGES = 1000  # of a scene at once
 MOST_TILE_CELLS = 256  # per side: a fraction of a second of a process that waits for all others
 
 PRINTABLE = r"^[^\x00-\x1f]+$"
@@ -69,12 +71,12 @@ class Written:
     kind: str = ""
 
 
-def _whole_path(path: str | Path | None) -> str | None:
+def whole_path(path: str | Path | None) -> str | None:
     """The daemon runs in another folder."""
     return None if path is None else str(Path(path).absolute())
 
 
-def _named_from_anywhere(name: str) -> str:
+def named_from_anywhere(name: str) -> str:
     """The absolute path where a path is given; a name stays a name."""
     path = Path(name)
     is_path = bool(path.suffix) or len(path.parts) > 1
@@ -92,12 +94,12 @@ TextureName = Annotated[
     Field(
         min_length=1, max_length=200, description="Texture: a name in configs/textures or a path."
     ),
-    Written(_named_from_anywhere, "textures"),
+    Written(named_from_anywhere, "textures"),
 ]
 ModelName = Annotated[
     str,
     Field(min_length=1, max_length=1000, description="Model: a name in configs/models or a path."),
-    Written(_named_from_anywhere, "models"),
+    Written(named_from_anywhere, "models"),
 ]
 
 
@@ -146,6 +148,18 @@ class TextureChoice(Request):
     nearest: Nearest = False
 
 
+class SceneChange(Request):
+    """`haptic scene`: changes in order, which take effect together between two ticks.
+
+    The first since arming begins a scene. After the output was switched off a scene is changed
+    without being rendered, until somebody says `show`. `nearest` as for textures.
+    """
+
+    changes: Annotated[list[Change], Field(max_length=MOST_CHANGES)] = Field(default=[])
+    show: Annotated[bool, Field(description="Render the scene, also after OFF.")] = False
+    nearest: Nearest = False
+
+
 class ModelChoice(Request):
     """`haptic use MODEL`; without `carrier_hz` the carrier is chosen as the rig's file says."""
 
@@ -183,7 +197,7 @@ class RecordingRequest(Request):
 
     path: Annotated[
         Annotated[AnyPath, Field(min_length=1, max_length=1000, pattern=PRINTABLE)] | None,
-        Written(_whole_path),
+        Written(whole_path),
     ]
     lease: Annotated[str, Field(min_length=1, max_length=100)] | None = None
 
@@ -377,6 +391,17 @@ class Verbs:
         command="texture play NAME",
         example="linen",
     )
+    change_scene = Leased(
+        "POST",
+        "/scene",
+        SceneChange,
+        messages.SceneChanged,
+        lambda daemon, asked, token: daemon.targets.change_scene(
+            token, asked.changes, show=asked.show, nearest=asked.nearest
+        ),
+        "Add, move, turn, set and remove objects of a scene, all at one tick. Renews the lease.",
+        slow=True,
+    )
     off = Verb(
         "POST",
         "/off",
@@ -510,6 +535,14 @@ class Verbs:
         messages.TextureMap,
         lambda daemon, *_: messages.TextureMap(**daemon.texture_map()),
         "Friction over the screen, of the texture that plays.",
+    )
+    scene_shown = Verb(
+        "GET",
+        "/scene",
+        Empty,
+        messages.SceneShown,
+        lambda daemon, *_: daemon.targets.scene_shown(),
+        "The present scene with its objects.",
     )
     tile = Verb(
         "GET",

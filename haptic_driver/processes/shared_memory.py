@@ -21,12 +21,15 @@ from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import COURSE, SAMPLE
+from haptic_driver.signals import Array
 
 if TYPE_CHECKING:  # not every process that has this memory waits for numba
     from haptic_driver.render.controller import ControllerSettings
     from haptic_driver.render.safety import WorstTable
     from haptic_driver.render.texture import Target
 
+SHEET_BYTES = 1 << 17  # of a scene: 512 objects, and 3500 corners of polygons
+SHEET_COLUMNS = (17, 2)  # of its objects and of these corners
 RING_SAMPLES = 1 << 14  # 16 s at 1 kHz
 RING_COURSES = 1 << 6
 TARGET_BYTES = (
@@ -200,6 +203,71 @@ class Slot(Generic[Values]):
         return values
 
 
+class Sheet:
+    """Tables of floats of one target, written as a whole by one writer and read by any number.
+
+    As `Slot`, of which it is the large form: readers see the newest whole tables and never half of
+    them. `columns`: of each table; all of them together have `SHEET_BYTES`.
+    """
+
+    _HEADER = struct.Struct("=QI4xQ")  # sequence number, checksum, the target's number
+    _ROWS_AT = _HEADER.size
+
+    def __init__(self, memory: memoryview, columns: Sequence[int]) -> None:
+        self._memory = memory[:SHEET_BYTES]
+        self._sequence = memory[:8].cast("Q")
+        self._check = memory[8:12].cast("I")
+        self._columns = tuple(columns)
+        self._rows = struct.Struct(f"={len(self._columns)}Q")
+        self._content_at = self._ROWS_AT + self._rows.size
+        self._most = SHEET_BYTES - self._content_at
+        self._newest: tuple[int, tuple[Array, ...]] = (0, ())
+        self._newest_sequence = 0
+
+    def write(self, number: int, tables: Sequence[Array]) -> None:
+        """BadInputError where they are too large."""
+        content = b"".join(np.ascontiguousarray(table, np.float64).tobytes() for table in tables)
+        if len(content) > self._most:
+            raise BadInputError("scene_too_large", "a scene has too many corners", "leave some out")
+        sequence = self._sequence[0] | 1  # a writer that was killed left it odd
+        body = struct.pack("=Q", number) + self._rows.pack(*(len(t) for t in tables)) + content
+        self._sequence[0] = sequence
+        self._memory[_HEADER_BYTES : _HEADER_BYTES + len(body)] = body
+        self._check[0] = zlib.crc32(body, (sequence + 1) & 0xFFFFFFFF)
+        self._sequence[0] = sequence + 1
+
+    def read(self) -> tuple[int, tuple[Array, ...]]:
+        """The number of a target and the newest tables of it; those read before where a writer is
+        at it.
+        """
+        if self._sequence[0] != self._newest_sequence:
+            self._take_over()
+        return self._newest
+
+    def _take_over(self) -> None:
+        """One attempt: at the next tick there is another."""
+        rows = self._rows.unpack_from(self._memory, self._ROWS_AT)
+        cells = [n * width for n, width in zip(rows, self._columns, strict=True)]
+        length = self._content_at + 8 * sum(cells)
+        if length > SHEET_BYTES:
+            return
+        copy = self._memory[:length].tobytes()
+        sequence, check, number = self._HEADER.unpack_from(copy)
+        if (
+            sequence & 1
+            or zlib.crc32(memoryview(copy)[_HEADER_BYTES:], sequence & 0xFFFFFFFF) != check
+        ):
+            return
+        if self._rows.unpack_from(copy, self._ROWS_AT) != rows:
+            return
+        ends = np.cumsum(cells).tolist()
+        values = np.frombuffer(copy, np.float64, offset=self._content_at)
+        parts = [values[end - n : end] for n, end in zip(cells, ends, strict=True)]
+        shaped = zip(parts, self._columns, strict=True)
+        self._newest = number, tuple(part.reshape(-1, width) for part, width in shaped)
+        self._newest_sequence = sequence
+
+
 class Taken(NamedTuple):
     """Samples read from the ring, how many had been overwritten before, and where to go on."""
 
@@ -320,7 +388,8 @@ _RING_AT = _SLOTS * SLOT_BYTES
 _COURSES_AT = _RING_AT + _RING_HEADER_BYTES + RING_SAMPLES * SAMPLE.itemsize
 _TARGETS_AT = -(-(_COURSES_AT + _RING_HEADER_BYTES + RING_COURSES * COURSE.itemsize) // 4096) * 4096
 _SURFACES_AT = _TARGETS_AT + 2 * TARGET_BYTES
-_TOTAL_BYTES = _SURFACES_AT + 2 * TARGET_BYTES
+_SCENE_AT = _SURFACES_AT + 2 * TARGET_BYTES
+_TOTAL_BYTES = _SCENE_AT + SHEET_BYTES
 
 
 class SharedState:
@@ -350,7 +419,10 @@ class SharedState:
         self.ring = Ring(memory[_RING_AT:_COURSES_AT], SAMPLE, RING_SAMPLES)
         self.courses = Ring(memory[_COURSES_AT:_TARGETS_AT], COURSE, RING_COURSES)
         self.targets: Store[Target] = Store(memory[_TARGETS_AT:_SURFACES_AT])
-        self.surfaces: Store[tuple[ControllerSettings, WorstTable]] = Store(memory[_SURFACES_AT:])
+        self.surfaces: Store[tuple[ControllerSettings, WorstTable]] = Store(
+            memory[_SURFACES_AT:_SCENE_AT]
+        )
+        self.scene = Sheet(memory[_SCENE_AT:], SHEET_COLUMNS)
 
     def close(self) -> None:
         """Give the descriptor back; the memory itself goes when nobody uses it any more."""

@@ -42,7 +42,7 @@ from haptic_driver.recording.writer import (
 START_TIMEOUT_S = 60.0  # on a busy machine
 STOP_TIMEOUT_S = 10.0
 SLOWEST_BYTES_S = 4e6  # at which HDF5 is made of a run meanwhile
-MOST_BYTES = 1 << 16  # of one datagram
+MOST_BYTES = 1 << 17  # of one datagram
 
 
 @dataclass(frozen=True)

@@ -96,22 +96,25 @@ def waves_at(
 
 @kernel
 def profile_at_points(position_m: Array, cof: Array, x_m: Array, tile: bool, ends: bool) -> Array:
+    found = np.empty(x_m.size)
+    for m in range(x_m.size):
+        found[m] = profile_at(position_m, cof, x_m[m], tile, ends)
+    return found
+
+
+@kernel
+def profile_at(position_m: Array, cof: Array, x_m: float, tile: bool, ends: bool) -> float:
     """Friction between rising positions of points.
 
     Beyond the outer ones it begins again (`tile`), is nothing where the profile `ends`, or goes on
     with the nearest.
     """
     first_m, last_m = position_m[0], position_m[-1]
-    found = np.empty(x_m.size)
-    for m in range(x_m.size):
-        place_m = x_m[m]
-        if ends and not first_m <= place_m <= last_m:
-            found[m] = np.nan
-            continue
-        if tile and not first_m <= place_m <= last_m:
-            place_m = min(first_m + (place_m - first_m) % (last_m - first_m), last_m)
-        found[m] = between_points(position_m, cof, place_m)
-    return found
+    if ends and not first_m <= x_m <= last_m:
+        return np.nan
+    if tile and not first_m <= x_m <= last_m:
+        x_m = min(first_m + (x_m - first_m) % (last_m - first_m), last_m)
+    return between_points(position_m, cof, x_m)
 
 
 @kernel

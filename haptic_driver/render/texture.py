@@ -508,17 +508,6 @@ class Script(Target):
         )
 
 
-def of_every_kind() -> list[Texture]:
-    """Textures that are looked up by compiled functions, and one that is not."""
-    cof = np.full((1, 1, 4), 0.7)
-    return [
-        Uniform(0.7),
-        FrictionMap(cof[0], 0.01, 0.01, "tile"),
-        Profile((0.0, 0.01), (0.7, 0.7), "tile"),
-        Waves(cof, np.array([0.05]), np.array([0.5]), 0.01, 0.0, (0.05, 0.5)),
-    ]
-
-
 @cache
 def _lookup() -> ModuleType:
     """Its functions are compiled: who lists textures does not wait for that."""

@@ -13,9 +13,15 @@ from haptic_driver.config import Checked
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Interpolation, Outside
 from haptic_driver.textures.bands import BANDS, EDGES_HZ
+from haptic_driver.textures.objects import (
+    TEXTURE_COF,
+    Cof,
+    LengthMm,
+    OriginMm,
+    SceneDescription,
+)
 from haptic_driver.textures.process import reflections
 
-TEXTURE_COF = (0.01, 5.0)  # what a file may say; the upper end is beyond any finger's
 # The finest detail that reaches a finger: its distance per tick of 1 ms at 100 mm/s. The friction
 # of skin itself follows to 13.8 Hz per mm/s (arXiv 2505.11162), that is to 0.07 mm.
 FINEST_MM = 0.1
@@ -28,12 +34,8 @@ FINEST_WAVE_MM = 0.05  # of a spectrum, which an analog envelope brings out betw
 LARGEST_NOISE_PIXELS = 1400  # along one side: two million, the most that render takes
 LONGEST_TABLE_ROWS = 25_000  # of a profile or a script
 
-Cof = Annotated[float, Field(ge=TEXTURE_COF[0], le=TEXTURE_COF[1], allow_inf_nan=False)]
-LengthMm = Annotated[float, Field(ge=0.001, le=10_000.0, allow_inf_nan=False)]
-OffsetMm = Annotated[float, Field(ge=-10_000.0, le=10_000.0, allow_inf_nan=False)]
 PeriodMm = Annotated[float, Field(ge=SHORTEST_PERIOD_MM, le=10_000.0, allow_inf_nan=False)]
 AmplitudeCof = Annotated[float, Field(ge=0.0, le=TEXTURE_COF[1], allow_inf_nan=False)]
-OriginMm = Annotated[list[OffsetMm], Field(min_length=2, max_length=2)]
 Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
 Shape = Annotated[float, Field(ge=0.1, le=100.0, allow_inf_nan=False)]
 Coefficients = Annotated[
@@ -416,7 +418,7 @@ TextureDescription = (
     | MapDescription
     | HjifDescription
 )
-Description = TextureDescription | ScriptDescription
+Description = TextureDescription | SceneDescription | ScriptDescription
 
 SCRIPT_HINT = (
     "columns: time_s (rising), cof or texture, and optional label and interpolation (hold, linear,"

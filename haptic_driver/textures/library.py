@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from haptic_driver.errors import BadInputError, shown
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
-from haptic_driver.textures import description, formulas, hjif, script, sources, spectrum
+from haptic_driver.textures import description, formulas, hjif, scene, script, sources, spectrum
 from model.support.errors import did_you_mean
 from model.support.reading import read_toml
 
@@ -32,13 +32,14 @@ LONGEST_NAME_BYTES = 240  # file systems allow 255, the suffix included
 
 class Loaded(NamedTuple):
     """What a name or a file stands for. `path` is the file that says so, `kind` and `description`
-    as it says.
+    as it says; `drawn` is a scene with its objects.
     """
 
     target: Target
     kind: str
     description: str
     path: Path
+    drawn: scene.Drawn | None = None
 
 
 def texture_names(search: Sequence[Path]) -> list[str]:
@@ -148,6 +149,9 @@ def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     if in_script and isinstance(described, description.ScriptDescription):
         raise _nested(path)
     try:
+        if isinstance(described, description.SceneDescription):
+            drawn = _drawn(described, path, search)
+            return Loaded(drawn.scene(), described.kind, described.description, path, drawn)
         target = _build(described, path, search)
     except BadInputError as error:
         at_fault = f"{path}: key 'file': " if getattr(described, "file", None) is not None else ""
@@ -155,7 +159,64 @@ def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     return Loaded(target, described.kind, described.description, path)
 
 
-def _build(described: description.Description, path: Path, search: Sequence[Path]) -> Target:
+def load_material(material: scene.Material, search: Sequence[Path]) -> Texture:
+    """What an object of a scene is made of, or its outline. BadInputError for a script, and for a
+    scene in a scene.
+    """
+    if material.width_mm is not None:
+        path = Path(material.name)
+        if not path.is_file():
+            said = f"picture {path} does not exist"
+            raise BadInputError("file_not_found", said, "give the path of a PNG picture")
+        return scene.read_outline(path, material.width_mm)
+    try:
+        loaded = _load(material.name, search, in_script=True)
+    except BadInputError as error:
+        if error.code != "bad_script":
+            raise
+        hint = "an object is made of a friction or a texture"
+        raise BadInputError(error.code, error.message, hint) from None
+    if loaded.drawn is not None:
+        said = f"{loaded.path} is a scene itself"
+        raise BadInputError("nested_scene", said, "give the objects of that scene")
+    assert isinstance(loaded.target, Texture)
+    return loaded.target
+
+
+def _drawn(
+    described: description.SceneDescription, path: Path, search: Sequence[Path]
+) -> scene.Drawn:
+    """A scene whose files may lie beside its own, which whoever changes it need not know."""
+    whole = _from_anywhere(described, path.parent, search)
+    return scene.drawn(whole, lambda material: load_material(material, [path.parent, *search]))
+
+
+def _from_anywhere(
+    described: description.SceneDescription, folder: Path, search: Sequence[Path]
+) -> description.SceneDescription:
+    """The scene with whole paths for the files beside it."""
+
+    def whole(said: dict[str, Any]) -> dict[str, Any]:
+        shape, name = said.get("shape") or {}, said.get("texture") or ""
+        if (folder / shape.get("file", "")).is_file():
+            shape["file"] = str((folder / shape["file"]).absolute())
+        for beside in (folder / name, folder / f"{name}.toml"):
+            if name and folder not in search and beside.suffix and beside.is_file():
+                said["texture"] = str(beside.absolute())
+        return said
+
+    said = described.model_dump()
+    whole(said["background"])
+    for each in said["object"]:
+        whole(each)
+    return description.SceneDescription.model_validate(said)
+
+
+def _build(
+    described: description.TextureDescription | description.ScriptDescription,
+    path: Path,
+    search: Sequence[Path],
+) -> Target:
     if isinstance(described, description.ScriptDescription):
         return script.build(described, path, lambda name: _step_texture(name, path, search))
     return _build_texture(described, path)

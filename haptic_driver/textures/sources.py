@@ -27,6 +27,7 @@ from model.support.tables import read_table
 
 LARGEST_MAP_PIXELS = 4_000_000
 LARGEST_PICTURE_BYTES = 8 * LARGEST_MAP_PIXELS + (1 << 20)
+LARGEST_MASK_PIXELS = 400  # along a side: its outline is then finer than a finger tells
 LARGEST_GRID_BYTES = 3 << 20  # as text
 PROFILE_HINT = "Begin with the line: position_mm,cof"
 
@@ -87,6 +88,31 @@ def read_png(path: Path) -> Array:
         raise _bad_image(
             path, f"is damaged: {error}", "save it again from the program that made it"
         ) from None
+
+
+def read_mask(path: Path) -> Array:
+    """How far outside of what a PNG picture shows each pixel's centre lies, in pixels; inside it is
+    negative.
+
+    It shows what is more than half opaque, or more than half bright where nothing is transparent.
+    """
+    from scipy.ndimage import distance_transform_edt  # noqa: PLC0415
+
+    content = read_bytes(path, LARGEST_PICTURE_BYTES)
+    try:
+        with Image.open(io.BytesIO(content), formats=["PNG"]) as image:
+            _require_map_size(path, image.height, image.width)
+            pixels = image.convert("RGBA")
+    except PNG_DAMAGE as error:
+        raise _bad_image(path, f"is no PNG picture: {error}", "save it as PNG") from None
+    pixels.thumbnail((LARGEST_MASK_PIXELS, LARGEST_MASK_PIXELS))
+    opaque, bright = pixels.getchannel("A"), pixels.convert("L")
+    shown = np.asarray(bright if opaque.getextrema()[0] == 255 else opaque) > 127
+    if shown.all() or not shown.any():
+        what = "everything" if shown.all() else "nothing"
+        raise _bad_image(path, f"shows {what}: it has no outline", "make its ground transparent")
+    away: Array = distance_transform_edt(~shown) - distance_transform_edt(shown)
+    return away - 0.5 * np.sign(away)  # from the pixel's centre to the edge between two
 
 
 def _grey_16_bit(image: Image.Image, path: Path) -> Array:

@@ -1,0 +1,171 @@
+"""Scenes in a recording: every change is an event, from which the scene of any moment is made
+again.
+
+The data of an event `scene` say `number`, of the change, `part` and `parts` where it takes several
+events, `changes` as the API takes them, and `content`: a hash of each texture and picture that was
+read for it. A scene begins, and a recording begins in it, with a change that clears what was
+before.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from haptic_driver.config import texture_dirs
+from haptic_driver.errors import BadInputError
+from haptic_driver.recording.event import Event
+from haptic_driver.recording.read import Run
+from haptic_driver.render.scene import Scene, materials_of
+from haptic_driver.render.texture import Texture
+from haptic_driver.signals import Array
+from haptic_driver.textures.library import load_material
+from haptic_driver.textures.objects import Change, SceneDescription
+from haptic_driver.textures.scene import Drawn, Made, Material
+
+MOST_BYTES = 40_000  # of the changes in one event, which a recorder takes as a datagram
+_CHANGES: TypeAdapter[list[Change]] = TypeAdapter(list[Change])
+
+
+def as_changes(scene: SceneDescription) -> list[dict[str, Any]]:
+    """The changes that make a scene out of any other."""
+    ground = {"do": "background", **_said(scene.background)}
+    return [{"do": "clear"}, ground, *({"do": "add", **_said(one)} for one in scene.object)]
+
+
+def change_said(change: Change) -> dict[str, Any]:
+    return {"do": change.do, **_said(change)}
+
+
+def event_data(
+    number: int, changes: Sequence[dict[str, Any]], materials: Mapping[Material, Made]
+) -> list[dict[str, Any]]:
+    """What the events of one change say, in order."""
+    parts: list[list[dict[str, Any]]] = [[]]
+    left = MOST_BYTES
+    for change in changes:
+        size = len(json.dumps(change))
+        if size > left and parts[-1]:
+            parts.append([])
+            left = MOST_BYTES
+        parts[-1].append(change)
+        left -= size
+    content = {
+        said_of(material): content_hash(made.texture) for material, made in materials.items()
+    }
+    return [
+        {"number": number, "part": k, "parts": len(parts), "changes": part, "content": content}
+        for k, part in enumerate(parts, 1)
+    ]
+
+
+def content_hash(texture: Texture) -> str:
+    """Of the friction that a texture holds."""
+    rows, pool = materials_of([texture])
+    return hashlib.sha256(rows.tobytes() + pool.tobytes()).hexdigest()[:16]
+
+
+def said_of(material: Material) -> str:
+    """A material in words: its name, and of a picture its width."""
+    return (
+        material.name if material.width_mm is None else f"{material.name}, {material.width_mm} mm"
+    )
+
+
+class Moment(NamedTuple):
+    """From `time_s` on there is this scene, or no scene."""
+
+    time_s: float
+    scene: SceneDescription | None
+
+
+class SceneReplay:
+    """The scenes of a run, from its events; textures and pictures are read as they are now.
+
+    `differing`: those of them that are not what they were.
+    """
+
+    def __init__(self, run: Run) -> None:
+        """BadInputError where there is no scene, and for what cannot be read any more."""
+        self.run = run
+        self.moments = list(_moments(run.events))
+        scenes = [moment.scene for moment in self.moments if moment.scene is not None]
+        if not scenes:
+            said = f"{run.name} has no scene"
+            raise BadInputError("no_scene", said, "record while a scene is rendered")
+        then: dict[str, str] = {}
+        for event in run.events:
+            if event.kind == "scene":
+                then |= event.data["content"]
+        made: dict[Material, Made] = {}
+        for material in dict.fromkeys(m for scene in scenes for m in Drawn(scene, {}).missing):
+            made[material] = Made.of(load_material(material, texture_dirs()))
+        self.differing = [
+            said_of(material)
+            for material, one in made.items()
+            if content_hash(one.texture) != then.get(said_of(material))
+        ]
+        self._drawn = Drawn(scenes[0], made)
+        self._scene = self._drawn.scene()
+
+    def described_at(self, time_s: float) -> SceneDescription | None:
+        """The scene of a moment on the run's clock; None where there was none."""
+        known = [moment.time_s for moment in self.moments]
+        index = bisect_right(known, time_s) - 1
+        return self.moments[index].scene if index >= 0 else None
+
+    def scene_at(self, time_s: float) -> Scene | None:
+        """The same as a texture, which can be asked for friction."""
+        described = self.described_at(time_s)
+        return None if described is None else self._as_it_was(described)
+
+    def asked_cof(self) -> Array:
+        """Friction that the scenes ask for at each tick, where the finger was to be when its output
+        acts; NaN without contact or scene.
+        """
+        samples = self.run.samples
+        starts = np.searchsorted(samples["time_s"], [m.time_s for m in self.moments]).tolist()
+        cof = np.full(samples.size, np.nan)
+        for moment, start, end in zip(
+            self.moments, starts, [*starts[1:], samples.size], strict=True
+        ):
+            if moment.scene is None or end <= start:
+                continue
+            part = samples[start:end]
+            x_m, y_m = (np.array(part[f"output_{axis}_m"], float) for axis in "xy")
+            felt = self._as_it_was(moment.scene).cof_at(x_m, y_m)
+            cof[start:end] = np.where(part["in_contact"] == 1, felt, np.nan)
+        return cof
+
+    def _as_it_was(self, described: SceneDescription) -> Scene:
+        return self._scene.with_objects(self._drawn.changed(described).objects())
+
+
+def _moments(events: Sequence[Event]) -> Iterator[Moment]:
+    scene: SceneDescription | None = None
+    waiting: list[dict[str, Any]] = []
+    for event in events:
+        if event.kind == "scene":
+            waiting += event.data["changes"]
+            if event.data["part"] < event.data["parts"]:
+                continue
+            changes, waiting = _CHANGES.validate_python(waiting), []
+            scene = (scene or SceneDescription()).changed(changes)
+            yield Moment(event.time_s, scene)
+        elif event.kind in ("target", "texture") and scene is not None:
+            scene = None
+            yield Moment(event.time_s, None)
+
+
+def _said(record: Any) -> dict[str, Any]:
+    """What a record says beyond what is usual."""
+    said: dict[str, Any] = record.model_dump(mode="json", exclude_defaults=True)
+    if getattr(record, "shape", None) is not None:
+        said["shape"] = record.shape.model_dump(mode="json")
+    return said

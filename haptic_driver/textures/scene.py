@@ -1,0 +1,237 @@
+"""Scenes from what is said of them: objects and what they are made of -> rows that render looks up.
+
+Textures and outlines of pictures are read once, by whoever draws a scene; whatever moves, turns or
+changes its order afterwards makes new rows for the same materials.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.render.scene import (
+    FINEST_EDGE_M,
+    OBJECT_COLUMNS,
+    ObjectRow,
+    Objects,
+    Outline,
+    Scene,
+    materials_of,
+)
+from haptic_driver.render.texture import FrictionMap, Texture
+from haptic_driver.textures.objects import (
+    Background,
+    Circle,
+    Ellipse,
+    Mask,
+    Polygon,
+    Rectangle,
+    SceneDescription,
+    SceneObject,
+)
+from haptic_driver.textures.sources import read_mask
+
+ROUNDING = 1.0 + 1e-9  # of a place on the outline
+
+
+class Material(NamedTuple):
+    """What has to be read for an object: a texture, or the outline of a picture `width_mm` wide."""
+
+    name: str
+    width_mm: float | None = None
+
+
+class Made(NamedTuple):
+    """What was read, its lowest and highest friction, and its finest detail: of a whole map they
+    take a while.
+    """
+
+    texture: Texture
+    low: float
+    high: float
+    detail_m: float
+
+    @classmethod
+    def of(cls, texture: Texture) -> Made:
+        return cls(texture, *texture.bounds(), texture.detail_m)
+
+
+class Drawn(NamedTuple):
+    """A scene as it is said, and the materials that were read for it, in their order."""
+
+    described: SceneDescription
+    materials: Mapping[Material, Made]
+
+    @property
+    def missing(self) -> list[Material]:
+        """What its objects need and nobody has read yet."""
+        wanted = dict.fromkeys(m for each in self._all for m in _materials(each))
+        return [material for material in wanted if material not in self.materials]
+
+    def changed(self, described: SceneDescription) -> Drawn:
+        return self._replace(described=described)
+
+    def with_material(self, material: Material, made: Made) -> Drawn:
+        return self._replace(materials={**self.materials, material: made})
+
+    def without_leftovers(self) -> Drawn:
+        """Without what none of its objects needs any more."""
+        wanted = Drawn(self.described, {}).missing
+        return self._replace(materials={each: self.materials[each] for each in wanted})
+
+    def scene(self) -> Scene:
+        """All of it, as render takes it."""
+        textures = [made.texture for made in self.materials.values()]
+        return Scene(self.objects(), materials_of(textures))
+
+    def objects(self) -> Objects:
+        """The rows of what is enabled, the lowest first, with the corners of polygons."""
+        numbers = {material: k for k, material in enumerate(self.materials)}
+        rows, corners = [], []
+        shown = [each for each in self.described.object if each.enabled]
+        if (ground := _background_row(self, numbers)) is not None:
+            rows.append(ground)
+        for each in sorted(shown, key=lambda one: one.order):
+            row = _row(each, self.materials, numbers, len(corners))
+            rows.append(row)
+            if isinstance(each.shape, Polygon):
+                corners += each.shape.corners_mm
+        table = np.array(rows, float).reshape(len(rows), OBJECT_COLUMNS)
+        return Objects(table, 1e-3 * np.array(corners, float).reshape(len(corners), 2))
+
+    @property
+    def _all(self) -> list[SceneObject | Background]:
+        return [self.described.background, *self.described.object]
+
+
+def drawn(described: SceneDescription, read: Callable[[Material], Texture]) -> Drawn:
+    """A scene with all that its objects need; `read` finds it. BadInputError names the object."""
+    scene = Drawn(described, {})
+    for each in (described.background, *described.object):
+        for material in _materials(each):
+            if material in scene.materials:
+                continue
+            try:
+                scene = scene.with_material(material, Made.of(read(material)))
+            except BadInputError as error:
+                who = f"object '{each.id}'" if isinstance(each, SceneObject) else "background"
+                raise BadInputError(error.code, f"{who}: {error.message}", error.hint) from None
+    return scene
+
+
+def read_outline(path: Path, width_mm: float) -> FrictionMap:
+    """The distance outside of what a picture shows, as a map whose corner lies at 0, 0."""
+    outside = read_mask(path)
+    pitch_m = 1e-3 * width_mm / outside.shape[1]
+    return FrictionMap(pitch_m * outside, pitch_m, pitch_m, "clamp")
+
+
+def require_on_screen(each: SceneObject, drawn: Drawn, screen_m: tuple[float, float]) -> None:
+    """Refuse an object no part of which can lie on a screen as large."""
+    row = _row(each, drawn.materials, dict.fromkeys(drawn.materials, 0), 0)
+    beyond = [max(-p, p - s, 0.0) for p, s in zip((row.x_m, row.y_m), screen_m, strict=True)]
+    if math.hypot(*beyond) <= row.reach_m:
+        return
+    x_mm, y_mm = each.origin_mm
+    w_mm, h_mm = (1e3 * side for side in screen_m)
+    said = f"object '{each.id}' at {x_mm:g}, {y_mm:g} mm lies off the screen"
+    hint = f"the screen is {w_mm:g} by {h_mm:g} mm; to hide an object set enabled to false"
+    raise BadInputError("off_screen", said, hint)
+
+
+def _materials(each: SceneObject | Background) -> list[Material]:
+    found = [] if each.texture is None else [Material(each.texture)]
+    if isinstance(each, SceneObject) and isinstance(each.shape, Mask):
+        found.append(Material(each.shape.file, each.shape.width_mm))
+    return found
+
+
+def _background_row(drawn: Drawn, numbers: Mapping[Material, int]) -> ObjectRow | None:
+    ground = drawn.described.background
+    if ground.cof is None and ground.texture is None:
+        return None
+    place = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return ObjectRow(
+        Outline.EVERYWHERE, *place, math.inf, 0.0, *_fill(ground, drawn.materials, numbers)
+    )
+
+
+def _row(
+    each: SceneObject,
+    materials: Mapping[Material, Made],
+    numbers: Mapping[Material, int],
+    corner: int,
+) -> ObjectRow:
+    """An object whose corners, if it has any, begin at that number."""
+    outline, half_x_m, half_y_m, radius_m, reach_m, first, count = _outline(
+        each, materials, numbers, corner
+    )
+    edge_m, turned_rad = 1e-3 * each.soft_edge_mm, math.radians(each.rotation_deg)
+    material, cof, low, high, detail_m = _fill(each, materials, numbers)
+    return ObjectRow(
+        outline,
+        1e-3 * each.origin_mm[0],
+        1e-3 * each.origin_mm[1],
+        math.cos(turned_rad),
+        math.sin(turned_rad),
+        half_x_m,
+        half_y_m,
+        radius_m,
+        first,
+        count,
+        ROUNDING * reach_m + 0.5 * edge_m,
+        edge_m,
+        material,
+        cof,
+        low,
+        high,
+        min(detail_m, max(edge_m, FINEST_EDGE_M)),
+    )
+
+
+def _outline(
+    each: SceneObject,
+    materials: Mapping[Material, Made],
+    numbers: Mapping[Material, int],
+    corner: int,
+) -> tuple[Outline, float, float, float, float, float, float]:
+    """Kind, half of its size along x and y, radius of corners, reach, first corner, count."""
+    match each.shape:
+        case Rectangle() as shape:
+            half_m = 0.5e-3 * shape.width_mm, 0.5e-3 * shape.height_mm
+            reach_m = math.hypot(*half_m)
+            return Outline.RECTANGLE, *half_m, 1e-3 * shape.radius_mm, reach_m, 0, 0
+        case Circle() as shape:
+            radius_m = 1e-3 * shape.radius_mm
+            return Outline.ELLIPSE, radius_m, radius_m, 0.0, radius_m, 0, 0
+        case Ellipse() as shape:
+            half_m = 0.5e-3 * shape.width_mm, 0.5e-3 * shape.height_mm
+            return Outline.ELLIPSE, *half_m, 0.0, max(half_m), 0, 0
+        case Polygon() as shape:
+            reach_m = 1e-3 * max(math.hypot(x, y) for x, y in shape.corners_mm)
+            return Outline.POLYGON, 0.0, 0.0, 0.0, reach_m, corner, len(shape.corners_mm)
+        case Mask() as shape:
+            key = Material(shape.file, shape.width_mm)
+            picture = materials[key].texture
+            assert isinstance(picture, FrictionMap)
+            rows, columns = picture.cof.shape
+            half_m = 0.5 * columns * picture.pitch_x_m, 0.5 * rows * picture.pitch_y_m
+            return Outline.MASK, *half_m, 0.0, math.hypot(*half_m), numbers[key], 0
+
+
+def _fill(
+    each: SceneObject | Background,
+    materials: Mapping[Material, Made],
+    numbers: Mapping[Material, int],
+) -> tuple[float, float, float, float, float]:
+    """Material, friction, the lowest and the highest, and the finest detail."""
+    if each.texture is None:
+        cof = math.nan if each.cof is None else each.cof
+        return -1.0, cof, cof, cof, math.inf
+    made = materials[Material(each.texture)]
+    return float(numbers[Material(each.texture)]), math.nan, made.low, made.high, made.detail_m
