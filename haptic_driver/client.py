@@ -31,6 +31,7 @@ from haptic_driver.daemon.messages import (
     ErrorReport,
     Lease,
     RefusedError,
+    SceneChanged,
     StateFrame,
     Status,
 )
@@ -212,9 +213,11 @@ class Session:
     @property
     def scene(self) -> Scene:
         """The daemon's scene of objects."""
-        return Scene(
-            lambda changes, show: self.change_scene(changes, show), self._client.scene_shown
-        )
+
+        def change(changes: list[dict[str, Any]], show: bool) -> SceneChanged:
+            return self.ask(Verbs.change_scene, {"changes": changes, "show": show})
+
+        return Scene(change, self._client.scene_shown)
 
     def record(self, path: Path | None) -> Status:
         """Record into a file until the lease is over, whatever ends it, or stop that with None."""

@@ -114,7 +114,7 @@ class Changes(ABC):
         enabled: bool | None = None,
     ) -> SceneChanged | None:
         """What else an object is; what is left out stays."""
-        said = {"order": order, "soft_edge_mm": soft_edge_mm, "enabled": enabled}
+        said: dict[str, Any] = {"order": order, "soft_edge_mm": soft_edge_mm, "enabled": enabled}
         said |= {"shape": None if shape is None else shape.model_dump()}
         said |= {} if made is None else _of(made)
         return self._do("set", name, **{k: v for k, v in said.items() if v is not None})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import typer
 from typer import Argument, Option
@@ -12,6 +12,7 @@ from typer import Argument, Option
 from haptic_driver.cli.control import client_of, lease_token, show
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, named, report, stdout
+from haptic_driver.daemon.verbs import Verbs
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import exists_already, write_text
 from haptic_driver.scene import (
@@ -30,8 +31,9 @@ app = typer.Typer(no_args_is_help=True)
 Id = Annotated[str, Argument(metavar="ID", help="Name of the object, once in a scene.")]
 MadeOf = Annotated[str, named("textures", "Friction, or texture", Argument)]
 Nearest = Annotated[bool, Option("--nearest", help="The nearest friction that is reachable.")]
-Three, Four = tuple[float, float, float], tuple[float, float, float, float]
-Five = tuple[float, float, float, float, float]
+Three: TypeAlias = tuple[float, float, float]
+Four: TypeAlias = tuple[float, float, float, float]
+Five: TypeAlias = tuple[float, float, float, float, float]
 
 
 @app.command()
@@ -200,7 +202,7 @@ def show_scene(socket: SocketOption = None, as_json: Json = False) -> None:
     Example: `haptic scene show`
     """
     with client_of(socket) as client:
-        answer = client.change_scene(lease_token(client.address), [], True)
+        answer = client.ask(Verbs.change_scene, {"show": True}, lease_token(client.address))
     show(as_json, answer)
 
 
@@ -296,7 +298,8 @@ def _write_moment(replayed: Any, moment_s: float, out: Path) -> None:
 
 def _ask(changes: Together, socket: str | None, as_json: bool, *, nearest: bool = False) -> None:
     with client_of(socket) as client:
-        answer = client.change_scene(lease_token(client.address), changes.kept, False, nearest)
+        said = {"changes": changes.kept, "nearest": nearest}
+        answer = client.ask(Verbs.change_scene, said, lease_token(client.address))
     show(as_json, answer)
 
 

@@ -245,9 +245,9 @@ def _require_near(what: str, asked: Demand, load_n: float, low: float, high: flo
 def _require_reach(changes: Sequence[Change], load_n: float, low: float, high: float) -> None:
     """Refuse a friction of an object or background that is far out of reach."""
     for change in changes:
-        if isinstance(change, Add | Set | SetBackground) and change.cof is not None:
-            if not (1.0 - FAR) * low <= change.cof <= (1.0 + FAR) * high:
-                raise _out_of_reach(f"friction {change.cof:g} is", load_n, low, high)
+        cof = change.cof if isinstance(change, Add | Set | SetBackground) else None
+        if cof is not None and not (1.0 - FAR) * low <= cof <= (1.0 + FAR) * high:
+            raise _out_of_reach(f"friction {cof:g} is", load_n, low, high)
 
 
 def _out_of_reach(what: str, load_n: float, low: float, high: float) -> BadInputError:

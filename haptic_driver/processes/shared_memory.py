@@ -253,12 +253,8 @@ class Sheet:
             return
         copy = self._memory[:length].tobytes()
         sequence, check, number = self._HEADER.unpack_from(copy)
-        if (
-            sequence & 1
-            or zlib.crc32(memoryview(copy)[_HEADER_BYTES:], sequence & 0xFFFFFFFF) != check
-        ):
-            return
-        if self._rows.unpack_from(copy, self._ROWS_AT) != rows:
+        whole = zlib.crc32(memoryview(copy)[_HEADER_BYTES:], sequence & 0xFFFFFFFF) == check
+        if sequence & 1 or not whole or self._rows.unpack_from(copy, self._ROWS_AT) != rows:
             return
         ends = np.cumsum(cells).tolist()
         values = np.frombuffer(copy, np.float64, offset=self._content_at)

@@ -56,9 +56,7 @@ def event_data(
             left = MOST_BYTES
         parts[-1].append(change)
         left -= size
-    content = {
-        said_of(material): content_hash(made.texture) for material, made in materials.items()
-    }
+    content = {said_of(each): content_hash(made.texture) for each, made in materials.items()}
     return [
         {"number": number, "part": k, "parts": len(parts), "changes": part, "content": content}
         for k, part in enumerate(parts, 1)
@@ -73,9 +71,8 @@ def content_hash(texture: Texture) -> str:
 
 def said_of(material: Material) -> str:
     """A material in words: its name, and of a picture its width."""
-    return (
-        material.name if material.width_mm is None else f"{material.name}, {material.width_mm} mm"
-    )
+    name, width_mm = material
+    return name if width_mm is None else f"{name}, {width_mm:g} mm"
 
 
 class Moment(NamedTuple):

@@ -46,7 +46,7 @@ class ObjectRow(NamedTuple):
     """An object: its place and how it is turned, its outline, and what it is made of.
 
     `half_x_m`, `half_y_m`: half of its size along its own x and y. `first`: of its corners among
-    all points, `count` of them; of a mask the number of its material, which is distance outside.
+    all points, `corners` of them; of a mask the number of its material, which is distance outside.
     `reach_m`: how far it reaches from its place, edge included. `material`: -1 for the friction
     `cof`. Then its lowest and highest friction, and the finest detail of it.
     """
@@ -60,7 +60,7 @@ class ObjectRow(NamedTuple):
     half_y_m: float
     radius_m: float
     first: float
-    count: float
+    corners: float
     reach_m: float
     edge_m: float
     material: float
@@ -217,9 +217,9 @@ def _content(
             return list(texture.cof.shape), numbers, texture.cof.ravel()
         case Waves():
             way = math.cos(texture.direction_rad), math.sin(texture.direction_rad)
-            table = [texture.speed_m_s, texture.normal_force_n, texture.cof.ravel()]
             numbers = [texture.detail_m, *way, *texture.usual]
-            return list(texture.cof.shape), numbers, np.concatenate(table)
+            tables = [texture.speed_m_s, texture.normal_force_n, texture.cof.ravel()]
+            return list(texture.cof.shape), numbers, np.concatenate(tables)
 
 
 def _beyond(outside: Outside) -> list[float]:

@@ -78,8 +78,8 @@ def scene_at(
         cof += left * there * own
         left *= 1.0 - there
         if left < _OPAQUE:
-            return cof / (1.0 - left)
-    return cof / (1.0 - left) if left <= _HALF else np.nan
+            return float(cof / (1.0 - left))
+    return float(cof / (1.0 - left)) if left <= _HALF else np.nan
 
 
 @kernel
@@ -120,7 +120,7 @@ def outside_rectangle(
     beyond_x = abs(u_m) - half_x_m + radius_m
     beyond_y = abs(v_m) - half_y_m + radius_m
     corner_m = np.hypot(max(beyond_x, 0.0), max(beyond_y, 0.0))
-    return corner_m + min(max(beyond_x, beyond_y), 0.0) - radius_m
+    return float(corner_m + min(max(beyond_x, beyond_y), 0.0) - radius_m)
 
 
 @kernel
@@ -130,7 +130,7 @@ def outside_ellipse(u_m: float, v_m: float, half_x_m: float, half_y_m: float) ->
     slope = np.hypot(u_m / (half_x_m * half_x_m), v_m / (half_y_m * half_y_m))
     if slope == 0.0:
         return -min(half_x_m, half_y_m)
-    return place * (place - 1.0) / slope
+    return float(place * (place - 1.0) / slope)
 
 
 @kernel
@@ -150,7 +150,8 @@ def outside_polygon(points: Array, first: int, count: int, u_m: float, v_m: floa
         nearest_m2 = min(nearest_m2, off_x * off_x + off_y * off_y)
         if (ay > v_m) != (by > v_m) and u_m < ax + (v_m - ay) * along_x / along_y:
             inside = not inside
-    return -np.sqrt(nearest_m2) if inside else np.sqrt(nearest_m2)
+    distance_m = float(np.sqrt(nearest_m2))
+    return -distance_m if inside else distance_m
 
 
 @kernel

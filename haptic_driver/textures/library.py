@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from haptic_driver.errors import BadInputError, shown
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
 from haptic_driver.textures import description, formulas, hjif, scene, script, sources, spectrum
+from haptic_driver.textures.objects import SceneDescription
 from model.support.errors import did_you_mean
 from model.support.reading import read_toml
 
@@ -149,7 +150,7 @@ def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     if in_script and isinstance(described, description.ScriptDescription):
         raise _nested(path)
     try:
-        if isinstance(described, description.SceneDescription):
+        if isinstance(described, SceneDescription):
             drawn = _drawn(described, path, search)
             return Loaded(drawn.scene(), described.kind, described.description, path, drawn)
         target = _build(described, path, search)
@@ -183,17 +184,15 @@ def load_material(material: scene.Material, search: Sequence[Path]) -> Texture:
     return loaded.target
 
 
-def _drawn(
-    described: description.SceneDescription, path: Path, search: Sequence[Path]
-) -> scene.Drawn:
+def _drawn(described: SceneDescription, path: Path, search: Sequence[Path]) -> scene.Drawn:
     """A scene whose files may lie beside its own, which whoever changes it need not know."""
     whole = _from_anywhere(described, path.parent, search)
     return scene.drawn(whole, lambda material: load_material(material, [path.parent, *search]))
 
 
 def _from_anywhere(
-    described: description.SceneDescription, folder: Path, search: Sequence[Path]
-) -> description.SceneDescription:
+    described: SceneDescription, folder: Path, search: Sequence[Path]
+) -> SceneDescription:
     """The scene with whole paths for the files beside it."""
 
     def whole(said: dict[str, Any]) -> dict[str, Any]:
@@ -209,7 +208,7 @@ def _from_anywhere(
     whole(said["background"])
     for each in said["object"]:
         whole(each)
-    return description.SceneDescription.model_validate(said)
+    return SceneDescription.model_validate(said)
 
 
 def _build(

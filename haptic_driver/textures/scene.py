@@ -70,7 +70,7 @@ class Drawn(NamedTuple):
     @property
     def missing(self) -> list[Material]:
         """What its objects need and nobody has read yet."""
-        wanted = dict.fromkeys(m for each in self._all for m in _materials(each))
+        wanted = dict.fromkeys(m for each in self.all for m in _materials(each))
         return [material for material in wanted if material not in self.materials]
 
     def changed(self, described: SceneDescription) -> Drawn:
@@ -92,7 +92,8 @@ class Drawn(NamedTuple):
     def objects(self) -> Objects:
         """The rows of what is enabled, the lowest first, with the corners of polygons."""
         numbers = {material: k for k, material in enumerate(self.materials)}
-        rows, corners = [], []
+        rows: list[ObjectRow] = []
+        corners: list[list[float]] = []
         shown = [each for each in self.described.object if each.enabled]
         if (ground := _background_row(self, numbers)) is not None:
             rows.append(ground)
@@ -105,14 +106,14 @@ class Drawn(NamedTuple):
         return Objects(table, 1e-3 * np.array(corners, float).reshape(len(corners), 2))
 
     @property
-    def _all(self) -> list[SceneObject | Background]:
+    def all(self) -> list[SceneObject | Background]:
         return [self.described.background, *self.described.object]
 
 
 def drawn(described: SceneDescription, read: Callable[[Material], Texture]) -> Drawn:
     """A scene with all that its objects need; `read` finds it. BadInputError names the object."""
     scene = Drawn(described, {})
-    for each in (described.background, *described.object):
+    for each in scene.all:
         for material in _materials(each):
             if material in scene.materials:
                 continue

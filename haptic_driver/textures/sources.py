@@ -20,7 +20,8 @@ from PIL import Image
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.signals import Array
-from haptic_driver.textures.description import LONGEST_TABLE_ROWS, TEXTURE_COF
+from haptic_driver.textures.description import LONGEST_TABLE_ROWS
+from haptic_driver.textures.objects import TEXTURE_COF
 from model.support.cells import number
 from model.support.reading import read_bytes, read_text
 from model.support.tables import read_table

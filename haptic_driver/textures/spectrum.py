@@ -18,11 +18,11 @@ from haptic_driver.signals import Array
 from haptic_driver.textures.bands import BANDS, EDGES_HZ, FINGER_LAG_M
 from haptic_driver.textures.description import (
     FINEST_WAVE_MM,
-    TEXTURE_COF,
     ProcessDescription,
     SpectrumDescription,
 )
 from haptic_driver.textures.formulas import random_phases_rad
+from haptic_driver.textures.objects import TEXTURE_COF
 from haptic_driver.textures.process import coefficients, power, reflections
 
 EDGE = 1e-3  # of the range of a beta distribution, whose density may be endless at its ends

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
 from haptic_driver.signals import SETTLED_M, SLIDING_M_S, Array
-from haptic_driver.textures.description import LONGEST_TABLE_ROWS, TEXTURE_COF
+from haptic_driver.textures.description import LONGEST_TABLE_ROWS
+from haptic_driver.textures.objects import TEXTURE_COF
 from model.support.errors import nearest
 from model.support.tables import Table, read_table
 
