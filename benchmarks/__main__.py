@@ -16,6 +16,7 @@ from benchmarks import (
     live,
     load,
     published_algorithm,
+    scene,
     start_up,
     surface_build,
     surface_lookup,
@@ -37,6 +38,7 @@ PARTS = (
     tick_compute,
     envelope,
     tick_lateness,
+    scene,
     daemon_fidelity,
 )
 

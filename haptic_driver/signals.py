@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 Mask = NDArray[np.bool_]
 
 WITHIN = 0.05  # of the friction asked for: what counts as rendered

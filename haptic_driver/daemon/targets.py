@@ -23,7 +23,7 @@ from haptic_driver.render.scene import Scene
 from haptic_driver.render.texture import Script, Target, Uniform
 from haptic_driver.textures.objects import Add, Change, Move, SceneDescription, Set, SetBackground
 from haptic_driver.textures.reach import Demand
-from haptic_driver.textures.scene import Drawn, require_on_screen
+from haptic_driver.textures.scene import Drawn, Live, require_on_screen
 
 USUAL_FORCE_N = 0.5  # where no finger says how it presses
 FAR = 0.1  # so far beyond the reachable range, relative, a friction is a slip of the hand
@@ -36,8 +36,8 @@ class Targets:
     """The present target and its name. `choosing` is of whoever hands one over; `orders.lock`
     guards both.
 
-    `reachable`: the lowest and the highest friction under a load. `drawn` is the target's objects
-    where it is a scene, `changing` of whoever changes them; objects lie on a screen of `screen_m`.
+    `reachable`: the lowest and the highest friction under a load. `live` is the target where it
+    is a scene, `changing` of whoever changes it; objects lie on a screen of `screen_m`.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Targets:
         self.choosing = threading.Lock()
         self.target: Target | None = None
         self.name: str | None = None
-        self.drawn: Drawn | None = None
+        self.live: Live | None = None
         self._changes = 0
         self._screen_m = screen_m
         self._shared = shared
@@ -67,7 +67,7 @@ class Targets:
 
     def forget(self) -> None:
         """None is asked for."""
-        self.target = self.name = self.drawn = None
+        self.target = self.name = self.live = None
 
     def set(self, token: str, cof: float, *, nearest: bool = False) -> None:
         """One friction everywhere. Raises BadInputError for one far out of reach, unless the
@@ -107,7 +107,13 @@ class Targets:
         """
         self._orders.renew(token)
         with self.changing:
-            before = self.drawn
+            quick = None
+            if self.live is not None and not show:
+                quick = self.live.moved(changes, self._screen_m)
+            if quick is not None:
+                self._rearrange(token, quick)
+                return self._tell_changes([change_said(change) for change in changes], EMPTY)
+            before = None if self.live is None else self.live.drawn
             drawn = (before or EMPTY).changed((before or EMPTY).described.changed(changes))
             load_n, (low, high) = self.reach()
             if not nearest:
@@ -120,7 +126,7 @@ class Targets:
                 drawn = drawn.with_material(material, made)
             self._require_on_screen(drawn, changes)
             if not show and before is not None and drawn.materials is before.materials:
-                self._rearrange(token, drawn)
+                self._rearrange(token, Live(drawn))
                 return self._tell_changes([change_said(change) for change in changes], EMPTY)
             drawn = drawn.without_leftovers()
             name = self.name if before is not None else "scene"
@@ -130,24 +136,25 @@ class Targets:
             return self._tell_changes(as_changes(drawn.described) if whole else said, drawn)
 
     def scene_shown(self) -> SceneShown:
-        drawn, rendering = self.drawn, self._orders.rendering
-        scene = None if drawn is None else drawn.described
+        live, rendering = self.live, self._orders.rendering
+        scene = None if live is None else live.drawn.described
         return SceneShown(number=self._changes, rendering=rendering, scene=scene)
 
     def tell_scene(self) -> None:
         """All of the present scene as an event, where there is one: for who begins to listen."""
-        if self.drawn is not None:
-            self._tell_changes(as_changes(self.drawn.described), self.drawn)
+        if self.live is not None:
+            drawn = self.live.drawn
+            self._tell_changes(as_changes(drawn.described), drawn)
 
     def _tell_changes(self, changes: list[dict[str, Any]], read: Drawn) -> SceneChanged:
         """As events, with what the textures that were read for it hold."""
-        assert self.drawn is not None
+        assert self.live is not None
         self._changes += 1
         rendering, time_s = self._orders.rendering, time.monotonic()
         said = f"{len(changes)} change{'s' * (len(changes) != 1)}"
         for data in event_data(self._changes, changes, read.materials):
             self._events.add("scene", said, data, time_s)
-        objects = len(self.drawn.described.object)
+        objects = self.live.count
         return SceneChanged(
             number=self._changes, time_s=time_s, objects=objects, rendering=rendering
         )
@@ -158,16 +165,15 @@ class Targets:
             if each.id in placed:
                 require_on_screen(each, drawn, self._screen_m)
 
-    def _rearrange(self, token: str, drawn: Drawn) -> None:
+    def _rearrange(self, token: str, live: Live) -> None:
         """Other objects of the same materials, from the next tick on; nothing begins to be
         rendered.
         """
-        objects = drawn.objects()
         with self.choosing, self._orders.lock:
             self._orders.machine.renew(token, self._clock())
             assert isinstance(self.target, Scene)  # of the lease that holds
-            self._shared.scene.write(self._orders.order.target, objects)
-            self.target, self.drawn = self.target.with_objects(objects), drawn
+            self._shared.scene.write(self._orders.order.target, live.objects)
+            self.target, self.live = self.target.with_objects(live.objects), live
 
     def asked_cof(self, output: Output, samples: NDArray[np.void]) -> float | None:
         """What was asked for, also before render has taken it up.
@@ -218,7 +224,8 @@ class Targets:
                     self._orders.render(token, number + 1)
                 else:
                     self._orders.use_target(token, number + 1)
-                self.target, self.name, self.drawn = target, name, drawn
+                self.target, self.name = target, name
+                self.live = None if drawn is None else Live(drawn)
 
     def await_taken(self, is_taken: Callable[[Output], bool]) -> None:
         """Until render uses what it was given before, since the next takes the place of the one

@@ -26,10 +26,11 @@ from haptic_driver.render.scene import Scene, materials_of
 from haptic_driver.render.texture import Texture
 from haptic_driver.signals import Array
 from haptic_driver.textures.library import load_material
-from haptic_driver.textures.objects import Change, SceneDescription
+from haptic_driver.textures.objects import Change, Move, SceneDescription
 from haptic_driver.textures.scene import Drawn, Made, Material
 
 MOST_BYTES = 40_000  # of the changes in one event, which a recorder takes as a datagram
+MOVE_BYTES = 800  # of a change without a shape, at most: names are long and escaped
 _CHANGES: TypeAdapter[list[Change]] = TypeAdapter(list[Change])
 
 
@@ -40,6 +41,9 @@ def as_changes(scene: SceneDescription) -> list[dict[str, Any]]:
 
 
 def change_said(change: Change) -> dict[str, Any]:
+    """A change as the API takes it."""
+    if isinstance(change, Move):
+        return {"do": "move", "id": change.id, "x_mm": change.x_mm, "y_mm": change.y_mm}
     return {"do": change.do, **_said(change)}
 
 
@@ -50,7 +54,7 @@ def event_data(
     parts: list[list[dict[str, Any]]] = [[]]
     left = MOST_BYTES
     for change in changes:
-        size = len(json.dumps(change))
+        size = len(json.dumps(change)) if "shape" in change else MOVE_BYTES
         if size > left and parts[-1]:
             parts.append([])
             left = MOST_BYTES

@@ -11,7 +11,7 @@ import numpy as np
 from haptic_driver.render.compiled import kernel
 from haptic_driver.render.lookup import picture_at, places_ahead, profile_at, waves_at
 from haptic_driver.render.texture import FARTHEST_M
-from haptic_driver.signals import Array
+from haptic_driver.signals import Array, BoolArray
 
 __all__ = ["places_ahead", "scene_at", "scene_at_points"]
 
@@ -22,6 +22,7 @@ _KIND, _START, _SIZE_1, _SIZE_2, _SIZE_3, _N_1, _N_2, _N_3, _N_4, _N_5 = (0, *ra
 _EVERYWHERE, _RECTANGLE, _ELLIPSE, _POLYGON = 0, 1, 2, 3
 _EVEN, _GRATING, _PROFILE, _WAVES = 0, 1, 2, 3
 
+_WAY = 64  # places at most that lie close together
 _OPAQUE = 1e-9  # what is left to see through an object's middle, at most
 _HALF = 0.5  # an edge towards nothing is where half of the object is there
 
@@ -37,9 +38,24 @@ def scene_at_points(
     y_m: Array,
 ) -> Array:
     cof = np.empty(x_m.size)
+    near = objects
+    if 0 < x_m.size <= _WAY:
+        near = objects[reached(objects, x_m, y_m)]
     for m in range(x_m.size):
-        cof[m] = scene_at(objects, points, materials, pool, met, x_m[m], y_m[m])
+        cof[m] = scene_at(near, points, materials, pool, met, x_m[m], y_m[m])
     return cof
+
+
+@kernel
+def reached(objects: Array, x_m: Array, y_m: Array) -> BoolArray:
+    """Which objects may be met on a short way: those that reach a circle around all its places."""
+    middle_x_m, middle_y_m = 0.5 * (x_m.min() + x_m.max()), 0.5 * (y_m.min() + y_m.max())
+    farthest_m = np.hypot(x_m.max() - middle_x_m, y_m.max() - middle_y_m)
+    near = np.empty(objects.shape[0], np.bool_)
+    for k in range(objects.shape[0]):
+        off_m = np.hypot(middle_x_m - objects[k, _X], middle_y_m - objects[k, _Y])
+        near[k] = not off_m > objects[k, _REACH] + farthest_m
+    return near
 
 
 @kernel

@@ -7,9 +7,10 @@ changes its order afterwards makes new rows for the same materials.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,17 +27,22 @@ from haptic_driver.render.scene import (
 from haptic_driver.render.texture import FrictionMap, Texture
 from haptic_driver.textures.objects import (
     Background,
+    Change,
     Circle,
     Ellipse,
     Mask,
+    Move,
     Polygon,
     Rectangle,
     SceneDescription,
     SceneObject,
+    Turn,
 )
 from haptic_driver.textures.sources import read_mask
 
 ROUNDING = 1.0 + 1e-9  # of a place on the outline
+PLACE, TURN = slice(1, 3), slice(3, 5)  # columns of `ObjectRow`
+REACH = ObjectRow._fields.index("reach_m")
 
 
 class Material(NamedTuple):
@@ -92,18 +98,21 @@ class Drawn(NamedTuple):
     def objects(self) -> Objects:
         """The rows of what is enabled, the lowest first, with the corners of polygons."""
         numbers = {material: k for k, material in enumerate(self.materials)}
-        rows: list[ObjectRow] = []
         corners: list[list[float]] = []
-        shown = [each for each in self.described.object if each.enabled]
-        if (ground := _background_row(self, numbers)) is not None:
-            rows.append(ground)
-        for each in sorted(shown, key=lambda one: one.order):
+        ground = _background_row(self, numbers)
+        rows = [] if ground is None else [ground]
+        for each in self.shown():
             row = _row(each, self.materials, numbers, len(corners))
             rows.append(row)
             if isinstance(each.shape, Polygon):
                 corners += each.shape.corners_mm
         table = np.array(rows, float).reshape(len(rows), OBJECT_COLUMNS)
         return Objects(table, 1e-3 * np.array(corners, float).reshape(len(corners), 2))
+
+    def shown(self) -> list[SceneObject]:
+        """What is enabled, the lowest first."""
+        there = [each for each in self.described.object if each.enabled]
+        return sorted(there, key=lambda each: each.order)
 
     @property
     def all(self) -> list[SceneObject | Background]:
@@ -123,6 +132,66 @@ def drawn(described: SceneDescription, read: Callable[[Material], Texture]) -> D
                 who = f"object '{each.id}'" if isinstance(each, SceneObject) else "background"
                 raise BadInputError(error.code, f"{who}: {error.message}", error.hint) from None
     return scene
+
+
+class Live:
+    """A scene that is changed many times a second: what moves and turns is changed in its rows
+    alone, and put into words for who asks.
+    """
+
+    def __init__(self, drawn: Drawn) -> None:
+        self._drawn = drawn
+        self._said: dict[str, dict[str, Any]] = {}  # of objects that have moved or turned since
+        self.objects = drawn.objects()
+        ids = [each.id for each in drawn.shown()]
+        first = self.objects.rows.shape[0] - len(ids)  # the background lies below
+        self._rows = {name: first + k for k, name in enumerate(ids)}
+
+    @property
+    def count(self) -> int:
+        """How many objects it has."""
+        return len(self._drawn.described.object)
+
+    @property
+    def drawn(self) -> Drawn:
+        """It as it is now."""
+        if not self._said:
+            return self._drawn
+        described = self._drawn.described
+        objects = [
+            each.model_copy(update=self._said[each.id]) if each.id in self._said else each
+            for each in described.object
+        ]
+        return self._drawn.changed(described.model_copy(update={"object": objects}))
+
+    def moved(self, changes: Sequence[Change], screen_m: tuple[float, float]) -> Live | None:
+        """The scene after such changes; None where they are more than moves and turns of what is
+        there. BadInputError for an object that leaves the screen.
+        """
+        rows, said, moved = self.objects.rows.copy(), dict(self._said), []
+        for change in changes:
+            at = self._rows.get(change.id) if isinstance(change, Move | Turn) else None
+            if at is None:
+                return None
+            if isinstance(change, Move):
+                place = [change.x_mm, change.y_mm]
+                rows[at, PLACE] = 1e-3 * change.x_mm, 1e-3 * change.y_mm
+                moved.append(at)
+                new: dict[str, Any] = {"origin_mm": place}
+            elif isinstance(change, Turn):
+                turned_rad = math.radians(change.rotation_deg)
+                rows[at, TURN] = math.cos(turned_rad), math.sin(turned_rad)
+                new = {"rotation_deg": change.rotation_deg}
+            said[change.id] = said.get(change.id, {}) | new
+        live = copy(self)
+        live.objects, live._said = Objects(rows, self.objects.points), said
+        places, reach_m = rows[moved, PLACE], rows[moved, REACH]
+        beyond_m = np.maximum(np.maximum(-places, places - np.array(screen_m)), 0.0)
+        if (np.hypot(*beyond_m.T) > reach_m).any():
+            drawn = live.drawn
+            for each in drawn.described.object:
+                require_on_screen(each, drawn, screen_m)
+        return live
 
 
 def read_outline(path: Path, width_mm: float) -> FrictionMap:

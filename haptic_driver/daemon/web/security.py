@@ -23,6 +23,7 @@ from haptic_driver.daemon.messages import ErrorReport
 from haptic_driver.errors import HapticError
 
 MOST_BODY_BYTES = 16 * 1024
+LARGER_BODY_BYTES = {"/scene": 256 * 1024}  # hundreds of objects at once
 BODY_TIMEOUT_S = 2.0
 POLICY_VIOLATION = 1008  # of WebSockets, RFC 6455 section 7.4.1
 TRY_AGAIN_LATER = 1013  # of WebSockets, IANA's registry
@@ -150,8 +151,8 @@ class AtMost:
 
 @dataclass(frozen=True)
 class BodyLimit:
-    """Refuses a body of more than `MOST_BODY_BYTES`, whatever length it claims to have, and one
-    that is late.
+    """Refuses a body of more than `MOST_BODY_BYTES` (or of what its path may have), whatever length
+    it claims to have, and one that is late.
     """
 
     app: ASGIApp
@@ -161,9 +162,10 @@ class BodyLimit:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
+        most = LARGER_BODY_BYTES.get(scope["path"], MOST_BODY_BYTES)
         try:
             async with asyncio.timeout(BODY_TIMEOUT_S):
-                body = await _body(receive)
+                body = await _body(receive, most)
         except TimeoutError:
             error = HapticError(
                 "too_late",
@@ -174,10 +176,8 @@ class BodyLimit:
             return
         if body is None:
             return
-        if len(body) > MOST_BODY_BYTES:
-            error = HapticError(
-                "too_large", f"a request has at most {MOST_BODY_BYTES} bytes", "send less"
-            )
+        if len(body) > most:
+            error = HapticError("too_large", f"a request has at most {most} bytes", "send less")
             await refusal(413, error)(scope, receive, send)
             return
         whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
@@ -188,10 +188,10 @@ class BodyLimit:
         await self.app(scope, hand_on, send)
 
 
-async def _body(receive: Receive) -> bytes | None:
+async def _body(receive: Receive, most: int) -> bytes | None:
     """A body, or a little more than the most that it may have; None when the client has gone."""
     body = b""
-    while len(body) <= MOST_BODY_BYTES:
+    while len(body) <= most:
         message = await receive()
         if message["type"] == "http.disconnect":
             return None
