@@ -7,37 +7,68 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.render.texture import Script, Target, Texture
 from haptic_driver.signals import Array, FingerState
+from haptic_driver.textures.reach import SCREEN_M
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WINDOWS_M = (0.010, 0.020, 0.040, 0.080)  # widths that a preview may show
 SHOWS_ITSELF = 0.6  # of its friction range, within a quarter of the window
 HEIGHT = 0.6  # of the width
-PIXELS = 480
+MOST_HIGH_IN = 7.0
+PIXELS = 960
+ALONG = 4000  # places of the line
 COLUMNS = 4
 LINE = "#1b6ca8"
 NOWHERE = "#dddddd"
 
 
-def preview(target: Target, path: Path, title: str = "") -> None:
-    """Draw a texture over the plane and along its middle, or a script over time; .png, .pdf or .svg
-    by the name.
+def preview(
+    target: Target, path: Path, title: str = "", screen_m: tuple[float, float] = SCREEN_M
+) -> None:
+    """Draw a texture over the whole screen and along its middle, or a script over time; .png, .pdf
+    or .svg by the name.
     """
-    figure, (plane, line) = pyplot().subplots(
-        2, 1, figsize=(6.4, 5.6), height_ratios=(3, 2), layout="constrained"
-    )
+    figure = preview_figure(target, title, screen_m)
     with saved(figure, path):
-        mesh = _draw(target, plane, line)
-        figure.suptitle(title)
-        if mesh is None:
-            plane.remove()
-        else:
-            figure.colorbar(mesh, ax=plane, label="coefficient of friction")
+        pass
+
+
+def preview_figure(
+    target: Target, title: str = "", screen_m: tuple[float, float] = SCREEN_M
+) -> Figure:
+    """That picture: the map above the line, a place of the screen at the same x in both."""
+    width_in, line_in, edge_in, bar_in = 6.4, 1.9, 0.75, 0.15
+    high_in = min(width_in * screen_m[1] / screen_m[0], MOST_HIGH_IN)
+    size_in = edge_in + width_in + 1.1, 0.4 + high_in + 0.35 + line_in + 0.55
+    figure: Figure = pyplot().figure(figsize=size_in)
+
+    def at(x_in: float, y_in: float, w_in: float, h_in: float) -> Any:
+        across, up = size_in
+        return figure.add_axes((x_in / across, y_in / up, w_in / across, h_in / up))
+
+    line = at(edge_in, 0.55, width_in, line_in)
+    figure.suptitle(title, fontsize="medium", y=1.0 - 0.1 / size_in[1], va="top")
+    if isinstance(target, Script):
+        _draw_script(target, _ready(target, line))
+        return figure
+    plane = at(edge_in, 0.9 + line_in, width_in, high_in)
+    mesh = _draw(target, plane, line, screen_m)
+    y_mm = 0.5e3 * screen_m[1]
+    plane.axhline(y_mm, color="white", lw=2.4, alpha=0.6)
+    plane.axhline(y_mm, color=LINE, lw=1.0)
+    line.set(ylabel=f"friction at y = {y_mm:g} mm")
+    plane.set_aspect("auto")
+    bar = at(edge_in + width_in + 0.1, 0.9 + line_in, bar_in, high_in)
+    figure.colorbar(mesh, cax=bar, label="coefficient of friction")
+    return figure
 
 
 def contact_sheet(targets: Mapping[str, Target], path: Path) -> None:
@@ -48,25 +79,35 @@ def contact_sheet(targets: Mapping[str, Target], path: Path) -> None:
         cells = figure.subfigures(rows, COLUMNS, squeeze=False).ravel()
         for cell, (name, target) in zip(cells, targets.items(), strict=False):
             plane, line = cell.subplots(2, 1, height_ratios=(3, 2))
-            if _draw(target, plane, line) is None:
+            if isinstance(target, Texture):
+                width_m = _window_m(target)
+                _draw(target, plane, line, (width_m, HEIGHT * width_m))
+            elif isinstance(target, Script):
+                _draw_script(target, _ready(target, line))
                 plane.remove()
             cell.suptitle(name, fontweight="bold")
 
 
-def _draw(target: Target, plane: Any, line: Any) -> Any:
+def _ready(target: Target, line: Any) -> Any:
+    """Axes with room for all that it asks for."""
     low, high = target.bounds()
+    if not low <= high:  # nothing is asked for
+        low = high = 0.5
     margin = max(0.1 * (high - low), 0.02)
     line.set(ylabel="friction", ylim=(low - margin, high + margin))
     line.grid(alpha=0.25)
-    if isinstance(target, Script):
-        _draw_script(target, line)
-        return None
+    return line
+
+
+def _draw(target: Target, plane: Any, line: Any, size_m: tuple[float, float]) -> Any:
     assert isinstance(target, Texture)
-    width_m = _window_m(target)
-    x_m, y_m = _centres(width_m, PIXELS), _centres(HEIGHT * width_m, round(HEIGHT * PIXELS))
+    _ready(target, line)
+    low, high = target.bounds()
+    width_m, height_m = size_m
+    x_m, y_m = _centres(width_m, PIXELS), _centres(height_m, round(PIXELS * height_m / width_m))
     cof = np.ma.masked_invalid(target.cof_at(x_m[None, :], y_m[:, None]))
     plane.set_facecolor(NOWHERE)
-    size_mm = (0.0, 1e3 * width_m, 1e3 * HEIGHT * width_m, 0.0)
+    size_mm = (0.0, 1e3 * width_m, 1e3 * height_m, 0.0)
     mesh = plane.imshow(
         cof,
         extent=size_mm,
@@ -76,8 +117,9 @@ def _draw(target: Target, plane: Any, line: Any) -> Any:
         interpolation="nearest",
     )
     plane.set(ylabel="y, mm")
-    middle_m = np.full_like(x_m, 0.5 * HEIGHT * width_m)
-    line.plot(1e3 * x_m, target.cof_at(x_m, middle_m), color=LINE, lw=1.2)
+    along_m = _centres(width_m, ALONG)
+    middle_m = np.full_like(along_m, 0.5 * height_m)
+    line.plot(1e3 * along_m, target.cof_at(along_m, middle_m), color=LINE, lw=1.2)
     line.set(xlabel="x, mm", xlim=(0.0, 1e3 * width_m))
     return mesh
 

@@ -23,6 +23,8 @@ from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import NO_ORDER, Order, Sensed, SharedState
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.rig.config import load_rig
+from haptic_driver.textures.objects import SceneDescription
+from haptic_driver.textures.scene import Drawn
 
 PERIOD_S = 0.001
 FORBIDDEN = (
@@ -105,6 +107,25 @@ def bench(render_settings):
     bench = Bench(render_settings)
     yield bench
     bench.shared.close()
+
+
+def a_scene(cof=0.65):
+    """One friction everywhere, and a circle that nobody touches."""
+    circle = {"kind": "circle", "radius_mm": 1.0}
+    far = {"id": "far", "shape": circle, "origin_mm": [500.0, 300.0], "cof": 0.6}
+    described = SceneDescription.model_validate({"background": {"cof": cof}, "object": [far]})
+    return Drawn(described, {}).scene()
+
+
+def test_objects_of_the_present_scene_alone_are_taken_up_between_two_ticks(bench):
+    bench.render(texture=a_scene())
+    assert bench.run(0.05)[-1].target_cof == 0.65
+    bench.shared.scene.write(bench.order.target, a_scene(0.7).objects)
+    assert {output.target_cof for output in bench.run(0.02)} == {0.7}
+    bench.shared.scene.write(bench.order.target - 1, a_scene(0.75).objects)  # of the one before
+    assert bench.run(0.01)[-1].target_cof == 0.7
+    bench.render(cof=0.6)
+    assert bench.run(0.01)[-1].target_cof == 0.6
 
 
 def test_no_output_before_anything_is_asked_for(bench):
@@ -426,7 +447,7 @@ from haptic_driver.daemon.render_process import Renderer
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.render import compiled
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Waves
-from tests.haptic_driver.daemon.test_render_process import Bench, story
+from tests.haptic_driver.daemon.test_render_process import Bench, a_scene, story
 
 def forms():
     return [len(kernel.signatures) for kernel in compiled.KERNELS]
@@ -443,9 +464,12 @@ for texture in (
     Placed(FrictionMap(cof[0], 1e-3, 1e-3, "tile"), 0.01, 0.0, 0.3),
     Profile((0.0, 0.01, 0.02), (0.65, 0.7, 0.65), "tile"),
     Waves(cof, np.array([0.01, 0.1]), np.array([0.2, 0.5, 1.0]), 0.02, 0.1, (0.05, 0.5)),
+    a_scene(),
 ):
     bench.render(texture=texture)
     assert bench.run(0.05)[-1].output_on
+bench.shared.scene.write(bench.order.target, a_scene(0.7).objects)
+assert bench.run(0.05)[-1].target_cof == 0.7
 assert forms() == before, "a kernel that warming up did not call"
 """
 

@@ -19,7 +19,8 @@ from tests.clock import ManualClock
 @pytest.fixture
 def targets(shared):
     orders, clock = SimpleNamespace(order=SimpleNamespace(target=2)), ManualClock(0.0)
-    return Targets(shared, orders, EventLog(), clock, lambda load_n: (0.5, 1.3), Loader())
+    reachable, screen_m = (lambda load_n: (0.5, 1.3)), (0.1, 0.06)
+    return Targets(shared, orders, EventLog(), clock, reachable, Loader(), screen_m)
 
 
 def samples(target_cof, measured_cof):

@@ -9,6 +9,8 @@ import time
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes import shared_memory
@@ -92,6 +94,56 @@ def test_samples_read_while_another_process_writes_are_whole_and_all_accounted_f
     np.testing.assert_array_equal(samples["tick"].astype(float), samples["voltage_v"])
     np.testing.assert_array_equal(samples["tick"] % 512, samples["flags"])
     assert len(samples) + lost == shared.ring.position
+
+
+SHEETS = """
+import sys, time
+import numpy as np
+from haptic_driver.processes.shared_memory import SharedState
+shared = SharedState(int(sys.argv[1]))
+print("ready", flush=True)
+until_s, k = time.monotonic() + float(sys.argv[2]), 0
+while time.monotonic() < until_s:
+    k += 1
+    shared.scene.write(k, (np.full((k % 300, 17), float(k)), np.full((k % 7, 2), float(k))))
+"""
+
+
+def test_no_tick_ever_sees_a_half_drawn_scene_while_another_process_changes_it(shared):
+    words = [sys.executable, "-c", SHEETS, str(shared.descriptor), str(HAMMER_S)]
+    seen = []
+    with subprocess.Popen(words, pass_fds=[shared.descriptor], stdout=subprocess.PIPE) as process:
+        process.stdout.readline()
+        while process.poll() is None:
+            number, tables = shared.scene.read()
+            if tables:
+                rows, corners = tables
+                assert (rows.shape, corners.shape) == ((number % 300, 17), (number % 7, 2))
+                assert (rows == number).all()
+                assert (corners == number).all()
+                seen.append(number)
+    assert seen == sorted(seen)
+    assert len(set(seen)) > 10  # it did read while the other wrote
+
+
+@given(st.integers(0, 2000), st.integers(1, 255))
+@settings(max_examples=50, deadline=None)
+def test_a_table_with_one_wrong_byte_is_not_believed(at, other):
+    shared = SharedState()
+    tables = np.ones((10, 17)), np.ones((5, 2))
+    shared.scene.write(1, tables)
+    assert shared.scene.read()[0] == 1
+    shared.scene.write(2, tables)
+    sheet = shared.scene._memory
+    place = 16 + at % 1464  # the number, the sizes and all cells
+    sheet[place] ^= other
+    assert shared.scene.read()[0] == 1
+    shared.close()
+
+
+def test_a_table_that_does_not_fit_is_refused(shared):
+    with pytest.raises(BadInputError, match="too many corners"):
+        shared.scene.write(1, (np.ones((500, 17)), np.ones((5000, 2))))
 
 
 def test_a_writer_killed_in_the_middle_leaves_the_record_before(shared):

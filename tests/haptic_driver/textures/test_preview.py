@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import HapticError
-from haptic_driver.pictures.textures import _window_m, contact_sheet, preview
+from haptic_driver.pictures.textures import (
+    _window_m,
+    contact_sheet,
+    preview,
+    preview_figure,
+)
 from haptic_driver.render.texture import FrictionMap, Grating, Profile, Script, Step, Uniform
 
 HALVES = Profile([0.0, 0.040, 0.041, 0.080], [0.5, 0.5, 0.8, 0.8])
@@ -37,6 +42,26 @@ def test_low_friction_is_dark_and_high_is_bright(tmp_path):
 def test_every_kind_can_be_drawn(tmp_path, target, suffix):
     preview(target, tmp_path / "new" / f"a{suffix}", "title")
     assert (tmp_path / "new" / f"a{suffix}").stat().st_size > 5000
+
+
+def test_map_and_line_of_the_whole_screen_have_one_x_axis():
+    """A place of the screen is at the same pixel in both, and the map says where the line runs."""
+    figure = preview_figure(Grating(0.6, 0.1, 0.010), screen_m=(0.100, 0.060))
+    line, plane = figure.axes[:2]
+    assert plane.get_xlim() == line.get_xlim() == (0.0, 100.0)
+    assert plane.get_ylim() == (60.0, 0.0)
+    figure.canvas.draw()
+    for x_mm in (0.0, 37.0, 100.0):
+        on_line, on_plane = (
+            axes.transData.transform((x_mm, axes.get_ylim()[0]))[0] for axes in (line, plane)
+        )
+        assert on_line == pytest.approx(on_plane, abs=0.01)
+    assert {tuple(each.get_ydata()) for each in plane.lines} == {(30.0, 30.0)}
+    wave = line.lines[0]
+    x_mm, friction = wave.get_xdata(), wave.get_ydata()
+    np.testing.assert_allclose(friction, 0.6 + 0.1 * np.sin(2 * np.pi * x_mm / 10.0), atol=1e-9)
+    pixels = plane.get_window_extent()
+    assert pixels.width / 100.0 == pytest.approx(pixels.height / 60.0, rel=1e-3)  # true to scale
 
 
 def test_contact_sheet_grows_with_what_it_holds(tmp_path):
