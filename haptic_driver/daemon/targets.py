@@ -56,6 +56,7 @@ class Targets:
         self.name: str | None = None
         self.live: Live | None = None
         self._changes = 0
+        self._given_s = 0.0  # when render was given what it has now
         self._screen_m = screen_m
         self._shared = shared
         self._orders = orders
@@ -143,6 +144,7 @@ class Targets:
     def tell_scene(self) -> None:
         """All of the present scene as an event, where there is one: for who begins to listen."""
         if self.live is not None:
+            self._given_s = time.monotonic()
             drawn = self.live.drawn
             self._tell_changes(as_changes(drawn.described), drawn)
 
@@ -150,7 +152,7 @@ class Targets:
         """As events, with what the textures that were read for it hold."""
         assert self.live is not None
         self._changes += 1
-        rendering, time_s = self._orders.rendering, time.monotonic()
+        rendering, time_s = self._orders.rendering, self._given_s
         said = f"{len(changes)} change{'s' * (len(changes) != 1)}"
         for data in event_data(self._changes, changes, read.materials):
             self._events.add("scene", said, data, time_s)
@@ -172,6 +174,7 @@ class Targets:
         with self.choosing, self._orders.lock:
             self._orders.machine.renew(token, self._clock())
             assert isinstance(self.target, Scene)  # of the lease that holds
+            self._given_s = time.monotonic()
             self._shared.scene.write(self._orders.order.target, live.objects)
             self.target, self.live = self.target.with_objects(live.objects), live
 
@@ -220,6 +223,7 @@ class Targets:
             self.await_taken(lambda output: output.target == number)
             self._shared.targets.write(number + 1, target)
             with self._orders.lock:
+                self._given_s = time.monotonic()
                 if begins:
                     self._orders.render(token, number + 1)
                 else:

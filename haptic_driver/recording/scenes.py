@@ -131,7 +131,8 @@ class SceneReplay:
         acts; NaN without contact or scene.
         """
         samples = self.run.samples
-        starts = np.searchsorted(samples["time_s"], [m.time_s for m in self.moments]).tolist()
+        began_s = samples["time_s"] + samples["lateness_s"]
+        starts = np.searchsorted(began_s, [m.time_s for m in self.moments]).tolist()
         cof = np.full(samples.size, np.nan)
         for moment, start, end in zip(
             self.moments, starts, [*starts[1:], samples.size], strict=True

@@ -139,17 +139,15 @@ def test_a_recording_is_replayed_with_the_scene_as_it_was(daemon, change, tmp_pa
     samples, again = replay.run.samples, replay.asked_cof()
     known = np.isfinite(samples["asked_cof"]) & np.isfinite(again)
     assert known.sum() > 200
-    # A change counts from the tick after it was written; its event has the time of that instant.
-    agrees = np.abs(samples["asked_cof"] - again)[known] < 1e-9
-    changes_s = np.array([moment.time_s for moment in replay.moments])
-    after_s = (
-        samples["time_s"][known]
-        - changes_s[
-            np.maximum(np.searchsorted(changes_s, samples["time_s"][known], side="right") - 1, 0)
-        ]
-    )
-    late_s = np.max(samples["lateness_s"]) + 0.002
-    assert agrees[after_s > late_s].all()
+    assert np.mean(np.abs(samples["asked_cof"] - again)[known] < 1e-9) > 0.9
+    # On a busy machine a tick may begin between the note of a change's time and the change itself.
+    began_s = (samples["time_s"] + samples["lateness_s"])[known]
+    at = np.searchsorted([moment.time_s for moment in replay.moments], began_s, side="right") - 1
+    for tick, moment in zip(samples[known], at.tolist(), strict=True):
+        near = replay.moments[max(moment - 1, 0) : moment + 2]
+        place = float(tick["output_x_m"]), float(tick["output_y_m"])
+        could = [replay.scene_at(each.time_s).cof_at(*place) for each in near if each.scene]
+        assert min(abs(tick["asked_cof"] - cof) for cof in could) < 1e-9
     assert (
         main(["scene", "replay", str(path), "--at", "0.5", "--out", str(tmp_path / "x.toml")]) == 0
     )
