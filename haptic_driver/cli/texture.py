@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli import control, texture_import
+from haptic_driver.cli import control, texture_image, texture_import
 from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, named, report, stdout
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.verbs import Verbs
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 app.command("import")(texture_import.import_texture)
+app.command("from-image")(texture_image.from_image)
 app.command("play")(control.command_of(Verbs.play))
 SPEED_M_S = (0.002, 1.0)
 Name = Annotated[str, named("textures", "Texture", Argument)]
@@ -105,14 +106,14 @@ def check(
     require_range("speed", speed, *SPEED_M_S, unit=" m/s")
     loaded = load(name, texture_dirs())
     config = load_rig(rig)
-    controller = _controller(config, model, surface, normal_force)
+    controller = controller_of(config, model, surface, normal_force)
     reachable = controller.reachable(normal_force)
     found = demand(loaded.target, reachable)
     carrier = _carrier(controller, found.cof_high, normal_force, speed)
     bands = []
     if isinstance(loaded.target, Texture):
         met = loaded.target.under(speed, normal_force)
-        bands = predicted(*asked(met, speed, SCREEN_M), reachable, _output(config), speed)
+        bands = predicted(*asked(met, speed, SCREEN_M), reachable, output_of(config), speed)
     payload = {
         "name": name,
         "kind": loaded.kind,
@@ -154,7 +155,7 @@ def _entry(name: str) -> dict[str, Any]:
     }
 
 
-def _output(config: RigConfig) -> Output:
+def output_of(config: RigConfig) -> Output:
     """How the rig brings out friction: points of an envelope, or set points."""
     from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput  # noqa: PLC0415
     from haptic_driver.rig.slide import TICK_S  # noqa: PLC0415
@@ -174,11 +175,11 @@ def reachable_by(
 
     By a model, or by a surface's file where one is given.
     """
-    low, high = _controller(config, model, surface, normal_force_n).reachable(normal_force_n)
+    low, high = controller_of(config, model, surface, normal_force_n).reachable(normal_force_n)
     return float(low), float(high)
 
 
-def _controller(
+def controller_of(
     config: RigConfig,
     model: str,
     surface: Path | None,
