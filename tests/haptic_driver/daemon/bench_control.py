@@ -19,6 +19,8 @@ from haptic_driver.daemon.messages import (
     Marked,
     RefusedError,
     RenderedFidelity,
+    SceneChanged,
+    SceneShown,
     Status,
     Tile,
     Timing,
@@ -31,6 +33,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
+from haptic_driver.textures.objects import SceneDescription
 
 FIDELITY = RenderedFidelity(
     first_tick=0,
@@ -73,6 +76,7 @@ class BenchControl:
         self.ticks = 0
         self.cof = None
         self.texture = None
+        self.scene = None
         self.recording = None
         self.flags = []
         self.holders = []
@@ -191,6 +195,18 @@ class BenchControl:
                 "unknown_texture", f"there is no texture {texture!r}", "did you mean 'linen'?"
             )
         return self._render(token, None, texture)
+
+    def change_scene(self, token, changes, *, show=False, nearest=False):
+        self._change("change_scene", *changes)
+        self.scene = (self.scene or SceneDescription()).changed(changes)
+        self._render(token, None, "scene")
+        self._tell("scene", "changed")
+        count = len(self.scene.object)
+        return SceneChanged(number=1, time_s=time.monotonic(), objects=count, rendering=True)
+
+    def scene_shown(self):
+        rendering = self.machine.state is DaemonState.RENDERING
+        return SceneShown(number=1, rendering=rendering, scene=self.scene)
 
     def off(self):
         with self.lock:

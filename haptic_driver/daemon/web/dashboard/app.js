@@ -8,6 +8,7 @@ import { Happened } from "./flags.js";
 import { History } from "./history.js";
 import { SCALE, levelOf, readTheme } from "./palette.js";
 import { rippleWords } from "./ripple.js";
+import { SceneObjects } from "./scene.js";
 import { Screen } from "./screen.js";
 import { Surface } from "./surface.js";
 import { drawTimePlot } from "./timeplot.js";
@@ -33,6 +34,8 @@ const screen = new Screen($("texture-map"), $("finger"), { trailed: $("trail"), 
 const surface = new Surface($("surface-map"), $("surface"), $("surface-said"));
 const controls = new Controls((name) => { page.selected = name; showTexture(); }, (words) => stream.say(words));
 const happened = new Happened();
+const objects = new SceneObjects(screen, $("objects"), $("finger"), controls, () => { showTexture(); if (screen.coarse) showPlaying(); });
+screen.refitted = () => objects.fit();
 const inSight = new Set();
 const why = new Why(controls);
 
@@ -84,11 +87,13 @@ function showTexture() {
   if (!status || !page.textures) return;
   screen.reach = status.reachable_cof;
   const playing = status.state === "rendering", name = playing ? status.texture : selected;
-  const of = JSON.stringify([playing, name, playing && name === null ? status.target_cof : 0]);
+  const inScene = playing && objects.scene !== null;
+  const of = JSON.stringify([playing, name, playing && name === null ? status.target_cof : 0, inScene]);
   if (of === page.textureOf) return;
   page.textureOf = of;
   if (playing && name === null) screen.showFlat(status.target_cof, `friction ${status.target_cof}`);
   else if (!name) screen.showNothing("no texture");
+  else if (inScene) showPlaying();
   else if (playing && !hasPicture(name)) showPlaying();
   else if (!hasPicture(name)) screen.showNothing(`${name}, not playing`);
   else screen.showTexture(name, playing ? name : `${name}, not playing`, playing ? showPlaying : () => screen.showNothing(`${name}, not playing`));
@@ -108,6 +113,7 @@ async function showPlaying() {
   map.cof.flat().forEach((cof, i) => { if (cof !== null) image.data.set([...SCALE[levelOf(cof, range)], 255], 4 * i); });
   pen.putImageData(image, 0, 0);
   screen.showCoarse({ ...map, picture, range }, `${status.texture}, coarse`);
+  objects.draw();
 }
 
 async function fetchNames() {
@@ -137,6 +143,7 @@ function onFrame({ time_s, unix_time_s, status, newest, ticks, samples }) {
     happened.clock(page.wallS);
     fetchNames();
     fetchSurface();
+    objects.stir();
   }
   take(samples);
   if (!page.awaited) page.awaited = requestAnimationFrame(show);
@@ -145,13 +152,21 @@ function onFrame({ time_s, unix_time_s, status, newest, ticks, samples }) {
 function onLost() {
   Object.assign(page, { linked: false, frames: [], status: null, newest: null, textureOf: null, surfaceOf: null });
   page.history.clear();
+  objects.forget();
   document.body.dataset.link = "lost";
   $("link").textContent = "connection lost";
   show();
 }
 
 const stream = new Stream(`/state?${new URLSearchParams([["period_s", FRAME_S], ...COLUMNS.map((name) => ["column", name])])}`, { message: onFrame, lost: onLost, chatty: true });
-new Stream("/events", { opened: () => happened.begin(), message: (event) => happened.add(event) });
+const OF_TARGETS = ["scene", "texture", "target", "state"];
+new Stream("/events", {
+  opened: () => happened.begin(),
+  message: (event) => {
+    if (OF_TARGETS.includes(event.kind) && !objects.held) objects.stir();
+    if (event.kind !== "scene") happened.add(event);
+  },
+});
 
 // --- showing ------------------------------------------------------------------------------------------------------
 

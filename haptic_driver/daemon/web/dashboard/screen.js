@@ -23,6 +23,8 @@ export class Screen {
     this.words = "";
     this.finger = null;
     this.trail = [];
+    this.busy = false; // something on it is dragged
+    this.refitted = () => {};
     this.reach = [0.5, 0.7];
     this.measured();
     this.listen();
@@ -94,6 +96,7 @@ export class Screen {
     const { left, top, w, h } = this.at;
     Object.assign(this.marks.style, { left: `${left}px`, top: `${top}px`, width: `${w}px`, height: `${h}px` });
     Object.assign(this.nobody.style, { left: `${left + 8}px`, top: `${top + 8}px` });
+    this.refitted();
     return this.at;
   }
 
@@ -126,7 +129,7 @@ export class Screen {
       does();
     });
     this.over.addEventListener("pointermove", (event) => {
-      if (!event.buttons || this.zoom === 1) return;
+      if (!event.buttons || this.zoom === 1 || this.busy) return;
       const { scale } = this.at;
       this.pan(-event.movementX / scale, -event.movementY / scale);
     });
