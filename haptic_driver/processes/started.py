@@ -79,6 +79,7 @@ MEMORY = (
     Memory("order", "control", "daemon/orders.py", "what render may do, until when"),
     Memory("driven", "control", "daemon/output_pump.py", "what may go out, since when it does"),
     Memory("targets", "control", "daemon/targets.py", "the friction that is asked for"),
+    Memory("scene", "control", "daemon/targets.py", "where the objects of a scene are"),
     Memory("surfaces", "control", "daemon/basis.py", "the model as a look-up surface"),
     Memory("output", "render", "daemon/render_process.py", "the newest voltage and carrier"),
     Memory("ring", "render", "daemon/render_process.py", "one sample per tick"),

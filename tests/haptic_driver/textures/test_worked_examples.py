@@ -38,6 +38,8 @@ def page(tmp_path, monkeypatch):
         ("edge", 0.3, 0.0301, 0.65),  # halfway up
         ("bump", 0.030, 0.0, 0.75),
         ("button", 0.0, 0.0, 0.55),
+        ("keys", 0.060, 0.045, 0.80),
+        ("keys", 0.005, 0.005, 0.55),
     ],
 )
 def test_textures(page, name, x_m, y_m, cof):
@@ -65,7 +67,7 @@ def test_grains_spectra_and_scripts(page):
 
 
 def test_every_toml_block_is_tried(page):
-    assert len(NAMED.findall(page)) == len(re.findall(r"```(?:toml|csv|json)\n", page)) == 15
+    assert len(NAMED.findall(page)) == len(re.findall(r"```(?:toml|csv|json)\n", page)) == 16
 
 
 def test_python(page, tmp_path):

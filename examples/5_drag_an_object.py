@@ -1,0 +1,28 @@
+"""Drag an object of a scene while it is felt, and keep what happened.
+
+For a daemon that runs: `haptic daemon run --rig simulated`. Places are in millimetres. What is
+changed in one block, or by one call, acts at one tick. `haptic scene replay drag.h5` gives the
+scene of any moment again.
+"""
+
+import math
+import time
+from pathlib import Path
+
+from haptic_driver.client import HapticClient
+from haptic_driver.recording.read import export
+from haptic_driver.scene import circle, polygon, rectangle
+
+with HapticClient() as client, client.armed(lease_s=5.0) as rig:
+    with rig.scene.together() as scene:
+        scene.background(0.55)
+        scene.add("key", circle(30, 30, 8), "linen")
+        scene.add("bar", rectangle(60, 48, 40, 8, 2), 0.8, soft_edge_mm=1.0)
+        scene.add("wedge", polygon(85, 15, [[0, -8], [8, 6], [-8, 6]]), "brushed_metal")
+    rig.record(Path("drag.h5"))
+    start_s = time.monotonic()
+    for k in range(180):
+        rig.scene.move("key", 50 + 20 * math.cos(k / 30), 30 + 10 * math.sin(k / 30))
+        time.sleep(max(start_s + (k + 1) / 60 - time.monotonic(), 0.0))
+    rig.record(None)
+print(f"{export(Path('drag.h5'), Path('drag.csv'))} ticks in drag.csv")
