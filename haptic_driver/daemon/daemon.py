@@ -317,9 +317,10 @@ class Daemon:
         if path is None:
             self._recordings.stop(lease)
         else:
-            with self.targets.changing:
+            with self.targets.changing:  # the scene stays meanwhile: a recorder takes its time
+                since_s = time.monotonic()
                 self._recordings.start(Path(path), lease)
-                self.targets.tell_scene()
+                self.targets.tell_scene(since_s)
         return self.status()
 
     def mark(self, label: str, data: Mapping[str, Any]) -> Marked:

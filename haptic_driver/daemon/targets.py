@@ -141,10 +141,12 @@ class Targets:
         scene = None if live is None else live.drawn.described
         return SceneShown(number=self._changes, rendering=rendering, scene=scene)
 
-    def tell_scene(self) -> None:
-        """All of the present scene as an event, where there is one: for who begins to listen."""
+    def tell_scene(self, since_s: float | None = None) -> None:
+        """All of the present scene as an event, where there is one: for who begins to listen, from
+        `since_s` on.
+        """
         if self.live is not None:
-            self._given_s = time.monotonic()
+            self._given_s = self._given_s if since_s is None else since_s
             drawn = self.live.drawn
             self._tell_changes(as_changes(drawn.described), drawn)
 

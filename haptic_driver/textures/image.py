@@ -111,7 +111,7 @@ def rendered(
     wide = cof.shape[1]
     reached = np.clip(cof, *reachable_cof)
     both_ways = np.concatenate([reached, reached[:, ::-1]], axis=1)  # ends without a step
-    frequency_hz = np.fft.rfftfreq(2 * wide, pitch_m) * speed_m_s
+    frequency_hz = np.asarray(np.fft.rfftfreq(2 * wide, pitch_m) * speed_m_s, np.float64)
     gain = output.gain(frequency_hz) * finger_gain(frequency_hz, speed_m_s)
     felt = np.fft.irfft(np.fft.rfft(both_ways, axis=1) * gain, 2 * wide, axis=1)
     return np.asarray(felt[:, :wide])

@@ -170,15 +170,15 @@ class Live:
         """
         rows, said, moved = self.objects.rows.copy(), dict(self._said), []
         for change in changes:
-            at = self._rows.get(change.id) if isinstance(change, Move | Turn) else None
-            if at is None:
+            if not isinstance(change, Move | Turn) or change.id not in self._rows:
                 return None
+            at = self._rows[change.id]
             if isinstance(change, Move):
                 place = [change.x_mm, change.y_mm]
                 rows[at, PLACE] = 1e-3 * change.x_mm, 1e-3 * change.y_mm
                 moved.append(at)
                 new: dict[str, Any] = {"origin_mm": place}
-            elif isinstance(change, Turn):
+            else:
                 turned_rad = math.radians(change.rotation_deg)
                 rows[at, TURN] = math.cos(turned_rad), math.sin(turned_rad)
                 new = {"rotation_deg": change.rotation_deg}
