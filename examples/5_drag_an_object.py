@@ -1,17 +1,16 @@
 """Drag an object of a scene while it is felt, and keep what happened.
 
 For a daemon that runs: `haptic daemon run --rig simulated`. Places are in millimetres. What is
-changed in one block, or by one call, acts at one tick. `haptic scene replay drag.h5` gives the
-scene of any moment again.
+changed in one block, or by one call, acts at one tick. Then
+`haptic scene replay drag.h5 --at 1 --out then.png` draws the scene as it was.
 """
 
 import math
 import time
 from pathlib import Path
 
-from haptic_driver.client import HapticClient
+from haptic_driver.client import HapticClient, circle, polygon, rectangle
 from haptic_driver.recording.read import export
-from haptic_driver.scene import circle, polygon, rectangle
 
 with HapticClient() as client, client.armed(lease_s=5.0) as rig:
     with rig.scene.together() as scene:

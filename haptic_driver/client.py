@@ -35,15 +35,27 @@ from haptic_driver.daemon.messages import (
     StateFrame,
     Status,
 )
+from haptic_driver.daemon.scene import Scene, circle, ellipse, mask, polygon, rectangle
 from haptic_driver.daemon.verbs import Answer, Verb, Verbs, Written
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
-from haptic_driver.scene import Scene
 
 if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
     import numpy as np
     from numpy.typing import NDArray
+
+__all__ = [
+    "HapticClient",
+    "LeaseLostError",
+    "NoDaemonError",
+    "Session",
+    "circle",
+    "ellipse",
+    "mask",
+    "polygon",
+    "rectangle",
+]
 
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
 PATIENCE_S = 300.0  # with what may wait for a process to start, on a busy machine

@@ -12,10 +12,7 @@ from typer import Argument, Option
 from haptic_driver.cli.control import client_of, lease_token, show
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, named, report, stdout
-from haptic_driver.daemon.verbs import Verbs
-from haptic_driver.errors import BadInputError
-from haptic_driver.files import exists_already, write_text
-from haptic_driver.scene import (
+from haptic_driver.daemon.scene import (
     Made,
     Shaped,
     Together,
@@ -25,6 +22,9 @@ from haptic_driver.scene import (
     polygon,
     rectangle,
 )
+from haptic_driver.daemon.verbs import Verbs
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import exists_already, write_text
 
 app = typer.Typer(no_args_is_help=True)
 

@@ -16,12 +16,12 @@ from haptic_driver.daemon.address import Address
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.private_file import write_private
+from haptic_driver.daemon.scene import circle, polygon
 from haptic_driver.daemon.verbs import SceneChange
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import BadInputError
 from haptic_driver.recording.read import read_run
 from haptic_driver.recording.scenes import SceneReplay
-from haptic_driver.scene import circle, polygon
 from haptic_driver.textures.objects import Circle, Rectangle
 from tests.waiting import until
 

@@ -1,5 +1,7 @@
 """A scene of a daemon from Python: objects on the screen, by their ids.
 
+    from haptic_driver.client import HapticClient, circle
+
     with HapticClient() as client, client.armed() as rig:
         rig.scene.add("key", circle(30.0, 20.0, 8.0), "linen")
         with rig.scene.together() as scene:  # all at one tick
