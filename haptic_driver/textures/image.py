@@ -20,10 +20,10 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import read_bytes
 from haptic_driver.signals import Array
 from haptic_driver.textures.bands import Output, finger_gain
 from haptic_driver.textures.description import FINEST_MM
+from model.support.reading import read_bytes
 
 Method = Literal["luminance", "height", "edges"]
 MOST_PICTURE_BYTES = 100 << 20
