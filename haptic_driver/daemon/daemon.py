@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.config import config_names, texture_dirs
 from haptic_driver.daemon.basis import Basis
+from haptic_driver.daemon.event_line import EventLineWriter
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.judge import Judged, MeasuredLatency, measured_latency
 from haptic_driver.daemon.loader import Loader
@@ -43,12 +44,14 @@ from haptic_driver.daemon.watchers import WATCHERS, Watched
 from haptic_driver.daemon.web import drawings
 from haptic_driver.errors import HapticError, message_of, shown
 from haptic_driver.processes.patience import join_within
+from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import RING_SAMPLES, Output, SharedState
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
+from haptic_driver.rig.parts.event_lines import NoEventLine, make_event_line
 from haptic_driver.rig.states import RigState
 from haptic_driver.textures.library import script_names, texture_names
 
@@ -106,6 +109,7 @@ class Daemon:
             lambda: advice(self.supervisor.real_time),
             lambda: self._latency(self._judged()),
         )
+        self.event_line = _event_line(settings, shared, orders, events)
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -123,6 +127,8 @@ class Daemon:
             )  # compiled before anybody can arm
             self.supervisor.start()
             self._start_threads()
+            if self.event_line is not None:
+                self.event_line.start()
             self._loader.start()  # what nobody waits for comes last
             self.basis.start()
             self.supervisor.await_all()
@@ -144,6 +150,8 @@ class Daemon:
         self._loader.close()
         self._painter.close()
         output_on = self.supervisor.close()
+        if self.event_line is not None:
+            self.event_line.close()
         with suppress(HapticError):
             self._recordings.stop()
         self.shared.close()
@@ -361,6 +369,23 @@ class Daemon:
     def tile(self, asked: TileRequest) -> Tile:
         """A part of a texture of the library, as a picture."""
         return drawings.tile(self._painter, asked)
+
+
+def _event_line(
+    settings: DaemonSettings, shared: SharedState, orders: Orders, events: EventLog
+) -> EventLineWriter | None:
+    """What writes to the rig's event line, if it has one."""
+    section = settings.config.event_line
+    if isinstance(section, NoEventLine):
+        return None
+    return EventLineWriter(
+        section,
+        make_event_line(section),
+        shared.ring,
+        lambda: orders.pump.output_on,
+        events,
+        lambda: orders.raise_flag(Flag.EVENT_LINE),
+    )
 
 
 def _reachable(basis: Basis, normal_force_n: float) -> tuple[float, float]:

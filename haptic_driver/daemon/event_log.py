@@ -20,10 +20,10 @@ _log = logging.getLogger("haptic_driver.daemon")
 
 
 class EventLog:
-    """Events for the API; each also goes to the log, and to `listener`. Thread-safe."""
+    """Events for the API; each also goes to the log, and to `listeners`. Thread-safe."""
 
     def __init__(self) -> None:
-        self.listener: Callable[[Event], object] = lambda event: None
+        self.listeners: list[Callable[[Event], object]] = []
         self._seldom: deque[Event] = deque(maxlen=EVENTS_KEPT)
         self._often: deque[Event] = deque(maxlen=EVENTS_KEPT)
         self._count = 0
@@ -44,7 +44,8 @@ class EventLog:
                 number=self._count, time_s=happened_s, kind=kind, message=said, data=dict(data)
             )
             (self._often if kind == OFTEN else self._seldom).append(event)
-        self.listener(event)
+        for listener in self.listeners:
+            listener(event)
         usual = logging.DEBUG if kind == OFTEN else logging.INFO
         _log.log(logging.ERROR if kind in ("fault", "trip") else usual, "%s: %s", kind, said)
         return event

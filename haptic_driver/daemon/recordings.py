@@ -62,7 +62,7 @@ class Recordings:
         self._asked: Path | None = None
         self._recorder: Recorder | None = None
         self._stopped = threading.Event()  # of the present recording
-        events.listener = self._note
+        events.listeners.append(self._note)
 
     @property
     def path(self) -> Path | None:

@@ -30,6 +30,7 @@ class Flag(IntFlag):
         8192  # the finger pressed harder or slid faster than the surface was solved for
     )
     LATENCY = 4096  # friction is surely felt sooner or later than the rig's file says
+    EVENT_LINE = 16384  # an edge of the event line is missing
 
     def names(self) -> list[str]:
         """Lower-case names of the flags that are up."""

@@ -67,6 +67,7 @@ THREADS = (
     Part("record", "control", "daemon/recordings.py", "ends a recording, or goes on with it"),
     Part("outlets", "control", "daemon/outlets.py", "samples and events to other programs"),
     Part("inlet", "control", "daemon/inlets.py", "markers from other programs"),
+    Part("event_line", "control", "daemon/event_line.py", "an edge for each event that has a code"),
     Part("pat", "control", "daemon/service.py", "tells systemd that ticks advance"),
     Part("say", "control", "cli/daemon.py", "what a terminal is told, which may be stopped"),
     Part("bounded", "any", "processes/patience.py", "work that may hang and is waited for so long"),

@@ -56,6 +56,7 @@ from haptic_driver.rig.parts.electrode_monitors import (
     CardElectrodeMonitorConfig,
     SomeElectrodeMonitor,
 )
+from haptic_driver.rig.parts.event_lines import EventLineConfig, NoEventLine
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.rig.parts.generators import GeneratorConfig, WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox, InterlockConfig
@@ -388,6 +389,7 @@ class RigConfig(Section):
     load_stage: SomeLoadStage = NoLoadStage()
     finger_tracker: SomeTracker = NoFingerTracker()
     camera: SomeCamera = NoCamera()
+    event_line: EventLineConfig = NoEventLine()
     screen: ScreenConfig = ScreenConfig()
     output: OutputConfig = OutputConfig()
     finger: FingerConfig = FingerConfig()
@@ -451,6 +453,7 @@ class RigConfig(Section):
             self.load_stage,
             self.force_sensor,
             self.finger_tracker,
+            self.event_line,
         ]
         return addresses_of([*driven, self.analog_output, *self.electrode_monitors])
 
@@ -595,6 +598,7 @@ def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
         ("analog_output", rig.analog_output),
         ("camera", rig.camera),
         ("load_stage", rig.load_stage),
+        ("event_line", rig.event_line),
         *monitors,
     ):
         is_simulated = kind is not None and kind.kind == SIMULATED

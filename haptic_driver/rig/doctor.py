@@ -45,6 +45,7 @@ def _examinations(rig: RigConfig) -> Iterator[tuple[str, Callable[[Examination],
     yield "load stage", rig.load_stage.examine
     yield "finger tracker", rig.finger_tracker.examine
     yield "camera", rig.camera.examine
+    yield "event line", rig.event_line.examine
     yield "envelope", rig.analog_output.examine
     yield "real-time scheduling", _real_time
 

@@ -7,6 +7,7 @@ markers are from the nidaqmx 1.7.0 package's own documentation; nothing here was
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -454,6 +455,38 @@ class NiDigitalOutput(_NiLine):
 
     def _add(self, task: Any) -> None:
         task.do_channels.add_do_chan(self.resource)
+
+
+class NiEventLine(_NiLine):
+    """Up to eight digital outputs of one port, such as "Dev1/port0/line0:7", that are set at once.
+
+    Edges come when the driver's call reaches the card: they follow no sample clock.
+    """
+
+    def open(self) -> None:
+        """Take the lines, and set them low. Raises DeviceError."""
+        self.put(0)
+
+    def put(self, code: int) -> None:
+        """Set the lines, the first by bit 0. Raises DeviceError."""
+        with self._taken() as task:
+            value = code if _is_range(self.resource) else code != 0
+            task.write(value, auto_start=True, timeout=self._timeout_s)
+
+    def close(self) -> None:
+        """Lines low, if the card still listens, and released; never fails."""
+        with suppress(DeviceError):
+            self.put(0)
+        super().close()
+
+    def _add(self, task: Any) -> None:
+        grouping = load_nidaqmx().constants.LineGrouping.CHAN_FOR_ALL_LINES
+        task.do_channels.add_do_chan(self.resource, line_grouping=grouping)
+
+
+def _is_range(lines: str) -> bool:
+    """Whether a name means several lines: nidaqmx takes numbers for these, and bool for one."""
+    return not re.fullmatch(r".+/line\d+", lines, re.IGNORECASE)
 
 
 class NiAnalogOutput(AnalogOutput):

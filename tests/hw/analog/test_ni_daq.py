@@ -30,6 +30,7 @@ from hw.analog.ni_daq import (
     NiCards,
     NiDigitalInput,
     NiDigitalOutput,
+    NiEventLine,
 )
 from hw.analog.output import AnalogOutputSettings, OutputUnderrun
 from hw.errors import (
@@ -271,6 +272,20 @@ def test_a_digital_input_reads_its_line(card: Card) -> None:
     card.lines["Dev1/port0/line1"] = False
     assert line.read() is False
     line.close()
+    assert card.tasks == []
+
+
+@pytest.mark.parametrize(
+    ("lines", "levels"), [("Dev1/port0/line0:7", [0, 37, 0]), ("Dev1/port0/line0", [0, 1, 0])]
+)
+def test_an_event_line_takes_a_code_or_an_edge(card: Card, lines: str, levels: list[int]) -> None:
+    line = NiEventLine(lines)
+    line.open()
+    seen = [card.lines[lines]]
+    line.put(37)
+    seen.append(card.lines[lines])
+    line.close()
+    assert [*seen, card.lines[lines]] == levels
     assert card.tasks == []
 
 

@@ -32,7 +32,8 @@ class Card:
         self.now_s = 0.0
         self.signals = {name: lambda t, offset=i: offset + 0.0 * t for i, name in enumerate(NAMES)}
         self.ai_clock_runs = True
-        self.lines = {"Dev1/port0/line0": False, "Dev1/port0/line1": True}
+        self.lines: dict[str, int] = {"Dev1/port0/line0": False, "Dev1/port0/line1": True}
+        self.lines["Dev1/port0/line0:7"] = 5  # left from before
         self.ao_v = 3.0  # left from before
         self.played_v: list[float] = []
         self.owners: dict[str, Any] = {}
@@ -125,7 +126,13 @@ class DIChannels(_Channels):
 class DOChannels(_Channels):
     __slots__ = ()
 
-    def add_do_chan(self, lines: str, name_to_assign_to_lines: str = "") -> None:
+    def add_do_chan(
+        self,
+        lines: str,
+        name_to_assign_to_lines: str = "",
+        line_grouping: Any = constants.LineGrouping.CHAN_FOR_ALL_LINES,
+    ) -> None:
+        assert line_grouping is constants.LineGrouping.CHAN_FOR_ALL_LINES
         self._add(lines, self._task._card.lines)
 
 
@@ -279,7 +286,9 @@ class Task:
     def write(self, data: Any, auto_start: Any = None, timeout: float = 10.0) -> int:
         self._card.check()
         if self._names[0] in self._card.lines:
-            assert isinstance(data, bool)
+            assert isinstance(data, int)
+            # nidaqmx takes bool for a channel of one line, whole numbers for one of several
+            assert isinstance(data, bool) is (":" not in self._names[0])
             self._card.reserve(self._names[0], self)
             self._card.lines[self._names[0]] = data
             return 1

@@ -15,10 +15,11 @@ const MEANING = {
   underrun: "the analog envelope had a gap, at zero",
   friction_from_current: "no force sensor: friction is estimated from the electrode's current",
   latency: "friction is felt more than 10 ms sooner or later than the rig's file says",
+  event_line: "an edge of the event line is missing",
   control_silent: "render did not hear control; the output ramped to zero",
 };
 // Kinds of events, beside "flag".
-const TOLD_BY = { tripped: "trip", fault: "fault", lease_lost: "lease", latency: "latency" };
+const TOLD_BY = { tripped: "trip", fault: "fault", lease_lost: "lease", latency: "latency", event_line: "event_line" };
 
 const $ = (id) => document.getElementById(id);
 const time = (unixS) => new Date(1000 * unixS).toLocaleTimeString("en-GB");

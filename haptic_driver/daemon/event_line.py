@@ -1,0 +1,180 @@
+"""Puts an edge on the event line for each event that has a code, from a thread of its own.
+
+Markers wake it at once. Contact and output are looked at every `LOOK_S`, in the samples of render
+and at the pump. Each edge is an event of kind `edge`: its time is when the line has taken it, and
+`late_s` how long after what it stands for that was. A line that fails is told, tried again, and
+costs nothing but its edges.
+"""
+
+from __future__ import annotations
+
+import queue
+import re
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from typing import NamedTuple
+
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.errors import message_of
+from haptic_driver.processes.patience import join_within
+from haptic_driver.processes.shared_memory import Ring
+from haptic_driver.processes.started import start_thread
+from haptic_driver.recording.event import Event
+from haptic_driver.rig.parts.event_lines import EventCodes, EventLineSection
+from hw.event_line.contract import HIGHEST_CODE, EventLine
+
+LOOK_S = 0.001
+RETRY_S = 1.0
+END_S = 2.0
+KIND = "event_line"  # of what is told of the line itself
+# What an experiment says for its own sake.
+WITHOUT_EDGE = {"question", "told", "experiment", "session begins", "session goes on"}
+WITHOUT_EDGE |= {"session ends"}
+_INTERVAL = re.compile(r"interval (\d) (begins|ends)")
+
+
+class Due(NamedTuple):
+    """An edge that is to come: of what, since when, and of which event, if it is one."""
+
+    what: str
+    code: int
+    since_s: float
+    event: int | None = None
+
+
+class EventLineWriter:
+    """Writes to `line` what `events` and the samples of `ring` hold from `start` to `close`.
+
+    `output_on` says whether there is output, None where nobody knows; `missed` is called for each
+    edge that did not come.
+    """
+
+    def __init__(
+        self,
+        section: EventLineSection,
+        line: EventLine,
+        ring: Ring,
+        output_on: Callable[[], bool | None],
+        events: EventLog,
+        missed: Callable[[], object],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.line = line
+        self._pulse_s, self._codes = section.pulse_s, section.codes
+        self._ring, self._output_on = ring, output_on
+        self._events, self._missed, self._clock = events, missed, clock
+        self._due: queue.SimpleQueue[Due] = queue.SimpleQueue()
+        self._position = 0  # in the ring
+        self._touching, self._on = False, False
+        self._ending = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Begin; what happens from here on has its edges."""
+        self._position = self._ring.position
+        self._events.listeners.append(self._hear)
+        self._thread = start_thread("event_line", self._run)
+
+    def close(self) -> None:
+        """The line at 0, and let go."""
+        self._ending.set()
+        if self._thread is not None:
+            join_within(END_S, [self._thread])
+
+    def _hear(self, event: Event) -> None:
+        code = code_of(event, self._codes)
+        if code:
+            self._due.put(Due(event.message, code, event.time_s, event.number))
+
+    def _run(self) -> None:
+        failure = ""
+        while not self._ending.is_set():
+            try:
+                self.line.open()
+                if failure:
+                    self._events.tell(KIND, f"{self.line.resource} is back")
+                    failure = ""
+                self._serve()
+            except BaseException as error:  # whatever a driver raises, rendering goes on
+                self.line.close()
+                said = message_of(error)
+                if said != failure:  # one thing once
+                    failure = said
+                    self._events.tell(KIND, f"no edges: {said}; it is tried again")
+                self._ending.wait(RETRY_S)
+                self._leave_out()
+        self.line.close()
+
+    def _serve(self) -> None:
+        while not self._ending.is_set():
+            for one in self._seen():
+                self._put(one)
+            with suppress(queue.Empty):
+                self._put(self._due.get(timeout=LOOK_S))
+
+    def _put(self, due: Due) -> None:
+        try:
+            self.line.put(due.code)
+        except BaseException:
+            self._miss(due)
+            raise
+        time_s = self._clock()
+        data = {"code": due.code, "late_s": time_s - due.since_s}
+        data |= {} if due.event is None else {"event": due.event}
+        self._events.add("edge", due.what, data, time_s)
+        time.sleep(self._pulse_s)
+        self.line.put(0)
+        time.sleep(self._pulse_s)
+
+    def _leave_out(self) -> None:
+        """What was due while there was no line."""
+        due = self._seen()
+        while not self._due.empty():
+            due.append(self._due.get())
+        for one in due:
+            self._miss(one)
+
+    def _miss(self, due: Due) -> None:
+        self._missed()
+        self._events.tell(KIND, f"the edge of {due.what} is missing", code=due.code)
+
+    def _seen(self) -> list[Due]:
+        """Edges of contact and output since the last look."""
+        taken = self._ring.read(self._position)
+        self._position = taken.position
+        times_s, contact = (taken.samples[name].tolist() for name in ("time_s", "in_contact"))
+        due = list(self._contact(zip(times_s, contact, strict=True)))
+        on = self._output_on()
+        if on is not None and on != self._on:
+            self._on = on
+            code = self._codes.output_on if on else self._codes.output_off
+            due.append(Due("output on" if on else "output off", code, self._clock()))
+        return [one for one in due if one.code]
+
+    def _contact(self, samples: Iterable[tuple[float, int]]) -> Iterator[Due]:
+        for time_s, in_contact in samples:
+            if bool(in_contact) != self._touching:
+                self._touching = bool(in_contact)
+                what = "touch" if in_contact else "lift"
+                yield Due(what, getattr(self._codes, what), time_s)
+
+
+def code_of(event: Event, codes: EventCodes) -> int:
+    """The code of an event's edge, 0 where it has none."""
+    if event.kind != "marker":
+        return 0
+    own = event.data.get("code")
+    if isinstance(own, int) and 0 <= own <= HIGHEST_CODE:
+        return own
+    if found := _INTERVAL.fullmatch(event.message):
+        first = codes.interval if found[2] == "begins" else codes.interval_end
+        return first + int(found[1]) if first else 0
+    if event.message == "answer":
+        number = event.data.get("number")
+        known = codes.answer and isinstance(number, int) and 1 <= number <= 9
+        return codes.answer + number if known else 0
+    named = {"trial begins": codes.trial, "trial ends": codes.trial_end}
+    named |= dict.fromkeys(WITHOUT_EDGE, 0)
+    return named.get(event.message, codes.marker)

@@ -1,0 +1,170 @@
+"""Kinds of event lines: what an EEG amplifier, a motion capture or a camera takes as an edge."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from haptic_driver.config import Section, Within
+from haptic_driver.rig.check import Checks, Examination
+from haptic_driver.rig.part import Resource
+
+if TYPE_CHECKING:
+    from hw.event_line.contract import EventLine
+
+Code = Annotated[int, Field(ge=0, le=255)]
+FirstCode = Annotated[int, Field(ge=0, le=246)]  # a number up to 9 is added
+PulseSeconds = Annotated[
+    float, Within(1e-4, 0.5, "a shorter pulse is missed, a longer one keeps the next waiting")
+]
+LOOK = "put one out (haptic mark), and see that it arrives"
+
+
+class EventCodes(Section):
+    """The code of each event, 1 to 255; 0: it has no edge.
+
+    A marker whose data say `{"code": 37}` has that code. To `interval`, `interval_end` and
+    `answer` the number of interval or answer is added, counted from 1.
+    """
+
+    touch: Code = Field(default=1, description="a finger has touched")
+    lift: Code = Field(default=2, description="it has left")
+    output_on: Code = Field(default=3, description="the output has come on")
+    output_off: Code = Field(default=4, description="the output is known to be off")
+    trial: Code = Field(default=10, description="a trial of an experiment begins")
+    trial_end: Code = Field(default=11, description="it ends")
+    interval: FirstCode = Field(default=20, description="plus its number: an interval begins")
+    interval_end: FirstCode = Field(default=30, description="plus its number: it ends")
+    answer: FirstCode = Field(default=40, description="plus its number: a trial was answered")
+    marker: Code = Field(default=50, description="any other marker")
+
+
+class NoEventLine(Section):
+    """No edges."""
+
+    kind: Literal["none"] = "none"
+
+    def examine(self, at: Examination) -> Checks:
+        """Nothing is missing."""
+        return iter(())
+
+
+class EventLineSection(Section):
+    """What every event line has: how long an edge stays, and the codes.
+
+    Pulses never overlap: one that is due during another comes `pulse_s` after its end.
+    """
+
+    pulse_s: PulseSeconds = Field(
+        default=0.005, description="a code stays for so long, then 0 for as long"
+    )
+    codes: EventCodes = EventCodes()
+
+
+class TriggerBoxConfig(EventLineSection):
+    """A trigger box behind a serial port: one byte per code, then 0; unverified."""
+
+    kind: Literal["trigger_box"]
+    resource: Resource = Field(description="its serial port")
+    baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = Field(
+        default=115200, description="of the port"
+    )
+
+    def examine(self, at: Examination) -> Checks:
+        """Open the port, and send nothing."""
+        from hw.transport.resource import make_transport
+
+        with closing(make_transport(self.resource, baud_rate=self.baud_rate)) as transport:
+            transport.open()
+        yield at.unverified(f"{self.resource} opens; such a box answers nothing", LOOK)
+
+
+class ModemLineConfig(EventLineSection):
+    """RTS or DTR of a serial port: one wire, the same edge for every code."""
+
+    kind: Literal["modem_line"]
+    port: str = Field(description="serial port whose line it is")
+    signal: Literal["rts", "dtr"] = Field(default="rts", description="which of its outputs")
+
+    def examine(self, at: Examination) -> Checks:
+        said = f"{self.signal.upper()} of {self.port}: opening the port may raise the line: it is"
+        yield at.unverified(f"{said} left", LOOK)
+
+
+class NiEventLineConfig(EventLineSection):
+    """Digital outputs of an NI card, one or up to eight of a port."""
+
+    kind: Literal["ni"]
+    line: str = Field(description="such as Dev1/port0/line0:7, or one line: the same edge for all")
+
+    def examine(self, at: Examination) -> Checks:
+        yield at.unverified(f"{self.line}: taking an output sets it, so it is left alone", LOOK)
+
+
+class ParallelPortConfig(EventLineSection):
+    """The data pins of a parallel port, through Linux's ppdev; unverified."""
+
+    kind: Literal["parallel_port"]
+    device: str = Field(default="/dev/parport0", description="of ppdev")
+
+    def examine(self, at: Examination) -> Checks:
+        """See that it is there; claiming it would set its pins."""
+        import os
+
+        if os.access(self.device, os.R_OK | os.W_OK):
+            yield at.unverified(f"{self.device} is there", LOOK)
+        else:
+            said = f"{self.device} cannot be opened for reading and writing"
+            yield at.failed(said, "load ppdev (modprobe ppdev), and join the device's group")
+
+
+class SimulatedEventLineConfig(EventLineSection):
+    """A trigger box that writes down its edges, behind a pseudo-terminal."""
+
+    kind: Literal["simulated"]
+
+    def examine(self, at: Examination) -> Checks:
+        from hw.event_line.simulated import SimulatedEventLine
+
+        line = SimulatedEventLine()
+        with closing(line):
+            line.open()
+        yield at.ok("takes bytes")
+
+
+EventLineConfig = Annotated[
+    NoEventLine
+    | TriggerBoxConfig
+    | ModemLineConfig
+    | NiEventLineConfig
+    | ParallelPortConfig
+    | SimulatedEventLineConfig,
+    Field(discriminator="kind"),
+]
+
+
+def make_event_line(section: EventLineSection) -> EventLine:
+    """The line that a section describes, not open."""
+    match section:
+        case TriggerBoxConfig():
+            from hw.event_line.trigger_box import TriggerBox
+            from hw.transport.resource import make_transport
+
+            return TriggerBox(make_transport(section.resource, baud_rate=section.baud_rate))
+        case ModemLineConfig():
+            from hw.event_line.modem_line import ModemEventLine
+
+            return ModemEventLine(section.port, section.signal)
+        case NiEventLineConfig():
+            from hw.analog.ni_daq import NiEventLine
+
+            return NiEventLine(section.line)
+        case ParallelPortConfig():
+            from hw.event_line.parallel_port import ParallelPort
+
+            return ParallelPort(section.device)
+    from hw.event_line.simulated import SimulatedEventLine
+
+    return SimulatedEventLine()

@@ -1,0 +1,112 @@
+"""The section `[event_line]` of a rig's file, and what the doctor says of it."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.config import parse
+from haptic_driver.errors import BadInputError
+from haptic_driver.rig.check import Check, CheckStatus, Examination
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.doctor import examine
+from haptic_driver.rig.parts.event_lines import (
+    ModemLineConfig,
+    NiEventLineConfig,
+    ParallelPortConfig,
+    SimulatedEventLineConfig,
+    TriggerBoxConfig,
+    make_event_line,
+)
+from hw.analog.ni_daq import NiEventLine
+from hw.event_line.modem_line import ModemEventLine
+from hw.event_line.parallel_port import ParallelPort
+from hw.event_line.simulated import SimulatedEventLine, SimulatedTriggerBox
+from hw.event_line.trigger_box import TriggerBox
+from hw.serving.serial import SerialServer
+
+BOX = TriggerBoxConfig(kind="trigger_box", resource="/dev/ttyUSB0")
+
+
+def rig_with(**section: object) -> RigConfig:
+    said = load_rig("simulated").model_dump() | {"event_line": section}
+    return parse(RigConfig, said, "rig.toml")
+
+
+def test_a_simulated_rig_has_none_or_a_simulated_one() -> None:
+    assert load_rig("simulated").event_line.kind == "none"
+    assert rig_with(kind="simulated").event_line.kind == "simulated"
+    with pytest.raises(BadInputError, match=r"event_line\.kind disagree"):
+        rig_with(kind="trigger_box", resource="/dev/ttyUSB0")
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ({"kind": "smoke"}, "smoke"),
+        ({"kind": "simulated", "pulse_s": 0.0}, "pulse_s"),
+        ({"kind": "simulated", "codes": {"touch": 256}}, "touch"),
+        ({"kind": "simulated", "codes": {"answer": 250}}, "answer"),
+        ({"kind": "simulated", "codes": {"touches": 1}}, "touches"),
+    ],
+)
+def test_what_a_file_may_not_say(section: dict[str, object], said: str) -> None:
+    with pytest.raises(BadInputError, match=said):
+        rig_with(**section)
+
+
+def test_each_kind_has_its_driver_and_address() -> None:
+    made = {
+        BOX: TriggerBox,
+        ModemLineConfig(kind="modem_line", port="/dev/ttyUSB1"): ModemEventLine,
+        NiEventLineConfig(kind="ni", line="Dev1/port0/line0:7"): NiEventLine,
+        ParallelPortConfig(kind="parallel_port"): ParallelPort,
+    }
+    simulated = load_rig("simulated")
+    before = simulated.addresses
+    for section, kind in made.items():
+        line = make_event_line(section)
+        assert isinstance(line, kind)
+        rig = simulated.model_copy(update={"event_line": section})
+        (own,) = set(rig.addresses) - set(before)
+        assert own in line.resource
+    assert isinstance(
+        make_event_line(SimulatedEventLineConfig(kind="simulated")), SimulatedEventLine
+    )
+
+
+def checks_of(section: object) -> list[Check]:
+    rig = load_rig("simulated").model_copy(update={"event_line": section})
+    today = datetime.date(2024, 6, 1)
+    return list(Examination("event line", rig, today).told(rig.event_line.examine))
+
+
+def test_the_doctor_opens_a_box_and_sends_nothing() -> None:
+    box = SimulatedTriggerBox()
+    with SerialServer(box, framed=False) as server:
+        (check,) = checks_of(TriggerBoxConfig(kind="trigger_box", resource=server.path))
+    assert check.status is CheckStatus.NOT_VERIFIED
+    assert not box.edges
+    (check,) = checks_of(BOX.model_copy(update={"resource": "/dev/no-such-port"}))
+    assert (check.name, check.status) == ("event line", CheckStatus.FAILED)
+
+
+def test_the_doctor_says_of_each_other_kind_what_it_could_not_see(tmp_path: Path) -> None:
+    (modem,) = checks_of(ModemLineConfig(kind="modem_line", port="/dev/ttyUSB1"))
+    (card,) = checks_of(NiEventLineConfig(kind="ni", line="Dev1/port0/line0:7"))
+    (gone,) = checks_of(ParallelPortConfig(kind="parallel_port", device=str(tmp_path / "gone")))
+    (simulated,) = checks_of(SimulatedEventLineConfig(kind="simulated"))
+    assert [check.status for check in (modem, card, gone, simulated)] == [
+        CheckStatus.NOT_VERIFIED,
+        CheckStatus.NOT_VERIFIED,
+        CheckStatus.FAILED,
+        CheckStatus.OK,
+    ]
+    assert "haptic mark" in modem.hint
+
+
+def test_the_doctor_looks_at_it() -> None:
+    names = [check.name for check in examine(rig_with(kind="simulated"), datetime.date(2024, 6, 1))]
+    assert "event line" in names
