@@ -30,7 +30,7 @@ RETRY_S = 1.0
 END_S = 2.0
 KIND = "event_line"  # of what is told of the line itself
 # What an experiment says for its own sake.
-WITHOUT_EDGE = {"question", "told", "experiment", "session begins", "session goes on"}
+WITHOUT_EDGE = {"answer", "told", "experiment", "session begins", "session goes on"}
 WITHOUT_EDGE |= {"session ends"}
 _INTERVAL = re.compile(r"interval (\d) (begins|ends)")
 
@@ -63,6 +63,7 @@ class EventLineWriter:
     ) -> None:
         self.line = line
         self._pulse_s, self._codes = section.pulse_s, section.codes
+        self._coded = Codes(section.codes)
         self._ring, self._output_on = ring, output_on
         self._events, self._missed, self._clock = events, missed, clock
         self._due: queue.SimpleQueue[Due] = queue.SimpleQueue()
@@ -84,8 +85,7 @@ class EventLineWriter:
             join_within(END_S, [self._thread])
 
     def _hear(self, event: Event) -> None:
-        code = code_of(event, self._codes)
-        if code:
+        if code := self._coded.of(event):
             self._due.put(Due(event.message, code, event.time_s, event.number))
 
     def _run(self) -> None:
@@ -161,20 +161,47 @@ class EventLineWriter:
                 yield Due(what, getattr(self._codes, what), time_s)
 
 
-def code_of(event: Event, codes: EventCodes) -> int:
-    """The code of an event's edge, 0 where it has none."""
-    if event.kind != "marker":
-        return 0
-    own = event.data.get("code")
-    if isinstance(own, int) and 0 <= own <= HIGHEST_CODE:
-        return own
-    if found := _INTERVAL.fullmatch(event.message):
-        first = codes.interval if found[2] == "begins" else codes.interval_end
-        return first + int(found[1]) if first else 0
-    if event.message == "answer":
-        number = event.data.get("number")
-        known = codes.answer and isinstance(number, int) and 1 <= number <= 9
-        return codes.answer + number if known else 0
-    named = {"trial begins": codes.trial, "trial ends": codes.trial_end}
-    named |= dict.fromkeys(WITHOUT_EDGE, 0)
-    return named.get(event.message, codes.marker)
+class Codes:
+    """Which code an event has, by the table of a rig's file.
+
+    An answer's number is its place among those of the last question, as `answers.py` of
+    psychophysics has them; a question counts once.
+    """
+
+    def __init__(self, codes: EventCodes) -> None:
+        self._codes = codes
+        self._answers: list[object] = []
+
+    def of(self, event: Event) -> int:
+        """The code of an event's edge, 0 where it has none."""
+        if event.kind != "marker":
+            return 0
+        own = event.data.get("code")
+        if isinstance(own, int) and 0 <= own <= HIGHEST_CODE:
+            return own
+        codes, label, data = self._codes, event.message, event.data
+        if found := _INTERVAL.fullmatch(label):
+            first = codes.interval if found[2] == "begins" else codes.interval_end
+            return _numbered(first, int(found[1]))
+        match label:
+            case "trial begins":
+                return codes.trial
+            case "trial ends":
+                return codes.trial_end
+            case "answered":
+                return _numbered(codes.answer, data.get("answer"))
+            case "question":
+                answers = data.get("answers")
+                self._answers = answers if isinstance(answers, list) else []
+                return 0
+        word = data.get("answer") if label == "answer" else label
+        if word in self._answers:
+            number = self._answers.index(word) + 1
+            is_choice, self._answers = len(self._answers) > 1, []
+            return _numbered(codes.answer, number) if is_choice else 0
+        return 0 if label in WITHOUT_EDGE else codes.marker
+
+
+def _numbered(first: int, number: object) -> int:
+    """The code of the first, second, ... of its kind."""
+    return first + number if first and isinstance(number, int) and 1 <= number <= 9 else 0
