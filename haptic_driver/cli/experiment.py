@@ -84,10 +84,12 @@ def run(
         check_textures(experiment, client.textures())
         about = _about(experiment, client)
         answering = _participant(experiment, client, files, simulated)
-        tell = answering.tell if isinstance(answering, _Keys) else lambda said: None
+        at_terminal = isinstance(answering, _Keys)
+        tell = answering.tell if at_terminal else lambda said: None
+        ring = stderr.bell if at_terminal else lambda: None
         as_ctrl_c = signals_to(signal.default_int_handler)
         with as_ctrl_c, client.armed(LEASE_S) as held, _recorded(client, held, files, record):
-            apparatus = DaemonApparatus(client, held, files.beh, tell)
+            apparatus = DaemonApparatus(client, held, files.beh, tell, ring)
             done = run_session(experiment, files, apparatus, answering, about)
     payload = done._asdict() | {
         "table": str(files.table),
@@ -172,6 +174,8 @@ def check(
         stdout.print(f"{rig} reaches friction {low:.3g} to {high:.3g} under {normal_force:g} N")
         for one in found:
             stdout.print(f"  {one.said()}")
+            for texture in one.textures:
+                stdout.print(f"    {texture.said()}")
 
     rows = [one._asdict() for one in found]
     report(
@@ -201,6 +205,7 @@ def analyse(
     from haptic_driver.experiments.psychophysics.analysis import (  # noqa: PLC0415
         analyse as analysed,
     )
+    from haptic_driver.experiments.psychophysics.data import label_of  # noqa: PLC0415
     from haptic_driver.files import write_rows  # noqa: PLC0415
     from haptic_driver.pictures.psychometric import draw_functions  # noqa: PLC0415
 
@@ -210,7 +215,7 @@ def analyse(
     write_rows(table, rows)
     pictures = []
     for participant, task in dict.fromkeys((r.participant, r.task) for r in results):
-        picture = table.with_name(f"sub-{participant}_task-{task}_psychometric.png")
+        picture = table.with_name(f"sub-{participant}_task-{label_of(task)}_psychometric.png")
         own = [r for r in results if (r.participant, r.task) == (participant, task)]
         title = f"{participant}, {task}" + (", levels as felt" if felt else "")
         draw_functions([_panel(r) for r in own], title, picture)
@@ -227,7 +232,7 @@ def _panel(result: Result) -> Answers:
     title, fit = f"{result.condition}: {result.trials} trials", result.fit
     if fit is None:
         nothing = np.empty(0)
-        return Answers(title, nothing, nothing, nothing, said=result.why_none)
+        return Answers(title, nothing, nothing, nothing, said=result.why_none, axis=result.axis)
     return Answers(
         title,
         fit.levels,
@@ -237,6 +242,7 @@ def _panel(result: Result) -> Answers:
         fit.threshold,
         fit.interval_95,
         said=fit.why_none,
+        axis=result.axis,
     )
 
 
@@ -350,6 +356,8 @@ def _recorded(
 
 class _Keys:
     """Somebody at this terminal; in a pipe, a line for each key."""
+
+    answered_s: float | None = None
 
     def __init__(self, keys: Sequence[str]) -> None:
         self._keys = keys

@@ -12,7 +12,7 @@ import queue
 import re
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -179,27 +179,25 @@ class Codes:
         own = event.data.get("code")
         if isinstance(own, int) and 0 <= own <= HIGHEST_CODE:
             return own
-        codes, label, data = self._codes, event.message, event.data
+        if event.message == "question":
+            answers = event.data.get("answers")
+            self._answers = answers if isinstance(answers, list) else []
+            return 0
+        word = event.data.get("answer") if event.message == "answer" else event.message
+        if word not in self._answers:
+            return self._named(event.message, event.data)
+        number, count = self._answers.index(word) + 1, len(self._answers)
+        self._answers = []
+        return _numbered(self._codes.answer, number) if count > 1 else 0
+
+    def _named(self, label: str, data: Mapping[str, object]) -> int:
+        codes = self._codes
         if found := _INTERVAL.fullmatch(label):
             first = codes.interval if found[2] == "begins" else codes.interval_end
             return _numbered(first, int(found[1]))
-        match label:
-            case "trial begins":
-                return codes.trial
-            case "trial ends":
-                return codes.trial_end
-            case "answered":
-                return _numbered(codes.answer, data.get("answer"))
-            case "question":
-                answers = data.get("answers")
-                self._answers = answers if isinstance(answers, list) else []
-                return 0
-        word = data.get("answer") if label == "answer" else label
-        if word in self._answers:
-            number = self._answers.index(word) + 1
-            is_choice, self._answers = len(self._answers) > 1, []
-            return _numbered(codes.answer, number) if is_choice else 0
-        return 0 if label in WITHOUT_EDGE else codes.marker
+        named = {"trial begins": codes.trial, "trial ends": codes.trial_end}
+        named["answered"] = _numbered(codes.answer, data.get("answer"))
+        return (named | dict.fromkeys(WITHOUT_EDGE, 0)).get(label, codes.marker)
 
 
 def _numbered(first: int, number: object) -> int:

@@ -19,7 +19,7 @@ CLASSES = 12  # of levels of an adaptive method, each one dot
 class Answers(NamedTuple):
     """What a panel shows: `positive` of `answered` answers at `levels` [n], and, where it was
     fitted, the function, its threshold and that one's interval. `said` takes the place of a
-    threshold that there is none of: NaN.
+    threshold that there is none of: NaN. `axis`: what a level is.
     """
 
     title: str
@@ -30,6 +30,7 @@ class Answers(NamedTuple):
     threshold: float = np.nan
     interval: tuple[float, float] = (np.nan, np.nan)
     said: str = ""
+    axis: str = "level"
 
 
 def draw_functions(panels: Sequence[Answers], title: str, path: Path) -> None:
@@ -48,7 +49,7 @@ def draw_functions(panels: Sequence[Answers], title: str, path: Path) -> None:
     )
     with saved(figure, path):
         for axes, panel in zip(places.flat, panels, strict=False):
-            axes.set(title=panel.title, xlabel="level", ylim=(-0.03, 1.03))
+            axes.set(title=panel.title, xlabel=panel.axis, ylim=(-0.03, 1.03))
             axes.grid(alpha=0.25)
             _draw(axes, panel)
         for axes in places.flat[len(panels) :]:
@@ -81,14 +82,11 @@ def _draw(axes: Any, panel: Answers) -> None:
         axes.legend(frameon=False, loc="best", fontsize=8)
         return
     at = float(panel.function(np.array([panel.threshold]))[0])
-    axes.plot(
-        np.clip(panel.interval, x[0], x[-1]),
-        [at, at],
-        color=FUNCTION,
-        lw=3,
-        alpha=0.5,
-        label="threshold, 95 %",
-    )
+    shown = np.clip(panel.interval, x[0], x[-1])
+    axes.plot(shown, [at, at], color=FUNCTION, lw=3, alpha=0.5, label="threshold, 95 %")
+    for end, there, marker in zip(panel.interval, shown, "<>", strict=True):
+        if end != there:  # it goes on beyond the axis
+            axes.plot([there], [at], marker, color=FUNCTION, ms=9, clip_on=False)
     axes.plot([panel.threshold, panel.threshold], [0.0, at], color=FUNCTION, lw=1.0, ls=":")
     axes.legend(frameon=False, loc="lower right", fontsize=8)
 

@@ -29,7 +29,7 @@ class Result:
     `left_out`: why, of each trial that was not delivered. `staircase`: mean of the reversals of
     each session's staircase, and the share of positive answers at which it comes to rest; None for
     other methods, and where reversals are those of the end of its range. `notes`: what not to rely
-    on.
+    on. `axis`: what a level is, with its unit.
     """
 
     participant: str
@@ -41,6 +41,7 @@ class Result:
     why_none: str = ""
     staircase: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
+    axis: str = "level"
 
     def numbers(self) -> dict[str, str | float]:
         """A line of the table of thresholds."""
@@ -151,6 +152,7 @@ def _result(
         why_none,
         staircase,
         tuple(notes),
+        experiment.condition(condition).axis,
     )
 
 

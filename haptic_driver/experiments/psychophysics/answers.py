@@ -37,6 +37,7 @@ class MarkerParticipant:
     """Somebody at the participant's page, or at another program."""
 
     def __init__(self, client: Client) -> None:
+        self.answered_s: float | None = None
         self._client = client
 
     def wait(self, text: str) -> None:
@@ -62,6 +63,7 @@ class MarkerParticipant:
                 if event.kind in TAKEN_AWAY:
                     self._refuse_unless_armed()
                 if (found := _answered(event, asked, answers)) is not None:
+                    self.answered_s = event.time_s
                     return found
             time.sleep(LOOK_S)
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.experiments.psychophysics.delivery import Felt, felt, strokes
+from haptic_driver.experiments.psychophysics.delivery import Felt, felt, onsets, strokes
 from haptic_driver.experiments.psychophysics.description import Experiment, Stimulus, TrialSettings
 from haptic_driver.files import write_text
 from haptic_driver.textures.description import FINEST_MM
@@ -56,7 +56,13 @@ class Session(Protocol):
 
 
 class Apparatus(Protocol):
-    """Presents the intervals of a trial."""
+    """Presents the intervals of a trial.
+
+    `onset_s`: when the last interval could first be felt, on CLOCK_MONOTONIC; None where nobody
+    felt it.
+    """
+
+    onset_s: float | None
 
     def present(
         self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
@@ -70,8 +76,9 @@ class Apparatus(Protocol):
 class DaemonApparatus:
     """A rig through an armed client.
 
-    `folder`: where textures that show two regions are written. `tell` is told which interval
-    begins, of several; so is a marker `interval 1 begins`.
+    `folder`: where textures that show two regions are written. `tell` is told which interval runs
+    and when to wait, and `ring` sounds as one begins, where the file says so. Each interval has
+    markers `interval 1 begins` and `interval 1 ends`; the second carries its onsets.
     """
 
     def __init__(
@@ -80,11 +87,13 @@ class DaemonApparatus:
         session: Session,
         folder: Path,
         tell: Callable[[str], object] = lambda said: None,
+        ring: Callable[[], object] = lambda: None,
     ) -> None:
+        self.onset_s: float | None = None
         self._client = client
         self._session = session
         self._folder = folder.absolute()
-        self._tell = tell
+        self._tell, self._ring = tell, ring
 
     def mark(self, label: str, data: dict[str, object]) -> float:
         """A marker of the daemon's."""
@@ -96,15 +105,13 @@ class DaemonApparatus:
         """One after the other, or both at once. HapticError when the output went away meanwhile."""
         if settings.place == "regions":
             return self._regions(stimuli, settings, settle_s)
-        found = []
+        found, count = [], len(stimuli)
         for number, stimulus in enumerate(stimuli, start=1):
             if number > 1:
+                self._tell("wait …")
                 time.sleep(settings.pause_s)
-            self._begin(stimulus)
-            if len(stimuli) > 1:
-                self.mark(f"interval {number} begins", {"interval": number})
-                self._tell(f"{number} …")
-            found.append(felt(self._samples(settings), settle_s=settle_s))
+            samples = self._interval(stimulus, settings, number, count)
+            found.append(felt(samples, settle_s=settle_s))
         return found
 
     def _regions(
@@ -115,10 +122,25 @@ class DaemonApparatus:
         assert right is not None
         path = self._folder / "regions.csv"
         write_text(path, _halves(left, right, settings.middle_mm))
-        self._begin(Stimulus(None, str(path)))
-        samples = self._samples(settings)
+        samples = self._interval(Stimulus(None, str(path)), settings, 1, 1)
         is_left = samples["position_x_m"] < 1e-3 * settings.middle_mm
         return [felt(samples, where, settle_s) for where in (is_left, ~is_left)]
+
+    def _interval(
+        self, stimulus: Stimulus, settings: TrialSettings, number: int, count: int
+    ) -> NDArray[np.void]:
+        """Present one of `count`, say so, and mark its ends; its samples."""
+        self._begin(stimulus)
+        which: dict[str, object] = {"interval": number, "of": count, "sound": settings.sound}
+        began_s = self.mark(f"interval {number} begins", which)
+        self._tell(f"{number} … slide now" if count > 1 else "slide now")
+        if settings.sound:
+            self._ring()
+        samples = self._samples(settings)
+        when = onsets(samples)
+        self.mark(f"interval {number} ends", which | {"began_s": began_s} | when._asdict())
+        self.onset_s = when.onset_s
+        return samples
 
     def _begin(self, stimulus: Stimulus) -> None:
         """What is out of reach is presented as near as can be, and told by what was felt."""
@@ -155,6 +177,8 @@ class AssumedApparatus:
     """No rig: every friction is felt exactly as it is asked for. For trying a design, in no
     time.
     """
+
+    onset_s: float | None = None
 
     def mark(self, label: str, data: dict[str, object]) -> float:
         return 0.0

@@ -7,6 +7,8 @@ per participant.
     DIR/sub-P01/ses-01/beh/sub-P01_ses-01_task-NAME_beh.tsv   a row per trial, as it is answered
     DIR/sub-P01/ses-01/beh/sub-P01_ses-01_task-NAME_beh.json  its columns, units
 
+NAME is what of an experiment's name a file's name may have: letters and digits.
+
 The sidecar of a task says rig, model, textures and clock as well. After the Brain Imaging Data
 Structure 1.10, "Behavioral experiments": tabs, `n/a` for what is not there.
 """
@@ -14,10 +16,12 @@ Structure 1.10, "Behavioral experiments": tabs, `n/a` for what is not there.
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import math
 import os
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -57,7 +61,11 @@ COLUMNS = {
     "response": ("what was answered", ""),
     "positive": ("1: the comparison was chosen, or the answer was yes", "1"),
     "correct": ("1: right, 0: wrong", "1"),
-    "response_time_s": ("from the question to the answer", "s"),
+    "response_time_s": (
+        "from when the last interval could first be felt to the answer; from the question where"
+        " nobody slid",
+        "s",
+    ),
     "delivered": ("1: the rig did what was asked; only such trials are analysed", "1"),
     "why_not_delivered": ("why not", ""),
     "time_s": ("when the trial began, on CLOCK_MONOTONIC as every time of a recording", "s"),
@@ -131,7 +139,7 @@ class SessionFiles:
     def __init__(self, folder: Path, participant: str, session: str, task: str) -> None:
         self.folder = folder
         self.participant, self.session, self.task = participant, session, task
-        stem = f"sub-{participant}_ses-{session}_task-{task}_beh"
+        stem = f"sub-{participant}_ses-{session}_task-{label_of(task)}_beh"
         self.beh = folder / f"sub-{participant}" / f"ses-{session}" / "beh"
         self.table, self.sidecar = self.beh / f"{stem}.tsv", self.beh / f"{stem}.json"
 
@@ -216,6 +224,15 @@ def sessions(folder: Path) -> list[SessionFiles]:
         sub, ses, task, _ = table.stem.split("_")
         found.append(SessionFiles(folder, *(part.partition("-")[2] for part in (sub, ses, task))))
     return found
+
+
+def label_of(name: str) -> str:
+    """The letters and digits of ASCII in a name; for one without any, eight digits that are its
+    own.
+    """
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    letters = "".join(one for one in plain if one.isalnum())
+    return letters or hashlib.sha256(name.encode()).hexdigest()[:8]
 
 
 def _rows(text: str, path: Path) -> Iterator[Row]:

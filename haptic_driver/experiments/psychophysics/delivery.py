@@ -16,7 +16,7 @@ from haptic_driver.fidelity.samples import (
     strokes_of,
     tick_s,
 )
-from haptic_driver.signals import WITHIN, Array, Mask
+from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, Mask
 
 STROKE_M = 0.003  # a finger that goes this far one way makes a stroke
 
@@ -78,12 +78,61 @@ def why_not_delivered(intervals: list[Felt], settings: Delivery) -> str:
             return f"interval {number}: the finger slid for {one.sliding_s:.2g} s"
         if one.within_5_percent < settings.least_share:
             said = f"interval {number}: within 5 % for {one.within_5_percent:.0%} of the time"
-            beyond = 1.0 - one.reachable_share
-            if beyond > 0.0:
-                said += f", out of this rig's reach for {beyond:.0%}: of friction"
-                said += f" {one.asked_cof:.3g} it expected to do {one.reachable_cof:.3g}"
-            return said
+            return f"{said}; {_limit(one)}"
     return ""
+
+
+def _limit(one: Felt) -> str:
+    """What kept friction from being as asked, where that was most of it: the reach under this
+    load, feedback's caution, or what the finger made of what was as expected.
+    """
+    asked, expected = one.asked_cof, one.reachable_cof
+    beyond, missed = 1.0 - one.reachable_share, 1.0 - one.within_5_percent
+    if beyond >= 0.5 * missed:
+        end = "at most" if expected < asked else "at least"
+        return (
+            f"load: under {one.normal_force_n:.2g} N friction {asked:.3g} is out of this finger's"
+            f" reach for {beyond:.0%} of it, {end} {expected:.3g} was expected"
+        )
+    if abs(expected - asked) > WITHIN * asked:
+        return (
+            f"feedback's caution: of a finger that it knows little of it asked {expected:.3g}, for"
+            f" {asked:.3g}; let the finger slide for some seconds before"
+        )
+    return (
+        f"speed or finger: {expected:.3g} was expected, {one.felt_cof:.3g} was felt at"
+        f" {1e3 * one.speed_m_s:.0f} mm/s, for {asked:.3g}"
+    )
+
+
+class Onsets(NamedTuple):
+    """When things first happened in an interval, on CLOCK_MONOTONIC; None where they did not.
+
+    The finger may have been there from the first sample on, and the output been on. `onset_s` is
+    when something could first be felt: the finger slid, and the output was on.
+    """
+
+    first_touch_s: float | None
+    first_sliding_s: float | None
+    output_on_s: float | None
+    onset_s: float | None
+
+
+def onsets(samples: NDArray[np.void]) -> Onsets:
+    """Of the samples of one interval, of dtype SAMPLE [n]."""
+    touching, on = samples["in_contact"] == 1, samples["output_on"] == 1
+    slides = touching & (samples["speed_m_s"] >= SLIDING_M_S)
+    return Onsets(
+        _first_s(samples, touching),
+        _first_s(samples, slides),
+        _first_s(samples, on),
+        _first_s(samples, slides & on),
+    )
+
+
+def _first_s(samples: NDArray[np.void], where: Mask) -> float | None:
+    found = samples["time_s"][where]
+    return float(found[0]) if found.size else None
 
 
 def strokes(samples: NDArray[np.void]) -> int:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, Self
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from haptic_driver.config import Section, find_config, parse
 from haptic_driver.errors import BadInputError
@@ -18,7 +18,14 @@ from haptic_driver.experiments.psychophysics.functions import Form
 from model.support.errors import nearest
 from model.support.reading import read_bytes, read_toml
 
-Name = Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9]+$")]
+
+def _plain(name: str) -> str:
+    if name != name.strip() or not name.isprintable():
+        raise ValueError("a name is one line that neither begins nor ends with a space")
+    return name
+
+
+Name = Annotated[str, Field(min_length=1, max_length=60), AfterValidator(_plain)]
 Level = Annotated[FiniteFloat, Field(ge=-10.0, le=10.0)]
 Above0 = Annotated[FiniteFloat, Field(gt=0.0, le=10.0)]
 Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
@@ -166,7 +173,7 @@ class Condition(Section):
     `difference`; a texture with those of `comparisons`, of which the nearest level is taken.
     """
 
-    name: Name = Field(description="letters and digits")
+    name: Name = Field(description="any words; in tables and pictures")
     cof: Annotated[FiniteFloat, Field(gt=0.0, le=5.0)] | None = Field(
         default=None, description="friction of the standard; this or `texture`"
     )
@@ -186,6 +193,15 @@ class Condition(Section):
         if (self.texture is None) == bool(self.comparisons):
             raise ValueError("comparisons are the textures that a texture is compared with")
         return self
+
+    @property
+    def axis(self) -> str:
+        """What a level is, with its unit, as an axis says it."""
+        if self.cof is None:
+            return "level of the texture, as the file numbers it"
+        if self.compare == "difference":
+            return f"level: friction above {self.cof:g} (1)"
+        return f"level: friction above {self.cof:g}, as a share of it (1)"
 
     @property
     def standard(self) -> Stimulus:
@@ -247,6 +263,12 @@ class TrialSettings(Section):
     )
     pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=60.0)] = Field(
         default=0.5, description="between intervals, with the output off"
+    )
+    sound: bool = Field(
+        default=False,
+        description=(
+            "a tone on the participant's page, or the terminal's bell, as an interval begins"
+        ),
     )
 
     @model_validator(mode="after")
@@ -333,7 +355,9 @@ class SimulatedParticipant(Section):
 class ExperimentFile(Section):
     """An experiment. `seed` and the participant's name decide every order."""
 
-    name: Name = Field(description="letters and digits; in the names of result files")
+    name: Name = Field(
+        description="any words; result files have its letters and digits in their names"
+    )
     about: str = Field(default="", description="in words")
     instructions: str = Field(
         default="", description="what the participant reads before the first trial"

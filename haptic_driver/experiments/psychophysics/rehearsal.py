@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from haptic_driver.config import texture_dirs
 from haptic_driver.experiments.psychophysics.analysis import Result, results_of
 from haptic_driver.experiments.psychophysics.apparatus import AssumedApparatus
 from haptic_driver.experiments.psychophysics.data import Row, SessionFiles
@@ -18,6 +19,8 @@ from haptic_driver.experiments.psychophysics.description import Condition, Exper
 from haptic_driver.experiments.psychophysics.functions import Psychometric
 from haptic_driver.experiments.psychophysics.run import PretendedParticipant, run_session
 from haptic_driver.signals import WITHIN
+from haptic_driver.textures.library import load
+from haptic_driver.textures.reach import FLAG_SHARE, demand
 
 UNBIASED_GUESS = 0.1  # of a simulated participant who says yes or no
 
@@ -37,17 +40,41 @@ class Found(NamedTuple):
     fitted: float
 
 
+class ReachedTexture(NamedTuple):
+    """Friction that a texture asks for, and the shares of the screen on which that is out of
+    reach.
+    """
+
+    texture: str
+    asked_cof: tuple[float, float]
+    share_below: float
+    share_above: float
+
+    @property
+    def is_reached(self) -> bool:
+        return self.share_below + self.share_above <= FLAG_SHARE
+
+    def said(self) -> str:
+        low, high = self.asked_cof
+        said = f"{self.texture}: friction {low:.3g} to {high:.3g}"
+        if self.is_reached:
+            return f"{said}, all reached"
+        return f"{said}; out of reach: {self.share_below:.1%} below, {self.share_above:.1%} above"
+
+
 class Reached(NamedTuple):
     """What a rig reaches of one condition: frictions that may be asked, and the levels of those
     that can be reached.
 
-    None where nobody knows: of textures, and of levels by an optimiser of others.
+    None where nobody knows: of levels by an optimiser of others. `textures`: the standard's and
+    those of levels, of a condition of textures.
     """
 
     condition: str
     asked_cof: tuple[float, float] | None
     standard_is_reached: bool | None
     reached_levels: tuple[float, float] | None
+    textures: tuple[ReachedTexture, ...] = ()
 
     def said(self) -> str:
         if self.asked_cof is None:
@@ -71,11 +98,15 @@ def reached(
 ) -> Reached:
     """What a rig that reaches these frictions can present; as in delivery, 5 % beyond them count as
     reached.
+
+    Raises BadInputError for a texture that is not there.
     """
+    low, high = (1.0 - WITHIN) * reachable_cof[0], (1.0 + WITHIN) * reachable_cof[1]
+    if condition.texture is not None:
+        return _reached_textures(experiment, condition, (low, high))
     ends = asked_levels(experiment.file.method)
     if condition.cof is None or ends is None:
         return Reached(condition.name, None, None, None)
-    low, high = (1.0 - WITHIN) * reachable_cof[0], (1.0 + WITHIN) * reachable_cof[1]
     lowest, highest = (condition.level_between(condition.cof, cof) for cof in (low, high))
     levels = max(ends[0], lowest), min(ends[1], highest)
     asked = [condition.comparison(level).cof or np.nan for level in ends]
@@ -87,6 +118,32 @@ def reached(
         alone or low <= condition.cof <= high,
         levels if levels[0] <= levels[1] else None,
     )
+
+
+def _reached_textures(
+    experiment: Experiment, condition: Condition, within_cof: tuple[float, float]
+) -> Reached:
+    """The same of a texture and those that it is compared with."""
+    names = dict.fromkeys(one.texture for one in condition.comparisons)
+    alone = experiment.file.trial.intervals == 1
+    if not alone and condition.texture is not None:
+        names = {condition.texture: None, **names}
+    found = {name: _reached_texture(name, within_cof) for name in names}
+    levels = [one.level for one in condition.comparisons if found[one.texture].is_reached]
+    ends = [cof for one in found.values() for cof in one.asked_cof]
+    return Reached(
+        condition.name,
+        (min(ends), max(ends)),
+        alone or found[condition.texture or ""].is_reached,
+        (min(levels), max(levels)) if levels else None,
+        tuple(found.values()),
+    )
+
+
+def _reached_texture(name: str, within_cof: tuple[float, float]) -> ReachedTexture:
+    asked = demand(load(name, texture_dirs()).target, within_cof)
+    ends = asked.cof_low, asked.cof_high
+    return ReachedTexture(name, ends, asked.share_below, asked.share_above)
 
 
 def pretended(

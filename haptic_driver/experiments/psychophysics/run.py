@@ -40,7 +40,11 @@ class Question(NamedTuple):
 
 
 class Participant(Protocol):
-    """Who answers."""
+    """Who answers. `answered_s`: when the last answer came, on CLOCK_MONOTONIC, where it was a
+    marker; None where answers are no markers.
+    """
+
+    answered_s: float | None
 
     def wait(self, text: str) -> None:
         """Until the participant wants to go on."""
@@ -54,6 +58,8 @@ class Participant(Protocol):
 
 class PretendedParticipant:
     """Answers by a psychometric function; the same in every run of a session."""
+
+    answered_s: float | None = None
 
     def __init__(self, function: Psychometric, seed: Sequence[int] = (0,)) -> None:
         self._function = function
@@ -208,7 +214,12 @@ def _presented(
     answer = participant.ask(
         Question(trial.number, file.response.question, experiment.answers, trial, level)
     )
-    response_time_s = time.monotonic() - asked_s
+    answered_s = participant.answered_s
+    if answered_s is None:
+        answered_s = time.monotonic()
+        said = {"trial": trial.number, "answer": answer + 1, "response": experiment.answers[answer]}
+        apparatus.mark("answered", said)
+    response_time_s = answered_s - (asked_s if apparatus.onset_s is None else apparatus.onset_s)
     intervals = file.trial.intervals
     correct = correct_answer(trial, answer, intervals)
     if correct is not None and (file.response.feedback or trial.practice):

@@ -165,6 +165,7 @@ new Stream("/events", {
   message: (event) => {
     if (OF_TARGETS.includes(event.kind) && !objects.held) objects.stir();
     if (event.kind !== "scene") happened.add(event);
+    showInterval(event);
   },
 });
 
@@ -198,6 +199,12 @@ function finger(newest) {
   if (!newest || newest.position_x_m === null) return null;
   const { position_x_m: x_m, position_y_m: y_m, output_x_m, output_y_m, in_contact } = newest;
   return { x_m, y_m, output_x_m, output_y_m, touching: in_contact > 0 };
+}
+
+// Which interval of an experiment's trial runs.
+function showInterval({ kind, message, data }) {
+  const [, number, how] = (kind === "marker" && message.match(/^interval (\d) (begins|ends)$/)) || [];
+  if (number) say("interval", how === "begins" ? `interval ${number}${data.of ? ` of ${data.of}` : ""}` : "");
 }
 
 function showState(status) {

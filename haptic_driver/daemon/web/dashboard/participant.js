@@ -5,6 +5,7 @@ import { ask, Stream } from "./connection.js";
 const at = (id) => document.getElementById(id);
 let question = null; // the one that waits for an answer: { number, answers }
 let newest = 0;
+const TONE_HZ = 880, TONE_S = 0.15, TONE_LEVEL = 0.2;
 
 function show(text, answers = []) {
   at("text").textContent = text;
@@ -31,7 +32,7 @@ async function choose(answer) {
 }
 
 const HEARD = {
-  "trial begins": () => { question = null; at("told").textContent = ""; show("Slide your finger on the screen."); },
+  "trial begins": () => { question = null; at("told").textContent = ""; show("Get ready."); },
   "trial ends": () => { question = null; },
   question: ({ number, data }) => {
     question = null;
@@ -53,8 +54,26 @@ function hear(event) {
   newest = event.number;
   if (event.kind !== "marker") return;
   HEARD[event.message]?.(event);
-  const interval = event.message.match(/^interval (\d) begins$/);
-  if (interval) show(`${interval[1]}: slide your finger on the screen.`);
+  const interval = event.message.match(/^interval (\d) (begins|ends)$/);
+  if (interval) showInterval(interval[1], interval[2] === "begins", event.data);
+}
+
+function showInterval(number, begins, { of = 2, sound = false }) {
+  if (!begins) return show(Number(number) < of ? "Wait." : "…");
+  show(of > 1 ? `${number}: slide your finger on the screen.` : "Slide your finger on the screen.");
+  if (sound) ring();
+}
+
+// A browser lets a page sound once somebody has pressed something there.
+let audio = null;
+function ring() {
+  audio ??= new AudioContext();
+  const tone = audio.createOscillator(), level = audio.createGain();
+  tone.frequency.value = TONE_HZ;
+  level.gain.value = TONE_LEVEL;
+  tone.connect(level).connect(audio.destination);
+  tone.start();
+  tone.stop(audio.currentTime + TONE_S);
 }
 
 addEventListener("keydown", ({ key, repeat }) => {

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from haptic_driver.experiments.psychophysics.apparatus import _halves
-from haptic_driver.experiments.psychophysics.delivery import Felt, felt, strokes, why_not_delivered
+from haptic_driver.experiments.psychophysics.delivery import (
+    Felt,
+    Onsets,
+    felt,
+    onsets,
+    strokes,
+    why_not_delivered,
+)
 from haptic_driver.experiments.psychophysics.description import Delivery
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.textures.library import load_texture
@@ -105,10 +112,23 @@ def test_strokes_are_counted_from_turn_to_turn_and_lift_to_lift():
         ({}, ""),
         ({"sliding_s": 0.1}, "interval 2: the finger slid for 0.1 s"),
         ({"sliding_s": 0.0, "felt_cof": np.nan, "within_5_percent": np.nan}, "slid for 0 s"),
-        ({"within_5_percent": 0.4}, "interval 2: within 5 % for 40% of the time"),
+        (
+            {"within_5_percent": 0.4, "felt_cof": 0.54},
+            "interval 2: within 5 % for 40% of the time; speed or finger: 0.5 was expected, 0.54"
+            " was felt at 50 mm/s",
+        ),
         (
             {"within_5_percent": 0.4, "reachable_share": 0.0, "reachable_cof": 0.46},
-            "out of this rig's reach for 100%: of friction 0.5 it expected to do 0.46",
+            "load: under 0.5 N friction 0.5 is out of this finger's reach for 100% of it, at most"
+            " 0.46 was expected",
+        ),
+        (
+            {"within_5_percent": 0.0, "reachable_share": 0.2, "reachable_cof": 0.56},
+            "at least 0.56 was expected",
+        ),
+        (
+            {"within_5_percent": 0.1, "reachable_share": 0.9, "reachable_cof": 0.46},
+            "feedback's caution: of a finger that it knows little of it asked 0.46, for 0.5",
         ),
         ({"reachable_share": 0.0, "reachable_cof": 0.49}, ""),  # as near as one feels
     ],
@@ -117,6 +137,20 @@ def test_why_a_trial_counts_as_not_delivered(changed, words):
     said = why_not_delivered([GOOD, GOOD._replace(**changed)], Delivery())
     assert words in said
     assert bool(words) == bool(said)
+
+
+def test_an_interval_can_be_felt_once_the_finger_slides_and_the_output_is_on():
+    samples = made(1000)  # from 100 s on
+    samples["in_contact"][:100] = 0
+    samples["speed_m_s"][:150] = 0.0
+    samples["output_on"][120:] = 1
+    times_s = (100.1, 100.15, 100.12, 100.15)
+    assert onsets(samples) == pytest.approx(Onsets(*times_s))
+    samples["output_on"][:300] = 0
+    assert onsets(samples).onset_s == pytest.approx(100.3)
+    samples["output_on"] = 0
+    assert onsets(samples)[2:] == (None, None)
+    assert onsets(samples[:50]) == Onsets(None, None, None, None)
 
 
 def test_two_regions_are_a_profile_that_changes_in_the_middle(tmp_path):

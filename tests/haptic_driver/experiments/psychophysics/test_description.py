@@ -11,7 +11,7 @@ from tests.haptic_driver.experiments.psychophysics.files import CONDITION, CONST
 
 def test_the_experiment_that_comes_with_the_program_loads():
     experiment = load_experiment("friction_difference")
-    assert [c.name for c in experiment.file.condition] == ["at055", "at065"]
+    assert [c.name for c in experiment.file.condition] == ["at 0.55", "at 0.65"]
     assert (experiment.answers, experiment.keys) == (("first", "second"), ("1", "2"))
     assert experiment.guess == 0.5
 
@@ -43,6 +43,20 @@ comparisons = [{ level = 0.1, texture = "grating" }, { level = 0.3, texture = "r
     assert ratio.available(0.19) == 0.19
 
 
+def test_an_axis_says_what_a_level_is_and_its_unit(tmp_path):
+    share, difference = "cof = 0.5\n", 'cof = 0.5\ncompare = "difference"\n'
+    texture = 'texture = "linen"\ncomparisons = [{ level = 0.1, texture = "grating" }]\n'
+    axes = [
+        made(tmp_path, conditions=f'[[condition]]\nname = "a"\n{one}').file.condition[0].axis
+        for one in (share, difference, texture)
+    ]
+    assert axes == [
+        "level: friction above 0.5, as a share of it (1)",
+        "level: friction above 0.5 (1)",
+        "level of the texture, as the file numbers it",
+    ]
+
+
 @pytest.mark.parametrize(
     ("head", "form", "guess"),
     [
@@ -65,6 +79,9 @@ def test_guessing_follows_from_the_task(tmp_path, head, form, guess):
         ("", "", CONDITION, "method is missing"),
         ("", '[method]\nkind = "stair"\n', CONDITION, "method.kind is 'stair'"),
         ("", CONSTANT, CONDITION + CONDITION, "same name"),
+        ("", CONSTANT, CONDITION.replace('"a"', '" a"'), "neither begins nor ends with a space"),
+        ("", CONSTANT, CONDITION.replace('"a"', r'"a\nb"'), "one line"),
+        ("", CONSTANT, CONDITION.replace('"a"', '""'), "name"),
         ("", CONSTANT, CONDITION + '[[block]]\nconditions = ["b"]', "no condition 'b'"),
         ("", CONSTANT, '[[condition]]\nname = "a"', "either cof or texture"),
         ("", CONSTANT, '[[condition]]\nname = "a"\ntexture = "linen"', "comparisons"),

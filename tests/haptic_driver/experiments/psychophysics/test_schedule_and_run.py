@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.psychophysics.analysis import analyse
 from haptic_driver.experiments.psychophysics.apparatus import AssumedApparatus
-from haptic_driver.experiments.psychophysics.data import COLUMNS, SessionFiles
+from haptic_driver.experiments.psychophysics.data import COLUMNS, SessionFiles, label_of
 from haptic_driver.experiments.psychophysics.delivery import Felt
-from haptic_driver.experiments.psychophysics.description import Stimulus
+from haptic_driver.experiments.psychophysics.description import Stimulus, load_experiment
 from haptic_driver.experiments.psychophysics.functions import Psychometric
 from haptic_driver.experiments.psychophysics.rehearsal import pretended, reached, try_design
 from haptic_driver.experiments.psychophysics.run import PretendedParticipant, run_session
@@ -31,7 +32,9 @@ from haptic_driver.experiments.psychophysics.schedule import (
     correct_answer,
     positive_answer,
 )
+from haptic_driver.textures.library import load
 from tests.haptic_driver.experiments.psychophysics.files import (
+    CONDITION,
     CONSTANT,
     QUEST_PLUS,
     STAIRCASE,
@@ -146,6 +149,8 @@ def test_the_comparison_is_where_the_trial_says(tmp_path):
 
 class Leaves:
     """Somebody who answers like another, and presses Ctrl-C instead of the answer to a trial."""
+
+    answered_s = None
 
     def __init__(self, other, at):
         self._other, self._at, self.waited = other, at, []
@@ -360,6 +365,88 @@ def test_what_a_rig_reaches_of_a_design(tmp_path):
     assert reached(experiment, experiment.condition("b"), (0.2, 0.5)).reached_levels is None
     alone = made(tmp_path, tables="[trial]\nintervals = 1\n" + CONSTANT)
     assert reached(alone, alone.condition("a"), (0.6, 0.8)).standard_is_reached
+
+
+def test_what_a_rig_reaches_of_textures_is_what_the_textures_ask_for(tmp_path):
+    """`grating` asks for 0.6 to 0.8, `uniform` for 0.6 everywhere."""
+    conditions = """[[condition]]
+name = "threads"
+texture = "uniform"
+comparisons = [{ level = 0.1, texture = "uniform" }, { level = 0.2, texture = "grating" }]
+"""
+    experiment = made(tmp_path, conditions=conditions)
+    (condition,) = experiment.file.condition
+    grating = load("grating", texture_dirs()).target.bounds()
+    (uniform,) = set(load("uniform", texture_dirs()).target.bounds())
+    within = reached(experiment, condition, grating)
+    assert within.standard_is_reached
+    assert within.asked_cof == pytest.approx((min(grating[0], uniform), max(grating[1], uniform)))
+    assert within.reached_levels == (0.1, 0.2)
+    assert [one.texture for one in within.textures] == ["uniform", "grating"]
+    narrow = reached(experiment, condition, (uniform - 0.001, uniform + 0.001))
+    assert (narrow.standard_is_reached, narrow.reached_levels) == (True, (0.1, 0.1))
+    assert narrow.textures[1].share_above > 0.1
+    assert "out of reach" in narrow.textures[1].said()
+    none = reached(experiment, condition, (uniform + 0.2, uniform + 0.3))
+    assert (none.standard_is_reached, none.reached_levels) == (False, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("made", "made"),
+        ("Reibung: Größe & Kraft", "ReibungGroeKraft"),
+        ("é_1", "e1"),
+        ("摩擦", "6377f852"),  # by sha256sum
+    ],
+)
+def test_a_name_of_any_words_has_its_letters_and_digits_in_the_names_of_files(name, label):
+    assert label_of(name) == label
+
+
+def test_results_of_an_experiment_with_a_free_name_are_found_again(tmp_path):
+    path, by_hand = tmp_path / "free.toml", CONDITION.replace('"a"', '"by hand"')
+    path.write_text(f'name = "A look: linen & co"\n{CONSTANT}\n{by_hand}')
+    experiment = load_experiment(str(path))
+    files = SessionFiles(tmp_path / "out", "P1", "01", experiment.file.name)
+    about = {"Experiment": experiment.file.model_dump(mode="json", exclude_none=True)}
+    run_session(experiment, files, AssumedApparatus(), pretended(experiment, "P1", "01"), about)
+    assert files.table.name == "sub-P1_ses-01_task-Alooklinenco_beh.tsv"
+    (result,) = analyse(tmp_path / "out")
+    assert (result.task, result.trials) == ("A look: linen & co", 6)
+
+
+class Heard(AssumedApparatus):
+    """Keeps what is marked; the last interval could be felt from 90 s on."""
+
+    onset_s = 90.0
+
+    def __init__(self):
+        self.marked = []
+
+    def mark(self, label, data):
+        self.marked.append((label, data))
+        return 0.0
+
+
+class AnsweredByMarker(PretendedParticipant):
+    answered_s = 92.5
+
+
+def test_response_time_counts_from_when_the_last_interval_could_be_felt(tmp_path):
+    experiment, apparatus = made(tmp_path), Heard()
+    somebody = AnsweredByMarker(Psychometric("weibull", 0.1, 3.0, 0.5))
+    files, _ = session_of(experiment, tmp_path / "out", somebody, apparatus)
+    assert {row.response_time_s for row in files.rows()} == {2.5}
+    assert "answered" not in [label for label, _ in apparatus.marked]  # its marker is there
+
+
+def test_who_answers_without_a_marker_is_marked_with_the_answers_number(tmp_path):
+    experiment, apparatus = made(tmp_path), Heard()
+    files, _ = session_of(experiment, tmp_path / "out", apparatus=apparatus)
+    numbers = [data["answer"] for label, data in apparatus.marked if label == "answered"]
+    responses = [("first", "second")[number - 1] for number in numbers]
+    assert responses == [row.response for row in files.rows()]
 
 
 @pytest.mark.soak
