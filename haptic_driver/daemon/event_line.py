@@ -109,7 +109,7 @@ class EventLineWriter:
 
     def _serve(self) -> None:
         while not self._ending.is_set():
-            for one in self._seen():
+            for one in self._happened():
                 self._put(one)
             with suppress(queue.Empty):
                 self._put(self._due.get(timeout=LOOK_S))
@@ -130,11 +130,15 @@ class EventLineWriter:
 
     def _leave_out(self) -> None:
         """What was due while there was no line."""
+        for one in self._happened():
+            self._miss(one)
+
+    def _happened(self) -> list[Due]:
+        """All that is due now, in the order in which it happened."""
         due = self._seen()
         while not self._due.empty():
             due.append(self._due.get())
-        for one in due:
-            self._miss(one)
+        return sorted(due, key=lambda one: one.since_s)
 
     def _miss(self, due: Due) -> None:
         self._missed()

@@ -22,18 +22,23 @@ class Edge(NamedTuple):
 
 
 class SimulatedTriggerBox:
-    """The box; `edges` are the last changes of its wires."""
+    """The box, by the protocol of `trigger_box.py`."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self.edges: deque[Edge] = deque(maxlen=EDGES_KEPT)
+        self._edges: deque[Edge] = deque(maxlen=EDGES_KEPT)
         self._clock = clock
         self._code = 0
+
+    @property
+    def edges(self) -> list[Edge]:
+        """The last changes of its wires, oldest first."""
+        return list(self._edges)
 
     def handle(self, data: bytes) -> bytes:
         """Each byte is the new state; nothing is answered."""
         for code in data:
             if code != self._code:
-                self.edges.append(Edge(self._clock(), code))
+                self._edges.append(Edge(self._clock(), code))
                 self._code = code
         return b""
 

@@ -130,9 +130,9 @@ class DaemonApparatus:
         self, stimulus: Stimulus, settings: TrialSettings, number: int, count: int
     ) -> NDArray[np.void]:
         """Present one of `count`, say so, and mark its ends; its samples."""
-        self._begin(stimulus)
         which: dict[str, object] = {"interval": number, "of": count, "sound": settings.sound}
         began_s = self.mark(f"interval {number} begins", which)
+        self._begin(stimulus)
         self._tell(f"{number} … slide now" if count > 1 else "slide now")
         if settings.sound:
             self._ring()

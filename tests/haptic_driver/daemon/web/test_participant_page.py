@@ -87,8 +87,12 @@ def test_a_participant_reads_feels_and_answers_with_large_buttons_or_keys(page, 
     thread.join()
 
     client.mark("trial begins", {"trial": 1})
-    expect(page.locator("#text")).to_have_text("Slide your finger on the screen.")
+    expect(page.locator("#text")).to_have_text("Get ready.")
     expect(page.locator("#answers button")).to_have_count(0)
+    client.mark("interval 1 begins", {"interval": 1, "of": 2, "sound": False})
+    expect(page.locator("#text")).to_have_text("1: slide your finger on the screen.")
+    client.mark("interval 1 ends", {"interval": 1, "of": 2})
+    expect(page.locator("#text")).to_have_text("Wait.")
     client.mark("interval 2 begins")
     expect(page.locator("#text")).to_have_text("2: slide your finger on the screen.")
     thread, found = answering(lambda: participant.ask(QUESTION))
@@ -109,6 +113,55 @@ def test_a_participant_reads_feels_and_answers_with_large_buttons_or_keys(page, 
     assert [data["answer"] for data in answers(client)] == ["go on", "second"]
     participant.tell("Right.")
     expect(page.locator("#told")).to_have_text("Right.")
+
+
+def test_an_only_interval_has_no_number(page, client):
+    client.mark("interval 1 begins", {"interval": 1, "of": 1, "sound": False})
+    expect(page.locator("#text")).to_have_text("Slide your finger on the screen.")
+    client.mark("interval 1 ends", {"interval": 1, "of": 1})
+    expect(page.locator("#text")).to_have_text("…")
+
+
+def test_an_interval_sounds_where_the_experiment_says_so(page, client):
+    page.evaluate(
+        """() => { window.tones = []; const start = OscillatorNode.prototype.start;
+        OscillatorNode.prototype.start = function () { tones.push(this.frequency.value); start.call(this); }; }"""
+    )
+    for number, sound in ((1, False), (2, True)):
+        client.mark(f"interval {number} begins", {"interval": number, "of": 2, "sound": sound})
+    expect(page.locator("#text")).to_have_text("2: slide your finger on the screen.")
+    assert page.evaluate("tones") == [880]
+
+
+def test_nothing_on_the_page_gives_the_answer_away(page, client):
+    """What the markers of a trial say of level, place and felt friction is nowhere in the DOM."""
+    secrets = {"level": 0.13579, "condition": "at0.55secret", "position": 2, "cof": 0.62468}
+    client.mark("trial begins", {"trial": 7531, "practice": False, **secrets})
+    seen = [page.content()]
+    expect(page.locator("#text")).to_have_text("Get ready.")
+    for number in (1, 2):
+        which = {"interval": number, "of": 2, "sound": False, **secrets, "onset_s": 86420.5}
+        client.mark(f"interval {number} begins", which)
+        expect(page.locator("#text")).to_contain_text(f"{number}: slide")
+        seen.append(page.content())
+        client.mark(f"interval {number} ends", which)
+        expect(page.locator("#text")).to_have_text("Wait." if number == 1 else "…")
+        seen.append(page.content())
+    thread, _ = answering(lambda: MarkerParticipant(client).ask(QUESTION))
+    expect(page.locator("#answers button")).to_have_count(2)
+    seen.append(page.content())
+    shown = page.evaluate(
+        "() => [document.title, ...[...document.querySelectorAll('*')].flatMap("
+        "(one) => [...one.attributes].map(({ value }) => value))].join(' ')"
+    )
+    page.keyboard.press("1")
+    thread.join()
+    client.mark("trial ends", {"trial": 7531, "response": "first", **secrets})
+    seen += [page.content(), shown]
+    for html in seen:
+        for secret in ("13579", "secret", "62468", "7531", "86420"):
+            assert secret not in html
+        assert "position" not in html
 
 
 def test_stop_takes_the_output_away_and_says_so(page, client, control):

@@ -55,8 +55,8 @@ def test_each_interval_is_told_and_marked_at_both_ends_and_ends_off(tmp_path):
     begins = ["interval 1 begins", "interval 2 begins"]
     ends = ["interval 1 ends", "interval 2 ends"]
     assert client.done == [
-        *(0.55, begins[0], "off", ends[0]),
-        *(0.66, begins[1], "off", ends[1]),
+        *(begins[0], 0.55, "off", ends[0]),
+        *(begins[1], 0.66, "off", ends[1]),
     ]
     assert told == ["1 … slide now", "wait …", "2 … slide now"]
     assert (round(first.felt_cof, 6), round(second.felt_cof, 6)) == (0.55, 0.66)
@@ -70,7 +70,7 @@ def test_the_only_interval_has_no_number_and_sounds_where_the_file_says_so(tmp_p
     apparatus = DaemonApparatus(client, client, tmp_path, told.append, lambda: told.append("ring"))
     settings = TrialSettings(intervals=1, duration_s=0.4, sound=True)
     apparatus.present([Stimulus(0.55)], settings, settle_s=0.1)
-    assert client.done == [0.55, "interval 1 begins", "off", "interval 1 ends"]
+    assert client.done == ["interval 1 begins", 0.55, "off", "interval 1 ends"]
     assert client.marked["interval 1 begins"]["sound"] is True
     assert told == ["slide now", "ring"]
 
@@ -81,4 +81,4 @@ def test_two_regions_are_one_interval(tmp_path):
     client.play = lambda texture, *, nearest=False: client.done.append("regions")
     settings = TrialSettings(place="regions", duration_s=0.4)
     apparatus.present([Stimulus(0.55), Stimulus(0.66)], settings, settle_s=0.1)
-    assert client.done == ["regions", "interval 1 begins", "off", "interval 1 ends"]
+    assert client.done == ["interval 1 begins", "regions", "off", "interval 1 ends"]
