@@ -13,6 +13,7 @@ from benchmarks import (
     contact_area,
     daemon_fidelity,
     envelope,
+    event_line,
     live,
     load,
     published_algorithm,
@@ -40,6 +41,7 @@ PARTS = (
     tick_lateness,
     scene,
     daemon_fidelity,
+    event_line,
 )
 
 

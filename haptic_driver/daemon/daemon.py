@@ -379,8 +379,9 @@ def _event_line(
     if isinstance(section, NoEventLine):
         return None
     return EventLineWriter(
-        section,
         make_event_line(section),
+        section.pulse_s,
+        settings.config.event_codes,
         shared.ring,
         lambda: orders.pump.output_on,
         events,

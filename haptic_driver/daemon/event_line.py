@@ -22,7 +22,7 @@ from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import Ring
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
-from haptic_driver.rig.parts.event_lines import EventCodes, EventLineSection
+from haptic_driver.rig.parts.event_lines import EventCodes
 from hw.event_line.contract import HIGHEST_CODE, EventLine
 
 LOOK_S = 0.001
@@ -53,19 +53,19 @@ class EventLineWriter:
 
     def __init__(
         self,
-        section: EventLineSection,
         line: EventLine,
+        pulse_s: float,
+        codes: EventCodes,
         ring: Ring,
         output_on: Callable[[], bool | None],
         events: EventLog,
         missed: Callable[[], object],
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.line = line
-        self._pulse_s, self._codes = section.pulse_s, section.codes
-        self._coded = Codes(section.codes)
+        self._pulse_s, self._codes = pulse_s, codes
+        self._coded = Codes(codes)
         self._ring, self._output_on = ring, output_on
-        self._events, self._missed, self._clock = events, missed, clock
+        self._events, self._missed = events, missed
         self._due: queue.SimpleQueue[Due] = queue.SimpleQueue()
         self._position = 0  # in the ring
         self._touching, self._on = False, False
@@ -120,7 +120,7 @@ class EventLineWriter:
         except BaseException:
             self._miss(due)
             raise
-        time_s = self._clock()
+        time_s = time.monotonic()
         data = {"code": due.code, "late_s": time_s - due.since_s}
         data |= {} if due.event is None else {"event": due.event}
         self._events.add("edge", due.what, data, time_s)
@@ -154,7 +154,7 @@ class EventLineWriter:
         if on is not None and on != self._on:
             self._on = on
             code = self._codes.output_on if on else self._codes.output_off
-            due.append(Due("output on" if on else "output off", code, self._clock()))
+            due.append(Due("output on" if on else "output off", code, time.monotonic()))
         return [one for one in due if one.code]
 
     def _contact(self, samples: Iterable[tuple[float, int]]) -> Iterator[Due]:

@@ -56,7 +56,7 @@ from haptic_driver.rig.parts.electrode_monitors import (
     CardElectrodeMonitorConfig,
     SomeElectrodeMonitor,
 )
-from haptic_driver.rig.parts.event_lines import EventLineConfig, NoEventLine
+from haptic_driver.rig.parts.event_lines import EventCodes, EventLineConfig, NoEventLine
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.rig.parts.generators import GeneratorConfig, WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox, InterlockConfig
@@ -390,6 +390,7 @@ class RigConfig(Section):
     finger_tracker: SomeTracker = NoFingerTracker()
     camera: SomeCamera = NoCamera()
     event_line: EventLineConfig = NoEventLine()
+    event_codes: EventCodes = EventCodes()
     screen: ScreenConfig = ScreenConfig()
     output: OutputConfig = OutputConfig()
     finger: FingerConfig = FingerConfig()

@@ -52,7 +52,7 @@ class NoEventLine(Section):
 
 
 class EventLineSection(Section):
-    """What every event line has: how long an edge stays, and the codes.
+    """What every event line has: how long an edge stays.
 
     Pulses never overlap: one that is due during another comes `pulse_s` after its end.
     """
@@ -60,7 +60,6 @@ class EventLineSection(Section):
     pulse_s: PulseSeconds = Field(
         default=0.005, description="a code stays for so long, then 0 for as long"
     )
-    codes: EventCodes = EventCodes()
 
 
 class TriggerBoxConfig(EventLineSection):

@@ -13,7 +13,7 @@ from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.recording.event import Event
-from haptic_driver.rig.parts.event_lines import EventCodes, SimulatedEventLineConfig
+from haptic_driver.rig.parts.event_lines import EventCodes
 from hw.event_line.simulated import SimulatedEventLine, SimulatedTriggerBox
 from hw.event_line.trigger_box import TriggerBox
 from hw.serving.responder import Disconnect
@@ -22,7 +22,7 @@ from hw.transport.serial import SerialTransport
 from tests.waiting import HANG_S, until
 
 pytestmark = pytest.mark.timeout(2 * HANG_S)
-SECTION = SimulatedEventLineConfig(kind="simulated", pulse_s=1e-3)
+PULSE_S = 1e-3
 
 
 def marker(label, kind="marker", **data):
@@ -78,7 +78,13 @@ class Bench:
         self.shared, self.events, self.output_on, self.misses = SharedState(), EventLog(), False, 0
         self.ticks = 0
         self.writer = EventLineWriter(
-            SECTION, line, self.shared.ring, lambda: self.output_on, self.events, self.miss
+            line,
+            PULSE_S,
+            EventCodes(),
+            self.shared.ring,
+            lambda: self.output_on,
+            self.events,
+            self.miss,
         )
 
     def miss(self):
@@ -148,7 +154,7 @@ def test_edges_of_one_moment_come_one_after_the_other(bench_on):
     until(lambda: len(line.box.edges) == 20)
     assert codes_of(line.box) == [code for n in range(1, 11) for code in (n, 0)]
     times_s = [edge.time_s for edge in bench.told("edge")]
-    assert min(b - a for a, b in pairwise(times_s)) >= 2 * SECTION.pulse_s  # high, then low
+    assert min(b - a for a, b in pairwise(times_s)) >= 2 * PULSE_S  # high, then low
 
 
 class FailsAt99(SimulatedTriggerBox):

@@ -43,18 +43,19 @@ def test_a_simulated_rig_has_none_or_a_simulated_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("section", "said"),
+    ("section", "codes", "said"),
     [
-        ({"kind": "smoke"}, "smoke"),
-        ({"kind": "simulated", "pulse_s": 0.0}, "pulse_s"),
-        ({"kind": "simulated", "codes": {"touch": 256}}, "touch"),
-        ({"kind": "simulated", "codes": {"answer": 250}}, "answer"),
-        ({"kind": "simulated", "codes": {"touches": 1}}, "touches"),
+        ({"kind": "smoke"}, {}, "smoke"),
+        ({"kind": "simulated", "pulse_s": 0.0}, {}, "pulse_s"),
+        ({"kind": "simulated"}, {"touch": 256}, "touch"),
+        ({"kind": "simulated"}, {"answer": 250}, "answer"),
+        ({"kind": "simulated"}, {"touches": 1}, "touches"),
     ],
 )
-def test_what_a_file_may_not_say(section: dict[str, object], said: str) -> None:
+def test_what_a_file_may_not_say(section: object, codes: object, said: str) -> None:
+    rig = load_rig("simulated").model_dump() | {"event_line": section, "event_codes": codes}
     with pytest.raises(BadInputError, match=said):
-        rig_with(**section)
+        parse(RigConfig, rig, "rig.toml")
 
 
 def test_each_kind_has_its_driver_and_address() -> None:
