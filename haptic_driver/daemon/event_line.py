@@ -12,6 +12,7 @@ import queue
 import re
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import NamedTuple
@@ -67,6 +68,7 @@ class EventLineWriter:
         self._ring, self._output_on = ring, output_on
         self._events, self._missed = events, missed
         self._due: queue.SimpleQueue[Due] = queue.SimpleQueue()
+        self._waiting: deque[Due] = deque()  # in the order in which they happened
         self._position = 0  # in the ring
         self._touching, self._on = False, False
         self._ending = threading.Event()
@@ -89,13 +91,14 @@ class EventLineWriter:
             self._due.put(Due(event.message, code, event.time_s, event.number))
 
     def _run(self) -> None:
-        failure = ""
+        failure, missing = "", 0
         while not self._ending.is_set():
             try:
                 self.line.open()
                 if failure:
-                    self._events.tell(KIND, f"{self.line.resource} is back")
-                    failure = ""
+                    said = f"{self.line.resource} is back; {missing} edges are missing"
+                    self._events.tell(KIND, said, missing=missing)
+                    failure, missing = "", 0
                 self._serve()
             except BaseException as error:  # whatever a driver raises, rendering goes on
                 self.line.close()
@@ -103,14 +106,19 @@ class EventLineWriter:
                 if said != failure:  # one thing once
                     failure = said
                     self._events.tell(KIND, f"no edges: {said}; it is tried again")
-                self._ending.wait(RETRY_S)
-                self._leave_out()
+                if self._ending.wait(RETRY_S):
+                    return
+                for _ in (*self._waiting, *self._happened()):
+                    self._missed()
+                    missing += 1
+                self._waiting.clear()
         self.line.close()
 
     def _serve(self) -> None:
         while not self._ending.is_set():
-            for one in self._happened():
-                self._put(one)
+            self._waiting += self._happened()
+            while self._waiting:
+                self._put(self._waiting.popleft())
             with suppress(queue.Empty):
                 self._put(self._due.get(timeout=LOOK_S))
 
@@ -118,7 +126,7 @@ class EventLineWriter:
         try:
             self.line.put(due.code)
         except BaseException:
-            self._miss(due)
+            self._waiting.appendleft(due)  # to be counted
             raise
         time_s = time.monotonic()
         data = {"code": due.code, "late_s": time_s - due.since_s}
@@ -128,21 +136,12 @@ class EventLineWriter:
         self.line.put(0)
         time.sleep(self._pulse_s)
 
-    def _leave_out(self) -> None:
-        """What was due while there was no line."""
-        for one in self._happened():
-            self._miss(one)
-
     def _happened(self) -> list[Due]:
         """All that is due now, in the order in which it happened."""
         due = self._seen()
         while not self._due.empty():
             due.append(self._due.get())
         return sorted(due, key=lambda one: one.since_s)
-
-    def _miss(self, due: Due) -> None:
-        self._missed()
-        self._events.tell(KIND, f"the edge of {due.what} is missing", code=due.code)
 
     def _seen(self) -> list[Due]:
         """Edges of contact and output since the last look."""
@@ -187,12 +186,13 @@ class Codes:
             answers = event.data.get("answers")
             self._answers = answers if isinstance(answers, list) else []
             return 0
+        answers = self._answers  # another thread may hear of another question meanwhile
         word = event.data.get("answer") if event.message == "answer" else event.message
-        if word not in self._answers:
+        if word not in answers:
             return self._named(event.message, event.data)
-        number, count = self._answers.index(word) + 1, len(self._answers)
         self._answers = []
-        return _numbered(self._codes.answer, number) if count > 1 else 0
+        number = answers.index(word) + 1
+        return _numbered(self._codes.answer, number) if len(answers) > 1 else 0
 
     def _named(self, label: str, data: Mapping[str, object]) -> int:
         codes = self._codes

@@ -266,6 +266,13 @@ def test_a_model_is_chosen_and_a_recording_begun_and_ended(page, served, control
     ]
 
 
+def test_which_interval_of_a_trial_runs_stands_above_the_screen(page, control):
+    control.mark("interval 1 begins", {"interval": 1, "of": 2})
+    text(page, "#interval", "interval 1 of 2")
+    control.mark("interval 1 ends", {"interval": 1, "of": 2})
+    text(page, "#interval", "")
+
+
 def test_notes_and_markers_are_among_the_events(page, control):
     page.fill("#note", "the finger was wiped")
     page.click("#mark button")

@@ -414,6 +414,7 @@ def test_results_of_an_experiment_with_a_free_name_are_found_again(tmp_path):
     assert files.table.name == "sub-P1_ses-01_task-Alooklinenco_beh.tsv"
     (result,) = analyse(tmp_path / "out")
     assert (result.task, result.trials) == ("A look: linen & co", 6)
+    assert result.axis == "level: friction above 0.5, as a share of it (1)"
 
 
 class Heard(AssumedApparatus):
