@@ -471,7 +471,7 @@ class NiEventLine(_NiLine):
         """Set the lines, the first by bit 0. Raises DeviceError."""
         with self._taken() as task:
             value = code if _is_range(self.resource) else code != 0
-            task.write(value, auto_start=True, timeout=self._timeout_s)
+            task.write(value, auto_start=True, timeout=_LINE_TIMEOUT_S)
 
     def close(self) -> None:
         """Lines low, if the card still listens, and released; never fails."""

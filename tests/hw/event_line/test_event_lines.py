@@ -14,9 +14,9 @@ from hw.event_line.modem_line import ModemEventLine
 from hw.event_line.parallel_port import PPCLAIM, PPEXCL, PPRELEASE, PPWDATA, ParallelPort
 from hw.event_line.simulated import SimulatedEventLine, SimulatedTriggerBox
 from hw.event_line.trigger_box import TriggerBox
+from hw.serving.memory import MemoryTransport
 from hw.serving.serial import SerialServer
 from hw.transport.serial import SerialTransport
-from tests.hw.testing.memory import MemoryTransport
 from tests.waiting import HANG_S, until
 
 pytestmark = pytest.mark.timeout(2 * HANG_S)
