@@ -49,7 +49,17 @@ PANELS = {
         "contact",
         "simulate",
     ),
-    ON_A_RIG: ("doctor", "calibrate-touch", "load", "daemon", "arm", "texture", "scene", "watch"),
+    ON_A_RIG: (
+        "doctor",
+        "safety",
+        "calibrate-touch",
+        "load",
+        "daemon",
+        "arm",
+        "texture",
+        "scene",
+        "watch",
+    ),
     "Record and experiment": ("record", "mark", "export", "experiment"),
     "When friction is not as the model says": (
         "measure",

@@ -89,6 +89,11 @@ FORBIDDEN = [  # rule, file, import that must break it
     ("the-driver-reads-forward", "haptic_driver/daemon/daemon.py", "import haptic_driver.client"),
     ("the-driver-reads-forward", "haptic_driver/client.py", "import haptic_driver.cli.output"),
     (
+        "the-driver-reads-forward",
+        "haptic_driver/daemon/stepped.py",
+        "import haptic_driver.papers.document",
+    ),
+    (
         "the-render-process-is-alone",
         "haptic_driver/daemon/render_process.py",
         "import hw.amplifier.analog",
