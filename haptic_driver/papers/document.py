@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 ENDINGS = (".pdf", ".html", ".json")
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em;
-  color: #1a1a1a; background: #fff; overflow-wrap: anywhere; }
+  color: #1a1a1a; background: #fff; overflow-wrap: break-word; }
 h1 { font-size: 1.5em; margin-bottom: 0.1em; } h2 { font-size: 1.1em; margin: 1.6em 0 0.3em; }
 .about, .small, figcaption { color: #555; font-size: 0.87em; }
-table { border-collapse: collapse; width: 100%; font-size: 0.87em; }
+table { border-collapse: collapse; width: 100%; font-size: 0.87em; table-layout: fixed; }
 th { text-align: left; border-bottom: 1.5px solid #1a1a1a; }
 td { border-bottom: 1px solid #ccc; vertical-align: top; }
 th, td { padding: 0.25em 0.8em 0.25em 0; }
@@ -127,12 +127,19 @@ def _html(block: Block) -> str:
             return f"<p{' class=small' if small else ''}>{_text(text)}</p>"
         case Table():
             head = "".join(f"<th>{_text(cell)}</th>" for cell in block.header)
+            whole = sum(block.widths)
+            columns = "".join(
+                f'<col style="width:{100 * share / whole:.1f}%">' for share in block.widths
+            )
             style = f' style="height:{block.row_mm:g}mm"' if block.row_mm else ""
             rows = "\n".join(
                 f"<tr{style}>{''.join(f'<td>{_text(cell)}</td>' for cell in row)}</tr>"
                 for row in block.rows
             )
-            return f"<table><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>"
+            return (
+                f"<table><colgroup>{columns}</colgroup><thead><tr>{head}</tr></thead>"
+                f"<tbody>\n{rows}\n</tbody></table>"
+            )
         case Figure():
             return f"<figure>{_svg(block)}<figcaption>{_text(block.caption)}</figcaption></figure>"
 

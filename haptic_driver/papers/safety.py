@@ -32,7 +32,7 @@ def safety_file(seen: Inspected) -> Document:
     """The whole paper."""
     facts = facts_of(seen)
     name, rig = facts["rig"], seen.config
-    is_simulated = " (simulated: no current flows through anybody)" if rig.simulated else ""
+    is_simulated = " (simulated)" if rig.simulated else ""
     return Document(
         title=f"Inspection report: rig '{name}'{is_simulated}",
         about=(

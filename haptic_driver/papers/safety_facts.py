@@ -151,7 +151,6 @@ def _devices(rig: RigConfig) -> Iterator[tuple[str, str]]:
         "current monitor": amplifier.current_monitor,
         "fault line": amplifier.fault_line,
     }
-    simulated = " (simulated)" if rig.simulated else ""
     wired = ", ".join(f"{name} {line or 'none'}" for name, line in lines.items())
     yield "amplifier's lines", f"simulated: {', '.join(lines)}" if rig.simulated else wired
     watchdog = rig.watchdog
@@ -169,9 +168,12 @@ def _devices(rig: RigConfig) -> Iterator[tuple[str, str]]:
         "load stage": rig.load_stage,
         "camera": rig.camera,
     }
-    said = [f"{name} {'none' if one is None else one.kind}" for name, one in parts.items()]
+    if rig.simulated:
+        parts.pop("finger tracker")  # a simulated finger is where it is
+    missing = "simulated" if rig.simulated else "none"
+    said = [f"{name} {missing if one is None else one.kind}" for name, one in parts.items()]
     stage = "none" if rig.stage is None else f"up to {1e3 * rig.stage.velocity_limit_m_s:g} mm/s"
-    yield "other parts", f"{', '.join(said)}, stage {stage}{simulated}"
+    yield "other parts", f"{', '.join(said)}, stage {stage}"
 
 
 def _current_facts(found: TouchCurrents) -> list[dict[str, Any]]:
