@@ -52,6 +52,7 @@ PANELS = {
     ON_A_RIG: (
         "doctor",
         "safety",
+        "datasheet",
         "calibrate-touch",
         "load",
         "daemon",
