@@ -3,53 +3,64 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated
 
 from rich.table import Table
 from typer import Option
 
-from haptic_driver.cli.output import Json, ModelOption, RigOption, progress, report, stdout
+from haptic_driver.cli.output import (
+    Json,
+    ModelOption,
+    RigOption,
+    confirm_attended,
+    progress,
+    report,
+    stderr,
+    stdout,
+)
 from haptic_driver.errors import BadInputError
 from haptic_driver.papers.document import check_ending, write
-from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.surface.models import load_model
+from model.description import ModelDescription
+
+if TYPE_CHECKING:
+    from haptic_driver.papers.sheet_passes import Slider
 
 
 def datasheet(
     out: Annotated[Path, Option(help="The sheet: a name in .pdf, .html or .json.")],
     rig: RigOption = "simulated",
     model: ModelOption = "reference",
+    yes: Annotated[
+        bool, Option("--yes", help="A real rig begins without asking; somebody is there.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Measure a rig with a finger that slides, and write its data sheet of one page.
 
     Friction range and contrast over load and speed, rise and fall, latency from place to friction
     and the position error that it makes, bandwidth, repeatability, touch current, noise; each with
-    its interval and how it was got. A simulated finger slides in simulated time.
+    its interval and how it was got. A simulated finger slides in simulated time. On a real rig a
+    person slides, told pass by pass how, on the daemon that runs; it renders without feedback
+    meanwhile.
 
     Example: `haptic datasheet --rig simulated --out sheet.pdf`
     """
     check_ending(out)
     config, description = load_rig(rig), load_model(model)
-    if not config.simulated:
-        raise BadInputError(
-            "not_simulated",
-            f"rig {config.name} is not simulated",
-            "haptic datasheet energises no hardware yet",
-        )
     from haptic_driver.papers.data_sheet import (  # noqa: PLC0415  (slow to import)
         data_sheet,
         measure_sheet,
         pass_count,
         sheet_facts,
     )
-    from haptic_driver.papers.sheet_passes import SimulatedSlider  # noqa: PLC0415
 
-    with (
-        progress("sliding", pass_count()) as advance,
-        SimulatedSlider(config, description) as finger,
-    ):
+    with progress("sliding", pass_count()) as advance, _finger(config, description, yes) as finger:
         found = measure_sheet(finger, advance)
     facts = sheet_facts(found, config, description, datetime.date.today())
     paper = data_sheet(found, facts)
@@ -64,3 +75,34 @@ def datasheet(
         stdout.print(f"sheet: {out}")
 
     report(as_json, {**facts, "out": str(out)}, show)
+
+
+@contextmanager
+def _finger(config: RigConfig, description: ModelDescription, yes: bool) -> Iterator[Slider]:
+    """Who slides on a rig: a simulated finger, or a person at the daemon that has the rig."""
+    from haptic_driver.papers.sheet_passes import SimulatedSlider  # noqa: PLC0415
+
+    if config.simulated:
+        with SimulatedSlider(config, description) as finger:
+            yield finger
+        return
+    from haptic_driver.client import HapticClient  # noqa: PLC0415
+    from haptic_driver.papers.sheet_person import GuidedSlider  # noqa: PLC0415
+
+    with HapticClient() as client, TemporaryDirectory(prefix="haptic-sheet-") as folder:
+        status = client.status()
+        if status.rig != config.name or status.model != description.name:
+            said = f"the daemon has rig {status.rig} and model {status.model}"
+            hint = f"Start it with rig {config.name}, then: haptic use {description.name}"
+            raise BadInputError("other_rig", said, hint)
+        stderr.print(
+            f"rig {config.name} is real: a person slides, up to {config.limits.voltage_v:g} V peak."
+        )
+        if not yes:
+            confirm_attended(config.name)
+        client.use_model(name=status.model, feedback=False)
+        try:
+            with client.armed(holder="haptic datasheet") as session:
+                yield GuidedSlider(client, session, Path(folder), stderr.print)
+        finally:
+            client.use_model(name=status.model)

@@ -318,10 +318,15 @@ def _said(one: dict[str, Any]) -> tuple[str, str]:
     scale, unit = READS_WELL.get(one["unit"], (1.0, one["unit"]))
     if one["value"] is None:
         return "not known", "-"
-    value = f"{scale * one['value']:.3g} {unit}".strip()
+    value = f"{_three(scale * one['value'])} {unit}".strip()
     if one["low"] is None or one["high"] is None:
         return value, "-"
-    return value, f"{scale * one['low']:.3g} to {scale * one['high']:.3g}"
+    return value, f"{_three(scale * one['low'])} to {_three(scale * one['high'])}"
+
+
+def _three(value: float) -> str:
+    """With three digits, zeros at the end too."""
+    return f"{value:#.3g}".removesuffix(".") if value else "0"
 
 
 def _draw(axes: Sequence[Axes], found: Measured) -> None:

@@ -67,7 +67,7 @@ def mean_of(values: Sequence[float] | Array) -> Number:
 def deviation_of(values: Sequence[float] | Array) -> Number:
     """The standard deviation of independent values and its interval by chi square."""
     known = np.asarray(values, dtype=float)
-    n = known.size
+    n = int(known.size)
     if n < 3:
         return UNKNOWN
     deviation = float(known.std(ddof=1))
@@ -126,10 +126,10 @@ def touches(passes: Sequence[NDArray[np.void]]) -> tuple[Number, Number]:
             counts.append(blocks.size)
     if len(means) < 3:
         return UNKNOWN, UNKNOWN
-    freedom = sqrt((len(within) - 1) / (len(within) - len(counts)))
+    freedom: float = sqrt((len(within) - 1) / (len(within) - len(counts)))
     inside = Number(*(freedom * value for value in deviation_of(within)))
     outside = deviation_of(np.array(means) / np.mean(means))
-    share = inside.value**2 / np.mean(counts)
+    share = inside.value**2 / float(np.mean(counts))
     return inside, Number(*(sqrt(max(value**2 - share, 0.0)) for value in outside))
 
 

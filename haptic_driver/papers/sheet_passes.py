@@ -22,6 +22,7 @@ from haptic_driver.simulation.finger_model import surface_friction, with_hidden
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model
+from haptic_driver.textures.description import TEXTURE_COF
 from model.description import ModelDescription
 from model.touch_model import TouchModel
 
@@ -31,15 +32,15 @@ LOADS_N = (0.25, 0.5, 1.0)
 SPEEDS_M_S = (0.02, 0.05, 0.1)
 LOAD_N, SPEED_M_S, SLOW_M_S = 0.5, 0.05, 0.01  # of all but the range, and of what friction lags
 RANGE_S = 0.8
-NEVER, ALWAYS = 0.0, 10.0  # frictions that no finger reaches: the nearest is rendered
+NEVER, ALWAYS = TEXTURE_COF  # that no finger reaches: the nearest is rendered
 STEPS, STEP_S, STEP_MORE_S = 28, 0.12, 0.03  # times between steps differ, or they meet set points
 EDGE_SPEEDS_M_S = (0.02, 0.1)
-HALF_M, EDGE_M = 0.010, 2e-5  # between edges of the pattern, and over one
+HALF_M, EDGE_M = 0.010, 1e-4  # between edges of the pattern, and over one
 EDGES = 14
 LINES_HZ = (2.0, 4.0, 8.0, 16.0, 22.0, 32.0, 45.0, 64.0, 90.0, 128.0, 180.0, 256.0)
-LINE_S = 0.8
+LINE_S = 1.2
 REST_S = 0.05
-SWING = 0.04  # of what is asked at a line, a share of the range; larger ones meet the rise limit
+SWING = 0.05  # of what is asked at a line, a share of the range; larger ones meet the rise limit
 LEAST = 0.05  # of the range, where steps begin: a voltage is there before and after
 TOUCHES, TOUCH_S = 8, 0.6
 MIDDLE = 0.25  # of the range; a voltage rises so far within one set point
