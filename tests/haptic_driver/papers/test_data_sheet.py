@@ -102,7 +102,7 @@ def test_delay_is_that_of_the_instruments(slid) -> None:
 
 
 def test_rise_is_what_the_voltage_takes(slid) -> None:
-    """At 10 V/ms; over set points it goes by 100 V each 10 ms."""
+    """At 10 V/ms; set points 10 ms apart show of it where it is then."""
     config, found = slid
     samples = found.of("steps", SPEED_M_S)[0]
     carrier_hz = samples["frequency_hz"][-1]
@@ -119,10 +119,13 @@ def test_rise_is_what_the_voltage_takes(slid) -> None:
     answer = responses(samples, rises=True)
     if config.name == "simulated-envelope":
         took_s = (reaches_v(0.9) - reaches_v(0.1)) / config.output.voltage_rise_v_per_s
-        near(answer.ten_to_ninety_s.value, took_s)
+        half_tick_s = 0.5e-3  # the last third of the change comes within one reading of 1 ms
+        assert answer.ten_to_ninety_s.value == pytest.approx(took_s, abs=half_tick_s)
     else:
-        assert reaches_v(0.5) > begins_v + 0.5  # a second set point, then
-        assert 0.045 < answer.delay_s.value + 0.005 < 0.060
+        ramp_s = (reaches_v(0.5) - begins_v) / config.output.voltage_rise_v_per_s
+        latency_s = config.simulation.amplitude_latency_s
+        soonest_s, latest_s = ramp_s + latency_s, ramp_s + latency_s + 0.010 + 0.001
+        assert soonest_s < answer.delay_s.value < latest_s  # the ramp, then the next set point
 
 
 def test_bandwidth_is_that_of_set_points_and_lag(slid) -> None:
