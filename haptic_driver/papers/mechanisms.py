@@ -227,12 +227,14 @@ MECHANISMS = (
     Mechanism(
         "load stage",
         _load_stage,
-        "force sensor or stage fails, or the finger is pressed too hard",
-        "it lifts off, or stops where the file says so",
+        "force sensor or stage fails, the finger is pressed too hard, or the driver dies",
+        "it lifts off, or stops where the file says so; by the watchdog if the driver is dead",
         (
             f"{DRIVER}/rig/test_load_loop.py::test_a_sensor_that_fails_makes_the_stage_lift_off",
             f"{DRIVER}/rig/test_load_controller.py"
             "::test_the_limit_holds_below_one_and_a_half_times_a_high_target",
+            "tests/hw/safety/test_guarded_stage.py"
+            "::test_a_killed_driver_leaves_a_finger_that_is_free_and_an_output_that_is_off",
         ),
     ),
 )

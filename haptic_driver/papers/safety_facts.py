@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from haptic_driver.config import find_config
-from haptic_driver.files import read_bytes
 from haptic_driver.papers.currents import (
     TouchCurrents,
     fault_voltage_v,
@@ -27,6 +26,7 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.interlocks import InterlockBox
 from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
+from model.support.reading import read_bytes
 
 NOT_CHECKED = "not checked"
 
