@@ -118,7 +118,7 @@ MECHANISMS = (
     Mechanism(
         "processes",
         _always("always"),
-        "control, render, instruments or watchdog is killed or stopped",
+        "control, render or watchdog is killed, or render is stopped",
         "the others bring the electrode to zero within the lease",
         (
             f"{DRIVER}/daemon/test_kills.py"
