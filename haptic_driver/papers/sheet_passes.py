@@ -22,7 +22,7 @@ from haptic_driver.simulation.finger_model import surface_friction, with_hidden
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.surface.build import build_surface
 from haptic_driver.surface.models import load_model
-from haptic_driver.textures.description import TEXTURE_COF
+from haptic_driver.textures.objects import TEXTURE_COF
 from model.description import ModelDescription
 from model.touch_model import TouchModel
 
