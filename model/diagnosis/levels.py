@@ -4,8 +4,9 @@ Three levels of noise are told apart. A *session* shares a gain, whose size is a
 is one touch or stroke at one setting: its rows share a gain as well, whose size the data tell.
 What is left is a *row's* own. Trials repeat one another where their settings are equal as
 commanded. Loads that were measured are never quite equal: then trials whose loads and speeds lie
-near each other repeat one another, beside a slope over these. How the trials of a setting change
-alike from row to row is signal, no noise.
+near each other repeat one another, beside a slope over these. Sessions repeat one another where
+each reads a setting once. How the trials of a setting change alike from row to row is signal, no
+noise.
 """
 
 from __future__ import annotations
@@ -22,20 +23,25 @@ NEAR = 0.15  # of the logarithm: loads and speeds of one setting, held by hand o
 MOSTLY = 0.8  # of all trials: so many different loads are measured ones
 FEWEST_TRIALS = 12
 FEWEST_DEGREES = 4  # of freedom, from which a scatter is believed
+PASSES, SETTLED = 200, 1e-9  # of centring by two groupings in turn, in units of the values
 LONG_AFTER = 10.0  # times the usual time between repeats: what drifts meanwhile is no noise
 
 Numbers = NDArray[np.intp]
 
 
 class Level(NamedTuple):
-    """A variance, in units of the weights' inverse, and its degrees of freedom."""
+    """A variance, and its degrees of freedom."""
 
     variance: float
     degrees: int
 
 
 class Levels(NamedTuple):
-    """What the scatter of one witness's rows is made of."""
+    """What the scatter of one witness's rows is made of.
+
+    The variance of `row` is in units of what the rows are said to have, that of `trial` is of the
+    gain that a trial's rows share.
+    """
 
     row: Level
     trial: Level
@@ -52,11 +58,29 @@ def trials(data: Measurements) -> Numbers:
     Told by the column `trial`, or, where loads are measured, by loads that agree to the last digit.
     """
     exact = data.replicate_groups()
+    if trials_are_touches(data):
+        assert data.trial is not None
+        return _numbered(data.group, data.trial)
     if data.trial is not None:
         return _numbered(exact, data.trial)
     if loads_are_measured(data):
         return exact
     return np.arange(data.count)
+
+
+def trials_are_touches(data: Measurements) -> bool:
+    """Whether each trial of the file is at one setting, beside friction without voltage.
+
+    What a file calls a trial may also be a plan that went through many settings: its rows share
+    nothing.
+    """
+    if data.trial is None:
+        return False
+    driven = data.subset(data.driven)
+    assert driven.trial is not None
+    trial = _numbered(driven.group, driven.trial)
+    together = _numbered(trial, driven.replicate_groups(held=()))
+    return bool(np.unique(together).size == np.unique(trial).size > 1)
 
 
 def loads_are_measured(data: Measurements) -> bool:
@@ -72,69 +96,116 @@ def loads_are_measured(data: Measurements) -> bool:
     return touching and first.size >= FEWEST_TRIALS and np.unique(loads).size >= MOSTLY * first.size
 
 
-def settings(data: Measurements) -> Numbers:
+def settings(data: Measurements, sessions_apart: bool = True) -> Numbers:
     """A number per observation [n], equal for those whose trials repeat one another."""
-    exact = data.replicate_groups()
     if not loads_are_measured(data):
-        return exact
-    apart = data.replicate_groups(held=())
+        return data.replicate_groups(sessions_apart=sessions_apart)
+    apart = data.replicate_groups(held=(), sessions_apart=sessions_apart)
     for name in MEASURED:
         if name in data.columns:
             apart = _near(apart, data.columns[name])
     return apart
 
 
-def levels(data: Measurements, values: Array, std: Array) -> Levels:
-    """Scatter of `values` [n] within trials, and of trials within settings, in units of `std` [n].
+def levels(data: Measurements, values: Array, std: Array, inflation: Array | None = None) -> Levels:
+    """Scatter of `values` [n] of such `std` [n] within trials, and of trials within settings.
 
-    The data are of one witness.
+    `inflation` [n]: times which rows are noisier than others, 1 if left out. The data are of one
+    witness. Where a session hardly repeats a setting, and trials are touches, those of other
+    sessions are its repeats, beside a gain of each session.
     """
+    noisier = np.ones(data.count) if inflation is None else inflation
+    told = _levels(data, values, std, noisier, sessions_apart=True)
+    if told.row.degrees >= FEWEST_DEGREES or not trials_are_touches(data):
+        return told
+    across = _levels(data, values, std, noisier, sessions_apart=False)
+    return max(told, across, key=lambda found: found.row.degrees)
+
+
+def of_trials(trial: Numbers, inflation: Array) -> Array:
+    """How much noisier than others each row's trial is as a whole [n]: as its best row."""
+    _, trial = np.unique(trial, return_inverse=True)
+    least = np.full(trial.size, np.inf)
+    np.minimum.at(least, trial.ravel(), inflation)
+    return np.asarray(least[trial.ravel()])
+
+
+def _levels(
+    data: Measurements, values: Array, std: Array, inflation: Array, sessions_apart: bool
+) -> Levels:
     trial = np.unique(trials(data), return_inverse=True)[1].ravel()
-    setting = _close_in_time(data, settings(data))
+    _, first = np.unique(trial, return_index=True)
+    setting = settings(data, sessions_apart)
+    if trials_are_touches(data):
+        by_drive = np.lexsort((~data.driven, trial))
+        first = by_drive[np.searchsorted(trial[by_drive], np.arange(first.size))]
+        setting = setting[first][trial]
+    else:  # `time_s` is a session's, and counts from the voltage in a touch
+        setting = _close_in_time(data, setting)
     in_trial = np.bincount(trial, std**-2)
     mean = np.bincount(trial, values * std**-2) / in_trial
-    _, first = np.unique(trial, return_index=True)
-    nearby = [np.log(data.columns[n])[first] for n in MEASURED if _positive(data, n)]
-    between = _trials_level(setting[first], nearby, _Scaled(mean, in_trial.astype(float)))
+    nearby = [np.log(data.columns[n]) for n in MEASURED if _positive(data, n)]
+    session = np.zeros(0, np.intp) if sessions_apart else data.session[first]
+    at_trial = [x[first] for x in nearby]
+    condition = data.replicate_groups(held=(), sessions_apart=sessions_apart)
     time_s = data.columns.get("time_s", np.arange(data.count, dtype=float))
-    rows = _rows_level(trial, setting, time_s, _Scaled(values, std**-2))
+    place = _numbered(condition, _ranks(_numbered(trial, condition), time_s))
+    rows = _rows_level(trial, setting, place, nearby, _Scaled(values, std**-2))
     if not rows.degrees:
-        return Levels(between, Level(0.0, 0))
+        scaled = _Scaled(mean, in_trial.astype(float))
+        alone = _trials_level(setting[first], at_trial, session, scaled)
+        return Levels(alone, Level(0.0, 0))
+    scaled = _Scaled(mean, of_trials(trial, inflation)[first] ** -2)
+    between = _trials_level(setting[first], at_trial, session, scaled)
     # A trial's mean scatters by the trial's gain and by what its rows leave of theirs.
-    several = trial.size / first.size
-    shared = max(between.variance - rows.variance, 0.0) / several
-    return Levels(rows, Level(shared, between.degrees))
+    left = rows.variance * float(np.mean(scaled.weight / in_trial))
+    return Levels(rows, Level(max(between.variance - left, 0.0), between.degrees))
 
 
-def _rows_level(trial: Numbers, setting: Numbers, time_s: Array, scaled: _Scaled) -> Level:
-    """Scatter within trials, beside what the trials of a setting share from row to row.
+def _ranks(group: Numbers, time_s: Array) -> Numbers:
+    """The place of each row in its group [n], by time."""
+    place = np.zeros(group.size, np.intp)
+    order = np.lexsort((time_s, group))
+    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+    place[order] = np.arange(group.size) - np.repeat(starts, np.diff([*starts, group.size]))
+    return place
+
+
+def _rows_level(
+    trial: Numbers, setting: Numbers, place: Numbers, nearby: list[Array], scaled: _Scaled
+) -> Level:
+    """Scatter within trials, beside what the trials of a setting share from place to place.
 
     A setting that one trial reads tells nothing: what changes in that trial may be the touch.
     """
-    place = np.zeros(trial.size, np.intp)  # of a row within its trial, by time
-    order = np.lexsort((time_s, trial))
-    starts = np.flatnonzero(np.diff(trial[order], prepend=-1))
-    place[order] = np.arange(trial.size) - np.repeat(starts, np.diff([*starts, trial.size]))
-    left = scaled.centred(trial)
-    cell = _numbered(setting, place)
-    left = _Scaled(left, scaled.weight).centred(cell)
+    cell, weight = _numbered(setting, place), scaled.weight
+    beyond = scaled.centred(trial, cell)
+    changes = scaled.values - beyond  # more of the force shows in one place than in another
+    columns = [_Scaled(x, weight).centred(setting) * changes for x in nearby]
+    columns = [_Scaled(x, weight).centred(trial, cell) for x in columns]
+    beyond, spent = _Scaled(beyond, weight).beside(columns)
     shared = np.unique(cell).size - np.unique(setting).size
-    degrees = trial.size - np.unique(trial).size - shared
-    return _Scaled(left, scaled.weight).level(degrees)
+    degrees = trial.size - np.unique(trial).size - shared - spent
+    return _Scaled(beyond, weight).level(degrees)
 
 
-def _trials_level(setting: Numbers, nearby: list[Array], scaled: _Scaled) -> Level:
-    """Scatter within settings, beside one slope over each condition that differs among repeats."""
-    left, spent = scaled.centred(setting), 0
-    columns = [_Scaled(x, scaled.weight).centred(setting) for x in nearby]
-    columns = [x for x in columns if np.abs(x).max(initial=0.0) > 1e-9]
-    if columns:
-        root = np.sqrt(scaled.weight)
-        x = np.stack(columns, axis=1)
-        slopes, _, rank, _ = np.linalg.lstsq(x * root[:, None], left * root, rcond=1e-9)
-        left, spent = left - x @ slopes, int(rank)
+def _trials_level(
+    setting: Numbers, nearby: list[Array], session: Numbers, scaled: _Scaled
+) -> Level:
+    """Scatter within settings, beside slopes over each condition that differs among repeats.
+
+    More friction is more of the force, which has another slope. `session`: of each trial, where
+    repeats are of several.
+    """
+    left, weight = scaled.centred(setting), scaled.weight
+    level = scaled.values - left
+    near = [_Scaled(x, weight).centred(setting) for x in nearby]
+    columns = [x * y for x in near for y in (np.ones(left.size), level - level.mean())]
+    columns += [(session == s).astype(float) for s in np.unique(session)[1:]]
+    columns = [_Scaled(x, weight).centred(setting) for x in columns]
+    left, spent = _Scaled(left, weight).beside(columns)
     degrees = setting.size - np.unique(setting).size - spent
-    return _Scaled(left, scaled.weight).level(degrees)
+    return _Scaled(left, weight).level(degrees)
 
 
 class _Scaled(NamedTuple):
@@ -143,12 +214,27 @@ class _Scaled(NamedTuple):
     values: Array
     weight: Array
 
-    def centred(self, group: Numbers) -> Array:
-        """The values less their group's weighted mean."""
-        _, group = np.unique(group, return_inverse=True)
-        group = group.ravel()
-        sums = np.bincount(group, self.values * self.weight)
-        return np.asarray(self.values - (sums / np.bincount(group, self.weight))[group])
+    def centred(self, *groups: Numbers) -> Array:
+        """What no sum of a number per group explains of the values, by each of some groupings."""
+        numbers = [np.unique(group, return_inverse=True)[1].ravel() for group in groups]
+        totals = [np.bincount(group, self.weight) for group in numbers]
+        left = self.values
+        for _ in range(PASSES):
+            before = left
+            for group, total in zip(numbers, totals, strict=True):
+                left = left - (np.bincount(group, left * self.weight) / total)[group]
+            if len(groups) == 1 or np.abs(left - before).max() <= SETTLED:
+                break
+        return np.asarray(left)
+
+    def beside(self, columns: list[Array]) -> tuple[Array, int]:
+        """What no sum of these columns explains of the values, and how many degrees that cost."""
+        columns = [x for x in columns if np.abs(x).max(initial=0.0) > 1e-9]
+        if not columns:
+            return self.values, 0
+        root, x = np.sqrt(self.weight), np.stack(columns, axis=1)
+        slopes, _, rank, _ = np.linalg.lstsq(x * root[:, None], self.values * root, rcond=1e-9)
+        return self.values - x @ slopes, int(rank)
 
     def level(self, degrees: int) -> Level:
         """The mean weighted square of values that are centred, and its degrees of freedom."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.levels import FEWEST_DEGREES, Levels, levels, trials
+from model.diagnosis.levels import FEWEST_DEGREES, Levels, levels, of_trials, trials
 from model.diagnosis.smooth import roots, standardised
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, WITNESSES, Witness
 from model.support.arrays import Array, ComplexArray
@@ -204,9 +204,10 @@ def _own_noise(data: Measurements, witness: int, inflation: Array) -> _Own | Non
             return None
         stated = np.where(np.isnan(stated), usual.std / inflation, stated)
     std = stated * inflation
-    told = levels(data, data.observed, std)
+    told = levels(data, data.observed, std, inflation)
     if told.has_trials:
-        return _of_levels(told, std, f"{known.std}, scaled to rows and trials")
+        together = of_trials(trials(data), inflation)
+        return _of_levels(told, std, together, f"{known.std}, scaled to rows and trials")
     if told.row.degrees < FEWEST_DEGREES:
         return _Own(std, known.std, told.row.degrees)
     ratio = float(np.sqrt(told.row.variance))
@@ -223,9 +224,10 @@ def _own_noise(data: Measurements, witness: int, inflation: Array) -> _Own | Non
 
 def _unstated(known: Witness, data: Measurements, inflation: Array) -> _Own | None:
     """What replicates say, or else what is usual of such an instrument; None where nothing is."""
-    told = levels(data, data.observed, inflation)
+    told = levels(data, data.observed, inflation, inflation)
     if told.has_trials:
-        return _of_levels(told, inflation, "rows and trials")
+        together = of_trials(trials(data), inflation)
+        return _of_levels(told, inflation, together, "rows and trials")
     if told.row.degrees >= 2:
         return _Own(np.sqrt(told.row.variance) * inflation, "replicates", told.row.degrees)
     if known.usual_std is None:
@@ -240,13 +242,13 @@ def _unstated(known: Witness, data: Measurements, inflation: Array) -> _Own | No
     )
 
 
-def _of_levels(told: Levels, std: Array, source: str) -> _Own:
-    """Rows' own noise and what a trial's rows share, each by its own scatter."""
+def _of_levels(told: Levels, std: Array, together: Array, source: str) -> _Own:
+    """Rows' own noise of such `std` [n], and what a trial's rows share, each by its own scatter."""
     return _Own(
         np.sqrt(told.row.variance) * std,
         source,
         told.trial.degrees,
-        trial=np.sqrt(told.trial.variance) * std,
+        trial=np.sqrt(told.trial.variance) * together,
     )
 
 

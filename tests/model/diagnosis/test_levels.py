@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from model.diagnosis.data import Measurements, read_measurements
-from model.diagnosis.levels import levels, loads_are_measured, settings, trials
+from model.diagnosis.levels import (
+    levels,
+    loads_are_measured,
+    settings,
+    trials,
+    trials_are_touches,
+)
 from model.diagnosis.noise import noise_of
 
 FREQUENCIES_HZ = (50.0, 250.0, 1000.0)
@@ -123,3 +129,60 @@ def test_the_columns_of_a_file_name_trial_and_setting(tmp_path):
     data = read_measurements(path)
     assert list(settings(data)) == [0, 0, 0, 1, 1, 1]
     assert np.unique(trials(data)).size == 6
+
+
+def touches(row_std: float, trial_std: float, seed: int) -> Measurements:
+    """A touch per setting and session, without voltage first and then with it, a gain for both.
+
+    A file of these says that noise is a fifth of what it is, and more of it with voltage.
+    """
+    chance = np.random.default_rng(seed)
+    rows, trial = [], 0
+    for session in range(4):
+        for frequency_hz in FREQUENCIES_HZ:
+            for voltage_v in VOLTAGES_V:
+                load_n = 0.5 * np.exp(0.08 * chance.standard_normal())
+                gain = np.exp(trial_std * chance.standard_normal() + 0.05 * session)
+                for volts in (0.0, voltage_v):
+                    noise = row_std * chance.uniform(0.8, 1.25) * (1.0 + (volts > 0.0))
+                    cof = gain * (0.5 + 5e-6 * volts**2 / load_n)
+                    cof *= np.exp(noise * chance.standard_normal())
+                    row = (frequency_hz, volts, load_n, cof, 0.2 * noise * cof, 0.5)
+                    rows.append((*row, session, trial))
+                trial += 1
+    names = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "cof_std")
+    *columns, session, number = np.array(rows).T
+    data = dict(zip((*names, "commanded_normal_force_n"), columns, strict=True))
+    whole = session.astype(np.intp)
+    return Measurements(data, whole, tuple("abcd"), None, "00", trial=number.astype(np.intp))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sessions_repeat_one_another_where_each_has_a_setting_once(seed: int) -> None:
+    """What a touch shares with and without voltage is its gain, what is left a row's own."""
+    data = touches(0.004, 0.05, seed)
+    assert trials_are_touches(data)
+    assert np.unique(trials(data)).size == 36
+    found = levels(data, data.observed, data.stated_std)
+    assert found.has_trials
+    # Five standard deviations of a variance with so many degrees of freedom.
+    assert found.row.variance == pytest.approx(25.0, rel=5 * (2 / found.row.degrees) ** 0.5)
+    spread = 5 * (2 / found.trial.degrees) ** 0.5
+    assert found.trial.variance == pytest.approx(0.05**2, rel=spread)
+
+
+def test_rows_of_a_touch_share_one_gain_whatever_their_own_noise() -> None:
+    data = touches(0.004, 0.05, 1)
+    noise = noise_of(data)
+    assert noise is not None
+    covariance = noise.lower @ noise.lower.T
+    trial = trials(data)
+    same = (trial[:, None] == trial) & ~np.eye(data.count, dtype=bool)
+    assert np.ptp(covariance[same]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_plan_that_goes_through_settings_is_no_touch() -> None:
+    data = touches(0.004, 0.05, 1)
+    plan = replace(data, trial=data.session)
+    assert not trials_are_touches(plan)
+    assert np.unique(trials(plan)).size == data.count - 4 * 8  # rows without voltage are repeats
