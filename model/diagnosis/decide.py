@@ -115,7 +115,7 @@ class Verdict:
     @property
     def is_sure_of_some(self) -> bool:
         """Whether some effect of the catalogue is there for sure, be it one or another."""
-        no_effect = sum(self.posterior.inclusion[name] for name in WITHOUT_NAME)
+        no_effect = sum(self.posterior.hypotheses[name,] for name in WITHOUT_NAME)
         return self.is_named and 1.0 - no_effect >= SURE
 
     @property
@@ -131,6 +131,9 @@ class Verdict:
     @property
     def reason(self) -> str:
         off = "; its form is not quite the catalogue's" if form_is_off(self.chosen) else ""
+        withheld = " with ".join(words(name) for name in self.posterior.withheld)
+        if withheld:
+            off += f"; {withheld} is not sure to shrink the error on data left out of the fit"
         return self.decision.reason + off
 
 

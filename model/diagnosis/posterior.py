@@ -8,8 +8,8 @@ probability (Barbieri and Berger, 10.1214/009053604000000238). The priors stand 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,12 +33,14 @@ class Posterior:
     """Probability of each hypothesis by what it holds, the most probable first, summing to 1.
 
     `outside`: what of `unknown` is not of the touch, by its name. `untestable`: effects that no
-    column could show.
+    column could show. `withheld`: effects that are less probable for what held-out data say, and
+    not sure.
     """
 
     hypotheses: dict[Names, float]
     outside: dict[str, float]
     untestable: Names
+    withheld: Names = ()
 
     @cached_property
     def inclusion(self) -> dict[str, float]:
@@ -95,6 +97,27 @@ def posterior(found: Evidences) -> Posterior:
     ranked = dict(sorted(p.items(), key=lambda item: -item[1]))
     shares = {name: float(np.exp(log - total)) for name, log in outside.items()}
     return Posterior(ranked, shares, found.untestable)
+
+
+def held_against(found: Posterior, shrinks: Mapping[str, float]) -> Posterior:
+    """No effect is more probable than that it shrinks the error on held-out data, `shrinks`.
+
+    What imitates an effect in the sample alone is something unknown: that takes its place, be it
+    alone or beside another effect.
+    """
+    p, withheld = dict(found.hypotheses), list[str]()
+    for name, sure in shrinks.items():
+        stated = found.inclusion[name]
+        if sure >= stated:
+            continue
+        withheld += [name] if sure < SURE else []
+        for names in [held for held in p if name in held]:
+            others = tuple(n for n in names if n not in (name, UNKNOWN))
+            moved = p[names] * (1.0 - sure / stated)
+            p[names] -= moved
+            p[*others, UNKNOWN] = p.get((*others, UNKNOWN), 0.0) + moved
+    ranked = dict(sorted(p.items(), key=lambda item: -item[1]))
+    return replace(found, hypotheses=ranked, withheld=tuple(withheld))
 
 
 def _prior(names: Names, each: float) -> float:

@@ -5,16 +5,17 @@ was left out.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import evidence
-from model.diagnosis.hypotheses import Candidate
+from model.diagnosis.hypotheses import STARTS, Candidate
 from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.priors import LOG_PRIOR_EACH
@@ -31,20 +32,23 @@ Kinds = tuple[type[Effect], ...]
 @dataclass(frozen=True)
 class Proof:
     """What held-out data say: mean squared error in units of the noise, per point, before and
-    after.
+    after, and the number of `rows` of each fold.
 
     `gap_closed`: share of the base model's excess over the noise that disappears, with a 95 %
     interval over folds; `inclusion`: share of folds in which the same effects were chosen again.
-    NaN where nothing could be held out.
+    NaN where nothing could be held out. `shrinks`: of each effect, how sure the error is to be
+    smaller with it, see `surely_smaller`; empty where nothing could be held out.
     """
 
     by: str
     folds: tuple[str, ...]
+    rows: Array
     before: Array
     after: Array
     gap_closed: float
     interval: tuple[float, float]
     inclusion: float
+    shrinks: dict[str, float] = field(default_factory=dict)
 
 
 class Selected(NamedTuple):
@@ -71,16 +75,47 @@ def prove(
     fit by, or hardly a row to judge, is left out.
     """
     contenders = [chosen, *[r for r in rivals if r.kinds != chosen.kinds]]
+    fewer = [_without(chosen.kinds, kind) for kind in chosen.kinds] if len(chosen.kinds) > 1 else []
 
-    def select(problem: Problem, _: Fit) -> list[Selected]:
+    def select(problem: Problem, base: Fit) -> list[Selected]:
         fits = [problem.fit(c.kinds, c.fit.vector) for c in contenders]
         scores = [
             evidence(f, problem.noise).log_evidence + LOG_PRIOR_EACH * len(f.kinds) for f in fits
         ]
         best = fits[int(np.argmax(scores))]
-        return [Selected(best, best.kinds == chosen.kinds)]
+        alone = [problem.best_fit(kinds, base.vector, STARTS) for kinds in fewer]
+        return [Selected(best, best.kinds == chosen.kinds), *(Selected(f, False) for f in alone)]
 
-    return held_out(description, data, noise, select, chosen.fit.vector, scale, seed, progress)[0]
+    proof, *without = held_out(
+        description, data, noise, select, chosen.fit.vector, scale, seed, progress
+    )
+    if not proof.folds:
+        return proof
+    others = [p.after for p in without] or [proof.before] * len(chosen.kinds)
+    _, fold, names = _folds(data, seed)
+    shrinks = {}
+    for kind, error in zip(chosen.kinds, others, strict=True):
+        on = data.with_effect(kind.name)
+        seen = np.array([bool(on[fold == names.index(name)].any()) for name in proof.folds])
+        if seen.any():  # a fold without the effect says nothing about it
+            both = proof.after[seen], error[seen]
+            shrinks[kind.name] = surely_smaller(*both, proof.rows[seen], seed)
+    return replace(proof, shrinks=shrinks)
+
+
+def _without(kinds: Kinds, left_out: type[Effect]) -> Kinds:
+    return tuple(kind for kind in kinds if kind is not left_out)
+
+
+def surely_smaller(error: Array, other: Array, rows: Array, seed: int) -> float:
+    """Level of the widest bootstrap interval of `other` - `error` that lies above zero, 0 to 1.
+
+    Errors [f] of the same folds of so many `rows` [f] each. Both have the noise of their fold in
+    common, which cancels.
+    """
+    draws = _draws(rows.size, seed)
+    smaller = np.sum((rows * (other - error))[draws], axis=1)
+    return max(1.0 - 2.0 * float(np.mean(smaller <= 0.0)), 0.0)
 
 
 def held_out(
@@ -98,42 +133,50 @@ def held_out(
 
     As many and in the same order in every fold; base models are fitted from `start`.
     """
-    by, fold = _folds(data, seed)
+    by, fold, names = _folds(data, seed)
     free = nuisances(description, data)
-    names = [
-        data.session_names[i] if by == "session" else f"block {i + 1}"
-        for i in range(fold.max() + 1)
-    ]
     judged, before, after, kept, weights = [], [], [], [], []
     for i in range(fold.max() + 1):
         progress(f"held out: {names[i]}")
         inside, outside = data.subset(fold != i), data.subset(fold == i)
-        inner_noise = noise_of(inside)
+        inner_noise = noise_of(inside, noise.correlation, noise.inflation[fold != i])
         if inner_noise is None or outside.count < 2:
             continue
         problem = Problem(Predictor(description, inside, free), inside.observed, inner_noise)
         base = problem.fit((), start[: len(free)])
         selected = select(problem, base)
         outer = Predictor(description, outside, free)
-        own_std = noise.own_std[fold == i] * scale
+        lower = noise.lower[fold == i] * scale
         judged.append(names[i])
-        before.append(_error(outer, outside, (), base.vector, own_std))
-        after.append([_error(outer, outside, s.fit.kinds, s.fit.vector, own_std) for s in selected])
+        before.append(_error(outer, outside, (), base.vector, lower))
+        after.append([_error(outer, outside, s.fit.kinds, s.fit.vector, lower) for s in selected])
         kept.append([s.as_chosen for s in selected])
         weights.append(outside.count)
     if not before:
         nothing = np.empty(0)
         return [
             Proof(
-                by, (), nothing, nothing, float("nan"), (float("nan"), float("nan")), float("nan")
+                by,
+                (),
+                nothing,
+                nothing,
+                nothing,
+                float("nan"),
+                (float("nan"), float("nan")),
+                float("nan"),
             )
         ]
     w = np.array(weights, dtype=float)
-    draws = np.random.default_rng(seed).integers(0, w.size, (BOOTSTRAPS, w.size))
+    draws = _draws(w.size, seed)
     return [
         _proof(by, tuple(judged), np.array(before), np.array(each), w, draws, float(np.mean(same)))
         for each, same in zip(zip(*after, strict=True), zip(*kept, strict=True), strict=True)
     ]
+
+
+def _draws(folds: int, seed: int) -> NDArray[np.int64]:
+    """Bootstrap samples [BOOTSTRAPS, folds] of the folds."""
+    return np.random.default_rng(seed).integers(0, folds, (BOOTSTRAPS, folds))
 
 
 def _proof(
@@ -148,30 +191,44 @@ def _proof(
     closed = [_closed(a[d], b[d], w[d]) for d in draws]
     finite = np.array([c for c in closed if np.isfinite(c)])
     low, high = np.percentile(finite, [2.5, 97.5]) if finite.size else (np.nan, np.nan)
-    return Proof(by, folds, a, b, _closed(a, b, w), (float(low), float(high)), inclusion)
+    return Proof(by, folds, w, a, b, _closed(a, b, w), (float(low), float(high)), inclusion)
 
 
-def _folds(data: Measurements, seed: int) -> tuple[str, NDArray[np.intp]]:
+class _Folds(NamedTuple):
+    """What is left out at a time: of what kind, the number of each row's fold [n], and names."""
+
+    by: str
+    fold: NDArray[np.intp]
+    names: tuple[str, ...]
+
+
+def _folds(data: Measurements, seed: int) -> _Folds:
     if len(np.unique(data.session)) >= FEWEST_SESSIONS:
-        return "session", np.unique(data.session, return_inverse=True)[1].ravel()
+        numbers, fold = np.unique(data.session, return_inverse=True)
+        return _Folds("session", fold.ravel(), tuple(data.session_names[s] for s in numbers))
     group = data.replicate_groups(apart=False)
     shuffled = np.random.default_rng(seed).permutation(group.max() + 1) % BLOCKS
-    return "block", shuffled[group]
+    fold = shuffled[group]
+    return _Folds("block", fold, tuple(f"block {i + 1}" for i in range(fold.max() + 1)))
 
 
 def _error(
-    outer: Predictor, data: Measurements, kinds: Kinds, vector: Array, own_std: Array
+    outer: Predictor, data: Measurements, kinds: Kinds, vector: Array, lower: Array
 ) -> float:
     """Mean squared held-out residual in units of the noise, the held-out sessions' own gains
     removed.
+
+    `lower` [n, m]: rows of a root of the noise's covariance.
     """
     residual = outer.less(data.observed, outer.predicted(kinds, vector[None])[0])
-    weight = 1.0 / own_std**2
-    groups = np.unique(data.group)
+    groups, total = np.unique(data.group), 0.0
     for g in groups:
         rows = data.group == g
-        residual[rows] -= np.sum(residual[rows] * weight[rows]) / np.sum(weight[rows])
-    return float(np.sum(residual**2 * weight) / max(data.count - groups.size, 1))
+        root = cholesky(lower[rows] @ lower[rows].T, lower=True)
+        both = np.stack([residual[rows], np.ones(rows.sum())], axis=1)
+        white, gain = solve_triangular(root, both, lower=True).T
+        total += float(white @ white - (white @ gain) ** 2 / (gain @ gain))
+    return total / max(data.count - groups.size, 1)
 
 
 def _closed(before: Array, after: Array, weight: Array) -> float:

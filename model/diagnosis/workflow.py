@@ -1,4 +1,4 @@
-"""The diagnosis, stage by stage: audit, fit, evidence, posterior, decision, proof.
+"""The diagnosis, stage by stage: audit, fit, evidence, posterior, proof, decision.
 
 Each stage takes the record of the one before. Where no effect of the catalogue explains the data, a
 term is learned instead.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from model.description import ModelDescription
 from model.diagnosis.audit import Audit, audited
@@ -25,7 +26,7 @@ from model.diagnosis.hypotheses import (
 from model.diagnosis.learned import LearnedTerm, learn
 from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import Noise
-from model.diagnosis.posterior import posterior
+from model.diagnosis.posterior import held_against, posterior
 from model.diagnosis.proof import Proof, prove
 from model.diagnosis.setting import Setting, fitted, nuisance_warnings
 from model.diagnosis.where import Disagreement, disagreement
@@ -90,8 +91,8 @@ def diagnose(
         return Diagnosis(data, audit.noise, None, (audit.blocked, *audit.warnings), seed)
     setting = fitted(description, audit, progress)
     hypotheses = weighed(setting, audit, progress)
-    verdict = verdict_of(hypotheses, posterior(hypotheses.evidences))
-    findings = proved(description, setting, hypotheses, verdict, seed, progress)
+    judged = held_out_verdict(description, setting, hypotheses, seed, progress)
+    findings = explored(description, setting, hypotheses, judged, seed, progress)
     far_off = nuisance_warnings(setting.problem.predictor.free, findings.chosen)
     ends = at_an_end(description, setting.problem.predictor.free, findings.chosen.fit)
     warnings = (*audit.warnings, *setting.warnings, *far_off, *ends.values())
@@ -111,25 +112,45 @@ def weighed(setting: Setting, audit: Audit, progress: Progress) -> Hypotheses:
     )
 
 
-def proved(
+class Judged(NamedTuple):
+    """A verdict, and what sessions that no fit has seen say of it."""
+
+    verdict: Verdict
+    proof: Proof
+
+
+def held_out_verdict(
     description: ModelDescription,
     setting: Setting,
     hypotheses: Hypotheses,
-    verdict: Verdict,
+    seed: int,
+    progress: Progress,
+) -> Judged:
+    """The verdict by all data, held against data left out of the fit."""
+    stated = posterior(hypotheses.evidences)
+    chosen = verdict_of(hypotheses, stated).chosen
+    ranked = sorted(hypotheses.singles, key=lambda c: -c.alone.log_evidence)
+    data, noise, scale = setting.data, setting.problem.noise, chosen.beside_discrepancy.scale
+    proof = prove(description, data, noise, chosen, ranked[:LEADERS], scale, seed, progress)
+    return Judged(verdict_of(hypotheses, held_against(stated, proof.shrinks)), proof)
+
+
+def explored(
+    description: ModelDescription,
+    setting: Setting,
+    hypotheses: Hypotheses,
+    judged: Judged,
     seed: int,
     progress: Progress,
 ) -> Findings:
-    """Where the residuals disagree, and what sessions that no fit has seen say of the verdict."""
-    data, problem, chosen = setting.data, setting.problem, verdict.chosen
+    """Where the residuals disagree, and the learned term where no effect explains them."""
+    data, problem, (verdict, proof) = setting.data, setting.problem, judged
 
     def scan(found: Candidate) -> Disagreement:
         return disagreement(data, problem.noise, found.around, found.bent, seed)
 
-    ranked = sorted(hypotheses.singles, key=lambda c: -c.alone.log_evidence)
-    scale = chosen.beside_discrepancy.scale
-    proof = prove(description, data, problem.noise, chosen, ranked[:LEADERS], scale, seed, progress)
     before = scan(setting.base)
-    findings = Findings(problem, hypotheses, verdict, before, scan(chosen), proof)
+    findings = Findings(problem, hypotheses, verdict, before, scan(verdict.chosen), proof)
     if verdict.verdict != "unexplained":
         return findings
     learned = learn(description, data, problem, setting.base, seed, progress)

@@ -20,10 +20,10 @@ import numpy as np
 
 from haptic_driver.surface.models import load_model
 from model.diagnosis.audit import audited
-from model.diagnosis.decide import WITHOUT_NAME, Decision, decide
-from model.diagnosis.posterior import Posterior, posterior
+from model.diagnosis.decide import WITHOUT_NAME, Decision
+from model.diagnosis.posterior import Posterior
 from model.diagnosis.setting import fitted
-from model.diagnosis.workflow import weighed
+from model.diagnosis.workflow import held_out_verdict, weighed
 from tests.calibration.draws import Truth, drawn
 
 BINS = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
@@ -40,7 +40,7 @@ class Answer(NamedTuple):
 
 
 def answer(seed: int, number: int) -> Answer | None:
-    """Diagnose one drawn set up to its decision."""
+    """Diagnose one drawn set up to its decision, held-out data included."""
     drew = drawn(seed, number)
     if drew is None:
         return None
@@ -50,9 +50,10 @@ def answer(seed: int, number: int) -> Answer | None:
     if audit.blocked:
         return None
     setting = fitted(description, audit, lambda _: None)
-    found = posterior(weighed(setting, audit, lambda _: None).evidences)
-    decision = decide(found)
-    return Answer(number, truth, decision, [said(found, decision, truth)])
+    found = weighed(setting, audit, lambda _: None)
+    verdict = held_out_verdict(description, setting, found, 0, lambda _: None).verdict
+    stated = said(verdict.posterior, verdict.decision, truth)
+    return Answer(number, truth, verdict.decision, [stated])
 
 
 def said(found: Posterior, decision: Decision, truth: Truth) -> tuple[float, bool]:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from model.diagnosis.decide import decide
 from model.diagnosis.hypotheses import FORCE_SENSOR, Evidences
-from model.diagnosis.posterior import posterior
+from model.diagnosis.posterior import held_against, posterior
 from model.diagnosis.priors import NONE, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE, UNKNOWN
 
 FROZEN = json.loads(Path(__file__).with_name("frozen_evidences.json").read_text())
@@ -159,6 +159,19 @@ def test_every_name_is_sure_and_every_sure_effect_is_named(found: Evidences) -> 
     assert not set(decision.names) & set(found.untestable) or decision.verdict == "effect_found"
 
 
+@given(made(), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_no_effect_is_more_probable_than_that_it_shrinks_the_error(
+    found: Evidences, of_a: float, of_b: float
+) -> None:
+    stated = posterior(found)
+    shrinks = {n: s for n, s in (("a", of_a), ("b", of_b)) if n in stated.inclusion}
+    held = held_against(stated, shrinks)
+    assert sum(held.hypotheses.values()) == pytest.approx(1.0)
+    for name, p in stated.inclusion.items():
+        if name != UNKNOWN:
+            assert held.inclusion[name] == pytest.approx(min(p, shrinks.get(name, 1.0)), abs=1e-9)
+
+
 def of(alone: dict[str, float], unknown: float = -90.0, sensor: float = -90.0) -> Evidences:
     """Evidences by joined names; 20 effects are in the catalogue."""
     logs = {tuple(name.split("+")): value for name, value in alone.items()}
@@ -189,6 +202,24 @@ def test_what_cannot_be_told_apart_is_listed_by_its_place() -> None:
     assert (listed.verdict, listed.names) == ("ambiguous", ("a",))
     assert listed.group == {"a": ["b"]}
     assert listed.probability == pytest.approx(1.0)
+
+
+def test_an_effect_that_does_not_shrink_the_error_has_no_name() -> None:
+    """What it loses is something unknown."""
+    stated = posterior(of({NONE: -90.0, "a": 0.0}))
+    assert decide(held_against(stated, {"a": 0.97})).names == ("a",)
+    held = held_against(stated, {"a": 0.3})
+    assert held.inclusion[UNKNOWN] == pytest.approx(0.7, abs=1e-6)
+    assert decide(held).verdict == "unexplained"
+    assert (held.withheld, stated.withheld) == (("a",), ())
+
+
+def test_of_two_effects_the_one_that_shrinks_the_error_keeps_its_name() -> None:
+    """Something unknown takes the other's place beside it."""
+    stated = posterior(of({NONE: -90.0, "a": -20.0, "b": -30.0, "a+b": 0.0}))
+    decision = decide(held_against(stated, {"a": 1.0, "b": 0.2}))
+    assert (decision.verdict, decision.names) == ("effect_found", ("a",))
+    assert "perhaps unknown effect as well" in decision.reason
 
 
 def test_what_is_not_of_the_touch_is_said_and_never_named() -> None:

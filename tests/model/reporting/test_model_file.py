@@ -84,7 +84,7 @@ def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
         decision = Decision(verdict, names, {n: [] for n in names}, 0.98, "why")
         reached = Verdict(decision, Posterior({names: 0.98}, {}, ()), chosen, True)
         scan, nothing = Disagreement((), 1.0, 1.0, 0.0), np.empty(0)
-        proof = Proof("block", (), nothing, nothing, 0.0, (0.0, 0.0), 0.0)
+        proof = Proof("block", (), nothing, nothing, nothing, 0.0, (0.0, 0.0), 0.0)
         noise = Noise(np.ones(3), np.eye(3), 6.0, "cof_std", 0, 0.0, np.ones(3))
         problem = Problem(Predictor(read_model(REFERENCE), data), np.zeros(3), noise)
         findings = Findings(
