@@ -114,11 +114,13 @@ class Problem:
             return np.zeros((data.count, 0))
         return roots(standardised(data, name, decades=True)[:, None]) * data.driven[:, None]
 
-    def whitened(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
+    def whitened(self, kinds: Sequence[type[Effect]], vectors: Array, group: int = 1) -> Array:
         """Whitened residuals [m, n] of parameter vectors [m, k]; unsolvable rows are far off, never
         NaN.
+
+        Of every `group` vectors all are all but the same.
         """
-        raw = self.predictor.less(self.observed, self.predictor.predicted(kinds, vectors))
+        raw = self.predictor.less(self.observed, self.predictor.predicted(kinds, vectors, group))
         raw = np.where(np.isfinite(raw), raw, BAD * self.noise.own_std)
         white = self.noise.whiten(raw.T).T
         if self._loose is None:
@@ -164,7 +166,7 @@ class Problem:
         stepped = (
             vectors[:, None] + np.eye(k + 1, k, -1) * steps[:, None]
         )  # as it is, then each parameter in turn
-        residuals = self.whitened(kinds, stepped.reshape(-1, k)).reshape(m, k + 1, -1)
+        residuals = self.whitened(kinds, stepped.reshape(-1, k), k + 1).reshape(m, k + 1, -1)
         return residuals[:, 0], -np.swapaxes(
             (residuals[:, 1:] - residuals[:, :1]) / steps[:, :, None], 1, 2
         )

@@ -7,9 +7,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import cosh, log, sinh
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model import solver
 from model.description import ModelDescription
@@ -32,6 +33,7 @@ from model.touch import Drive
 from model.touch_model import PreparedTouch, TouchModel, cof, electrode_current_a, prepare
 
 FARTHEST = 6.0  # prior units
+ONLY_OF_EFFECTS = ("speed_m_s", "time_s")  # conditions that only effects that need them see
 
 
 @dataclass(frozen=True)
@@ -123,13 +125,20 @@ def _as_known(description: ModelDescription, usual: Nuisance) -> Nuisance:
     )
 
 
+class _Settings(NamedTuple):
+    """Distinct settings, and the number of each observation's [n]."""
+
+    drive: Drive
+    row: NDArray[np.intp]
+
+
 class Predictor:
     """The model on one data set's conditions: parameter vectors in, what every witness should say
     out.
 
-    Observations with equal conditions are solved once. `effects` of the description are always on;
-    those asked for are on where the data set says so. `free`: what a vector begins with, by default
-    what the data can show.
+    Observations with equal conditions, as far as effects can see them, are solved once. `effects`
+    of the description are always on; those asked for are on where the data set says so. `free`:
+    what a vector begins with, by default what the data can show.
     """
 
     def __init__(
@@ -150,17 +159,26 @@ class Predictor:
         self._witnesses = [(witness, data.of(witness)) for witness in data.witnesses]
         self._against = [data.against(witness) for witness in data.witnesses]
         self._table = TouchModel(description).table
-        drive = data.conditions().drive()
-        fields = [np.broadcast_to(np.asarray(v, float), data.count) for v in vars(drive).values()]
-        _, first, self._row = np.unique(
-            np.stack(fields, axis=1), axis=0, return_index=True, return_inverse=True
-        )
-        self._row = self._row.ravel()
-        pick = {
-            name: value[first] if np.ndim(value) and np.size(value) > 1 else value
-            for name, value in vars(drive).items()
-        }
-        self._drive = Drive(**pick)
+        self._drive = data.conditions().drive()
+        self._settings: dict[tuple[str, ...], _Settings] = {}
+
+    def _distinct(self, effects: Sequence[Effect]) -> _Settings:
+        """Settings that differ in what these effects and the description's can see."""
+        seen = {name for e in (*self.description.effects, *effects) for name in e.needs}
+        unseen = tuple(name for name in ONLY_OF_EFFECTS if name not in seen)
+        if unseen not in self._settings:
+            drive, count = self._drive, self.data.count
+            names = [name for name in vars(drive) if name not in unseen]
+            fields = [np.broadcast_to(np.asarray(getattr(drive, n), float), count) for n in names]
+            _, first, row = np.unique(
+                np.stack(fields, axis=1), axis=0, return_index=True, return_inverse=True
+            )
+            pick = {
+                name: value[first] if np.ndim(value) and np.size(value) > 1 else value
+                for name, value in vars(drive).items()
+            }
+            self._settings[unseen] = _Settings(Drive(**pick), row.ravel())
+        return self._settings[unseen]
 
     def size(self, kinds: Sequence[type[Effect]]) -> int:
         """Length of a parameter vector."""
@@ -171,14 +189,13 @@ class Predictor:
         the most being 1.
         """
         parameters, _ = self.decode((), np.zeros((1, len(self.free))))
+        drive, row = self._distinct(())
         gains = [DriveGainError(1.0)], [DriveGainError(0.0)]
         log_cof, without = (
-            self._friction(parameters, *self._pressed(parameters, gain))[FRICTION][0]
+            self._friction(parameters, *self._pressed(parameters, gain, drive), drive)[FRICTION][0]
             for gain in gains
         )
-        share = np.nan_to_num(-np.expm1(without - log_cof))[
-            self._row
-        ]  # 0 where the model says nothing
+        share = np.nan_to_num(-np.expm1(without - log_cof))[row]  # 0 where the model says nothing
         share = np.where(self.data.of(FRICTION) & self.data.driven, share, 0.0)
         return np.asarray(share / max(np.abs(share).max(initial=0.0), 1e-300))
 
@@ -193,62 +210,73 @@ class Predictor:
             self._is_phase, np.remainder(difference + np.pi, 2.0 * np.pi) - np.pi, difference
         )
 
-    def predicted(self, kinds: Sequence[type[Effect]], vectors: Array) -> Array:
+    def predicted(self, kinds: Sequence[type[Effect]], vectors: Array, group: int = 1) -> Array:
         """As observed [m, n], for parameter vectors [m, k]: nuisances first, then each effect's
         parameters in order.
+
+        Of every `group` vectors all are all but the same.
         """
         parameters, effects = self.decode(kinds, vectors)
         if not (kinds and self.data.has_effects_off):
-            return self._solve(parameters, effects, len(vectors))
+            return self._solve(parameters, effects, len(vectors), group)
         on = np.array([self.data.with_effect(kind.name) for kind in kinds])
         together = (
             2 ** np.arange(len(kinds)) @ on
         )  # a number for which effects are on together, per observation
-        predicted = np.empty((len(vectors), self._row.size))
+        predicted = np.empty((len(vectors), self.data.count))
         for number in np.unique(together):
             here = together == number
             left = [effect for i, effect in enumerate(effects) if number >> i & 1]
-            predicted[:, here] = self._solve(parameters, left, len(vectors))[:, here]
+            predicted[:, here] = self._solve(parameters, left, len(vectors), group)[:, here]
         return predicted
 
-    def _solve(self, parameters: TouchParameters, effects: list[Effect], count: int) -> Array:
-        touch, p_e = self._pressed(parameters, effects)
+    def _solve(
+        self, parameters: TouchParameters, effects: list[Effect], count: int, group: int
+    ) -> Array:
+        drive, row = self._distinct(effects)
+        touch, p_e = self._pressed(parameters, effects, drive, group)
         seen = {witness for witness, _ in self._witnesses}
-        answers = self._friction(parameters, touch, p_e)
+        answers = self._friction(parameters, touch, p_e, drive)
         answers[CONTACT_AREA] = np.log(touch.area_m2.reshape(touch.shape))
         if seen - {FRICTION, CONTACT_AREA}:
             answers |= self._electrode(touch, p_e)
-        predicted = np.empty((count, self._row.size))
+        predicted = np.empty((count, row.size))
         for (witness, mine), against in zip(self._witnesses, self._against, strict=True):
             here = np.broadcast_to(answers[witness], (count, answers[witness].shape[-1]))[
-                :, self._row[mine]
+                :, row[mine]
             ]
             if against.any():
                 other = VOLTAGE if witness == CURRENT else VOLTAGE_PHASE
                 there = np.broadcast_to(answers[other], (count, answers[other].shape[-1]))[
-                    :, self._row[mine]
+                    :, row[mine]
                 ]
                 here = here - np.where(against, there, 0.0)
             predicted[:, mine] = here
         return predicted
 
     def _pressed(
-        self, parameters: TouchParameters, effects: Sequence[Effect]
+        self, parameters: TouchParameters, effects: Sequence[Effect], drive: Drive, group: int = 1
     ) -> tuple[PreparedTouch, Array]:
         """The touch, and the electrostatic pressure on it in Pa."""
-        touch = prepare(
-            parameters,
-            self.description.dielectric,
-            (*self.description.effects, *effects),
-            self._drive,
+        effects = (*self.description.effects, *effects)
+        touch = prepare(parameters, self.description.dielectric, effects, drive)
+        if group == 1:
+            return touch, solver.solve(self._table, touch.circuit)[0]
+        settings = touch.shape[-1]
+        which = np.arange(touch.circuit.load_pa.size).reshape(-1, group, settings)
+        p_e_pa = np.empty(which.shape)
+        first, others = (touch.circuit.rows(part.ravel()) for part in (which[:, 0], which[:, 1:]))
+        p_e_pa[:, 0] = solver.solve(self._table, first)[0].reshape(-1, settings)
+        near_pa = np.repeat(p_e_pa[:, 0], group - 1, axis=0).ravel()
+        p_e_pa[:, 1:] = solver.solve_near(self._table, others, near_pa).reshape(
+            -1, group - 1, settings
         )
-        p_e_pa, _ = solver.solve(self._table, touch.circuit)
-        return touch, p_e_pa
+        return touch, p_e_pa.ravel()
 
     def _friction(
-        self, parameters: TouchParameters, touch: PreparedTouch, p_e_pa: Array
+        self, parameters: TouchParameters, touch: PreparedTouch, p_e_pa: Array, drive: Drive
     ) -> dict[int, Array]:
-        law, load_n = self.description.friction_law, self._drive.normal_force_n
+        law, load_n = self.description.friction_law, drive.normal_force_n
         with np.errstate(invalid="ignore", divide="ignore"):
             return {FRICTION: np.log(cof(law, parameters, touch, p_e_pa, load_n))}
 

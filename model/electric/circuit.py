@@ -6,6 +6,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from model.support.arrays import Array, ComplexArray
 from model.support.compiled import kernel
 
@@ -34,7 +37,7 @@ class GapCircuit(NamedTuple):
     added_pa: Array
     field_limit_v_per_m: Array
 
-    def rows(self, which: slice) -> GapCircuit:
+    def rows(self, which: slice | NDArray[np.intp]) -> GapCircuit:
         """Some of the touches."""
         return GapCircuit(*(values[which] for values in self))  # type: ignore[arg-type]
 
