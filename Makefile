@@ -4,7 +4,7 @@ BIN := .venv/bin
 # Hundreds of processes start in a test run: what one has compiled serves the next, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo demo-diagnosis demo-experiment demo-live test soak kills limits calibration mutate lint bench bench-live validate blind investigations docs changelog wheels clean
+.PHONY: demo demo-diagnosis demo-experiment demo-live test soak kills limits calibration mutate lint bench bench-live validate blind real-data investigations docs changelog wheels clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -77,13 +77,21 @@ validate: .venv/.runtime
 
 # The full suite at SCALE 1 has 5,300 sets and takes hours; labels are opened after the last verdict.
 # SECOND=1: 240 sets of other forms and other strangers instead, whatever SCALE says.
+# MEASURED=1: loads as measured, gains of trials and drifts in them.
 SCALE ?= 0.1
 SEED ?= 2
 SECOND ?=
-SETS = out/blind$(if $(SECOND),-second)
+MEASURED ?=
+SETS = out/blind$(if $(SECOND),-second)$(if $(MEASURED),-measured)
 blind: .venv/.test
-	$(BIN)/python -m tests.blind.generator --out $(SETS) --seed $(SEED) --scale $(SCALE) $(if $(SECOND),--second) --workers 2
+	$(BIN)/python -m tests.blind.generator --out $(SETS) --seed $(SEED) --scale $(SCALE) $(if $(SECOND),--second) $(if $(MEASURED),--measured) --workers 2
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.evaluate --sets $(SETS) --out $(SETS)/results.md
+
+# What must hold on measured data that the project does not ship; docs/real-data.md says where they are from.
+DATA ?=
+real-data: .venv/.test
+	@test -n "$(DATA)" || { echo "make real-data DATA=folder; docs/real-data.md says which data" >&2; exit 2; }
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.real_data --data $(DATA) --out out/real-data
 
 # haptic investigate against fingers of the blind generator, beside settings drawn at random: 1 to 3 minutes a finger.
 FINGERS ?= W0=2,W1=10

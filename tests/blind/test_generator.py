@@ -251,3 +251,29 @@ def test_generator_loads_nothing_of_the_project():
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_measured_loads_scatter_by_trial_and_a_trials_rows_share_its_gain():
+    """What was drawn, read off the rows: loads, gains, and rows without voltage of one finger."""
+    spec = build.Spec("F0", 4, design="factorial", measured=True)
+    made = build.build(spec, 3)
+    told, columns = made.label["trials"], made.columns
+    pairs = {name: values.reshape(-1, 2) for name, values in columns.items()}
+    load_n = pairs["normal_force_n"]
+    assert (load_n[:, 0] == load_n[:, 1]).all()
+    assert np.unique(load_n).size > 0.9 * len(load_n)
+    undriven = np.log(pairs["cof"][pairs["voltage_v"][:, 0] == 0.0])
+    between = undriven.mean(axis=1).std()
+    # A session's gain adds to it; so few trials tell a spread to a fifth or so.
+    assert 0.6 * told["gain"] < between < 1.7 * np.hypot(told["gain"], 0.05)
+    within = np.diff(undriven, axis=1).std()
+    sigma = made.label["relative_sigma"]
+    assert within == pytest.approx(np.hypot(np.sqrt(2.0) * sigma, told["drift"]), rel=0.5)
+
+
+def test_the_same_specification_has_commanded_loads_or_bare_ones():
+    made = [build.build(build.Spec("F0", i, design="paper", measured=True), 3) for i in range(8)]
+    for each in made:
+        told = each.label["trials"]["columns"] == "commanded"
+        assert ("commanded_normal_force_n" in each.columns) == told == ("trial" in each.columns)
+    assert len({each.label["trials"]["columns"] for each in made}) == 2

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from .build import BlindSet, Spec, build
-from .families import COUNTS, SECOND_COUNTS, WITNESSES, anew, ci_specs, specs
+from .families import COUNTS, SECOND_COUNTS, WITNESSES, anew, as_measured, ci_specs, specs
 from .witnesses import build_pair
 
 CI_SEED = 20231
@@ -92,6 +92,11 @@ def _options(argv: list[str] | None) -> argparse.Namespace:
         action="store_true",
         help="the five fixed sets; all but --out and --workers is ignored",
     )
+    parser.add_argument(
+        "--measured",
+        action="store_true",
+        help="loads as measured, gains of trials and drifts in them; families F only",
+    )
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     options = parser.parse_args(argv)
     named = [n.partition("=")[0] for n in f"{options.families},{options.counts}".split(",") if n]
@@ -115,6 +120,8 @@ def main(argv: list[str] | None = None) -> None:
             exact = exact or SECOND_COUNTS
         wanted = specs(seed, options.scale, families, exact or None)
         wanted = [anew(spec) for spec in wanted] if options.second else wanted
+        if options.measured:
+            wanted = [as_measured(spec) for spec in wanted if spec.family.startswith("F")]
     sets = generate(wanted, seed, options.workers)
     write(sets, options.out, seed)
     print(f"{len(sets)} sets in {options.out / 'sets'}")

@@ -12,6 +12,7 @@ from . import designs, noise, nuisance
 from .designs import Design
 from .effect import ALTERNATIVE, CATALOGUE, Effect, Hidden, drawn
 from .effects import CATALOGUE_EFFECTS, STRANGERS
+from .measured import COMMANDED, SMALL, Trials, drawn_trials, in_windows
 from .rivals import lambda_of_rivals
 from .touch import Finger
 from .visibility import Visibility, clean_friction, force_left
@@ -49,6 +50,7 @@ class Spec:
     partial_sessions: int = 0
     contaminated: bool = False
     rivals: bool = False
+    measured: bool = False  # loads as measured, gains of trials and drifts in them
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,8 @@ def _candidates(rng: np.random.Generator, spec: Spec) -> list[str]:
         common &= set(suitable(name))
     if len(spec.effects) > 1:
         common &= {"factorial", "timed", "six_sessions", "rich", "voltage_frequency"}
+    if spec.measured:
+        return [str(d) for d in rng.permutation(sorted(common & set(SMALL)))][:3]
     order = [str(d) for d in rng.permutation(sorted(common))][:3]
     return [*order, "rich"] if "rich" in common else order
 
@@ -106,7 +110,7 @@ def _hide(
 
 
 def _setting(
-    rng: np.random.Generator, spec: Spec
+    rng: np.random.Generator, spec: Spec, trials: Trials | None = None
 ) -> tuple[Design, Finger, str, np.ndarray, tuple[Hidden, ...], list[float], Visibility]:
     """Try designs, then quieter noise, until every effect is as visible as wanted (or keep the most
     visible).
@@ -117,7 +121,7 @@ def _setting(
         design = designs.DESIGNS[name](rng)
         level = np.exp(rng.uniform(np.log(0.015), np.log(0.05) if attempt == 0 else np.log(0.022)))
         sigma = level * np.exp(0.15 * rng.normal(size=design.session.size))
-        sight = Visibility(design, finger, sigma)
+        sight = Visibility(design, finger, sigma if trials is None else trials.of_trial(sigma))
         hidden, seen = _hide(rng, spec, sight)
         share = min((s / t for s, (_, t) in zip(seen, spec.effects, strict=True)), default=1.0)
         if hidden and force_left(design, finger, hidden) < VANISHED:
@@ -167,15 +171,21 @@ def _columns(design: Design, measured: dict, off_frequency: float) -> dict[str, 
 def build(spec: Spec, seed: int) -> BlindSet:
     """Build one set; the same specification and seed give the same set."""
     rng = np.random.default_rng([seed, int.from_bytes(spec.family.encode(), "big"), spec.index])
-    design, finger, far, sigma, hidden, seen, sight = _setting(rng, spec)
+    chance = np.random.default_rng([seed, 9, spec.index])  # others' draws stay as they are
+    trials = drawn_trials(chance) if spec.measured else None
+    design, finger, far, sigma, hidden, seen, sight = _setting(rng, spec, trials)
     if spec.partial_sessions and hidden:
         chosen = rng.choice(np.unique(design.session), spec.partial_sessions, replace=False)
         hidden = tuple(replace(h, sessions=tuple(sorted(int(s) for s in chosen))) for h in hidden)
         seen = [sight.of((h,)) for h in hidden]
-    clean = clean_friction(design, finger, hidden)
+    planned, factor = design, np.ones(design.session.size)
+    if trials is not None:
+        design, factor = in_windows(chance, design, trials)
+        sigma = np.repeat(sigma, design.session.size // sigma.size)
+    clean = clean_friction(design, finger, hidden) * factor
     measured = _measured(rng, spec, design, clean, sigma)
     off_frequency = float(rng.choice([250.0, 250.0, 0.0]))
-    aliases = _aliases(design, finger, sight, hidden) if spec.rivals and len(hidden) == 1 else None
+    aliases = _aliases(planned, finger, sight, hidden) if spec.rivals and len(hidden) == 1 else None
     label = {
         "family": spec.family,
         "index": spec.index,
@@ -189,7 +199,7 @@ def build(spec: Spec, seed: int) -> BlindSet:
             for h, s, (_, t) in zip(hidden, seen, spec.effects, strict=True)
         ],
         "lambda_together": round(sight.of(hidden), 3) if hidden else 0.0,
-        "force_left": round(force_left(design, finger, hidden), 4) if hidden else 1.0,
+        "force_left": round(force_left(planned, finger, hidden), 4) if hidden else 1.0,
         "base_misfit": round(sight.null, 3),
         "design": design.name,
         "bad_design": design.bad,
@@ -204,7 +214,14 @@ def build(spec: Spec, seed: int) -> BlindSet:
         "aliases": aliases,
         "lambda_left": min(aliases.values()) if aliases else None,
     }
-    return BlindSet(_columns(design, measured, off_frequency), label)
+    columns = _columns(design, measured, off_frequency)
+    if trials is not None:
+        label["trials"] = trials.label()
+        columns.pop("trial", None)
+        if trials.columns == COMMANDED:
+            load_n = np.repeat(planned.rows.n, design.session.size // planned.session.size)
+            columns |= {"trial": design.trial, "commanded_normal_force_n": load_n}
+    return BlindSet(columns, label)
 
 
 def _aliases(

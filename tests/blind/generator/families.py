@@ -16,6 +16,7 @@ from . import noise
 from .build import ALTERNATIVE, CATALOGUE, Spec
 from .designs import BAD, GOOD
 from .effects import CATALOGUE_EFFECTS, FIRST_STRANGERS, SECOND, SECOND_STRANGERS, UNFELT
+from .measured import SMALL
 
 COUNTS = {
     "F0": 300,
@@ -246,6 +247,12 @@ def anew(spec: Spec) -> Spec:
     )
     is_strange = any(name in SECOND_STRANGERS for name, _ in effects)
     return replace(spec, effects=effects, form=CATALOGUE if is_strange else SECOND)
+
+
+def as_measured(spec: Spec) -> Spec:
+    """The same set as a lab's sensors would give it, of a plan that is small enough for that."""
+    design = spec.design if spec.design in (*SMALL, *BAD) else ""
+    return replace(spec, measured=True, design=design)
 
 
 def ci_specs() -> list[Spec]:
