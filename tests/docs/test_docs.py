@@ -180,6 +180,24 @@ def test_the_page_on_own_data_tells_what_comes_out(
     assert abs(found["value"] - own_data.HUMID_S_PER_M) < 3.0 * found["std"]
 
 
+def test_the_page_on_own_data_shows_what_is_printed(
+    reader: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A broken file is told as on the page; with the baseline as a row the name is the same."""
+    make = next(c for c in commands(OWN_DATA, "sh") if "--leave-out-bad" in c)
+    assert main(shlex.split(make.replace("data.csv", "again.csv"))[1:]) == 0
+    printed = "".join(capsys.readouterr()).replace("again.csv", "data.csv")
+    shown = next(block for block in blocks(OWN_DATA, "text") if block.startswith("data.csv"))
+    assert all(line in printed for line in shown.strip().splitlines())
+    as_rows = (reader / "map.toml").read_text().replace('use = "gain"\ncof = 0.512', 'use = "row"')
+    (reader / "rows.toml").write_text(as_rows)
+    make = make.replace("map.toml", "rows.toml").replace("data.csv", "r.csv")
+    assert main(shlex.split(make)[1:]) == 0
+    assert main(["diagnose", "r.csv", "--model", "reference", "--out", "rows-diagnosis"]) == 0
+    said = json.loads((reader / "rows-diagnosis" / "report.json").read_text(encoding="utf-8"))
+    assert [effect["name"] for effect in said["effects"]] == ["humid_gap_conduction"]
+
+
 def test_the_readme_shows_commands_at_all() -> None:
     assert len(commands(ROOT / "README.md", "sh")) >= 5
 
