@@ -102,20 +102,24 @@ def posterior(found: Evidences) -> Posterior:
 def held_against(found: Posterior, shrinks: Mapping[str, float]) -> Posterior:
     """No effect is more probable than that it shrinks the error on held-out data, `shrinks`.
 
-    What imitates an effect in the sample alone is something unknown: that takes its place, be it
-    alone or beside another effect.
+    What an effect loses goes to what is left without it: the other effect of a pair or nothing, or
+    something unknown in its place, as probable as these are to each other.
     """
     p, withheld = dict(found.hypotheses), list[str]()
     for name, sure in shrinks.items():
         stated = found.inclusion[name]
-        if sure >= stated:
+        if not sure < stated:  # NaN: nothing could be held out
             continue
         withheld += [name] if sure < SURE else []
         for names in [held for held in p if name in held]:
             others = tuple(n for n in names if n not in (name, UNKNOWN))
             moved = p[names] * (1.0 - sure / stated)
             p[names] -= moved
-            p[*others, UNKNOWN] = p.get((*others, UNKNOWN), 0.0) + moved
+            left = found.hypotheses.get(others or (NONE,), 0.0)
+            unknown = found.hypotheses.get((UNKNOWN,), 0.0)
+            share = left / (left + unknown) if left > 0.0 else 0.0
+            for held, part in (others or (NONE,), share), ((*others, UNKNOWN), 1.0 - share):
+                p[held] = p.get(held, 0.0) + part * moved
     ranked = dict(sorted(p.items(), key=lambda item: -item[1]))
     return replace(found, hypotheses=ranked, withheld=tuple(withheld))
 

@@ -36,8 +36,9 @@ class Proof:
 
     `gap_closed`: share of the base model's excess over the noise that disappears, with a 95 %
     interval over folds; `inclusion`: share of folds in which the same effects were chosen again.
-    NaN where nothing could be held out. `shrinks`: of each effect, how sure the error is to be
-    smaller with it, see `surely_smaller`; empty where nothing could be held out.
+    NaN where nothing could be held out. `sure`: how sure the error is to be smaller than the
+    base model's, see `surely_smaller`; `shrinks`: to be smaller with each effect than without it.
+    NaN and empty where nothing could be held out.
     """
 
     by: str
@@ -48,6 +49,7 @@ class Proof:
     gap_closed: float
     interval: tuple[float, float]
     inclusion: float
+    sure: float = float("nan")
     shrinks: dict[str, float] = field(default_factory=dict)
 
 
@@ -93,14 +95,19 @@ def prove(
         return proof
     others = [p.after for p in without] or [proof.before] * len(chosen.kinds)
     _, fold, names = _folds(data, seed)
-    shrinks = {}
-    for kind, error in zip(chosen.kinds, others, strict=True):
-        on = data.with_effect(kind.name)
+
+    def sure(of: Kinds, error: Array) -> float:
+        """By the folds in which some of these effects are on: others say nothing about them."""
+        on = np.any([data.with_effect(kind.name) for kind in of], axis=0)
         seen = np.array([bool(on[fold == names.index(name)].any()) for name in proof.folds])
-        if seen.any():  # a fold without the effect says nothing about it
-            both = proof.after[seen], error[seen]
-            shrinks[kind.name] = surely_smaller(*both, proof.rows[seen], seed)
-    return replace(proof, shrinks=shrinks)
+        if not seen.any():
+            return float("nan")
+        return surely_smaller(proof.after[seen], error[seen], proof.rows[seen], seed)
+
+    each = zip(chosen.kinds, others, strict=True)
+    shrinks = {kind.name: sure((kind,), error) for kind, error in each}
+    whole = sure(chosen.kinds, proof.before) if chosen.kinds else float("nan")
+    return replace(proof, sure=whole, shrinks=shrinks)
 
 
 def _without(kinds: Kinds, left_out: type[Effect]) -> Kinds:

@@ -128,11 +128,15 @@ def held_out_verdict(
 ) -> Judged:
     """The verdict by all data, held against data left out of the fit."""
     stated = posterior(hypotheses.evidences)
-    chosen = verdict_of(hypotheses, stated).chosen
+    first = verdict_of(hypotheses, stated)
     ranked = sorted(hypotheses.singles, key=lambda c: -c.alone.log_evidence)
-    data, noise, scale = setting.data, setting.problem.noise, chosen.beside_discrepancy.scale
+    data, noise, chosen = setting.data, setting.problem.noise, first.chosen
+    scale = chosen.beside_discrepancy.scale
     proof = prove(description, data, noise, chosen, ranked[:LEADERS], scale, seed, progress)
-    return Judged(verdict_of(hypotheses, held_against(stated, proof.shrinks)), proof)
+    # Members of a list stand in for each other: only names are judged one by one.
+    is_list = first.verdict == "ambiguous"
+    sure = {n: proof.sure if is_list else p for n, p in proof.shrinks.items()}
+    return Judged(verdict_of(hypotheses, held_against(stated, sure)), proof)
 
 
 def explored(

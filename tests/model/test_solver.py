@@ -10,7 +10,7 @@ from model.contact.resolution import LOG_P_AXIS
 from model.contact.roughness import SelfAffineShape
 from model.electric.circuit import GapCircuit
 from model.electric.dielectrics import EPS0
-from model.solver import solve
+from model.solver import solve, solve_near
 
 FINGERS = ("reference", "table1")
 
@@ -415,3 +415,31 @@ def test_many_touches_on_several_threads_are_those_one_by_one(models, sine_circu
     whole, _ = solve(model.table, sine_circuit(model, f, v, load))
     for i in (0, 4095, 4096, 9999):
         assert whole[i] == solve(model.table, sine_circuit(model, f[i], v[i], load[i]))[0][0]
+
+
+@pytest.mark.parametrize("name", FINGERS)
+@given(
+    f=st.floats(0.0, 6.0).map(lambda e: 10.0**e),
+    v=st.floats(5.0, 150.0),
+    load=st.floats(5e2, 2e4),
+    step=st.floats(-1e-3, 1e-3),
+)
+@settings(max_examples=40)
+def test_what_starts_at_a_pressure_close_by_ends_where_the_whole_way_does(
+    models, sine_circuit, name: str, f: float, v: float, load: float, step: float
+) -> None:
+    model = models[name]
+    near_pa, _ = solve(model.table, sine_circuit(model, f, np.array([v]), load))
+    other = sine_circuit(model, f, np.array([v * (1.0 + step)]), load * (1.0 - step))
+    whole, _ = solve(model.table, other)
+    # Of the attraction, where the secant method ends: a step of 1e-6 leaves the order of 1e-10.
+    assert solve_near(model.table, other, near_pa) == pytest.approx(whole, rel=1e-8, nan_ok=True)
+
+
+@pytest.mark.parametrize("near_pa", [np.nan, -1e9, 1e12])
+def test_a_start_that_is_far_off_or_none_is_not_taken(models, sine_circuit, near_pa) -> None:
+    model = models["reference"]
+    touch = sine_circuit(model, 100.0, np.array([100.0]), 2e3)
+    whole, _ = solve(model.table, touch)
+    found = solve_near(model.table, touch, np.array([near_pa]))
+    assert found == pytest.approx(whole, rel=1e-8)

@@ -168,7 +168,7 @@ def test_no_effect_is_more_probable_than_that_it_shrinks_the_error(
     held = held_against(stated, shrinks)
     assert sum(held.hypotheses.values()) == pytest.approx(1.0)
     for name, p in stated.inclusion.items():
-        if name != UNKNOWN:
+        if name not in (NONE, UNKNOWN):
             assert held.inclusion[name] == pytest.approx(min(p, shrinks.get(name, 1.0)), abs=1e-9)
 
 
@@ -205,8 +205,8 @@ def test_what_cannot_be_told_apart_is_listed_by_its_place() -> None:
 
 
 def test_an_effect_that_does_not_shrink_the_error_has_no_name() -> None:
-    """What it loses is something unknown."""
-    stated = posterior(of({NONE: -90.0, "a": 0.0}))
+    """What it loses is something unknown, where that is more probable than nothing."""
+    stated = posterior(of({NONE: -90.0, "a": 0.0}, unknown=-60.0))
     assert decide(held_against(stated, {"a": 0.97})).names == ("a",)
     held = held_against(stated, {"a": 0.3})
     assert held.inclusion[UNKNOWN] == pytest.approx(0.7, abs=1e-6)
@@ -214,9 +214,20 @@ def test_an_effect_that_does_not_shrink_the_error_has_no_name() -> None:
     assert (held.withheld, stated.withheld) == (("a",), ())
 
 
+def test_what_chance_explains_is_nothing() -> None:
+    """Nothing and an effect are as probable, and the effect does not predict."""
+    stated = posterior(of({NONE: 0.0, "a": -log(PRIOR_EFFECTS / 20 / PRIOR_NONE)}))
+    others = sum(stated.inclusion[f"other {i}"] for i in range(19))  # that these data cannot show
+    assert stated.inclusion["a"] == pytest.approx(stated.inclusion[NONE])
+    held = held_against(stated, {"a": 0.0})
+    assert held.inclusion[NONE] == pytest.approx(1.0 - others)
+    assert held.inclusion[UNKNOWN] < 1e-9
+
+
 def test_of_two_effects_the_one_that_shrinks_the_error_keeps_its_name() -> None:
     """Something unknown takes the other's place beside it."""
-    stated = posterior(of({NONE: -90.0, "a": -20.0, "b": -30.0, "a+b": 0.0}))
+    logs = {NONE: -90.0, "a": -60.0, "b": -60.0, "a+b": 0.0}
+    stated = posterior(of(logs, unknown=-20.0))
     decision = decide(held_against(stated, {"a": 1.0, "b": 0.2}))
     assert (decision.verdict, decision.names) == ("effect_found", ("a",))
     assert "perhaps unknown effect as well" in decision.reason
