@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Argument, Option
 
+from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named
 from haptic_driver.cli.output import (
     Json,
     ModelOption,
@@ -26,6 +28,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.check import told
 from haptic_driver.experiments.data_file import meta_path
 from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, load_plan, write_plan
+from haptic_driver.experiments.raw_trials.folder import Bad, write_trials
 from haptic_driver.experiments.resolving import ways
 from haptic_driver.files import bad_input, writing
 from haptic_driver.live.recordings import read_data
@@ -33,7 +36,7 @@ from haptic_driver.pictures.model import draw_resolution
 from haptic_driver.rig.config import load_rig
 from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
-from model.diagnosis.data import Measurements
+from model.diagnosis.data import COLUMNS, Measurements
 from model.diagnosis.where import ALARM
 from model.diagnosis.workflow import diagnose as run
 from model.effects.learned import LEARNED
@@ -42,14 +45,15 @@ from model.planning.separation import APART
 from model.reporting.page import gap_said, sentence
 from model.reporting.report import write_report
 from model.support.reading import read_text
-from model.support.tables import BadRowsError
+from model.support.tables import BadRowsError, Named
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import TouchModel
 
 
 def diagnose(
     data: Annotated[
-        Path | None, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; or a recording (.h5).")
+        Path | None,
+        Argument(help="CSV: frequency_hz, voltage_v, ..., cof; a recording (.h5); or trials."),
     ] = None,
     model: ModelOption = "reference",
     out: Annotated[Path, Option(help="Folder for report.html, report.json, model.toml.")] = Path(
@@ -59,6 +63,8 @@ def diagnose(
         list[Path] | None,
         Option(help="More data of the same finger and rig; may be given repeatedly."),
     ] = None,
+    column: ColumnOption = None,
+    map_file: MapOption = None,
     rows: RowsOption = None,
     leave_out_bad: Annotated[
         bool,
@@ -90,6 +96,9 @@ def diagnose(
     plan for `haptic measure`; what it measures goes in with `--also`.
 
     A recording of `haptic record` is cut into rows of steady sliding, which `--rows out.csv` keeps.
+    With `--map` the data are raw trial files, or folders of them, whose rows are those of `haptic
+    rows`. `--column cof=COF_mean:1` says what a table calls a column, and in which unit it is;
+    `lateral_force_n` may stand in place of `cof`.
 
     Without data, `--plan P --rig R` says beforehand which effects that plan could tell apart on
     that rig: as it is, with the electrode's current as far as a card reads it, and with a full
@@ -103,8 +112,19 @@ def diagnose(
         raise BadInputError(
             "bad_data", "give data or --plan", "haptic diagnose data.csv, or --plan full --rig R"
         )
+    if map_file is not None and (column or not given):
+        said = "--map is for raw trial files, whose columns it names"
+        raise BadInputError("usage", said, "Give trial files with --map, or tables with --column")
+    named = columns_named(column, COLUMNS, "cof=COF_mean:1")
     description = load_model(model)
-    measurements = _measured(given, rows, leave_out_bad) if given or rows else None
+    names, left = ", ".join(path.name for path in given), list[Bad]()
+    if map_file is not None:
+        given, left = _rows_of_trials(given, map_file, rows, out, leave_out_bad)
+        rows = None
+    measurements = _measured(given, rows, leave_out_bad, named) if given or rows else None
+    if measurements is not None and left:
+        more = tuple(error.message for _, error in left)
+        measurements = replace(measurements, bad_rows=(*more, *measurements.bad_rows))
     if plan is not None:
         _show_levels((plan, rig), description, measurements, out, (strength, noise), as_json)
         return
@@ -112,9 +132,9 @@ def diagnose(
     with status("diagnosing") as tell:
         diagnosis = run(description, measurements, seed, tell)
     with writing(out):
-        found = write_report(diagnosis, description, out, ", ".join(path.name for path in given))
+        found = write_report(diagnosis, description, out, names)
     following = _write_next_plan(found["next_experiments"], out / "next_plan.toml")
-    again = once_more(following, given, model, out) if following else None
+    again = once_more(following, given, model, out, column or ()) if following else None
     report(
         as_json,
         found | {"next_plan": str(following) if following else None},
@@ -122,9 +142,21 @@ def diagnose(
     )
 
 
-def _measured(given: Sequence[Path], rows: Path | None, leave_out_bad: bool) -> Measurements:
+def _rows_of_trials(
+    given: Sequence[Path], map_file: Path, rows: Path | None, out: Path, leave_out_bad: bool
+) -> tuple[list[Path], list[Bad]]:
+    """A file with the rows of raw trials, and the trials that were left out of it."""
+    if rows is not None and rows.exists():
+        raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
+    kept = rows or out / "rows.csv"
+    return [kept], write_trials(given, map_file, kept, leave_out_bad=leave_out_bad)
+
+
+def _measured(
+    given: Sequence[Path], rows: Path | None, leave_out_bad: bool, named: Mapping[str, Named]
+) -> Measurements:
     try:
-        return read_data(given, rows, leave_out_bad)
+        return read_data(given, rows, leave_out_bad, named)
     except BadInputError as error:
         if isinstance(error.__cause__, BadRowsError):
             hint = f"{error.hint}\nTo go on without such rows: --leave-out-bad"
@@ -281,14 +313,18 @@ def place(region: Mapping[str, Any]) -> str:
     )
 
 
-def once_more(plan: Path, given: Sequence[Path], model: str, out: Path) -> str:
+def once_more(
+    plan: Path, given: Sequence[Path], model: str, out: Path, columns: Sequence[str] = ()
+) -> str:
     """The commands that measure a plan and diagnose all of it, as they may be pasted."""
     measured = out / "more.csv"
     sidecar = meta_path(given[0])
     rig = json.loads(read_text(sidecar)).get("rig", "RIG") if sidecar.exists() else "RIG"
     also = [word for path in [*given[1:], measured] for word in ("--also", str(path))]
     measure = ["haptic", "measure", "--rig", rig, "--plan", str(plan), "--out", str(measured)]
-    diagnose = ["haptic", "diagnose", str(given[0]), *also, "--model", model, "--out", str(out)]
+    called = [word for said in columns for word in ("--column", said)]
+    diagnose = ["haptic", "diagnose", str(given[0]), *also, *called]
+    diagnose += ["--model", model, "--out", str(out)]
     return f"{shlex.join(measure)} && \\\n  {shlex.join(diagnose)}"
 
 

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
 from typer import Option
 
+from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named
 from haptic_driver.cli.output import Json, ModelOption, report, stderr, stdout
 from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.raw_trials.folder import write_trials
 from haptic_driver.files import replacing
 from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.support.arrays import Array
 from model.support.cells import written_cells
 from model.support.errors import ModelError, RowError
-from model.support.tables import Table, read_table
+from model.support.tables import Named, Table, read_table
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import Prediction, TouchModel
 
@@ -37,6 +42,7 @@ WANTED = (
     f"Give a CSV with columns {', '.join(REQUIRED)} (optional {', '.join(WHERE_EMPTY)}, waveform:"
     " sine, square, dc; finger: sliding, resting, none)"
 )
+MAY_HAVE = ("cof", "lateral_force_n", "waveform", "finger")
 MEASURED = "_measured"  # after the name of a column that an answer would replace
 
 
@@ -44,6 +50,8 @@ def predict(
     table: Annotated[Path, Option(help="CSV: frequency_hz, voltage_v, normal_force_n.")],
     out: Annotated[Path, Option(help="CSV to write: all columns and the answers.")],
     model: ModelOption = "reference",
+    column: ColumnOption = None,
+    map_file: MapOption = None,
     as_json: Json = False,
 ) -> None:
     """Predict force, friction and current for a table of conditions.
@@ -52,13 +60,23 @@ def predict(
     `current_rms_a` is the touch's; `current_a` and `current_phase_rad` are the electrode's, peak
     and against the set voltage, with what the model's stray capacitance takes. Where an effect of
     the drive changes the electrode's voltage, that is added too. Every other column is carried
-    through; a measured `cof` as `cof_measured`. The answers of an earlier run are replaced.
+    through; a measured `cof` as `cof_measured`, which may also come of `lateral_force_n`. The
+    answers of an earlier run are replaced.
+
+    `--column voltage_v=U:kV` says what the table calls a column, and in which unit it is; the
+    column in SI is added. With `--map` the table is raw trial files, or a folder of them, whose
+    rows are those of `haptic rows`.
 
     Example: `haptic predict --table conditions.csv --out out.csv --model reference`
     """
-    given = read_table(table, REQUIRED, WANTED)
+    if map_file is not None and column:
+        said = "--map is for raw trial files, whose columns it names"
+        raise BadInputError("usage", said, "Leave out --column, or --map")
+    named = columns_named(column, (*REQUIRED, *WHERE_EMPTY, *MAY_HAVE), "voltage_v=U:kV")
+    given = _table(table, named) if map_file is None else _trials(table, map_file)
     if not given.rows:
         raise BadInputError("bad_table", f"{table}: has no rows", WANTED)
+    given = _with_measured(given)
     columns = _columns(given)
     description = load_model(model)
     try:
@@ -77,10 +95,10 @@ def predict(
     answers = _answers(answer, any(effect.stage == "drive" for effect in description.effects))
     kept = _kept(given, tuple(answers))
     _write(out, kept, given, answers)
-    for column, name in kept.items():
-        if name != column:
+    for theirs, name in kept.items():
+        if name != theirs:
             stderr.print(
-                f"note: column {column} of {table} is kept as {name}; {column} is now the model's"
+                f"note: column {theirs} of {table} is kept as {name}; {theirs} is now the model's"
                 " answer"
             )
     for note in answer.notes:
@@ -97,6 +115,36 @@ def predict(
         payload,
         lambda: stdout.print(f"{count} rows by model '{description.name}' -> {out}"),
     )
+
+
+def _table(path: Path, named: Mapping[str, Named]) -> Table:
+    """The table; no column of its own may be lost beside one that is given its name."""
+    for ours, one in named.items():
+        if ours != one.column and ours in read_table(path, (), WANTED).columns:
+            said = f"{path}: has a column {ours} of its own, beside {one.column}"
+            raise BadInputError("bad_table", said, "Rename it, or leave out --column")
+    return read_table(path, REQUIRED, WANTED, named=named)
+
+
+def _trials(path: Path, map_file: Path) -> Table:
+    """The rows of raw trials."""
+    with TemporaryDirectory() as folder:
+        rows = Path(folder) / "rows.csv"
+        write_trials([path], map_file, rows)
+        return read_table(rows, REQUIRED, WANTED)
+
+
+def _with_measured(table: Table) -> Table:
+    """The table with measured friction, where it has lateral forces alone."""
+    name = f"cof{MEASURED}"
+    if "lateral_force_n" not in table.columns or {"cof", name} & set(table.columns):
+        return table
+    lateral_n, load_n = (table.numbers(n, np.nan) for n in ("lateral_force_n", "normal_force_n"))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cof = np.abs(lateral_n) / load_n
+    texts = [f"{value:.9g}" if np.isfinite(value) else "" for value in cof]
+    rows = [row | {name: text} for row, text in zip(table.rows, texts, strict=True)]
+    return replace(table, columns=[*table.columns, name], rows=rows)
 
 
 def _columns(table: Table) -> dict[str, Any]:

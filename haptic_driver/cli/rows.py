@@ -10,22 +10,10 @@ from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, progress, report, stderr, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.raw_trials.columns import KINDS
-from haptic_driver.experiments.raw_trials.cut import (
-    COLUMNS,
-    Row,
-    Trial,
-    conditions_of,
-    read_trial,
-    rows_of,
-    tabled,
-)
+from haptic_driver.experiments.raw_trials.cut import Row, Trial
+from haptic_driver.experiments.raw_trials.folder import Bad, TrialFolder, refuse_bad, tidied
 from haptic_driver.experiments.raw_trials.propose import proposed
-from haptic_driver.experiments.raw_trials.trial_map import TrialMap, read_map
-from haptic_driver.experiments.raw_trials.units import to_si
 from haptic_driver.files import exists_already, write_rows, write_text
-
-MOST_LISTED = 200  # files that an error names
 
 
 def rows(
@@ -66,30 +54,25 @@ def rows(
         )
     if out.exists() and not force and not look:
         raise exists_already(out)
-    said = read_map(map_file)
-    _check_units(said, map_file)
-    table = tabled(said.conditions, map_file.parent)
-    paths = _trial_files(files, [map_file, map_file.parent / (said.conditions.table or "")])
+    folder = TrialFolder.of(files, map_file)
     picture = out.with_name(f"{out.stem}-trial.png")
-    found, bad, drawn = list[Row](), list[tuple[Path, BadInputError]](), False
-    with progress("trials", len(paths)) as advance:
-        for number, path in enumerate(paths, start=1):
-            try:
-                trial = read_trial(path, said, conditions_of(path, said.conditions, table))
-                if not drawn and trial.conditions["voltage"]:
-                    _draw(trial, picture)
-                    drawn = True
-                    if look:
-                        break
-                found += rows_of(trial, said, number)
-            except BadInputError as error:
-                bad.append((path, error))
-            advance(number)
-    if bad and not (leave_out_bad and found) and not (look and drawn):
-        raise _refused(bad, len(paths))
+    drawn = False
+
+    def draw(trial: Trial) -> bool:
+        """Draw the first trial with voltage; whether the others are not wanted."""
+        nonlocal drawn
+        if not drawn and trial.conditions["voltage"]:
+            _draw(trial, picture)
+            drawn = True
+        return drawn and look
+
+    with progress("trials", len(folder.paths)) as advance:
+        found, bad = folder.rows(advance, draw)
+    if not (look and drawn):
+        refuse_bad(bad, len(folder.paths), leave_out=leave_out_bad and bool(found))
     if not look:
-        write_rows(out, _with_what_is_said(found))
-    payload = _payload(out, picture if drawn else None, found, bad, len(paths))
+        write_rows(out, tidied(found))
+    payload = _payload(out, picture if drawn else None, found, bad, len(folder.paths))
     report(as_json, payload, lambda: _show(payload, look))
 
 
@@ -105,37 +88,6 @@ def _propose(path: Path, out: Path | None, force: bool, as_json: bool) -> None:
     report(as_json, payload, lambda: stdout.print(text, end=""))
 
 
-def _check_units(said: TrialMap, map_file: Path) -> None:
-    """BadInputError for a unit of the map that no file has to be read for."""
-    for role in type(said.columns).model_fields:
-        column = getattr(said.columns, role)
-        if column is not None and column.unit is not None:
-            to_si(role, column.unit, f"{map_file}: columns.{role}.unit", column.gain_unit)
-    for name, unit in said.conditions.units.items():
-        to_si(name, unit, f"{map_file}: conditions.units.{name}")
-
-
-def _trial_files(given: Sequence[Path], apart: Sequence[Path]) -> list[Path]:
-    """The files of folders and names with *, in the order of their names; `apart` are none."""
-    found: list[Path] = []
-    for path in given:
-        if path.is_dir():
-            inside = sorted(path.iterdir())
-            found += [each for each in inside if each.suffix.lower() in KINDS and each.is_file()]
-        elif "*" in path.name and not path.exists():
-            found += sorted(path.parent.glob(path.name))
-        else:
-            if not path.exists():
-                raise BadInputError("file_not_found", f"{path}: there is no such file", "Check it")
-            found.append(path)
-    left = {each.resolve() for each in apart}
-    kept = [path for path in dict.fromkeys(found) if path.resolve() not in left]
-    if not kept:
-        said = f"{', '.join(map(str, given))}: no trial file is there"
-        raise BadInputError("file_not_found", said, f"Known endings: {', '.join(KINDS)}")
-    return kept
-
-
 def _draw(trial: Trial, picture: Path) -> None:
     from haptic_driver.pictures.trials import (  # noqa: PLC0415  (matplotlib is slow to import)
         draw_trial,
@@ -146,33 +98,11 @@ def _draw(trial: Trial, picture: Path) -> None:
     stderr.print(f"{trial.path.name} with its windows: {picture}")
 
 
-def _refused(bad: Sequence[tuple[Path, BadInputError]], count: int) -> BadInputError:
-    """All that is wrong with files, as one error."""
-    hints = list(dict.fromkeys(error.hint for _, error in bad if error.hint))
-    hint = "\n".join([*hints, "To go on without such files: --leave-out-bad"])
-    if len(bad) == 1:
-        return BadInputError(bad[0][1].code, bad[0][1].message, hint)
-    listed = [error.message for _, error in bad]
-    more = f"; and {len(listed) - MOST_LISTED} more" if len(listed) > MOST_LISTED else ""
-    said = f"{len(bad)} of {count} files cannot be used: {'; '.join(listed[:MOST_LISTED])}{more}"
-    return BadInputError("bad_trial", said, hint)
-
-
-def _with_what_is_said(found: Sequence[Row]) -> list[Row]:
-    """The rows without columns that are empty throughout."""
-    said = [name for name in COLUMNS if any(row[name] != "" for row in found)]
-    return [{name: _text(row[name]) for name in said} for row in found]
-
-
-def _text(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:.9g}"
-
-
 def _payload(
     out: Path,
     picture: Path | None,
     found: Sequence[Row],
-    bad: Sequence[tuple[Path, BadInputError]],
+    bad: Sequence[Bad],
     count: int,
 ) -> dict[str, Any]:
     return {

@@ -7,12 +7,12 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from typer import Argument, Option
 
+from haptic_driver.cli.columns import ColumnOption, columns_named
 from haptic_driver.cli.output import Json, report, stdout
 from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.files import exists_already, write_rows, write_text
@@ -47,9 +47,7 @@ def import_texture(
     run: Annotated[
         str | None, Option(help=".h5: the run, e.g. run_0001; the last one by default.")
     ] = None,
-    column: Annotated[
-        list[str] | None, Option(help=".csv: position_mm=NAME, and so on; may be repeated.")
-    ] = None,
+    column: ColumnOption = None,
     pitch_mm: Annotated[
         float, Option(help=".h5, .csv: width of the places that friction is averaged over.")
     ] = 0.1,
@@ -89,11 +87,10 @@ def import_texture(
         if kind in RECORDINGS:
             made = _felt(*_recorded(source, run), pitch_mm, str(source))
         elif kind in TABLES:
-            from haptic_driver.textures.strokes import (  # noqa: PLC0415  (as all below: slow to import)
-                read_strokes,
-            )
+            from haptic_driver.textures import strokes  # noqa: PLC0415  (as all below: slow)
 
-            made = _felt(read_strokes(source, _names(column or [])), 0.0, pitch_mm, str(source))
+            names = columns_named(column, strokes.COLUMNS, "position_mm=x")
+            made = _felt(strokes.read_strokes(source, names), 0.0, pitch_mm, str(source))
         else:
             made = _vibrating(source, speed, mean_cof, amplitude_cof)
         payload = _write(made, source, out, points)
@@ -119,18 +116,6 @@ def _require_free(source: Path, written: list[Path], force: bool) -> None:
             raise BadInputError("file_exists", said, "Give another --out")
         if path.exists() and not force:
             raise exists_already(path)
-
-
-def _names(given: Sequence[str]) -> dict[str, str]:
-    """What the options --column say."""
-    for said in given:
-        if "=" not in said:
-            raise BadInputError(
-                "bad_column",
-                f"--column {said}: has no sign =",
-                "Give for example: --column position_mm=x",
-            )
-    return dict(said.split("=", 1) for said in given)
 
 
 def _recorded(source: Path, run: str | None) -> tuple[Strokes, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,17 +15,22 @@ from haptic_driver.files import bad_input, write_rows
 from haptic_driver.live.window import NONE_YET, SHORTEST_S, Window, windows
 from haptic_driver.recording.read import read_run, run_names
 from model.diagnosis.data import Measurements, read_measurements, together
+from model.support.tables import NO_NAMES, Named
 
 ENDINGS = (".h5", ".hdf5")
 
 
 def read_data(
-    paths: Sequence[Path], rows: Path | None = None, leave_out_bad: bool = False
+    paths: Sequence[Path],
+    rows: Path | None = None,
+    leave_out_bad: bool = False,
+    named: Mapping[str, Named] = NO_NAMES,
 ) -> Measurements:
     """Files of measured data (CSV) and recordings (HDF5), by their endings, as one data set.
 
     What the recordings were cut into is kept in the file `rows`. BadInputError for what cannot be
     used; with `leave_out_bad` rows of tables that cannot be are left out, see `read_measurements`.
+    `named`: what the first table calls its columns, and the others where they have them.
     """
     recordings = [path for path in paths if path.suffix.lower() in ENDINGS]
     tables = [path for path in paths if path not in recordings]
@@ -40,7 +45,9 @@ def read_data(
             cut = rows or Path(folder) / "rows.csv"
             write_recorded(recordings, cut)
             parts.append((", ".join(map(str, recordings)), read_measurements(cut)))
-        parts += [(str(path), read_measurements(path, leave_out_bad)) for path in tables]
+        for path in tables:
+            parts.append((str(path), read_measurements(path, leave_out_bad, named)))
+            named = {ours: one._replace(needed=False) for ours, one in named.items()}
         return together(parts)
 
 

@@ -16,8 +16,7 @@ from haptic_driver.files import bad_input
 from haptic_driver.signals import SETTLED_M, SLIDING_M_S, Array
 from haptic_driver.textures.description import LONGEST_TABLE_ROWS
 from haptic_driver.textures.objects import TEXTURE_COF
-from model.support.errors import nearest
-from model.support.tables import Table, read_table
+from model.support.tables import NO_NAMES, Named, Table, read_table
 
 LONGEST_STROKE_ROWS = 300_000  # five minutes at 1 kHz
 LEAST_LOAD_N = 0.02  # below, friction would be the ratio of two noises
@@ -62,25 +61,18 @@ class Felt(NamedTuple):
     speed_m_s: float
 
 
-def read_strokes(path: Path, names: Mapping[str, str]) -> Strokes:
-    """The strokes in a CSV file; `names` says how a column is called there, by the name that it has
-    here.
-    """
-    for wanted in names:
-        if wanted not in COLUMNS:
-            raise BadInputError(
-                "bad_column",
-                f"--column {wanted}=...: not a column that is read",
-                nearest(wanted, COLUMNS),
-            )
-    known = [*COLUMNS, *names.values()]
-    table = read_table(path, [], WANTED, LONGEST_STROKE_ROWS, known)
-    given = [wanted for wanted in COLUMNS if wanted in names or wanted in table.columns]
-    position = next((column for column in POSITIONS_M if column in given), "position_mm")
+def read_strokes(path: Path, named: Mapping[str, Named] = NO_NAMES) -> Strokes:
+    """The strokes in a CSV file; `named` says what its columns are called there, by our names."""
+    known = [*COLUMNS, *(one.column for one in named.values())]
+    table = read_table(path, [], WANTED, LONGEST_STROKE_ROWS, known, named=named)
+    position = next((column for column in POSITIONS_M if column in named), None)
+    if position is None:
+        given = [column for column in POSITIONS_M if column in table.columns]
+        position = given[0] if given else "position_mm"
     position_m, normal_n, lateral_n = (
-        _column(table, column, names) for column in (position, "normal_force_n", "lateral_force_n")
+        _column(table, column) for column in (position, "normal_force_n", "lateral_force_n")
     )
-    time_s = _column(table, "time_s", names) if "time_s" in given else None
+    time_s = _column(table, "time_s") if "time_s" in table.columns else None
     position_m *= POSITIONS_M[position]
     if time_s is None:
         return Strokes(position_m, normal_n, lateral_n, None)
@@ -89,8 +81,7 @@ def read_strokes(path: Path, names: Mapping[str, str]) -> Strokes:
     return Strokes(position_m, normal_n, lateral_n, _speed_m_s(time_s, position_m))
 
 
-def _column(table: Table, wanted: str, names: Mapping[str, str]) -> Array:
-    column = names.get(wanted, wanted)
+def _column(table: Table, column: str) -> Array:
     table.require(column)
     return table.numbers(column)
 

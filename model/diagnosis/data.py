@@ -30,7 +30,7 @@ from model.diagnosis.witness import (
 from model.effects.interventions import BY_INTERVENTION, NOTHING, removed
 from model.support.arrays import Array, Mask
 from model.support.errors import ModelError, nearest
-from model.support.tables import Table, read_table
+from model.support.tables import NO_NAMES, Named, Table, read_table
 
 REQUIRED = ("frequency_hz", "voltage_v", "normal_force_n")
 OPTIONAL = ("speed_m_s", "time_s", "voltage_offset_v", "humidity_pct", "temperature_c")
@@ -58,10 +58,14 @@ RANGES = {
     **SPREADS,
     **{witness.column: witness.range for witness in WITNESSES},
 }
+LATERAL, LATERAL_STD = "lateral_force_n", "lateral_force_std_n"  # in place of friction
+RANGES |= {LATERAL: (-100.0, 100.0, "N"), LATERAL_STD: (1e-9, 100.0, "N")}
+WORDS = ("session", "trial", "setting", "waveform", "finger", "intervention", "kramers_kronig")
+COLUMNS = (*RANGES, "humidity_pct", "temperature_c", *WORDS)  # all that are read
 WANTED = (
-    f"Give a CSV with columns {', '.join(REQUIRED)}, cof; optional cof_std, speed_m_s, time_s,"
-    " session, trial; of the electrode current_a, current_phase_rad, electrode_voltage_v,"
-    " electrode_voltage_phase_rad, finger; of a camera contact_area_m2"
+    f"Give a CSV with columns {', '.join(REQUIRED)}, cof (or lateral_force_n); optional cof_std,"
+    " speed_m_s, time_s, session, trial; of the electrode current_a, current_phase_rad,"
+    " electrode_voltage_v, electrode_voltage_phase_rad, finger; of a camera contact_area_m2"
 )
 
 
@@ -282,13 +286,16 @@ class Measurements:
         return group.ravel()
 
 
-def read_measurements(path: Path, leave_out_bad: bool = False) -> Measurements:
+def read_measurements(
+    path: Path, leave_out_bad: bool = False, named: Mapping[str, Named] = NO_NAMES
+) -> Measurements:
     """Read a data file; BadRowsError names every line and column that is wrong.
 
     ModelError where the file as a whole is. With `leave_out_bad` those rows are left out, and told
-    in `bad_rows`.
+    in `bad_rows`. `named`: what the file calls its columns, by our names. Where it has no `cof`,
+    the amount of `lateral_force_n` over the load is friction.
     """
-    table = read_table(path, REQUIRED, WANTED, at_once=True)
+    table = read_table(path, REQUIRED, WANTED, at_once=True, named=named)
     if not table.rows:
         raise ModelError(f"{path}: has no rows", WANTED)
     if len(table.wrong) == len(table.rows):
@@ -337,11 +344,39 @@ def _measurements(table: Table) -> Measurements:
         setting=_labels(table, "setting"),
         trial=_labels(table, "trial"),
     )
-    found = _observations(table, rows)
+    found = _observations(_with_friction(table, rows), rows)
     if found.row is None or not _says(table, "kramers_kronig"):
         return found
     fails = np.array([said == "fails" for said in table.text("kramers_kronig")])[found.row]
     return replace(found.subset(~fails), left_out=int(np.unique(found.row[fails]).size))
+
+
+def _with_friction(table: Table, rows: Measurements) -> Table:
+    """The table with friction of its sliding rows, where it has lateral forces alone."""
+    friction = WITNESSES[FRICTION]
+    if _says(table, friction.column) or not _says(table, LATERAL):
+        return table
+    texts = {friction.column: _over_load(table, rows, LATERAL)}
+    if _says(table, LATERAL_STD) and not _says(table, friction.std):
+        texts[friction.std] = _over_load(table, rows, LATERAL_STD)
+    more = [dict(zip(texts, said, strict=True)) for said in zip(*texts.values(), strict=True)]
+    return replace(
+        table,
+        columns=list(dict.fromkeys([*table.columns, *texts])),
+        rows=[row | added for row, added in zip(table.rows, more, strict=True)],
+    )
+
+
+def _over_load(table: Table, rows: Measurements, name: str) -> list[str]:
+    """Amounts of a force over the load, as text; empty where nothing slides.
+
+    Of a row that is refused already it is 1: one complaint is enough.
+    """
+    ratio = np.abs(_column(table, name, where_empty=np.nan)) / rows.columns["normal_force_n"]
+    texts = [repr(value) if value == value else "" for value in ratio.tolist()]  # noqa: PLR0124 - NaN
+    for i in table.wrong:
+        texts[i] = "1"
+    return [said if slides else "" for said, slides in zip(texts, rows.sliding, strict=True)]
 
 
 def _observations(table: Table, rows: Measurements) -> Measurements:

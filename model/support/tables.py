@@ -10,10 +10,12 @@ import io
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +30,20 @@ MOST_SAID = 40  # columns that an error names
 HEADER_LINES = 100  # of a file, in which its header is looked for
 COMMAS = "Save it with commas between the columns and points in the numbers: 0.5, not 0,5"
 ONE_NAME = "Give each column one name in the header, and each number a point: 0.5, not 0,5"
+
+
+class Named(NamedTuple):
+    """A column as a file calls it, and the factor from its unit to ours.
+
+    Unless `needed`, a file without that column is read under our own name.
+    """
+
+    column: str
+    factor: float = 1.0
+    needed: bool = True
+
+
+NO_NAMES: Mapping[str, Named] = MappingProxyType({})
 
 
 class BadRowsError(ModelError):
@@ -164,11 +180,13 @@ def read_table(
     most_rows: int | None = None,
     known: Sequence[str] = (),
     at_once: bool = False,
+    named: Mapping[str, Named] = NO_NAMES,
 ) -> Table:
     """A table with the columns `required`; `wanted` is the hint that says what the file must look
     like. By the names `known`, or required, a header is found that is not in the first line.
 
-    `at_once`: a row that is too long is noted in `wrong`, and refuses nothing by itself.
+    `at_once`: a row that is too long is noted in `wrong`, and refuses nothing by itself. `named`:
+    columns of the file that count, times a factor, as the columns of our names; they are added.
     """
     try:
         content = read_bytes(
@@ -201,6 +219,9 @@ def read_table(
         (line, cells) for line, cells in numbered if any(cells) and not cells[0].startswith("#")
     ]
     columns = _without_empty_end(numbered[0][1]) if numbered else []
+    used = {ours: one for ours, one in named.items() if _is_used(ours, one, columns)}
+    required = [name for name in required if name not in used]
+    required += [one.column for one in used.values()]
     names = [*required, *known]
     if columns and (not set(columns) >= set(required) or not set(columns) & set(names)):
         _check_header(path, numbered[0], first_lines, names, wanted)
@@ -218,7 +239,28 @@ def read_table(
                 raise
             table.refuse(len(table.rows), error)
             table.rows.append(dict.fromkeys(columns, ""))
-    return table
+    return _under_our_names(table, used) if used else table
+
+
+def _is_used(ours: str, one: Named, columns: Sequence[str]) -> bool:
+    return one.needed or one.column in columns or ours not in columns
+
+
+def _under_our_names(table: Table, named: Mapping[str, Named]) -> Table:
+    rows = [
+        row | {ours: _times(row[one.column], one.factor) for ours, one in named.items()}
+        for row in table.rows
+    ]
+    added = [ours for ours in named if ours not in table.columns]
+    return replace(table, columns=[*table.columns, *added], rows=rows)
+
+
+def _times(cell: str, factor: float) -> str:
+    """A cell in our unit; what is no number stays, for who reads it to refuse."""
+    try:
+        return cell if factor == 1.0 else repr(factor * number(cell))
+    except ValueError:
+        return cell
 
 
 def _without_empty_end(cells: list[str]) -> list[str]:

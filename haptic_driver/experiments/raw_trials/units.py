@@ -18,6 +18,21 @@ SI = {
     "position": "m",
     "speed": "m/s",
 }
+BY_ENDING = {  # of a column's name; the longest that fits
+    "_m_s": "m/s",
+    "_hz": "Hz",
+    "_rad": "rad",
+    "_m2": "m^2",
+    "_mm": "mm",
+    "_um": "um",
+    "_pct": "percent",
+    "_v": "V",
+    "_n": "N",
+    "_a": "A",
+    "_s": "s",
+    "_m": "m",
+}
+WITHOUT_UNIT = ("cof", "cof_std")
 TURNS = ("rad", "deg", "rpm", "revolution", "turn", "cycle")  # 1 rad/s is not 1 Hz
 
 
@@ -53,20 +68,33 @@ def of_kind(text: str) -> list[str]:
 
 def to_si(quantity: str, unit: str, where: str, gain_unit: str = "") -> float:
     """The factor from `unit`, times `gain_unit`, to SI; BadInputError names a unit at fault."""
-    si = SI[quantity]
+    return _factor(unit, SI[quantity], quantity, where, gain_unit)
+
+
+def to_column(column: str, unit: str, where: str) -> float:
+    """The factor from `unit` to that in the name of a column; BadInputError where it has none."""
+    endings = (ours for ending, ours in BY_ENDING.items() if column.endswith(ending))
+    ours = "1" if column in WITHOUT_UNIT else next(endings, None)
+    if ours is None:
+        said = f"{where}: no unit is converted for {column}"
+        raise BadInputError("unknown_unit", said, "Leave the unit out")
+    return _factor(unit, ours, "frequency" if ours == "Hz" else column, where)
+
+
+def _factor(unit: str, ours: str, quantity: str, where: str, gain_unit: str = "") -> float:
     whole = _registry().Unit("")
     for text in filter(None, (unit, gain_unit)):
         found = understood(text)
         if found is None:
             said = f"{where}: '{text}' is no unit that is understood"
-            raise BadInputError("unknown_unit", said, f"Write one of {quantity}, such as {si}")
+            raise BadInputError("unknown_unit", said, f"Write one of {quantity}, such as {ours}")
         whole = whole * found
-    if not whole.is_compatible_with(si) or not _counts(whole, quantity):
+    if not whole.is_compatible_with(ours) or not _counts(whole, quantity):
         said = f"{where}: {' times '.join(filter(None, (unit, gain_unit)))} is no {quantity}"
-        hint = f"Write a unit of {si}; a sensor's volts need gain and gain_unit, such as {si}/V"
+        hint = f"Write a unit of {ours}; a sensor's volts need gain and gain_unit, such as {ours}/V"
         more = "; a force in grams is gf" if str(whole) in ("gram", "kilogram") else ""
         raise BadInputError("unknown_unit", said, hint + more)
-    return float(_registry().Quantity(1.0, whole).to(si).magnitude)
+    return float(_registry().Quantity(1.0, whole).to(ours).magnitude)
 
 
 def _counts(unit: Any, quantity: str) -> bool:

@@ -1,0 +1,60 @@
+"""`--column NAME=COLUMN:UNIT`: what a table calls its columns, and in which unit they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Option
+
+from haptic_driver.errors import BadInputError
+
+if TYPE_CHECKING:
+    from model.support.tables import Named
+
+ColumnOption = Annotated[
+    list[str] | None,
+    Option(
+        help="NAME=COLUMN or NAME=COLUMN:UNIT, as normal_force_n=Fz:mN; may be repeated.",
+        metavar="NAME=COLUMN",
+    ),
+]
+
+MapOption = Annotated[
+    Path | None,
+    Option("--map", help="Raw trial files are given, as this TOML says; see haptic rows."),
+]
+
+
+def columns_named(
+    given: Sequence[str] | None, known: Sequence[str], example: str
+) -> Mapping[str, Named]:
+    """What the options say, by our names.
+
+    The unit is what follows the last colon. BadInputError for a name that is not among `known`, and
+    for a unit that is not one of that column.
+    """
+    from haptic_driver.experiments.raw_trials.units import (  # noqa: PLC0415 - slow to import
+        to_column,
+    )
+    from model.support.errors import nearest  # noqa: PLC0415
+    from model.support.tables import Named  # noqa: PLC0415
+
+    found: dict[str, Named] = {}
+    for said in given or ():
+        ours, sign, theirs = said.partition("=")
+        if not sign:
+            hint = f"Give for example: --column {example}"
+            raise BadInputError("bad_column", f"--column {said}: has no sign =", hint)
+        if ours not in known:
+            wrong = f"--column {ours}=...: not a column that is read"
+            raise BadInputError("bad_column", wrong, nearest(ours, list(known)))
+        if ours in found:
+            raise BadInputError("bad_column", f"--column {ours}=... is given twice", "Give it once")
+        column, colon, unit = theirs.rpartition(":")
+        if colon:
+            found[ours] = Named(column, to_column(ours, unit, f"--column {said}"))
+        else:
+            found[ours] = Named(theirs)
+    return found
