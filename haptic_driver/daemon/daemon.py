@@ -207,7 +207,10 @@ class Daemon:
                 model=settings.model,
                 texture=targets.name if rendering else None,
                 target_cof=targets.asked_cof(output, newest) if rendering else None,
-                measured_cof=_measured_cof(newest),
+                measured_cof=_mean(newest, "measured_cof"),
+                estimated_cof=_mean(newest, "estimated_cof"),
+                estimated_cof_std=_mean(newest, "estimated_cof_std"),
+                **_touch(newest),
                 reachable_cof=list(reachable_cof),
                 frequency_hz=output.frequency_hz if rendering and output_on else None,
                 voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
@@ -393,10 +396,19 @@ def _reachable(basis: Basis, normal_force_n: float) -> tuple[float, float]:
     return basis.settings.render.tick.controller.reachable(normal_force_n)
 
 
-def _measured_cof(samples: NDArray[np.void]) -> float | None:
-    """Mean over samples; None without sliding contact."""
-    sliding = samples["measured_cof"][np.isfinite(samples["measured_cof"])]
-    return float(sliding.mean()) if sliding.size else None
+def _mean(samples: NDArray[np.void], name: str) -> float | None:
+    """Over the samples that have it; None without any."""
+    known = samples[name][np.isfinite(samples[name])]
+    return float(known.mean()) if known.size else None
+
+
+def _touch(samples: NDArray[np.void]) -> dict[str, float | None]:
+    """Load, place, speed and current at the newest of the samples; None without a finger."""
+    names = ("normal_force_n", "position_x_m", "position_y_m", "speed_m_s", "current_a")
+    newest = samples[-1:]
+    if not newest.size or not newest["in_contact"][0]:
+        return dict.fromkeys(names)
+    return {name: _mean(newest, name) for name in names}
 
 
 def _current_a(settings: DaemonSettings, output: Output, normal_force_n: float) -> float:

@@ -7,16 +7,20 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Mapping
 
-from haptic_driver.daemon.readings import Readings
+from haptic_driver.daemon.readings import (
+    Readings,
+    touch_estimate,
+    with_electrode,
+    with_monitors,
+)
 from haptic_driver.errors import BadInputError
-from haptic_driver.live.current_sensor import CurrentSensor, ReadElectrode
+from haptic_driver.live.current_sensor import Carried, ElectrodeWatch, ReadElectrode
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, build_rig, carrier_output, connect_devices
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
-from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from haptic_driver.rig.states import RigEvent
 from haptic_driver.simulation.instruments import SCALE
 from haptic_driver.simulation.lines import SCREEN, Lines
@@ -48,7 +52,7 @@ class Instruments:
     ) -> None:
         self.devices = devices
         self._config, self._electrode = config, electrode
-        self._current: CurrentSensor | None = None
+        self._watch: ElectrodeWatch | None = None
         self.rig = devices.rig
         self.actuator = make_actuator(config, devices.rig)
         self.sensor_period_s = SENSOR_PERIOD_S
@@ -56,20 +60,19 @@ class Instruments:
 
     def read(self) -> Sensed:
         """What the sensors say now. Raises DeviceError; NotBelieved for what cannot be true."""
-        return self._readings.read()
+        sensed = with_monitors(self._readings.read(), self.rig.seen_monitors)
+        return sensed if self._watch is None else with_electrode(sensed, self._watch.newest())
 
-    def estimate_force(
-        self, carrier_hz: Callable[[], float | None], model: Callable[[], str]
+    def watch_electrode(
+        self, carrier: Callable[[], Carried | None], model: Callable[[], str]
     ) -> None:
-        """Read the electrode's current in place of a force sensor that the rig's file says there is
-        not.
+        """Read the electrode while something is driven; and estimate load and friction from its
+        current, where there is no force sensor.
         """
-        given = self._config.force_sensor
-        if self._config.friction_from_current and isinstance(given, NoForceSensorConfig):
-            stray_f = given.stray_capacitance_f
-            self._current = CurrentSensor(self._electrode, given.load_n, stray_f, carrier_hz, model)
-            self._readings.read_force = self._current.read
-            self._current.start()
+        if any(not monitor.drives for monitor in self._config.electrode_monitors):
+            estimate = touch_estimate(self._config, model)
+            self._watch = ElectrodeWatch(self._electrode, carrier, estimate)
+            self._watch.start()
 
     def check_watchdog(self) -> None:
         """Raise DeviceError when there should be a watchdog and is none; not to be asked while the
@@ -93,8 +96,8 @@ class Instruments:
     def close(self) -> bool | None:
         """Switch off and hang up; whether the output is on (None: unknown). Never raises."""
         self.devices.rig.off()
-        if self._current is not None:
-            self._current.close()
+        if self._watch is not None:
+            self._watch.close()
         return self.devices.close().output_on
 
 
@@ -138,10 +141,8 @@ def connect_simulated(
     lines = Lines(TcpTransport.from_resource(endpoints["amplifier_lines"]))
     host, port = endpoints["force_sensor"].split(":")
     box = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port)))
-    given = config.force_sensor
-    force_sensor: ForceSensor = (
-        NoForceSensor(given.load_n) if isinstance(given, NoForceSensorConfig) else box
-    )
+    given = config.without_force
+    force_sensor: ForceSensor = box if given is None else NoForceSensor(given.load_n)
     host, port = endpoints["touch_screen"].split(":")
     try:
         connection = socket.create_connection((host, int(port)))

@@ -105,7 +105,7 @@ class Status(Checked):
     model: str
     texture: str | None
     target_cof: float | None
-    measured_cof: float | None
+    measured_cof: float | None  # null without a force sensor
     reachable_cof: Annotated[
         list[float], Field(min_length=2, max_length=2)
     ]  # lowest and highest, under the present load
@@ -131,6 +131,13 @@ class Status(Checked):
     latency_why: str = ""  # why it is not known, or what else it may be
     fidelity: RenderedFidelity | None = None  # of the present target, over 10 s at most
     surface_hash: str
+    estimated_cof: float | None = None  # by the model and the current, without a force sensor
+    estimated_cof_std: float | None = None  # one standard deviation of it
+    normal_force_n: float | None = None  # of the newest tick with a finger; null without one
+    position_x_m: float | None = None  # likewise
+    position_y_m: float | None = None
+    speed_m_s: float | None = None
+    current_a: float | None = None  # peak, into the electrode, as monitors read it last
     feedback: bool = True  # friction is held by what is felt; else by the model alone
     agreement: list[AgreementCell] = Field(
         default=[]
@@ -147,15 +154,16 @@ class Status(Checked):
         simulated = " (simulated)" if self.simulated else ""
         low, high = self.reachable_cof
         missed = f"{self.overruns} overruns, {self.underruns} underruns"
+        felt = f"measured {number(self.measured_cof, '.3f')}"
+        if self.estimated_cof is not None:
+            std = number(self.estimated_cof_std, ".3f")
+            felt = f"not measured, estimated {self.estimated_cof:.3f} ± {std}"
         lines = [
             (
                 f"{self.state}, output {on}; rig {self.rig}{simulated}, by {self.actuator}; model"
                 f" {self.model}"
             ),
-            (
-                f"asked {asked}; measured {number(self.measured_cof, '.3f')}; within reach"
-                f" {low:.2f} to {high:.2f}"
-            ),
+            (f"asked {asked}; {felt}; within reach {low:.2f} to {high:.2f}"),
             (
                 f"commanded {number(self.frequency_hz, '.4g')} Hz, {number(self.voltage_v, '.4g')}"
                 " V peak"

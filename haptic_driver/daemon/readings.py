@@ -9,10 +9,12 @@ cannot be would choose a voltage for a finger that is not there.
 
 from __future__ import annotations
 
+import cmath
 import math
 import time
 from collections.abc import Callable, Iterator
 
+from haptic_driver.live.current_sensor import Seen, TouchEstimate
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.force_sensors import ForceSensorSection
@@ -111,6 +113,49 @@ class Readings:
                         " in the rig's file"
                     ),
                 )
+
+
+def touch_estimate(config: RigConfig, model: Callable[[], str]) -> TouchEstimate | None:
+    """What estimates friction from the electrode's current; None where the rig cannot, or need
+    not.
+    """
+    given, stray_f = config.without_force, config.stray_capacitance_f
+    if given is None or stray_f is None or not config.friction_from_current:
+        return None
+    return TouchEstimate(given.load_n, stray_f, model)
+
+
+def with_monitors(sensed: Sensed, monitors: tuple[float | None, float | None]) -> Sensed:
+    """With what the amplifier's monitors said last, V and A."""
+    volts, amperes = (math.nan if value is None else value for value in monitors)
+    return sensed._replace(monitor_voltage_v=volts, monitor_current_a=amperes)
+
+
+def with_electrode(sensed: Sensed, seen: Seen) -> Sensed:
+    """With what is at the electrode, and with load and friction as estimated from it, if they are.
+
+    Feedback gets a lateral force only where the estimate tells something of the finger.
+    """
+    if seen.reading is None:
+        return sensed
+    reading, felt = seen.reading, seen.felt
+    sensed = sensed._replace(
+        electrode_time_s=seen.time_s,
+        electrode_voltage_v=abs(reading.voltage_v),
+        electrode_voltage_phase_rad=(
+            cmath.phase(reading.voltage_v) if reading.referenced else math.nan
+        ),
+        current_a=abs(reading.current_a),
+        current_phase_rad=cmath.phase(reading.current_a),
+    )
+    if felt is None:
+        return sensed
+    return sensed._replace(
+        normal_force_n=felt.load_n,
+        lateral_force_n=felt.cof * felt.load_n if felt.tells else math.nan,
+        estimated_cof=felt.cof,
+        estimated_cof_std=felt.cof_std,
+    )
 
 
 def _believed_time_s(who: str, time_s: float, last_s: float, now_s: float) -> float:

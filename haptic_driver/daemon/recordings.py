@@ -23,7 +23,7 @@ from haptic_driver.recording.process import Recorder
 from haptic_driver.recording.writer import RunHeader
 from haptic_driver.rig.actuator import actuator_name
 
-SPACE_BYTES = 32 << 20  # free before a recording goes on: two minutes of it, twice
+SPACE_BYTES = 48 << 20  # free before a recording goes on: two minutes of it, twice
 LOOK_S = 2.0  # between looks at that
 LONGEST_NAME_BYTES = 240  # file systems allow 255, what stands beside it included
 AFTER_LEASE_S = 2.0  # what a fault does afterwards is recorded too

@@ -54,6 +54,7 @@ _REJECTED = int(Flag.REJECTED)
 _LEASE_LOST = int(Flag.LEASE_LOST)
 _FEEDBACK_LIMIT = int(Flag.FEEDBACK_LIMIT)
 _CONTROL_SILENT = int(Flag.CONTROL_SILENT)
+_ELECTRODE_AT = Sensed._fields.index("electrode_time_s")  # from there on as samples have them
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,8 @@ class RenderSettings:
     ramp to zero takes. `envelope`: an analog output makes the amplitude, and is told its course
     from tick to tick; the latencies of `tick` reckon with a lead of `lead_s`. `surface`: the number
     that the controller's has among orders. `standing_flags` are up whenever something is rendered.
+    `model_std`: of friction by the model alone, relative, where no force sensor measures it; 0
+    where one does.
     """
 
     tick: TickSettings
@@ -77,6 +80,7 @@ class RenderSettings:
     ramp_s: float = 0.05
     surface: int = 0
     standing_flags: int = 0
+    model_std: float = 0.0
 
 
 class Nothing(Target):
@@ -362,9 +366,14 @@ class Renderer:
         speed_m_s = _speed_m_s(finger)
         sliding = finger.in_contact and speed_m_s >= SLIDING_M_S and sensed.normal_force_n > 0.0
         known = sliding and not sensed.saturated and not self._is_stale(sensed, due.due_s)
-        measured = abs(sensed.lateral_force_n) / sensed.normal_force_n if known else math.nan
+        measures = self._settings.model_std == 0.0
+        lateral_n = sensed.lateral_force_n if measures else math.nan
+        measured = abs(lateral_n) / sensed.normal_force_n if known else math.nan
         felt_s = sensed.force_time_s
         asked = self._asked.at(felt_s - FINGER_LAG_M / max(speed_m_s, SLIDING_M_S))
+        estimated, std = (math.nan, math.nan)
+        if known and not measures:
+            estimated, std = self._estimated(sensed, asked.expected_cof)
         return (
             due.number,
             due.due_s,
@@ -377,21 +386,32 @@ class Renderer:
             finger.position_y_m,
             speed_m_s,
             sensed.normal_force_n,
-            sensed.lateral_force_n,
+            lateral_n,
             finger.in_contact,
             felt_s,
             asked.target_cof,
             asked.reachable,
             asked.expected_cof,
             measured,
+            estimated,
+            std,
             due.due_s + self._latency_s,
             done.target.cof,
             kept.state.controller.estimate.gain,
             output.frequency_hz,
             output.voltage_v,
+            *sensed[_ELECTRODE_AT:],
             heard.order.rendering and due.due_s >= heard.driven_since_s,
             output.flags,
         )
+
+    def _estimated(self, sensed: Sensed, expected_cof: float) -> tuple[float, float]:
+        """Friction where nothing measures it, and its standard deviation: by the electrode's
+        current, or by the model alone.
+        """
+        if not math.isnan(sensed.estimated_cof):
+            return sensed.estimated_cof, sensed.estimated_cof_std
+        return expected_cof, self._settings.model_std * expected_cof
 
 
 def _speed_m_s(finger: FingerState | FingerTracking) -> float:

@@ -13,6 +13,7 @@ from haptic_driver.daemon.render_process import Nothing, RenderSettings
 from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.live.follow import FollowSettings
+from haptic_driver.live.touch_by_current import LEVEL_STD
 from haptic_driver.processes.samples import Flag
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
@@ -137,6 +138,7 @@ def render_settings(
         period_s=PERIOD_S,
         usual_s=usual_s,
         standing_flags=standing,
+        model_std=0.0 if config.without_force is None else LEVEL_STD,
     )
 
 

@@ -24,6 +24,7 @@ from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.errors import HapticError, message_of
+from haptic_driver.live.current_sensor import Carried
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import SharedState
@@ -284,8 +285,8 @@ class Supervisor:
         else:
             self.instruments = connect_real(config, self._orders.rig_says, self._force_sensor)
             self._force_sensor = self.instruments.devices.force_sensor
-        self.instruments.estimate_force(
-            partial(sliding_carrier_hz, self._shared), lambda: self.settings.model
+        self.instruments.watch_electrode(
+            partial(carried, self._shared), lambda: self.settings.model
         )
         self._orders.pump.exchange(self.instruments.actuator)
 
@@ -410,8 +411,10 @@ class Supervisor:
         self._threads.append(start_thread("bring_back", self._bring_back, name))
 
 
-def sliding_carrier_hz(shared: SharedState) -> float | None:
-    """The carrier of the newest tick, while the finger slides."""
+def carried(shared: SharedState) -> Carried | None:
+    """The carrier of the newest tick, while there is output and a finger."""
     newest = shared.ring.newest(1)
-    slides = bool(newest.size) and newest["in_contact"][0] and newest["speed_m_s"][0] >= SLIDING_M_S
-    return float(newest["frequency_hz"][0]) if slides else None
+    if not newest.size or not newest["in_contact"][0] or not newest["output_on"][0]:
+        return None
+    slides = bool(newest["speed_m_s"][0] >= SLIDING_M_S)
+    return Carried(float(newest["frequency_hz"][0]), slides)

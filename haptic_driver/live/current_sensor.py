@@ -1,5 +1,5 @@
-"""Load and friction on a screen without a force sensor, from the electrode's current, as a force
-sensor's readings.
+"""The electrode's monitor, read in a thread of its own; and what it says of a touch where no force
+sensor is.
 """
 
 from __future__ import annotations
@@ -7,7 +7,8 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from math import nan
+from math import inf
+from typing import NamedTuple
 
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.live.touch_by_current import Felt, TouchByCurrent
@@ -15,37 +16,85 @@ from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.started import start_thread
 from haptic_driver.surface.models import load_model
 from hw.errors import DeviceError
-from hw.force.sensor import ForceReading
 from hw.monitor.contract import ElectrodeReading
 
-PERIOD_S = 0.02  # between readings, and a monitor's own time
+PERIOD_S = 0.02  # between readings of an estimate, and a monitor's own time
+RECORDED_S = 0.1  # between readings that are only kept
 AGE_S = 0.1
+KEPT_S = 0.25  # so long a reading is the present one where nothing is estimated
 
 ReadElectrode = Callable[[float], ElectrodeReading | None]
 """What is at the electrode at a carrier in Hz; None where no monitor tells it. Raises DeviceError.
 """
 
 
-class CurrentSensor:
-    """Asks the monitor in a thread of its own, from `start` on; a load is the usual one while
-    nothing tells.
+class Carried(NamedTuple):
+    """The carrier of the moment, and whether the finger slides."""
 
-    `stray_f` is what lies beside the finger; `carrier_hz` the carrier of the moment, None unless
-    the finger slides, since a resting one is another touch; `model` the name of the model.
+    frequency_hz: float
+    slides: bool
+
+
+class Seen(NamedTuple):
+    """A reading and its time; `felt` is what it says of the touch, where that is estimated."""
+
+    time_s: float = -inf
+    reading: ElectrodeReading | None = None
+    felt: Felt | None = None
+
+
+NOTHING_SEEN = Seen()
+
+
+class TouchEstimate:
+    """Load and friction by the current, for the model of the moment.
+
+    `usual_n`: a finger's usual load; `stray_f`: what lies beside the finger; `model`: the model's
+    name.
+    """
+
+    def __init__(self, usual_n: float, stray_f: float, model: Callable[[], str]) -> None:
+        self._usual_n, self._stray_f, self._model = usual_n, stray_f, model
+        self._name = ""
+        self._touch: TouchByCurrent | None = None
+        self._felt_s = -inf
+
+    def of(
+        self, now_s: float, carrier: Carried | None, reading: ElectrodeReading | None
+    ) -> Felt | None:
+        """What a reading adds. Only of a finger that slides: a resting one is another touch.
+
+        Raises BadInputError where the model cannot be loaded.
+        """
+        touch, name = self._touch, self._model()
+        if touch is None or name != self._name:
+            self._touch = touch = TouchByCurrent(load_model(name), self._usual_n, self._stray_f)
+            self._name = name
+        if carrier is None or reading is None or not carrier.slides:
+            return None
+        elapsed_s, self._felt_s = now_s - self._felt_s, now_s
+        return touch.felt(carrier.frequency_hz, reading, elapsed_s)
+
+
+class ElectrodeWatch:
+    """Looks at the electrode's monitor while something is driven; in a thread from `start` on.
+
+    With an `estimate` it looks as often as that needs, and a monitor that fails is a sensor that
+    does.
     """
 
     def __init__(
         self,
         electrode: ReadElectrode,
-        usual_n: float,
-        stray_f: float,
-        carrier_hz: Callable[[], float | None],
-        model: Callable[[], str],
+        carrier: Callable[[], Carried | None],
+        estimate: TouchEstimate | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._electrode, self._usual_n, self._stray_f = electrode, usual_n, stray_f
-        self._carrier_hz, self._model = carrier_hz, model
-        self._felt_s = time.monotonic()
-        self._last = self._unknown = ForceReading(self._felt_s, usual_n, nan, False)
+        self._electrode, self._carrier, self._estimate = electrode, carrier, estimate
+        self._clock = clock
+        self.period_s = RECORDED_S if estimate is None else PERIOD_S
+        self._age_s = KEPT_S if estimate is None else AGE_S
+        self._last = NOTHING_SEEN
         self._failed: DeviceError | None = None
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
@@ -53,15 +102,21 @@ class CurrentSensor:
     def start(self) -> None:
         self._thread = start_thread("current", self._run)
 
-    def read(self) -> ForceReading:
-        """The newest estimate, or that nothing is known for AGE_S. Raises DeviceError when the
-        monitor fails.
+    def newest(self) -> Seen:
+        """The newest reading, nothing where that is old. Raises DeviceError where friction is
+        estimated and the monitor fails.
         """
-        if self._failed is not None:
+        if self._failed is not None and self._estimate is not None:
             raise self._failed
-        now_s, last = time.monotonic(), self._last
-        known = last if now_s - last.time_s <= AGE_S else self._unknown
-        return known._replace(time_s=now_s)
+        last = self._last
+        return last if self._clock() - last.time_s <= self._age_s else NOTHING_SEEN
+
+    def look(self) -> None:
+        """Read once. Raises DeviceError and HapticError."""
+        carrier, now_s = self._carrier(), self._clock()
+        reading = None if carrier is None else self._electrode(carrier.frequency_hz)
+        felt = None if self._estimate is None else self._estimate.of(now_s, carrier, reading)
+        self._last = NOTHING_SEEN if reading is None else Seen(now_s, reading, felt)
 
     def close(self) -> None:
         self._ending.set()
@@ -69,29 +124,15 @@ class CurrentSensor:
             join_within(AGE_S, [self._thread])
 
     def _run(self) -> None:
-        name, touch = "", None
-        while not self._ending.wait(PERIOD_S):
+        while not self._ending.wait(self.period_s):
             try:
-                if touch is None or name != self._model():
-                    name, touch = self._model(), None
-                    touch = TouchByCurrent(load_model(name), self._usual_n, self._stray_f)
-                self._look(touch)
+                self.look()
             except DeviceError as error:  # tried again, as a sensor is
                 self._failed = error
             except HapticError as error:  # a model's file that has gone meanwhile
                 self._failed = DeviceError(error.message, error.hint)
             except BaseException as error:  # of a plug-in
-                self._failed = DeviceError(
-                    message_of(error), "a fault of the electrode monitor's driver"
-                )
+                said = "a fault of the electrode monitor's driver"
+                self._failed = DeviceError(message_of(error), said)
             else:
                 self._failed = None
-
-    def _look(self, touch: TouchByCurrent) -> None:
-        carrier_hz, now_s = self._carrier_hz(), time.monotonic()
-        reading = None if carrier_hz is None else self._electrode(carrier_hz)
-        felt = None
-        if reading is not None and carrier_hz is not None:
-            felt, self._felt_s = touch.felt(carrier_hz, reading, now_s - self._felt_s), now_s
-        load_n, cof = felt or Felt(self._usual_n, nan)
-        self._last = ForceReading(now_s, load_n, cof * load_n, False)

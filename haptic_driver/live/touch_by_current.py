@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.signals import Array
 from haptic_driver.simulation.finger_model import with_hidden
 from hw.monitor.contract import ElectrodeReading
@@ -31,13 +32,28 @@ FARTHEST = 3.0  # spreads from the usual finger
 FORM = 0.005  # of the current, 1 sigma: no finger is quite the model's
 LEAST_V, QUIET_V = 5.0, 0.01  # below, the current says little of attraction; stands for none
 STEP = 1e-2  # of the numerical derivatives
+SHAPED = [0, 3, 4]  # of the numbers, those that change friction
+LEVEL_STD = FeedbackSettings(0.0).deviation  # of friction without voltage, from finger to finger
+TOLD = 0.5  # of what is unknown of the rise beforehand; more teaches nothing
 
 
 class Felt(NamedTuple):
-    """Load in N, and friction at the voltage of the reading."""
+    """Load in N, and friction at the voltage of the reading with its standard deviation.
+
+    `tells`: the current has told enough of what attraction makes of friction to learn from it.
+    """
 
     load_n: float
     cof: float
+    cof_std: float
+    tells: bool
+
+
+class _Expected(NamedTuple):
+    load_n: float
+    cof: float
+    off_cof: float  # without voltage
+    admittance: complex
 
 
 class TouchByCurrent:
@@ -60,25 +76,33 @@ class TouchByCurrent:
         )
         voltage_v = abs(reading.voltage_v)
         if voltage_v < LEAST_V or reading.current_a == 0.0:
-            return self._expected(frequency_hz, max(voltage_v, QUIET_V), self._off)[0]
-        moved = self._off + STEP * np.eye(SPREAD.size)[[0, 3, 4]]
+            quiet = self._expected(frequency_hz, max(voltage_v, QUIET_V), self._off)
+            return Felt(quiet.load_n, quiet.cof, LEVEL_STD * quiet.off_cof, False)
+        moved = self._off + STEP * np.eye(SPREAD.size)[SHAPED]
         told, *beside = (
             self._expected(frequency_hz, voltage_v, off) for off in (self._off, *moved)
         )
         slope = np.zeros((2, SPREAD.size))
         slope[:, [1, 2]] = np.eye(2)
-        slope[:, [0, 3, 4]] = np.transpose([parts(other[1] / told[1]) for other in beside]) / STEP
+        ratios = [parts(other.admittance / told.admittance) for other in beside]
+        slope[:, SHAPED] = np.transpose(ratios) / STEP
         noise = (reading.current_std_a / abs(reading.current_a)) ** 2 + (
             reading.voltage_std_v / voltage_v
         ) ** 2
         share = slope @ self._covariance @ slope.T + (noise + FORM**2) * np.eye(2)
         gain = np.linalg.solve(share, slope @ self._covariance).T
-        missed = parts(reading.current_a / reading.voltage_v / told[1]) - self._off[[1, 2]]
+        missed = parts(reading.current_a / reading.voltage_v / told.admittance)
+        missed -= self._off[[1, 2]]
         self._off = np.clip(self._off + gain @ missed, -FARTHEST * SPREAD, FARTHEST * SPREAD)
         self._covariance = self._covariance - gain @ slope @ self._covariance
-        return self._expected(frequency_hz, voltage_v, self._off)[0]
+        rises = np.array([other.cof - told.cof for other in beside]) / STEP
+        known = float(np.sqrt(rises @ self._covariance[np.ix_(SHAPED, SHAPED)] @ rises))
+        before = float(np.sqrt(rises @ np.diag(SPREAD[SHAPED] ** 2) @ rises))
+        felt = self._expected(frequency_hz, voltage_v, self._off)
+        std = float(np.hypot(known, LEVEL_STD * felt.off_cof))
+        return Felt(felt.load_n, felt.cof, std, known < TOLD * before)
 
-    def _expected(self, frequency_hz: float, voltage_v: float, off: Array) -> tuple[Felt, complex]:
+    def _expected(self, frequency_hz: float, voltage_v: float, off: Array) -> _Expected:
         """What such a finger feels, and its current per volt."""
         log_load, _, _, wetness, log_roughness = map(float, off)
         load_n, own = self._load_n * float(np.exp(log_load)), self._own
@@ -86,10 +110,12 @@ class TouchByCurrent:
         known = own.effect_parameters.get(SkinHydration.name, {}).get("wetness")
         wet = {SkinHydration.name: {"wetness": wetness + (known.value if known else 0.0)}}
         finger = with_hidden(TouchModel(own.with_values(roughness_rms_m=roughness_m)), wet)
-        f, v, n = (np.array([each]) for each in (frequency_hz, voltage_v, load_n))
+        v = np.array([voltage_v, QUIET_V])
+        f, n = (np.full(v.size, each) for each in (frequency_hz, load_n))
         found = finger.predict(Conditions(f, v, n))
         admittance = found.electrode_current_a[0] / found.electrode_voltage_v[0]
-        return Felt(load_n, float(found.cof[0])), complex(admittance)
+        cof, off_cof = found.cof.tolist()
+        return _Expected(load_n, cof, off_cof, complex(admittance))
 
 
 def parts(ratio: complex) -> Array:

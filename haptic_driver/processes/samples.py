@@ -59,12 +59,21 @@ SAMPLE = np.dtype(
         ),  # of the moment that was felt, latency and lag taken out; NaN where nothing was asked
         ("reachable", "u1"),  # whether that target was
         ("expected_cof", "f8"),
-        ("measured_cof", "f8"),  # NaN without sliding contact
+        ("measured_cof", "f8"),  # NaN without sliding contact, and without a force sensor
+        ("estimated_cof", "f8"),  # by the model where no force sensor is; NaN where one is
+        ("estimated_cof_std", "f8"),  # 1 sigma
         ("asked_time_s", "f8"),  # when what this tick decides acts on the finger
         ("asked_cof", "f8"),  # of that moment
         ("feedback_gain", "f8"),  # the finger's estimated gain
         ("frequency_hz", "f8"),
         ("voltage_v", "f8"),  # peak at the electrode, as commanded
+        ("electrode_time_s", "f8"),  # of the electrode monitors' last reading; NaN without one
+        ("electrode_voltage_v", "f8"),  # peak, as read
+        ("electrode_voltage_phase_rad", "f8"),  # NaN where nobody tells it
+        ("current_a", "f8"),  # peak, stray current included
+        ("current_phase_rad", "f8"),
+        ("monitor_voltage_v", "f8"),  # by the amplifier's own monitors, as last looked at
+        ("monitor_current_a", "f8"),
         (
             "output_on",
             "u1",
@@ -73,6 +82,18 @@ SAMPLE = np.dtype(
     ]
 )
 """One tick as it goes through the ring buffer to recorder, API and dashboard."""
+
+ADDED = (  # since recordings were first written; NaN of those that have them not
+    "estimated_cof",
+    "estimated_cof_std",
+    "electrode_time_s",
+    "electrode_voltage_v",
+    "electrode_voltage_phase_rad",
+    "current_a",
+    "current_phase_rad",
+    "monitor_voltage_v",
+    "monitor_current_a",
+)
 
 COURSE = np.dtype([("order", "u8"), ("powers_v2", "f8", (COURSE_POINTS,))])
 """What an analog envelope is to do until the next tick, and the order that render followed."""

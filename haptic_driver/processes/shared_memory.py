@@ -14,6 +14,7 @@ import pickle
 import struct
 import zlib
 from collections.abc import Sequence
+from math import nan
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar, cast, get_type_hints
 
 import numpy as np
@@ -47,6 +48,9 @@ _CELLS = {"f8": "d", "u8": "Q", "u4": "I", "u1": "B"}
 class Sensed(NamedTuple):
     """What the sensors said last, each at its own time on CLOCK_MONOTONIC; from control to
     render.
+
+    Without a force sensor the lateral force is what friction is estimated to be, NaN where that
+    tells nothing of the finger. NaN is what nobody has read.
     """
 
     finger_time_s: float
@@ -57,6 +61,15 @@ class Sensed(NamedTuple):
     normal_force_n: float
     lateral_force_n: float
     saturated: bool
+    estimated_cof: float = nan
+    estimated_cof_std: float = nan
+    electrode_time_s: float = nan
+    electrode_voltage_v: float = nan
+    electrode_voltage_phase_rad: float = nan
+    current_a: float = nan
+    current_phase_rad: float = nan
+    monitor_voltage_v: float = nan
+    monitor_current_a: float = nan
 
 
 class Order(NamedTuple):

@@ -1,5 +1,5 @@
 """Recordings of the daemon: HDF5, readable from MATLAB, one group per run; reading them, and export
-to CSV and Parquet.
+to CSV, Parquet and MAT.
 
 `/run_0001`, `/run_0002`, ... each hold
 - `samples/NAME`: one dataset per field of `processes.samples.SAMPLE`, one entry per tick; units are
@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import replacing
-from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.processes.samples import ADDED, SAMPLE
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.finish import opened
 from haptic_driver.recording.structure import (
@@ -48,6 +48,8 @@ from haptic_driver.recording.tables import Blocks, writer_of
 from haptic_driver.surface import labelled
 
 BLOCK_ROWS = 1 << 15  # exported at a time
+# beside the columns of a run: its number, its time from its beginning, seconds of UTC since 1970
+TOLD_FIELDS = ("run", "run_time_s", "wall_time_s")
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def read_run(path: Path, name: str | None = None) -> Run:
         group = _group(path, file, name)
         samples = np.empty(group["samples/tick"].shape[0], SAMPLE)
         for field in FIELDS:
-            samples[field] = _column(group[f"samples/{field}"], slice(None))
+            samples[field] = _field(group["samples"], field, slice(None))
         return Run(
             group.name.strip("/"),
             _attributes(group),
@@ -99,32 +101,38 @@ def export(
     out: Path,
     *,
     run: str | None = None,
+    every: bool = False,
     events: bool = False,
     force: bool = False,
     progress: Callable[[int], None] = lambda rows: None,
 ) -> int:
-    """Write the samples of a run (or its events) as a table, .csv or .parquet by the ending of
-    `out`; returns its rows.
+    """Write the samples of a run, or of `every` run (or their events), as a table, .csv, .parquet
+    or .mat by the ending of `out`; returns its rows.
 
-    NaN is an empty cell in CSV. `progress` is told the rows done. BadInputError for an unknown
-    ending, a file that exists (unless `force`) and an unreadable recording; HapticError when it
-    cannot be written. All or nothing.
+    `TOLD_FIELDS` stand behind the others. NaN is an empty cell in CSV. `progress` is told the rows
+    done. BadInputError for an unknown ending, a file that exists (unless `force`) and an unreadable
+    recording; HapticError when it cannot be written. All or nothing.
     """
     write = writer_of(out, force)
     with _opened(path) as file:
-        group = _group(path, file, run)
-        table = group["events" if events else "samples"]
+        groups = _groups(path, file, run, every)
+        table = "events" if events else "samples"
         fields = tuple(EVENT_FIELDS) if events else FIELDS
-        about = {"recording": path.name, "run": group.name.strip("/"), **_attributes(group)}
+        about = [{"run": _name(group), **_attributes(group)} for group in groups]
+        said = {"recording": path.name} | ({"runs": about} if every else about[0])
         with replacing(out) as part:
-            write(part, fields, _blocks(table, fields, progress), about)
-        return int(table[fields[0]].shape[0])
+            blocks = _blocks(groups, table, fields, progress)
+            write(part, (*fields, *TOLD_FIELDS), blocks, said)
+        return sum(_rows(group, table) for group in groups)
 
 
-def row_count(path: Path, run: str | None = None, *, events: bool = False) -> int:
-    """Samples (or events) in a run."""
+def row_count(
+    path: Path, run: str | None = None, *, every: bool = False, events: bool = False
+) -> int:
+    """Samples (or events) in a run, or in `every` run."""
     with _opened(path) as file:
-        return int(_group(path, file, run)["events/number" if events else "samples/tick"].shape[0])
+        table = "events" if events else "samples"
+        return sum(_rows(group, table) for group in _groups(path, file, run, every))
 
 
 # --- inside
@@ -158,16 +166,31 @@ def _names(file: h5py.File) -> list[str]:
 
 
 def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:
+    return _groups(path, file, name, every=False)[0]
+
+
+def _groups(path: Path, file: h5py.File, name: str | None, every: bool) -> list[h5py.Group]:
     names = _names(file)
     if not names:
         raise BadInputError("no_runs", f"{path}: holds no run", "Record one with: haptic record")
+    if name is not None and name.isdecimal():
+        name = f"run_{int(name):04d}"
     if name is not None and name not in names:
         raise BadInputError(
             "no_such_run", f"{path}: has no run {name!r}", f"It has {', '.join(names)}"
         )
-    group: h5py.Group = member(file, name or names[-1], h5py.Group)
-    check_run(group, TABLES, file.id.get_filesize())
-    return group
+    groups = [member(file, each, h5py.Group) for each in (names if every else [name or names[-1]])]
+    for group in groups:
+        check_run(group, TABLES, file.id.get_filesize())
+    return groups
+
+
+def _name(group: h5py.Group) -> str:
+    return str(group.name).strip("/")
+
+
+def _rows(group: h5py.Group, table: str) -> int:
+    return int(group[f"{table}/time_s"].shape[0])
 
 
 def _attributes(group: h5py.Group) -> dict[str, Any]:
@@ -202,10 +225,31 @@ def _column(dataset: h5py.Dataset, rows: slice) -> NDArray[Any]:
     return read_column(dataset, rows, dataset.file.id.get_filesize())
 
 
-def _blocks(table: h5py.Group, fields: Sequence[str], progress: Callable[[int], None]) -> Blocks:
-    """Columns of a table, some rows at a time, at least once."""
-    count = table[fields[0]].shape[0]
-    for start in range(0, max(count, 1), BLOCK_ROWS):
-        stop = min(start + BLOCK_ROWS, count)
-        yield [_column(table[name], slice(start, stop)) for name in fields]
-        progress(stop)
+def _field(table: h5py.Group, name: str, rows: slice) -> NDArray[Any]:
+    """A column; NaN throughout where the recording is older than it."""
+    if name in ADDED and name not in table:
+        return np.full(table["time_s"][rows].size, np.nan)
+    return _column(table[name], rows)
+
+
+def _blocks(
+    groups: Sequence[h5py.Group],
+    name: str,
+    fields: Sequence[str],
+    progress: Callable[[int], None],
+) -> Blocks:
+    """Columns of a table of all runs, some rows at a time, at least once."""
+    done = 0
+    for group in groups:
+        table, said = group[name], _attributes(group)
+        number = int(_name(group).rpartition("_")[2])
+        count = _rows(group, name)
+        for start in range(0, max(count, 1), BLOCK_ROWS):
+            rows = slice(start, min(start + BLOCK_ROWS, count))
+            columns = [_field(table, field, rows) for field in fields]
+            time_s = columns[fields.index("time_s")]
+            of_run_s = time_s - said["started_s"]
+            wall_s = time_s + said.get("wall_offset_s", np.nan)
+            yield [*columns, np.full(time_s.size, number), of_run_s, wall_s]
+            progress(done + rows.stop)
+        done += count

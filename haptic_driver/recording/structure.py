@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.processes.samples import ADDED, SAMPLE
 
 FORMAT = "haptic-driver recording"
 FORMAT_VERSION = 1.0
@@ -85,15 +85,16 @@ def member(parent: h5py.Group, name: str, kind: type) -> Any:
 
 def check_run(run: h5py.Group, tables: Mapping[str, Mapping[str, Any]], file_bytes: int) -> None:
     """ValueError unless each table has its columns, with the types given, of one length, and all
-    fit into the file.
+    fit into the file. Columns that recordings had not from the first may be missing.
     """
     check_plain(member(run, "config", h5py.Dataset), h5py.string_dtype(), 0)
     total = 0
     for table, kinds in tables.items():
         group = member(run, table, h5py.Group)
-        columns = [member(group, name, h5py.Dataset) for name in kinds]
-        for column, kind in zip(columns, kinds.values(), strict=True):
-            check_plain(column, np.dtype(kind), 1)
+        there = [name for name in kinds if name not in ADDED or name in group]
+        columns = [member(group, name, h5py.Dataset) for name in there]
+        for name, column in zip(there, columns, strict=True):
+            check_plain(column, np.dtype(kinds[name]), 1)
             total += column.size * column.dtype.itemsize
         if len({column.size for column in columns}) > 1:
             raise ValueError(f"{group.name}: columns differ in length")

@@ -1,4 +1,4 @@
-"""Tables of columns, written in blocks: CSV and Parquet."""
+"""Tables of columns, written in blocks: CSV, Parquet and MAT."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError, optional
@@ -25,11 +26,11 @@ def writer_of(out: Path, force: bool) -> Writer:
 
     BadInputError for an unknown ending, and a file that exists, unless `force`.
     """
-    write = {".csv": write_csv, ".parquet": write_parquet}.get(out.suffix.lower())
+    known = {".csv": write_csv, ".parquet": write_parquet, ".mat": write_mat}
+    write = known.get(out.suffix.lower())
     if write is None:
-        raise BadInputError(
-            "bad_ending", f"{out}: ends neither in .csv nor in .parquet", "Give --out run.csv"
-        )
+        said = f"{out}: ends in none of {', '.join(known)}"
+        raise BadInputError("bad_ending", said, "Give --out run.csv")
     if out.exists() and not force:
         raise exists_already(out)
     return write
@@ -62,3 +63,13 @@ def write_parquet(path: Path, fields: Sequence[str], blocks: Blocks, about: dict
         writer.write_table(pa.table(dict(zip(fields, first, strict=True)), schema=schema))
         for columns in blocks:
             writer.write_table(pa.table(dict(zip(fields, columns, strict=True)), schema=schema))
+
+
+def write_mat(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]) -> None:
+    """A variable for each column, and `about` as JSON; format 5, texts as cells."""
+    from scipy.io import savemat  # noqa: PLC0415  (slow to import)
+
+    parts = list(blocks)
+    columns = {name: np.concatenate([part[i] for part in parts]) for i, name in enumerate(fields)}
+    with path.open("wb") as file:
+        savemat(file, columns | {"about": json.dumps(about)}, oned_as="column")

@@ -58,6 +58,7 @@ from haptic_driver.rig.parts.electrode_monitors import (
 )
 from haptic_driver.rig.parts.event_lines import EventCodes, EventLineConfig, NoEventLine
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
+from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from haptic_driver.rig.parts.generators import GeneratorConfig, WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox, InterlockConfig
 from haptic_driver.rig.parts.load_stages import LoadStageSection, NoLoadStage
@@ -484,9 +485,25 @@ class RigConfig(Section):
 
     @property
     def friction_from_current(self) -> bool:
-        """Whether nothing measures force, and something reads the electrode while it is driven."""
-        none = self.force_sensor is not None and self.force_sensor.kind == "none"
-        return none and not all(monitor.drives for monitor in self.electrode_monitors)
+        """Whether nothing measures force, something reads the electrode while it is driven, and it
+        is known what of its current flows beside the finger.
+        """
+        reads = not all(monitor.drives for monitor in self.electrode_monitors)
+        return self.without_force is not None and reads and self.stray_capacitance_f is not None
+
+    @property
+    def without_force(self) -> NoForceSensorConfig | None:
+        """What stands in for a force sensor where the rig has none."""
+        given = self.force_sensor
+        return given if isinstance(given, NoForceSensorConfig) else None
+
+    @property
+    def stray_capacitance_f(self) -> float | None:
+        """What is beside the finger on a rig without a force sensor; None where nobody says."""
+        given = self.without_force
+        if given is None or given.stray_capacitance_f is not None:
+            return None if given is None else given.stray_capacitance_f
+        return self.simulation.stray_capacitance_f if self.simulated else None
 
     @property
     def card_hz(self) -> tuple[float, float]:

@@ -228,6 +228,11 @@ class Rig:
         """
         return self._amplifier.monitor_voltage_v(), self._amplifier.monitor_current_a()
 
+    @property
+    def seen_monitors(self) -> tuple[float | None, float | None]:
+        """The same as somebody read them last; None where nobody has."""
+        return self._amplifier.seen_voltage_v, self._amplifier.seen_current_a
+
     def off(self) -> OffEvidence:
         """Off at once: amplifier disabled first, since its line is fast; then the generator.
 

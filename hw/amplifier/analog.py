@@ -66,6 +66,8 @@ class AnalogAmplifier:
         self._voltage_monitor = voltage_monitor
         self._current_monitor = current_monitor
         self._fault_line = fault
+        self.seen_voltage_v: float | None = None  # by the monitors, when they were read last
+        self.seen_current_a: float | None = None
 
     @property
     def state(self) -> AmplifierState:
@@ -113,13 +115,17 @@ class AnalogAmplifier:
         """Return the voltage at the electrode by the monitor, V; None when absent or unreadable.
         Never raises.
         """
-        return _scaled(self._voltage_monitor, self.settings.voltage_monitor_v_per_v)
+        said_v = _scaled(self._voltage_monitor, self.settings.voltage_monitor_v_per_v)
+        self.seen_voltage_v = said_v
+        return said_v
 
     def monitor_current_a(self) -> float | None:
         """Return the output current by the monitor, A; None when absent or unreadable. Never
         raises.
         """
-        return _scaled(self._current_monitor, self.settings.current_monitor_v_per_a)
+        said_a = _scaled(self._current_monitor, self.settings.current_monitor_v_per_a)
+        self.seen_current_a = said_a
+        return said_a
 
     def check_drive(self, frequency_hz: float, voltage_v: float, current_peak_a: float) -> None:
         """Raise LimitExceeded unless the amplifier can follow a sine of peak `voltage_v` and

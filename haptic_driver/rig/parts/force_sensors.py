@@ -56,8 +56,8 @@ class SimulatedForceSensorConfig(ForceSensorSection):
 class NoForceSensorConfig(ForceSensorSection):
     """None, said plainly: every finger is taken to press with `load_n`.
 
-    Where the rig reads the electrode, the daemon estimates load and friction from its current; of
-    that `stray_capacitance_f` is what flows without a finger.
+    Where the rig reads the electrode, and says by `stray_capacitance_f` what of its current flows
+    without a finger, load and friction are estimated from it.
     """
 
     measures_lateral = False
@@ -66,15 +66,24 @@ class NoForceSensorConfig(ForceSensorSection):
     load_n: LoadNewtons = Field(
         default=0.5, description="what a finger is taken to press with where nothing measures it"
     )
-    stray_capacitance_f: Farads = Field(
-        default=0.0, description="of electrode and leads without a finger, from an open circuit"
+    stray_capacitance_f: Farads | None = Field(
+        default=None,
+        description="of electrode and leads without a finger, from an open circuit; a simulated"
+        " rig has its own",
     )
 
     def examine(self, at: Examination) -> Checks:
-        by_current = at.rig.friction_from_current
-        source = "the electrode's current" if by_current else f"no reading: {self.load_n:g} N"
-        said = f"none; load and friction from {source}"
-        yield at.warning(said, "docs/live.md says what that holds")
+        if at.rig.friction_from_current:
+            yield at.warning(
+                "none; load and friction are estimated from the electrode's current",
+                "docs/live.md says what that holds",
+            )
+            return
+        hint = "docs/live.md says what that holds"
+        if any(not monitor.drives for monitor in at.rig.electrode_monitors):
+            hint = "give stray_capacitance_f, and they are estimated from the electrode's current"
+        said = f"none; friction is the model's, at {self.load_n:g} N"
+        yield at.warning(said, hint)
 
 
 def make_none(section: NoForceSensorConfig, wiring: Wiring) -> Part[NoForceSensor]:

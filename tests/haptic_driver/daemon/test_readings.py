@@ -58,7 +58,7 @@ class Bench:
 def test_a_good_reading_is_taken_as_it_is_and_may_be_repeated():
     bench = Bench()
     first = bench.says()
-    assert first == (NOW_S, 0.03, 0.02, True, NOW_S, 0.5, 0.3, False)
+    assert first[:8] == (NOW_S, 0.03, 0.02, True, NOW_S, 0.5, 0.3, False)
     bench.now_s += 0.05
     assert bench.says() == first
 

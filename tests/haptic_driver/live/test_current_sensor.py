@@ -11,7 +11,12 @@ from haptic_driver.config import find_config
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
-from haptic_driver.live.current_sensor import CurrentSensor
+from haptic_driver.live.current_sensor import (
+    NOTHING_SEEN,
+    Carried,
+    ElectrodeWatch,
+    TouchEstimate,
+)
 from haptic_driver.rig.config import load_rig
 from hw.errors import DeviceError, DeviceTimeout
 from hw.monitor.contract import ElectrodeReading
@@ -19,6 +24,7 @@ from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering
 from tests.waiting import until
 
 USUAL_N = 0.5
+SLIDING = Carried(200.0, slides=True)
 WITHOUT = """
 [force_sensor]
 kind = "none"
@@ -46,24 +52,53 @@ def settings(surface_file, tmp_path):
 def test_feedback_goes_by_the_current_where_there_is_no_force_sensor(settings):
     with Daemon(settings) as daemon:
         lease = daemon.arm(LEASE_S)
-        daemon.targets.set(lease.token, 0.6)
+        daemon.targets.play(lease.token, "linen")
 
         def learnt():
-            """That friction is known, at loads told by the current, and that feedback has learnt of
-            it.
+            """That friction is estimated, at loads told by the current, and that feedback has
+            learnt of it.
             """
             made = daemon.samples(0, 1000)
-            told = np.isfinite(made["measured_cof"]) & (made["normal_force_n"] != USUAL_N)
+            told = np.isfinite(made["estimated_cof"]) & (made["normal_force_n"] != USUAL_N)
             return np.count_nonzero(told) > 5 and made["feedback_gain"][-1] != 1.0
 
         keep_rendering(daemon, lease.token, learnt)
-        assert "friction_from_current" in daemon.status().flags
+        made, status = daemon.samples(0, 1000), daemon.status()
+        assert np.isnan(made["measured_cof"]).all()
+        assert np.isnan(made["lateral_force_n"]).all()
+        assert np.nanmax(made["current_a"]) > 0.0
+        assert "friction_from_current" in status.flags
+        assert status.measured_cof is None
         assert len(daemon.basis.observer.rows) == 0
         with pytest.raises(RefusedError, match="estimated from the current"):
             daemon.adapt(True)
 
 
-def test_without_a_reading_the_load_is_the_usual_one_and_friction_unknown():
+def test_beside_a_force_sensor_current_and_monitors_are_in_samples_and_status(surface_file):
+    config = load_rig("simulated")
+    render = render_settings(config, surface_file)
+    with Daemon(DaemonSettings("simulated", "reference", config, surface_file, render)) as daemon:
+        lease = daemon.arm(LEASE_S)
+        daemon.targets.set(lease.token, 0.7)
+
+        def agrees():
+            """Both monitors with the command, once it has risen: they look seldom."""
+            last = daemon.samples(0, 1)
+            monitors_v = [last[name] for name in ("electrode_voltage_v", "monitor_voltage_v")]
+            told = np.isfinite(last["current_a"]) & np.isfinite(last["measured_cof"])
+            return told.all() and np.allclose(monitors_v, last["voltage_v"], rtol=0.1)
+
+        keep_rendering(daemon, lease.token, agrees)
+        made = daemon.samples(0, 100)
+        assert np.isnan(made["estimated_cof"]).all()
+        until(lambda: daemon.status().normal_force_n)
+        status = daemon.status()
+        assert status.estimated_cof is None
+        assert status.normal_force_n == pytest.approx(0.5, rel=0.2)
+        assert 0.0 < status.position_x_m < config.screen.width_m
+
+
+def test_without_a_reading_nothing_is_seen_and_a_failing_monitor_is_a_failing_sensor():
     answers = iter([DeviceTimeout("the monitor is silent", "look"), None])
     told = []
 
@@ -74,33 +109,48 @@ def test_without_a_reading_the_load_is_the_usual_one_and_friction_unknown():
             raise answer
         return answer
 
-    sensor = CurrentSensor(electrode, USUAL_N, 0.0, lambda: 200.0, lambda: "reference")
-    sensor.start()
+    watch = ElectrodeWatch(electrode, lambda: SLIDING, estimate("reference"))
+    watch.start()
     try:
         until(lambda: len(told) > 2)
-        reading = sensor.read()
-        assert (reading.normal_force_n, np.isnan(reading.lateral_force_n), reading.saturated) == (
-            USUAL_N,
-            True,
-            False,
-        )
+        assert watch.newest() == NOTHING_SEEN
         assert set(told) == {200.0}
     finally:
-        sensor.close()
+        watch.close()
 
 
-def test_a_model_that_has_gone_is_told_and_not_a_silent_end():
-    sensor = CurrentSensor(lambda hz: None, USUAL_N, 0.0, lambda: 200.0, lambda: "gone")
+def estimate(model: str) -> TouchEstimate:
+    return TouchEstimate(USUAL_N, 0.0, lambda: model)
 
+
+def failing(frequency_hz: float) -> ElectrodeReading | None:
+    raise DeviceTimeout("the monitor is silent", "look")
+
+
+@pytest.mark.parametrize(
+    ("watch", "words"),
+    [
+        (ElectrodeWatch(failing, lambda: SLIDING, estimate("reference")), "silent"),
+        (ElectrodeWatch(lambda hz: None, lambda: SLIDING, estimate("gone")), "gone"),
+    ],
+)
+def test_what_fails_is_told_and_not_a_silent_end(watch, words):
     def failed():
         try:
-            sensor.read()
+            watch.newest()
         except DeviceError as error:
             return error.message
         return None
 
-    sensor.start()
+    watch.start()
     try:
-        assert "gone" in until(failed)
+        assert words in until(failed)
     finally:
-        sensor.close()
+        watch.close()
+
+
+def test_a_monitor_that_fails_beside_a_force_sensor_takes_nothing_away():
+    watch = ElectrodeWatch(failing, lambda: SLIDING)
+    with pytest.raises(DeviceTimeout):
+        watch.look()
+    assert watch.newest() == NOTHING_SEEN

@@ -7,9 +7,10 @@ import sys
 import h5py
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.processes.samples import ADDED, SAMPLE
 from haptic_driver.recording import read as recording
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.records import records_of
@@ -28,6 +29,7 @@ HEADER = RunHeader(
     latency_budget_s={"total": 0.01},
     config={"name": "bench"},
 )
+TOLD = ["run", "run_time_s", "wall_time_s"]
 EVENTS = [Event(number=1, time_s=0.5, kind="state", message='armed, "quoted"', data={"a": 1})]
 
 
@@ -105,7 +107,7 @@ def test_csv_holds_every_number_to_the_last_bit(path, samples, tmp_path):
     assert recording.export(path, tmp_path / "run.csv", progress=done.append) == 700
     assert done == [256, 512, 700]
     rows = rows_of(tmp_path / "run.csv")
-    assert list(rows[0]) == list(SAMPLE.names)
+    assert list(rows[0]) == [*SAMPLE.names, *TOLD]
     assert [int(row["tick"]) for row in rows] == samples["tick"].tolist()
     assert [float(row["time_s"]) for row in rows] == samples["time_s"].tolist()
     assert [row["measured_cof"] for row in rows[:3]] == ["0.6", "", "0.6"]
@@ -123,23 +125,60 @@ def test_parquet_holds_the_same_and_where_it_comes_from(path, samples, tmp_path)
     assert about["surface_hash"] == "ab12"
 
 
+def test_all_runs_become_one_table_whose_times_are_each_runs_own(path, samples, tmp_path):
+    assert recording.export(path, tmp_path / "all.csv", every=True) == 710
+    rows = rows_of(tmp_path / "all.csv")
+    assert [row["run"] for row in rows] == ["1"] * 10 + ["2"] * 700
+    time_s = [*samples["time_s"][:10].tolist(), *samples["time_s"].tolist()]
+    assert [float(row["time_s"]) for row in rows] == time_s
+    assert [float(row["run_time_s"]) for row in rows] == [s - HEADER.started_s for s in time_s]
+    wall_s = [s + HEADER.clock.wall_offset_s for s in time_s]
+    assert [float(row["wall_time_s"]) for row in rows] == wall_s
+
+
+def test_mat_holds_a_variable_for_each_column(path, samples, tmp_path):
+    recording.export(path, tmp_path / "run.mat", run="2")
+    read = loadmat(tmp_path / "run.mat")
+    for name in SAMPLE.names:
+        np.testing.assert_array_equal(read[name], samples[name][:, None])
+    assert read["run"].tolist() == [[2]] * 700
+    assert json.loads(read["about"].item())["surface_hash"] == "ab12"
+    recording.export(path, tmp_path / "events.mat", events=True, every=True)
+    read = loadmat(tmp_path / "events.mat")
+    assert [cell.item() for (cell,) in read["message"]] == ['armed, "quoted"'] * 2
+
+
+def test_a_recording_older_than_a_column_has_nothing_in_it(path, samples, tmp_path):
+    with h5py.File(path, "r+") as file:
+        for name in ADDED:
+            del file[f"run_0002/samples/{name}"]
+    found = recording.read_run(path).samples
+    assert np.isnan(found["current_a"]).all()
+    np.testing.assert_array_equal(found["measured_cof"], samples["measured_cof"])
+    assert recording.export(path, tmp_path / "old.csv") == 700
+    assert {row["estimated_cof"] for row in rows_of(tmp_path / "old.csv")} == {""}
+
+
 def test_another_run_and_its_events(path, tmp_path):
     assert recording.export(path, tmp_path / "first.csv", run="run_0001") == 10
     assert recording.export(path, tmp_path / "events.csv", events=True) == 1
     (row,) = rows_of(tmp_path / "events.csv")
+    run_s, wall_s = float(row.pop("run_time_s")), float(row.pop("wall_time_s"))
+    assert (run_s, wall_s) == (0.5 - HEADER.started_s, 0.5 + HEADER.clock.wall_offset_s)
     assert row == {
         "number": "1",
         "time_s": "0.5",
         "kind": "state",
         "message": 'armed, "quoted"',
         "data": '{"a": 1}',
+        "run": "2",
     }
 
 
 def test_a_run_without_samples_is_a_table_without_rows(tmp_path):
     RunWriter(tmp_path / "run.h5", HEADER).close()
     assert recording.export(tmp_path / "run.h5", tmp_path / "run.csv") == 0
-    assert (tmp_path / "run.csv").read_text() == ",".join(SAMPLE.names) + "\n"
+    assert (tmp_path / "run.csv").read_text() == ",".join([*SAMPLE.names, *TOLD]) + "\n"
 
 
 def test_nothing_is_overwritten_unless_forced(path, tmp_path):
@@ -244,7 +283,7 @@ ELSEWHERE = [("/etc/passwd", 0, 5600)]
         ),
         (
             lambda run: [run[f"samples/{name}"].resize(10**12, axis=0) for name in SAMPLE.names],
-            "claims 1.* bytes",
+            "claims 2.* bytes",
         ),
         (lambda run: run["samples/time_s"].resize(699, axis=0), "differ in length"),
         (
@@ -333,10 +372,10 @@ def test_the_command_says_what_it_wrote(haptic, path, tmp_path):
         "runs": ["run_0001", "run_0002"],
         "rows": 700,
     }
-    assert (
-        "700 rows of run_0002"
-        in haptic("export", path, "--out", tmp_path / "run.csv", "--force").out
-    )
+    again = ["export", path, "--out", tmp_path / "run.csv", "--force"]
+    assert "700 rows of run_0002, one of 2 runs (--all takes all)" in haptic(*again).out
+    assert "10 rows of run_0001, one of 2 runs" in haptic(*again, "--run", "1").out
+    assert "710 rows of run_0001, run_0002" in haptic(*again, "--all").out
 
 
 def test_the_command_says_that_it_puts_away_what_a_crash_left(haptic, tmp_path, samples, caplog):
@@ -357,6 +396,8 @@ def test_the_command_says_that_it_puts_away_what_a_crash_left(haptic, tmp_path, 
     [
         (["--out", "run.txt"], "bad_ending"),
         (["--out", "run.csv", "--run", "run_0009"], "no_such_run"),
+        (["--out", "run.csv", "--run", "9"], "no_such_run"),
+        (["--out", "run.csv", "--run", "1", "--all"], "usage"),
     ],
 )
 def test_the_command_refuses_with_status_2(haptic, path, tmp_path, monkeypatch, arguments, code):
