@@ -94,7 +94,6 @@ class Skin:
     def __init__(
         self,
         seed: int,
-        duration_s: float,
         frequency_hz: float,
         cof_off: float | None = None,
         rises: float = RISES,
@@ -106,14 +105,10 @@ class Skin:
             rng.uniform(0.02e-6, 0.10e-6),
         )
         own = rng.uniform(0.42, 0.55)
-        finger = replace(finger, mu_off=own if cof_off is None else cof_off)
-        self._tables = []
-        for time_s in np.arange(0.0, duration_s + 2.0 * NODES_S, NODES_S):
-            wet, grown = np.sin(np.pi * time_s / 600.0) ** 2, time_s / 600.0
-            now = replace(
-                finger, mu_off=finger.mu_off * (1.0 + rises * wet), gap_offset=film_m * grown
-            )
-            self._tables.append(table(now, wettest * wet, frequency_hz))
+        self._finger = replace(finger, mu_off=own if cof_off is None else cof_off)
+        self._wettest, self._film_m = wettest, film_m
+        self._hz, self._rises = frequency_hz, rises
+        self._tables: dict[int, NDArray[np.complex128]] = {}
 
     def at(self, time_s: float, load_n: float) -> Array:
         """Coefficient of friction over V2_NODES."""
@@ -127,11 +122,20 @@ class Skin:
         k, share = divmod(time_s / NODES_S, 1.0)
         position = np.log(load_n / LOAD_NODES[0]) / np.log(LOAD_NODES[1] / LOAD_NODES[0])
         j, b = divmod(min(max(position, 0.0), LOAD_NODES.size - 1.001), 1.0)
-        first, then = (self._tables[int(k) + n][int(j) : int(j) + 2] for n in (0, 1))
+        first, then = (self._table(int(k) + n)[int(j) : int(j) + 2] for n in (0, 1))
         between = (1.0 - share) * ((1.0 - b) * first[0] + b * first[1]) + share * (
             (1.0 - b) * then[0] + b * then[1]
         )
         return np.asarray(between)
+
+    def _table(self, k: int) -> NDArray[np.complex128]:
+        if k not in self._tables:
+            share = k * NODES_S / 600.0
+            wet = np.sin(np.pi * share) ** 2
+            rubs = self._finger.mu_off * (1.0 + self._rises * wet)
+            now = replace(self._finger, mu_off=rubs, gap_offset=self._film_m * share)
+            self._tables[k] = table(now, self._wettest * wet, self._hz)
+        return self._tables[k]
 
     def cof(self, time_s: float, voltage_v: float, load_n: float) -> float:
         return float(np.interp(voltage_v**2, V2_NODES, self.at(time_s, load_n)))
@@ -193,7 +197,7 @@ class Arm:
 
     def controller(self, model: ModelDescription, frequency_hz: float = CARRIER_HZ) -> Controller:
         surface = ready_for_lookup(build_surface(model, LIMITS, AXES), LIMITS)
-        law = None if self.kind == FIXED else LAW
+        law = {FIXED: None, CURRENT: LAW._replace(off_share=0.0)}.get(self.kind, LAW)
         return Controller(
             ControllerSettings(surface, LIMITS, "fixed_frequency", frequency_hz, feedback=law)
         )
@@ -234,9 +238,7 @@ class Bench:
     """One finger rendered on by one arm."""
 
     def __init__(self, kind: str, texture: str, seed: int, *finger: float) -> None:
-        self.skin, self.other = (
-            Skin(seed, DURATION_S, hz, *finger) for hz in (CARRIER_HZ, OTHER_HZ)
-        )
+        self.skin, self.other = (Skin(seed, hz, *finger) for hz in (CARRIER_HZ, OTHER_HZ))
         self.arm, self.state = Arm(kind, texture), TickState()
         self._rng = np.random.default_rng([seed, 1])
         self.off: list[float] = []
@@ -336,7 +338,8 @@ class WithoutSensor(Bench):
                 power_v2**0.5, 0.0, current_a, CURRENT_NOISE * abs(current_a)
             )
             felt = self._touch.felt(CARRIER_HZ, reading, min(now_s - self._read_s, PERIOD_S))
-            self._known, self._read_s = (felt.load_n, felt.load_n * felt.cof), now_s
+            lateral_n = felt.load_n * felt.cof if felt.tells else np.nan
+            self._known, self._read_s = (felt.load_n, lateral_n), now_s
         return self._known
 
 

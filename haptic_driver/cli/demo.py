@@ -66,9 +66,10 @@ def demo(
     """Slide a finger over a texture on a simulated rig and compare friction with its target.
 
     It renders as the daemon does, by the same parts, in simulated time. Commands go as bytes over
-    TCP to a simulated generator; friction is read back through a simulated force sensor. Without
-    `--trace` the finger makes two strokes of its own. The finger follows `--model`, from which the
-    surface is built, unless the rig's file names another.
+    TCP to a simulated generator; friction is read back through a simulated force sensor, or
+    estimated where the rig's file says that there is none. Without `--trace` the finger makes two
+    strokes of its own. The finger follows `--model`, from which the surface is built, unless the
+    rig's file names another.
 
     Example: `haptic demo --texture grating --out out/demo`
     """
@@ -93,14 +94,22 @@ def demo(
     finger = description if config.simulation.model is None else load_model(config.simulation.model)
     bench = SimulatedRig(config, TouchModel(finger), envelope=True)
     with bench, progress("sliding", slide.time_s.size) as advance:
-        record = render_slide(slide, wanted, settings, bench, advance)
+        record = render_slide(slide, wanted, settings, bench, advance, model)
     result = score(record, thresholds)
     picture = out / "friction.png"
     draw_slide(record, f"{texture} under the {slide.name}", picture)
     counts = {name: value for name, value in vars(result).items() if name != "fidelity"}
     known = {"simulated": True, "surface_hash": file.content_hash, "pictures": [str(picture)]}
-    payload = asdict(result.fidelity) | counts | known
+    payload = asdict(result.fidelity) | counts | known | _felt(record)
     report(as_json, payload, lambda: _show(record, result, slide, texture, picture))
+
+
+def _felt(record: SlideRecord) -> dict[str, float | None]:
+    """Mean friction while sliding, measured or estimated; null for what there is not."""
+    names = ("measured_cof", "estimated_cof", "estimated_cof_std")
+    columns = {name: record.samples[name][record.sliding] for name in names}
+    known = {name: column[np.isfinite(column)] for name, column in columns.items()}
+    return {name: float(some.mean()) if some.size else None for name, some in known.items()}
 
 
 def _given(context: typer.Context, name: str) -> bool:
@@ -127,13 +136,23 @@ def _require_same_model(path: Path, file: SurfaceFile, description: ModelDescrip
 
 def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, picture: Path) -> None:
     stdout.print(Text.assemble(f"texture {texture}, {slide.name}, on a ", SIMULATED, " rig"))
-    stdout.print(_table(record))
-    for sentence in said(result.fidelity):
-        stdout.print(sentence)
-    stdout.print(
-        f"contact {result.contact_time_s:.2f} s, judged from {1e3 * AFTER_TOUCH_S:.0f} ms after"
-        f" each touch: {result.fidelity.sliding_time_s:.2f} s of sliding"
-    )
+    contact = f"contact {result.contact_time_s:.2f} s"
+    if record.is_estimated:
+        felt = _felt(record)
+        stdout.print(
+            f"no force sensor: friction is not measured; estimated {felt['estimated_cof']:.3f}"
+            f" ± {felt['estimated_cof_std']:.3f} in the mean, of a target of"
+            f" {record.target_cof[record.sliding].mean():.3f}"
+        )
+        stdout.print(contact)
+    else:
+        stdout.print(_table(record))
+        for sentence in said(result.fidelity):
+            stdout.print(sentence)
+        stdout.print(
+            f"{contact}, judged from {1e3 * AFTER_TOUCH_S:.0f} ms after"
+            f" each touch: {result.fidelity.sliding_time_s:.2f} s of sliding"
+        )
     stdout.print(
         f"highest voltage {result.max_voltage_v:.1f} V peak; output on without contact"
         f" {result.output_on_without_contact_s:.3f} s; refused by the safety gate"

@@ -75,8 +75,9 @@ def picture(history: Sequence[StateFrame]) -> Table:
     frame = history[-1]
     status, ticks = frame.status, frame.ticks
     newest = [shown.newest or {} for shown in history]
+    felt = "measured" if status.estimated_cof is None else "estimated"
     target, measured = (
-        [sample.get(name) for sample in newest] for name in ("target_cof", "measured_cof")
+        [sample.get(name) for sample in newest] for name in ("target_cof", f"{felt}_cof")
     )
     known = [value for value in (*target, *measured) if value is not None]
     low = math.floor(min(known, default=0.0) * SCALE_STEPS) / SCALE_STEPS
@@ -85,7 +86,7 @@ def picture(history: Sequence[StateFrame]) -> Table:
     table.add_row("state", _state(frame))
     table.add_row("texture", status.texture or "none")
     table.add_row("target", f"{sparkline(target, low, high)} {number(target[-1], '.3f')}")
-    table.add_row("measured", f"{sparkline(measured, low, high)} {number(measured[-1], '.3f')}")
+    table.add_row(felt, f"{sparkline(measured, low, high)} {number(measured[-1], '.3f')}")
     table.add_row("", f"friction from {low:g} to {high:g}")
     table.add_row(
         "command",

@@ -7,14 +7,17 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from haptic_driver.daemon.envelope_process import EnvelopeLoop
 from haptic_driver.daemon.output_pump import OutputPump
-from haptic_driver.daemon.readings import Readings
+from haptic_driver.daemon.readings import Readings, touch_estimate, with_electrode
 from haptic_driver.daemon.render_process import Renderer, RenderSettings
 from haptic_driver.daemon.set_up import reach_hz
+from haptic_driver.daemon.supervision import carried
+from haptic_driver.live.current_sensor import ElectrodeWatch
 from haptic_driver.processes.real_time import Due
 from haptic_driver.processes.shared_memory import Order, SharedState
 from haptic_driver.render.texture import Target, Texture
@@ -28,6 +31,7 @@ from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import SlideRecord
 from hw.finger.simulated_touch_screen import SimulatedTouchScreen
 from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
+from hw.monitor.contract import ElectrodeReading
 
 FINGER_Y_M = 0.030
 TOUCH_N = 0.02  # from this force on the screen feels the finger
@@ -39,10 +43,17 @@ class SteppedDaemon:
     """Sensors, render, pump and envelope of a simulated rig that was made with `envelope`, by one
     simulated clock.
 
-    Between `connect` and `close`, inside the rig's own `with` block.
+    Between `connect` and `close`, inside the rig's own `with` block. `model`: by which friction is
+    estimated on a rig without a force sensor.
     """
 
-    def __init__(self, settings: RenderSettings, bench: SimulatedRig, texture: Target) -> None:
+    def __init__(
+        self,
+        settings: RenderSettings,
+        bench: SimulatedRig,
+        texture: Target,
+        model: str = "reference",
+    ) -> None:
         self.bench = bench
         self.shared = SharedState()
         self.failures: list[BaseException] = []
@@ -67,6 +78,12 @@ class SteppedDaemon:
         )
         self._screen = TouchScreen(reports, SCREEN, clock=self._now_s)
         self._readings = Readings(bench.config, self._screen.read, bench.read_force, self._now_s)
+        estimate = touch_estimate(bench.config, lambda: model)
+        self._watch = ElectrodeWatch(
+            self._electrode, partial(carried, self.shared), estimate, self._now_s
+        )
+        self._looks = estimate is not None
+        self._looked_s = -math.inf
         self._order = BEGUN
         self._ticks = 0
         self.play(texture)
@@ -98,7 +115,11 @@ class SteppedDaemon:
             self._panel.put(position_m, FINGER_Y_M)
         else:
             self._panel.lift()
-        self.shared.sensed.write(self._readings.read())
+        if self._looks and now_s - self._looked_s >= self._watch.period_s:
+            self._looked_s = now_s
+            self._watch.look()
+        sensed = self._readings.read()
+        self.shared.sensed.write(with_electrode(sensed, self._watch.newest()))
         self.shared.order.write(self._order._replace(beat_s=now_s))
         self._pump.turn(now_s)  # what render said a tick ago
         self._renderer.step(Due(self._ticks, now_s, 0.0, 0))
@@ -117,6 +138,9 @@ class SteppedDaemon:
     def _now_s(self) -> float:
         return self.bench.instruments.time_s
 
+    def _electrode(self, frequency_hz: float) -> ElectrodeReading | None:
+        return self.bench.read_electrode(frequency_hz, self.bench.instruments.voltage_v)
+
     def _envelope_loop(self) -> EnvelopeLoop | None:
         config, output = self.bench.config, self.bench.analog_output
         section, modulation = config.analog_output, modulation_input(config)
@@ -134,15 +158,17 @@ def render_slide(
     settings: RenderSettings,
     bench: SimulatedRig,
     progress: Callable[[int], None] = lambda tick: None,
+    model: str = "reference",
 ) -> SlideRecord:
-    """Run a slide tick by tick; `progress` is called with every tick's number.
+    """Run a slide tick by tick; `progress` is called with every tick's number. `model`: see
+    `SteppedDaemon`.
 
     The rig is connected here and switched off at the end, whatever happens. Raises HapticError.
     """
     count = slide.time_s.size
     voltage_v, frequency_hz, samples = np.empty(count), np.empty(count), []
     saturated = np.zeros(count, bool)
-    daemon = SteppedDaemon(settings, bench, texture)
+    daemon = SteppedDaemon(settings, bench, texture, model)
     try:
         daemon.connect()
         for _ in range(UP_TICKS):  # as at a daemon that renders already when the finger comes

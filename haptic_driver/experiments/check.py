@@ -83,6 +83,7 @@ def check(
             _beyond_direct(setting, config)
             or _beyond_generator(setting, config)
             or _beyond_monitors(setting, config)
+            or _without_force(setting, plan, config)
             or beyond_stage(setting, plan, config)
             or (None if np.isfinite(cof) else "the model predicts that the contact pulls in")
             or violation(limits, point, worst)
@@ -167,6 +168,22 @@ def _beyond_monitors(setting: Setting, config: RigConfig) -> str | None:
         )
     if setting.sweep and config.electrode_monitor(f, sweep=True) is None:
         return f"no monitor of this rig's file tells {f:g} Hz"
+    return None
+
+
+def _without_force(setting: Setting, plan: Plan, config: RigConfig) -> str | None:
+    """Without a force sensor there is no friction: what is left is the electrode, under the load
+    that the rig's file takes for granted.
+    """
+    given = config.without_force
+    if given is None:
+        return None
+    if abs(setting.normal_force_n - given.load_n) > plan.load_tolerance * setting.normal_force_n:
+        return f"no force sensor: only the load of the rig's file is known, {given.load_n:g} N"
+    if not setting.driven:
+        return "no force sensor: without voltage nothing is measured"
+    if config.electrode_monitor(setting.frequency_hz, setting.sweep) is None:
+        return f"no force sensor, and no monitor tells {setting.frequency_hz:g} Hz"
     return None
 
 

@@ -216,7 +216,7 @@ def row_texts(
         "cof": _text(measured.cof),
         "cof_std": _text(measured.cof_std, digits=4),
         "time_s": f"{measured.time_s:.6f}",
-        "measured_normal_force_n": f"{measured.normal_force_n:.6g}",
+        "measured_normal_force_n": _text(measured.normal_force_n),
         "simulated": "true" if simulated else "false",
     }
 

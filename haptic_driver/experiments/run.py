@@ -8,7 +8,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import nan
+from math import isnan, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -111,6 +111,7 @@ def prepare(
     if not config.simulated or config.load_stage.kind != "none":
         stage_of(config)
     require_verified(config)
+    _require_force(config)
     settings = resolved(plan.settings, config, model)
     points, refusals = check([s for s in settings if s.driven], plan, config, model)
     undriven = list({s.without_voltage(): None for s in settings if not s.sweep})
@@ -122,9 +123,23 @@ def prepare(
         said = f"plan {plan.name}: rig {config.name} refuses every point, first {refusals[0]}"
         raise BadInputError("all_refused", said, "Choose other points, or another rig")
     seed = plan.seed if seed is None else seed
-    rows = tuple(plan.rows(permitted, seed))
+    judged = points | without
+    rows = tuple(row for row in plan.rows(permitted, seed) if row.setting in judged)
     limits = config.sweep_limits()
-    return Experiment(plan, config, model, seed, rows, points | without, tuple(refusals), limits)
+    return Experiment(plan, config, model, seed, rows, judged, tuple(refusals), limits)
+
+
+def _require_force(config: RigConfig) -> None:
+    """BadInputError where nothing would be measured, or nobody tells when the finger presses."""
+    if config.without_force is None:
+        return
+    said = f"rig {config.name} has no force sensor"
+    if not config.simulated or config.load_stage.kind != "none":
+        hint = "Add a section [force_sensor]; haptic record keeps current and voltage without one"
+        raise BadInputError("no_force_sensor", f"{said}: nobody tells when a finger presses", hint)
+    if all(monitor.drives for monitor in config.electrode_monitors):
+        hint = "Add a section [force_sensor], or [[electrode_monitors]] for current and voltage"
+        raise BadInputError("no_force_sensor", f"{said}, and nothing reads its electrode", hint)
 
 
 def _require_one_wiring(settings: Sequence[Setting]) -> None:
@@ -198,7 +213,7 @@ def _measure_at_last(
             tell(f"row {number + 1}: {error.message}; once more")
             continue
         load_n = found.measured.normal_force_n
-        if abs(load_n - wanted_n) <= tolerance * wanted_n:
+        if isnan(load_n) or abs(load_n - wanted_n) <= tolerance * wanted_n:
             if found.area is None and bench.camera is not None and setting.finger != "none":
                 tell(f"row {number + 1}: no frame of the camera shows the touch")
             if strokes and trace:
@@ -247,8 +262,13 @@ def measure_row(
     electrode = mean_reading(readings)
     steady = [frame for frame in frames if settled_s <= frame.time_s <= ended_s]
     area = contact_area(steady, experiment.config.camera)
-    if setting.sweep:
+    without_force = experiment.config.without_force is not None
+    if without_force and electrode is None:
+        said = f"row {number + 1}, {setting}: the electrode's monitor reads nothing"
+        raise HapticError("no_current", said, "Check the monitor's lines and gain; then --resume")
+    if setting.sweep or without_force:
         load_n = 0.0 if setting.finger == "none" else float(np.mean(window[:, 2]))
+        load_n = nan if without_force else load_n
         swept = Measured(nan, nan, load_n, float(np.mean(window[:, 0])))
         return MeasuredRow(swept, electrode, area)
     measured = average(window[:, 0], window[:, 1], window[:, 2])

@@ -46,11 +46,17 @@ def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
             )
             friction.plot(x, target, color=TARGET, lw=1.5, label="target" if first else None)
             direction, dash = ("to the right", "-") if x[-1] > x[0] else ("to the left", "--")
-            label = None if direction in named else f"achieved, {direction}"
+            what = "estimated" if record.is_estimated else "achieved"
+            label = None if direction in named else f"{what}, {direction}"
             named.add(direction)
-            friction.plot(
-                x, record.measured_cof[stroke], color=ACHIEVED, lw=1.0, ls=dash, label=label
-            )
+            felt = record.measured_cof
+            if record.is_estimated:
+                felt, std = (record.samples[f"estimated_cof{part}"] for part in ("", "_std"))
+                low, high = (felt + sign * std for sign in (-1.0, 1.0))
+                friction.fill_between(
+                    x, low[stroke], high[stroke], color=ACHIEVED, alpha=0.08, lw=0
+                )
+            friction.plot(x, felt[stroke], color=ACHIEVED, lw=1.0, ls=dash, label=label)
             voltage.plot(x, record.voltage_v[stroke], color=DRIVE, lw=1.0, ls=dash)
             frequency.plot(x, record.frequency_hz[stroke], color=DRIVE, lw=1.0, ls=dash)
         friction.set(ylabel="coefficient of friction")

@@ -22,6 +22,12 @@ takes part with its delay, so delay does not destabilise: with a latency wrong b
 is at most e/T, and it is stable below 1 (small gain). `timing_s` within which commands differ slows
 learning down, to a stop where the output ramps.
 
+Where no force sensor is, the electrode's current may tell the rise and never friction without
+voltage: of that nothing is learnt, and nothing is held unknown (`off_share` 0).
+
+The electrode's current shows the rise alone: where that stands in for a force sensor, `off_share`
+is 0, and without voltage nothing is learnt.
+
 Nothing is learnt while the finger is off, rests or has just set out, while force is unknown (NaN:
 stale, saturated) or the same as before, until a change of the carrier is felt, or while the output
 comes on and nobody knows what of a command is out (its voltage is NaN). A target out of reach
@@ -78,7 +84,8 @@ class FeedbackSettings(NamedTuple):
     friction follows voltage with a first-order lag of that cut-off per speed (13.8 Hz per mm/s,
     arXiv 2505.11162). `caution`: what variance of the friction counts for, against the squared
     error expected; above 1, since rising friction is felt more strongly than falling
-    (10.1109/TOH.2018.2830790, abstract).
+    (10.1109/TOH.2018.2830790, abstract). `off_share`: of `deviation`, for friction without voltage;
+    0 where nothing shows that, which leaves its gain at 1.
     """
 
     latency_s: float
@@ -93,6 +100,7 @@ class FeedbackSettings(NamedTuple):
     settled_m: float = 0.0003
     cutoff_hz_per_m_s: float = 13.8e3
     caution: float = 4.0
+    off_share: float = 1.0
 
 
 class Gains(NamedTuple):
@@ -217,7 +225,8 @@ def learnt(
     reading_s = finger.time_s if new else known.reading_time_s
     lateral_n = finger.lateral_force_n if new else known.lateral_force_n
     _, _, variance = spread(gains, h)
-    pace = variance / (variance + (RAMP * gains.rise * spread_n) ** 2) if then.steady else 0.0
+    told = then.steady and variance > 0.0
+    pace = variance / (variance + (RAMP * gains.rise * spread_n) ** 2) if told else 0.0
     learning = new and slid_m >= law.settled_m and pace >= LEAST_PACE
     gain, rate, at_limit = known.gain, known.gain_rate_per_s, known.at_limit
     if learning:
@@ -294,8 +303,8 @@ def spread(gains: Gains, h: Forces) -> tuple[float, float, float]:
 @kernel
 def any_finger(law: FeedbackSettings) -> Gains:
     """What is known of a finger of which nothing was measured: P0."""
-    variance = law.deviation**2
-    return Gains(1.0, 1.0, variance, law.correlation * variance, variance)
+    variance, share = law.deviation**2, law.off_share
+    return Gains(1.0, 1.0, share**2 * variance, share * law.correlation * variance, variance)
 
 
 @kernel

@@ -34,7 +34,7 @@ def tick_settings(
         limits,
         **config.controller.model_dump(),
         correction=file.correction,
-        feedback=None if feedback_latency_s is None else FeedbackSettings(feedback_latency_s),
+        feedback=None if feedback_latency_s is None else _law(config, feedback_latency_s),
     )
     latency_s = config.output.latency_s if output_latency_s is None else output_latency_s
     finger = FingerSettings(
@@ -48,3 +48,8 @@ def tick_settings(
         DriveSettings(config.output.voltage_rise_v_per_s),
         table_of(file.worst_case),
     )
+
+
+def _law(config: RigConfig, latency_s: float) -> FeedbackSettings:
+    measures = config.without_force is None
+    return FeedbackSettings(latency_s, off_share=1.0 if measures else 0.0)

@@ -29,7 +29,7 @@ from hw.analog.output import AnalogOutput
 from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
-from hw.force.sensor import ForceAxes, ForceReading, ForceSensor
+from hw.force.sensor import ForceAxes, ForceReading, ForceSensor, NoForceSensor
 from hw.generator.analog_carrier.driver import AnalogCarrier
 from hw.monitor.contract import ElectrodeMonitor, ElectrodeReading
 from hw.monitor.lines import SampledMonitor
@@ -95,9 +95,13 @@ class SimulatedRig:
             TcpTransport.from_resource(self.instruments.generator_server.resource)
         )
         self._force = _SteppedForceSensor(self.instruments)
+        given = config.without_force
+        self._sensor: ForceSensor = (
+            self._force if given is None else NoForceSensor(given.load_n, lambda: self.time_s)
+        )
         lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
         self.rig = build_rig(
-            config, port, self._force, lines, modulated=self.analog_output is not None
+            config, port, self._sensor, lines, modulated=self.analog_output is not None
         )
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
@@ -122,11 +126,16 @@ class SimulatedRig:
     @property
     def force_sensor(self) -> ForceSensor:
         """Its driver's end; open inside the `with` block."""
-        return self._force
+        return self._sensor
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time, by which forces are stamped."""
+        return self.instruments.plant.time_s
 
     def read_force(self) -> ForceReading:
         """What the force sensor says now."""
-        return self._force.read()
+        return self._sensor.read()
 
     def touch_area_m2(self) -> float:
         """Apparent contact area of the model's finger under the present load; 0 where it is

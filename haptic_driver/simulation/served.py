@@ -146,10 +146,21 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
     """
     host, port = endpoints["force_sensor"].split(":")
     generator = endpoints["waveform_generator"]
+    none = config.without_force
+    if none is not None:
+        none = none.model_copy(update={"stray_capacitance_f": config.stray_capacitance_f})
+    box = NetFtForceSensorConfig(
+        kind="net_ft",
+        host=host,
+        port=int(port),
+        **SCALE._asdict(),
+        normal_axis="-z",
+        lateral_axis="x",
+    )
     return config.model_copy(
         update={
             "simulated": False,
-            "electrode_monitors": [],
+            "electrode_monitors": [] if none is None else config.electrode_monitors,
             "camera": NoCamera(),
             "load_stage": NoLoadStage(),
             "waveform_generator": config.waveform_generator.model_copy(
@@ -159,14 +170,7 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
                 kind="box", resource=endpoints["interlock"], reply_timeout_s=REPLY_S
             ),
             "watchdog": WatchdogConfig(generator=generator, interlock=endpoints["interlock_tcp"]),
-            "force_sensor": NetFtForceSensorConfig(
-                kind="net_ft",
-                host=host,
-                port=int(port),
-                **SCALE._asdict(),
-                normal_axis="-z",
-                lateral_axis="x",
-            ),
+            "force_sensor": none or box,
             "stage": StageConfig(
                 resource=endpoints["stage"],
                 travel_m=[0.0, 0.15],

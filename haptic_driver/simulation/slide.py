@@ -45,8 +45,17 @@ class SlideRecord:
 
     @property
     def sliding(self) -> Mask:
-        """Where friction can be judged: in contact, sliding, and a texture underneath."""
-        return np.asarray(sliding(self.samples) & np.isfinite(self.samples["target_cof"]))
+        """Where friction is known: in contact, sliding, and a texture underneath; without a force
+        sensor, where it is estimated.
+        """
+        known = sliding(self.samples) | np.isfinite(self.samples["estimated_cof"])
+        return np.asarray(known & np.isfinite(self.samples["target_cof"]))
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether friction was estimated, and nowhere measured."""
+        measured = np.isfinite(self.samples["measured_cof"]).any()
+        return bool(np.isfinite(self.samples["estimated_cof"]).any() and not measured)
 
     @property
     def strokes(self) -> list[slice]:

@@ -228,7 +228,9 @@ function showFigures(status, newest) {
   $("simulated").hidden = !status.simulated;
   say("rig", `rig ${status.rig}${status.texture ? `, texture ${status.texture}` : ""}`);
   say("target_cof", fixed(status.target_cof, 3));
-  say("measured_cof", fixed(status.measured_cof, 3));
+  const estimated = status.estimated_cof !== null;
+  say("felt", estimated ? "Estimated" : "Measured");
+  say("measured_cof", estimated ? `${fixed(status.estimated_cof, 3)} ± ${fixed(status.estimated_cof_std, 3)}` : fixed(status.measured_cof, 3));
   const error = status.fidelity?.relative_error_rms ?? null;
   say("error", error === null ? "–" : percent(error, 1));
   say("score", scoreWords(status.fidelity));
