@@ -51,7 +51,9 @@ def slide_of(path: str, surface_file):
     config, finger = load_rig(path), load_model("reference")
     settings = render_settings(config, surface_file)
     with SimulatedRig(config, TouchModel(finger), envelope=True) as bench:
-        return render_slide(synthetic_slide(), load_texture("linen", texture_dirs()), settings, bench)
+        return render_slide(
+            synthetic_slide(), load_texture("linen", texture_dirs()), settings, bench
+        )
 
 
 @pytest.mark.parametrize("monitors", [False, True])
