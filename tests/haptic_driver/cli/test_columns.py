@@ -9,9 +9,9 @@ import pytest
 
 from haptic_driver.cli.columns import columns_named
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import bad_input
 from haptic_driver.live.recordings import read_data
 from model.diagnosis.data import COLUMNS, read_measurements
+from model.support.errors import ModelError
 from tests.docs import own_data
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "own-data.md"
@@ -83,7 +83,7 @@ def test_a_held_finger_has_no_friction_of_its_lateral_force(tmp_path) -> None:
 )
 def test_what_is_wrong_with_a_force_is_said_once(tmp_path, cells, said) -> None:
     path = table(tmp_path, f"frequency_hz,voltage_v,normal_force_n,lateral_force_n\n{cells}\n")
-    with pytest.raises(BadInputError) as refused, bad_input():
+    with pytest.raises(ModelError) as refused:
         read_measurements(path)
     assert refused.value.message.startswith(f"{path}, line 2: {said}")
     assert "," not in refused.value.message.removeprefix(f"{path}, line 2: {said}")
