@@ -348,11 +348,6 @@ def render(case: tuple[str, str, int]) -> Result:
     return judged(Bench(*case))
 
 
-def without_sensor(case: tuple[str, str, int, float, float]) -> Result:
-    """The same without a force sensor."""
-    return judged(WithoutSensor(*case))
-
-
 def judged(bench: Bench) -> Result:
     """What came of ten minutes."""
     for begin_s in np.arange(0.0, DURATION_S, PERIOD_S):
@@ -435,39 +430,7 @@ def run() -> Iterator[Claim]:
     )
     counts = sum(result.mended for result in mended), sum(result.dropped for result in mended)
     yield Claim("models mended, and dropped as no better", f"{counts[0]}, {counts[1]}")
-    yield from currents()
     yield from agreement()
-
-
-def currents() -> Iterator[Claim]:
-    """Without a force sensor: by the model alone, and by the current; friction of the dry finger is
-    the model's.
-    """
-    dry = load_model("reference").values.cof_off
-    changes = {
-        "no change of friction without voltage": 0.0,
-        f"{RISES:.0%} more friction without voltage": RISES,
-    }
-    cases = list(product((FIXED, CURRENT), ("linen",), FINGERS, (dry,), changes.values()))
-    with ProcessPoolExecutor(WORKERS) as pool:
-        found = dict(zip(cases, pool.map(without_sensor, cases), strict=True))
-    for name, rises in changes.items():
-        errors = {}
-        for kind in (FIXED, CURRENT):
-            results = [found[kind, "linen", finger, dry, rises] for finger in FINGERS]
-            errors[kind] = [result.error for result in results]
-            within = spread([result.within for result in results])
-            yield Claim(
-                f"no force sensor, {name}, {kind}: off, and within 5 %",
-                f"{spread(errors[kind])}, {within}",
-            )
-        ratios = [mine / fixed for mine, fixed in zip(errors[CURRENT], errors[FIXED], strict=True)]
-        wanted = () if rises else ("at most 60 %", float(np.mean(ratios)) <= 0.6)
-        yield Claim(
-            f"no force sensor, {name}: {CURRENT}, as a share of the {FIXED}",
-            spread(ratios),
-            *wanted,
-        )
 
 
 def rms(values: Array | list[float]) -> float:
