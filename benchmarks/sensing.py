@@ -37,8 +37,8 @@ CHANGES = {"stays": 0.0, f"rises by {RISES:.0%}": RISES}  # friction without vol
 
 def off(case: tuple[str, int, float, float]) -> list[float]:
     """How far friction is off, relative, at each tick that slides over a target in reach."""
-    kind, *finger = case
-    bench = (Bench if kind == GAINS else WithoutSensor)(kind, "linen", *finger)
+    kind, seed, *finger = case
+    bench = (Bench if kind == GAINS else WithoutSensor)(kind, "linen", seed, *finger)
     for begin_s in VISITS_S:
         bench.visit(begin_s)
     return bench.off
