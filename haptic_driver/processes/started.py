@@ -63,7 +63,7 @@ THREADS = (
     Part("child", "control", "processes/child.py", "gives to and hears one child"),
     Part("observe", "control", "daemon/observer.py", "hears the observer, and starts it again"),
     Part("why", "control", "daemon/inquiry.py", "waits for a diagnosis"),
-    Part("current", "control", "live/current_sensor.py", "load and friction from a current"),
+    Part("current", "control", "live/current_sensor.py", "the electrode, and a touch by it"),
     Part("record", "control", "daemon/recordings.py", "ends a recording, or goes on with it"),
     Part("outlets", "control", "daemon/outlets.py", "samples and events to other programs"),
     Part("inlet", "control", "daemon/inlets.py", "markers from other programs"),
