@@ -1,7 +1,8 @@
 """What is written from the program itself: `python docs/reference.py`.
 
 The tables of `configuration.md` come from the records that read the files, those of `api.md` from
-the daemon's OpenAPI, the examples of `python.md` from `examples/`, and one table of
+the daemon's OpenAPI, the names and examples of `python.md` from
+`haptic_driver` and `examples/`, and one table of
 `investigation.md` from the effects. The comments of `configs/rigs/template.toml` are the
 descriptions of its keys. What stands between is written by hand. A test fails when something is out
 of date. Needs a checkout, not only the package.
@@ -10,6 +11,7 @@ of date. Needs a checkout, not only the package.
 from __future__ import annotations
 
 import ast
+import inspect
 import json
 import math
 import re
@@ -21,12 +23,19 @@ from typing import Any, cast
 
 from pydantic import TypeAdapter
 
+import haptic_driver
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.web.api import create_app
 from haptic_driver.experiments.plan import PlanFile
 from haptic_driver.experiments.psychophysics.description import ExperimentFile
 from haptic_driver.experiments.study import StudyPlan
 from haptic_driver.processes.started import MEMORY, PROCESSES, THREADS, Part
+from haptic_driver.public.connection import Rig
+from haptic_driver.public.findings import Diagnosis
+from haptic_driver.public.picture import Picture
+from haptic_driver.public.predictions import Predictions
+from haptic_driver.public.rigs import SimulatedRig, SlideResult
+from haptic_driver.public.surfaces import Surface
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.textures.description import Description
 from model.effects import CATALOGUE, EffectParameter
@@ -73,7 +82,7 @@ def texts() -> dict[Path, str]:
     parts = {
         "configuration.md": configuration(),
         "api.md": api(),
-        "python.md": {"examples": examples()},
+        "python.md": {"names": public_names(), "examples": examples()},
         "investigation.md": {"interventions": interventions()},
         "processes.md": processes(),
     }
@@ -406,6 +415,27 @@ def examples() -> str:
         name = f"`examples/{path.name}`"
         parts += [f"## {title.rstrip('.')}", name, text, f"```python\n{code}\n```"]
     return "\n\n".join(filter(None, parts))
+
+
+def public_names() -> str:
+    """Every name of `haptic_driver.__all__` with its signature, and what its answers offer."""
+    parts = ["## Names"]
+    for name in sorted(haptic_driver.__all__, key=str.lower):
+        thing = getattr(haptic_driver, name)
+        parts.append(_entry(f"hd.{name}", thing))
+    parts.append("## What they answer")
+    for kind in (Rig, Predictions, Surface, SimulatedRig, SlideResult, Diagnosis, Picture):
+        parts.append(f"**`{kind.__name__}`** {_said(inspect.getdoc(kind) or '')}")
+        members = [n for n in vars(kind) if not n.startswith("_") and callable(getattr(kind, n))]
+        parts.append("\n".join(f"- {_entry(f'.{n}', getattr(kind, n))}" for n in members))
+    return "\n\n".join(parts)
+
+
+def _entry(name: str, thing: Any) -> str:
+    """A signature and the first paragraph of what it says."""
+    words = "" if isinstance(thing, type) else str(inspect.signature(thing))
+    words = re.sub(r"[\w.]+\.(\w+)", r"\1", words).replace("(self, ", "(").replace("(self)", "()")
+    return f"`{name}{words}`: {_said(inspect.getdoc(thing) or '')}"
 
 
 def _said(text: str) -> str:

@@ -1,23 +1,13 @@
 """Predict a table of conditions.
 
-Arrays go in, arrays come out: electrostatic force, friction and finger current by the model.
-Voltages are peak amplitudes at the electrode.
+Numbers and arrays go in, arrays come out: electrostatic force, friction and finger current by the
+model. Voltages are peak amplitudes at the electrode. `to_frame()` makes a pandas table of it.
 """
 
-import numpy as np
+import haptic_driver as hd
 
-from haptic_driver.surface.models import load_model
-from model.conditions import Conditions
-from model.touch_model import TouchModel
-
-touch = TouchModel(load_model("reference"))
-frequency_hz = np.array([10.0, 100.0, 1e3, 10e3])
-answer = touch.predict(
-    Conditions(frequency_hz, voltage_v=np.full(4, 75.0), normal_force_n=np.full(4, 0.5))
+answer = hd.predict(
+    "reference", frequency_hz=[10.0, 100.0, 1e3, 10e3], voltage_v=75.0, normal_force_n=0.5
 )
-
-print("frequency_hz  force_n  friction  current_a")
-for row in zip(
-    frequency_hz, answer.electrostatic_force_n, answer.cof, answer.current_rms_a, strict=True
-):
-    print("{:12.0f}  {:7.4f}  {:8.4f}  {:9.2e}".format(*row))
+print(answer)
+print(f"highest friction {answer.cof.max():.3f}")

@@ -7,26 +7,24 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
-from haptic_driver.errors import BadInputError, HapticError, require_range
-from haptic_driver.limits import OperatingLimits
-from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
+from haptic_driver.errors import BadInputError
 from haptic_driver.render.policies import POLICIES, description
-from haptic_driver.render.safety import Worst, table_of, violation, worst_at
 from haptic_driver.rig.config import load_rig
-from haptic_driver.signals import NO_COMMAND, FingerState, OperatingPoint, TargetFriction
 from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import SurfaceFile, cof_interval_at, read_surface, ready_for_lookup
+from haptic_driver.surface.file import cof_interval_at, read_surface
 from haptic_driver.surface.models import load_model
+from haptic_driver.surface.operating_point import (
+    controller_by,
+    electrostatic_force_n,
+    operating_point,
+)
 from haptic_driver.textures.ripple import QuietReach, Ripple, quiet_reach, ripple
-from model import friction as friction_law
 from model.analysis import uncertainty
 from model.description import ModelDescription
 from model.support.cells import number
-from model.support.errors import nearest
 
 POLICIES_SAID = " ".join(f"{name}: {description(name)}" for name in POLICIES)
 
@@ -49,17 +47,7 @@ def solve(
     """
     config = load_rig(rig)
     limits = config.operating_limits()
-    require_range("friction", friction, 1e-3, 10.0)
     fixed_hz = _frequency(frequency)
-    chosen = _policy(policy, fixed_hz, config.controller.policy)
-    if (
-        chosen == "fixed_frequency"
-        and fixed_hz is None
-        and config.controller.fixed_frequency_hz is None
-    ):
-        raise BadInputError(
-            "bad_frequency", "policy fixed_frequency needs a frequency", "Give --frequency in Hz"
-        )
     if surface is not None:
         file = read_surface(surface)
         interval_at = partial(cof_interval_at, file)
@@ -67,12 +55,9 @@ def solve(
         description = load_model(model)
         file = build_surface(description, limits)
         interval_at = partial(_interval_at, description)
-    require_range("normal force", normal_force, *file.normal_force_n[[0, -1]].tolist(), unit=" N")
-    own = config.controller.model_dump() | {"policy": chosen}
-    if fixed_hz is not None:
-        own["fixed_frequency_hz"] = fixed_hz
-    controller = Controller(ControllerSettings(ready_for_lookup(file, limits), limits, **own))
-    point = _point(controller, limits, file, friction, normal_force)
+    own = config.controller.model_dump()
+    controller = controller_by(file, limits, own, policy, fixed_hz)
+    point = operating_point(controller, file, friction, normal_force)
     interval = interval_at(point.frequency_hz, point.voltage_v, normal_force)
     left = ripple(point.frequency_hz, config.controller.quiet_above_hz)
     without = quiet_reach(controller.settings, normal_force)
@@ -80,9 +65,9 @@ def solve(
         "frequency_hz": point.frequency_hz,
         "voltage_v": point.voltage_v,
         "cof": point.cof,
-        "electrostatic_force_n": _electrostatic_force_n(file, point.cof, normal_force),
+        "electrostatic_force_n": electrostatic_force_n(file, point.cof, normal_force),
         "current_rms_a": point.current_rms_a,
-        "policy": chosen,
+        "policy": controller.settings.policy,
         "reachable_cof": list(controller.reachable(normal_force)),
         "cof_interval": None if interval is None else list(interval),
         "ripple": left._asdict(),
@@ -103,36 +88,6 @@ def _interval_at(
     if model.is_published:
         return None
     return uncertainty.cof_interval_at(model, frequency_hz, voltage_v, normal_force_n)
-
-
-def _point(
-    controller: Controller,
-    limits: OperatingLimits,
-    file: SurfaceFile,
-    friction: float,
-    normal_force_n: float,
-) -> OperatingPoint:
-    """What the controller wants for a resting finger, if it is reachable and the last gate lets it
-    pass.
-    """
-    finger = FingerState(0.0, 0.0, 0.0, 0.0, 0.0, normal_force_n, True)
-    _, point = controller.step(INITIAL, TargetFriction(friction, True), finger, NO_COMMAND)
-    if not point.reachable:
-        low, high = controller.reachable(normal_force_n)
-        said = (
-            f"friction {friction:g} cannot be reached at {normal_force_n:g} N by policy"
-            f" {controller.settings.policy}"
-        )
-        raise BadInputError("unreachable", said, f"Reachable: {low:.4g} to {high:.4g}")
-    worst = Worst(*worst_at(table_of(file.worst_case), point.frequency_hz, point.voltage_v))
-    refused = violation(limits, point, worst)
-    if refused is not None:
-        raise HapticError(
-            "refused",
-            f"the safety gate refuses the point found: {refused}",
-            "Check the rig's limits",
-        )
-    return point
 
 
 def _show(found: dict[str, Any], normal_force_n: float) -> None:
@@ -175,24 +130,3 @@ def _frequency(text: str) -> float | None:
             "bad_frequency", f"--frequency {text} is no frequency", "Give 'auto' or a number in Hz"
         )
     return value
-
-
-def _policy(name: str | None, fixed_hz: float | None, default: str) -> str:
-    if name is None:
-        return default if fixed_hz is None else "fixed_frequency"
-    if name not in POLICIES:
-        said = f"there is no policy '{name}'"
-        raise BadInputError("bad_policy", said, nearest(name, list(POLICIES)))
-    if fixed_hz is not None and name != "fixed_frequency":
-        said = f"policy {name} chooses the frequency itself"
-        raise BadInputError("bad_policy", said, "Leave --frequency auto")
-    return name
-
-
-def _electrostatic_force_n(file: SurfaceFile, cof: float, normal_force_n: float) -> float:
-    model = file.provenance["model"]
-    cof_off = float(model["parameters"]["cof_off"]["value"])
-    force = friction_law.electrostatic_force_n(
-        model["friction_law"], cof_off, np.array(cof), np.array(normal_force_n)
-    )
-    return float(force)

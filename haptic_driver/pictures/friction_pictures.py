@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.pictures.saving import pyplot, saved
@@ -80,6 +81,24 @@ def _scale_carrier(axes: Axes, frequency_hz: Array) -> None:
         axes.set(yscale="log")
     else:
         axes.set(ylim=(0.9 * low_hz, 1.1 * high_hz))
+
+
+def draw_ticks(ticks: NDArray[np.void], path: Path) -> None:
+    """Friction asked and measured, and the voltage commanded, over time; of dtype SAMPLE."""
+    figure, (friction, voltage) = pyplot().subplots(
+        2, 1, figsize=(9, 5.5), sharex=True, height_ratios=(3, 2), layout="constrained"
+    )
+    with saved(figure, path, DPI):
+        start_s = ticks["time_s"].min(initial=np.inf)
+        felt_s = ticks["felt_time_s"] - start_s
+        friction.plot(felt_s, ticks["target_cof"], color=TARGET, lw=1.5, label="asked")
+        friction.plot(felt_s, ticks["measured_cof"], color=ACHIEVED, lw=1.0, label="measured")
+        voltage.plot(ticks["time_s"] - start_s, ticks["voltage_v"], color=DRIVE, lw=1.0)
+        friction.set(ylabel="coefficient of friction")
+        friction.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+        voltage.set(xlabel="time, s", ylabel="voltage at the electrode, V peak")
+        for axes in (friction, voltage):
+            axes.grid(alpha=0.25)
 
 
 def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> None:

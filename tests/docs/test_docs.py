@@ -12,6 +12,7 @@ import ast
 import json
 import os
 import re
+import runpy
 import shlex
 import shutil
 import signal
@@ -361,16 +362,25 @@ def test_a_notebook_runs_to_its_end_and_is_kept_without_its_outputs(path: Path) 
             assert (cell["outputs"], cell["execution_count"]) == ([], None)
             exec(compile("".join(cell["source"]), cell["id"], "exec"), said)
     expected = {
-        "first_touch": lambda: (
-            said["client"].status().output_on is False and len(said["ticks"]) > 500
-        ),
+        "first_touch": lambda: said["rig"].status().output_on is False and len(said["ticks"]) > 500,
         "own_texture": lambda: said["made"].name == "waves.toml",
         "experiment": lambda: said["low"] < 0.12 < said["high"],
         "diagnosis": lambda: (
-            "humid_gap_conduction" in [c["name"] for c in said["said"]["alternatives"][:3]]
+            "humid_gap_conduction"
+            in [c["name"] for c in said["diagnosis"].report["alternatives"][:3]]
         ),
     }
     assert expected[path.stem]()
+
+
+@pytest.mark.usefixtures("lab")
+def test_ten_lines_of_python_render_linen(capsys: pytest.CaptureFixture[str]) -> None:
+    script = ROOT / "examples" / "0_first_touch.py"
+    runpy.run_path(str(script))
+    assert re.fullmatch(r"friction 0\.\d{3}\n", capsys.readouterr().out)
+    assert Path("linen.png").stat().st_size > 10_000
+    body = script.read_text(encoding="utf-8").split('"""')[2]
+    assert len([line for line in body.splitlines() if line]) <= 10
 
 
 @pytest.mark.usefixtures("lab")
