@@ -21,16 +21,16 @@ demo: .venv/.runtime
 	$(BIN)/haptic demo --out out/demo
 
 demo-diagnosis: .venv/.runtime
-	$(BIN)/python examples/demo_diagnosis.py --out out/demo-diagnosis
+	$(BIN)/python demos/demo_diagnosis.py --out out/demo-diagnosis
 
 # The paper's experiment on a simulated rig with its stages and camera: some three minutes on two idle cores.
 demo-experiment: .venv/.runtime
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[camera]'
-	$(BIN)/python examples/demo_experiment.py --out out/demo-experiment
+	$(BIN)/python demos/demo_experiment.py --out out/demo-experiment
 
 # In real time, on a machine that has nothing else to do; with a picture of the page where there is a Chromium.
 demo-live: .venv/.test
-	$(BIN)/python examples/demo_live.py --out out/demo-live
+	$(BIN)/python demos/demo_live.py --out out/demo-live
 
 lint: .venv/.test
 	$(BIN)/ruff check .

@@ -34,11 +34,11 @@ from haptic_driver.fidelity.samples import (
     since_touch_s,
     sliding,
 )
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.models import load_model
 from haptic_driver.recording.read import read_run
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.bands import CENTRES_HZ
 from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel

@@ -9,6 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.claim import Claim, seconds
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.file import ready_for_lookup
+from haptic_driver.lookup.models import load_model
 from haptic_driver.render import envelope
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
@@ -19,9 +22,6 @@ from haptic_driver.render.texture import Grating
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.rig.config import load_rig
 from haptic_driver.signals import COURSE_POINTS, FingerSample
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import ready_for_lookup
-from haptic_driver.surface.models import load_model
 
 TICKS = 2_000
 TICK_S, RATE_HZ = 1e-3, 50e3

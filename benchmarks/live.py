@@ -30,6 +30,9 @@ from haptic_driver.live.follow import MOST_WINDOWS
 from haptic_driver.live.proof import LEAST_UNSEEN, mend
 from haptic_driver.live.touch_by_current import TouchByCurrent
 from haptic_driver.live.window import NONE_YET, Window, windows
+from haptic_driver.lookup.build import SurfaceAxes, build_surface
+from haptic_driver.lookup.file import ready_for_lookup
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.render import envelope
 from haptic_driver.render.controller import Controller, ControllerSettings
@@ -39,9 +42,6 @@ from haptic_driver.render.finger import FingerSettings
 from haptic_driver.render.safety import table_of
 from haptic_driver.render.tick import Tick, TickSettings, TickState, tick
 from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, FingerSample
-from haptic_driver.surface.build import SurfaceAxes, build_surface
-from haptic_driver.surface.file import ready_for_lookup
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from hw.finger.plant import FingerPlant
 from hw.monitor.contract import ElectrodeReading

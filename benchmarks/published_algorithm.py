@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import gamma as gamma_function
 
 from benchmarks.claim import Claim
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.parameters import TouchParameters
 from model.touch_model import TouchModel

@@ -27,8 +27,8 @@ from benchmarks.live import (
     rms,
     spread,
 )
+from haptic_driver.lookup.models import load_model
 from haptic_driver.signals import WITHIN
-from haptic_driver.surface.models import load_model
 
 WAYS = {"open loop": FIXED, "by the current": CURRENT, "by force": GAINS}
 VISITS_S = (0.0, 300.0)  # dry, moist

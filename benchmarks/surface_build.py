@@ -30,9 +30,9 @@ COMPILING = 2.0
 FIRST = """
 import json, os, time
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.build import build_surface
+from haptic_driver.lookup.build import build_surface
 from model.touch_model import TouchModel
 base, limits = load_model("reference"), load_rig("simulated").operating_limits()
 TouchModel(base).table
@@ -73,10 +73,10 @@ os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 from dataclasses import replace
 import numpy as np
 from benchmarks.reference import LookUps
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.build import SurfaceAxes, build_surface
-from haptic_driver.surface.file import ready_for_lookup
+from haptic_driver.lookup.build import SurfaceAxes, build_surface
+from haptic_driver.lookup.file import ready_for_lookup
 from model.conditions import Conditions
 from model.contact.gap_table import build_table
 from model.effects import CATALOGUE

@@ -11,14 +11,14 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from benchmarks.claim import Claim, seconds
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.file import ready_for_lookup
+from haptic_driver.lookup.models import load_model
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.render.policies import POLICIES
 from haptic_driver.render.surface import NO_CAPS, Surface, cof_at, invert
 from haptic_driver.rig.config import load_rig
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import ready_for_lookup
-from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 

@@ -17,6 +17,9 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from benchmarks.claim import Claim
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup
+from haptic_driver.lookup.models import load_model
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.feedback import FeedbackSettings
@@ -26,9 +29,6 @@ from haptic_driver.render.texture import Grating
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.rig.config import load_rig
 from haptic_driver.signals import FingerSample
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
-from haptic_driver.surface.models import load_model
 
 TICKS, PURE_TICKS, FIRST = 10_000, 300, 100
 

@@ -17,14 +17,14 @@ from haptic_driver.daemon.set_up import latency_budget_s, render_settings
 from haptic_driver.daemon.stepped import SteppedDaemon
 from haptic_driver.live.why import answer, write_windows
 from haptic_driver.live.window import windows
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.models import load_model
 from haptic_driver.render.texture import Uniform
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.slide import TICK_S
 from haptic_driver.simulation.finger_model import surface_friction
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
 from tests.even_strokes import even_strokes

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from haptic_driver.errors import BadInputError, HapticError
     from haptic_driver.experiments.psychophysics.description import load_experiment
     from haptic_driver.experiments.psychophysics.schedule import Schedule
+    from haptic_driver.lookup.models import load_model
     from haptic_driver.public.commands import command
     from haptic_driver.public.connection import connect
     from haptic_driver.public.findings import (
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from haptic_driver.public.predictions import predict
     from haptic_driver.public.rigs import load_texture, simulated_rig
     from haptic_driver.public.surfaces import surface
-    from haptic_driver.surface.models import load_model
 
 __all__ = [
     "BadInputError",
@@ -77,7 +77,7 @@ _HOMES = {
     "public.predictions": ("predict",),
     "public.rigs": ("load_texture", "simulated_rig"),
     "public.surfaces": ("surface",),
-    "surface.models": ("load_model",),
+    "lookup.models": ("load_model",),
 }
 
 

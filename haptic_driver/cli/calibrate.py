@@ -12,8 +12,8 @@ from haptic_driver.cli.output import Json, ModelOption, RowsOption, report, stat
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input, writing
 from haptic_driver.live.recordings import read_data
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.model import draw_calibration
-from haptic_driver.surface.models import load_model
 from model.analysis.calibration import OPTIONAL, Calibration, write_calibration
 from model.analysis.calibration import calibrate as run
 from model.diagnosis.space import FINGER

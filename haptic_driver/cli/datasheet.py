@@ -23,9 +23,9 @@ from haptic_driver.cli.output import (
     stdout,
 )
 from haptic_driver.errors import BadInputError
+from haptic_driver.lookup.models import load_model
 from haptic_driver.papers.document import check_ending, write
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
 
 if TYPE_CHECKING:

@@ -30,15 +30,15 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.fidelity.said import said
 from haptic_driver.fidelity.samples import AFTER_TOUCH_S
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.file import SurfaceFile, read_surface
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.friction_pictures import draw_slide
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
 from haptic_driver.signals import WITHIN
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import Score, SlideRecord, score
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import SurfaceFile, read_surface
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from model.description import ModelDescription
 from model.touch_model import TouchModel

@@ -32,9 +32,9 @@ from haptic_driver.experiments.raw_trials.folder import Bad, write_trials
 from haptic_driver.experiments.resolving import ways
 from haptic_driver.files import bad_input, writing
 from haptic_driver.live.recordings import read_data
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.model import draw_resolution
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
 from model.diagnosis.data import COLUMNS, Measurements
 from model.diagnosis.where import ALARM

@@ -10,10 +10,10 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from haptic_driver.cli.output import SIMULATED, Json, RigOption, report, stdout
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.check import Check, CheckStatus
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.doctor import examine
-from haptic_driver.surface.models import load_model
 
 COLOURS = {
     CheckStatus.OK: "green",

@@ -13,9 +13,9 @@ from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.files import write_rows
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures import model as pictures
 from haptic_driver.signals import Array
-from haptic_driver.surface.models import load_model
 from model.analysis import spectra
 from model.conditions import Conditions
 from model.effects import CATALOGUE

@@ -14,8 +14,8 @@ from typer import Argument, Option
 from haptic_driver.cli.output import Json, ModelOption, report, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_rows
+from haptic_driver.lookup.models import load_model
 from haptic_driver.recording.stroke_means import StrokeMeans, stroke_means
-from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.support.reading import read_text
 from model.touch_model import TouchModel

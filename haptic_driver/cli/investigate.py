@@ -26,9 +26,9 @@ from haptic_driver.experiments.investigate import Budget, Investigation, Subject
 from haptic_driver.experiments.investigate import investigate as run
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.files import bad_input
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.finger_function import load_finger
-from haptic_driver.surface.models import load_model
 
 SAID = {
     "named": "a name is earned",

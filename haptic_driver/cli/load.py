@@ -22,6 +22,7 @@ from haptic_driver.cli.output import (
     stdout,
 )
 from haptic_driver.errors import BadInputError, HapticError, require_range
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import LoadDevices, connect_load
 from haptic_driver.rig.load_gains import LoadGains
@@ -29,7 +30,6 @@ from haptic_driver.rig.load_loop import LoadLoop, make_clear
 from haptic_driver.rig.load_tuning import tune as find
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.simulation.load import SimulatedLoad
-from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 
 app = typer.Typer(no_args_is_help=True)

@@ -30,13 +30,13 @@ from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
 from haptic_driver.experiments.spectra import Stray, mark_spectra
+from haptic_driver.lookup.models import load_model
 from haptic_driver.recording.strokes import StrokesFile, require_free, strokes_path
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.states import RigState
 from haptic_driver.simulation.finger_function import load_finger
 from haptic_driver.simulation.finger_model import with_hidden
-from haptic_driver.surface.models import load_model
 from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.support.reading import read_toml
 from model.touch_model import TouchModel

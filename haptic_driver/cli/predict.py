@@ -17,7 +17,7 @@ from haptic_driver.cli.output import Json, ModelOption, report, stderr, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.raw_trials.folder import write_trials
 from haptic_driver.files import replacing
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.support.arrays import Array
 from model.support.cells import written_cells

@@ -12,7 +12,7 @@ from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.files import writing
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 
 
 def reproduce(

@@ -14,8 +14,8 @@ from typer import Option
 from haptic_driver.cli.output import Json, ModelOption, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_rows
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.model import draw_sensitivity
-from haptic_driver.surface.models import load_model
 from model.analysis.sensitivity import force_sensitivity
 from model.conditions import Conditions
 

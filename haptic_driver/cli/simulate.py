@@ -20,9 +20,9 @@ from haptic_driver.cli.output import (
     stdout,
 )
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.simulation.served import ServedRig
-from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 
 STEP_S = 0.002

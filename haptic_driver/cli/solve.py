@@ -11,16 +11,16 @@ from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.render.policies import POLICIES, description
-from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import cof_interval_at, read_surface
-from haptic_driver.surface.models import load_model
-from haptic_driver.surface.operating_point import (
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.file import cof_interval_at, read_surface
+from haptic_driver.lookup.models import load_model
+from haptic_driver.lookup.operating_point import (
     controller_by,
     electrostatic_force_n,
     operating_point,
 )
+from haptic_driver.render.policies import POLICIES, description
+from haptic_driver.rig.config import load_rig
 from haptic_driver.textures.ripple import QuietReach, Ripple, quiet_reach, ripple
 from model.analysis import uncertainty
 from model.description import ModelDescription

@@ -11,10 +11,10 @@ import typer
 from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stderr, stdout
+from haptic_driver.lookup.build import SurfaceAxes, axes_within, build_surface
+from haptic_driver.lookup.file import SurfaceFile, read_surface
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.build import SurfaceAxes, axes_within, build_surface
-from haptic_driver.surface.file import SurfaceFile, read_surface
-from haptic_driver.surface.models import load_model
 
 app = typer.Typer(no_args_is_help=True)
 AXES = SurfaceAxes()

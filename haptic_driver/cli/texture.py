@@ -187,10 +187,10 @@ def controller_of(
 ) -> Controller:
     """The controller of a rig on such a surface, whose loads include this one."""
     # Slow to import, and no other command of this group needs them.
+    from haptic_driver.lookup.build import build_surface  # noqa: PLC0415
+    from haptic_driver.lookup.file import read_surface, ready_for_lookup  # noqa: PLC0415
+    from haptic_driver.lookup.models import load_model  # noqa: PLC0415
     from haptic_driver.render.controller import Controller, ControllerSettings  # noqa: PLC0415
-    from haptic_driver.surface.build import build_surface  # noqa: PLC0415
-    from haptic_driver.surface.file import read_surface, ready_for_lookup  # noqa: PLC0415
-    from haptic_driver.surface.models import load_model  # noqa: PLC0415
 
     limits = config.operating_limits()
     with compiling():

@@ -17,9 +17,9 @@ from haptic_driver.daemon.recordings import Recordings
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.daemon.supervision import Supervisor
 from haptic_driver.daemon.targets import Targets
+from haptic_driver.lookup.build import is_of
+from haptic_driver.lookup.file import SurfaceFile
 from haptic_driver.processes.shared_memory import SharedState
-from haptic_driver.surface.build import is_of
-from haptic_driver.surface.file import SurfaceFile
 
 
 class Basis:

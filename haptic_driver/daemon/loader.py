@@ -26,13 +26,13 @@ import numpy as np
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.real_time import give_way
 from haptic_driver.processes.shared_memory import TARGET_BYTES
 from haptic_driver.render.scene import of_every_kind
 from haptic_driver.render.texture import Target
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load, load_material, load_texture, texture_names
 from haptic_driver.textures.reach import Demand, demand
 from haptic_driver.textures.scene import Drawn, Made, Material

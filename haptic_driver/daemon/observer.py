@@ -24,6 +24,7 @@ from haptic_driver.daemon.messages import AgreementCell
 from haptic_driver.live.follow import Following, FollowSettings, Observed
 from haptic_driver.live.swap import Install, Swap, Word
 from haptic_driver.live.window import Window
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.compilation import compilation_said
@@ -31,7 +32,6 @@ from haptic_driver.processes.real_time import give_way
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.clock import clock_offsets
-from haptic_driver.surface.models import load_model
 
 NAME = "observer"
 ROWS_KEPT = 1000  # for a diagnosis

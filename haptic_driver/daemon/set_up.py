@@ -14,6 +14,9 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.live.follow import FollowSettings
 from haptic_driver.live.touch_by_current import LEVEL_STD
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.file import SurfaceFile
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.samples import Flag
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
@@ -26,9 +29,6 @@ from haptic_driver.rig.parts.finger_trackers import (
 from haptic_driver.rig.slide import read_slide
 from haptic_driver.rig.tick_settings import tick_settings
 from haptic_driver.simulation.lines import PANEL
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import SurfaceFile
-from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
 
 PERIOD_S = 0.001

@@ -27,7 +27,7 @@ from haptic_driver.experiments.average import Measured
 from haptic_driver.experiments.contact_area import ContactArea
 from haptic_driver.experiments.plan import Row
 from haptic_driver.files import replacing, writing
-from haptic_driver.surface import labelled
+from haptic_driver.lookup import labelled
 from hw.monitor.contract import ElectrodeReading
 from model.support.reading import read_text
 

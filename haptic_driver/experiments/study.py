@@ -28,14 +28,14 @@ from haptic_driver.config import Checked, find_config, parse
 from haptic_driver.errors import BadInputError, HapticError, optional
 from haptic_driver.files import write_rows, write_text
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.build import SurfaceAxes, build_surface
+from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.started import start_workers
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.surface import NO_CAPS, invert
 from haptic_driver.rig.config import load_rig
 from haptic_driver.signals import Array
-from haptic_driver.surface.build import SurfaceAxes, build_surface
-from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
-from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.description import ModelDescription
 from model.diagnosis.space import FINGER

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.live.touch_by_current import Felt, TouchByCurrent
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.started import start_thread
-from haptic_driver.surface.models import load_model
 from hw.errors import DeviceError
 from hw.monitor.contract import ElectrodeReading
 

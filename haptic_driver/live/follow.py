@@ -18,10 +18,10 @@ from haptic_driver.live.drive import SETTLING_S
 from haptic_driver.live.proof import mend, split
 from haptic_driver.live.swap import Proposal, Word
 from haptic_driver.live.window import NONE_YET, Window, windows
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.file import SurfaceFile
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.simulation.finger_model import surface_friction
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import SurfaceFile
 from model.description import ModelDescription
 
 MEND_S = 5.0  # between attempts, of the windows' time

@@ -9,7 +9,7 @@ from enum import Enum, auto
 from math import inf
 from typing import NamedTuple
 
-from haptic_driver.surface.file import SurfaceFile
+from haptic_driver.lookup.file import SurfaceFile
 
 TOLD_S = 60.0  # between events of what was not mended
 NOTHING_YET = "nothing is mended yet"

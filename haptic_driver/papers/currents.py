@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.limits import OperatingLimits, WorstCase
+from haptic_driver.lookup.build import CORRECTION_SPEEDS_M_S, SurfaceAxes, axes_within
+from haptic_driver.lookup.worst_case import needs, worst_case
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.signals import Array
-from haptic_driver.surface.build import CORRECTION_SPEEDS_M_S, SurfaceAxes, axes_within
-from haptic_driver.surface.worst_case import needs, worst_case
 from model.conditions import sines
 from model.description import ModelDescription
 from model.touch import SPEED_REFERENCE_M_S

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from haptic_driver.config import find_config
+from haptic_driver.lookup.models import load_model
 from haptic_driver.papers.currents import (
     TouchCurrents,
     fault_voltage_v,
@@ -24,7 +25,6 @@ from haptic_driver.papers.mechanisms import MECHANISMS
 from haptic_driver.rig.check import OLD_AFTER
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.interlocks import InterlockBox
-from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
 from model.support.reading import read_bytes
 

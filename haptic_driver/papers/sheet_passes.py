@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import UP_TICKS, SteppedDaemon
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.models import load_model
 from haptic_driver.render.texture import Interpolation, Profile, Script, Step, Target, Uniform
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.slide import TICK_S
 from haptic_driver.simulation.finger_model import surface_friction, with_hidden
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.objects import TEXTURE_COF
 from model.description import ModelDescription
 from model.touch_model import TouchModel

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.lookup.file import SurfaceFile
 from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.signals import WITHIN, Array, Mask
 from haptic_driver.simulation.slide import SlideRecord
-from haptic_driver.surface.file import SurfaceFile
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

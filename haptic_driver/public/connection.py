@@ -16,9 +16,9 @@ from haptic_driver.client import HapticClient, Session
 from haptic_driver.daemon.messages import RefusedError, Status
 from haptic_driver.daemon.scene import Scene
 from haptic_driver.errors import require_range
+from haptic_driver.lookup import labelled
 from haptic_driver.pictures.friction_pictures import draw_ticks
 from haptic_driver.public.picture import Picture
-from haptic_driver.surface import labelled
 
 
 class Rig:

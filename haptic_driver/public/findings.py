@@ -14,10 +14,10 @@ from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.psychophysics.fit import fit as fit_psychometric
 from haptic_driver.files import bad_input, writing
 from haptic_driver.live import recordings
+from haptic_driver.lookup.models import load_model
 from haptic_driver.public.picture import Picture
 from haptic_driver.recording.read import Run, read_run
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.models import load_model
 from model.analysis import calibration
 from model.description import ModelDescription
 from model.diagnosis import workflow

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
-from haptic_driver.surface import labelled
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup import labelled
+from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.description import ModelDescription
 from model.support.errors import nearest

@@ -13,6 +13,8 @@ from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.fidelity.measure import Fidelity
 from haptic_driver.fidelity.said import said
+from haptic_driver.lookup import labelled
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.friction_pictures import draw_slide
 from haptic_driver.public.picture import Picture
 from haptic_driver.public.surfaces import Surface, surface
@@ -22,8 +24,6 @@ from haptic_driver.rig.evidence import OffEvidence
 from haptic_driver.rig.slide import TICK_S, Slide
 from haptic_driver.simulation.rig import SimulatedRig as Bench
 from haptic_driver.simulation.slide import Score, SlideRecord, score
-from haptic_driver.surface import labelled
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures import library
 from model.description import ModelDescription
 from model.touch_model import TouchModel

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.file import SurfaceFile
+from haptic_driver.lookup.models import load_model
+from haptic_driver.lookup.operating_point import controller_by, operating_point
 from haptic_driver.pictures.friction_pictures import draw_surface
 from haptic_driver.public.picture import Picture
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.signals import OperatingPoint
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import SurfaceFile
-from haptic_driver.surface.models import load_model
-from haptic_driver.surface.operating_point import controller_by, operating_point
 from model.description import ModelDescription
 
 

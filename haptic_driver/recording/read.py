@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import replacing
+from haptic_driver.lookup import labelled
 from haptic_driver.processes.samples import ADDED, SAMPLE
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.finish import opened
@@ -45,7 +46,6 @@ from haptic_driver.recording.structure import (
     read_column,
 )
 from haptic_driver.recording.tables import Blocks, writer_of
-from haptic_driver.surface import labelled
 
 BLOCK_ROWS = 1 << 15  # exported at a time
 # beside the columns of a run: its number, its time from its beginning, seconds of UTC since 1970

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.feedback import FeedbackSettings
@@ -10,7 +11,6 @@ from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Target
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
 
 
 def tick_settings(

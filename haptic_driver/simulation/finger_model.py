@@ -14,10 +14,10 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup
 from haptic_driver.render.correction import factors_at
 from haptic_driver.render.surface import cof_at
 from haptic_driver.signals import FingerState
-from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
 from hw.monitor.simulated import ElectrodeState
 from model.conditions import Conditions
 from model.effects import BY_NAME

@@ -25,6 +25,8 @@ from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
 
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes import parent
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Metronome
@@ -42,8 +44,6 @@ from haptic_driver.simulation.finger_model import (
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.lines import PANEL, LinesServer
 from haptic_driver.simulation.rig import electrode_monitors
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.models import load_model
 from hw.analog.simulated_output import CardMemory
 from hw.finger.simulated_touch_screen import SimulatedTouchScreen
 from hw.monitor.contract import ElectrodeReading

@@ -28,9 +28,9 @@ from haptic_driver.experiments import investigate as product
 from haptic_driver.experiments.investigate import Budget, Subject, investigate
 from haptic_driver.experiments.plan import Plan, load_plan
 from haptic_driver.experiments.run import prepare
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.finger_function import FingerFunction
-from haptic_driver.surface.models import load_model
 from model.diagnosis.witness import LEAST_STD
 from model.planning.design import Design, design, design_for_unseen
 from model.planning.told import Choice

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from model.diagnosis.audit import audited
 from model.diagnosis.decide import WITHOUT_NAME, Decision
 from model.diagnosis.posterior import Posterior

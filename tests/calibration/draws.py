@@ -15,8 +15,8 @@ import numpy as np
 
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.resolving import ways
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.models import load_model
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.form import form_terms

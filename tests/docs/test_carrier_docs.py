@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.cli.main import main
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.file import ready_for_lookup
+from haptic_driver.lookup.models import load_model
 from haptic_driver.render.controller import ControllerSettings
 from haptic_driver.render.policies import POLICIES, description
 from haptic_driver.rig.config import ControllerConfig, load_rig
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.file import ready_for_lookup
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.ripple import quiet_reach
 from model.parameters import Parameter
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.effects import BY_NAME, CATALOGUE, Effect
 from model.parameters import Parameter

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from haptic_driver.cli.main import main
+from haptic_driver.lookup.build import SurfaceAxes, build_surface
+from haptic_driver.lookup.file import FORCE_REFINEMENT, SurfaceFile, ready_for_lookup
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.render.safety import Worst, table_of, violation, worst_at
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.build import SurfaceAxes, build_surface
-from haptic_driver.surface.file import FORCE_REFINEMENT, SurfaceFile, ready_for_lookup
-from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 from tests.haptic_driver.commands import one_object
 

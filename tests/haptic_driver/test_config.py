@@ -9,8 +9,8 @@ from pydantic import model_validator
 from haptic_driver.config import Section, config_dirs, parse, texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.surface.models import load_model
 from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed
 
 

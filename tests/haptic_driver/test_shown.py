@@ -13,7 +13,7 @@ from haptic_driver.config import config_names, find_config
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.quiet_log import Printable
 from haptic_driver.errors import HapticError, shown
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from haptic_driver.textures.library import texture_names
 
 EVIL = "linen\x1b[2J\n\u202egnp.exe\x07\x9b31m"

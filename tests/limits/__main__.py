@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from tests.limits.draws import authority_left, drawn, shares
 
 

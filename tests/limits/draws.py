@@ -11,12 +11,12 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.build import SurfaceAxes, axes_within, build_surface
+from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.render.policies import POLICIES
 from haptic_driver.render.safety import Worst, table_of, violation, worst_at
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
-from haptic_driver.surface.build import SurfaceAxes, axes_within, build_surface
-from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
 from model.conditions import Conditions
 from model.description import ModelDescription
 from model.effects import BY_NAME

@@ -5,7 +5,7 @@ bends more in them.
 import numpy as np
 import pytest
 
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from tests.limits.draws import drawn, shares
 
 DRAWS, PARTS = 300, 6

@@ -20,12 +20,12 @@ import pytest
 
 from haptic_driver.client import HapticClient
 from haptic_driver.errors import HapticError
+from haptic_driver.lookup.models import load_model
 from haptic_driver.recording.read import read_run
 from haptic_driver.recording.records import records_of
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import connect_devices
 from haptic_driver.simulation.served import ServedRig, as_real
-from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 from tests.soak.test_attack import Served, served
 from tests.waiting import until

@@ -15,9 +15,9 @@ from haptic_driver.daemon.set_up import daemon_settings, reach_hz, render_settin
 from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.fidelity.samples import fidelity_of_samples, sliding
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.real_time import take_precedence
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
 from tests.even_strokes import even_strokes, write_slide

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 from tests.haptic_driver.experiments.load_moments import Moment, failed, moments, serving
 

@@ -14,9 +14,9 @@ from haptic_driver.daemon.messages import Tile
 from haptic_driver.daemon.targets import USUAL_FORCE_N
 from haptic_driver.daemon.verbs import TileRequest
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.file import SurfaceFile
 from haptic_driver.render.texture import Script, Target, Texture
 from haptic_driver.signals import Array
-from haptic_driver.surface.file import SurfaceFile
 from haptic_driver.textures.reach import screen_grid
 from haptic_driver.textures.tile import Grid
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.cli.main import main
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.commands import one_object, rows_of, said_by

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from haptic_driver.lookup.build import SurfaceAxes, build_surface
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.build import SurfaceAxes, build_surface
 from model.conditions import Conditions
 
 KEYS = {

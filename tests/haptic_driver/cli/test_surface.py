@@ -4,7 +4,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from haptic_driver.surface.file import read_surface
+from haptic_driver.lookup.file import read_surface
 
 DESCRIBED = {
     "cof_interval",

@@ -11,12 +11,12 @@ from haptic_driver.config import find_config, texture_dirs
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.live.touch_by_current import LEVEL_STD
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.friction_pictures import draw_slide
 from haptic_driver.render import feedback
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.slide import synthetic_slide
 from haptic_driver.simulation.rig import SimulatedRig
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from model.diagnosis.data import read_measurements
 from model.touch_model import TouchModel

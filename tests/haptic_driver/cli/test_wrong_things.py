@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.surface.file import SurfaceFile
+from haptic_driver.lookup.file import SurfaceFile
 
 BASE = "frequency_hz,voltage_v,normal_force_n"
 SLIDE = "time_s,position_m,normal_force_n"

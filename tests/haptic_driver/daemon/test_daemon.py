@@ -28,11 +28,11 @@ from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.set_up import latency_budget_s
 from haptic_driver.daemon.verbs import TileRequest
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.shared_memory import RING_SAMPLES
 from haptic_driver.recording.read import read_run
 from haptic_driver.simulation.lines import Lines
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.models import load_model
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, until_ready

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 
 

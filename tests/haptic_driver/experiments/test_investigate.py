@@ -20,8 +20,8 @@ from haptic_driver.experiments.benches import carried_out
 from haptic_driver.experiments.check import check
 from haptic_driver.experiments.investigate import Budget, Investigation, Subject, investigate
 from haptic_driver.experiments.plan import Plan, Setting, load_plan, write_plan
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.diagnosis.decide import Decision, Verdict
 from model.diagnosis.posterior import Posterior

@@ -14,8 +14,8 @@ import pytest
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments import study as module
 from haptic_driver.experiments.study import TASKS, load_study, run_study, statistics
-from haptic_driver.surface.file import read_surface
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.file import read_surface
+from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.commands import rows_of

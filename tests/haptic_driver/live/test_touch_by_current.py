@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.live.touch_by_current import TouchByCurrent
-from haptic_driver.surface.models import load_model
+from haptic_driver.lookup.models import load_model
 from hw.monitor.contract import ElectrodeReading
 from model.conditions import Conditions
 from model.touch_model import TouchModel

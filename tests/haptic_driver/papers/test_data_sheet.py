@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from haptic_driver.lookup.models import load_model
 from haptic_driver.papers.data_sheet import Measured, data_sheet, highest_current_a, sheet_facts
 from haptic_driver.papers.pdf import sheets
 from haptic_driver.papers.sheet_numbers import (
@@ -34,7 +35,6 @@ from haptic_driver.papers.sheet_passes import (
     range_passes,
 )
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 

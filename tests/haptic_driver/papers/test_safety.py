@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from haptic_driver.lookup.models import load_model
 from haptic_driver.papers.currents import network_weight
 from haptic_driver.papers.mechanisms import MECHANISMS
 from haptic_driver.papers.safety import safety_file
 from haptic_driver.papers.safety_facts import inspect
-from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 

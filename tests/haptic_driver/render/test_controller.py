@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.file import ready_for_lookup
 from haptic_driver.render.choice import Choice
 from haptic_driver.render.controller import (
     INITIAL,
@@ -32,7 +33,6 @@ from haptic_driver.render.feedback import Estimate, FeedbackSettings, Gains
 from haptic_driver.render.policies import POLICIES
 from haptic_driver.render.surface import NO_CAPS, Inverse, cof_at, highest_cof
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
-from haptic_driver.surface.file import ready_for_lookup
 from model.conditions import Conditions
 
 AUTHORITY, VOLTAGE, CURRENT = (0.0, 0.0), (1.0, 0.0), (0.0, 1e6)  # per volt and per ampere

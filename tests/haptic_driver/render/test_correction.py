@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from haptic_driver.lookup.build import SurfaceAxes, build_surface
+from haptic_driver.lookup.file import read_surface, ready_for_lookup
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
-from haptic_driver.surface.build import SurfaceAxes, build_surface
-from haptic_driver.surface.file import read_surface, ready_for_lookup
 from model.conditions import Conditions
 from model.parameters import Parameter
 from model.touch_model import TouchModel

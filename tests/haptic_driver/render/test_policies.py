@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.file import ready_for_lookup
 from haptic_driver.render import compiled
 from haptic_driver.render.choice import Choice
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings, step
 from haptic_driver.render.policies import POLICIES, description, from_hz, policy
 from haptic_driver.rig.config import ControllerConfig
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
-from haptic_driver.surface.file import ready_for_lookup
 
 # The surface has limits of its own.
 WIDE = OperatingLimits(1e3, 1e-3, 1e7, contact_current_a_rms=((1.0, 1.0),))

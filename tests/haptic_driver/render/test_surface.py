@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.file import ready_for_lookup
 from haptic_driver.render.surface import NO_CAPS, Caps, cof_at, invert
-from haptic_driver.surface.file import ready_for_lookup
 from model.conditions import Conditions
 
 ROUNDING = 1e-12  # of a few sums of numbers near 1

@@ -10,6 +10,7 @@ import pytest
 from haptic_driver.daemon.render_process import RenderSettings
 from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.errors import HapticError
+from haptic_driver.lookup.models import load_model
 from haptic_driver.render.controller import Controller, ControllerSettings
 from haptic_driver.render.drive import DriveSettings
 from haptic_driver.render.finger import FingerSettings
@@ -21,7 +22,6 @@ from haptic_driver.signals import DriveCommand
 from haptic_driver.simulation.finger_model import friction_of
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import score
-from haptic_driver.surface.models import load_model
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument

@@ -9,8 +9,8 @@ import pytest
 
 from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.experiments.resolving import ways
+from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
-from haptic_driver.surface.models import load_model
 from model.diagnosis.data import Measurements
 from model.effects import BY_NAME
 from model.planning.resolution import Resolution, resolution

@@ -13,9 +13,9 @@ import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.build import SurfaceAxes, build_surface
+from haptic_driver.lookup.file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
 from haptic_driver.render.surface import NO_CAPS, cof_at, invert
-from haptic_driver.surface.build import SurfaceAxes, build_surface
-from haptic_driver.surface.file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
 from model.conditions import Conditions
 from model.parameters import Parameter
 from model.touch_model import TouchModel

@@ -33,14 +33,14 @@ from haptic_driver.daemon.web.server import serve
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.fidelity.said import said
 from haptic_driver.fidelity.samples import fidelity_of_samples, sliding
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import take_precedence
 from haptic_driver.rig.config import load_rig
 from haptic_driver.signals import Array
 from haptic_driver.simulation.finger_model import FrictionLaw, surface_friction, with_hidden
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 
 RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"

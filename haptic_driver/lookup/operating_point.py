@@ -9,11 +9,11 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.render.policies import POLICIES
 from haptic_driver.render.safety import Worst, table_of, violation, worst_at
 from haptic_driver.signals import NO_COMMAND, FingerState, OperatingPoint, TargetFriction
-from haptic_driver.surface.file import SurfaceFile, ready_for_lookup
 from model import friction as friction_law
 from model.support.errors import nearest
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
+from haptic_driver.lookup.file import CofInterval, SurfaceFile
+from haptic_driver.lookup.worst_case import CORRECTION_TIMES_S, needs, worst_case
 from haptic_driver.render.correction import Correction
 from haptic_driver.signals import Array, Mask
-from haptic_driver.surface.file import CofInterval, SurfaceFile
-from haptic_driver.surface.worst_case import CORRECTION_TIMES_S, needs, worst_case
 from model.analysis import uncertainty
 from model.conditions import Conditions, sines
 from model.description import ModelDescription

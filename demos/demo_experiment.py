@@ -23,12 +23,12 @@ from haptic_driver.contact.judge import watch
 from haptic_driver.experiments.bench import SimulatedBench
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import prepare
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.contact import draw_outlines, drawn_frames
 from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.cameras import CameraSection
 from haptic_driver.simulation.slide import SlideRecord, score
-from haptic_driver.surface.models import load_model
 from model.touch_model import TouchModel
 
 RIG, MODEL, PLAN = "simulated-paper", "reference", "paper"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.surface.build import SurfaceAxes, axes_within, build_surface, is_of
+from haptic_driver.lookup.build import SurfaceAxes, axes_within, build_surface, is_of
 from model.conditions import Conditions
 from model.effects.learned import LearnedForm, Term, learned_kind
 from model.parameters import Parameter

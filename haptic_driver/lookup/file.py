@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import replacing
 from haptic_driver.limits import OperatingLimits, WorstCase
+from haptic_driver.lookup import labelled
+from haptic_driver.lookup.worst_case import worst_case
 from haptic_driver.render.correction import Correction
 from haptic_driver.render.surface import Surface
 from haptic_driver.signals import Array, Mask
-from haptic_driver.surface import labelled
-from haptic_driver.surface.worst_case import worst_case
 from model.description import ModelDescription
 from model.support.interpolation import linear_weights, polynomial_weights
 

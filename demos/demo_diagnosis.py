@@ -17,6 +17,8 @@ from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.experiments.investigate import Budget, Investigation, Subject, investigate
 from haptic_driver.experiments.plan import load_plan
+from haptic_driver.lookup.build import build_surface
+from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.friction_pictures import ACHIEVED, DPI, TARGET
 from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.rig.config import RigConfig, load_rig
@@ -24,8 +26,6 @@ from haptic_driver.rig.slide import synthetic_slide
 from haptic_driver.signals import WITHIN
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import SlideRecord, score
-from haptic_driver.surface.build import build_surface
-from haptic_driver.surface.models import load_model
 from haptic_driver.textures.library import load_texture
 from model.touch_model import TouchModel
 
