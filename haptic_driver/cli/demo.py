@@ -97,7 +97,7 @@ def demo(
         record = render_slide(slide, wanted, settings, bench, advance, model)
     result = score(record, thresholds)
     picture = out / "friction.png"
-    draw_slide(record, f"{texture} under the {slide.name}", picture)
+    draw_slide(record, f"{texture}: {slide.name}", picture)
     counts = {name: value for name, value in vars(result).items() if name != "fidelity"}
     known = {"simulated": True, "surface_hash": file.content_hash, "pictures": [str(picture)]}
     payload = asdict(result.fidelity) | counts | known | _felt(record)

@@ -280,8 +280,10 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
                 f"    these data cannot tell it from {', '.join(effect['indistinguishable_from'])}"
             )
     table = Table("candidate", "probability", title="most probable", title_justify="left")
+    untested = {row["name"] for row in found["not_tested"]}
     for row in found["alternatives"][:5]:
-        table.add_row(row["name"], f"{row['probability']:.3g}")
+        name = f"{row['name']} (no data on it)" if row["name"] in untested else row["name"]
+        table.add_row(name, f"{row['probability']:.3g}")
     stdout.print(table)
     for region in [r for r in found["where"][:3] if r["p_value"] < ALARM]:
         said = f"p = {region['p_value']:.2g}, sign {region['sign']:+d}"
