@@ -26,28 +26,38 @@ EARLIER = (
 COLOURS = ("#1b6ca8", "#e08e0b", "#5b8c5a")
 PAGE = """# How good the contact theory is
 
-`make validate` solves the same contact twice: by Persson's theory (`model/contact/gap_distribution.py`, (41)-(49)) and
-point by point with a boundary-element solver (tamaas, Polonsky and Keer 1999, periodic, no adhesion; the extra
-`validate`, which no shipped code imports). It rewrites this page, its table `validation.csv` and its pictures, and
-fails where `model/contact/theory_error.py` claims a smaller error than it found. Seeds are fixed.
+For people who need to know the error of an electrostatic force. `make validate` solves the same contact twice. One
+solution is Persson's theory (`model/contact/gap_distribution.py`, (41)-(49)). The other is a boundary-element solver,
+point by point (tamaas, Polonsky and Keer 1999, periodic, no adhesion; only the extra `validate` installs it). The command
+rewrites this page, its table `validation.csv` and its pictures. It fails if `model/contact/theory_error.py` claims a
+smaller error than it found. Seeds are fixed.
 
-The contact: random-phase self-affine surfaces, H 0.71, h_rms 20 um (each surface exactly), q0 1e3 1/m with four
-longest waves along a side, no roll-off plateau, Y* 13.33 MPa. The widest spectrum has q1/q0 = {widest}, which leaves
-{per_wave} points for its shortest wave on the finest grid of {finest} x {finest}. Random surfaces of that spectrum
-(seeds): {seeds} on the finest grid, {coarse_seeds} on {coarse} x {coarse}.
+| the contact | |
+|---|---|
+| surfaces | random-phase, self-affine, H 0.71, h_rms 20 um (each surface exactly), no roll-off plateau |
+| q0 | 1e3 1/m, four longest waves along a side |
+| modulus Y* | 13.33 MPa |
+| widest spectrum | q1/q0 = {widest}: {per_wave} points for its shortest wave on the finest grid of {finest} x {finest} |
+| seeds at that width | {seeds} on the finest grid, {coarse_seeds} on {coarse} x {coarse} |
 
-All numbers are **solver over theory**. K(h) = integral of P(u)/(u + h)^2 over the gaps, contact excluded, is what the
-electrostatic pressure is proportional to; h is the electrical length of insulator and skin.
+All numbers are **solver over theory**. The electrostatic pressure is proportional to K(h), the integral of P(u)/(u + h)^2
+over the gaps without the contact. h is the electrical length of insulator and skin.
 
-## The finest grid: mean over the surfaces, and where there are several least to largest
+## The finest grid: mean over the surfaces, and the range
 
 {fine}
 
 ## Extrapolated to points without size
 
-First order in the spacing, from {coarse} and {finest} points, surface by surface. An order of one is an assumption: on
-one surface at 5 kPa, 2048 points gave K(0.3 um) = 0.92, K(1 um) = 0.91, K(5 um) = 1.03 and an area of 1.46 where 512,
-1024 and this rule give {seed1}. The area converges downwards because a point counts as touching or not as a whole.
+The extrapolation is of first order in the spacing, from {coarse} and {finest} points, surface by surface. First order is an
+assumption. On one surface at 5 kPa it was compared with a finer grid:
+
+| points | K(0.3 um) | K(1 um) | K(5 um) | real area |
+|---|---|---|---|---|
+| 2048 | 0.92 | 0.91 | 1.03 | 1.46 |
+| {coarse}, {finest}, extrapolated | {seed1} |
+
+The area falls as the grid is refined, because a point touches as a whole or not at all.
 
 {extrapolated}
 
@@ -61,19 +71,24 @@ one surface at 5 kPa, 2048 points gave K(0.3 um) = 0.92, K(1 um) = 0.91, K(5 um)
 
 ## What follows
 
-- The mean gap is known to {gap:.0f} %, on any grid: it hangs on the longest waves.
-- K at small h hangs on the points next to the contact. On a grid of a given size a part of what looks like an error of
-  the theory is an error of the solver, and it shrinks as the grid is refined.
-- An earlier comparison (four surfaces, one grid of 1024 x 1024) found K(0.3 um) 0.74, 0.86, 1.05, K(1 um) 0.75, 0.85,
-  0.99, K(5 um) 0.89, 0.92, 0.98, a mean gap of 0.93, 0.91, 0.82 and an area of 1.47, 1.42, 1.32 at 5, 20 and 100 kPa.
-- The theory's own error that a surface's uncertainty counts (`model/contact/theory_error.py`) is the largest of three:
-  the rms over the surfaces of log(solver/theory) at the finest grid, the same extrapolated, and the earlier
-  comparison's; not below {scatter:.2f}, the scatter between surfaces:
+- The mean gap is known to {gap:.0f} % on any grid, because it depends on the longest waves.
+- K at small h depends on the points next to the contact. Part of the difference on a given grid is an error of the solver,
+  which falls as the grid is refined.
+- `model/contact/theory_error.py` has the error that counts in a surface's uncertainty (second table). It is the rms over
+  the surfaces of log(solver/theory) at the finest grid. A larger rms of the extrapolated values replaces it. So does a
+  larger difference in a comparison on four surfaces of one grid, 1024 x 1024 (first table).
+- The error is at least {scatter:.2f}, the scatter between surfaces.
+
+| pressure | K(0.3 um) | K(1 um) | K(5 um) | mean gap | real area |
+|---|---|---|---|---|---|
+| 5 kPa | 0.74 | 0.75 | 0.89 | 0.93 | 1.47 |
+| 20 kPa | 0.86 | 0.85 | 0.92 | 0.91 | 1.42 |
+| 100 kPa | 1.05 | 0.99 | 0.98 | 0.82 | 1.32 |
 
 {std}
 
-- Not tested: a fingerpad's spectrum is far wider (q1/q0 = 1e7 in Table I) than any solver resolves; skin is neither
-  linear nor an elastic half-space; adhesion. For a finger the figures above are a judged error.
+Three things are not tested. A fingerpad's spectrum is far wider (q1/q0 = 1e7 in Table I) than any solver resolves. Skin is
+neither linear nor an elastic half-space. Adhesion is left out. For a finger the figures above are a judged error.
 """
 
 
@@ -95,7 +110,7 @@ def write(rows: Sequence[Row], shares: Mapping[float, Array], docs: Path) -> Non
         ),
         fine=_table(wide),
         extrapolated=_table(limit),
-        seed1=", ".join(f"{k:.2f}" for k in first.k) + f" and {first.area:.2f}",
+        seed1=" | ".join(f"{k:.2f}" for k in (*first.k, first.area)),
         convergence=_convergence(rows),
         gap=max(abs(100.0 * (r.mean_gap - 1.0)) for r in wide),
         scatter=SCATTER,
