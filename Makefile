@@ -103,6 +103,7 @@ docs: .venv/.runtime
 	$(BIN)/python docs/reference.py
 	$(BIN)/python docs/verdict_figure.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python docs/count_words.py
 
 # What the next release says: the news fragments of changes/, as a list.
 changelog:
