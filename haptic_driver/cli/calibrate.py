@@ -8,21 +8,25 @@ from typing import Annotated, Any
 from rich.table import Table
 from typer import Argument, Option
 
+from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named
 from haptic_driver.cli.output import Json, ModelOption, RowsOption, report, status, stdout
 from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.raw_trials.folder import write_trials
 from haptic_driver.files import bad_input, writing
 from haptic_driver.live.recordings import read_data
 from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.model import draw_calibration
 from model.analysis.calibration import OPTIONAL, Calibration, write_calibration
 from model.analysis.calibration import calibrate as run
+from model.diagnosis.data import COLUMNS, Measurements
 from model.diagnosis.space import FINGER
 from model.support.errors import nearest
 
 
 def calibrate(
     data: Annotated[
-        Path, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; or a recording (.h5).")
+        Path,
+        Argument(help="CSV: frequency_hz, voltage_v, ..., cof; a recording (.h5); or trials."),
     ],
     model: ModelOption = "reference",
     out: Annotated[Path, Option(help="Model file to write; its picture stands beside it.")] = Path(
@@ -31,6 +35,8 @@ def calibrate(
     also: Annotated[
         list[str] | None, Option(help="A further parameter to fit; repeatable.")
     ] = None,
+    column: ColumnOption = None,
+    map_file: MapOption = None,
     rows: RowsOption = None,
     as_json: Json = False,
 ) -> None:
@@ -38,13 +44,24 @@ def calibrate(
 
     A recording of `haptic record` is cut into rows of steady sliding, which `--rows out.csv` keeps.
 
+    With `--map` the data are raw trial files, or a folder of them, whose rows are those of `haptic
+    rows`. `--column cof=COF_mean:1` says what a table calls a column, and in which unit it is.
+
     Says how far each is known, which the data cannot tell apart, and how well the model fits.
 
     Example: `haptic calibrate data.csv --model reference --out finger.toml`
     """
     description = load_model(model)
     _check(also or [], out)
-    measurements = read_data([data], rows)
+    if map_file is not None and column:
+        said = "--map is for raw trial files, whose columns it names"
+        raise BadInputError("usage", said, "Give trial files with --map, or tables with --column")
+    named = columns_named(column, COLUMNS, "cof=COF_mean:1")
+    measurements = (
+        read_data([data], rows, named=named)
+        if map_file is None
+        else _of_trials(data, map_file, rows or out.with_suffix(".rows.csv"))
+    )
     with bad_input("bad_data"), status("fitting"):
         found = run(description, measurements, also or ())
     with writing(out):
@@ -52,6 +69,14 @@ def calibrate(
     picture = out.with_suffix(".png")
     draw_calibration(found, picture)
     report(as_json, _payload(found, out, picture), lambda: _show(found, out, picture))
+
+
+def _of_trials(trials: Path, map_file: Path, rows: Path) -> Measurements:
+    """The rows of raw trials, which are kept in `rows`."""
+    if rows.exists():
+        raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
+    write_trials([trials], map_file, rows)
+    return read_data([rows])
 
 
 def _check(also: list[str], out: Path) -> None:

@@ -70,3 +70,15 @@ def test_wrong_arguments_of_calibrate(haptic, data, tmp_path, arguments, hint):
     assert done.status == 2
     assert hint in done.said["error"]["hint"]
     assert not (tmp_path / "f.toml").exists()
+
+
+def test_a_table_of_other_names_and_units_gives_the_same_finger(haptic, data, tmp_path):
+    """Loads in mN, friction under a name of the lab's."""
+    ours = data.read_text().splitlines()[1:]
+    theirs = tmp_path / "theirs.csv"
+    rows = [line.replace(",0.5,", ",500,", 1) for line in ours]
+    theirs.write_text("\n".join(["frequency_hz,voltage_v,Fz,COF_mean,cof_std", *rows]) + "\n")
+    named = ["--column", "normal_force_n=Fz:mN", "--column", "cof=COF_mean:1"]
+    first = haptic("calibrate", data, "--out", tmp_path / "a.toml", "--json").said
+    second = haptic("calibrate", theirs, *named, "--out", tmp_path / "b.toml", "--json").said
+    assert second["parameters"] == first["parameters"]

@@ -162,3 +162,7 @@ def test_trials_go_straight_into_a_prediction_and_a_diagnosis(haptic, tmp_path) 
     rows, predicted = rows_of(data), rows_of(out)
     assert [row["cof"] for row in rows] == [row["cof_measured"] for row in predicted]
     assert haptic("diagnose", trials, *mapped, "--column", "cof=mu", "--json").status == 2
+    finger = tmp_path / "finger.toml"
+    assert haptic("calibrate", trials, *mapped, "--out", finger).status == 0
+    assert (tmp_path / "finger.rows.csv").read_text() == data.read_text()
+    assert haptic("calibrate", trials, *mapped, "--out", finger, "--json").status == 2
