@@ -40,6 +40,7 @@ def from_image(
     speed: Annotated[float, Option(help="Speed of the finger, m/s.")] = 0.05,
     out: Annotated[Path | None, Option(help="Texture to write, .toml.")] = None,
     force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False,
+    play: Annotated[bool, Option("--play", help="Play it on the armed daemon.")] = False,
     as_json: Json = False,
 ) -> None:
     """Make a texture of a picture: by its brightness, its height or its edges.
@@ -76,6 +77,8 @@ def from_image(
         "pitch_mm": picture.pitch_mm,
     }
     write_text(target, toml_lines(texture))
+    if play:
+        _play(target)
     warnings = _look(asked, picture.pitch_mm, preview, rig, model, speed)
     if method == "height":
         warnings.append("strokes the other way feel its hills as hollows: a map knows no direction")
@@ -97,9 +100,21 @@ def from_image(
         for words in warnings:
             stdout.print(f"  [bold yellow]{words}[/]")
         stdout.print(f"asked and rendered: {preview}")
-        stdout.print(f"play it: haptic texture play {shlex.quote(str(target))}")
+        stdout.print(
+            "it plays" if play else f"play it: haptic texture play {shlex.quote(str(target))}"
+        )
 
     report(as_json, payload, show)
+
+
+def _play(texture: Path) -> None:
+    """Play it, or what comes nearest within reach, by the lease that `haptic arm` left."""
+    from haptic_driver.cli.control import client_of, lease_token  # noqa: PLC0415  (slow to import)
+    from haptic_driver.daemon.verbs import Verbs  # noqa: PLC0415
+
+    with client_of(None) as client:
+        asked = {"name": str(texture.absolute()), "nearest": True}
+        client.ask(Verbs.play, asked, lease_token(client.address))
 
 
 def _require_usable(

@@ -16,7 +16,9 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from haptic_driver.daemon.messages import AgreementCell, DaemonState, RefusedError
 from tests.haptic_driver.daemon.bench_control import FIDELITY
@@ -323,3 +325,15 @@ def test_why_says_what_is_missing_and_how_to_use_it(haptic, socket, control):
     assert "haptic investigate could add what tells this from that" in found.out
     assert "haptic use other" in found.out
     assert done_json(haptic("why", "--json"))["effects"] == ["skin_hydration"]
+
+
+def test_a_colour_photograph_plays_in_one_command(haptic, armed, control, tmp_path, monkeypatch):
+    photo = tmp_path / "photo.jpg"
+    colours = np.linspace(0, 255, 60 * 80 * 3).astype(np.uint8).reshape(60, 80, 3)
+    Image.fromarray(colours).save(photo)
+    texture = str(photo.with_suffix(".toml"))
+    monkeypatch.setattr(control, "textures", lambda: [texture])
+    done = haptic("texture", "from-image", photo, "--width-mm", "60", "--play", "--json")
+    assert done.status == 0, done.err
+    assert ("play", texture) in control.calls
+    assert control.status().texture == texture
