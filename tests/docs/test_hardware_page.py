@@ -20,10 +20,3 @@ def test_the_made_up_sdk_drives_a_carrier(capsys: pytest.CaptureFixture[str]) ->
     assert "asked=48000.0, got=50000.0" in rate
     assert on == "True 1.20 V"
     assert off == "True"
-
-
-def test_the_listing_of_a_generator_is_the_package_that_is_installed_and_driven() -> None:
-    """By `tests/haptic_driver/rig/test_outside_generator.py`."""
-    package = PAGE.parents[1] / "tests" / "outside_generator" / "lab_generator.py"
-    listing = package.read_text(encoding="utf-8")
-    assert f"```python\n{listing}```" in PAGE.read_text(encoding="utf-8")

@@ -99,7 +99,7 @@ def test_the_page_about_hardware_shows_the_package_word_for_word():
     shown = re.findall(r"^```(python|toml)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
     files = {"python": "lab_generator.py", "toml": "pyproject.toml"}
     shown = [(mark, code) for mark, code in shown if "SdkOutput" not in code]
-    assert [mark for mark, _ in shown] == ["toml", "python", "python"]
+    assert [mark for mark, _ in shown] == ["toml", "python"]
     for mark, code in shown:
         assert code in (PACKAGE / files[mark]).read_text(encoding="utf-8")
 

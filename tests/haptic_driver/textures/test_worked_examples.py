@@ -72,4 +72,4 @@ def test_every_toml_block_is_tried(page):
 
 def test_python(page, tmp_path):
     exec(re.findall(r"```python\n(.*?)```", page, re.DOTALL)[1], {})
-    assert (tmp_path / "sheet.png").is_file()
+    assert (tmp_path / "linen.png").is_file()
