@@ -434,7 +434,8 @@ def public_names() -> str:
 def _entry(name: str, thing: Any) -> str:
     """A signature and the first paragraph of what it says."""
     words = "" if isinstance(thing, type) else str(inspect.signature(thing))
-    words = re.sub(r"[\w.]+\.(\w+)", r"\1", words).replace("(self, ", "(").replace("(self)", "()")
+    words = re.sub(r"(: |-> )'([^']*)'", r"\1\2", words)
+    words = words.replace("(self, ", "(").replace("(self)", "()")
     return f"`{name}{words}`: {_said(inspect.getdoc(thing) or '')}"
 
 

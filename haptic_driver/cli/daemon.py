@@ -89,7 +89,8 @@ def run(
         )
     if port is not None:
         listen(port).close()  # one that is taken is told now, not after seconds
-    stderr.print(f"starting rig {rig}; it takes some seconds")
+    # A thread says it: a terminal that is stopped keeps nobody from starting.
+    start_thread("say", partial(stderr.print, f"starting rig {rig}; it takes some seconds"))
     from haptic_driver.daemon.quiet_log import OncePerSecond, Printable  # noqa: PLC0415
     from haptic_driver.daemon.run import (  # noqa: PLC0415  (the web server is slow to import)
         Links,

@@ -33,7 +33,7 @@ class Rig:
         self._session: Session | None = None
 
     @contextmanager
-    def armed(self, lease_s: float = 0.5) -> Iterator[Self]:
+    def armed(self, lease_s: float = 2.0) -> Iterator[Self]:
         """Arm in the block. At its end, however it ends, the output is off, or an error says so."""
         with self.client.armed(lease_s) as session:
             self._session = session
@@ -65,10 +65,10 @@ class Rig:
         """The objects on the screen, which may be added, moved, turned, changed and removed."""
         return self._asked().scene
 
-    def measured_friction(self, average_s: float = 0.2) -> float:
+    def measured_friction(self, average_s: float = 1.0) -> float:
         """Mean lateral over mean normal force of the last ticks; NaN where no finger slides."""
-        require_range("average", average_s, 0.01, 10.0, unit=" s")
-        ticks = self.client.samples(most=10_000)
+        require_range("average", average_s, 0.01, 2.0, unit=" s")
+        ticks = self.client.samples(most=2000)
         recent = ticks["time_s"] >= ticks["time_s"].max(initial=-math.inf) - average_s
         slides = ticks[recent & np.isfinite(ticks["measured_cof"])]
         normal_n = float(np.sum(slides["normal_force_n"]))

@@ -106,7 +106,7 @@ def test_touching_known_places_gives_the_screens_own_map(haptic, follow, slots: 
     said = json.loads(done.out)
     np.testing.assert_allclose(np.array(said["matrix_m"])[:, :2], MATRIX_M[:, :2], atol=2e-8)
     np.testing.assert_allclose(np.array(said["matrix_m"])[:, 2], MATRIX_M[:, 2], atol=1e-4)
-    assert (said["rig"], said["placeholder"]) == ("template", False)
+    assert (said["rig"], said["placeholder"]) == ("mine", False)
     assert said["measured_at"] == datetime.date.today().isoformat()
     assert said["residual_m"] < said["touch_error_m"] < 5e-5
     assert [(place["x_m"], place["y_m"]) for place in said["places"]] == SIX

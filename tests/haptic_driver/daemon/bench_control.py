@@ -200,7 +200,7 @@ class BenchControl:
         self._change("change_scene", *changes)
         self.scene = (self.scene or SceneDescription()).changed(changes)
         self._render(token, None, "scene")
-        self._tell("scene", "changed")
+        self.tell("scene", "changed")
         count = len(self.scene.object)
         return SceneChanged(number=1, time_s=time.monotonic(), objects=count, rendering=True)
 

@@ -11,6 +11,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
+from haptic_driver.cli import daemon as daemon_command
 from haptic_driver.daemon import run
 from haptic_driver.daemon.service import as_service, notify, watchdog_period_s
 from haptic_driver.errors import HapticError
@@ -111,14 +112,6 @@ def test_a_port_that_is_taken_is_told_before_anything_is_started(tmp_path, monke
         socket.create_server(("127.0.0.1", 0)) as taken,
         pytest.raises(HapticError, match="port") as refused,
     ):
-        run.run_daemon(
-            "simulated",
-            tmp_path / "d.sock",
-            "reference",
-            False,
-            taken.getsockname()[1],
-            run.Links(),
-            print,
-        )
+        daemon_command.run(port=taken.getsockname()[1], socket=str(tmp_path / "d.sock"))
     assert refused.value.code == "no_port"
     assert not (tmp_path / "d.sock").exists()

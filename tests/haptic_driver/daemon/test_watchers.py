@@ -52,7 +52,13 @@ class Bench:
             rig=rig, off=self._off, carrier_hz=math.nan, full_scale_v=0.0, switched=0
         )
         self.targets = Targets(
-            shared, self.orders, self.events, clock, lambda load_n: (0.5, 1.3), Loader()
+            shared,
+            self.orders,
+            self.events,
+            clock,
+            lambda load_n: (0.5, 1.3),
+            Loader(),
+            (0.1, 0.06),
         )
         self.latency = MeasuredLatency(0.0375, 0.0004, 0.0375, "")
         self.watched = Watched(

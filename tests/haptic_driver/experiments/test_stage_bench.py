@@ -359,7 +359,7 @@ def test_a_rigs_file_and_a_plan_are_all_it_takes(
 ) -> None:
     assert main([*typed, "--yes"]) == 0
     out = capsys.readouterr().out
-    assert "1 rows of plan 'short' on rig simulated -> data.csv" in out
+    assert "1 rows of plan 'short' on rig mine -> data.csv" in out
     assert "generator says off, amplifier disabled" in out
     assert 0.5 < float(table(Path("data.csv"))[0]["cof"]) < 1.0
     assert off(served)
