@@ -24,10 +24,10 @@ class AmplifierState(enum.Enum):
 class AmplifierSettings:
     """What the amplifier is and may do, as measured or from its data sheet.
 
-    Voltages and currents are peak values at the electrode; `voltage_monitor_v_per_v` is volts at
-    the monitor output per volt at the electrode (0.01 for 1 V per 100 V), `current_monitor_v_per_a`
-    likewise per ampere. `fault_level` is the level of the fault line that means a fault. Raises
-    ValueError unless all figures are > 0.
+    Voltages and currents are peak values at the electrode. `voltage_monitor_v_per_v` is volts at
+    the monitor output per volt at the electrode (0.01 for 1 V per 100 V). `current_monitor_v_per_a`
+    is volts per ampere likewise. `fault_level` is the level of the fault line that means a fault.
+    Raises ValueError unless all figures are > 0.
     """
 
     gain_v_per_v: float

@@ -11,10 +11,10 @@ from hw.generator.contract import TerminalOutput
 class SimulatedAmplifier:
     """Turns what the generator puts out into the voltage at the electrode.
 
-    Itself the far end of an amplifier's lines: `write` and `read` are the enable line (a digital
-    output), `read_v` is the voltage monitor (an analog input). `interlock`, if given, is a contact
-    in series with the enable line. Its history does not forget: `max_voltage_v` is the highest peak
-    ever at the electrode, `output_on_s` the time with any voltage on it. Thread-safe.
+    Stands for the far end of an amplifier's lines. `write` and `read` are the enable line (a
+    digital output), `read_v` is the voltage monitor (an analog input). `interlock`, if given, is a
+    contact in series with the enable line. Its history does not forget: `max_voltage_v` is the
+    highest peak ever at the electrode, `output_on_s` the time with any voltage on it. Thread-safe.
     """
 
     def __init__(

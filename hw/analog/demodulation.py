@@ -54,8 +54,8 @@ def demodulate(samples: Array, sample_rate_hz: float, frequency_hz: float) -> Sp
     """Mean, fundamental and harmonics of signals `samples` [n, c] by least squares with a Hann
     window's weights.
 
-    Over whole periods that is the product with cosine and sine under the window (quadrature
-    demodulation); where a period is no whole number of samples it stays exact. Noise of standard
+    Over whole periods the fit equals the product with cosine and sine under the window (quadrature
+    demodulation). It stays exact where a period is no whole number of samples. Noise of standard
     deviation s per sample leaves s sqrt(3 / n) in each part. A third harmonic aliases onto a
     carrier at a quarter of the sampling rate, a second at a third of it: take another. ValueError
     for a carrier that aliases itself, or a record shorter than a period.

@@ -100,9 +100,9 @@ class NiAnalogInputs:
     One task for all of them, since a card has one clock for its inputs: a second task would be
     refused. Six gauges in DIFF leave two of eight channels for monitors. The channels share one
     converter, so they are skewed by up to a sample. `terminal` is of all channels, or each its own.
-    A card divides its time base by whole numbers, so that few rates are got as asked: once open,
-    `sample_rate_hz` and `buffer_s` are what it got. A slower clock, a narrower range and another
-    terminal are refused. Thread-safe.
+    A card divides its time base by whole numbers, so it reaches few rates exactly. Once open,
+    `sample_rate_hz` and `buffer_s` are what the card really uses. A slower clock, a narrower range
+    and another terminal are refused. Thread-safe.
     """
 
     def __init__(
@@ -216,8 +216,8 @@ class NiAnalogInputs:
         first.
 
         Raises DeviceTimeout when the card has not sampled for `timeout_s`, however many old samples
-        it holds; DeviceDisconnected when not open; ValueError for more samples than the buffer
-        keeps.
+        it holds. Raises DeviceDisconnected when not open, and ValueError for more samples than the
+        buffer keeps.
         """
         if not 1 <= count <= self._buffer_samples:
             raise ValueError(f"count must be 1..{self._buffer_samples}, not {count}")
@@ -492,8 +492,8 @@ def _is_range(lines: str) -> bool:
 class NiAnalogOutput(AnalogOutput):
     """One output of a card, streamed by its sample clock without repeating old samples.
 
-    A card keeps its last sample when a stream runs dry and its last level when the process dies;
-    the watch thread puts it to zero in the first case, nothing here can in the second.
+    A card keeps its last sample when a stream runs dry, and its last level when the process dies.
+    The watch thread sets zero in the first case. Nothing here can act in the second.
     """
 
     def __init__(

@@ -36,12 +36,12 @@ class OutputUnderrun(DeviceError):  # noqa: N818 - named as its siblings in hw.e
 class AnalogOutputSettings:
     """What the output may do, in volts at its terminal. Raises ValueError for what cannot be.
 
-    `zero_level_v` is the level that means no voltage at the electrode. It is NOT always 0 V:
-    external AM of the 33220A's class takes -5 V..+5 V for 0..100 %, so that 0 V, or an open input,
-    is half the amplitude (stated for sibling instruments, not verified on the 33220A). No more than
-    `buffer_s` may wait in the buffer, which bounds the delay. A held level other than zero ends
-    after `lease_s` unless held again. A stream that runs dry stays at its last sample for `gap_s`,
-    in which it may go on. No call takes much longer than `timeout_s`.
+    `zero_level_v` is the level that means no voltage at the electrode. It is NOT always 0 V.
+    External AM of the 33220A's class takes -5 V..+5 V for 0..100 %, so 0 V, or an open input, is
+    half the amplitude. That is stated for sibling instruments, and is not verified on the 33220A.
+    No more than `buffer_s` may wait in the buffer, which bounds the delay. A held level other than
+    zero ends after `lease_s` unless held again. A stream that runs dry stays at its last sample for
+    `gap_s`, in which it may go on. No call takes much longer than `timeout_s`.
     """
 
     low_v: float
@@ -78,14 +78,14 @@ def at_zero(timeout_s: float) -> AnalogOutputSettings:
 class AnalogOutput(ABC):
     """One analog output between `open` and `close`; both leave it at its zero level. Thread-safe.
 
-    `write` streams, `hold` keeps a level, `zero` ends either. What is not refreshed ends: a stream
-    some time after its samples have run out (at once when the last one is the zero level), a held
-    level with its lease. The output then goes to zero and the next `write`, `hold` or `check`
-    raises OutputUnderrun, once. A stream that is written to within `gap_s` of its end goes on from
-    its last sample, where the device stays meanwhile; `gaps` counts these. While zero is not known
-    to have been reached it is tried again, and they keep raising what the device says. A thread
-    sees to all that, unless `watched` is False and someone else calls `check`: a loop that writes
-    anyway, or simulated time. It ends with the process: when that dies, what remains at the
+    `write` streams, `hold` keeps a level, `zero` ends either. Output that is not refreshed ends. A
+    stream ends some time after its last sample, or at once when that sample is the zero level. A
+    held level ends with its lease. The output then goes to zero and the next `write`, `hold` or
+    `check` raises OutputUnderrun, once. A stream that is written to within `gap_s` of its end goes
+    on from its last sample, where the device stays meanwhile; `gaps` counts these. While zero is
+    not known to have been reached it is tried again, and they keep raising what the device says. A
+    thread sees to all that, unless `watched` is False and someone else calls `check`: a loop that
+    writes anyway, or simulated time. It ends with the process: when that dies, what remains at the
     terminal is the device's affair, and switching off is the watchdog's.
 
     Implementations supply the underscored methods at the end; all run under the lock and raise
@@ -180,10 +180,10 @@ class AnalogOutput(ABC):
         """Append a block to the stream, starting it when there is none. Does not wait for the
         samples to be played.
 
-        Raises LimitExceeded, with the stream going on, for a sample or rate out of range, another
-        rate than the stream's, or more than fits the buffer (see `buffered_s`); OutputUnderrun when
-        the output fell to zero since the last call, with nothing written; DeviceError, after going
-        to zero, when the device fails.
+        Raises LimitExceeded, and the stream goes on, for a sample or rate out of range or another
+        rate than the stream's. It is raised too for more than fits the buffer (see `buffered_s`).
+        Raises OutputUnderrun when the output fell to zero since the last call; nothing is written.
+        Raises DeviceError, after going to zero, when the device fails.
         """
         block_v = _checked(self.resource, self.settings, envelope_v)
         with self._exclusive():

@@ -1,8 +1,8 @@
 """The analog output of a simulated card: a buffer in memory that plays by the clock alone.
 
-No process has to run for it to play, as none has for a real card: what is at the terminal follows
-from what was written and from the time. Whoever simulates the rest of the rig, in this process or
-in another, looks at the memory.
+It plays without a running process, as a real card does. What was written and the time determine the
+value at the terminal. Whoever simulates the rest of the rig, in this process or in another, looks
+at the memory.
 """
 
 from __future__ import annotations
@@ -28,9 +28,7 @@ _ATTEMPTS = 100  # at a header that a writer keeps changing
 
 
 class _Told(NamedTuple):
-    """What the card was told last: samples from `start_s` on where `rate_hz` is not 0, else a
-    level.
-    """
+    """The card's last order: samples from `start_s` on where `rate_hz` is not 0, else a level."""
 
     rate_hz: float
     start_s: float
@@ -101,7 +99,7 @@ class CardMemory:
 
     def waiting(self, at_s: float) -> int:
         """How many samples of this end's stream are still to be played then. DeviceDisconnected
-        where another end has told the card something since.
+        where another end has written to the card since.
         """
         self._check_mine()
         told = self._newest()
@@ -147,9 +145,7 @@ class CardMemory:
         self._sequence[0] += 1
 
     def _newest(self) -> _Told:
-        """What the card was told; what it was told before where a writer was killed in the middle
-        of telling.
-        """
+        """The card's last complete order. A writer that is killed halfway leaves the earlier one."""
         for _ in range(_ATTEMPTS):
             before = self._sequence[0]
             told = _Told(*self._HEADER.unpack(self._header))

@@ -20,8 +20,9 @@ FINER = 3  # a pixel is drawn as so many by so many
 class Optics:
     """What is the camera's and not the finger's.
 
-    `blur_m` is the standard deviation of a point's image, `vignette` how much darker a corner is,
-    `noise` the standard deviation of a pixel as a share of white, `light` the bare screen's grey.
+    `blur_m` is the standard deviation of a point's image, and `vignette` is how much darker a
+    corner is. `noise` is the standard deviation of a pixel as a share of white, and `light` is the
+    bare screen's grey.
     """
 
     width: int = 640

@@ -1,7 +1,7 @@
 """GenICam cameras through `harvesters`: GigE Vision, USB3 Vision, CoaXPress.
 
 Unverified: no such camera was at hand. Names of nodes are those of the Standard Features Naming
-Convention, which a camera need not follow; one that it lacks is an error at `open`.
+Convention, which a camera need not follow. `open` raises an error for a missing one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A camera that draws what it would see: the touch of the area that it is told."""
+"""A camera that draws the touch of a given area."""
 
 from __future__ import annotations
 

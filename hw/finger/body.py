@@ -1,8 +1,8 @@
 """A finger's body between its bone and the screen: the load that an indentation gives.
 
 What a force sensor under the screen feels is this load. Attraction between skin and screen is a
-force inside the touch: it adds nothing to the load, but it draws the skin closer, which lets the
-tissue go by as much. Friction shears the tissue, and a share of it shows along the normal.
+force inside the touch, so it adds nothing to the load. It draws the skin closer, and the tissue
+expands by as much. Friction shears the tissue, and a share of it shows along the normal.
 """
 
 from __future__ import annotations

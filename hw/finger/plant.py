@@ -14,11 +14,11 @@ after a long time.
 class FingerPlant:
     """Lateral force on a finger, from an injected steady friction force and a first-order lag.
 
-    Friction on an electroadhesive screen answers a change with a first-order lag whose cut-off is
-    proportional to the sliding speed, 13.8 Hz per mm/s (arXiv 2505.11162): the finger forgets as it
-    slides on. The step is the lag's exact solution, 1 - exp(-2 pi f_c dt), so the result does not
-    depend on the step while inputs are constant; at zero speed the friction is frozen. Every
-    contact starts from its friction at zero voltage, at `touched_s` of its clock `time_s`.
+    Friction on an electroadhesive screen follows a change with a first-order lag. The lag's cut-off
+    is proportional to the sliding speed, 13.8 Hz per mm/s (arXiv 2505.11162). The step is the lag's
+    exact solution, 1 - exp(-2 pi f_c dt). So the result does not depend on the step while inputs
+    are constant. At zero speed the friction is frozen. Every contact starts from its friction at
+    zero voltage, at `touched_s` of its clock `time_s`.
     """
 
     def __init__(self, friction: FrictionForce, *, cutoff_hz_per_mm_s: float = 13.8) -> None:

@@ -148,8 +148,8 @@ class TouchEvents:
     screen that knows one finger only. Of several fingers it follows one until that one lifts, then
     reports the lift, then goes on with the next in slot order. What hovers, a palm and a pen are no
     touch, and BTN_TOUCH 0 lifts every finger, whatever its slot says. After the kernel has dropped
-    events nothing is believed until it is said again: a touch may be missed for a while (on a
-    screen without slots until the next one) but is never made up; `standing` then asks the screen
+    events, only what the screen reports again is believed. A touch may be missed for a while (on a
+    screen without slots until the next one), but is never made up. `standing` then asks the screen
     for what it would not repeat.
     """
 
@@ -237,7 +237,8 @@ class TouchEvents:
     def _settle(self) -> None:
         """Take BTN_TOUCH together with what the slots have said in the same report.
 
-        What it lifted without a word of its slot touches again once that one is told of.
+        A touch that it lifted without an event of its slot counts again after the slot's next
+        event.
         """
         for finger in self._fingers.values():
             if self._is_key_up:
@@ -339,8 +340,8 @@ class TouchReports:
 class TouchScreen:
     """A touch screen as a finger tracker: its reports in metres.
 
-    A finger at rest causes no events, so after 50 ms without any (several report
-    intervals of the screen) a reading says that the place is true now.
+    A finger at rest causes no events. So after 50 ms without any (several report intervals of the
+    screen), a reading carries the present time.
     """
 
     def __init__(
@@ -447,8 +448,8 @@ def open_touch_reports(path: str) -> TouchReports:
 
 
 def _has_slots(device: Any, path: str) -> bool:
-    """Whether an evdev device tells fingers apart by slots, or knows one only; BadReply for no
-    touch screen, and for one without slots that tells several fingers (multi-touch protocol A).
+    """Whether an evdev device reports fingers in slots, or one finger only. BadReply for no touch
+    screen, and for one that reports several fingers without slots (multi-touch protocol A).
     """
     can = device.capabilities(absinfo=False)
     axes = set(can.get(_ABSOLUTE, []))

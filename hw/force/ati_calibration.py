@@ -1,7 +1,7 @@
 """Calibration files of ATI force/torque transducers read by an analog input card.
 
-Newer files hold `UserAxis` elements, the matrix as it is; older ones only `Axis` elements, to be
-divided by their `scale` and moved from the calibration point by `BasicTransform`. Both forms are
+Newer files hold `UserAxis` elements, the matrix as it is. Older ones hold only `Axis` elements, to
+be divided by their `scale` and moved from the calibration point by `BasicTransform`. Both forms are
 described in the comment that heads the newer files.
 """
 
@@ -56,8 +56,8 @@ class BadCalibration(DeviceError):  # noqa: N818 - named as its siblings in hw.e
 class AtiCalibration:
     """Gauge voltages -> force and torque.
 
-    `matrix` is 6 x 6, rows Fx..Tz, columns gauges 0..5, N/V and N m/V; `full_scale` is the
-    calibrated end of each axis, N and N m; the gauges end at +-`gauge_range_v`.
+    `matrix` is 6 x 6, rows Fx..Tz, columns gauges 0..5, N/V and N m/V. `full_scale` is the
+    calibrated end of each axis, N and N m. The gauges end at +-`gauge_range_v`.
     """
 
     serial: str

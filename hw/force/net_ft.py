@@ -270,8 +270,8 @@ class NetFt:
     def _look(self) -> None:
         """Take in what has arrived.
 
-        A full buffer drops the newest records and keeps the oldest; when no one has looked for
-        longer than `timeout_s`, what is there may be that old, and is counted but not believed.
+        A full buffer drops the newest records and keeps the oldest. When nobody has read for longer
+        than `timeout_s`, a record may be that old, and is counted but not believed.
         """
         connection = self._opened()
         believed = self._clock() - self._looked_s <= self._settings.timeout_s
@@ -294,8 +294,8 @@ class NetFt:
         """When the kernel took a record in, which may be long before anybody looks; now where it
         does not say.
 
-        The kernel tells it by the clock of the day, which may be set meanwhile: times never go back
-        for that.
+        The kernel stamps it by the wall clock, which may be set meanwhile. Times never go back for
+        that.
         """
         now_s = self._clock()
         for level, kind, content in told:

@@ -19,7 +19,7 @@ class ForceReading(NamedTuple):
     sliding direction.
 
     `saturated` is True when a channel was at the end of its range, or the sensor reported a fault
-    of its own: the numbers are not to be trusted.
+    of its own. The numbers are then not to be trusted.
     """
 
     time_s: float
@@ -37,7 +37,7 @@ class ForceSensor(Protocol):
 
 @runtime_checkable
 class KeepsReadings(Protocol):
-    """A force sensor that tells every reading, however seldom somebody asks."""
+    """A force sensor that keeps every reading, however seldom it is asked."""
 
     def take_readings(self) -> list[ForceReading]:
         """Return all since the last call, oldest first, or the latest thousands. Raises

@@ -139,8 +139,8 @@ Listener = Callable[[TerminalOutput], object]
 class MakeSimulator(Protocol):
     """Makes a simulated generator.
 
-    `listener` is called at each change at the terminals; `am_full_scale` is the amplitude at + full
-    scale of Modulation In as a multiple of the one programmed.
+    `listener` is called at each change at the terminals. `am_full_scale` is the amplitude at + full
+    scale of Modulation In, as a multiple of the one programmed.
     """
 
     def __call__(
@@ -158,14 +158,14 @@ class GeneratorKind:
     """One kind of generator: driver, simulator, and what the watchdog says to it over a connection
     of its own.
 
-    `make` is given a `Transport` and `GeneratorSettings`. `switch_off` answers nothing; the answer
-    to `ask_off` matches `off_answers`, whose group `off` tells off from on. Amplitudes are into an
-    open circuit. `limits_itself`: the driver sets a voltage limit of the instrument's own. One
-    whose `shapes` hold direct voltages makes offsets too. One that makes its carrier `by_samples`
-    has no words: `make` is given an `AnalogOutput` in place of the transport, and
-    `CarrierSettings`, and the watchdog takes the output to zero. `relay_interval_s`: its output is
-    switched on at most so often, to spare the relay; no data sheet states how many switchings one
-    lasts (unverified).
+    `make` is given a `Transport` and `GeneratorSettings`. `switch_off` answers nothing. The answer
+    to `ask_off` matches `off_answers`, whose group `off` distinguishes off from on. Amplitudes are
+    into an open circuit. `limits_itself`: the driver sets a voltage limit of the instrument's own.
+    One whose `shapes` hold direct voltages makes offsets too. A kind that makes its carrier
+    `by_samples` has no commands. Its `make` is given an `AnalogOutput` in place of the transport,
+    and `CarrierSettings`. The watchdog then takes the output to zero. `relay_interval_s`: its
+    output is switched on at most so often, to spare the relay; no data sheet states how many
+    switchings one lasts (unverified).
     """
 
     make: Callable[..., Generator]

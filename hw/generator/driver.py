@@ -87,8 +87,8 @@ class GeneratorDriver(ABC):
 
     @abstractmethod
     def _switch(self, on: bool) -> bool:
-        """Switch the output, and whether it is on then; raises InstrumentRejected where the
-        instrument tells.
+        """Switch the output, and return whether it is on then. Raises InstrumentRejected where the
+        instrument reports an error.
         """
 
     @abstractmethod

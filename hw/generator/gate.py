@@ -1,8 +1,8 @@
 """The last gate before the generator's wire: reads what is about to be sent and refuses too much
 voltage.
 
-It knows nothing of the driver's own reckoning and does not trust it: it parses the outgoing bytes
-and keeps, from them alone, an upper bound of the voltage at the electrode.
+It does not use the driver's own state. It parses the outgoing bytes and keeps, from them alone, an
+upper bound of the voltage at the electrode.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 class Bound:
     """What the instrument holds at most; everything is unknown until a command says it.
 
-    `share` is the waveform's peak over its amplitude, 0 for a constant voltage; levels mean volts
+    `share` is the waveform's peak over its amplitude, 0 for a constant voltage. Levels mean volts
     into an open circuit only once `load_open` and `unit_vpp` are known.
     """
 

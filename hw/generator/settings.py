@@ -21,10 +21,10 @@ class Shape(enum.Enum):
 class RangePolicy(enum.Enum):
     """What the output's attenuator does.
 
-    FIXED keeps the range that the voltage limit needs: no relay switches while rendering, so the
-    output has no gaps, but all amplitudes share that range's resolution, 1/16,383 of its span, and
-    its accuracy: at a hundredth of the limit the amplitude is good to about a percent only. AUTO
-    has the full accuracy at every amplitude, and disturbs the output for a moment whenever the
+    FIXED keeps the range that the voltage limit needs. No relay switches while rendering, so the
+    output has no gaps. But all amplitudes share that range's resolution, 1/16,383 of its span, and
+    its accuracy. At a hundredth of the limit the amplitude is good to about a percent only. AUTO
+    has the full accuracy at every amplitude. It disturbs the output for a moment whenever the
     amplitude crosses from one range to another (G5100A manual p. 166; where the 33220A's ranges
     meet is not verified).
     """
@@ -38,11 +38,11 @@ class ModulationInput:
     """What Modulation In on the rear panel does to the amplitude at 100 % depth; measure it, it is
     not verified.
 
-    The amplitude is proportional to `input + full_scale_v`: nothing at `-full_scale_v`, half of the
-    highest at 0 V (and when nothing is plugged in!), the highest at `+full_scale_v` (believed to be
-    5 V). There it is `amplitude_at_full_scale` times the amplitude programmed: 1 if modulation goes
-    from 0 to 100 % of it, 2 if it is classical modulation around it. Raises ValueError for numbers
-    that make no sense.
+    The amplitude is proportional to `input + full_scale_v`. It is zero at `-full_scale_v`, half of
+    the highest at 0 V (and with an open input), and the highest at `+full_scale_v`. That is
+    believed to be 5 V. There it is `amplitude_at_full_scale` times the amplitude programmed. The
+    factor is 1 if modulation goes from 0 to 100 % of it, 2 for classical modulation around it.
+    Raises ValueError for numbers that make no sense.
     """
 
     full_scale_v: float

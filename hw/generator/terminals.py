@@ -38,7 +38,7 @@ class Terminals:
     Settings arrive after `latency` of simulated time, in the order in which they were sent;
     switching off does not queue behind the others. `listener` is called at each change.
     `am_full_scale` is the amplitude at + full scale of Modulation In and full depth, as a multiple
-    of the one programmed (whether it is 1 or 2 is to be measured on a real instrument). Not
+    of the one programmed. Whether it is 1 or 2 is to be measured on a real instrument. Not
     thread-safe: the instrument holds its lock.
     """
 

@@ -1,5 +1,5 @@
 """Keysight's E4980A (and AL) LCR meter: drives the electrode itself, in place of the amplifier, and
-tells impedance.
+measures impedance.
 
 Commands are those of its User's Guide; never tried on an instrument. It has no switch for its
 signal: a level of 0 V is off.
@@ -48,8 +48,8 @@ class LcrMeter:
 
 
 class E4980A:
-    """The meter on the electrode; its own source's phase is zero, since impedance is all that it
-    tells.
+    """The meter on the electrode. Its own source's phase is zero, since it measures impedance
+    alone.
     """
 
     drives = True

@@ -16,7 +16,7 @@ class ElectrodeReading(NamedTuple):
     Phases count from the generator's output if `referenced`, else from the electrode's voltage,
     whose own phase then is 0 and means nothing. A phase's own standard deviation is NaN where it is
     that of a part over the amount. `second_a` and `third_a` are the current's harmonics, peak; NaN
-    where they cannot be told.
+    where they are unknown.
     """
 
     voltage_v: complex
@@ -43,7 +43,7 @@ class ElectrodeMonitor(Protocol):
 
     @property
     def frequency_range_hz(self) -> tuple[float, float]:
-        """The lowest and the highest carrier that it tells."""
+        """The lowest and the highest carrier that it measures."""
 
     def read(
         self, frequency_hz: float, voltage_v: float, alive: Callable[[], object] = nothing

@@ -59,7 +59,7 @@ def electrode_reading(record: Record, lines: MonitorLines, frequency_hz: float) 
     """Phasors at the electrode from what was sampled on its lines.
 
     Where too little noise spreads the converter's step, its error counts as one that every period
-    repeats, as it does where a period is a whole number of samples. ValueError for a carrier that
+    repeats. It also does where a period is a whole number of samples. ValueError for a carrier that
     the record cannot tell, see `demodulate`.
     """
     found = demodulate(record.samples_v, record.sample_rate_hz, frequency_hz)

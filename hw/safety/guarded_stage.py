@@ -1,4 +1,5 @@
-"""The load stage as the watchdog knows it: what it is told when the program that pressed has died.
+"""The load stage as the watchdog knows it: the orders that lift or stop it when its program has
+died.
 
 A serial port is held by the driver, so the stage is reached only once the driver has ended.
 """

@@ -1,13 +1,14 @@
 """Enable lines that reach the amplifier over a serial port: a heartbeat interlock box, or the
 port's own RTS or DTR.
 
-The box holds a contact in the amplifier's enable line closed for as long as it is told to, anew,
-all the time. It needs no trust in the computer: a program that crashes or hangs, a cable pulled out
-and a computer without power all look like silence. Its firmware is a few lines on any
-microcontroller; `simulated_interlock.py` is a complete one.
+The box keeps a contact in the amplifier's enable line closed only while heartbeats arrive. It does
+not rely on the computer. A program that crashes or hangs, a cable pulled out and a computer without
+power all look like silence. Its firmware is a few lines on any microcontroller;
+`simulated_interlock.py` is a complete one.
 
-Line protocol (115200 baud, 8 data bits, no parity, 1 stop bit; ASCII, lines end with a line feed, a
-carriage return before it is ignored). The host asks, the box answers each line with one line:
+Line protocol: 115200 baud, 8 data bits, no parity, 1 stop bit. Lines are ASCII and end with a line
+feed; a carriage return in front of it is ignored. The host asks, the box answers each line with one
+line:
 
     ID?          HAPTIC-INTERLOCK 1               what it is, version of this protocol
     BEAT n       status                           n counts 0..255 and starts again at 0
@@ -21,10 +22,10 @@ carriage return before it is ignored). The host asks, the box answers each line 
                  SILENT     no beat for 200 ms
                  SEQUENCE   a beat was lost, repeated or out of order
 
-Beats are edges, not levels: only a number one above the last is a beat, so a host that repeats
+Beats are edges, not levels: only a number one above the last is a beat. So a host that repeats
 itself (a stuck buffer, a level that stays high) is not alive. The contact opens by the box's own
 clock 200 ms after the last beat, without being asked, and at once at a wrong number. It stays open
-until ENABLE, which closes it only within 200 ms of a beat; while it is open any number is taken as
+until ENABLE, which closes it only within 200 ms of a beat. While it is open, any number is taken as
 the new start.
 """
 
@@ -159,11 +160,11 @@ class HeartbeatInterlock:
 class ModemLine:
     """RTS or DTR of a serial port as an enable line (a digital output).
 
-    The port knows only what it was told; the level itself can be read where a wire brings it back
-    to an input (RTS to CTS, DTR to DSR): say so with `looped_back`. Without that wire `read` raises
-    DeviceError, so that the state is unknown and never "off". Traps, all outside this program: many
-    systems raise both lines for a moment when a port is opened, and some leave them up when the
-    program dies. A level is no heartbeat; prefer the box.
+    The port knows only what was written to it. The level itself can be read where a wire brings it
+    back to an input (RTS to CTS, DTR to DSR). Declare such a wire with `looped_back`. Without that
+    wire `read` raises DeviceError, so that the state is unknown and never "off". Some traps lie
+    outside this program. Many systems raise both lines for a moment when a port is opened. Some
+    leave them up when the program dies. A level is no heartbeat; prefer the box.
     """
 
     def __init__(self, port: str, line: Literal["rts", "dtr"], *, looped_back: bool) -> None:

@@ -2,25 +2,25 @@
 own.
 
 `atexit`, signal handlers and `finally` do not run after SIGKILL, a crash of the interpreter or a
-hang; this does. The driver beats over a pipe. When beats stop for `period_s`, or the pipe closes
-(however the driver ended), the watchdog switches the generator off in the words of its kind, opens
-the interlock's contact if it is told of one, reads both back, and tries again until there is
-evidence or `give_up_s` have passed. A driver that was only kept waiting by a busy machine may beat
-again once there is evidence; otherwise the watchdog ends, and its exit status says what it knows.
-It can do nothing against a computer without power or an instrument that is cut off: that is what
-the interlock box is for. Told of a load stage, it has it lift off, or stop, when the driver has
+hang; this does. The driver beats over a pipe. The watchdog acts when beats stop for `period_s`, or
+when the pipe closes (however the driver ended). It switches the generator off by the commands of
+its kind, and opens the interlock's contact where it has one. It reads both back, and tries again
+until there is evidence or `give_up_s` have passed. A driver that was only delayed by a busy machine
+may beat again once there is evidence. Otherwise the watchdog ends, and its exit status says what it
+knows. It can do nothing against a computer without power or an instrument that is cut off: that is
+what the interlock box is for. With a load stage, the watchdog lifts or stops it when the driver has
 ended while it pressed.
 
-From when it is ready it starts nothing more: its threads, connections and words are there. Its log
-waits for nobody.
+From when it is ready it starts nothing more: its threads, connections and commands are there. Its
+log waits for nobody.
 
     python -m hw.safety.watchdog --generator TCPIP::192.168.0.5::5025::SOCKET [--model M]
     [--interlock I] ...
 
-reads beats from its standard input: `b` (the output is wanted), `r` (rest: it is known to be off,
-do not wait for beats), `p` (the load stage presses from now on), `l` (it has let go). It counts
-from the first beat. Standard output gets one line, `ready` or why
-not, and then `h` whenever it has heard, `s` when it begins to switch off, `d` when it has.
+reads beats from its standard input. `b`: the output is wanted. `r`: rest, the output is known to be
+off, do not wait for beats. `p`: the load stage presses from here on. `l`: it has let go. It counts
+from the first beat. Standard output gets one line, `ready` or why not. Then come `h` whenever it
+has heard, `s` when it begins to switch off, and `d` when it has.
 """
 
 from __future__ import annotations
@@ -122,9 +122,9 @@ class WatchdogSettings:
 class Watchdog(Running):
     """The driver's side: starts the process and beats it; a heartbeat for `Rig`.
 
-    The process is in a group of its own and ignores SIGINT, SIGTERM and SIGHUP, so that what ends
-    the driver does not end it too; it is in the driver's session, since Linux shares a busy
-    processor among sessions first. `beat` never waits.
+    The process is in a group of its own and ignores SIGINT, SIGTERM and SIGHUP, so it survives what
+    ends the driver. It stays in the driver's session, since Linux shares a busy processor among
+    sessions first. `beat` never waits.
     """
 
     def __init__(self, settings: WatchdogSettings) -> None:
@@ -169,9 +169,9 @@ class Watchdog(Running):
     def beat(self) -> None:
         """Say that the output is still wanted.
 
-        Raises SwitchedOff when it has switched off for want of beats and listens again, and another
-        DeviceError once it has ended or has not answered for a period: it is killed then, since it
-        watches nothing.
+        Raises SwitchedOff when it has switched off for want of beats and listens again. Raises
+        another DeviceError once it has ended or has not answered for a period. It is killed then,
+        since it watches nothing.
         """
         if self._process is None:
             raise DeviceDisconnected("watchdog: it is not running", "start it before switching on")
@@ -294,7 +294,7 @@ def _describe(status: int) -> str:
 
 
 class _Instrument:
-    """A connection of the watchdog's own and the lines it knows to say; `answers` tells off from
+    """A connection of the watchdog's own and the commands for it; `answers` distinguishes off from
     on.
 
     All but the last line of `off` answer nothing.
@@ -411,9 +411,9 @@ def wait_for_silence(
 
     `heard` is called for each.
 
-    The last tenth of the period is waited for apart: when a busy machine has let this process sleep
-    for longer than its driver was silent, whoever listens has time to hand over the beats that came
-    meanwhile.
+    The last tenth of the period is waited for apart. A busy machine may let this process sleep for
+    longer than its driver was silent. The extra wait lets the listener hand over the beats that
+    came meanwhile.
     """
     timeout_s = None
     while True:

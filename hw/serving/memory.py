@@ -16,9 +16,9 @@ def _standing() -> float:
 class MemoryTransport(Transport):
     """Transport that calls a responder in the caller's own thread.
 
-    What the responder returns in time is the answer; what it returns later is a late answer, and
-    what it never returns is a timeout at once, without waiting. Time stands still unless a `clock`
-    is given: on a busy machine no answer is late by accident.
+    What the responder returns in time is the answer; what it returns later is a late answer. What
+    it never returns is a timeout at once, without waiting. Time stands still unless a `clock` is
+    given: on a busy machine no answer is late by accident.
     """
 
     def __init__(

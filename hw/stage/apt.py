@@ -1,10 +1,10 @@
 """The Thorlabs APT protocol as bytes: the messages that a one-channel stepper stage needs, counts
 as on the wire.
 
-A message is 6 bytes, `<HBBBB` id, two parameters, destination, source; or, with bit 7 of the
-destination set, `<HHBB` id, data length, destination, source, and the data. There is no checksum.
-Source: Thorlabs APT Communications Protocol; the test compares every message with the package
-thorlabs-apt-protocol.
+A short message is 6 bytes, `<HBBBB`: id, two parameters, destination, source. With bit 7 of the
+destination set it is `<HHBB`: id, data length, destination, source, and then the data. There is no
+checksum. Source: Thorlabs APT Communications Protocol; the test compares every message with the
+package thorlabs-apt-protocol.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class Velocity(NamedTuple):
 
 
 def encode(frame: Frame, *, destination: int = USB_UNIT, source: int = HOST) -> bytes:
-    """Return the bytes of one message; from the host to the USB unit unless told otherwise."""
+    """Return the bytes of one message; by default from the host to the USB unit."""
     if frame.data is None:
         return struct.pack(
             "<HBBBB", frame.message, frame.parameter_1, frame.parameter_2, destination, source

@@ -28,11 +28,11 @@ class StageSettings:
     """What the stage is and may do. Travel, velocity and acceleration are the rig's: [unverified]
     150 mm, 50 mm/s.
 
-    The scales are counts per SI unit as the controller takes them: 409600 counts per mm, velocity
-    times 53.68, acceleration times 53.68 * 204.94e-6 (Thorlabs APT protocol, p. 39-41). `model` is
-    what the instrument's name must begin with. The stage counts as stalled when it rests away from
-    its target for `settle_time_s`; a pause of `write_gap_s` keeps messages apart. Raises ValueError
-    for numbers that make no sense.
+    The scales are counts per SI unit as the controller takes them: 409600 counts per mm. Velocity
+    is scaled by 53.68 more, acceleration by 53.68 * 204.94e-6 (Thorlabs APT protocol, p. 39-41).
+    `model` is what the instrument's name must begin with. The stage counts as stalled when it rests
+    away from its target for `settle_time_s`; a pause of `write_gap_s` keeps messages apart. Raises
+    ValueError for numbers that make no sense.
     """
 
     travel_low_m: float
@@ -257,7 +257,7 @@ class Lts150:
         """Wait until the move or homing that was started has arrived.
 
         Raises DeviceTimeout after `timeout_s`, and DeviceError when the stage rests elsewhere or
-        reports a fault. Whatever is raised, an interrupt too, the stage is told to stop first.
+        reports a fault. Any error or interrupt stops the stage first.
         """
         deadline_s = self._clock() + timeout_s
         try:
@@ -271,7 +271,8 @@ class Lts150:
         """Stop with the programmed deceleration, at once if that does not help, and return the
         status at rest.
 
-        Raises DeviceTimeout when the stage still moves, or what kept it from being told or asked.
+        Raises DeviceTimeout when the stage still moves, or what kept the order or the question from
+        it.
         """
         try:
             status = self._stop(apt.StopMode.PROFILED)

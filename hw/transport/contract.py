@@ -42,12 +42,12 @@ class Transport(ABC):
 
     One re-entrant lock is held over a whole query; `exchange` lends it to a caller who needs
     several queries undisturbed. Deadlines are monotonic. A query that did not end cleanly (timeout,
-    disconnect, bytes too many) leaves the transport `dirty`, and the next write first calls
-    `clear`: a late answer is never given to the next question.
+    disconnect, bytes too many) leaves the transport `dirty`. The next write first calls `clear`, so
+    a late answer never goes to the next question.
 
-    Implementations supply `_connect`, `_disconnect`, `_send`, `_receive` and `_discard_input`, and
-    `_reset` where a fresh connection is not the way to start again; all run under the lock, and
-    `deadline_s` is on the scale of `clock`.
+    Implementations supply `_connect`, `_disconnect`, `_send`, `_receive` and `_discard_input`. They
+    supply `_reset` where a fresh connection is not the way to start again. All run under the lock,
+    and `deadline_s` is on the scale of `clock`.
     """
 
     _check_first = "that it is on and not busy"  # of a timeout's hint

@@ -20,11 +20,11 @@ class SerialTransport(Transport):
     """Transport over one serial port, 8N1, held exclusively.
 
     A line has no connection to drop, so a late answer can only be waited out. Clearing reads until
-    nothing has come for `settle_s` (several tries of less time each add up); an answer later than
-    that would be given to the next question. With a `marker` that cannot happen: a question with an
-    answer of its own is asked, and everything before that answer is dropped. Closing a port drops
-    RTS and DTR, so clearing keeps it open while it works. `rts` and `dtr` are the levels at opening
-    (some systems pulse both for an instant); with `rtscts` the port itself drives RTS.
+    nothing has come for `settle_s` (several shorter tries add up). An answer later than that would
+    be given to the next question. With a `marker` that cannot happen: a question with an answer of
+    its own is asked, and everything before that answer is dropped. Closing a port drops RTS and
+    DTR, so clearing keeps it open while it works. `rts` and `dtr` are the levels at opening (some
+    systems pulse both for an instant); with `rtscts` the port itself drives RTS.
     """
 
     _check_first = "power, cable and baud rate"

@@ -37,9 +37,9 @@ class VisaTransport(Transport):
     Answers must end with `\n` on sockets and serial ports. Clearing closes the session and opens
     another one, after a device clear where the interface has one. A serial line carries late
     answers over from one session to the next: give a `marker` (see SerialTransport). pyvisa-py
-    opens closed sockets, spins on dead ones, gives late answers to the next question, and lets any
-    exception through; all of it is seen to here. What a library does not bound (opening, clearing,
-    closing) is given up in time, and ends in a thread of its own.
+    opens closed sockets and spins on dead ones. It gives late answers to the next question and lets
+    any exception through. This class handles all of these. What a library does not bound (opening,
+    clearing, closing) is given up in time, and ends in a thread of its own.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """Carrier and envelope as the samples of one analog output, in place of a waveform generator.
 
 Amplitudes go from one to the next within a block, straight in voltage squared, which force follows.
-What a card holds on to when its samples run out, or when its driver dies, is a direct voltage: an
-underrun is taken to zero by the output's own watch, the rest is the watchdog's.
+A card holds a direct voltage when its samples run out, or when its driver dies. The output's own
+watch takes an underrun to zero; the watchdog handles a dead driver.
 """
 
 from __future__ import annotations
@@ -142,8 +142,8 @@ class AnalogCarrier:
     def off(self) -> bool | None:
         """Zero at once, whatever is waiting, and read back. Never raises DeviceError.
 
-        Waits for no call that hangs: without the lock a block that is under way may still come, and
-        what is read back then says so.
+        It waits for no call that hangs. Without the lock a block that is under way may still come,
+        and the read-back then shows it.
         """
         free = self._lock.acquire(timeout=self.settings.reply_timeout_s)
         try:

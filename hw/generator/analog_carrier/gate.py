@@ -1,7 +1,7 @@
 """The last gate of a device that takes samples instead of words.
 
-It knows nothing of the driver's own reckoning: it looks at the samples that are about to be
-written, and at the rate at which they will be played.
+It does not use the driver's own state. It checks the samples that are about to be written, and the
+rate at which they will be played.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ RATE_ROUNDING = 1e-6
 class SampleGate:
     """Lets blocks pass that keep the peak at the electrode within the limit.
 
-    `rate_hz` is what the device got. A stream begins at zero: the first block after `forget` rises
+    `rate_hz` is what the device got. A stream begins at zero. The first block after `forget` rises
     from there, by no more than a carrier of `frequency_high_hz` does from sample to sample.
     """
 

@@ -19,7 +19,7 @@ NOTHING = TerminalOutput(SLOWEST_HZ, 0.0, 0.0, on=False)
 
 
 class SimulatedCarrier:
-    """A `SimulatedGenerator` without words: `look` at the card tells what is at the terminals.
+    """A `SimulatedGenerator` without commands: `look` at the card shows what is at the terminals.
 
     A card that ran dry is at its last sample, which is a direct voltage.
     """
@@ -60,7 +60,7 @@ class SimulatedCarrier:
 
 
 def _terminal(samples_v: Array, rate_hz: float) -> TerminalOutput:
-    """A sine's recursion x[n-1] + x[n+1] = 2 cos(w) x[n] tells its frequency, a fit its
+    """A sine's recursion x[n-1] + x[n+1] = 2 cos(w) x[n] gives its frequency, a fit gives its
     amplitude.
     """
     lately_v, samples_v = samples_v, samples_v[-WINDOW:]

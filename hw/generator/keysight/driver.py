@@ -49,11 +49,11 @@ _HELD = {"OUTP:LOAD": "INF", "VOLT:UNIT": "VPP", "FUNC": "SIN", "AM:STAT": "0", 
 class KeysightGenerator(GeneratorDriver, ABC):
     """What the 33220A and the 33500s have in common.
 
-    Every change is read back and the instrument's error queue is asked in the same line, so a set
-    point costs one round trip; a value that the instrument clipped or moved is an error. `APPLy` is
-    never sent: it turns the output on. A generator that was switched off and on comes back with
-    LOAD 50, which would double the voltage: it is asked each time. With `limits_itself` the
-    instrument's VOLT:LIM is set to the rig's limit, and asked each time too.
+    Each line sets a value, reads it back and asks for the instrument's errors, so a set point costs
+    one round trip. A value that the instrument clipped or moved is an error. `APPLy` is never sent:
+    it turns the output on. A generator that was switched off and on comes back with LOAD 50, which
+    would double the voltage: it is asked each time. With `limits_itself` the instrument's VOLT:LIM
+    is set to the rig's limit, and asked each time too.
     """
 
     shapes = frozenset(Shape)

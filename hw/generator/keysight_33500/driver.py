@@ -10,9 +10,9 @@ from hw.generator.keysight.driver import KeysightGenerator
 class Keysight33500(KeysightGenerator):
     """Driver of channel 1; headers without a channel mean it.
 
-    The instrument is given the rig's limit as its own (VOLT:LIM) and refuses more by itself; that
-    it stands is read back at each set point. Unverified: what an instrument answers to a level
-    beyond, and its least amplitude.
+    The instrument also holds the rig's limit as its own (VOLT:LIM) and refuses more by itself. Each
+    set point reads that limit back. Unverified: what an instrument answers to a level beyond, and
+    its least amplitude.
     """
 
     model = re.compile(r"33[56]\d\d[AB]")

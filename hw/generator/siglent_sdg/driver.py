@@ -26,12 +26,12 @@ _SYNC = re.compile(r"C1:SYNC (?P<state>ON|OFF)(,TYPE,(?P<of>\w+))?")
 class SiglentSdg(GeneratorDriver):
     """Driver of channel 1: sines with an offset, without modulation.
 
-    The instrument takes one setting per message, and clips and ignores without telling: everything
-    is read back, and what is not as set is switched off. Where nothing is believed any more it is
-    reset with its output off, since a reset alone ends all that the front panel can add (channels
-    that are combined, harmonics). A reset also switches Sync off, by which others are triggered:
-    it is switched on again. Answers are those that Siglent's programming guide and public
-    clients show; none was seen by this project on an instrument: unverified.
+    The instrument takes one setting per message, and clips and ignores without an error. So the
+    driver reads everything back, and switches off what is not as set. Where nothing is believed any
+    more, the driver resets it with its output off. A reset alone ends all that the front panel can
+    add (combined channels, harmonics). A reset also switches Sync off, by which others are
+    triggered: it is switched on again. Answers are those that Siglent's programming guide and
+    public clients show; none was seen by this project on an instrument: unverified.
     """
 
     model = re.compile(r"(SDG[12]\d\d\dX|T3AFG)\S*")

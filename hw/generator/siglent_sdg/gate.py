@@ -27,8 +27,8 @@ _QUERY = re.compile(r"\*IDN\?|C1:(OUTP|BSWV|MDWV|SYNC)\?")
 class SiglentGate(OutputGate):
     """Accepts one setting per message, of channel 1 alone, and only what the driver sends.
 
-    Levels are refused until a reset has ended modulation, sweeps, bursts and what the channels add
-    to one another, and the load is known to be open.
+    Levels are refused until the load is known to be open and a reset has been sent. The reset ends
+    modulation, sweeps, bursts and the combining of channels.
     """
 
     speaker = "SiglentSdg"

@@ -1,8 +1,8 @@
 """A simulated Siglent SDG, channel 1: one setting or several per line, no word about what it clips
 or ignores.
 
-The form of its answers is that of Siglent's programming guide (PG02) and of what public clients of
-SDG2042X and T3AFG expect; levels are echoed in six digits, as users of an SDG2042X found. `*RST`
+The form of its answers follows Siglent's programming guide (PG02), and what public clients of
+SDG2042X and T3AFG expect. Levels are echoed in six digits, as users of an SDG2042X found. `*RST`
 switches Sync off. Its ranges are assumed.
 """
 
