@@ -1,11 +1,11 @@
 """The equations as printed: (1)-(31) and (36)-(40) of AliAbbasi et al. 2022 with their slips
 (docs/errata.md).
 
-To show what the print gives, never to drive a screen by. Where the print leaves a choice: a sine of
-amplitude V gives the phasors (18)-(19) at s = j w; the real part of the complex (29) is taken for
-its stress; (40) has the exponent that converges; the contact (41)-(49) is that of `contact`.
-`published` reads (4)-(26) with the relative permittivities of Table I, as printed;
-`published_absolute` differs in that alone, for then the leakage term (26) shows its size.
+To show what the print gives, never to drive a screen by. Where the print leaves a choice, four
+hold. A sine of amplitude V gives the phasors (18)-(19) at s = j w. The real part of the complex
+(29) is taken for its stress. (40) has the exponent that converges. The contact (41)-(49) is that of
+`contact`. `published` reads (4)-(26) with the relative permittivities of Table I, as printed.
+`published_absolute` differs in that alone; the leakage term (26) is visible there.
 
 What has no answer is NaN with a note, never a number.
 """

@@ -1,6 +1,6 @@
 """Electrostatic pressure and the closed loop that it forms with the contact: the one solver.
 
-p_e = (eps0/2) sum over drive branches of <V^2> K(p, z)/|a|^2, with p = p0 + p_e + p_added: pressure
+p_e = (eps0/2) sum over drive branches of <V^2> K(p, z)/|a|^2, with p = p0 + p_e + p_added. Pressure
 closes the gaps, which raises the pressure. `equilibrium` finds the lowest pressure at which one
 touch rests.
 """

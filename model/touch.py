@@ -28,9 +28,9 @@ class Drive:
     """What the experimenter sets: amplitude and bias at the amplifier's output, load, speed and
     time.
 
-    `mean_square_factor` is 1/2 for a sine, 1 for a square wave or direct current; `steady` is 1
-    where `voltage_v` itself is direct; `voltage_phase_rad` is that of the electrode's voltage
-    against the set one; `surface_voltage_v` stands on the insulator whatever is driven;
+    `mean_square_factor` is 1/2 for a sine, 1 for a square wave or direct current. `steady` is 1
+    where `voltage_v` itself is direct. `voltage_phase_rad` is that of the electrode's voltage
+    against the set one. `surface_voltage_v` stands on the insulator whatever is driven.
     `kept_square` of the mean square, and `kept_offset_square` of the bias's, is not screened and
     attracts. `touching` is 0 where there is no finger, `resting` 1 where it does not slide.
     `seen_area_m2` is the touch's apparent area where it was seen, 0 where not.
@@ -87,10 +87,10 @@ class Branch:
     """The electrical stack at one frequency of the drive: permittivities, and what stands behind
     and beside the gap.
 
-    `omega` in rad/s; `mean_square_v2` attracts, `driven_square_v2` of it is the amplifier's, with
-    `crest_square` as peak over mean square; `series_length_m` adds to h; `gap_admittance_s_per_m2`
-    lies in parallel with the air gap, beside the contact leak; `field_gain` is the field in the
-    gap's air over the mean field of the gap.
+    `omega` is in rad/s. `mean_square_v2` attracts; `driven_square_v2` of it is the amplifier's,
+    with `crest_square` as peak over mean square. `series_length_m` adds to h.
+    `gap_admittance_s_per_m2` lies in parallel with the air gap, beside the contact leak.
+    `field_gain` is the field in the gap's air over the mean field of the gap.
     """
 
     omega: Values

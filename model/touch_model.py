@@ -36,12 +36,12 @@ class Prediction:
     """Answers for touches of any shape; NaN where the contact pulls in or the published equations
     fail.
 
-    `pulled_in` marks what lies past the fold of V(p_e); `within_theory` is False where p_e exceeds
+    `pulled_in` marks what lies past the fold of V(p_e). `within_theory` is False where p_e exceeds
     10 p0 or the tabulated pressures, and where there is no equilibrium. `electrode_current_a` and
-    `electrode_voltage_v` are complex peak phasors of the fundamental, their phase that against the
-    set voltage, the stray current included; the two rms currents are the touch's alone, which
-    safety limits are about. `cof` is NaN where no finger slides. `notes` say in words what the
-    equations of a published variant could not answer.
+    `electrode_voltage_v` are complex peak phasors of the fundamental, stray current included. Their
+    phase is against the set voltage. The two rms currents are the touch's alone, which safety
+    limits are about. `cof` is NaN where no finger slides. `notes` say in words what the equations
+    of a published variant could not answer.
     """
 
     electrostatic_force_n: Array
@@ -59,10 +59,10 @@ class Prediction:
 class PreparedTouch:
     """Touches [n] ready for the closed loop, and what the stages after it need.
 
-    `omega` and the amplifier's `rms_v` of each branch [n, c]; `electrode_v` the phasor of the
-    voltage's fundamental, the apparent `area_m2` of the contact and the `touch_area_m2` through
-    which current flows, 0 without a finger, `stray_f` beside it, all [n]; `shape` is that of the
-    conditions.
+    Each branch [n, c] has `omega` and the amplifier's `rms_v`. All others are [n]: `electrode_v` is
+    the phasor of the voltage's fundamental, `area_m2` the apparent area of the contact. Current
+    flows through `touch_area_m2`, 0 without a finger, and `stray_f` lies beside it. `shape` is that
+    of the conditions.
     """
 
     circuit: GapCircuit

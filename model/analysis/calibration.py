@@ -1,9 +1,9 @@
 """One finger's own numbers from its measured friction: a fit with priors, and what the data could
 and could not say.
 
-The fit is that of the diagnosis (`diagnosis/model_fit.py`), with nothing to name: parameters in
-prior units, session gains and noise scale integrated out, a Gaussian posterior around the most
-probable finger.
+The fit is that of the diagnosis (`diagnosis/model_fit.py`), without effects to choose. Parameters
+are in prior units; session gains and noise scale are integrated out. The posterior is Gaussian
+around the most probable finger.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class FittedParameter(NamedTuple):
 class Calibration:
     """A finger fitted to its data.
 
-    `residual` [n] whitened (standard normal where the model fits); `correlated` names pairs that
-    the data hardly tell apart, with their correlation; `warnings` say in words what not to rely on;
+    `residual` [n] is whitened (standard normal where the model fits). `correlated` names pairs that
+    the data hardly separate, with their correlation. `warnings` say in words what not to rely on.
     `at_an_end` names what stands at an end of its range, and is no measurement.
     """
 
@@ -113,9 +113,9 @@ def calibrate(
     """Fit the finger's parameters, those of `also` (names of `OPTIONAL`) and of effects of `kinds`
     to its data.
 
-    The priors are centred on the model's own values; with `same_finger`, what a finger keeps
-    (`KEPT`) is believed as far as the model says, and so are the rows' errors: where age has
-    widened them, their scatter tells no scale. An effect to fit that the model has on begins anew.
+    The priors are centred on the model's own values. With `same_finger`, what a finger keeps
+    (`KEPT`) has the model's own spread, and the rows keep their stated errors. Where age has
+    widened them, their scatter gives no scale. An effect to fit that the model has on begins anew.
     Of the data only friction is used. ModelError where they cannot carry a fit.
     """
     data = data.subset(data.of(FRICTION))

@@ -1,9 +1,9 @@
 """Which uncertain number matters where: Sobol indices of the electrostatic force at chosen
 conditions.
 
-Each number of `uncertainty.uncertain_numbers` is drawn from its own spread; the first-order index
-is the share of the variance of log(force) that one number explains by itself, the total index that
-with all its interactions (Saltelli et al. 2010, Comput. Phys. Commun. 181:259).
+Each number of `uncertainty.uncertain_numbers` is drawn from its own spread. The first-order index
+is the share of the variance of log(force) that one number explains by itself. The total index
+includes all its interactions (Saltelli et al. 2010, Comput. Phys. Commun. 181:259).
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 force turns steep.
 
 A drive is a sum of tones, direct voltage among them. Each tone k has its own field in every gap u,
-E_k(u) = V_k/(a_k u + b_k); the pressure eps0/2 <E^2>_u has lines at the sums and differences of the
-tones. The contact is taken to rest under the time mean of the pressure, as in the closed loop of
-`pressure`: it does not follow the force's own pulsation, which is a judgement and not a
+E_k(u) = V_k/(a_k u + b_k). The pressure eps0/2 <E^2>_u has lines at the sums and differences of the
+tones. The contact is assumed to rest under the time mean of the pressure, as in the closed loop of
+`pressure`. It does not follow the force's own pulsation, which is a judgement and not a
 measurement.
 """
 

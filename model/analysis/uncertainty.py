@@ -1,7 +1,7 @@
 """How far a model's answers may be off: its numbers' own uncertainty and the contact theory's,
 carried to friction.
 
-Every number of a model file that has a `std` is uncertain by it; where the file is silent, the
+Every number of a model file that has a `std` is uncertain by it. Where the file gives none, the
 finger's own numbers are uncertain by the spread between fingers (`FINGER` of the diagnosis). The
 numbers are taken as independent of one another, log-normal where they are positive by nature. Those
 that shape the roughness (Hurst exponent, wavenumbers, gamma) are held.

@@ -3,8 +3,8 @@
 Equations (41)-(49) of AliAbbasi et al. 2022, dimensionless (see `roughness`). A pressure `p_hat` is
 in units of Y* q0 h_rms, a gap in units of h_rms.
 
-The mass of -A'(zeta) lies at zeta -> 1 (A/A0 is 0.008 at zeta = 1.1 for a light touch) and the
-smallest gaps at zeta -> zeta1, so the magnification runs on a logistic grid that resolves both
+The mass of -A'(zeta) lies at zeta -> 1 (A/A0 is 0.008 at zeta = 1.1 for a light touch). The
+smallest gaps lie at zeta -> zeta1. So the magnification runs on a logistic grid that resolves both
 ends. The derivative in (44) is taken under the integral, never by differences.
 """
 
@@ -29,9 +29,9 @@ ZETA_STEP = 0.1  # of the logistic variable; halving it moves no gap integral by
 class GapDistribution:
     """Gaps of one contact as a mixture of folded normals, one per magnification (48).
 
-    `weight` [n]: share of the nominal area that leaves contact at each magnification (sums to 1 -
-    `area_ratio`); `separation` [n]: u1 of (44); `spread` [n]: h_rms(zeta) of (49). Lengths in units
-    of h_rms.
+    `weight` [n] is the share of the nominal area that leaves contact at each magnification (sums to
+    1 - `area_ratio`). `separation` [n] is u1 of (44); `spread` [n] is h_rms(zeta) of (49). Lengths
+    in units of h_rms.
     """
 
     area_ratio: float
@@ -119,9 +119,9 @@ def _separations(
 class _SeparationRule:
     """Gauss-Legendre rule for (45) and its derivative, in log S.
 
-    With S = (s q0 h_rms)^-2 as variable, x^(2-2H) = zeta^(2-2H) + (2-2H) S/H and x0 =
-    p(zeta)/sqrt(S): u = 1/sqrt(pi) int_0^S1 dS S^-1/2 I(x0)/x, whose derivative by zeta has three
-    parts: p(zeta), x and the limit S1.
+    The variable is S = (s q0 h_rms)^-2, with x^(2-2H) = zeta^(2-2H) + (2-2H) S/H and x0 =
+    p(zeta)/sqrt(S). Then u = 1/sqrt(pi) int_0^S1 dS S^-1/2 I(x0)/x. Its derivative by zeta has
+    three parts: p(zeta), x and the limit S1.
     """
 
     shape: SelfAffineShape

@@ -42,8 +42,8 @@ def k_hat(table: TableArrays, p_hat: float, z_hat: complex) -> float:
 
     3e-5 of the direct quadrature (4e-4 near the highest pressures, where hardly a gap is left).
     Beyond the lengths of the table its limits hold: K ~ 1/|z| below (P is constant there), K ~
-    1/|z|^2 and L ~ 1/z above; beyond its pressures the nearest. K(conj z) = K(z), L(conj z) = conj
-    L(z).
+    1/|z|^2 and L ~ 1/z above. Beyond its pressures the nearest holds. K(conj z) = K(z), L(conj z) =
+    conj L(z).
     """
     log_z, angle = polar(z_hat)
     below, above = max(LOG_Z_AXIS[0] - log_z, 0.0), max(log_z - LOG_Z_AXIS[1], 0.0)

@@ -8,7 +8,7 @@ only
 
 and roughness only scales them: K = K^(p/(Y* q0 h_rms), z/h_rms) / h_rms^2 and L likewise with
 1/h_rms. The table holds log K^, log |L^| and arg L^ over (log p^, log |z^|, arg z^ in 0..90
-degrees); one exists per (H, q1/q0, gamma) and is kept on disk under the hash of these numbers and
+degrees). One exists per (H, q1/q0, gamma). It is kept on disk under the hash of these numbers and
 of its grid.
 """
 

@@ -1,7 +1,7 @@
 """Self-affine roughness of the fingerpad, in closed form.
 
 Spectrum (41) of AliAbbasi et al. 2022 from q0 to q1 without a plateau. Everything dimensionless is
-in units of h_rms (heights), 1/q0 (lateral lengths) and Y* q0 h_rms (pressures): two fingers with
+in units of h_rms (heights), 1/q0 (lateral lengths) and Y* q0 h_rms (pressures). Two fingers with
 the same Hurst exponent, q1/q0 and gamma differ by these scales alone.
 """
 

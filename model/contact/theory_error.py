@@ -2,12 +2,12 @@
 table, one function.
 
 `LOG_STD` is |log(solver/theory)| of K = integral of P/(u + h)^2 over the gaps, to which the
-electrostatic pressure is proportional, from docs/validation.md: random self-affine surfaces (H
-0.71, h_rms 20 um, q0 1e3 1/m, q1/q0 = 32, Y* 13.33 MPa; tamaas, Polonsky-Keer); the largest of the
-rms at the finest grid, the same extrapolated to points without size, and an earlier comparison of
-four surfaces; not below 0.05, the scatter between surfaces. A fingerpad is rough over more scales
-than any solver resolves (q1/q0 = 1e7 in Table I): for a finger this is a judged error, not a
-measured one.
+electrostatic pressure is proportional. The numbers come from docs/validation.md: random self-affine
+surfaces (H 0.71, h_rms 20 um, q0 1e3 1/m, q1/q0 = 32, Y* 13.33 MPa; tamaas, Polonsky-Keer). Each is
+the largest of three. These are the rms at the finest grid, the same extrapolated to points without
+size, and an earlier comparison of four surfaces. None is below 0.05, the scatter between surfaces.
+A fingerpad is rough over more scales than any solver resolves (q1/q0 = 1e7 in Table I). So for a
+finger this is a judged error, not a measured one.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Measured data as the workflow reads them, checked before anything is fitted.
 
-A file has a row per condition and repeat; a data set has one per condition, repeat and witness:
-friction, the electrode's current and voltage, and their phases.
+A file has a row per condition and repeat. A data set has one per condition, repeat and witness (an
+observed quantity): friction, the electrode's current and voltage, and their phases.
 """
 
 from __future__ import annotations
@@ -79,9 +79,9 @@ class Measurements:
 
     Optional columns that the file does not have are absent from `columns`. `effects_on` [n]: the
     observations in which an effect under test is on; None for all of them. `witness` [n]: which of
-    `WITNESSES` is observed, None for friction throughout; `row` [n] of the file, None where each
-    has its own; `finger` [n] as in `Conditions`; `intervention` [n]: what somebody had done at the
-    rig, see `model.effects.interventions`, None for nothing anywhere. `left_out`: rows of spectra
+    `WITNESSES` is observed, None for friction throughout. `row` [n] of the file, None where each
+    has its own. `finger` [n] as in `Conditions`. `intervention` [n]: what somebody had done at the
+    rig, see `model.effects.interventions`; None for nothing anywhere. `left_out`: rows of spectra
     that the file itself marks as in contradiction with Kramers and Kronig. `least_cof_std`:
     relative; what of friction is known no better from row to row, whatever the scatter says.
     `bad_rows`: what was wrong in rows that were left out on request, a line of the file each.
@@ -291,7 +291,7 @@ def read_measurements(
 ) -> Measurements:
     """Read a data file; BadRowsError names every line and column that is wrong.
 
-    ModelError where the file as a whole is. With `leave_out_bad` those rows are left out, and told
+    ModelError where the file as a whole is. With `leave_out_bad` those rows are left out and listed
     in `bad_rows`. `named`: what the file calls its columns, by our names. Where it has no `cof`,
     the amount of `lateral_force_n` over the load is friction.
     """

@@ -1,5 +1,5 @@
-"""The catch-all rival: the base model plus a smooth discrepancy of unknown shape, and evidences on
-one footing.
+"""The catch-all alternative: the base model plus a smooth discrepancy of unknown shape. Its
+evidence is comparable with that of every other model.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ SCALES = np.exp(np.linspace(np.log(0.2), np.log(5.0), 41))  # of the noise, inte
 class Evidence:
     """log evidence with the noise scale and any discrepancy's amplitude integrated out.
 
-    And where it lies: `bend`, the share that a model's form is off, in the way of that number, and
-    `at_bend`, the log evidence with that alone; `exact`, that of a form that is not off.
+    Two more describe the form of the effect. `bend` is the share by which it differs, in the way of
+    that number, and `at_bend` the log evidence with that alone. `exact` is the log evidence of the
+    exact form.
     """
 
     log_evidence: float

@@ -1,16 +1,16 @@
 """What a form may be off: no finger or device has quite the catalogue's.
 
-An effect's signature is what it adds to the prediction. Its form may be off in two ways, as far as
-the effect does something at all, which tells both from a discrepancy of unknown shape:
+An effect's signature is what it adds to the prediction. Its form may differ in two ways, in
+proportion to what the effect does. That separates both from a discrepancy of unknown shape:
 
 Each witness apart: a smooth share of the signature of unknown shape, a Gaussian process over each
 input that varies, times the signature's size. Where the signature grows faster than the effect's
 strength, the size is what that share of the strength would change, up to twice as much.
 
 All witnesses together: the effect's strength depends smoothly on what it `bends_with`, in amount
-and in phase; what that changes follows from the model. On frequency, as an element's may whose
-circuit the catalogue does not know; an amplifier's gain on the amplitude as well, since spectra are
-taken at a few volts. Where other strengths do, the catalogue has an effect for that.
+and in phase; what that changes follows from the model. In frequency, as for an element whose
+circuit the catalogue does not know. In an amplifier's gain, in the amplitude as well, since spectra
+are taken at a few volts. Where other strengths do, the catalogue has an effect for that.
 """
 
 from __future__ import annotations

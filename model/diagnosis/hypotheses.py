@@ -1,8 +1,8 @@
 """What may be true of a data set, and the evidence of each hypothesis.
 
-Nothing is missing; one effect of the catalogue, in its exact form or bent; two effects; something
-unknown; something that is not of the touch. `Evidences` holds the logarithms alone, so that a rule
-can be judged without fitting anything.
+Nothing is missing; one effect of the catalogue, in its exact or a modified form; two effects;
+something unknown; something that is not of the touch. `Evidences` holds the logarithms alone, so
+that a rule can be judged without fitting anything.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ DRAWS = 64  # of an effect's prior: shares of it to some per cent
 class Candidate:
     """One model, fitted: its own evidence, and with a discrepancy of unknown shape beside it.
 
-    `bent` [n, m]: what its form may be off, whitened, as far as the data ask for it; `around`: the
-    most probable parameters with that, which evidences are linear about. `fit` is of the exact
-    form.
+    `bent` [n, m]: the deviation of its form, whitened, as far as the data ask for it. `around`: the
+    most probable parameters with that deviation; evidences are linear about them. `fit` is of the
+    exact form.
     """
 
     kinds: Kinds
@@ -133,8 +133,8 @@ def testable_effects(data: Measurements, switched_on: Sequence[Effect]) -> list[
 def candidate(problem: Problem, kinds: Kinds, fit: Fit, *others: Fit) -> Candidate:
     """Weigh one fitted model; `others`: where else its parameters may lie if its form is off.
 
-    Where it is, the finger and the gains are bent to make up for that in `fit`; again where they
-    need not, for as long as that says more.
+    Where its form is modified, the finger and the gains make up for that in `fit`. A second fit
+    lets the form do so, for as long as the evidence grows.
     """
     around, (alone, bent) = fit, _weigh(problem, fit)
     exact = alone.exact
@@ -266,8 +266,8 @@ def unseen_draws(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple
 def _drawn(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array, Array]:
     """Draws [DRAWS, k] of an effect's prior, what each adds [DRAWS, n], and how visible it is.
 
-    In standard deviations of the noise; what the finger and the gains would take up does not count
-    as visible, as far as they are not at their ends already.
+    In standard deviations of the noise. What the finger and the gains would take up does not count
+    as visible, unless they are at their ends already.
     """
     fit, count = base.fit, len(kind.parameters())
     draws = norm.ppf(qmc.Sobol(count, seed=0).random(DRAWS))

@@ -1,11 +1,11 @@
 """Nothing in the catalogue: at which place of the chain the discrepancy acts, and the smoothest
 term that closes it.
 
-For each quantity that a term may multiply (`model.effects.learned`), free-form terms of the same
-prior are pushed through the model, linearised where it stands, and the best is fitted; inputs are
-added as long as the evidence asks for them. The places are weighed by what these fits explain.
-Sessions that no fit has seen, with place, inputs and values chosen anew without each of them,
-decide whether a short formula does as well, and whether the gap shrinks.
+Free-form terms of the same prior are tried for each quantity that a term may multiply
+(`model.effects.learned`). They are pushed through the linearised model, and the best is fitted.
+Inputs are added as long as the evidence asks for them. The places are weighed by what these fits
+explain. Place, inputs and values are chosen anew without each session, which no fit has seen. These
+sessions decide whether a short formula does as well, and whether the gap shrinks.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
 """Finds which rows repeat one another, and how much of their scatter is shared by a trial.
 
-Three levels of noise are told apart. A *session* shares a gain, whose size is a prior. A *trial*
-is one touch or stroke at one setting: its rows share a gain as well, whose size the data tell.
-What is left is a *row's* own. Trials repeat one another where their settings are equal as
-commanded. Loads that were measured are never quite equal: then trials whose loads and speeds lie
-near each other repeat one another, beside a slope over these. Sessions repeat one another where
-each reads a setting once. How the trials of a setting change alike from row to row is signal, no
-noise.
+The noise has three levels. A *session* shares a gain, whose size is a prior. A *trial* is one touch
+or stroke at one setting: its rows share a gain as well, whose size the data tell. What is left is a
+*row's* own. Trials repeat one another where their settings are equal as commanded. Measured loads
+are never quite equal. Then trials whose loads and speeds lie near each other repeat one another,
+beside a slope over these. Sessions repeat one another where each reads a setting once. How the
+trials of a setting change alike from row to row is signal, no noise.
 """
 
 from __future__ import annotations
@@ -176,7 +175,7 @@ def _rows_level(
 ) -> Level:
     """Scatter within trials, beside what the trials of a setting share from place to place.
 
-    A setting that one trial reads tells nothing: what changes in that trial may be the touch.
+    A setting that one trial reads gives no replicate: what changes in that trial may be the touch.
     """
     cell, weight = _numbered(setting, place), scaled.weight
     beyond = scaled.centred(trial, cell)

@@ -35,9 +35,9 @@ BAD = 1e3  # stands for a residual that the model cannot give, in standard devia
 class Fit:
     """A model at its most probable parameters.
 
-    `vector` [k] in prior units; `residual` [n] and `jacobian` [n, k] whitened, the latter of the
-    prediction; `covariance` [k, k] of the vector; `log_evidence` up to a constant that all models
-    of one data set share.
+    `vector` [k] is in prior units. `residual` [n] and `jacobian` [n, k], of the prediction, are
+    whitened. `covariance` [k, k] is of the vector. `log_evidence` is up to a constant that all
+    models of one data set share.
     """
 
     kinds: tuple[type[Effect], ...]
@@ -51,9 +51,9 @@ class Fit:
 
 
 class _Nearby(NamedTuple):
-    """What is linear about vectors [m, k]: their residuals [m, n], Jacobians [m, n, k] without what
-    stays at its end, weight of chi^2 [m, 1], gradient of the posterior [m, k], and steps [m, 3, k]
-    by damped normal matrices.
+    """What is linear about vectors [m, k]: residuals [m, n], and Jacobians [m, n, k] without what
+    stays at its end. Also the weight of chi^2 [m, 1], the gradient of the posterior [m, k], and
+    steps [m, 3, k] by damped normal matrices.
     """
 
     vectors: Array

@@ -31,12 +31,12 @@ class Noise:
     """Covariance of what is observed: diag(`own_std`^2) + gains of sessions + AR(1), up to one
     unknown scale.
 
-    The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom; `source` says
-    where the noise comes from, `replicate_degrees` how many replicates checked it; `correlation`
-    and `inflation` are what it was asked to be. `whiten` takes residuals [n] or [n, k] to unit
-    variance. `blocks`: what shares no noise with the rest, each by its numbers; all together where
-    there are none. `sure`: how many are said to be better than any model is; what is left of them
-    says nothing about the scale.
+    The scale's square is inverse-gamma around 1 with `degrees` degrees of freedom. `source` says
+    where the noise comes from, `replicate_degrees` how many replicates checked it. `correlation`
+    and `inflation` are as asked for. `whiten` takes residuals [n] or [n, k] to unit variance.
+    `blocks`: what shares no noise with the rest, each by its numbers; all together where there are
+    none. `sure`: how many are said to be better than any model is; what is left of them says
+    nothing about the scale.
     """
 
     own_std: Array
@@ -162,8 +162,8 @@ def _response_std(data: Measurements, least_std: Array) -> Array:
 def shared_std(data: Measurements) -> Array:
     """Standard deviations [n, 2] of what the observations of a session and witness share.
 
-    The witness's own gain, and in the current the area of the touch, which presses anew in each
-    session: of that the current beside the touch has nothing.
+    The witness's own gain, and in the current the area of the touch, which varies between sessions.
+    The current beside the touch does not depend on that area.
     """
     gains = np.array([witness.gain_std for witness in WITNESSES])
     if data.witness is None:
@@ -194,7 +194,9 @@ def touch_share(data: Measurements) -> ComplexArray:
 
 
 def _own_noise(data: Measurements, witness: int, inflation: Array) -> _Own | None:
-    """Of one witness alone: as stated, held against replicates; as replicates say; or the usual."""
+    """The noise of one witness alone: as stated and compared with replicates; from replicates; or
+    the usual.
+    """
     known, stated = WITNESSES[witness], data.stated_std
     if np.isnan(stated).all():
         return _unstated(known, data, inflation)

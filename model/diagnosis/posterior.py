@@ -102,8 +102,8 @@ def posterior(found: Evidences) -> Posterior:
 def held_against(found: Posterior, shrinks: Mapping[str, float]) -> Posterior:
     """No effect is more probable than that it shrinks the error on held-out data, `shrinks`.
 
-    What an effect loses goes to what is left without it: the other effect of a pair or nothing, or
-    something unknown in its place, as probable as these are to each other.
+    The weight that an effect loses goes to what is left without it, in proportion to their
+    probabilities. That is the other effect of a pair or nothing, or something unknown in its place.
     """
     p, withheld = dict(found.hypotheses), list[str]()
     for name, sure in shrinks.items():

@@ -35,10 +35,10 @@ class Proof:
     after, and the number of `rows` of each fold.
 
     `gap_closed`: share of the base model's excess over the noise that disappears, with a 95 %
-    interval over folds; `inclusion`: share of folds in which the same effects were chosen again.
-    NaN where nothing could be held out. `sure`: how sure the error is to be smaller than the
-    base model's, see `surely_smaller`; `shrinks`: to be smaller with each effect than without it.
-    NaN and empty where nothing could be held out.
+    interval over folds. `inclusion`: share of folds in which the same effects were chosen again.
+    NaN where nothing could be held out. `sure`: how sure the error is to be smaller than the base
+    model's, see `surely_smaller`; `shrinks`: to be smaller with each effect than without it. NaN
+    and empty where nothing could be held out.
     """
 
     by: str

@@ -25,8 +25,8 @@ def unlike_sessions(data: Measurements, left: Array) -> dict[int, float]:
     """Sessions whose whitened residuals `left` [n] are larger than usual, and how many times
     larger.
 
-    Usual is the median session, so that it does not matter how many are unlike while they are fewer
-    than half; each is judged by an F test, the largest first.
+    The median session is the usual one, so fewer than half may be unlike without an effect. Each is
+    judged by an F test, the largest first.
     """
     compared = _compared(data)
     numbers = [int(s) for s in np.unique(data.session[compared])]
@@ -50,9 +50,9 @@ def split_sessions(
 
     None if none differ; sessions that are not compared belong to both.
 
-    Sessions are ordered along the direction in which their discrepancies differ most and cut in two
-    at every place; a discrepancy for each part must beat one for all by the number of possible cuts
-    and LOG_ODDS.
+    Sessions are ordered along the direction in which their discrepancies differ most, and cut in
+    two at every place. A discrepancy for each part must exceed one for all by the number of
+    possible cuts and LOG_ODDS.
     """
     compared = _compared(data)
     session = data.session[compared]

@@ -40,8 +40,8 @@ ONLY_OF_EFFECTS = ("speed_m_s", "time_s")  # conditions that only effects that n
 class Nuisance:
     """A parameter of the base model that differs between fingers, around the model's own value.
 
-    Its logarithm is log_std sinh(tail x)/tail for x in prior units, standard normal: with a tail of
-    0.45 a finger three log_std off is at x = 2.5 and one six off at x = 3.8. Fingers far from the
+    Its logarithm is log_std sinh(tail x)/tail for x in prior units, standard normal. With a tail of
+    0.45 a finger three log_std off is at x = 2.5, and one six off at x = 3.8. Fingers far from the
     reference are common, and a normal prior would rather name an effect than believe in one.
     """
 

@@ -1,9 +1,8 @@
-"""What bears witness to the touch: friction, the voltage and the current at the electrode, and the
-apparent area of contact as a camera sees it.
+"""The witnesses (observed quantities) of the touch: friction, the voltage and the current at the
+electrode, and the apparent area of contact as a camera sees it.
 
-Amounts are compared as logarithms, phases in rad. A current beside a measured voltage of the
-electrode is taken against that, so that what the amplifier does cancels: the voltage's own
-witnesses tell of it.
+Amounts are compared as logarithms, phases in rad. A current beside a measured electrode voltage is
+divided by it, so the amplifier's effect cancels. The voltage's own witnesses show that effect.
 """
 
 from __future__ import annotations
@@ -25,12 +24,11 @@ class Witness:
     """One column of a data file that the model predicts.
 
     `std` is the column of its standard deviation; `usual_std` (relative, or rad) stands for it
-    where neither that nor replicates say it. `gain_std` is what all rows of a session share:
-    electrodes, washing and posture for friction and for the area, the monitors' gain and delay
-    for the others.
-    `against` is a column that it is compared with where that is measured in the same row.
-    `least_std` (relative, or rad) is what no rig, or no model of a touch, is better than from row
-    to row, whatever its instrument resolves.
+    where neither that nor replicates say it. `gain_std` is what all rows of a session share. It
+    comes from electrodes, washing and posture for friction and area, and from the monitors' gain
+    and delay for the others. `against` is a column that it is compared with where that is measured
+    in the same row. `least_std` (relative, or rad) is what no rig, or no model of a touch, is
+    better than from row to row, whatever its instrument resolves.
     """
 
     column: str

@@ -126,7 +126,7 @@ def held_out_verdict(
     seed: int,
     progress: Progress,
 ) -> Judged:
-    """The verdict by all data, held against data left out of the fit."""
+    """The verdict by all data, compared with data left out of the fit."""
     stated = posterior(hypotheses.evidences)
     first = verdict_of(hypotheses, stated)
     ranked = sorted(hypotheses.singles, key=lambda c: -c.alone.log_evidence)

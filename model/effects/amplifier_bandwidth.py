@@ -51,9 +51,9 @@ def minimum_phase_lag_rad(x: Values, order: Values) -> Array:
     """Lag in rad of the minimum-phase filter of gain 1/sqrt(1 + x^(2 order)) at x = f/f_c; any
     shapes, any real order.
 
-    Bode's relation, (1/pi) int -d ln|g|/du ln coth|u/2| du over u = ln(f'/f), where the slope is
-    order times the logistic function of 2 order (ln x + u); Butterworth's phase exactly where the
-    order is whole.
+    Bode's relation is (1/pi) int -d ln|g|/du ln coth|u/2| du over u = ln(f'/f). The slope in it is
+    order times the logistic function of 2 order (ln x + u). The result is Butterworth's phase
+    exactly where the order is whole.
     """
     with np.errstate(divide="ignore"):
         at = 2.0 * np.log(x)

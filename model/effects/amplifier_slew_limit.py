@@ -20,7 +20,7 @@ def _partly_limited(ratio: Array) -> ComplexArray:
     the period.
 
     From the angle where sin t rises faster than `ratio` [n] t, the output lags on a line until it
-    meets the sine again; twice in a period.
+    meets the sine again. That happens twice in a period.
     """
     start = -np.arccos(ratio)
     low, high = -start, np.full(ratio.shape, np.pi)
@@ -42,12 +42,12 @@ class AmplifierSlewLimit(Effect):
     """2 pi f V > SR: triangle of peak SR/(4f), whose fundamental is 8/pi^2 of it.
 
     The triangle turns where the falling sine crosses its peak, so that it lags by arccos(SR/(4 f
-    V)). That holds where the amplifier slews all the time, SR/(2 pi f V) below 0.54; from there to
+    V)). That holds where the amplifier slews all the time, SR/(2 pi f V) below 0.54. From there to
     1 it slews for a part of the period, and follows the sine for the rest.
 
-    An input stage saturates softly: besides, V/(1 + (V/V_t)^p)^(1/p) takes the place of min(V,
-    V_t), V_t the triangle's fundamental and p the `sharpness`; what is lacking, which drives the
-    stage, leads by a quarter period.
+    An input stage saturates softly. So V/(1 + (V/V_t)^p)^(1/p) takes the place of min(V, V_t), with
+    V_t the triangle's fundamental and p the `sharpness`. The missing part, which drives the stage,
+    leads by a quarter period.
     """
 
     name = "amplifier_slew_limit"

@@ -15,8 +15,8 @@ from model.touch import Drive
 class ChargeBuildUp(Effect):
     """Mean square V^2/2 -> V^2/2 (1 - s g(f) (1 - exp(-t/T))), g = 1/(1 + (f/f_b)^2).
 
-    `time_s` counts from when the voltage came on; where it is a session's clock, charge has long
-    built up, and only s g(f) is told.
+    `time_s` counts from when the voltage came on. Where it is a session's clock, charge has long
+    built up, and the data determine only s g(f).
     """
 
     name = "charge_build_up"

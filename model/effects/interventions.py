@@ -1,8 +1,8 @@
 """What a person can do at the rig so that an effect goes away.
 
-A row measured before and one measured after tell more than any setting, where two effects look the
-same at all of them: each is predicted without the effects that the intervention removes. Which
-those are, each effect says itself (`removed_by`).
+A row before an intervention and one after it can separate two effects that look the same at all
+settings. Each effect is predicted without those that the intervention removes. Which those are,
+each effect says itself (`removed_by`).
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """What no effect of the catalogue explains: an empirical term at one place of the chain, under no
 physical name.
 
-The logarithm of one quantity of the chain is shifted by g(inputs): a sum of natural cubic splines
-over one input or a pair of them, or of short formulas, one per input. A spline's parameters are its
-values at the nodes, so that a model file can be read; between nodes the term is as smooth as they
-are far apart. It is known where it was measured: outside that range it is held at the nearest end,
-and who asks for more has to ask `outside` first.
+The logarithm of one quantity of the chain is shifted by g(inputs). g is a sum of natural cubic
+splines over one input or a pair of them, or of short formulas, one per input. A spline's parameters
+are its values at the nodes, so a model file is readable. Between nodes the term is as smooth as
+they are far apart. It is known where it was measured; outside that range it keeps the value of the
+nearest end. Call `outside` to find rows beyond the range.
 """
 
 from __future__ import annotations
@@ -81,8 +81,9 @@ class Term:
 class LearnedForm:
     """Which quantity is learned, as which shape of which inputs.
 
-    `with_phase`: its phase is shifted likewise; `lowest_voltage_v` measured: below it what depends
-    on frequency fades out as the force does, for without voltage there is no frequency.
+    `with_phase`: its phase is shifted likewise. `lowest_voltage_v` is the lowest measured. Below it
+    what depends on frequency fades out as the force does, for without voltage there is no
+    frequency.
     """
 
     acts_on: str

@@ -21,8 +21,8 @@ class SkinNonlinearity(Effect):
     """sigma_2 -> sigma_2 (1 + (|V_skin|/V0)^2), V_skin being what is across the skin while it
     conducts that well.
 
-    The skin's current has come through insulator and gap: deep in the skin, where it has spread, it
-    is that of a mean gap, and how wide that is, is a parameter. The leak beside that gap is the one
+    The skin's current has come through insulator and gap. Deep in the skin, where it has spread, it
+    is that of a mean gap. How wide that is, is a parameter. The leak beside that gap is the one
     under the applied load, of a skin without voltage.
     """
 

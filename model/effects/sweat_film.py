@@ -18,7 +18,7 @@ class SweatFilm(Effect):
 
     Films between air and skin are in series with the air, columns from skin to screen in parallel
     with it. In between, k^m = (1 - phi) k_air^m + phi k_sweat^m with m = -1 (series) to 1
-    (parallel), Lichtenecker's rule; the field in the air is (k/k_air)^((1 - m)/2) times the mean
+    (parallel), Lichtenecker's rule. The field in the air is (k/k_air)^((1 - m)/2) times the mean
     field of the gap, exact at both ends.
     """
 

@@ -1,9 +1,9 @@
 """Charges at the interfaces insulator-air and air-skin over time.
 
-Equations (4)-(17) of AliAbbasi et al. 2022 with (15) mended (docs/errata.md) and absolute
+Equations (4)-(17) of AliAbbasi et al. 2022 with (15) corrected (docs/errata.md) and absolute
 permittivities. A transient needs constants: permittivity and conductivity of the skin are those at
-one stated frequency. The contact leak, where it is wanted, conducts beside the air of each gap as
-in `layers`; without it (the default) these are the paper's equations.
+one stated frequency. The contact leak, where it is used, conducts beside the air of each gap as in
+`layers`. Without it (the default) these are the paper's equations.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def constant_layers(
 
 
 def coefficients(layers: Layers, gap_m: Values) -> Coefficients:
-    """(14)-(15), the latter mended, for gaps of any shape.
+    """(14)-(15), the latter corrected, for gaps of any shape.
 
     With elastances L = d/eps, rates r = sigma/eps and S their sum, D1/eps1 = Dg/eps_g = D2/eps2 =
     S.

@@ -17,11 +17,11 @@ class GapCircuit(NamedTuple):
     """Touches [n] as the closed loop sees them, each with `c` branches; everything already
     broadcast.
 
-    `pressure_scale_pa` Y* q0 h_rms and `length_scale_m` h_rms [n]; per branch [n, c] the complex
-    length `h_m`, `k_gap`, the admittance beside the gap over j w eps0, as `bypass_per_m` +
-    `leak_per_m_pa` p, `mean_square_v2` and its `crest_square` (peak over mean square);
-    `gap_shift_m`, `load_pa` (normal force over area), `added_pa` (other attraction) and
-    `field_limit_v_per_m` [n].
+    `pressure_scale_pa` is Y* q0 h_rms and `length_scale_m` is h_rms [n]. Per branch [n, c] there
+    are the complex length `h_m`, `k_gap`, `mean_square_v2` and its `crest_square` (peak over mean
+    square). The admittance beside the gap over j w eps0 is `bypass_per_m` + `leak_per_m_pa` p. [n]
+    are `gap_shift_m`, `load_pa` (normal force over area), `added_pa` (other attraction) and
+    `field_limit_v_per_m`.
     """
 
     pressure_scale_pa: Array

@@ -1,8 +1,8 @@
 """Which measurements tell the leading models apart soonest: blocks of settings, chosen one after
 the other.
 
-What may hide a difference (`model.planning.told`): both models' parameters, as far as the data so
-far leave them free, and the gains of the sessions to come. A block's cost is its time.
+What may hide a difference (`model.planning.told`): both models' parameters, within what the present
+data leave free, and the gains of the sessions to come. A block's cost is its time.
 """
 
 from __future__ import annotations
@@ -81,11 +81,11 @@ def design(
     """At most `most` blocks that together take at most `most_s`, those that tell most per second
     first.
 
-    Of each pair counts what is told up to `enough`, in chi^2.
+    Each pair's separation counts up to `enough`, in chi^2.
 
-    `stubborn` are pairs that settings were to tell apart before and did not: a rival bends further
-    than its linear neighbourhood says. Of these an intervention is expected to tell, where the pool
-    has one, and nothing else.
+    `stubborn` are pairs that earlier settings failed to separate: an alternative bends further than
+    its linear neighbourhood says. Of these an intervention is expected to tell, where the pool has
+    one, and nothing else.
     """
     findings = diagnosis.findings
     if findings is None:
@@ -106,9 +106,9 @@ def design_for_unseen(
 ) -> Design:
     """The blocks that would show most of what the data so far could not, where nothing shows.
 
-    Of each effect of the catalogue, or of `only` these, some draws of its prior are taken that
-    leave no trace so far and that some block would show, and where more blocks are left, that the
-    whole pool would; the faintest of them included. Finger and gains may hide them.
+    For each effect of the catalogue, or of `only` these, some draws of its prior are taken. They
+    leave no trace so far, and some block would show them, or where more blocks are left, the whole
+    pool. The faintest of them is included. Finger and gains may hide them.
     """
     findings = diagnosis.findings
     if findings is None:
@@ -125,8 +125,8 @@ def design_for_unseen(
 
 
 class _Unseen(NamedTuple):
-    """The base model with an effect that may be there unseen: draws of its prior [m], told so far
-    and by each block.
+    """The base model with an effect that may be there unseen: draws of its prior [m], with their
+    visibility so far and in each block.
     """
 
     names: tuple[str, str]
@@ -232,9 +232,8 @@ def _pairs(
 ) -> list[Pair]:
     """Every two models, weighed by the product of their probabilities.
 
-    Beside the first, each other one is what it would be if the data so far were what the first says
-    they are: what it can imitate there and in the pool, it is not to be told from by anything
-    measured.
+    The data so far are taken as what the first model predicts, and each other model is fitted to
+    them. No measurement separates it in what it can imitate there and in the pool.
     """
     problem, data, first = findings.problem, pool.observations, leaders[0][0]
     predictor = Predictor(problem.predictor.description, data, problem.predictor.free)

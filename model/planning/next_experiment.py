@@ -38,15 +38,15 @@ STEPS_HZ = (*(m * 10.0**e for e in range(6) for m in (1, 2, 5)), 1e6)
 
 
 def next_experiments(diagnosis: Diagnosis, description: ModelDescription) -> list[dict[str, Any]]:
-    """At most `MOST` settings, best first; where no setting tells the two leading models apart,
+    """At most `MOST` settings, best first. Where no setting separates the two leading models,
     physical checks.
 
     `kind` is `setting` or `check`, `purpose` says in words what it is for. `separation` is what a
-    setting adds, in chi^2, to the models' expected difference, given the settings before it;
+    setting adds, in chi^2, to the models' expected difference, given the settings before it.
     `lambda_now` and `lambda_after` are what is left of one leading model's prediction when the
-    other is fitted: now, and with all proposed settings measured (refitted, not extrapolated);
-    `lambda_enough` makes a name. Without an explanation, the settings repeat where data and model
-    disagree most.
+    other is fitted. The first is with the present data, the second with all proposed settings
+    measured (refitted, not extrapolated). `lambda_enough` suffices to name an effect. Without an
+    explanation, the settings repeat where data and model disagree most.
     """
     findings = diagnosis.findings
     if findings is None:

@@ -1,4 +1,4 @@
-"""What a plan could tell apart, before anything is measured: every effect held against every other
+"""What a plan could separate, before anything is measured: every effect compared with every other
 one.
 
 An effect of the wanted strength predicts what each row would say, without noise; each other effect,
@@ -35,8 +35,8 @@ class Resolution:
     """`separation` [n, n + 1], chi^2: true effect by row; the last column is the model without any
     effect.
 
-    A rival that does not come near is left where a few steps of its fit ended: the true value is no
-    higher, and was not worth more. The diagonal is infinite.
+    An alternative that does not come near is left where a few steps of its fit ended. The true
+    value is no higher, and was not worth more. The diagonal is infinite.
     """
 
     names: tuple[str, ...]
@@ -64,7 +64,7 @@ def resolution(
     noise must be stated.
 
     `strength`: of the true effect, in standard deviations of its prior beyond the usual one. What
-    leaves no trace is held against nothing else. ModelError where no effect could be seen in such
+    leaves no trace is compared with nothing else. ModelError where no effect could be seen in such
     data.
     """
     kinds = testable_effects(data, description.effects)

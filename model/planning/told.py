@@ -1,10 +1,10 @@
 """Which blocks of observations tell models apart soonest, of arrays alone: what a block is worth,
 and a greedy choice.
 
-Box and Hill's and Hunter and Reiner's discrimination (Technometrics 9, 1967, 57; 7, 1965, 307): how
-far two models' predictions differ, in standard deviations, once everything that is uncertain has
-been bent to hide it. Pairs count by the product of their probabilities, up to what makes a name; a
-block counts by what it adds per cost.
+Box and Hill's and Hunter and Reiner's discrimination (Technometrics 9, 1967, 57; 7, 1965, 305). It
+is how far two models' predictions differ, in standard deviations, once every uncertain quantity has
+been fitted to hide it. Pairs count by the product of their probabilities, up to what makes a name;
+a block counts by what it adds per cost.
 """
 
 from __future__ import annotations
@@ -63,14 +63,14 @@ class Told:
         return Told(self.normal.sum(axis=0), self.moment.sum(axis=0), self.square.sum(axis=0))
 
     def chi2(self) -> Array:
-        """The separation that is left once everything has been bent to hide it."""
+        """The separation that is left once every uncertain quantity has been fitted to hide it."""
         hidden = np.linalg.solve(self.normal, self.moment[..., None])[..., 0]
         return np.asarray(self.square - np.sum(self.moment * hidden, axis=-1))
 
 
 def nothing(size: int) -> Told:
-    """What is told before anything is measured: every uncertain quantity has its standard deviation
-    of 1.
+    """The information before anything is measured: every uncertain quantity has its standard
+    deviation of 1.
     """
     return Told(np.eye(size), np.zeros(size), np.zeros(()))
 
@@ -83,11 +83,11 @@ def told_by(difference: Array, spread: Array) -> Told:
 
 
 def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: int) -> Told:
-    """What each of `count` blocks tells of a pair, or of m.
+    """What each of `count` blocks adds to the separation of a pair, or of m.
 
-    `difference` [n] of the predictions, or [m, n], and `spread` [n, k], what may hide it, a column
-    per uncertain quantity moved by its own standard deviation; both in standard deviations of the
-    noise. `block` [n] says whose each observation is.
+    `difference` [n] or [m, n] is that of the predictions. `spread` [n, k] is what may hide it, a
+    column per uncertain quantity moved by its own standard deviation. Both are in standard
+    deviations of the noise. `block` [n] says whose each observation is.
     """
     each = [
         told_by(difference[..., here], spread[here]) for here in (block == b for b in range(count))
@@ -101,8 +101,8 @@ def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: i
 
 
 def most_by_one(so_far: Told, blocks: Told) -> Array:
-    """The separation of m pairs [m] with that block which tells most of each; `blocks` as
-    `by_block` gives them.
+    """The separation of m pairs [m] with that block which adds most to each; `blocks` as `by_block`
+    gives them.
     """
     moment = so_far.moment + blocks.moment
     hidden = np.linalg.solve(so_far.normal + blocks.normal, np.swapaxes(moment, 1, 2))
@@ -117,10 +117,10 @@ def by_all(so_far: Told, blocks: Told) -> Array:
 
 @dataclass
 class Pair:
-    """Two models, what they weigh, what each block would tell of them, and what the blocks chosen
-    so far have told.
+    """Two models, their weights, what each block would add to their separation, and what the chosen
+    blocks have added.
 
-    `told` begins with what data have told already, or `nothing`.
+    `told` begins with the information of the present data, or `nothing`.
     """
 
     names: tuple[str, str]
@@ -130,7 +130,7 @@ class Pair:
 
     @property
     def reached(self) -> float:
-        """Separation by what is told."""
+        """Separation by the present information."""
         return float(self.told.chi2())
 
     def reach(self) -> float:
@@ -166,8 +166,8 @@ def choose(
     """At most `most` of the blocks, that together cost at most `most_cost`, those that tell most
     per cost first.
 
-    `cost` [blocks]; of each pair counts what is told up to `enough`, in chi^2. A block that adds
-    less than `least`, of the pairs' weighted mean, is not chosen. It begins with what was chosen
+    `cost` [blocks]; each pair's separation counts up to `enough`, in chi^2. A block that adds less
+    than `least`, of the pairs' weighted mean, is not chosen. It begins with what was chosen
     `first`, for other pairs.
     """
     left, choices = set(range(cost.size)) - {choice.block for choice in first}, list(first)

@@ -254,7 +254,7 @@ def _candidates(found: Findings, rows: int) -> list[Record]:
 def _held_out(
     diagnosis: Diagnosis, found: Findings, description: ModelDescription
 ) -> Record | None:
-    """The proof fold by fold, and what the best rival reaches in the same folds without being
+    """The proof fold by fold, and the score of the best alternative in the same folds without being
     chosen.
     """
     proof = found.proof

@@ -1,6 +1,6 @@
 """Closed form of the charges over time: (34)-(35) and appendix B of AliAbbasi et al. 2022.
 
-With lambda and delta mended or as printed.
+With lambda and delta corrected or as printed.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The curves of the paper's figures 4-8 as arrays, by the corrected equations and by the printed
 ones.
 
-The conditions are those of the paper's text: 75 V, 0.5 N, ten frequencies from 1 Hz to 1 MHz,
-direct voltages of 50 to 300 V, +-50 % of four parameters. The printed equations are `published`
-(relative permittivities where the print has them); what they cannot answer is NaN.
+The conditions are those of the paper's text: 75 V, 0.5 N and ten frequencies from 1 Hz to 1 MHz.
+Direct voltages are 50 to 300 V; four parameters vary by +-50 %. The printed equations are
+`published` (relative permittivities where the print has them); what they cannot answer is NaN.
 """
 
 from __future__ import annotations

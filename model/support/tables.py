@@ -55,10 +55,10 @@ class Table:
     """The cells of a file as text, without the spaces around them: each of `rows` by column,
     `lines` where it stands.
 
-    A row that ends early has empty cells; empty rows, lines that begin with #, and empty columns
+    A row that ends early has empty cells. Empty rows, lines that begin with #, and empty columns
     without a name at the end are left out. `wanted` is the hint that says what the file must look
-    like; `content_hash` the SHA-256 of the file. `wrong`: by row what its reader cannot use, for
-    who tells of all rows at once.
+    like; `content_hash` the SHA-256 of the file. `wrong`: by row what its reader cannot use, to
+    report all rows at once.
     """
 
     path: Path
