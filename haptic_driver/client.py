@@ -76,9 +76,9 @@ class HapticClient(Verbs):
     """One daemon, by its socket or the address of its page (else `HAPTIC_SOCKET`, else the usual
     socket). Its methods are the entries of `Verbs` and what stands here.
 
-    Methods may be called from several threads. Every method raises what the daemon refuses:
-    BadInputError for what cannot be used, RefusedError for what cannot be done in its present
-    state, NoDaemonError when it does not answer, HapticError for a fault.
+    Methods may be called from several threads. Every method raises what the daemon refuses.
+    BadInputError is for unusable input, and RefusedError for what its present state forbids.
+    NoDaemonError means that it does not answer, HapticError a fault.
     """
 
     def __init__(self, socket: Path | str | None = None) -> None:
@@ -98,8 +98,9 @@ class HapticClient(Verbs):
     def armed(self, lease_s: float = 0.5, holder: str = "") -> Iterator[Session]:
         """Arm, and keep the lease alive in the block; disarmed afterwards, and shown to be off.
 
-        Raises LeaseLostError at the end of the block when the lease was lost in it, and HapticError
-        when the output cannot be shown to be off; an error of the block itself goes before these.
+        Raises LeaseLostError at the end of the block when the lease was lost in it. Raises
+        HapticError when the output cannot be shown to be off. An error of the block itself goes
+        before these.
         """
         with Session(self, self.arm(lease_s, holder)) as session:
             yield session

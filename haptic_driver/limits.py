@@ -2,9 +2,9 @@
 keep inside.
 
 The last gate (`render/safety.py`) judges every single point again, by code of its own. The touch
-current is the primary quantity: a point must stay under the limit curve both for the sliding finger
-and for the worst case (stuck or wet), which a series resistance or the amplifier's own current
-limit may bound. Limits of voltage hold for what is set and for what the model says that the
+current is the primary quantity. A point must stay under the limit curve both for the sliding finger
+and for the worst case (stuck or wet). A series resistance or the amplifier's own current limit may
+bound the latter. Limits of voltage hold for what is set and for what the model says that the
 electrode gets.
 """
 
@@ -96,9 +96,7 @@ class OperatingLimits:
         return np.where(in_band, reduce(np.minimum, by_limit.values()), 0.0)
 
     def highest_within_v(self, worst: WorstCase) -> Array:
-        """Largest voltage [f] up to which every one is allowed; no more than the worst case tells
-        of.
-        """
+        """Largest voltage [f] up to which every one is allowed, within what the worst case covers."""
         by_limit = self.highest_within_by_limit_v(worst).values()
         f = worst.frequency_hz
         in_band = (f >= self.frequency_low_hz) & (f <= self.frequency_high_hz)
@@ -164,8 +162,8 @@ class WorstCase:
     def at(self, frequency_hz: float) -> WorstCase:
         """At one frequency of its range, [1, v - 1].
 
-        Between two nodes values go straight on logarithmic axes, and over that by as much as they
-        bend there: a kink or a hump between the nodes lies below.
+        Between two nodes values go straight on logarithmic axes, plus a margin as large as their
+        bend there. A kink or a hump between the nodes lies below.
         """
         nodes = np.log(self.frequency_hz)
         cells = nodes.size - 1

@@ -95,7 +95,7 @@ class SafeOperatingPoint(NamedTuple):
 class DriveCommand(NamedTuple):
     """What the actuator shall put out; `output_on` False means zero volts, carrier off.
 
-    `full_scale_v` is the most that the limits allow at this frequency under any load: a carrier has
+    `full_scale_v` is the most that the limits allow at this frequency under any load. A carrier has
     that amplitude where an envelope takes it down, and a finger gets it where the envelope fails.
     """
 

@@ -191,8 +191,8 @@ def _check(description: ModelDescription, drive: Drive) -> None:
 def _stress_sums(
     description: ModelDescription, table: GapTable, frequency_hz: Array, scale: float
 ) -> Array:
-    """Real parts of int P E_g^2, int P E_g E_L p and int P (E_L p)^2 per V^2 at each row of the
-    table [rows, f, 3].
+    """Real parts per V^2 at each row of the table [rows, f, 3]. They are those of int P E_g^2, int
+    P E_g E_L p and int P (E_L p)^2.
     """
     gap_m = gap_nodes() * description.values.roughness_rms_m
     field = printed_field(

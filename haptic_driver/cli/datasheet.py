@@ -43,11 +43,11 @@ def datasheet(
 ) -> None:
     """Measure a rig with a finger that slides, and write its data sheet of one page.
 
-    Friction range and contrast over load and speed, rise and fall, latency from place to friction
-    and the position error that it makes, bandwidth, repeatability, touch current, noise; each with
-    its interval and how it was got. A simulated finger slides in simulated time. On a real rig a
-    person slides, told pass by pass how, on the daemon that runs; it renders without feedback
-    meanwhile.
+    The sheet has friction range and contrast over load and speed, and rise and fall. It has the
+    latency from place to friction, with the position error that it makes. It also has bandwidth,
+    repeatability, touch current and noise. Each comes with its interval and how it was got. A
+    simulated finger slides in simulated time. On a real rig a person slides as prompted, pass by
+    pass, on the running daemon. It renders without feedback meanwhile.
 
     Example: `haptic datasheet --rig simulated --out sheet.pdf`
     """

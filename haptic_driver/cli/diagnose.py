@@ -100,10 +100,10 @@ def diagnose(
     rows`. `--column cof=COF_mean:1` says what a table calls a column, and in which unit it is;
     `lateral_force_n` may stand in place of `cof`.
 
-    Without data, `--plan P --rig R` says beforehand which effects that plan could tell apart on
-    that rig: as it is, with the electrode's current as far as a card reads it, and with a full
-    sweep. With data, also which those could, with the noise that they state; they are not diagnosed
-    then.
+    Without data, `--plan P --rig R` says which effects that plan could separate on that rig. It
+    compares the plan as it is, with the electrode's current as far as a card reads it, and with a
+    full sweep. With data, also which those could, with the noise that they state; they are not
+    diagnosed then.
 
     Example: `haptic diagnose data.csv --model reference --out diagnosis`
     """

@@ -41,7 +41,7 @@ def figure(
     speed: Annotated[float | None, Option(help="Of several, this speed, m/s.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Draw friction over displacement and frequency, and the force that it tells, with a model's.
+    """Draw friction over displacement and frequency, and the force that it implies, with a model's.
 
     Means over trials with standard errors, the steady window drawn in. The force is inferred by
     equation (31) as printed and as corrected. Numbers are written beside the pictures.

@@ -60,10 +60,10 @@ def investigate(
     """Measure, diagnose, propose and measure again, until the missing effect has a name.
 
     It ends when a name is earned, when nothing that this rig may do could tell the rest apart, or
-    when the budget is spent. Every round measures what tells the leading explanations apart
-    soonest: friction, spectra of the electrode's current, and the same once somebody has done
-    something, such as wiping the finger. A person at a real rig is asked; a simulated rig does it.
-    What lies in the folder already is not measured again.
+    when the budget is spent. Every round measures what separates the leading explanations soonest.
+    It reads friction and spectra of the electrode's current, and the same after an intervention,
+    such as wiping the finger. A person at a real rig is asked; a simulated rig does it. What lies
+    in the folder already is not measured again.
 
     Example: `haptic investigate --rig hidden_humidity --model reference --out investigation`
     """

@@ -77,10 +77,10 @@ def measure(
     first and never energised. Every row is on the disk before the next begins. On a real rig the
     stage slides once per row, and waits for the finger to press as the plan says. A simulated
     finger may be given effects that the model does not know, as `[series_resistance] resistance_ohm
-    = 2e4` in a file, or be any function of arrays `(frequency_hz, voltage_v, normal_force_n,
-    speed_m_s, time_s)` that returns the lateral force in N, or `(lateral_force_n, current_a,
-    electrode_voltage_v)` with complex peak phasors against the set voltage; the data do not say
-    which.
+    = 2e4` in a file. It may also be any function of arrays `(frequency_hz, voltage_v,
+    normal_force_n, speed_m_s, time_s)` that returns the lateral force in N. Or it returns
+    `(lateral_force_n, current_a, electrode_voltage_v)` with complex peak phasors against the set
+    voltage. The data do not say which.
 
     Every stroke is kept beside the data, in `data.strokes.h5`.
 

@@ -113,7 +113,7 @@ def output_was_lost() -> bool:
 def lose_output(error: OSError) -> None:
     """Standard output takes no more: say so on stderr, and let what is left of it go nowhere.
 
-    A reader that has left, as `head` does, needs to be told nothing.
+    A reader that has left, as `head` does, gets no message.
     """
     _Lost.output = True
     _to_nowhere(sys.stdout)

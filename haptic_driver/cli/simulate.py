@@ -39,9 +39,9 @@ def simulate(
     """Serve the simulated instruments of a rig on loopback until interrupted, for any software to
     talk to.
 
-    The waveform generator over TCP and on a pseudo-terminal, the interlock box likewise, the stage
-    on a pseudo-terminal, the Net F/T box over UDP; where they are is printed once all answer. Time
-    is real. Ctrl-C ends it.
+    The waveform generator and the interlock box are served over TCP and on pseudo-terminals. The
+    stage is on a pseudo-terminal, the Net F/T box on UDP. Their addresses are printed once all
+    answer. Time is real. Ctrl-C ends it.
 
     Example: `haptic simulate --rig simulated --port 5025`
     """

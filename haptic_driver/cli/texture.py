@@ -96,8 +96,8 @@ def check(
     """Say what a texture asks for and what of it is out of reach: under a load, and at a speed;
     flags are no failure.
 
-    Nine bands of frequency say what the rig's output and a usual finger let through at that speed,
-    and where the ripple of the carrier lies at the highest friction.
+    Nine bands of frequency show what the rig's output and a usual finger let through at that speed.
+    They also show where the ripple of the carrier lies at the highest friction.
 
     Example: `haptic texture check linen --normal-force 0.5 --speed 0.05`
     """

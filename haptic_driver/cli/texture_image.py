@@ -45,8 +45,8 @@ def from_image(
 ) -> None:
     """Make a texture of a picture: by its brightness, its height or its edges.
 
-    Beside the texture it writes the map that it names, and a picture of what is asked for and of
-    what this rig and a usual finger make of it.
+    Beside the texture it writes the map that the texture names. It also draws what is asked for,
+    and what this rig and a usual finger make of it.
 
     Example: `haptic texture from-image photo.jpg --width-mm 60 --cof 0.55 0.80`
     """

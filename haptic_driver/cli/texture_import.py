@@ -196,7 +196,7 @@ def _vibrating(
 def _modelled(
     source: Path, mean_cof: float | None, cof_rms: float | None, out: Path
 ) -> dict[str, Any]:
-    """Write all models of a file as processes; what is told of them."""
+    """Write all models of a file as processes; return the report."""
     from haptic_driver.textures import description, hatt  # noqa: PLC0415
     from haptic_driver.textures.spectrum import spectrum  # noqa: PLC0415
 
@@ -231,7 +231,7 @@ def _modelled(
 
 
 def _write(made: Imported, source: Path, out: Path, points: Path) -> dict[str, Any]:
-    """Points first: a texture's file never names one that is not there. What is told of it."""
+    """Points first: a texture's file never names one that is not there. Return the report."""
     places = zip((1e3 * made.position_m).tolist(), made.cof.tolist(), strict=True)
     write_rows(
         points,

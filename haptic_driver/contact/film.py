@@ -26,7 +26,7 @@ GIVE = "Give a video, a stack of TIFF, or a folder of PNG, TIFF or DNG"
 
 @dataclass(frozen=True)
 class Film:
-    """Frames and when each was taken, in s; `frames` reads them one at a time, grey [y, x] in 0 to
+    """Frames and when each was taken, in s. `frames` reads them one at a time, grey [y, x] in 0 to
     1, white being the most that the camera gives.
     """
 
@@ -59,8 +59,8 @@ class Film:
 def read_film(path: Path, times: Path | None = None, rate_hz: float | None = None) -> Film:
     """A film, opened; BadInputError for one without frames or whose times do not fit.
 
-    Times come from `times` (or the one CSV or TXT in a folder), else from `rate_hz`, else from what
-    a video says of itself; else each frame is a second.
+    Times come from `times` (or the one CSV or TXT in a folder), else from `rate_hz`, else from the
+    video's own data. Otherwise each frame is a second.
     """
     if not path.exists():
         raise BadInputError("no_film", f"{path}: is not there", GIVE)

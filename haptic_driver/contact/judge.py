@@ -51,7 +51,7 @@ class FrameSeen:
 
     @property
     def ridge_area_m2(self) -> float:
-        """Area of the ridges inside; NaN where they cannot be told."""
+        """Area of the ridges inside; NaN where they are unknown."""
         return self.seen.ridge_area_m2 if not self.bad and self.seen else nan
 
 

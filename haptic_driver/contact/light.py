@@ -34,8 +34,8 @@ def bare_light(frame: Array) -> Array:
 def flattened(frame: Array, background: Array | None) -> Array:
     """The picture [y, x] over that of the screen without a finger; 1 where nothing touches.
 
-    Where there is no `background`, and where the lamp is another one than in it, the light is told
-    by the frame itself.
+    Without a `background`, and where the lamp differs from the background's, the light is estimated
+    from the frame itself.
     """
     ratio = frame if background is None else frame / np.maximum(background, 1e-3)
     return np.asarray(ratio / bare_light(ratio))

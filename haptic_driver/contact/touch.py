@@ -1,8 +1,8 @@
 """The touch in one flattened picture: outline, axes, centre, and the ridges inside.
 
-How dark the picture is on the average over a ridge and a valley steps at the outline; half of the
-step is where the outline is, whatever the blur. Ridges are darker than half-way between the ridges'
-level and the valleys', which blur leaves where an edge was.
+The mean darkness over a ridge and a valley steps at the outline. Half of the step is where the
+outline is, whatever the blur. Ridges are darker than half-way between the ridges' level and the
+valleys', which blur leaves where an edge was.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Seen:
 
     `axes_m` the longer and the shorter axis of the ellipse of the same moments, `angle_rad` of the
     longer from x to y, 0 to pi. `contrast`: how much darker ridges are than valleys, of the bare
-    screen's light. `blur_m`: standard deviation of a point's image, told by the ridges' edges.
+    screen's light. `blur_m`: standard deviation of a point's image, measured at the ridges' edges.
     `mask` [y, x] is the touch, `outline` its closed line [n, 2] as (y, x) in pixels.
     """
 

@@ -1,6 +1,4 @@
-"""By which model render goes: the one it was given, another while idle, or what the observer has
-mended.
-"""
+"""The model that render uses: the one it was given, another while idle, or the observer's refit."""
 
 from __future__ import annotations
 
@@ -63,8 +61,7 @@ class Basis:
         """Solve a model's surface and let render begin anew with it. RefusedError unless idle and
         not recording.
 
-        Where it is the model that was used before, nothing is solved, and what was observed and
-        mended is kept.
+        Where it is the present model, nothing is solved, and observations and refit are kept.
         """
         with self._recordings.lock, self._targets.choosing:
             with self._orders.lock:

@@ -1,8 +1,7 @@
 """The daemon: its parts, how they begin and end, and what the API asks of them.
 
-Whatever goes wrong with a device or a process takes the output to zero first and is then a fault;
-what died is started again (`supervision.py`), and the daemon stays in fault until somebody resets
-it.
+Any failure of a device or a process takes the output to zero first and is then a fault. What died
+is started again (`supervision.py`), and the daemon stays in fault until somebody resets it.
 """
 
 from __future__ import annotations

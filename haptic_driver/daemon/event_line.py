@@ -1,9 +1,9 @@
 """Puts an edge on the event line for each event that has a code, from a thread of its own.
 
 Markers wake it at once. Contact and output are looked at every `LOOK_S`, in the samples of render
-and at the pump. Each edge is an event of kind `edge`: its time is when the line has taken it, and
-`late_s` how long after what it stands for that was. A line that fails is told, tried again, and
-costs nothing but its edges.
+and at the pump. Each edge is an event of kind `edge`. Its time is when the line has taken it, and
+`late_s` is the delay after the instant that it stands for. A line that fails is reported and tried
+again, and costs nothing but its edges.
 """
 
 from __future__ import annotations

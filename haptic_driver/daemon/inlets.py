@@ -44,7 +44,7 @@ class LslMarkers:
 
     def hear(self, tell: Heard) -> None:
         """Pass on what has come, waiting at most about `LOOK_S` for it, and for the stream at
-        first; a stream that is lost, and found again, is told as `inlet`.
+        first. A stream that is lost, or found again, is reported as `inlet`.
         """
         try:
             if self._inlet is None and not self._found(tell):
@@ -63,8 +63,8 @@ class LslMarkers:
     def _found(self, tell: Heard) -> bool:
         """Whether the stream is there, and open.
 
-        A library that waits for a lost stream by itself would wait for the same sender, and say
-        nothing: one that was started again is another.
+        A library that waits for a lost stream by itself would wait for the same sender, without a
+        message. A sender that was started again is another.
         """
         found = self._lsl.resolve_byprop("name", self._stream, timeout=LOOK_S)
         if not found:
@@ -95,8 +95,8 @@ def label_of(text: str) -> str:
 
 @contextmanager
 def hearing(inlet: LslMarkers, tell: Heard, failed: Callable[[str], object]) -> Iterator[None]:
-    """Listen in a thread of its own inside the `with` block; the first error is told to `failed`
-    and ends it.
+    """Listen in a thread of its own inside the `with` block; the first error goes to `failed` and
+    ends it.
     """
     ending = threading.Event()
 

@@ -60,7 +60,7 @@ class Judged(NamedTuple):
 class MeasuredLatency(NamedTuple):
     """Time from where the finger is to friction that belongs there, measured and by the budget.
 
-    `measured_s` and its standard error are None where it cannot be told; `why` says why.
+    `measured_s` and its standard error are None where they are unknown; `why` says why.
     """
 
     measured_s: float | None

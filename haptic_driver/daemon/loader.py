@@ -3,8 +3,8 @@
     python -m haptic_driver.daemon.loader LINK
 
 A texture or a model may come from anybody and be anything. So it is read in a process of its own,
-with bounds on memory and time, one at a time and with no precedence; control gets what came of it,
-or why it was refused.
+with bounds on memory and time, one at a time and with no precedence. Control gets the result, or
+the reason of the refusal.
 """
 
 from __future__ import annotations

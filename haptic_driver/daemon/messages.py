@@ -1,4 +1,4 @@
-"""What the daemon tells its clients: states, status, answers. What they ask is in `verbs.py`.
+"""What the daemon sends its clients: states, status, answers. What they ask is in `verbs.py`.
 
 Without numpy, which `haptic status` does not wait for.
 """
@@ -71,8 +71,8 @@ class AgreementCell(Checked):
 class RenderedFidelity(Checked):
     """How felt friction compares with what was asked, from tick `first_tick` to `last_tick`.
 
-    The names are those of `docs/fidelity.md`, which says what each means; null is what cannot be
-    told. Lists have an entry for each of the nine bands. `said` tells it in sentences.
+    The names are those of `docs/fidelity.md`, which says what each means; null is unknown. Lists
+    have an entry for each of the nine bands. `said` puts it in sentences.
     """
 
     first_tick: int
@@ -223,7 +223,7 @@ class Lease(Checked):
 
 
 class Marked(ClockOffsets):
-    """A marker as it was told: its event's number, its time on CLOCK_MONOTONIC, and what to add for
+    """A marker as received: its event's number, its time on CLOCK_MONOTONIC, and what to add for
     other clocks.
     """
 
@@ -316,8 +316,8 @@ class Events(Checked):
 
 
 class CarrierRule(Checked):
-    """A ripple of friction counts as felt below `quiet_above_hz`; `bands_hz`: the edges of the
-    bands.
+    """A ripple of friction counts as perceptible below `quiet_above_hz`; `bands_hz`: the edges of
+    the bands.
     """
 
     quiet_above_hz: float

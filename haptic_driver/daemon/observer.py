@@ -41,8 +41,8 @@ RETRY_S = 1.0
 class Observer:
     """The process for one model as control hears it, in a thread; started again when it dies.
 
-    `rows` are the newest windows, oldest first; `said` the last disagreement. `adaptation` is what
-    came of mending so far.
+    `rows` are the newest windows, oldest first; `said` the last disagreement. `adaptation` is the
+    latest result of a refit.
     """
 
     def __init__(

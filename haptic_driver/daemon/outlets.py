@@ -1,9 +1,8 @@
 """Samples and events to other programs: Lab Streaming Layer (extra `lsl`) and Open Sound Control
 (extra `osc`).
 
-Both are for looking on, not for control, and leave this machine only where somebody asked for them:
-LSL announces its streams on the local network and serves who asks; OSC sends to the one address
-that it is given.
+Both are for looking on, not for control, and leave this machine only on request. LSL announces its
+streams on the local network and serves who asks. OSC sends to the one address that it is given.
 """
 
 from __future__ import annotations
@@ -79,8 +78,9 @@ class LslOutlet:
 
 
 class OscOutlet:
-    """`/haptic/sample` with `OSC_FIELDS` as floats (NaN where there is none), the newest only, and
-    `/haptic/event` with number, kind, message and data as JSON; UDP to `address`, HOST:PORT.
+    """`/haptic/sample` has `OSC_FIELDS` as floats (NaN where there is none), the newest only.
+    `/haptic/event` has number, kind, message and data as JSON. Both go by UDP to `address`,
+    HOST:PORT.
     """
 
     def __init__(self, address: str) -> None:
@@ -118,7 +118,7 @@ def feeding(
 ) -> Iterator[None]:
     """Feed them from a thread of its own inside the `with` block, with what is new from now on.
 
-    The first error of an outlet is told to `failed` and ends that outlet alone.
+    The first error of an outlet goes to `failed` and ends that outlet alone.
     """
     ending, running = threading.Event(), list(outlets)
 

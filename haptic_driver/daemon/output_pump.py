@@ -28,8 +28,8 @@ class OutputPump:
     closed.
 
     Tells render and the writer of an envelope in `driven` what may go out, and since when it does.
-    `run` is for one thread. `actuator` is None while there is none. `failed` is told what a device
-    could not do, after the output has been switched off for it. `linger_s`: see the rig's file.
+    `run` is for one thread. `actuator` is None while there is none. `failed` gets a device's error,
+    after the output has been switched off for it. `linger_s`: see the rig's file.
     """
 
     def __init__(

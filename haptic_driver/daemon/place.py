@@ -18,7 +18,7 @@ from haptic_driver.errors import HapticError
 class Place:
     """A socket that only this user can reach, and the right to be the only daemon there.
 
-    The right is a file lock, which ends with its process however that ended; so a socket that a
+    The right is a file lock, which ends with its process however that ended. So a socket that a
     killed daemon left behind is known to be nobody's and is replaced.
     """
 

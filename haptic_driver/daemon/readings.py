@@ -1,10 +1,10 @@
 """Which readings are believed: the one way from a finger tracker and a force sensor into the shared
 memory.
 
-A reading is believed if its time lies between the last one and now, and its values within what the
-rig's file says that the sensor can measure and the screen is large. Anything else is a fault. A
-frozen sensor is stale by its own times, so these must not be ahead; and a place or a force that
-cannot be would choose a voltage for a finger that is not there.
+A reading is believed if its time lies between the last one and now. Its values must lie within the
+sensor's range and the screen's size in the rig's file. Anything else is a fault. A frozen sensor is
+stale by its own times, so these must not be ahead. A place or a force that cannot be would choose a
+voltage for a finger that is not there.
 """
 
 from __future__ import annotations

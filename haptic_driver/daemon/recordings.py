@@ -1,4 +1,4 @@
-"""Runs that are recorded: begun, ended, and told of when they end by themselves."""
+"""Begin and end recorded runs, and report those that end by themselves."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class Recordings:
             )
 
     def watch(self) -> None:
-        """One that ends by itself is told of, and goes on when it can; rendering goes on without
+        """A run that ends by itself is reported, and goes on when it can; rendering goes on without
         it.
         """
         if self._asked is not None and self.lock.acquire(blocking=False):

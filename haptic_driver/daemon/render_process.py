@@ -3,11 +3,11 @@ sample per tick.
 
     python -m haptic_driver.daemon.render_process DESCRIPTOR PARENT < settings
 
-takes pickled `RenderSettings` from standard input, compiles, and says on standard output what
-real-time scheduling it was granted, as one JSON line; from then on it runs until its parent is
-gone. It takes the output to zero by itself when the lease runs out, or the sensors or control fall
-silent. Instants that were missed are counted and told. An error in a tick ends it, which leaves
-zero and a fault behind; so does anything that would have to be compiled now.
+takes pickled `RenderSettings` from standard input and compiles. It prints the real-time scheduling
+that it was granted, as one JSON line. From then on it runs until its parent is gone. It takes the
+output to zero by itself when the lease runs out, or the sensors or control fall silent. Missed
+instants are counted and reported. An error in a tick ends it, which leaves zero and a fault behind;
+so does anything that would have to be compiled now.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ _log = logging.getLogger(__name__)
 
 
 class Links(NamedTuple):
-    """To other programs: samples and events as streams of the Lab Streaming Layer, the same by OSC
-    to HOST:PORT, and markers from the LSL stream of that name.
+    """To other programs: samples and events as streams of the Lab Streaming Layer, and the same by
+    OSC to HOST:PORT. Markers come from the LSL stream of that name.
     """
 
     lsl: bool = False

@@ -1,4 +1,4 @@
-"""What systemd is told: ready, alive while ticks advance, stopping; nothing where it did not start
+"""Messages to systemd: ready, alive while ticks advance, stopping; nothing where it did not start
 us.
 """
 

@@ -1,4 +1,4 @@
-"""From the names of a rig and a model to what the daemon's processes are told; the latency
+"""Turn the names of a rig and a model into the settings of the daemon's processes; the latency
 budget.
 """
 
@@ -41,7 +41,7 @@ class DaemonSettings:
 
     `rig` and `model` are the names that were given. `allow_no_rt`: real hardware without real-time
     scheduling. `amplifier_record`: a file in which simulated instruments write down what was at the
-    electrode; `finger`: the simulated one's function, as module:function; `slide`: a file of what
+    electrode. `finger`: the simulated one's function, as module:function. `slide`: a file of what
     it does. `carrier_hz`: the only carrier, in place of the rig's policy; `feedback`: from measured
     friction.
     """
@@ -76,7 +76,7 @@ class DaemonSettings:
 
     @property
     def observed(self) -> tuple[FollowSettings, JudgeSettings]:
-        """What the observer is told. Raises BadInputError."""
+        """The observer's settings. Raises BadInputError."""
         config = self.config
         noise_n = config.simulation.force_noise_n if config.simulated else 0.0
         judge = JudgeSettings(load_perception(), reach_hz(config), noise_n)
@@ -84,7 +84,7 @@ class DaemonSettings:
         return FollowSettings(self.model, self.surface, limits, self.latency_budget_s()), judge
 
     def latency_budget_s(self, lead_s: float = 0.0) -> dict[str, float]:
-        """See the function; with the lead of an envelope that its writer has told."""
+        """See the function; with the lead of an envelope that its writer has reported."""
         return latency_budget_s(self.config, self.render.period_s, lead_s or self.render.lead_s)
 
 
@@ -148,7 +148,7 @@ def latency_budget_s(config: RigConfig, period_s: float, lead_s: float) -> dict[
 
     Waiting for the next sensor reading, tick and set point takes half a period each.
     `output.latency_s` of the rig is measured from a command's wait to its effect. An envelope is
-    written ahead by `lead_s`, of which the tick that writes it is yet to come; there
+    written ahead by `lead_s`, of which the tick that writes it is yet to come. There
     `output.latency_s` is what the instruments take besides.
     """
     parts = {"sensor": 0.5 * _sensor_period_s(config), "tick": 0.5 * period_s}
@@ -172,7 +172,7 @@ def reach_hz(config: RigConfig) -> float:
 
 
 def _sensor_period_s(config: RigConfig) -> float:
-    """How often the finger's place is told."""
+    """How often the finger's place is reported."""
     match config.finger_tracker:
         case EvdevFingerConfig(report_rate_hz=rate_hz):
             return 1.0 / rate_hz

@@ -38,7 +38,7 @@ class StateMachine:
             self.state = IDLE
 
     def arm(self, now_s: float, lease_s: float, holder: str = SOMEBODY) -> Lease:
-        """Idle -> armed; `holder` is what others are told of who armed."""
+        """Idle -> armed; others see `holder` as who armed."""
         if self.armed:
             raise RefusedError(
                 "already_armed",

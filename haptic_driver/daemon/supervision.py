@@ -59,8 +59,8 @@ class Supervisor:
     """The render process, the instruments (in a process of their own where simulated) and their
     sensors' thread.
 
-    `missing` says why nobody can arm; empty when all is there. `orders` are told what takes the
-    output away.
+    `missing` says why nobody can arm; empty when all is there. `orders` get each state that takes
+    the output away.
     """
 
     def __init__(

@@ -1,6 +1,5 @@
-"""What clients may ask of the daemon, each said once, in `Verbs`: the routes of its API, the
-methods of the Python client, commands of `haptic` and the pages on these follow from an entry
-there.
+"""What clients may ask of the daemon, each defined once, in `Verbs`. An entry there gives the route
+of the API, the method of the Python client, the command of `haptic` and its page.
 
 A request is a record with its ranges, and is checked where it arrives, by the API.
 """
@@ -264,13 +263,14 @@ class Holder(Client, Protocol):
 
 @dataclass(frozen=True)
 class Verb(Generic[Words, Said, Answer]):
-    """One request: where it goes, what it says (`asked`: the body of a POST, the query of a GET),
-    what is answered, and what it does, in words too. As an attribute of a client it is a method.
+    """One request: where it goes, what it carries, what is answered, and what it does, in words
+    too. `asked` is the body of a POST, or the query of a GET. As an attribute of a client it is a
+    method.
 
     The lease's token is the last argument of `do`, which is empty for others than `Leased`. Where
     `do` gives nothing, the status is the answer. `switches_off`: never waits for a thread that
     another request holds. `slow`: may wait for a process to start. `command`: of `haptic`, with a
-    word in capitals for each required field, and an `example` of its arguments. `name`: in the API,
+    name in capitals for each required field, and an `example` of its arguments. `name`: in the API,
     where it is not that of the method.
     """
 

@@ -29,7 +29,7 @@ NO_FLAGS = Flag(0)
 
 @dataclass
 class Watched:
-    """What is looked at, and what was told of it.
+    """What is looked at, and what was reported of it.
 
     Flags and the finger's gain since `arming`, gaps of an envelope, markers of target number
     `target` up to `marked_s`.
@@ -87,7 +87,7 @@ def render(watched: Watched, now_s: float) -> None:
 
 
 def underruns(watched: Watched, now_s: float) -> None:
-    """Gaps of an analog envelope since the last time that some were told."""
+    """Gaps of an analog envelope since the last report of some."""
     count = watched.shared.played.read().underruns
     if count > watched.underruns and now_s - watched.underrun_s >= UNDERRUN_TOLD_S:
         watched.underruns, watched.underrun_s = count, now_s
@@ -138,7 +138,7 @@ def _end_script(watched: Watched, number: int) -> None:
 
 
 def drift(watched: Watched, now_s: float) -> None:
-    """The finger's estimated gain where it is far from what was told last, or from 1 at arming; at
+    """The finger's estimated gain where it is far from the last report, or from 1 at arming; at
     most every 5 s.
     """
     newest = watched.shared.ring.newest(1)

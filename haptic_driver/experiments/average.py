@@ -88,8 +88,8 @@ def _mean(parts: Sequence[tuple[complex, float]]) -> tuple[complex, float, float
 def standard_error(series: Array) -> float:
     """Standard error of the mean of a stationary series of n values that remember one another.
 
-    sqrt(C n^-1) with C the autocovariance summed over a window that closes by itself, after
-    WINDOW_FACTOR integrated correlation times, and corrected for the mean having been taken from
+    It is sqrt(C n^-1) with C the autocovariance summed over a window that closes by itself, after
+    WINDOW_FACTOR integrated correlation times. It is corrected for the mean having been taken from
     the same series (Wolff, Comput. Phys. Commun. 156 (2004) 143, equations 31, 35 and 49; the
     window of Madras and Sokal, J. Stat. Phys. 50 (1988) 109).
     """

@@ -35,7 +35,7 @@ class Place(NamedTuple):
 
 
 class Bench(Protocol):
-    """A rig, connected, and a finger that slides over it for as long as it is told."""
+    """A rig, connected, and a finger that slides over it until it is stopped."""
 
     @property
     def rig(self) -> Rig:
@@ -75,13 +75,13 @@ class Bench(Protocol):
         """The force sensor's present reading, its time on the session's clock."""
 
     def forces(self, newest: ForceReading) -> Sequence[ForceReading]:
-        """What the sensor has told since this was asked last, as far as it keeps that; `newest` was
-        read now.
+        """The sensor's readings since the last call, as far as it keeps them; `newest` was read
+        now.
         """
 
     def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
-        """The electrode's voltage and current under what is set; None where no monitor tells it.
-        DeviceError.
+        """The electrode's voltage and current under the present setting; None where no monitor
+        measures them. DeviceError.
         """
 
     def end_row(self) -> None:
@@ -210,7 +210,7 @@ class SimulatedBench:
         return self.simulated.read_electrode(setting.frequency_hz, setting.voltage_v)
 
     def end_row(self) -> None:
-        """See `Bench`; a simulated finger slides as it is told."""
+        """See `Bench`; a simulated finger slides as ordered."""
 
     def __enter__(self) -> Self:
         """Serve the instruments and connect to them."""

@@ -222,8 +222,8 @@ def row_texts(
 
 
 def measured_frame(path: Path) -> Any:
-    """A data file as a pandas DataFrame, with `electrode_voltage` and `current` as complex peak
-    phasors where both amount and phase are there; `attrs` holds `units` and what the sidecar says.
+    """A data file as a pandas DataFrame. `electrode_voltage` and `current` are complex peak phasors
+    where both amount and phase are there. `attrs` holds `units` and the content of the sidecar.
     HapticError without pandas.
     """
     pandas = optional("pandas", "tables", "measured_frame")

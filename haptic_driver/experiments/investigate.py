@@ -1,5 +1,5 @@
-"""An investigation: measure, diagnose, choose what tells most, and measure again, until a name is
-earned.
+"""An investigation: measure, diagnose, choose the most informative setting, and measure again,
+until an effect is named.
 
 Every round lies in a folder of its own: its plans, data and report. What is there already is not
 measured again: an investigation that was interrupted goes on where it stopped.
@@ -55,10 +55,10 @@ class Budget:
 
 @dataclass(frozen=True)
 class Subject:
-    """What is investigated: a rig with a finger on it, and the model that it is held against.
+    """What is investigated: a rig with a finger on it, and the model that it is compared with.
 
-    `plan` is measured first. `finger` is a simulated one's function. `ask` tells a person at a real
-    rig what to do, and says whether it was done.
+    `plan` is measured first. `finger` is a simulated one's function. `ask` shows a person at a real
+    rig what to do, and returns whether it was done.
     """
 
     config: RigConfig
@@ -164,7 +164,7 @@ def _is_answered(asked: str, now: str) -> bool:
     """Whether a round has its answer: a name is earned, or there is more to see than where it
     began.
 
-    What shows is then told apart in the same round.
+    What shows is then separated in the same round.
     """
     return now == NAMED or (asked in (NOTHING_SEEN, UNTRIED) and now != asked)
 
@@ -275,8 +275,8 @@ def _parts(
 
 
 def _can_be_told(diagnosis: Diagnosis, rival: str, reach: float) -> bool:
-    """Whether a rival may be told from the leading effect: by much that is left to measure, or as
-    it is far behind.
+    """Whether an alternative may be separated from the leading effect: the remaining measurements
+    separate it, or its evidence is far behind.
 
     `reach`: the chi^2 that everything left would add; half of it in evidence.
     """

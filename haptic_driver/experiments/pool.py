@@ -62,8 +62,8 @@ def choices(
     """Everything worth measuring within the rig's limits; `interventions` by name are those that
     can be done.
 
-    With every setting comes a reference, which tells the gain of its session: one setting alone
-    tells nothing. What is `known` is not measured again: where a model is off, it is off in every
+    With every setting comes a reference, which gives the gain of its session: one setting alone
+    shows nothing. What is `known` is not measured again: where a model is off, it is off in every
     reading.
     """
     blocks: list[tuple[Setting, ...]] = [(REFERENCE, setting) for setting in _settings(config)]

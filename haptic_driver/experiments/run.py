@@ -185,7 +185,7 @@ def run(
 
 
 class MeasuredRow(NamedTuple):
-    """What one row gives, as far as the rig tells it."""
+    """The numbers of one row, as far as the rig measures them."""
 
     measured: Measured
     electrode: ElectrodeReading | None
@@ -315,7 +315,7 @@ def _window(
     bench: Bench, plan: Plan, setting: Setting, trace: Trace | None
 ) -> tuple[Array, list[ElectrodeReading]]:
     """A window of `average_s`: time, lateral and normal force [n, 3], and the electrode where a
-    monitor tells it.
+    monitor measures it.
 
     The electrode is read at most `READINGS` times, evenly spread, and for no more than half of the
     window.
@@ -353,7 +353,7 @@ def _window(
 
 
 def _electrode(bench: Bench, setting: Setting) -> ElectrodeReading | None:
-    """The electrode's voltage and current now, where a monitor tells the carrier."""
+    """The electrode's present voltage and current, where a monitor measures the carrier."""
     try:
         return bench.read_electrode(setting)
     except DeviceError as error:

@@ -54,7 +54,7 @@ def stroke(setting: Setting, plan: Plan, config: RigConfig) -> Stroke:
 
 def beyond_stage(setting: Setting, plan: Plan, config: RigConfig) -> str | None:
     """Why the stage cannot slide so; None when it can. Without a stage a simulated finger slides as
-    far as it is told.
+    far as it is ordered.
     """
     if (config.simulated and config.stage is None) or setting.finger != "sliding":
         return None

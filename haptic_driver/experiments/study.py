@@ -1,9 +1,9 @@
 """Population studies: many fingers times screens and models -> surfaces, what each can reach, and
 how that spreads.
 
-Every task (one finger at one combination of levels) is a pure function of the plan and its number,
-so that it gives the same numbers on this machine and on a cluster. Each finished task is one line
-of `tasks.jsonl`; a study that was stopped goes on after the last whole line.
+Every task (one finger at one combination of levels) is a pure function of the plan and its number.
+So it gives the same numbers on this machine and on a cluster. Each finished task is one line of
+`tasks.jsonl`; a study that was stopped goes on after the last whole line.
 """
 
 from __future__ import annotations
@@ -242,7 +242,7 @@ def run_study(
     """Every task of the study, in order; those already in `out` are not run again.
 
     On `workers` processes of this machine, or on the Dask cluster whose scheduler listens at
-    `cluster`. `advance` is told the number of tasks done. BadInputError where `out` holds another
+    `cluster`. `advance` gets the number of tasks done. BadInputError where `out` holds another
     study.
     """
     out.mkdir(parents=True, exist_ok=True)

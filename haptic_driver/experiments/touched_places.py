@@ -1,8 +1,8 @@
 """Calibrating a touch screen by touching places that are known: whether a finger holds still, and
 whether the touches agree.
 
-Nothing here prints, opens or energises anything: the screen's reports, the clock and whoever tells
-the user come from outside.
+Nothing here prints, opens or energises anything: the screen's reports, the clock and the messages
+to the user come from outside.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class TouchFit:
     """A calibration, and how well the touches agree on it.
 
     `touch_error_m`: how far one touch is off, root mean square, from the residual and how much of
-    it the fit took up; None for three places, which fit exactly. `off_m`: how far the map puts each
+    it the fit took up. None for three places, which fit exactly. `off_m`: how far the map puts each
     touch from its place.
     """
 
@@ -84,8 +84,8 @@ class TouchFit:
 
     @property
     def agrees(self) -> bool:
-        """Whether the touches are as close to one map as a finger is to a mark; True where nothing
-        tells.
+        """Whether the touches are as close to one map as a finger is to a mark; True where the data
+        cannot show it.
         """
         return self.touch_error_m is None or self.touch_error_m <= PLAUSIBLE_M
 

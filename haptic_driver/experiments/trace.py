@@ -33,8 +33,8 @@ class Trace:
         self._settles_s = self._steady_s = nan
 
     def look(self, force: ForceReading | None = None) -> None:
-        """Keep a reading, or take one, with the amplifier's monitors and what the sensor told since
-        the last look.
+        """Keep a reading, or take one, with the amplifier's monitors and the sensor's readings
+        since the last look.
         """
         newest = force or self._bench.read_force()
         now_s = self._bench.time_s
@@ -85,7 +85,7 @@ class Trace:
 
 
 def _slide(time_s: Array, places: Sequence[Place]) -> tuple[Array, Array]:
-    """Position and velocity at times [n], from places that were told at two times or more."""
+    """Position and velocity at times [n], from places at two times or more."""
     by_time = dict(places)
     at_s, position_m = np.array(list(by_time)), np.array(list(by_time.values()))
     velocity_m_s = np.diff(position_m) / np.diff(at_s)

@@ -29,7 +29,7 @@ PARABOLA_TICKS = 0.05  # by which a parabola is off at the cusp that sharp edges
 
 @dataclass(frozen=True)
 class Latency:
-    """The lag of felt behind asked friction, seconds; None with `why` where it cannot be told.
+    """The lag of felt behind asked friction, seconds; None with `why` where it is unknown.
 
     `error_s` is one standard error, by leaving out a tenth of the record at a time. `others_s`
     are lags that fit as well, of a periodic target: then `lag_s` is nearest to the expected.
@@ -95,8 +95,9 @@ def latency_of(
 def correlation_by_lag(asked: Array, felt: Array, most: int) -> Array:
     """Pearson correlation of asked[t] with felt[t + lag], for lags -most..most: array [2 most + 1].
 
-    Every lag is judged over the pairs that are known (NaN is unknown), NaN where these are less
-    than half of those at lag 0: masked normalised correlation, Padfield, 10.1109/TIP.2011.2181402.
+    Every lag is judged over the pairs that are known (NaN is unknown). It is NaN where these are
+    less than half of those at lag 0. The method is masked normalised correlation, Padfield,
+    10.1109/TIP.2011.2181402.
     """
     _require_same_length(asked, felt)
     size = fft.next_fast_len(asked.size + most, real=True)

@@ -23,7 +23,7 @@ AVERAGE_S = 0.010  # over which forces and target are averaged, each apart, to b
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How felt friction compares with asked friction; None is what cannot be told.
+    """How felt friction compares with asked friction; None is unknown.
 
     Shares and errors are of 10 ms averages. Those of `within_5_percent`, the errors and the
     constant's are over reachable ticks, `share_above_jnd` is of all sliding time. `constant_cof` is
@@ -32,7 +32,7 @@ class Fidelity:
     Lists have one entry for each of the nine bands of `textures/bands.py`, from forces that are not
     averaged, reachable or not. `band_gain` and `band_coherence` are of felt against asked friction.
     `band_residual_n` is the force (rms) of felt less asked friction at the mean load, without the
-    sensor's noise; `bands_felt` says whether it exceeds `band_threshold_n`, None where noise hides
+    sensor's noise. `bands_felt` says whether it exceeds `band_threshold_n`, None where noise hides
     it. `threshold_spread_factor` is how far people differ in that, up and down. Correlations are
     Pearson's of all sliding ticks, not averaged, means taken out.
 
@@ -70,8 +70,8 @@ class Fidelity:
     def bands_within(self, low: float, high: float) -> list[bool | None]:
         """Whether each band's gain lies from `low` to `high`.
 
-        None where nothing is asked, where it cannot be told, and where a band's centre lies above
-        what the rig can do.
+        None where nothing is asked, where it is unknown, and where a band's centre lies above what
+        the rig can do.
         """
         reach_hz = np.inf if self.reach_hz is None else self.reach_hz * (1.0 + 1e-9)
         return [

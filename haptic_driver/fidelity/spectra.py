@@ -32,7 +32,7 @@ MOST_GAIN_ERROR = 0.1  # one standard error; with more it could not be told from
 
 
 class BandSpectra(NamedTuple):
-    """What is found in each band: arrays [BANDS], NaN where it cannot be told.
+    """What is found in each band: arrays [BANDS], NaN where it is unknown.
 
     `asked_rms`, `felt_rms` and `residual_rms` (felt less asked) are friction. `gain` and
     `coherence` are NaN too where nothing is asked and where there was too little sliding, and
@@ -50,7 +50,7 @@ def band_spectra(pieces: Sequence[Stroke], tick_s: float) -> BandSpectra:
     """Compare felt with asked friction, both not averaged, in the bands below half the tick rate.
 
     `gain` is |sum Sxy| / sum Sxx and `coherence` |sum Sxy|^2 / (sum Sxx sum Syy), summed over the
-    band: a delay that turns the phase within a band lowers both. The bias of coherence from few
+    band. A delay that turns the phase within a band lowers both. The bias of coherence from few
     averages is taken out.
     """
     longest = round(SEGMENT_S / tick_s)

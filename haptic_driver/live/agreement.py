@@ -2,15 +2,15 @@
 that runs along.
 
 Every window falls into one cell per condition. A cell keeps the mean residual of its windows, with
-forgetting, and two cumulative sums of log likelihood ratios (Page, Biometrika 41 (1954) 100), for
-CHANGE more and less friction than expected. With normal noise a sum takes at least exp(THRESHOLD)
-windows on average to a false alarm (Lorden, Ann. Math. Stat. 42 (1971) 1897). The finger's own
-gain, of which every session has another, is no disagreement: the residuals are taken against their
-mean over the last minutes.
+forgetting, and two cumulative sums of log likelihood ratios (Page, Biometrika 41 (1954) 100). The
+two sums are for CHANGE more and CHANGE less friction than expected. With normal noise a sum takes
+at least exp(THRESHOLD) windows on average to a false alarm (Lorden, Ann. Math. Stat. 42 (1971)
+1897). The finger's own gain, of which every session has another, is no disagreement: the residuals
+are taken against their mean over the last minutes.
 
-Measured on windows of 0.5 s with normal scatter that each knows to 8 degrees of freedom: 6 false
-alarms in 160 h at 4 % scatter, none in 160 h at 2 %; a change of 5 % above 50 V is told after 29
-and 12 s of sliding in the median, 54 and 20 s in 95 of 100.
+The numbers hold for windows of 0.5 s with normal scatter that each knows to 8 degrees of freedom.
+False alarms are 6 in 160 h at 4 % scatter, none in 160 h at 2 %. A change of 5 % above 50 V is
+reported after 29 and 12 s of sliding in the median. It takes 54 and 20 s in 95 of 100.
 """
 
 from __future__ import annotations

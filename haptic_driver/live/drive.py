@@ -1,7 +1,7 @@
 """What the forces of a sample answer to: the command that is felt then, and how sure that is.
 
 Friction follows attraction with a first-order lag of the way slid, and attraction goes with the
-voltage squared: so it is the square that is lagged.
+voltage squared. So the square is lagged.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A mended model predicts windows that it has not seen, clearly better than the present one does.
+"""A refitted model has to predict unseen windows clearly better than the present one does.
 
 The windows that judge are those of the most recent strokes.
 """

@@ -1,7 +1,7 @@
 """A finger's own numbers fitted to what was felt while rendering.
 
 Older windows count less, and friction as a whole may drift from one LEVEL_S to the next. What a
-finger keeps over hours is believed as far as the model's file says; friction without voltage, leak,
+finger keeps over hours has the spread of the model's file. Friction without voltage, leak,
 moisture, a film in the gap and the area of contact may change within minutes.
 """
 

@@ -1,4 +1,4 @@
-"""Render goes on with the surface of a mended model, and back to the model as its file has it."""
+"""Switch render to the surface of a refitted model, and back to the model as its file has it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Install = Callable[[SurfaceFile, Callable[[], bool]], bool]
 
 
 class Word(Enum):
-    """What whoever mends is told: whether to, and by which surface render goes from here on."""
+    """The orders to whoever refits: whether to, and the surface that render uses from here on."""
 
     ADAPT = auto()
     REST = auto()
@@ -28,8 +28,8 @@ class Word(Enum):
 
 
 class Proposal(NamedTuple):
-    """What came of an attempt to mend the model, in words; with a better one its surface, its
-    numbers and the windows it came from.
+    """The result of a refit, in words; with a better model its surface, its numbers and the windows
+    it came from.
     """
 
     said: str
@@ -41,8 +41,8 @@ class Proposal(NamedTuple):
 class Swap:
     """By which surface render goes, of one model; thread-safe. `base` is the model's own.
 
-    `said` is what came of mending last, None while nothing is mended. `tell` makes an event, `send`
-    reaches whoever mends. Nothing is swapped once `ending` is set.
+    `said` is the result of the last refit, None while there is none. `tell` makes an event, `send`
+    reaches whoever refits. Nothing is swapped once `ending` is set.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Swap:
             return not self._is_swapped
 
     def take(self, proposal: Proposal) -> None:
-        """Let render take up what is proposed, unless nothing is to be mended any more."""
+        """Let render take up what is proposed, unless refits have been switched off."""
         said, surface, numbers, rows = proposal
         with self._lock:
             if self.said is None:

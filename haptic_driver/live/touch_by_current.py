@@ -2,11 +2,11 @@
 finger, and its friction.
 
 The current per volt depends on load, area, skin and gaps; its slow part cannot tell these apart.
-But attraction presses the gaps together, and the current rises with them: how it follows a changing
-voltage says how strong attraction is beside the load, which is by how much friction rises. An
-extended Kalman filter (Jazwinski, Stochastic Processes and Filtering Theory, 1970, ch. 8) holds a
-few of the finger's numbers against the model's current. Friction without voltage leaves no trace in
-the current: it stays the model's.
+But attraction presses the gaps together, and the current rises with them. So the current's response
+to a changing voltage shows how strong attraction is beside the load. That ratio is also the rise of
+friction. An extended Kalman filter (Jazwinski, Stochastic Processes and Filtering Theory, 1970, ch.
+8) holds a few of the finger's numbers against the model's current. Friction without voltage leaves
+no trace in the current: it stays the model's.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class _Expected(NamedTuple):
 
 
 class TouchByCurrent:
-    """The touch as one reading after another tells it; `load_n`: a finger's usual one, `stray_f`:
-    beside the finger.
+    """The touch as it follows from one reading after another; `load_n`: a finger's usual one,
+    `stray_f`: beside the finger.
     """
 
     def __init__(self, description: ModelDescription, load_n: float, stray_f: float = 0.0) -> None:

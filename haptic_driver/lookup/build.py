@@ -140,11 +140,11 @@ def build_surface(
 ) -> SurfaceFile:
     """Solve the model on every point of the axes; `with_interval` adds how far friction may be off.
 
-    `limits` only mark `within_limits`, the rig applies its own. A quarter of a second of one core,
-    half a second with the slowest effects, twice as much again with an interval
-    (`benchmarks/surface_build.py`); a new roughness shape needs a gap table first, a second, once.
-    Without `axes` the usual ones, as far as the model goes; BadInputError where those given reach
-    beyond what a learned effect was learned from.
+    `limits` only mark `within_limits`, the rig applies its own. It takes a quarter of a second of
+    one core, or half a second with the slowest effects. An interval doubles that
+    (`benchmarks/surface_build.py`). A new roughness shape needs a gap table first, once, which
+    takes a second. Without `axes` the usual ones, as far as the model goes; BadInputError where
+    those given reach beyond what a learned effect was learned from.
     """
     axes = axes or axes_within(description)
     f, v, n = axes.frequency_hz, axes.voltage_v, axes.normal_force_n

@@ -1,14 +1,15 @@
 """The lookup surface as a file: HDF5, readable from MATLAB, with full provenance and a content
 hash.
 
-Datasets `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]; `cof`, `electrostatic_force_n`,
-`current_rms_a` and the masks `pulled_in`, `within_theory`, `within_limits` [f, v, n];
-`slew_v_per_s` [f, v]; per volt that is set, for the worst load and time, `stuck_current_a_per_v` (A
-rms) and `electrode_gain` [f, v], which a reader works out anew from the model in the provenance;
-where speed or time matter, the fields of `render/correction.py` as `correction_*`; where the
-model's uncertainty was carried along, `cof_low` and `cof_high` [f, v, n], between which friction
-lies with 68 % probability. Attributes are strings and floats only (MATLAB's h5readatt fails on
-integers).
+Datasets: `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]. [f, v, n] are `cof`,
+`electrostatic_force_n`, `current_rms_a` and the masks `pulled_in`, `within_theory`,
+`within_limits`. `slew_v_per_s` is [f, v].
+
+Per volt that is set, for the worst load and time, there are `stuck_current_a_per_v` (A rms) and
+`electrode_gain` [f, v]. A reader works these out anew from the model in the provenance. Where speed
+or time matter, the fields of `render/correction.py` follow as `correction_*`. Where the model's
+uncertainty was carried along, friction lies between `cof_low` and `cof_high` [f, v, n] with 68 %
+probability. Attributes are strings and floats only (MATLAB's h5readatt fails on integers).
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ class SurfaceFile:
     def content_hash(self) -> str:
         """SHA-256 over every number and the model's description: equal files, equal surfaces.
 
-        Worked out once: it takes milliseconds, and every status of the daemon tells it.
+        It is worked out once, since it takes milliseconds and every status of the daemon has it.
         """
         digest = hashlib.sha256()
         for name, values in self._datasets().items():

@@ -1,8 +1,8 @@
 """The data sheet of a rig: what it does to friction, by which screens can be compared.
 
-After a proposal for haptic touch screens (Bernard, Huloux, Wiertlewski, Monnoyer 2023,
-arXiv:2308.15190; the abstract was read): friction contrast, latency, and what a user can be told
-per second. The last is found by pointing tasks with people, and is not measured here.
+The sheet has friction contrast, latency, and what a user can be told per second. It follows a
+proposal for haptic touch screens (Bernard, Huloux, Wiertlewski, Monnoyer 2023, arXiv:2308.15190;
+the abstract was read). The last is found by pointing tasks with people, and is not measured here.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def pass_count() -> int:
 def sheet_facts(
     found: Measured, config: RigConfig, description: ModelDescription, today: datetime.date
 ) -> dict[str, Any]:
-    """All numbers with interval, unit and how they were got; what cannot be told is null."""
+    """All numbers with interval, unit and how they were got; unknown ones are null."""
     return {
         "rig": config.name,
         "simulated": config.simulated,

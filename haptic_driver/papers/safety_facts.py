@@ -198,8 +198,8 @@ def _current_facts(found: TouchCurrents) -> list[dict[str, Any]]:
 
 
 def _stored(rig: RigConfig) -> dict[str, float | None]:
-    """Energy and charge of panel, wiring and amplifier output; None where nobody told its
-    capacitance.
+    """Energy and charge of panel, wiring and amplifier output; None where its capacitance is not
+    given.
     """
     farad, most_v = rig.limits.panel_capacitance_f, fault_voltage_v(rig)
     known = farad > 0.0

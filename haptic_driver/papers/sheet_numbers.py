@@ -28,7 +28,7 @@ MOST_OFF = 0.5  # of the pattern's half period: an edge is not looked for farthe
 
 
 class Number(NamedTuple):
-    """A value with its interval; NaN where it cannot be told."""
+    """A value with its interval; NaN where it is unknown."""
 
     value: float
     low: float

@@ -142,7 +142,7 @@ def lines(middle: float, swing: float) -> Script:
 class SimulatedSlider:
     """A finger of a model on a simulated rig, in simulated time.
 
-    Feedback is off, so that what the rig does is told apart from what it has learnt of a finger.
+    Feedback is off, which separates the rig's own output from what it has learnt of a finger.
     """
 
     def __init__(self, config: RigConfig, description: ModelDescription) -> None:

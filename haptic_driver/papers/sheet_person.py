@@ -45,7 +45,7 @@ class Session(Protocol):
 
 
 class GuidedSlider:
-    """See `Slider`. `tell` is told what the person has to do; files are written into `folder`.
+    """See `Slider`. `tell` shows the person what to do; files are written into `folder`.
 
     `clock` is that of the samples, `sleep` waits on it.
     """

@@ -27,8 +27,8 @@ class Child:
     What it says it is doing before, such as compiling, is waited for.
 
     It is in a group of its own, so that what interrupts the daemon does not end it before the
-    output is off; and in the daemon's session, among which Linux shares a busy processor before it
-    looks at niceness.
+    output is off. It stays in the daemon's session, among which Linux shares a busy processor
+    before it looks at niceness.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Child:
                 pipe.close()
 
     def _talk(self, given: bytes) -> None:
-        """Its standard input stays open afterwards: its end tells a child that we are gone."""
+        """Its standard input stays open: the end of input means that the parent is gone."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         with suppress(OSError):

@@ -50,7 +50,7 @@ def compilation_said(
     """A line on stderr for each kernel that is waited for, from a process that is looked at through
     its log.
 
-    `still` is told of every kernel, so that whoever waits for this process knows that it is at
+    `still` is called for every kernel, so that whoever waits for this process knows that it is at
     work.
     """
     waiting = False

@@ -13,8 +13,8 @@ _log = logging.getLogger(__name__)
 
 
 def join_within(time_s: float, threads: Iterable[threading.Thread]) -> None:
-    """Wait until all have ended, or for `time_s` in all; what hangs is told, and ends with the
-    process.
+    """Wait until all have ended, or for `time_s` in all. A thread that hangs is reported, and ends
+    with the process.
     """
     until_s = time.monotonic() + time_s
     for thread in threads:

@@ -1,8 +1,8 @@
 """The memory that control and render share: slots swapped as a whole, target and surface, and a
 ring of samples.
 
-It is an anonymous file that only those who are handed its descriptor can see; it has no name that
-could be guessed or left behind, and is gone with the last process that has it, however that ended.
+It is an anonymous file that only those who are handed its descriptor can see. It has no name that
+could be guessed or left behind. It is gone with the last process that has it, however that ended.
 Nobody ever waits for anybody here.
 """
 
@@ -289,7 +289,7 @@ class Ring:
     """The last `length` samples of one kind. One writer, who never waits; every reader keeps a
     position of its own.
 
-    Who reads too late loses the oldest, and is told how many.
+    A reader that is too late loses the oldest, and gets their number.
     """
 
     def __init__(self, memory: memoryview, kind: np.dtype[np.void], length: int) -> None:

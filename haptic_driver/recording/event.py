@@ -1,4 +1,4 @@
-"""Something that happened while a rig was rendering, as told to clients and kept in a recording."""
+"""An event while a rig was rendering, as sent to clients and kept in a recording."""
 
 from __future__ import annotations
 

@@ -2,20 +2,20 @@
 to CSV, Parquet and MAT.
 
 `/run_0001`, `/run_0002`, ... each hold
-- `samples/NAME`: one dataset per field of `processes.samples.SAMPLE`, one entry per tick; units are
-  in the names, and positions are there raw (`position_x_m`) and extrapolated to output time
+- `samples/NAME`: one dataset per field of `processes.samples.SAMPLE`, one entry per tick. Units are
+  in the names. Positions are there raw (`position_x_m`) and extrapolated to output time
   (`output_x_m`). `target_cof`, `reachable` and `expected_cof` belong to `measured_cof` beside them,
   of the moment that was felt at `felt_time_s`;
 - `events/NAME`: one dataset per field of `recording.event.Event`, `data` as JSON;
 - `config`: the rig's full resolved configuration, JSON;
 - attributes, all strings or floats (MATLAB's h5readatt fails on integers): `rig`, `model`,
-  `simulated` (1 or 0), `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator`,
-  `latency_budget_s` (JSON), `started_at` (UTC), `started_s` (CLOCK_MONOTONIC, as every time in a
-  recording), `wall_offset_s` and `lsl_offset_s` (what to add to such a time for seconds of UTC
-  since 1970, and for LSL's clock; NaN without LSL), `samples_lost` (overwritten before they were
-  read), `events_lost`, and `complete`: 1 when the recorder has ended in good order and nothing is
-  missing, 0 while it records, after its crash or a full disk, and where something is missing;
-  `why_incomplete` says which, and is empty for a run that is complete.
+  `simulated` (1 or 0), `surface_hash`, `calibration_ids` (JSON), `software_version`, `actuator` and
+  `latency_budget_s` (JSON). `started_at` is in UTC, `started_s` on CLOCK_MONOTONIC, as every time
+  in a recording. `wall_offset_s` and `lsl_offset_s` are what to add to such a time for seconds of
+  UTC since 1970, and for LSL's clock (NaN without LSL). `samples_lost` (overwritten before they
+  were read) and `events_lost` are counts. `complete` is 1 when the recorder has ended in good order
+  and nothing is missing. It is 0 while it records, after its crash or a full disk, and where
+  something is missing. `why_incomplete` says which, and is empty for a run that is complete.
 """
 
 from __future__ import annotations

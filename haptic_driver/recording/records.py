@@ -2,7 +2,7 @@
 recording.
 
 The format is our own. The packages `mcap` (30 MB with the compressors it needs) and `pyarrow` (170
-MB) were tried: MCAP's reader stops at a flipped byte, Arrow's does not notice one, and neither
+MB) do not serve. MCAP's reader stops at a flipped byte, Arrow's does not notice one, and neither
 forces data to the disk. Their viewers would gain nothing, since a finished run is HDF5.
 
 A record is `HEAD`, a mark with the length and the CRC-32 of what follows, then a line of JSON, then

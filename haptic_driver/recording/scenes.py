@@ -1,10 +1,10 @@
 """Scenes in a recording: every change is an event, from which the scene of any moment is made
 again.
 
-The data of an event `scene` say `number`, of the change, `part` and `parts` where it takes several
-events, `changes` as the API takes them, and `content`: a hash of each texture and picture that was
-read for it. A scene begins, and a recording begins in it, with a change that clears what was
-before.
+The data of an event `scene` have `number`, of the change, and `changes` as the API takes them.
+`part` and `parts` are there where it takes several events. `content` has a hash of each texture and
+picture that was read for it. A scene begins, and a recording begins in it, with a change that
+clears what was before.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Means over the trials of an experiment, as figure 3 of AliAbbasi et al. 2022 shows them.
 
-Friction, load and velocity over displacement, from its strokes; and steady friction over frequency
-with the electrostatic force that (31) infers from it, from its data file.
+From its strokes come friction, load and velocity over displacement. From its data file come steady
+friction over frequency, and the electrostatic force that (31) infers from it.
 """
 
 from __future__ import annotations
@@ -116,8 +116,8 @@ def stroke_means(data: Path, wanted: Mapping[str, float]) -> StrokeMeans:
     """Means of a data file and its strokes, under the condition of most frequencies among those
     `wanted`, by fields of `Condition`.
 
-    BadInputError where there is no such file or condition, no frequency with two trials, no steady
-    window, or where the strokes are those of other data.
+    BadInputError where there is no such file or condition, no frequency with two trials, or no
+    steady window. The same where the strokes are those of other data.
     """
     rows = _rows(data)
     path = strokes_path(data)

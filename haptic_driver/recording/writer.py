@@ -1,10 +1,10 @@
-"""What the recorder does: it adds records to a file while a run goes on (`records.py`), and makes
-HDF5 of them when the run ends (`finish.py`).
+"""The recorder adds records to a file while a run goes on (`records.py`), and makes HDF5 of them
+when the run ends (`finish.py`).
 
-Whenever the recorder dies and however full the disk gets, the records are readable up to the last
-that was forced to the disk; the recording itself, with the runs that were in it, is not touched.
-Who deletes one of the two files meanwhile loses nothing: each is put back from its descriptor. A
-run of which ticks or events are missing never says that it is complete.
+The records are readable up to the last that was forced to the disk, whenever the recorder dies and
+however full the disk gets. The recording itself, with the runs that were in it, is not touched. Who
+deletes one of the two files meanwhile loses nothing: each is put back from its descriptor. A run of
+which ticks or events are missing never says that it is complete.
 """
 
 from __future__ import annotations

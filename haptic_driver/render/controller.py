@@ -87,7 +87,7 @@ class ControllerSettings:
 
 
 class Control(NamedTuple):
-    """All that the compiled functions are told.
+    """The settings and tables that the compiled functions read.
 
     `highest` is `highest_cof` of the surface. `caps` belong to the frequency that `choice` fixes,
     if it fixes one.
@@ -125,9 +125,9 @@ class Controller:
     """The stage with everything that depends on settings alone worked out once. Raises
     BadInputError.
 
-    Its methods are the compiled functions of these names, told what they are to hold on to, which
-    is `held`. They take and give records, which go in and out of compiled code as plain tuples:
-    numba takes five times as long to recognise a record.
+    Its methods are the compiled functions of these names, bound to `held`. They take and return
+    records, which go in and out of compiled code as plain tuples. numba takes five times as long to
+    recognise a record.
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
@@ -309,10 +309,10 @@ def carried(
     """The state on another surface than `before`, with gains that leave the friction of the present
     drive as it was.
 
-    So a swap moves no voltage. Both gains become the same: what they told apart is the new
-    surface's to know, also at other carriers. With next to no voltage or without contact some usual
-    ones are taken. Where nothing is learnt nothing is carried: the voltage goes to the new
-    surface's by the drive's rate.
+    So a swap moves no voltage. Both gains become the same. The new surface describes what separated
+    them, also at other carriers. With next to no voltage or without contact some usual ones are
+    taken. Where nothing is learnt nothing is carried: the voltage goes to the new surface's by the
+    drive's rate.
     """
     state = recorded(values)
     if not held[0].learns:

@@ -1,8 +1,8 @@
 """What speed and time do to friction, as a correction to a surface that was solved at one speed and
 time 0.
 
-cof = time_factor(t) [ off_factor(n, v) cof_off(n) + gain_factor(f, n, v, V) rise(f, n, V) ]:
-friction without voltage and the rise through attraction are corrected apart, since effects of speed
+cof = time_factor(t) [ off_factor(n, v) cof_off(n) + gain_factor(f, n, v, V) rise(f, n, V) ].
+Friction without voltage and the rise through attraction are corrected apart, since effects of speed
 act on one or the other. Time counts from the touch.
 """
 

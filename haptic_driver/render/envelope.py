@@ -1,10 +1,10 @@
 """Envelope: the amplitude within one tick, for a carrier whose amplitude an analog output can
 change fast.
 
-A tick is too slow for texture: at 100 mm/s a ridge of 0.2 mm is 500 Hz. So the texture is asked
-along the way that the finger makes until the next tick, the controller gives the voltage of each of
-these points, and between them the force, which goes with the voltage squared, runs straight: the
-envelope is the square root of it.
+A tick is too slow for texture: at 100 mm/s a ridge of 0.2 mm is 500 Hz. So the texture is evaluated
+along the path of the finger until the next tick, and the controller gives the voltage of each
+point. The force goes with the voltage squared, and is linear between points. The envelope is the
+square root of that line.
 
 Everything here is pure, as in `tick.py`. The render process calls `ahead` after `tick`; the
 actuator makes samples of it with `synthesise`, at the rate and pace of its own output.

@@ -5,22 +5,22 @@ The surface says what friction a typical finger feels; this finger feels
     cof = off_gain * friction without voltage + rise_gain * rise through attraction.
 
 Both gains are estimated while the finger slides, and the controller inverts the surface through
-them: the loop is feed-forward through an estimated plant, so that voltage and carrier stay those of
+them. The loop is feed-forward through an estimated plant, so that voltage and carrier stay those of
 the surface and of its limits.
 
-The law, per new reading of the force sensor: with h the two lateral forces that the surface alone
-gives for the command in force `latency_s` ago, lagged as friction lags, and P the covariance of the
-gains x,
+The law, per new reading of the force sensor, has two lateral forces h. The surface alone gives them
+for the command in force `latency_s` ago, and they are lagged as friction lags. P is the covariance
+of the gains x,
 
     x <- x + s P h (F - x.h) / (h.P h),    P <- P - s P h h^T P / (h.P h) + f (P0 - P),
 
-s = 1 - exp(-dt/T), f = 1 - exp(-dt/memory_s), x kept within bounds; T is `time_constant_s` once the
-finger is known, and down to `timing_s` before. It is the projection algorithm (Goodwin and Sin,
-Adaptive Filtering Prediction and Control, 1984, ch. 3) in a metric that learns: the error of x
-never grows, measured by P, and since P is drawn to P0 it neither winds up nor dies. The command
-takes part with its delay, so delay does not destabilise: with a latency wrong by e the loop's gain
-is at most e/T, and it is stable below 1 (small gain). `timing_s` within which commands differ slows
-learning down, to a stop where the output ramps.
+s = 1 - exp(-dt/T), f = 1 - exp(-dt/memory_s), x kept within bounds. T is `time_constant_s` once the
+finger is known, and down to `timing_s` for an unknown finger. It is the projection algorithm
+(Goodwin and Sin, Adaptive Filtering Prediction and Control, 1984, ch. 3) in a metric that learns:
+the error of x never grows, measured by P. Since P is drawn to P0, it neither winds up nor dies. The
+command takes part with its delay, so delay does not destabilise. With a latency wrong by e the
+loop's gain is at most e/T, and it is stable below 1 (small gain). `timing_s` within which commands
+differ slows learning down, to a stop where the output ramps.
 
 Where no force sensor is, the electrode's current may tell the rise and never friction without
 voltage: of that nothing is learnt, and nothing is held unknown (`off_share` 0).
@@ -35,9 +35,9 @@ cannot wind anything up, since friction is compared with what the voltage really
 give, not with the target; learning goes on there, or a gain believed too small would never be found
 out.
 
-On another carrier attraction is another: there the rise is taken for as much more or less than
-usual as friction without voltage, and for as unsure as an unknown finger's; the more so, the
-farther away the carrier.
+On another carrier attraction is another. There the rise is assumed to differ from the usual by the
+same factor as friction without voltage. Its uncertainty is that of an unknown finger; both the more
+so, the farther away the carrier.
 """
 
 from __future__ import annotations
@@ -204,7 +204,9 @@ def learnt(
     then: InForce,
     finger: FingerState,
 ) -> Estimate:
-    """What is known after one more sample of the finger, `then` in force; the law is told above."""
+    """The state after one more sample of the finger, with command `then` in force; the module's
+    docstring has the law.
+    """
     elapsed_s = finger.time_s - known.time_s
     if (
         not 0.0 <= elapsed_s < np.inf

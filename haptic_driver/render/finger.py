@@ -20,8 +20,7 @@ class FingerSettings:
 
     `velocity_time_constant_s` smooths the velocity; `output_latency_s` is the time from a tick
     until the output that it decides acts on the finger. A reading is extrapolated to its tick by
-    `longest_age_s` at most: after longer the tracker may have nothing new to say because the finger
-    stands still.
+    `longest_age_s` at most. Beyond that the tracker may be silent because the finger stands still.
     """
 
     contact_on_n: float = 0.08
@@ -63,7 +62,7 @@ class FingerTracking(NamedTuple):
     """What the stage remembers: the last time, the sample that velocity is measured from, the
     velocity so far.
 
-    `weight` is how much of the smoothing window the touch has filled, 0 to 1; it keeps the velocity
+    `weight` is how much of the smoothing window the touch has filled, 0 to 1. It keeps the velocity
     of a young touch from being drawn towards zero. `touched_s` is when the touch began.
     """
 
@@ -88,7 +87,7 @@ def track(
 
     A steady speed is estimated without bias from the second sample of a touch on. Without contact
     the velocity is zero. A sample that is not finite or goes back in time is no contact, with
-    position NaN and force zero; the next good one starts a new touch. A repeated time leaves the
+    position NaN and force zero. The next good one starts a new touch. A repeated time leaves the
     velocity as it was: the stage cannot see that a tracker stands still.
     """
     time_s, x_m, y_m, force_n, lateral_n, now_s = sample

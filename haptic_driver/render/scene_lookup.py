@@ -1,6 +1,6 @@
 """Scenes, looked up: compiled, since a tick asks for up to 21 places among hundreds of objects.
 
-An object is a row of numbers, those of `scene.ObjectRow`; a texture that objects are made of is a
+An object is a row of numbers, those of `scene.ObjectRow`. A texture that objects are made of is a
 row too, with its tables in one pool of numbers. `scene.py` makes the rows.
 """
 

@@ -19,8 +19,8 @@ ON_NODE = 1e-9  # of a cell: so near to a node is the node
 class Surface(NamedTuple):
     """A surface made ready for look-up, limits of the rig applied.
 
-    Nodes of log frequency [f], log normal force [n] and voltage [v]. `cof` and `current_rms_a` [f,
-    n, v]; `stuck_current_a_per_v` and `electrode_gain` [f, v - 1] as `limits.WorstCase` has them;
+    Nodes of log frequency [f], log normal force [n] and voltage [v]. `cof` and `current_rms_a` are
+    [f, n, v]. `stuck_current_a_per_v` and `electrode_gain` [f, v - 1] are as in `limits.WorstCase`.
     `voltage_limit_v` [f, n] is the largest voltage that every limit and mask allows there.
     """
 

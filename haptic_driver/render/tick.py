@@ -20,7 +20,7 @@ from haptic_driver.signals import (
 
 @dataclass(frozen=True)
 class TickSettings:
-    """What the stages are told; replaced as a whole, never changed."""
+    """The settings of the stages; replaced as a whole, never changed."""
 
     finger: finger.FingerSettings
     texture: texture.Target

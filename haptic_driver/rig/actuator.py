@@ -18,11 +18,11 @@ from haptic_driver.signals import DriveCommand
 class Actuator(ABC):
     """One way to the generator, between a rig's `connect` and `close`.
 
-    While a command asks for output the generator stays on, at its lowest where less is asked for:
-    switching takes longer than a thread of a texture, and a relay has only so many switchings in
-    it. `switched` counts how often it came on; that happens at most every `relay_interval_s`. Off
-    is never kept waiting. `name` is what `haptic status` says. `command` is for one thread and
-    raises HapticError, after switching off; `off` is for any.
+    While a command asks for output the generator stays on, at its lowest level where less is asked
+    for. Switching takes longer than a thread of a texture, and a relay lasts for a limited number
+    of switchings. `switched` counts how often it came on; that happens at most every
+    `relay_interval_s`. Off is never kept waiting. `name` is what `haptic status` says. `command` is
+    for one thread and raises HapticError, after switching off; `off` is for any.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Actuator(ABC):
 
     @abstractmethod
     def _set_point(self, command: DriveCommand) -> DriveCommand:
-        """What the generator is told."""
+        """The orders to the generator."""
 
 
 class SetpointActuator(Actuator):

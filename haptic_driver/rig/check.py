@@ -43,7 +43,7 @@ Checks = Iterator[Check]
 
 
 class Examination(NamedTuple):
-    """What a part is told when it is examined, and how it says what it found.
+    """The parameters of a part's examination, and how the part reports what it found.
 
     `name`: what the part's checks are called.
     """

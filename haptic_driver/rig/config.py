@@ -1,7 +1,7 @@
 """What a rig's file may say: one class per section, every range where the value is read.
 
 Real devices have no defaults for what only the lab can know. Sections whose figures decide about
-safety carry `measured_by` and `measured_at`; `RigConfig.unverified` lists what still lacks them,
+safety carry `measured_by` and `measured_at`. `RigConfig.unverified` lists what still lacks them,
 and a rig refuses to come on until the list is empty.
 """
 
@@ -413,7 +413,7 @@ class RigConfig(Section):
 
     @property
     def vouched(self) -> dict[str, Vouched]:
-        """The sections whose figures somebody has to vouch for, by their names in the file."""
+        """The sections whose figures somebody has to sign as measured, by name in the file."""
         sections = {
             "limits": self.limits,
             "amplifier": self.amplifier,
@@ -425,8 +425,8 @@ class RigConfig(Section):
 
     @property
     def unverified(self) -> list[str]:
-        """What keeps the rig from coming on: safety figures nobody vouches for, and what nobody has
-        decided.
+        """What keeps the rig from coming on: safety figures that nobody has signed as measured, and
+        undecided settings.
         """
         missing = [
             f"{name}.measured_by and measured_at"
@@ -470,8 +470,8 @@ class RigConfig(Section):
         return highest_carrier_hz(self.analog_inputs.sample_rate_hz)
 
     def electrode_monitor(self, frequency_hz: float, sweep: bool = False) -> int | None:
-        """Which of the electrode's monitors, the first of the file that tells a carrier; None for
-        none of them.
+        """Which of the electrode's monitors, the first of the file that measures a carrier; None
+        for none of them.
 
         One that drives the electrode itself reads nothing but sweeps.
         """
@@ -726,8 +726,8 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
 
 
 def _on_several_cards(rig: RigConfig) -> Iterator[str]:
-    """Cards have clocks of their own: what is told from samples of one instant is on one of
-    them.
+    """Cards have clocks of their own: values derived from samples of one instant come from one
+    card.
     """
     amplifier = rig.amplifier.channels
     together = {

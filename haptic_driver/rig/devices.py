@@ -73,10 +73,10 @@ ATTEMPTS = 4  # at opening: nothing is on yet, and a busy machine may let nobody
 class Devices:
     """Everything a rig has, closed; use `open` and `close`, or a `with` block.
 
-    Devices open in an order in which nothing can come on before what switches it off is there:
-    interlock, watchdog, envelope (at its zero level), generator (off and reset), sensors (which
-    take their bias: leave the force sensor unloaded), stage. Closing switches off first. What was
-    opened is closed again when something after it fails.
+    Devices open in an order that puts each switch-off in place ahead of what it switches off. The
+    order is interlock, watchdog, envelope (at its zero level), generator (off and reset), sensors,
+    stage. Sensors take their bias: leave the force sensor unloaded. Closing switches off first.
+    What was opened is closed again when something after it fails.
     """
 
     rig: Rig

@@ -1,6 +1,6 @@
 """Looks at a rig without energising it, and says what it could not verify.
 
-Only questions are asked: nothing is set, reset or switched, no error queue is emptied, no line is
+It only asks questions: nothing is set, reset or switched, and no error queue is emptied. No line is
 opened whose opening could raise it, no bias is taken, nothing moves. What only a voltage could show
 stays "not verified".
 """

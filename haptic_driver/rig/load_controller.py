@@ -1,14 +1,14 @@
-"""How a stage holds the load of a finger: what is seen -> what the stage is told.
+"""How a stage holds the load of a finger: readings -> orders to the stage.
 
-Pure: no clock, no device. Every order is one short move that ends by itself, so a stage whose
+Pure: no clock, no device. Every order is one short move that ends by itself. So a stage whose
 driver has died finishes at most `step_m`, or up to three times that on a softer finger, and rests.
 Depth is the stage's position towards the finger, m.
 
-A move takes the share `gain` of the way that the finger's stiffness says is missing (feed-forward),
-and what the place has to drift by to keep the load (the integral of the error, for a plate that is
-not level and tissue that relaxes). The stiffness rises with the load as for a sphere on a plane
-(Hertz, load over indentation with exponent 1.5). How much stiffer or softer this finger is than the
-settings say shows while its load rises: by how far the stage had to go.
+A move has two terms. The first is the share `gain` of the way that the finger's stiffness asks for
+(feed-forward). The second is the drift of place that keeps the load. It is the integral of the
+error, for a plate that is not level and tissue that relaxes. The stiffness rises with the load as
+for a sphere on a plane (Hertz, load over indentation with exponent 1.5). How much stiffer or softer
+this finger is than the settings say shows while its load rises: by how far the stage had to go.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Phase(enum.Enum):
 
 
 class Act(enum.Enum):
-    """What the stage is told."""
+    """The orders to the stage."""
 
     NOTHING = "nothing"
     MOVE = "move"
@@ -52,9 +52,9 @@ class LoadSettings:
     numbers that make no loop.
 
     `drift_per_s` is the integral gain. `depth_m` bounds the way after the first touch, `reach_m`
-    the way until it, `step_m` and `rate_m_s` each move: on a softer finger `step_m` is more, so
-    that it brings the same load. `retracts`: whether the stage lifts off or
-    stays where it is when something is wrong.
+    the way until it, `step_m` and `rate_m_s` each move. On a softer finger `step_m` is more, so
+    that it brings the same load. `retracts`: whether the stage lifts off or stays where it is when
+    something is wrong.
     """
 
     target_n: float
@@ -88,7 +88,7 @@ class LoadSettings:
 
     @property
     def trip_n(self) -> float:
-        """The load at which the stage is told to let go."""
+        """The load at which the stage lets go."""
         return min(OVERLOAD * self.target_n, self.load_limit_n)
 
     def way_m(self, from_n: float, to_n: float, stiffer: float = 1.0) -> float:
@@ -117,7 +117,7 @@ class Seen(NamedTuple):
 
 
 class Order(NamedTuple):
-    """What the stage is told: for a MOVE, where to and how fast at most."""
+    """An order to the stage; for a MOVE, where to and how fast at most."""
 
     act: Act
     depth_m: float = math.nan
@@ -143,7 +143,7 @@ class LoadState:
 
 
 def step(settings: LoadSettings, state: LoadState, seen: Seen) -> tuple[LoadState, Order]:
-    """One look at sensor and stage: what is remembered, and what the stage is told."""
+    """One look at sensor and stage: the new state, and the order to the stage."""
     if state.phase is Phase.ENDED:
         return state, NOTHING
     if wrong := _wrong_load(settings, seen) or _wrong_place(settings, state, seen):

@@ -54,7 +54,7 @@ class LoadStage(Protocol):
         """Start a move."""
 
     def wait(self, timeout_s: float) -> StageStatus:
-        """Until the move has arrived; whatever is raised, the stage is told to stop first."""
+        """Wait until the move has arrived; any error stops the stage first."""
 
     def home(self) -> None:
         """Start to look for the home position, at the lower end."""
@@ -141,8 +141,8 @@ class LoadLoop:
         return self.state
 
     def hold(self, duration_s: float) -> None:
-        """Look for so long, at least once; HapticError, with the stage told to let go, when the
-        loop ends.
+        """Look for so long, at least once. HapticError, with the stage letting go, when the loop
+        ends.
         """
         end_s = self._clock() + duration_s
         while True:
@@ -239,7 +239,7 @@ class LoadLoop:
 
     @contextmanager
     def _noted(self) -> Iterator[None]:
-        """A device that fails is no reading; what it said is kept for whoever is told."""
+        """A device that fails is no reading; its message is kept for the report."""
         try:
             yield
         except DeviceError as error:

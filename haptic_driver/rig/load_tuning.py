@@ -26,7 +26,7 @@ def tune(loop: LoadLoop) -> Tuned:
     """Step the held load up and down and see how far the stage goes for it; leaves it at its
     target.
 
-    Each step is held against its two neighbours, so that tissue that relaxes counts little.
+    Each step is compared with its two neighbours, so that tissue that relaxes counts little.
     HapticError when the stage lets go. Raises ValueError where the stage does not move with the
     load.
     """

@@ -10,8 +10,8 @@ from hw.amplifier.analog import AmplifierState, AnalogAmplifier
 
 
 class _Commanded(NamedTuple):
-    """A voltage, and when it had certainly been told: at the first look after its dialogue, which
-    may stall.
+    """A voltage, and a time by which it had certainly been sent: the first look after its dialogue,
+    which may stall.
     """
 
     voltage_v: float
@@ -51,7 +51,7 @@ class VoltageCheck:
         self._too_low_s: float | None = None  # since when it has read less than was commanded
 
     def commanded(self, voltage_v: float) -> None:
-        """This voltage is being told to the generator."""
+        """This voltage is being sent to the generator."""
         self._commanded.append(_Commanded(voltage_v))
 
     def switched_off(self, shown: bool) -> None:

@@ -1,6 +1,6 @@
 """What sections of a rig's file are made of, and how a kind of part makes itself known.
 
-A package adds a kind by an entry point of one of the groups below that names a `PartKind`; the
+A package adds a kind by an entry point of one of the groups below that names a `PartKind`. The
 entry point's name is the value of `kind` in a rig's file. A kind is loaded where a rig names it,
 and by no other rig.
 """
@@ -95,7 +95,7 @@ Resource = Annotated[str, AfterValidator(_known_form)]
 
 
 class Vouched(Section):
-    """A section whose figures somebody has to vouch for before the rig may come on."""
+    """A section whose figures somebody has to sign as measured, or the rig does not come on."""
 
     measured_by: str = Field(default="", description="who vouches for this section")
     measured_at: datetime.date | None = Field(

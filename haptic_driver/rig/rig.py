@@ -1,8 +1,8 @@
 """A rig: the one place where device words become signals and back.
 
-Safety in hardware terms: `Rig` says when the output may come on and for how long, `OutputSwitch`
-(switch.py) how it comes on and goes off, evidence.py what it takes to call it off, and monitor.py
-what trips.
+Safety in hardware terms has four parts. `Rig` says when the output may come on and for how long,
+and `OutputSwitch` (switch.py) how it comes on and goes off. evidence.py says what it takes to call
+it off, and monitor.py what trips.
 """
 
 from __future__ import annotations
@@ -60,13 +60,14 @@ class Rig:
     `voltage_rise_v_per_s` times that interval per set point; down it goes at once. Times are the
     caller's clock, one clock for all methods of a rig.
 
-    Every failure of a device switches off first and is then raised as HapticError. A monitor that
-    contradicts the command, a fault line, and an output that is on after being switched off also
-    trip the rig: until `reset_trip` it refuses to come on. `off` may be called from any thread at
-    any time: it waits for no queue, for the lock of a thread that is switching on at most four
-    reply timeouts, and for each device at most that device's own timeouts. `heartbeats` are beaten
-    while the output is on and the caller refreshes it, and never otherwise. Every change of state
-    is logged, kept in `events` (the last 1000), and told to `on_event`.
+    Every failure of a device switches off first and is then raised as HapticError. Three more
+    events trip the rig: a monitor that contradicts the command, a fault line, and an output that is
+    on after being switched off. Until `reset_trip` it refuses to come on. `off` may be called from
+    any thread at any time, and waits for no queue. It waits at most four reply timeouts for the
+    lock of a thread that is switching on. For each device it waits at most that device's own
+    timeouts. `heartbeats` are beaten while the output is on and the caller refreshes it, and never
+    otherwise. Every change of state is logged, kept in `events` (the last 1000), and passed to
+    `on_event`.
 
     `modulated`: the amplitude follows the generator's Modulation In; set points are its highest
     then, and the monitor may show less but never more.

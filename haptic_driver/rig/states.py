@@ -102,8 +102,8 @@ class RigEvent(NamedTuple):
 class OutputStates:
     """Where the output is. Whatever happens that the table does not know of there changes nothing.
 
-    Every change that `RigState` shows is logged, kept in `events` (the last 1000), and told to
-    `on_event`; starting is told when it is over. `now_s` is the time of the caller's newest
+    Every change that `RigState` shows is logged, kept in `events` (the last 1000), and passed to
+    `on_event`. Starting is reported when it is over. `now_s` is the time of the caller's newest
     command.
     """
 

@@ -25,7 +25,7 @@ from hw.generator.settings import ExternalModulation, Shape
 class OutputSwitch:
     """Generator and amplifier as one switch, with the evidence of what it did.
 
-    `on` and `set_point` are for the thread that is `energising`, and end with Withdrawn as soon as
+    `on` and `set_point` are for the thread that is `energising`. They end with Withdrawn as soon as
     anybody calls `off`, which may come from any thread at any time. `heartbeats` rest once the
     output is shown to be off.
     """

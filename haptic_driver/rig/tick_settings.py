@@ -22,7 +22,7 @@ def tick_settings(
     output_latency_s: float | None = None,
     longest_age_s: float = FingerSettings.longest_age_s,
 ) -> TickSettings:
-    """The stages of one rig, told about a surface and a texture.
+    """The stages of one rig, with a surface and a texture.
 
     `feedback_latency_s`: from a set point to its effect, for feedback from measured friction; None
     renders without. `output_latency_s`: by which the finger's position is extrapolated from a tick

@@ -50,7 +50,7 @@ class FingerFunction:
         return force_n
 
     def electrode(self, *condition: float) -> ElectrodeState | None:
-        """Voltage and current; an `ElectrodeLaw`. None where the function tells a force alone."""
+        """Voltage and current; an `ElectrodeLaw`. None where the function gives a force alone."""
         parts = self._parts(condition)
         if len(parts) == 1:
             return None

@@ -73,8 +73,8 @@ def friction_of(model: TouchModel, answers: int = 64) -> FrictionLaw:
 
 
 def between_loads(model: TouchModel) -> FrictionLaw:
-    """The same for loads that change all the time, at a hundredth of the cost: coefficients of
-    friction at loads a twentieth apart, and a straight line between.
+    """The same for loads that change all the time, at a hundredth of the cost. It interpolates
+    coefficients of friction linearly between loads a twentieth apart.
     """
     exact = friction_of(model, answers=1024)
 

@@ -114,8 +114,8 @@ class SimulatedInstruments(RunningTogether):
         return output.frequency_hz, output.amplitude_v, output.offset_v, output.shape.value
 
     def attraction_n(self) -> float:
-        """Force of the voltage between skin and screen, by how much more friction there is than
-        without it; 0 for a finger that rests or is lifted.
+        """Force of the voltage between skin and screen, from the rise of friction over that without
+        voltage. It is 0 for a finger that rests or is lifted.
         """
         plant, load_n = self.plant, self.plant.normal_force_n
         if load_n <= 0.0 or self.speed_m_s == 0.0 or self.voltage_v == 0.0:
@@ -126,7 +126,7 @@ class SimulatedInstruments(RunningTogether):
     def _lateral_n(
         self, frequency_hz: float, voltage_v: float, normal_force_n: float, speed_m_s: float
     ) -> float:
-        """The finger's friction; voltages without bias are told by their peak alone."""
+        """The finger's friction; voltages without bias are described by their peak alone."""
         told: tuple[float | str, ...] = ()
         if voltage_v > 0.0:
             f, v, offset_v, waveform = self.stimulus()

@@ -1,11 +1,11 @@
 """What simulated instruments and control must agree on: scales, and the lines of the amplifier as
 text over TCP.
 
-ENABLE 0|1, ENABLE?   the enable line       0 or 1, its level
-VOLTAGE?              the voltage monitor   V at its output
-ELECTRODE? f          an electrode monitor  at f Hz: real, imaginary part and 1 sigma of the
-                      voltage, V, and of the current, A
-GAIN x                how much more friction than its model the finger has; of simulations alone
+    ENABLE 0|1, ENABLE?   the enable line       0 or 1, its level
+    VOLTAGE?              the voltage monitor   V at its output
+    ELECTRODE? f          an electrode monitor  at f Hz: real, imaginary part and 1 sigma of the
+                          voltage, V, and of the current, A
+    GAIN x                how much more friction than its model the finger has; of simulations alone
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Lines:
         return self._ask(b"VOLTAGE?")[0]
 
     def read_electrode(self, frequency_hz: float) -> ElectrodeReading:
-        """What the electrode monitors read at a carrier that one of them tells. Raises
+        """The readings of the electrode monitors at a carrier that one of them measures. Raises
         DeviceError.
         """
         v_real, v_imaginary, v_std, i_real, i_imaginary, i_std = self._ask(

@@ -5,8 +5,8 @@ physics behind.
     [--slide FILE]
 
 says its endpoints on standard output, as one JSON line, once it serves. It ends on SIGTERM, or a
-while after its standard input closes: instruments outlive a driver that dies, so that whoever else
-watches can switch them off. `--finger` is a finger of your own, as `haptic measure` takes one;
+while after its standard input closes. Instruments outlive a driver that dies, so that another
+watcher can switch them off. `--finger` is a finger of your own, as `haptic measure` takes one;
 `--slide` is what it does, again and again, as `haptic demo --trace` takes it. `--record` keeps what
 really was at the electrode: a line `time_s frequency_hz voltage_v` for every change, on
 CLOCK_MONOTONIC.
@@ -64,7 +64,7 @@ TOUCH_N = 0.02  # from this force on the screen feels the finger
 
 class SlidingFinger(RunningTogether):
     """The simulated instruments, served, and a finger that repeats `slide` for ever; a touch screen
-    tells where it is.
+    reports its place.
 
     Serves inside a `with` block; `step` lets time pass.
     """
@@ -148,7 +148,7 @@ class SlidingFinger(RunningTogether):
             self._screen.lift()
 
     def _read_electrode(self, frequency_hz: float) -> ElectrodeReading | None:
-        """What the first monitor that tells this carrier reads."""
+        """The reading of the first monitor that measures this carrier."""
         i = self._config.electrode_monitor(frequency_hz)
         return (
             None if i is None else self._monitors[i].read(frequency_hz, self.instruments.voltage_v)

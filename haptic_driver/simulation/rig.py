@@ -49,10 +49,10 @@ class SimulatedRig:
     """A rig and its instruments, connected over loopback inside a `with` block.
 
     `rig` is what a driver sees, `instruments` what lies behind; `instruments.amplifier` keeps the
-    record of what really was at the electrode. `friction` and `electrode`: any functions instead of
-    the model's with the effects that the rig's configuration hides; friction without the other
-    leaves nothing to read at the electrode. `wrap`: see `SimulatedInstruments`. `through` may put
-    something around the driver's transport, such as a wire log. `reply_timeout_s`: how long the
+    record of what really was at the electrode. `friction` and `electrode` are any functions, in
+    place of the model's with the effects that the rig's configuration hides. Friction without the
+    other leaves nothing to read at the electrode. `wrap`: see `SimulatedInstruments`. `through` may
+    put something around the driver's transport, such as a wire log. `reply_timeout_s`: how long the
     driver waits for the generator, in place of the configuration's, which is meant for real time.
     `touch_gain` multiplies the current of the model's touch, beside the stray one. With `envelope`
     the generator's amplitude follows the analog output of a rig that has one; `analog_output` is
@@ -114,8 +114,8 @@ class SimulatedRig:
                 generator.pump()
 
     def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
-        """What the first monitor that tells this carrier reads now; None without one, or where
-        nothing is known.
+        """The present reading of the first monitor that measures this carrier; None without one, or
+        where nothing is known.
         """
         i = self.config.electrode_monitor(frequency_hz)
         self._seen = None if i is None else self._electrode_state()

@@ -1,14 +1,14 @@
 """A whole simulated rig on loopback for other people's software: every instrument by its own
 dialogue, in real time.
 
-waveform_generator         TCP, as the LAN socket of a 33220A
-waveform_generator_serial  the same instrument on a pseudo-terminal
-interlock, interlock_tcp   the heartbeat interlock box of `hw.safety.interlock`, in series with
-                           the amplifier's enable
-stage                      an LTS150 on a pseudo-terminal; it carries the finger
-load_stage                 another, which presses the finger from FACE_M on
-force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N, pressing along
-                           -z, sliding along x
+    waveform_generator         TCP, as the LAN socket of a 33220A
+    waveform_generator_serial  the same instrument on a pseudo-terminal
+    interlock, interlock_tcp   the heartbeat interlock box of `hw.safety.interlock`, in series with
+                               the amplifier's enable
+    stage                      an LTS150 on a pseudo-terminal; it carries the finger
+    load_stage                 another, which presses the finger from FACE_M on
+    force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N, pressing along
+                               -z, sliding along x
 """
 
 from __future__ import annotations

@@ -24,10 +24,10 @@ class SlideRecord:
     """One rendered slide: arrays [n], one entry per tick.
 
     `samples` are what the daemon's recordings hold, of dtype SAMPLE. `voltage_v` and `frequency_hz`
-    are what the simulated amplifier and generator really put out, `lowest_voltage_v` what an output
-    that is on has at least; `saturated` is where the force sensor was; `rejections` is how often
-    the safety gate said no, `off` what was known about the output after the end. `reach_hz`: how
-    fast the rig's output can follow a texture. `noise_n`: of one reading of the force sensor.
+    are what the simulated amplifier and generator really put out. `lowest_voltage_v` is the least
+    that an output that is on has. `saturated` is where the force sensor was. `rejections` counts
+    refusals of the safety gate. `off` is what was known about the output after the end. `reach_hz`:
+    how fast the rig's output can follow a texture. `noise_n`: of one reading of the force sensor.
     """
 
     slide: Slide

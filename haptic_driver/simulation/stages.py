@@ -28,9 +28,9 @@ SPEED_STEP_M_S = 1e-3  # the model is asked about whole millimetres per second: 
 class SimulatedStages:
     """The stages of a simulated rig's file, either of which may be missing, with their drivers.
 
-    `pass_time(dt_s, load_n, speed_m_s)` is called for every step of time, `touch_n` tells friction
-    and attraction of the touch. Without a load stage the
-    finger presses with `asked_n`, as a person does who is asked to.
+    `pass_time(dt_s, load_n, speed_m_s)` is called for every step of time, `touch_n` gives friction
+    and attraction of the touch. Without a load stage the finger presses with `asked_n`, as a person
+    does who is asked to.
     """
 
     def __init__(

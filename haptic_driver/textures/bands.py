@@ -1,7 +1,7 @@
 """Friction in nine bands of frequency: what a texture asks for at a speed, and what a rig and a
 finger make of it.
 
-The bands, two thirds of an octave each from 12.5 to 800 Hz, are a choice of this driver: textures
+The bands, two thirds of an octave each from 12.5 to 800 Hz, are a choice of this driver. Textures
 are felt up to about 800 Hz (Meyer, Dynamics of Ultrasonic and Electrostatic Friction Modulation).
 """
 
@@ -52,8 +52,8 @@ class Band(NamedTuple):
     """One band: friction asked for (rms), what output and finger leave of it, and what that comes
     to.
 
-    `reached`: at least 71 % (-3 dB) arrives; `with_boost`: it would if the texture asked for more,
-    to make up for the loss, and the rig's reach has room for that; `out_of_reach`: neither.
+    `reached`: at least 71 % (-3 dB) arrives. `with_boost`: it would if the texture asked for more,
+    to make up for the loss, and the rig's reach has room for that. `out_of_reach`: neither.
     """
 
     low_hz: float

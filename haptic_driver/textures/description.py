@@ -187,8 +187,8 @@ class SpectrumDescription(_Description):
     """Waves along a direction whose spectrum, for a finger at a speed, is given in the nine bands
     from 12.5 to 800 Hz.
 
-    In one of four ways: the friction (rms) of each band; the friction of all of them, shared out by
-    a beta distribution over the logarithm of frequency; or that of a process y[n] + ar[0] y[n-1] +
+    In one of four ways. The friction (rms) of each band. The friction of all of them, shared out by
+    a beta distribution over the logarithm of frequency. Or that of a process y[n] + ar[0] y[n-1] +
     ... = noise; or such processes for several speeds and loads, between which the texture changes
     with the finger. `perceptual_gain` multiplies all waves; `invert_finger` each by what a usual
     finger loses of it.

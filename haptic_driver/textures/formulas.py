@@ -19,8 +19,8 @@ PHASE_BITS = 53  # of a float's mantissa
 def grating(described: GratingDescription) -> Texture:
     """Sine, square or sawtooth; phase 0 is where friction rises through the middle.
 
-    Square and sawtooth are straight lines with edges as wide as the finest detail: what is left of
-    a sudden step when it is averaged over that width.
+    Square and sawtooth are straight lines with edges as wide as the finest detail. An edge is a
+    sudden step averaged over that width.
     """
     mean, amplitude, period_m = (
         described.mean_cof,

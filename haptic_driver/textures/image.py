@@ -2,9 +2,9 @@
 three mappings.
 
 `luminance`: bright is rough. `height`: bright is high, and friction goes with the slope that a
-stroke meets, as participants preferred for bumps on a flat screen (Kim, Israr & Poupyrev, Tactile
-rendering of 3D features on touch surfaces, UIST 2013, doi 10.1145/2501988.2502020; there the slope
-is mapped to lateral force, which is friction times the load). `edges`: where the picture changes
+stroke meets. Participants preferred that for bumps on a flat screen (Kim, Israr & Poupyrev, Tactile
+rendering of 3D features on touch surfaces, UIST 2013, doi 10.1145/2501988.2502020). There the slope
+is mapped to lateral force, which is friction times the load. `edges`: where the picture changes
 there is a bump, whichever way it is crossed (a choice of this driver).
 """
 
@@ -105,8 +105,8 @@ def rendered(
     reachable_cof: tuple[float, float],
     output: Output,
 ) -> Array:
-    """Friction [row, column] that arrives at a usual finger on strokes along x at a speed: within
-    reach, and less what the output and the finger's own lag lose.
+    """Friction [row, column] that arrives at a usual finger on strokes along x at a speed. It is
+    within reach, and less what the output and the finger's own lag lose.
     """
     wide = cof.shape[1]
     reached = np.clip(cof, *reachable_cof)

@@ -1,7 +1,7 @@
 """Objects of a scene as files and clients say them, in millimetres and degrees.
 
 Without numpy, for which no client waits. x points right and y down from the screen's upper left
-corner; an object is turned from x towards y about its place, which is the middle of its outline.
+corner. An object is turned from x towards y about its place, which is the middle of its outline.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Processes y[n] + ar[0] y[n-1] + ... = noise[n] + ma[0] noise[n-1] + ...: their spectrum, and what
 lies between two.
 
-Coefficients may not be averaged: what comes out can grow without end. Reflection coefficients may:
-a process dies away exactly when all of them lie between -1 and 1 (Markel and Gray, Linear
+Coefficients may not be averaged: what comes out can grow without end. Reflection coefficients may.
+A process dies away exactly when all of them lie between -1 and 1 (Markel and Gray, Linear
 Prediction of Speech, 1976).
 """
 

@@ -1,7 +1,7 @@
 """The ripple that a carrier leaves in friction, and what it costs to be rid of it.
 
-Attraction follows voltage squared. So under a sine it varies between nothing and twice its mean,
-at twice the carrier: the ripple's peak equals the rise of friction that the carrier makes.
+Attraction follows voltage squared. So under a sine it varies between nothing and twice its mean, at
+twice the carrier. The ripple's peak equals the rise of friction that the carrier makes.
 """
 
 from __future__ import annotations

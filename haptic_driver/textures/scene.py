@@ -1,7 +1,7 @@
 """Scenes from what is said of them: objects and what they are made of -> rows that render looks up.
 
-Textures and outlines of pictures are read once, by whoever draws a scene; whatever moves, turns or
-changes its order afterwards makes new rows for the same materials.
+Textures and outlines of pictures are read once, by the caller that draws a scene. A move, a turn or
+a change of order afterwards makes new rows for the same materials.
 """
 
 from __future__ import annotations
@@ -135,8 +135,8 @@ def drawn(described: SceneDescription, read: Callable[[Material], Texture]) -> D
 
 
 class Live:
-    """A scene that is changed many times a second: what moves and turns is changed in its rows
-    alone, and put into words for who asks.
+    """A scene that is changed many times a second. Moves and turns change its rows alone; its
+    description is written on request.
     """
 
     def __init__(self, drawn: Drawn) -> None:

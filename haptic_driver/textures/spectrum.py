@@ -2,8 +2,8 @@
 phases.
 
 Waves lie on the surface: at twice the speed every frequency doubles, as with a real one. Where a
-file has processes for several speeds and loads, every wave keeps its place and phase, and only its
-height goes with speed and load.
+file has processes for several speeds and loads, every wave keeps its place and phase. Only its
+height depends on speed and load.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Felt
     of loads.
 
     Strokes to either side count alike, so that a sensor's offset cancels where there are as many of
-    both; where no speed is known, every row in contact counts. Places where nobody slid are left
+    both. Where no speed is known, every row in contact counts. Places where nobody slid are left
     out, and where a stroke begins or turns the way over which the skin only stretches. `where`
     names the source in errors: BadInputError where too little slides, or what it gives is no
     friction.
@@ -144,8 +144,8 @@ def _check_sign(load_n: Array, where: str) -> None:
 
 
 def _settled(strokes: Strokes, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rows [n] that lie a little beyond where the finger set out or turned, which the lateral force
-    tells.
+    """Rows [n] that lie a little beyond where the finger set out or turned, as the lateral force
+    shows.
     """
     side = np.where(usable, np.sign(strokes.lateral_force_n), 0.0)
     begins = np.where(np.diff(side, prepend=0.0) != 0.0, np.arange(side.size), 0)

@@ -32,8 +32,8 @@ def cell_means(texture: Texture, grid: Grid) -> FloatArray:
     """Mean friction [row, column] of each cell; NaN where a texture asks for nothing anywhere in
     it.
 
-    Samples are jittered inside their part of a cell, along x and along y alike: what is finer than
-    they are turns into grain, not into a moire that nobody would feel.
+    Samples are jittered inside their part of a cell, along x and along y alike. Detail finer than
+    their spacing turns into grain, not into a false moire.
     """
     per_side = min(ceil(grid.pitch_m / FINE_M), MOST_PER_SIDE)
     x_m = grid.x_m + grid.pitch_m * _spread(grid.columns, per_side, seed=1)

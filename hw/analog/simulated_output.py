@@ -145,7 +145,7 @@ class CardMemory:
         self._sequence[0] += 1
 
     def _newest(self) -> _Told:
-        """The card's last complete order. A writer that is killed halfway leaves the earlier one."""
+        """The card's last complete order: a writer killed halfway leaves the earlier one."""
         for _ in range(_ATTEMPTS):
             before = self._sequence[0]
             told = _Told(*self._HEADER.unpack(self._header))

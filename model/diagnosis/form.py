@@ -1,4 +1,4 @@
-"""What a form may be off: no finger or device has quite the catalogue's.
+"""Possible deviations of an effect's form: no finger or device has quite the catalogue's.
 
 An effect's signature is what it adds to the prediction. Its form may differ in two ways, in
 proportion to what the effect does. That separates both from a discrepancy of unknown shape:
@@ -8,9 +8,10 @@ input that varies, times the signature's size. Where the signature grows faster 
 strength, the size is what that share of the strength would change, up to twice as much.
 
 All witnesses together: the effect's strength depends smoothly on what it `bends_with`, in amount
-and in phase; what that changes follows from the model. In frequency, as for an element whose
-circuit the catalogue does not know. In an amplifier's gain, in the amplitude as well, since spectra
-are taken at a few volts. Where other strengths do, the catalogue has an effect for that.
+and in phase; what that changes follows from the model. The strength may depend on frequency, as for
+an element whose circuit the catalogue does not know. An amplifier's gain may depend on the
+amplitude as well, since spectra are taken at a few volts. For other dependences the catalogue has
+effects.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ COMPLEX = (
 
 
 def form_terms(problem: Problem, fit: Fit) -> list[Array]:
-    """What the forms of a fitted model's effects may be off, whitened [n, k], per unit of their
-    signatures or strength.
+    """Possible deviations of the forms of a fitted model's effects, whitened [n, k], per unit of
+    their signatures or strength.
 
     First each witness apart, then all together; none where no effect does anything.
     """

@@ -1,8 +1,8 @@
 """What may be true of a data set, and the evidence of each hypothesis.
 
-Nothing is missing; one effect of the catalogue, in its exact or a modified form; two effects;
-something unknown; something that is not of the touch. `Evidences` holds the logarithms alone, so
-that a rule can be judged without fitting anything.
+The hypotheses are: nothing is missing; one effect of the catalogue, in its exact or a modified
+form; two effects; something unknown. The last is something that is not of the touch. `Evidences`
+holds the logarithms alone, so that a rule can be judged without fitting anything.
 """
 
 from __future__ import annotations

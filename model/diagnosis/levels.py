@@ -38,7 +38,7 @@ class Level(NamedTuple):
 class Levels(NamedTuple):
     """What the scatter of one witness's rows is made of.
 
-    The variance of `row` is in units of what the rows are said to have, that of `trial` is of the
+    The variance of `row` is in units of the stated variance of the rows. That of `trial` is of the
     gain that a trial's rows share.
     """
 

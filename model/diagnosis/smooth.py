@@ -2,9 +2,10 @@
 off by.
 
 Gaussian processes with squared-exponential kernels over the inputs that vary. A discrepancy of log
-friction has three terms per input: of the force (each row as far as its friction is the force's),
-of friction while there is voltage, and of all friction. It also has terms of frequency together
-with each of voltage, time and speed. Every other witness has terms of its own, likewise.
+friction has three terms per input: of the force, of friction while there is voltage, and of all
+friction. The first weighs each row by the force's share of its friction. It also has terms of
+frequency together with each of voltage, time and speed. Every other witness has terms of its own,
+likewise.
 """
 
 from __future__ import annotations

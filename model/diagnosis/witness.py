@@ -1,5 +1,5 @@
-"""The witnesses (observed quantities) of the touch: friction, the voltage and the current at the
-electrode, and the apparent area of contact as a camera sees it.
+"""The witnesses (observed quantities) of the touch: friction, the electrode's voltage and current,
+and the apparent area of contact as a camera sees it.
 
 Amounts are compared as logarithms, phases in rad. A current beside a measured electrode voltage is
 divided by it, so the amplifier's effect cancels. The voltage's own witnesses show that effect.

@@ -3,8 +3,8 @@ instruments see.
 
 Per area J(u) = (j w eps0 k_g/u + alpha) E(u) u, averaged over the gaps. The worst case (stuck or
 wet finger) is u -> 0 everywhere, where only insulator and skin limit it. The electrode's current is
-a phasor. It includes the real contact (u = 0, some 1e-4 of the area and up to 1 % of the current),
-and what flows beside the finger.
+a phasor. It includes what flows beside the finger, and the real contact (u = 0). The latter is some
+1e-4 of the area and up to 1 % of the current.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The daemon's API: HTTP and JSON for commands and views, two WebSockets for what changes;
 `server.py` serves it.
 
-Whatever is refused is answered with `{"error": {"code", "message", "hint"}}`: 422 for what cannot
-be used as given, 409 for what the daemon cannot do in its present state, 403 for another's lease.
+Every refusal is answered with `{"error": {"code", "message", "hint"}}`. 422 is for unusable input,
+409 for what the daemon's present state forbids, 403 for another's lease.
 """
 
 from __future__ import annotations

@@ -2,16 +2,16 @@
 
 A door has the public address, so OFF is the same URL for everybody, and no client has to find a
 second one. It is a thread with an accept queue of its own that waits for nobody and shares nothing
-with the web server: OFF is heard while an event loop hangs, is flooded, or has ended.
+with the web server. So OFF is heard while an event loop hangs, is flooded, or has ended.
 
 A door only looks at the head of a request (`MSG_PEEK`). Where it says OFF the door answers.
 Otherwise the connection, from which nothing was taken, is the next that `Handed.accept` gives the
 web server. A connection carries one request (`security.OneRequest`), so that no OFF comes on one
 that was handed on.
 
-A stranger on this machine may open connections faster than they can be served. So who has not asked
-for anything yet costs a descriptor and a few microseconds, and the oldest makes room for the next;
-who shows the token is handed on before all others.
+A client without the token may open connections faster than they can be served. So a connection
+without a request costs a descriptor and a few microseconds, and the oldest makes room for the next.
+One that shows the token is handed on before all others.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Who may talk to the API over TCP, and how much: token, Host and Origin, size of a request.
 
-A page of another site can make a browser send requests to loopback, and can give its own name the
-address of loopback (DNS rebinding). The first lacks the token and has a foreign Origin, the second
-has a foreign Host.
+A page of another site can make a browser send requests to loopback. It can also give its own name
+the address of loopback (DNS rebinding). The first lacks the token and has a foreign Origin, the
+second has a foreign Host.
 """
 
 from __future__ import annotations

@@ -64,8 +64,8 @@ def serve(
     without TCP.
 
     At `place` whoever may open the socket may use the API. With `tcp_port` (0: any that is free) it
-    is on loopback too, for those who know the token, which is also in a file of mode 0600 beside
-    the socket. Raises HapticError when a port cannot be had.
+    is on loopback too, for those who know the token. The token is also in a file of mode 0600
+    beside the socket. Raises HapticError when a port cannot be had.
     """
     listener = None if tcp_port is None else listen(tcp_port)
     off = OffThreads(daemon)

@@ -27,7 +27,7 @@ class Result:
     says why there is no threshold.
 
     `left_out`: why, of each trial that was not delivered. `staircase`: mean of the reversals of
-    each session's staircase, and the share of positive answers at which it comes to rest; None for
+    each session's staircase, and the share of positive answers at which it comes to rest. None for
     other methods, and where reversals are those of the end of its range. `notes`: what not to rely
     on. `axis`: what a level is, with its unit.
     """
@@ -70,7 +70,7 @@ class Result:
 
 def analyse(folder: Path, *, as_felt: bool = False) -> list[Result]:
     """Every participant and condition of a folder of results, over all sessions; `as_felt`: over
-    levels as felt.
+    measured levels.
 
     Practice and trials that were not delivered are left out. BadInputError where there are no
     results.

@@ -1,8 +1,8 @@
 """Answers that come over the daemon: from its participant's page, or from any program, as markers.
 
-A marker `question` says `{"text", "answers"}`; its answer is a marker `answer` with `{"question":
-number of that marker, "answer": one of them}`, the number optional, or a marker whose label is one
-of the answers (all that LSL says).
+A marker `question` says `{"text", "answers"}`. Its answer is a marker `answer` with `{"question":
+number of that marker, "answer": one of them}`, the number optional. A marker whose label is one of
+the answers will do too (all that LSL says).
 """
 
 from __future__ import annotations

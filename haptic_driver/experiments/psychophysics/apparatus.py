@@ -76,9 +76,9 @@ class Apparatus(Protocol):
 class DaemonApparatus:
     """A rig through an armed client.
 
-    `folder`: where textures that show two regions are written. `tell` is told which interval runs
-    and when to wait, and `ring` sounds as one begins, where the file says so. Each interval has
-    markers `interval 1 begins` and `interval 1 ends`; the second carries its onsets.
+    `folder`: where textures that show two regions are written. `tell` gets which interval runs and
+    when to wait, and `ring` sounds as one begins, where the file says so. Each interval has markers
+    `interval 1 begins` and `interval 1 ends`; the second carries its onsets.
     """
 
     def __init__(
@@ -143,7 +143,9 @@ class DaemonApparatus:
         return samples
 
     def _begin(self, stimulus: Stimulus) -> None:
-        """What is out of reach is presented as near as can be, and told by what was felt."""
+        """What is out of reach is presented as near as can be, and reported by its measured
+        friction.
+        """
         if stimulus.cof is not None:
             self._session.set(stimulus.cof, nearest=True)
         elif stimulus.texture is not None:

@@ -83,8 +83,8 @@ def why_not_delivered(intervals: list[Felt], settings: Delivery) -> str:
 
 
 def _limit(one: Felt) -> str:
-    """What kept friction from being as asked, where that was most of it: the reach under this
-    load, feedback's caution, or what the finger made of what was as expected.
+    """What kept friction from being as asked, where that was most of it. It is the reach under this
+    load, feedback's caution, or what the finger made of a correct command.
     """
     asked, expected = one.asked_cof, one.reachable_cof
     beyond, missed = 1.0 - one.reachable_share, 1.0 - one.within_5_percent

@@ -170,7 +170,8 @@ class Condition(Section):
     """A standard, and what a level makes of it.
 
     A friction `cof` is compared with cof (1 + level), or with cof + level where `compare` is
-    `difference`; a texture with those of `comparisons`, of which the nearest level is taken.
+    `difference`. A texture is compared with those of `comparisons`, of which the nearest level is
+    taken.
     """
 
     name: Name = Field(description="any words; in tables and pictures")
@@ -279,7 +280,7 @@ class TrialSettings(Section):
 
 
 class Response(Section):
-    """What is asked, what may be answered, the key of each answer, and whether people are told what
+    """What is asked, the possible answers, the key of each answer, and whether people learn what
     was right.
 
     `by` `markers`: answers come over the daemon, from its page or any program; see `answers.py`.
@@ -308,7 +309,7 @@ class Response(Section):
 
 
 class Delivery(Section):
-    """When the rig has done what was asked: in every interval the finger slid for `least_sliding_s`
+    """When the rig has done what was asked. In every interval the finger slid for `least_sliding_s`
     after `settle_s`, and friction was within 5 % for `least_share` of that. Other trials are
     presented anew, `retries` times in a row.
     """

@@ -2,12 +2,13 @@
 likelihood.
 
 Few answers of a staircase fit best with a far too steep function, and its interval is then too
-short: after 43 trials 80 % of the 95 % intervals held the truth. So a slope that is e times off the
-usual one costs as much as a standard deviation; then 90 % did, with the same thresholds.
+short. After 43 trials 80 % of the 95 % intervals held the truth. So a slope that is e times off the
+usual one costs as much as a standard deviation. With that, 90 % of the intervals held the truth,
+with the same thresholds.
 
-A likelihood that rises for as far as one looks has no best threshold. Where the most probable one
-lies beyond all levels that were asked, and the interval is open on that side, no number is given:
-the answers say only on which side of the levels it lies.
+A likelihood that rises for as far as one looks has no best threshold. No number is given where the
+most probable one lies beyond all levels that were asked, and the interval is open on that side. The
+answers say only on which side of the levels it lies.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""Which level comes next: methods that suggest one and are told what was answered.
+"""Which level comes next: methods that suggest one and take the answer.
 
-All follow from what they were told alone, so that an experiment goes on after a crash by telling
-them again.
+All follow from their answers alone, so that an experiment goes on after a crash by replaying them.
 """
 
 from __future__ import annotations

@@ -27,8 +27,8 @@ UNBIASED_GUESS = 0.1  # of a simulated participant who says yes or no
 
 class Found(NamedTuple):
     """How a condition's threshold was found: median over participants, its spread relative to the
-    truth, the mean number of trials, the share of participants whose 95 % interval holds the truth,
-    and of those whose answers hold one.
+    truth, and the mean number of trials. Two shares of participants follow: those whose 95 %
+    interval holds the truth, and those whose answers hold one.
     """
 
     condition: str

@@ -138,7 +138,7 @@ def balanced(count: int, number: int) -> list[int]:
     Sci. Res. A, 1949).
 
     Over `count` participants, or twice as many where that is odd, every block comes as often in
-    every place, and as often right after every other.
+    every place. It also comes as often right after every other.
     """
     turn, row = divmod(number - 1, count)
     zigzag = [i // 2 + 1 if i % 2 else -i // 2 for i in range(count)]

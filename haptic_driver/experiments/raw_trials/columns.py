@@ -72,7 +72,7 @@ def read_columns(path: Path, said: TrialMap) -> dict[str, Array]:
 
 
 def role_key(said: ColumnSaid) -> tuple[str | int, int | None]:
-    """What tells a column from the others of its file."""
+    """What distinguishes a column from the others of its file."""
     return said.name, said.index
 
 

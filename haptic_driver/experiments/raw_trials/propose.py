@@ -103,7 +103,7 @@ def roles_of(names: list[str], units: list[str]) -> dict[str, int]:
 
 
 def in_name(path: Path) -> dict[str, tuple[str, str]]:
-    """Patterns and units of the quantities that a file's name tells, as 120V or 0p5N."""
+    """Patterns and units of the quantities in a file's name, as 120V or 0p5N."""
     found: dict[str, tuple[str, str]] = {}
     number = r"\d+(?:[.,p]\d+)?"
     for match in re.finditer(rf"({number})([A-Za-zµ]+)(?=[_\-. ]|$)", path.stem):

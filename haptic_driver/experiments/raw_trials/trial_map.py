@@ -38,8 +38,8 @@ class FileLook(Section):
 class ColumnSaid(Section):
     """One column: SI = sign (cell - offset) gain, in `unit` times `gain_unit`.
 
-    `name` is as in the file, or the number of the column from 1; `index` of a column from 1 where
-    the name is that of a table.
+    `name` is as in the file, or the number of the column from 1. `index` is that of a column from
+    1, where the name is that of a table.
     """
 
     name: str | int
@@ -103,9 +103,9 @@ class Window(Section):
 class Baseline(Window):
     """Friction before voltage.
 
-    `use`: "row", a row without voltage; "offset", the trial's own zero: cof = `cof` plus what
-    the lateral force rose since, over the load; "gain", the trial's own gain: cof = `cof` times
-    friction over that before voltage.
+    `use` has three values. "row": a row without voltage. "offset": the trial's own zero, cof =
+    `cof` plus the rise of the lateral force since, over the load. "gain": the trial's own gain, cof
+    = `cof` times friction over that before voltage.
     """
 
     use: Literal["row", "offset", "gain"] = "row"

@@ -1,4 +1,4 @@
-"""Kinds of monitors of the electrode's own voltage and current; a rig takes the first that tells
+"""Kinds of monitors of the electrode's own voltage and current; a rig takes the first that measures
 the frequency.
 """
 
@@ -34,7 +34,7 @@ InstrumentHertz = Annotated[float, Within(1e-6, 1e9, "no instrument here reaches
 
 
 class SomeElectrodeMonitor(PartSection):
-    """What every kind says: which carriers it tells.
+    """What every kind says: which carriers it measures.
 
     `drives`: it puts its own voltage on the electrode, in place of generator and amplifier, up to
     `highest_v`.

@@ -25,7 +25,7 @@ Direction = Annotated[float, Within(-1.0, 1.0, "it is a part of a unit vector")]
 
 
 class NoFingerTracker(PartSection):
-    """Nobody tells where the finger is."""
+    """No tracker: the place of the finger is unknown."""
 
     kind: Literal["none"] = "none"
 
@@ -68,7 +68,7 @@ def make_stage(section: StageFingerConfig, wiring: Wiring) -> Part[FingerTracker
 class EvdevFingerConfig(PartSection):
     """A touch screen by its event device; `matrix_m` takes (x_raw, y_raw, 1) to metres.
 
-    `report_rate_hz` is how often it tells, for the latency by which positions are extrapolated.
+    `report_rate_hz` is how often it reports, for the latency by which positions are extrapolated.
     """
 
     kind: Literal["evdev"]

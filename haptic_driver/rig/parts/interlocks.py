@@ -36,7 +36,7 @@ class InterlockBox(Section):
     ] = Field(default=0.05, description="for one answer of the box")
 
     def examine(self, at: Examination) -> Checks:
-        """Hang up without a word: the driver's own closing opens the contact."""
+        """Hang up without sending anything: the driver's own closing opens the contact."""
         from hw.safety.interlock import IDENTITY, HeartbeatInterlock
         from hw.transport.resource import make_transport
 

@@ -56,8 +56,8 @@ class LoadStageSection(PartSection):
     """What every load stage has: how it stands to the finger, what it does when something is wrong,
     and the gains of the loop.
 
-    It lets go at 1.5 times the load that it is to hold, at `load_limit_n`, and when the force
-    sensor is silent or saturated or the stage does not answer.
+    It lets go at 1.5 times the load that it is to hold, and at `load_limit_n`. It also lets go when
+    the force sensor is silent or saturated, or when the stage does not answer.
     """
 
     files = ("gains_file",)
@@ -117,8 +117,8 @@ class LoadStageSection(PartSection):
         )
 
     def guarded(self) -> GuardedStage | None:
-        """What the watchdog is told, to let go when the driver dies; None for a kind that it does
-        not know.
+        """The watchdog's arguments for letting go when the driver dies; None for a kind that it
+        does not know.
         """
         return None
 
@@ -203,7 +203,7 @@ class Lts150LoadStageConfig(OnLts150):
 
 
 def lts150_settings(section: OnLts150) -> StageSettings:
-    """What its driver is told; no move is faster than letting go."""
+    """The settings of its driver; no move is faster than letting go."""
     from hw.stage.lts150 import StageSettings
 
     mounting = section.mounting()

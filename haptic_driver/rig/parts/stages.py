@@ -48,7 +48,7 @@ class StageConfig(Section):
 def examine_lts150(at: Examination, resource: str, settings: StageSettings) -> Checks:
     """Ask a stage who and where it is; nothing moves.
 
-    It hangs up without a word: the driver's own closing stops a move.
+    It hangs up without sending anything: the driver's own closing stops a move.
     """
     from hw.stage.lts150 import Lts150
     from hw.transport.resource import make_transport
