@@ -96,7 +96,7 @@ class OperatingLimits:
         return np.where(in_band, reduce(np.minimum, by_limit.values()), 0.0)
 
     def highest_within_v(self, worst: WorstCase) -> Array:
-        """Largest voltage [f] up to which every one is allowed, within what the worst case covers."""
+        """Largest voltage [f] up to which every one is allowed, within the worst case's range."""
         by_limit = self.highest_within_by_limit_v(worst).values()
         f = worst.frequency_hz
         in_band = (f >= self.frequency_low_hz) & (f <= self.frequency_high_hz)

@@ -106,7 +106,7 @@ def printed_field(
 ) -> PrintedField:
     """E_g of (10) and E_L of (26) per volt at any gap > 0, with the charges of (18)-(19)."""
     layers = complex_layers(description, frequency_hz, absolute=absolute)
-    with np.errstate(all="ignore"):  # nonsense is told by `solve`
+    with np.errstate(all="ignore"):  # `solve` reports nonsense
         rho1, rho2 = printed_coefficients(layers, gap_m).response(
             2j * pi * np.maximum(frequency_hz, 1e-9)
         )

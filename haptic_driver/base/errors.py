@@ -17,7 +17,7 @@ class HapticError(Exception):
     exit_status = 1
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
-        # they name what a user or a stranger has named
+        # they name what a user or an unknown client has named
         message, hint = shown(message), shown(hint, lines=True)
         super().__init__(message)
         self.code = code

@@ -191,7 +191,7 @@ def analyse(
         Path, Argument(help="Folder of results, the --out of haptic experiment run.")
     ],
     felt: Annotated[
-        bool, Option("--felt", help="Over levels as felt, instead of as asked.")
+        bool, Option("--felt", help="Over measured levels, instead of requested ones.")
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -217,7 +217,7 @@ def analyse(
     for participant, task in dict.fromkeys((r.participant, r.task) for r in results):
         picture = table.with_name(f"sub-{participant}_task-{label_of(task)}_psychometric.png")
         own = [r for r in results if (r.participant, r.task) == (participant, task)]
-        title = f"{participant}, {task}" + (", levels as felt" if felt else "")
+        title = f"{participant}, {task}" + (", measured levels" if felt else "")
         draw_functions([_panel(r) for r in own], title, picture)
         pictures.append(str(picture))
     payload = {"results": rows, "table": str(table), "pictures": pictures}

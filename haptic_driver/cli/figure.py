@@ -34,7 +34,7 @@ def figure(
     ] = Path("figures"),
     model: ModelOption = "reference",
     diagnosis: Annotated[
-        Path | None, Option(help="Folder of haptic diagnose: its mended model is drawn too.")
+        Path | None, Option(help="Folder of haptic diagnose: its corrected model is drawn too.")
     ] = None,
     voltage: Annotated[float | None, Option(help="Of several, this amplitude, V.")] = None,
     normal_force: Annotated[float | None, Option(help="Of several, this load, N.")] = None,

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 WIDTH_MM = (1.0, 2000.0)
 SPEED_M_S = (0.002, 1.0)
-USUAL_N = 0.5  # load of a finger, of which reach is told
-MUCH = 0.1  # of what is asked for (rms), out of reach: worth a word
+USUAL_N = 0.5  # load of a finger, for which reach is reported
+MUCH = 0.1  # of what is asked for (rms), out of reach: worth a warning
 
 
 def from_image(

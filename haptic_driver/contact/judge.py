@@ -24,7 +24,7 @@ NO_FINGER, OUTSIDE, GLARE, MOTION, BLURRED = (
 )
 WHITE = 0.995  # of the most that a camera gives
 MOST_GLARE = 2e-3  # of the touch's surroundings
-MOVED = 1.35  # times the film's usual blur: what is told of it ends where edges overlap
+MOVED = 1.35  # times the film's usual blur; where edges overlap, blur is not measured
 FADED = 0.7  # of the film's usual contrast of ridges
 BLUR_LIMIT_M = 45e-6  # beyond, ridges of a share of 0.4 or 0.6 are off by 3 % and more
 

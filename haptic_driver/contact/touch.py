@@ -19,7 +19,7 @@ from haptic_driver.signals import Array, Mask
 
 RIDGE_PERIOD_M = 0.5e-3  # of fingertips, 0.4 to 0.6 mm
 SMOOTHING = 0.5  # of a period: leaves 1 % of the ridges in what tells the outline
-FINEST_M = 20e-6  # over which noise is averaged where ridges are told
+FINEST_M = 20e-6  # over which noise is averaged where ridges are found
 LEAST_DARKENING = 0.03  # of the bare screen's light
 NOISE_FACTOR = 8.0  # by how much the touch has to stand out of the smoothed noise
 # Of the pixels of ridges, and of valleys: where blur has left their levels, in narrow ones too.

@@ -317,8 +317,8 @@ class Daemon:
     def adapt(self, on: bool) -> Status:
         """Mend the model while rendering, or go back to it as it was."""
         if on and self.basis.settings.config.friction_from_current:
-            said = "friction is estimated from the current by the model, and cannot mend it"
-            raise RefusedError("no_force_sensor", said, "mend it on a rig with a force sensor")
+            said = "friction is estimated from the current by the model, and cannot refit it"
+            raise RefusedError("no_force_sensor", said, "refit it on a rig with a force sensor")
         self.basis.observer.swap.adapt(on)
         return self.status()
 

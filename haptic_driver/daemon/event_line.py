@@ -29,7 +29,7 @@ from hw.event_line.contract import HIGHEST_CODE, EventLine
 LOOK_S = 0.001
 RETRY_S = 1.0
 END_S = 2.0
-KIND = "event_line"  # of what is told of the line itself
+KIND = "event_line"  # of reports on the line itself
 # What an experiment says for its own sake.
 WITHOUT_EDGE = {"answer", "told", "experiment", "session begins", "session goes on"}
 WITHOUT_EDGE |= {"session ends"}

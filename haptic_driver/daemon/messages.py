@@ -143,9 +143,7 @@ class Status(Checked):
         default=[]
     )  # since arming, with what the surface expects of the finger
     disagreement: str | None = None  # the last sentence about it
-    adaptation: str | None = (
-        None  # what came of mending the model last; null while nothing is mended
-    )
+    adaptation: str | None = None  # the result of the last refit; null while there is none
     recording: str | None  # the file; None also while a recording waits for space
     recording_fault: str | None  # what is missing of the present recording, and why
 

@@ -97,7 +97,7 @@ class Observer:
             self.judged = Judged()
             if not ending.is_set():
                 self._events.tell(NAME, f"{how}; it is started again, rendering goes on")
-                while not (ending.wait(RETRY_S) or self.swap.back()):  # what it mended is gone
+                while not (ending.wait(RETRY_S) or self.swap.back()):  # its refit is gone
                     pass
 
     def _attend(self) -> str:

@@ -102,7 +102,7 @@ def daemon_settings(
         if not config.simulated:
             said = f"rig {config.name} is not simulated: its finger does what it likes"
             raise BadInputError("not_simulated", said, "leave --slide out")
-        read_slide(slide)  # what is wrong with it is told now
+        read_slide(slide)  # its errors are reported here
     surface = build_surface(load_model(model), config.operating_limits())
     render = render_settings(config, surface)
     return DaemonSettings(

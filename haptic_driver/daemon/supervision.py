@@ -356,7 +356,7 @@ class Supervisor:
         with self._restarting:
             is_first = not self.missing
             if is_first:
-                self.missing = (  # before the fault is told: nobody resets in between
+                self.missing = (  # set ahead of the fault's report: nobody resets in between
                     f"{name}: being started again"
                 )
         self._orders.fail(why)

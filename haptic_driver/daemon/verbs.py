@@ -176,7 +176,7 @@ class Adapt(Request):
     """`haptic adapt on` and `haptic adapt off`."""
 
     on: Annotated[
-        bool, Field(description="on: mend from now on. off: go back to the model as it was.")
+        bool, Field(description="on: refit from here on. off: go back to the model as it was.")
     ]
 
 

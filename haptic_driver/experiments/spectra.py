@@ -152,7 +152,7 @@ def stray_capacitance(rows: Sequence[Mapping[str, str]], today: datetime.date) -
     if TOLD_FROM_ZERO * std_f < mean <= highest:
         return Stray(mean, std_f, today.isoformat())
     said = f"the open circuits give {mean:.3g} F, std {std_f:.2g}: "
-    why = f"above {highest:g} F" if mean > highest else "not told from zero"
+    why = f"above {highest:g} F" if mean > highest else "not distinguishable from zero"
     return Stray(None, std_f, today.isoformat(), said + why)
 
 

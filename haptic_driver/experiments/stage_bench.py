@@ -144,7 +144,7 @@ class StageBench:
         if not began.moving:
             raise HapticError(
                 "stage_rests",
-                "the stage was told to move and rests",
+                "the stage was ordered to move and rests",
                 "Free the stage; is it enabled?",
             )
 

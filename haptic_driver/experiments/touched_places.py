@@ -24,7 +24,7 @@ from model.support.tables import Table, read_table
 
 HOLD_S = 0.5  # so long a finger must hold still; its place is the mean over that time
 LIFT_S = 0.2  # so long it must be away: a contact that flickers is no lift
-RESTLESS_S = 3.0  # a touch that has not held still for so long is told
+RESTLESS_S = 3.0  # a touch that has not held still for so long is reported
 POLL_S = 0.005
 STILL_SHARE = 0.005  # of an axis: on a screen of 200 mm, 1 mm, as well as a finger can be placed
 PLAUSIBLE_M = 2e-3  # what a finger misses a mark by; more is another place, or another unit

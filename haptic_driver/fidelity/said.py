@@ -71,7 +71,7 @@ def _feeling(f: Fidelity) -> str:
         words += f", and may feel what is wrong at {_bands(felt)}"
         words += f" (thresholds differ by a factor of {f.threshold_spread_factor:g} either way)"
     elif all(above is None for above in f.bands_felt):
-        words += "; whether it feels ripple cannot be told"
+        words += "; whether it feels ripple is unknown"
     else:
         words += ", and nothing of the rest"
     return words

@@ -26,9 +26,9 @@ LEAST_ESTIMATES = 8.0
 # Of the time of all windows: averaged over frequency too, one counts by its fourth power over the
 # square of its second, 1.94, and overlap by half adds nothing.
 WINDOWS_PER_ESTIMATE = 2.0
-# Of what is asked in all: below, a Hann window's leakage from other bands cannot be told from it.
+# Of what is asked in all: below, a Hann window's leakage from other bands hides it.
 LEAKAGE = 0.005
-MOST_GAIN_ERROR = 0.1  # one standard error; with more it could not be told from 0.8 or 1.2
+MOST_GAIN_ERROR = 0.1  # one standard error; with more it could as well be 0.8 or 1.2
 
 
 class BandSpectra(NamedTuple):

@@ -28,7 +28,7 @@ THRESHOLD = 17.0
 MEMORY_S = 600.0  # of the finger's gain and of the map
 # a window that is farther off counts as so far: scatter is known from the window alone
 MOST_SIGMAS = 3.0
-QUIET_S = 300.0  # after an alarm nothing is told of the same cell
+QUIET_S = 300.0  # after an alarm the same cell reports nothing
 # of each condition the unit, and from edge to edge of a cell a factor; of the voltage a difference
 AXES: dict[str, tuple[str, float]] = {
     "frequency_hz": ("Hz", 10.0 ** (1.0 / 3.0)),

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 from haptic_driver.lookup.file import SurfaceFile
 
-TOLD_S = 60.0  # between events of what was not mended
-NOTHING_YET = "nothing is mended yet"
+TOLD_S = 60.0  # between events of refits without success
+NOTHING_YET = "no refit yet"
 
 Install = Callable[[SurfaceFile, Callable[[], bool]], bool]
-"""Lets render go on with a surface, unless what it is told to ask says that it is too late."""
+"""Gives render a surface, unless the question passed with it answers that it is too late."""
 
 
 class Word(Enum):
@@ -88,9 +88,9 @@ class Swap:
             if surface is None:
                 if news and time.monotonic() - self._told_s > TOLD_S:
                     self._told_s = time.monotonic()
-                    self._tell("adapt", f"not mended: {said}")
+                    self._tell("adapt", f"no refit: {said}")
             elif self._install(surface, self.ending.is_set):
                 self._is_swapped = True
                 self._send(Word.TAKEN)
                 told = {"surface_hash": surface.content_hash, "model": numbers, "rows": rows}
-                self._tell("adapt", f"mended: {said}", **told)
+                self._tell("adapt", f"refitted: {said}", **told)

@@ -204,7 +204,7 @@ def _contrast_lines(found: Measured) -> Iterator[Line]:
     how = f"(high - low) / (high + low), {LOAD_N:g} N, {_mm_s(SPEED_M_S)}"
     yield Line("contrast", _contrast(low, high), "", "friction contrast", how)
     how = f"steps of {100 * jnd:g} %, just noticeable as published, from low to high"
-    yield Line("levels", levels, "", "levels that can be told apart", how)
+    yield Line("levels", levels, "", "levels that can be distinguished", how)
 
 
 def _step_lines(found: Measured, speed_m_s: float) -> Iterator[Line]:

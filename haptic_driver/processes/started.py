@@ -69,7 +69,7 @@ THREADS = (
     Part("inlet", "control", "daemon/inlets.py", "markers from other programs"),
     Part("event_line", "control", "daemon/event_line.py", "an edge for each event that has a code"),
     Part("pat", "control", "daemon/service.py", "tells systemd that ticks advance"),
-    Part("say", "control", "cli/daemon.py", "what a terminal is told, which may be stopped"),
+    Part("say", "control", "cli/daemon.py", "messages to a terminal, which may be stopped"),
     Part("bounded", "any", "processes/patience.py", "work that may hang and is waited for so long"),
     Part("linger", "instruments", "simulation/process.py", "ends them after their daemon"),
     Part("lease", "a client", "client.py", "renews a client's lease"),

@@ -1,1 +1,13 @@
-"""A rig: its file, its devices, what they are told and what may be believed of them."""
+"""A rig is one set of devices around one finger: generator, amplifier, sensors, stages, interlock.
+
+In goes the rig's file, which names a kind and the settings of each part (`config.py`, `parts`). Out
+comes a `Rig`, which turns carrier frequency and voltage into device commands and readings into
+signals.
+
+`devices.py` opens the parts in an order that keeps the output off. `switch.py` and `states.py`
+decide when the output may come on. `monitor.py` compares the amplifier with the command, and
+`evidence.py` collects what shows that the output is off.
+
+Two rules hold. The rig reports "off" only with evidence from an instrument. A figure that decides
+about safety needs the name of who measured it, or the rig stays off.
+"""

@@ -302,7 +302,7 @@ class ScreenConfig(Section):
     width_m: ScreenSide = Field(default=0.6, description="along x")
     height_m: ScreenSide = Field(default=0.4, description="along y")
     margin_m: Annotated[float, Within(0.0, 0.05, "no fingertip is wider")] = Field(
-        default=0.01, description="so far beyond an edge a finger may be told"
+        default=0.01, description="so far beyond an edge a finger may be reported"
     )
 
 
@@ -349,8 +349,8 @@ class SimulationConfig(Section):
     friction_cutoff_hz_per_mm_s: Annotated[
         float, Within(1e-3, 1e6, "no friction follows slower or faster")
     ] = Field(default=13.8, description="arXiv 2505.11162")
-    force_noise_n: Annotated[float, Within(0.0, 10.0, "no finger is told in more noise")] = Field(
-        default=0.003, description="1 sigma per reading and channel"
+    force_noise_n: Annotated[float, Within(0.0, 10.0, "no finger is detected in more noise")] = (
+        Field(default=0.003, description="1 sigma per reading and channel")
     )
     force_range_n: ForceRange = Field(
         default=20.0, description="where the simulated force sensor saturates"
@@ -400,10 +400,10 @@ class RigConfig(Section):
     adapt: bool = Field(
         default=False,
         description=(
-            "mend the finger's model while rendering, from the daemon's start on, as "
+            "refit the finger's model while rendering, from the daemon's start on, as "
             "`haptic adapt on` does"
         ),
-    )  # mend the finger's model while rendering, from the daemon's start on
+    )  # refit the finger's model while rendering, from the daemon's start on
 
     @model_validator(mode="after")
     def _consistent(self) -> RigConfig:
@@ -527,7 +527,7 @@ class RigConfig(Section):
             return generators.generator_kind(self.waveform_generator.model)
         except ValueError as error:
             raise BadInputError(
-                "bad_generator", str(error), "mend or install the package that brings it"
+                "bad_generator", str(error), "repair or install the package that brings it"
             ) from error
 
     def operating_limits(self) -> OperatingLimits:

@@ -18,7 +18,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-STIFFNESS_AT_N = 0.5  # the load at which a finger's stiffness is told
+STIFFNESS_AT_N = 0.5  # the load at which a finger's stiffness is given
 OVERLOAD = 1.5  # times the target
 RISEN = 0.8  # of the target: from then on the pulse tells more than the way
 MARGIN = (
@@ -139,7 +139,7 @@ class LoadState:
     risen: bool = False  # most of the load has been there
     stiffer: float = 1.0  # than the settings say, as seen while the load rose
     drift_m_s: float = 0.0
-    moved_s: float | None = None  # when the last move was told
+    moved_s: float | None = None  # when the last move was ordered
 
 
 def step(settings: LoadSettings, state: LoadState, seen: Seen) -> tuple[LoadState, Order]:

@@ -97,7 +97,7 @@ Resource = Annotated[str, AfterValidator(_known_form)]
 class Vouched(Section):
     """A section whose figures somebody has to sign as measured, or the rig does not come on."""
 
-    measured_by: str = Field(default="", description="who vouches for this section")
+    measured_by: str = Field(default="", description="who has measured this section's figures")
     measured_at: datetime.date | None = Field(
         default=None, description="since when, a date without quotes"
     )

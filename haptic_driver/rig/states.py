@@ -100,7 +100,7 @@ class RigEvent(NamedTuple):
 
 
 class OutputStates:
-    """Where the output is. Whatever happens that the table does not know of there changes nothing.
+    """Where the output is. A (state, event) pair outside the table leaves the state unchanged.
 
     Every change that `RigState` shows is logged, kept in `events` (the last 1000), and passed to
     `on_event`. Starting is reported when it is over. `now_s` is the time of the caller's newest
@@ -140,7 +140,7 @@ class OutputStates:
             try:
                 self._on_event(event)
             except Exception:  # who listens keeps nobody from switching off
-                _log.exception("an event of the rig could not be told")
+                _log.exception("an event of the rig could not be reported")
 
 
 class Withdrawn(Exception):  # noqa: N818 - an event: somebody switched off while this thread was switching on

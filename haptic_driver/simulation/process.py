@@ -214,7 +214,7 @@ class _TouchServer:
         with suppress(BlockingIOError):
             self._client, _ = self._listener.accept()
             self._client.setblocking(False)
-            self._screen.repeat()  # it missed where the finger is, and only changes are told
+            self._screen.repeat()  # it missed where the finger is, and only changes are reported
         try:
             events = os.read(self._screen.descriptor, 1 << 16)
             if self._client is not None:

@@ -1,1 +1,11 @@
-"""Texture files -> textures that the render stage can evaluate."""
+"""A texture is friction over position; this room reads texture files and prepares them for render.
+
+In go files of many kinds: the library's TOML, pictures, sounds, measured strokes, HJIF and the Penn
+toolkit's models. Out come tables and waves that the render stage evaluates at any position, as
+coefficients of friction. A scene is a list of objects, each with a texture (`scene.py`).
+
+The room also says what of a texture arrives: the share within reach of a surface (`reach.py`), and
+the friction in nine bands of frequency (`bands.py`).
+
+One rule holds: files are read here, never in a tick.
+"""

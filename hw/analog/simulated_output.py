@@ -54,7 +54,7 @@ class CardMemory:
         self._header = whole[8 : 8 + self._HEADER.size]
         self._samples = np.frombuffer(whole[64:], _SAMPLE, BUFFER_SAMPLES)
         self._told = _Told(*self._HEADER.unpack(self._header))
-        self._mine: _Told | None = None  # what this end told it last
+        self._mine: _Told | None = None  # this end's last order
 
     @classmethod
     def create(cls) -> tuple[CardMemory, int]:

@@ -91,7 +91,7 @@ class StageFinger(Running):
         status = self._newest
         if status is None or self._clock() - status.time_s > STALE_AFTER_S:
             raise DeviceTimeout(
-                f"the stage has told no position for {STALE_AFTER_S:g} s",
+                f"the stage has reported no position for {STALE_AFTER_S:g} s",
                 "start it; try again",
             )
         if not status.homed:

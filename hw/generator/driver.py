@@ -312,7 +312,7 @@ class GeneratorDriver(ABC):
     def _check_output(self, shown: bool, *, on: bool) -> None:
         if shown is not on:
             raise self._dialogue.bad_reply(
-                f"has its output {'off' if on else 'on'} after being told otherwise",
+                f"has its output {'off' if on else 'on'} after the opposite order",
                 "look at the instrument: an overload switches its output off",
             )
 

@@ -125,7 +125,7 @@ class HeartbeatInterlock:
             raise BadReply(
                 f"{self._transport.resource} has its contact"
                 f" {'closed' if status.closed else 'open'} ({status.reason.lower()}) after being"
-                " told otherwise",
+                " ordered otherwise",
                 "beat it every 50 ms; look at the box",
             )
         self._closed = value

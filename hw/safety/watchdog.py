@@ -130,7 +130,7 @@ class Watchdog(Running):
     def __init__(self, settings: WatchdogSettings) -> None:
         self.settings = settings
         self._process: subprocess.Popen[bytes] | None = None
-        self._unanswered: list[float] = []  # when it was told something since it was last heard
+        self._unanswered: list[float] = []  # when lines were sent to it since its last answer
         self._switching = False  # off, and not done with it
 
     @property

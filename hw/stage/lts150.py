@@ -282,7 +282,7 @@ class Lts150:
             status = self._stop(apt.StopMode.IMMEDIATE)
         if status.moving:
             raise DeviceTimeout(
-                f"{self._transport.resource} still moves after it was told to stop",
+                f"{self._transport.resource} still moves after the order to stop",
                 "switch the stage off by hand",
             )
         return status

@@ -1,3 +1,10 @@
-"""What is contact: rough skin on a flat screen, the distribution of its gaps, and the integrals
-over them.
+"""Contact mechanics gives the gaps between rough skin and a flat screen under pressure.
+
+In go a pressure and a roughness: Hurst exponent, cut-offs, height and elastic modulus. Out come the
+real contact area and the distribution of gaps, by Persson's theory (`gap_distribution.py`). The
+electrical side needs two integrals over that distribution. `gap_table.py` tabulates them once per
+roughness shape, in dimensionless units, so one table serves all fingers of that shape.
+
+Outside the table its limits hold, and `theory_error.py` states how far the theory is from a
+boundary-element solution.
 """

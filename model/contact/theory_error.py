@@ -38,10 +38,10 @@ def theory_log_std(
     """One standard deviation of log(electrostatic pressure) that the contact theory leaves;
     everything broadcasts.
 
-    `pressure_pa` is the total pressure on the contact, `gap_length_m` the electrical length |z| (or
-    |h|) added to each gap. The scales are Y* q0 h_rms and h_rms of the finger in question: the
-    theory knows a contact by p/(Y* q0 h_rms) and z/h_rms alone. Linear in the logarithms; outside
-    the compared range the nearest compared value holds.
+    `pressure_pa` is the total pressure on the contact, `gap_length_m` the electrical length added
+    to each gap (the modulus of z, or of h). The scales are Y* q0 h_rms and h_rms of the finger in
+    question: the theory knows a contact by p/(Y* q0 h_rms) and z/h_rms alone. Linear in the
+    logarithms; outside the compared range the nearest compared value holds.
     """
     p = np.asarray(pressure_pa, dtype=np.float64) * PRESSURE_SCALE_PA / pressure_scale_pa
     length = np.asarray(gap_length_m, dtype=np.float64) * LENGTH_SCALE_M / length_scale_m

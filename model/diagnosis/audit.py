@@ -47,9 +47,7 @@ def audited(description: ModelDescription, data: Measurements) -> Audit:
 
 def _blocked(data: Measurements, noise: Noise | None, kinds: list[type[Effect]]) -> str:
     if noise is None:
-        return (
-            "no cof_std and no replicates: without a noise, no discrepancy can be told from chance"
-        )
+        return "no cof_std and no replicates: without a noise, a discrepancy may be chance"
     driven = int(data.driven.sum())
     if data.count < FEWEST_ROWS or driven < FEWEST_DRIVEN:
         needed = f"{FEWEST_ROWS} and {FEWEST_DRIVEN} are needed"

@@ -1,6 +1,11 @@
-"""Every effect the model may be missing: the list that diagnosis tries, in the order of the chain.
+"""The catalogue lists the effects that the model may lack, in the order of the chain.
 
-A new effect is a file of its own and an entry in this list.
+An effect is a small frozen record of a few parameters. It enters the chain at one place, and
+changes what one stage passes to the next (`base.py`). A model file switches effects on; the
+diagnosis tries those that are off.
+
+Two rules hold. An effect at its off values gives the base model. A new effect is a file of its own
+and an entry in this list.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from model.support.errors import ModelError
 
 FAR = (
     10.0 * APART
-)  # a rival that a single step of its fit would leave farther than this does not come near
+)  # an alternative that one step of its fit leaves farther than this does not come near
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _seen(
 
 
 def _left(problem: Problem, base: Fit, rival: type[Effect]) -> float:
-    """What `rival` leaves of the true effect, in chi^2."""
+    """What is left of the true effect beside the alternative, in chi^2."""
     starts = np.zeros((len(STARTS), problem.predictor.size((rival,))))
     starts[:, : base.vector.size], starts[:, base.vector.size] = base.vector, STARTS
     near = base.chi2

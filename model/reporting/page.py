@@ -229,7 +229,7 @@ def _which(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
         ]
         for c in content["candidates"]
     ]
-    head = ["model", "probability", "evidence gained, nats", "squared error per point", "fitted"]
+    head = ["model", "probability", "log evidence gained", "squared error per point", "fitted"]
     reasons = "; ".join(content["reasons"])
     return f"<p>{escape(_upper(reasons))}.</p>{bars}{prints}{_rows(head, rows)}" if rows else ""
 
@@ -316,7 +316,9 @@ def _proof(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
         text += f"; the same choice in {_share(held['chosen_again'])} of the {held['by']}s. "
     rival = held["best_rival"]
     if rival is not None and content["effects"] and rival.get("gap_closed") is not None:
-        text += f"The best rival, {words(rival['name'])}, closes {_share(rival['gap_closed'])}."
+        text += (
+            f"The best alternative, {words(rival['name'])}, closes {_share(rival['gap_closed'])}."
+        )
     return f"<p>{escape(text)}</p>" + _image(drawn, "held_out", "Held-out error before and after")
 
 

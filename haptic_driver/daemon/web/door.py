@@ -156,7 +156,7 @@ class Door:
             elif (caller := self._callers.get(descriptor)) is not None:
                 try:
                     self._hear(caller)
-                except Exception:  # without memory; what it has said is told once more
+                except Exception:  # without memory; its last answer is sent once more
                     if descriptor in self._callers:
                         self._poll.modify(descriptor, select.EPOLLIN | select.EPOLLET)
         while self._answered:

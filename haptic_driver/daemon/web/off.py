@@ -57,7 +57,7 @@ class OffThreads:
     def _work(self) -> None:
         while (asked := self._asked.get()) is not None:
             verb, response = asked
-            with suppress(MemoryError):  # the output is off by then; nobody is told
+            with suppress(MemoryError):  # the output is off by then; no answer goes out
                 response.set_result(self._response(verb))
 
     def _response(self, verb: Verb[..., Any, Any]) -> bytes:

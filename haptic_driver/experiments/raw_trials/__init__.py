@@ -1,5 +1,9 @@
-"""A lab's raw trial files -> rows of measured data, as a map says.
+"""A lab's raw trial files become rows of measured data, by the rules of a map.
 
-Read `trial_map` (what the map may say), `columns` (a file's columns as arrays), `cut` (windows of a
-trial as rows) and `propose` (a map from the look of a file), in this order.
+Read the modules in this order:
+
+- `trial_map`: what the map may say;
+- `columns`: a file's columns as arrays;
+- `cut`: windows of a trial as rows;
+- `propose`: a map from the look of a file.
 """

@@ -1,3 +1,6 @@
-"""The kinds of amplifiers, sensors, outputs and trackers that come with the driver: section and
-device side by side.
+"""Each module has the parts of one type that come with the driver, such as generators or force
+sensors.
+
+A part is a section of the rig's file and the device made from it, side by side. A package adds a
+kind by an entry point, see `haptic_driver.rig.part`.
 """

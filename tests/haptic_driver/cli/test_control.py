@@ -309,7 +309,7 @@ def test_agreement_is_a_line_per_condition_with_a_sign_per_cell(haptic, socket, 
 
 
 def test_adapting_is_switched_on_and_off(haptic, socket, control):
-    assert "adapting: nothing is mended yet" in haptic("adapt", "on").out
+    assert "adapting: no refit yet" in haptic("adapt", "on").out
     assert done_json(haptic("adapt", "off", "--json"))["adaptation"] is None
     assert [call for call in control.calls if call[0] == "adapt"] == [
         ("adapt", True),

@@ -250,7 +250,7 @@ class BenchControl:
 
     def adapt(self, on):
         self._change("adapt", on)
-        self.adaptation = "nothing is mended yet" if on else None
+        self.adaptation = "no refit yet" if on else None
         return self.status()
 
     def ask_why(self, minutes):

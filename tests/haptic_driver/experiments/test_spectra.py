@@ -133,7 +133,7 @@ def test_an_open_circuit_that_is_no_capacitance_gives_no_number(tmp_path: Path) 
     _, stray = mark_spectra(written(tmp_path / "data.csv", {"none": z}), TODAY)
     assert stray is not None
     assert stray.capacitance_f is None
-    assert "not told from zero" in stray.why_none
+    assert "not distinguishable from zero" in stray.why_none
     assert stray.as_parameter().startswith("# ")
     huge = 1.0 / (2j * np.pi * F * 2e-6)
     _, stray = mark_spectra(written(tmp_path / "data.csv", {"none": huge}), TODAY)

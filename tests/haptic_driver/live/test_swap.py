@@ -50,8 +50,8 @@ def test_render_goes_by_what_is_mended_and_back(installed, small_file, surface_f
     assert installed.surfaces == [surface_file, small_file]
     assert installed.words == [Word.ADAPT, Word.TAKEN, Word.REST, Word.BASE, Word.REST]
     assert installed.told() == [
-        ("mended: 1 % off now", [[200.0, 60.0]]),
-        ("not mended: not better", None),
+        ("refitted: 1 % off now", [[200.0, 60.0]]),
+        ("no refit: not better", None),
         ("back to the model as it was", None),
     ]
 

@@ -482,7 +482,7 @@ def test_it_shows_agreement_mends_at_a_click_and_says_why(page, control):
     text(page, "#disagreement", control.disagreement)
     expect(page.locator("#agreement i")).to_have_attribute("title", "-8.0 % at 75 to 100 V")
     page.click("#adapt")
-    text(page, "#adaptation", "nothing is mended yet")
+    text(page, "#adaptation", "no refit yet")
     page.click("#adapt")
     expect(page.locator("#adaptation")).to_be_hidden()
     page.click("#why")
