@@ -78,7 +78,7 @@ def curves_of(means: StrokeMeans, model: str, diagnosis: Path | None) -> list[Mo
 
     asked = [(f"model {load_model(model).name}", model)]
     if diagnosis is not None:
-        asked.append((_mended_label(diagnosis), str(diagnosis / "model.toml")))
+        asked.append((_corrected_label(diagnosis), str(diagnosis / "model.toml")))
     frequencies = means.steady.frequency_hz
     f = np.geomspace(frequencies.min(), frequencies.max(), POINTS)
     v, n, s = (np.full(f.size, value) for value in means.condition)
@@ -89,7 +89,7 @@ def curves_of(means: StrokeMeans, model: str, diagnosis: Path | None) -> list[Mo
     return curves
 
 
-def _mended_label(diagnosis: Path) -> str:
+def _corrected_label(diagnosis: Path) -> str:
     path = diagnosis / "report.json"
     if not (diagnosis / "model.toml").is_file() or not path.is_file():
         said = f"{diagnosis}: is no folder of haptic diagnose"

@@ -37,7 +37,7 @@ from model.touch_model import TouchModel
 MOST_BLOCKS = 10  # of a later one
 ENOUGH = (
     4.0 * APART
-)  # chi^2 of a round, which ends as soon as a name is earned: rivals bend further than is expected
+)  # chi^2 of a round, which ends once an effect is named: alternatives deviate more than expected
 AT_ONCE = 2  # of these; then it is looked whether the rest is needed
 ALIKE_HERE, SPENT = "cannot_be_told_apart", "budget_spent"
 NAMED, NOTHING_SEEN, NOTHING_MISSING = "effect_found", "no_discrepancy", "nothing_missing"
@@ -274,7 +274,7 @@ def _parts(
     ]
 
 
-def _can_be_told(diagnosis: Diagnosis, rival: str, reach: float) -> bool:
+def _can_be_told(diagnosis: Diagnosis, alternative: str, reach: float) -> bool:
     """Whether an alternative may be separated from the leading effect: the remaining measurements
     separate it, or its evidence is far behind.
 
@@ -282,7 +282,7 @@ def _can_be_told(diagnosis: Diagnosis, rival: str, reach: float) -> bool:
     """
     assert diagnosis.findings is not None
     leader, found = diagnosis.findings.verdict.chosen, diagnosis.findings.hypotheses
-    behind = leader.alone.log_evidence - found.of((rival,)).alone.log_evidence
+    behind = leader.alone.log_evidence - found.of((alternative,)).alone.log_evidence
     return (behind if len(leader.kinds) == 1 else 0.0) + 0.5 * reach >= LOG_ODDS
 
 

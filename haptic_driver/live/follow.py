@@ -92,7 +92,7 @@ class Following:
             residuals = np.transpose(compared(new, by_surface(self._law, new))).tolist()
             for window, residual in zip(new, residuals, strict=True):
                 found += self._agreement.add(window, *residual)
-        proposal = self._mended(new) if new and self._adapts else None
+        proposal = self._proposal(new) if new and self._adapts else None
         return Observed(new, found, self._agreement.map(), proposal)
 
     def _go_by_own(self) -> None:
@@ -105,7 +105,7 @@ class Following:
         self._law = surface_friction(version.surface, self._settings.limits)
         self.begin()
 
-    def _mended(self, new: Sequence[Window]) -> Proposal | None:
+    def _proposal(self, new: Sequence[Window]) -> Proposal | None:
         """What more windows lead to; None where there is nothing to try yet."""
         self._newest.extend(new)
         every, now_s = list(self._newest), new[-1].time_s

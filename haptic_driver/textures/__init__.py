@@ -4,8 +4,8 @@ In go files of many kinds: the library's TOML, pictures, sounds, measured stroke
 toolkit's models. Out come tables and waves that the render stage evaluates at any position, as
 coefficients of friction. A scene is a list of objects, each with a texture (`scene.py`).
 
-The room also says what of a texture arrives: the share within reach of a surface (`reach.py`), and
-the friction in nine bands of frequency (`bands.py`).
+Two modules say what of a texture arrives. `reach.py` gives the share within reach of a surface,
+`bands.py` the friction in nine bands of frequency.
 
 One rule holds: files are read here, never in a tick.
 """

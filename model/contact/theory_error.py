@@ -39,8 +39,8 @@ def theory_log_std(
     everything broadcasts.
 
     `pressure_pa` is the total pressure on the contact, `gap_length_m` the electrical length added
-    to each gap (the modulus of z, or of h). The scales are Y* q0 h_rms and h_rms of the finger in
-    question: the theory knows a contact by p/(Y* q0 h_rms) and z/h_rms alone. Linear in the
+    to each gap (the modulus of z, or of h). The scales are Y* q0 h_rms and h_rms of the finger
+    in question. The theory depends on p/(Y* q0 h_rms) and z/h_rms alone. Linear in the
     logarithms; outside the compared range the nearest compared value holds.
     """
     p = np.asarray(pressure_pa, dtype=np.float64) * PRESSURE_SCALE_PA / pressure_scale_pa

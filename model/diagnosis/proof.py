@@ -65,7 +65,7 @@ def prove(
     data: Measurements,
     noise: Noise,
     chosen: Candidate,
-    rivals: list[Candidate],
+    alternatives: list[Candidate],
     scale: float,
     seed: int,
     progress: Callable[[str], None],
@@ -73,10 +73,10 @@ def prove(
     """Leave out sessions where there are three or more, else blocks of settings; errors in units of
     `scale` x noise.
 
-    The chosen model and `rivals` are chosen among anew in each fold. A fold that leaves no noise to
+    Each fold chooses anew among the chosen model and `alternatives`. A fold that leaves no noise to
     fit by, or hardly a row to judge, is left out.
     """
-    contenders = [chosen, *[r for r in rivals if r.kinds != chosen.kinds]]
+    contenders = [chosen, *[r for r in alternatives if r.kinds != chosen.kinds]]
     fewer = [_without(chosen.kinds, kind) for kind in chosen.kinds] if len(chosen.kinds) > 1 else []
 
     def select(problem: Problem, base: Fit) -> list[Selected]:

@@ -31,7 +31,7 @@ from model.diagnosis.proof import Proof, prove
 from model.diagnosis.setting import Setting, fitted, nuisance_warnings
 from model.diagnosis.where import Disagreement, disagreement
 
-LEADERS = 4  # rivals that take part in the held-out proof
+LEADERS = 4  # alternatives that take part in the held-out proof
 Progress = Callable[[str], None]
 
 

@@ -84,9 +84,9 @@ def resolution(
         problem = _seen(description, data.subset(usable), prediction[usable], noise)
         base = problem.fit((), np.zeros(len(predictor.free)))
         found[i, -1] = base.chi2
-        for j, rival in enumerate(kinds):
-            if rival is not kind and base.chi2 >= APART:
-                found[i, j] = _left(problem, base, rival)
+        for j, alternative in enumerate(kinds):
+            if alternative is not kind and base.chi2 >= APART:
+                found[i, j] = _left(problem, base, alternative)
     return Resolution(tuple(kind.name for kind in kinds), found)
 
 
@@ -111,14 +111,14 @@ def _seen(
     return Problem(Predictor(description, data), prediction, noise)
 
 
-def _left(problem: Problem, base: Fit, rival: type[Effect]) -> float:
+def _left(problem: Problem, base: Fit, alternative: type[Effect]) -> float:
     """What is left of the true effect beside the alternative, in chi^2."""
-    starts = np.zeros((len(STARTS), problem.predictor.size((rival,))))
+    starts = np.zeros((len(STARTS), problem.predictor.size((alternative,))))
     starts[:, : base.vector.size], starts[:, base.vector.size] = base.vector, STARTS
     near = base.chi2
-    for residual, jacobian in zip(*problem.linearised((rival,), starts), strict=True):
+    for residual, jacobian in zip(*problem.linearised((alternative,), starts), strict=True):
         within, _ = np.linalg.qr(jacobian)
         near = min(near, float(residual @ residual - np.sum((within.T @ residual) ** 2)))
     if near > FAR:
         return near
-    return min(base.chi2, problem.best_fit((rival,), base.vector, STARTS).chi2)
+    return min(base.chi2, problem.best_fit((alternative,), base.vector, STARTS).chi2)

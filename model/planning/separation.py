@@ -20,15 +20,15 @@ APART = (2.0 + sqrt(4.0 + 2.0 * LOG_ODDS)) ** 2
 ALIKE = 2.0 * LOG_ODDS
 
 
-def imitate(problem: Problem, true: Fit, rival: Candidate) -> Fit:
-    """`rival` fitted to what `true` predicts, without noise; its chi^2 is lambda_ij."""
+def imitate(problem: Problem, true: Fit, alternative: Candidate) -> Fit:
+    """`alternative` fitted to what `true` predicts, without noise; its chi^2 is lambda_ij."""
     prediction = problem.predictor.predicted(true.kinds, true.vector[None])[0]
     noiseless = Problem(problem.predictor, prediction, problem.noise)
-    fits = [noiseless.fit(rival.kinds, rival.fit.vector)]
-    start = np.zeros(rival.fit.vector.size)
+    fits = [noiseless.fit(alternative.kinds, alternative.fit.vector)]
+    start = np.zeros(alternative.fit.vector.size)
     shared = len(problem.predictor.free)
     start[:shared] = true.vector[:shared]
-    fits.append(noiseless.fit(rival.kinds, start))
+    fits.append(noiseless.fit(alternative.kinds, start))
     return min(fits, key=lambda fit: fit.chi2)
 
 

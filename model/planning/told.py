@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from model.support.arrays import Array
 
-LEAST_WEIGHT = 1e-3  # of the first model and any other, beside the weightiest pair: each alternative deserves a test
+LEAST_WEIGHT = 1e-3  # of the first model and any other, beside the weightiest pair: each is tested
 # chi^2, of the mean of all pairs: a block that adds less is not worth its cost; 16 shows an effect
 LEAST_GAIN = 0.16
 

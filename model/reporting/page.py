@@ -314,11 +314,9 @@ def _proof(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
             else ""
         )
         text += f"; the same choice in {_share(held['chosen_again'])} of the {held['by']}s. "
-    rival = held["best_rival"]
-    if rival is not None and content["effects"] and rival.get("gap_closed") is not None:
-        text += (
-            f"The best alternative, {words(rival['name'])}, closes {_share(rival['gap_closed'])}."
-        )
+    alternative = held["best_rival"]
+    if alternative is not None and content["effects"] and alternative.get("gap_closed") is not None:
+        text += f"The best alternative, {words(alternative['name'])}, closes {_share(alternative['gap_closed'])}."
     return f"<p>{escape(text)}</p>" + _image(drawn, "held_out", "Held-out error before and after")
 
 

@@ -279,13 +279,13 @@ def _best_rival(
     others = [c for c in found.hypotheses.singles if c.name not in found.verdict.suspects]
     if not found.chosen.kinds or not others:
         return None
-    rival = max(others, key=lambda c: c.alone.log_evidence)
+    alternative = max(others, key=lambda c: c.alone.log_evidence)
     noise, scale = found.problem.noise, found.chosen.beside_discrepancy.scale
     tried = prove(
-        description, diagnosis.data, noise, rival, [], scale, diagnosis.seed, lambda _: None
+        description, diagnosis.data, noise, alternative, [], scale, diagnosis.seed, lambda _: None
     )
     return {
-        "name": rival.name,
+        "name": alternative.name,
         "after": tried.after,
         "gap_closed": tried.gap_closed,
         "gap_closed_interval": tried.interval,
