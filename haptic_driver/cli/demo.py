@@ -66,10 +66,10 @@ def demo(
     """Slide a finger over a texture on a simulated rig and compare friction with its target.
 
     It renders as the daemon does, by the same parts, in simulated time. Commands go as bytes over
-    TCP to a simulated generator; friction is read back through a simulated force sensor, or
-    estimated where the rig's file says that there is none. Without `--trace` the finger makes two
-    strokes of its own. The finger follows `--model`, from which the surface is built, unless the
-    rig's file names another.
+    TCP to a simulated generator. Friction is read back through a simulated force sensor, or
+    estimated where the rig's file has none. Without `--trace` the finger makes two strokes of its
+    own. The finger follows `--model`, from which the surface is built, unless the rig's file names
+    another.
 
     Example: `haptic demo --texture grating --out out/demo`
     """

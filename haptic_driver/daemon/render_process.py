@@ -63,9 +63,9 @@ class RenderSettings:
 
     `stale_s`: sensors, `silence_s`: control, not heard for so long. `usual_s`: so old a position
     may be, and further by the texture's finest detail at the finger's speed. `ramp_s`: how long a
-    ramp to zero takes. `envelope`: an analog output makes the amplitude, and is told its course
-    from tick to tick; the latencies of `tick` reckon with a lead of `lead_s`. `surface`: the number
-    that the controller's has among orders. `standing_flags` are up whenever something is rendered.
+    ramp to zero takes. `envelope`: an analog output makes the amplitude, and gets its course from
+    tick to tick. The latencies of `tick` reckon with a lead of `lead_s`. `surface`: the number that
+    the controller's has among orders. `standing_flags` are up whenever something is rendered.
     `model_std`: of friction by the model alone, relative, where no force sensor measures it; 0
     where one does.
     """

@@ -1,6 +1,11 @@
-"""What `import haptic_driver as hd` offers: one file for each of the things that people do.
+"""The public interface offers what `import haptic_driver as hd` names, one file per task.
 
-`predictions` ask the model, `surfaces` look up operating points, `rigs` slide a simulated finger,
-`connection` talks to a running daemon, `findings` read data and find what is missing. They are a
-thin face: each calls what the commands call. Nothing else in the project imports them.
+- `predictions` ask the model;
+- `surfaces` look up operating points;
+- `rigs` slide a simulated finger;
+- `connection` talks to a running daemon;
+- `findings` read data and find what is missing.
+
+Each function calls what the commands call, with plain arguments and results. One rule holds:
+nothing else in the project imports this room.
 """

@@ -75,7 +75,7 @@ class Rig:
         return float(np.sum(np.abs(slides["lateral_force_n"]))) / normal_n if normal_n else math.nan
 
     def mark(self, label: str, **data: JsonValue) -> None:
-        """Put a word into the recording, at its time."""
+        """Put a text into the recording, at its time."""
         self.client.mark(label, data)
 
     def plot(self, most: int = 2000) -> Picture:

@@ -106,10 +106,10 @@ def export(
     force: bool = False,
     progress: Callable[[int], None] = lambda rows: None,
 ) -> int:
-    """Write the samples of a run, or of `every` run (or their events), as a table, .csv, .parquet
-    or .mat by the ending of `out`; returns its rows.
+    """Write the samples of a run, or of `every` run (or their events), as a table; returns its
+    rows. The ending of `out` chooses .csv, .parquet or .mat.
 
-    `TOLD_FIELDS` stand behind the others. NaN is an empty cell in CSV. `progress` is told the rows
+    `TOLD_FIELDS` stand behind the others. NaN is an empty cell in CSV. `progress` gets the rows
     done. BadInputError for an unknown ending, a file that exists (unless `force`) and an unreadable
     recording; HapticError when it cannot be written. All or nothing.
     """

@@ -28,12 +28,11 @@ voltage: of that nothing is learnt, and nothing is held unknown (`off_share` 0).
 The electrode's current shows the rise alone: where that stands in for a force sensor, `off_share`
 is 0, and without voltage nothing is learnt.
 
-Nothing is learnt while the finger is off, rests or has just set out, while force is unknown (NaN:
-stale, saturated) or the same as before, until a change of the carrier is felt, or while the output
-comes on and nobody knows what of a command is out (its voltage is NaN). A target out of reach
-cannot wind anything up, since friction is compared with what the voltage really commanded should
-give, not with the target; learning goes on there, or a gain believed too small would never be found
-out.
+Nothing is learnt while the finger is off, rests or has just set out. Nothing is learnt while force
+is unknown (NaN: stale, saturated) or unchanged, or until a change of the carrier shows in friction.
+The same holds while the output comes on and its voltage is unknown (NaN). A target out of reach
+cannot wind anything up. Friction is compared with what the commanded voltage should give, not with
+the target. Learning goes on there, or a gain believed too small would never be found out.
 
 On another carrier attraction is another. There the rise is assumed to differ from the usual by the
 same factor as friction without voltage. Its uncertainty is that of an unknown finger; both the more
@@ -82,8 +81,8 @@ class FeedbackSettings(NamedTuple):
     finger, before anything was measured. `lowest_gain`, `highest_gain`: bounds. `slowest_m_s`,
     `settled_m`: slower, and before that way in one stroke, nothing is learnt. `cutoff_hz_per_m_s`:
     friction follows voltage with a first-order lag of that cut-off per speed (13.8 Hz per mm/s,
-    arXiv 2505.11162). `caution`: what variance of the friction counts for, against the squared
-    error expected; above 1, since rising friction is felt more strongly than falling
+    arXiv 2505.11162). `caution` weighs the variance of the friction against the squared error
+    expected. It is above 1, since rising friction is felt more strongly than falling
     (10.1109/TOH.2018.2830790, abstract). `off_share`: of `deviation`, for friction without voltage;
     0 where nothing shows that, which leaves its gain at 1.
     """

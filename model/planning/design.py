@@ -84,8 +84,8 @@ def design(
     Each pair's separation counts up to `enough`, in chi^2.
 
     `stubborn` are pairs that earlier settings failed to separate: an alternative deviates further
-    than its linear neighbourhood says. Of these an intervention is expected to tell, where the pool has
-    one, and nothing else.
+    than its linear neighbourhood says. Only an intervention, where the pool has one, is expected to
+    separate these.
     """
     findings = diagnosis.findings
     if findings is None:

@@ -316,7 +316,8 @@ def _proof(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
         text += f"; the same choice in {_share(held['chosen_again'])} of the {held['by']}s. "
     alternative = held["best_rival"]
     if alternative is not None and content["effects"] and alternative.get("gap_closed") is not None:
-        text += f"The best alternative, {words(alternative['name'])}, closes {_share(alternative['gap_closed'])}."
+        name, closes = words(alternative["name"]), _share(alternative["gap_closed"])
+        text += f"The best alternative, {name}, closes {closes}."
     return f"<p>{escape(text)}</p>" + _image(drawn, "held_out", "Held-out error before and after")
 
 
