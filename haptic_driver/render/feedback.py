@@ -22,11 +22,8 @@ command takes part with its delay, so delay does not destabilise. With a latency
 loop's gain is at most e/T, and it is stable below 1 (small gain). `timing_s` within which commands
 differ slows learning down, to a stop where the output ramps.
 
-Where no force sensor is, the electrode's current may tell the rise and never friction without
-voltage: of that nothing is learnt, and nothing is held unknown (`off_share` 0).
-
-The electrode's current shows the rise alone: where that stands in for a force sensor, `off_share`
-is 0, and without voltage nothing is learnt.
+The electrode's current shows the rise alone, never friction without voltage. Where it stands in
+for a force sensor, `off_share` is 0, and without voltage nothing is learnt.
 
 Nothing is learnt while the finger is off, rests or has just set out. Nothing is learnt while force
 is unknown (NaN: stale, saturated) or unchanged, or until a change of the carrier shows in friction.
