@@ -1,6 +1,6 @@
 """Build a lookup surface and find the operating point for a friction.
 
-The surface holds the model on a grid of frequency, voltage and normal force; the controller looks
+The surface holds the model on a grid of frequency, voltage and normal force. The controller looks
 up in it what the real-time loop looks up, within the rig's limits.
 """
 

@@ -1,8 +1,8 @@
 """Measure a finger and fit its own numbers.
 
-The finger is simulated, so that it can be compared with what it really is: its skin is a fifth
-thinner than the model's and its friction without voltage higher. With a finger of your own, begin
-at `hd.calibrate`.
+The finger is simulated, so that the fit can be compared with what it really is. Its skin is a fifth
+thinner than the model's, and its friction without voltage is higher. With a finger of your own,
+begin at `hd.calibrate`.
 """
 
 import csv
