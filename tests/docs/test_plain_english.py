@@ -1,4 +1,4 @@
-"""Pages and docstrings keep to short sentences and to the words of the field; no place is exempt."""
+"""Pages and docstrings keep to short sentences and to the words of the field, without exception."""
 
 from __future__ import annotations
 
