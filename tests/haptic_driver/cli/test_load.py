@@ -59,6 +59,7 @@ def test_a_load_is_held_and_the_finger_lifted(haptic: Any, rig: str, served: Any
     assert not served.generator.output().on
 
 
+@pytest.mark.soak  # a minute on a busy machine
 def test_tuning_writes_down_what_the_next_loop_takes(haptic: Any, rig: str, tmp_path: Path) -> None:
     """The body's tissue has 630 to 740 N/m at 0.5 N, relaxed and at once."""
     path = Path(rig)

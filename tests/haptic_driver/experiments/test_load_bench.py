@@ -45,6 +45,7 @@ def lifted(served: ServedRig) -> bool:
     return served.load_stage.position_mm < 1e3 * FACE_M and not served.load_stage.moving
 
 
+@pytest.mark.soak  # three quarters of a minute; single rows are tried below
 def test_each_rows_load_is_held_and_nobody_is_asked(
     served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:

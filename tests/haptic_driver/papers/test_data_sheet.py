@@ -41,7 +41,7 @@ from model.touch_model import TouchModel
 RIGS = "simulated", "simulated-envelope"
 TODAY = datetime.date(2026, 3, 1)
 TOUCH = TouchModel(load_model("reference"))
-pytestmark = pytest.mark.timeout(1500)  # half a minute each; minutes on a busy machine
+pytestmark = [pytest.mark.soak, pytest.mark.timeout(1500)]  # half a minute each, idle
 
 
 def predicted(frequency_hz, voltage_v, load_n=0.5):
