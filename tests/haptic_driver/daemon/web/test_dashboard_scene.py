@@ -86,7 +86,7 @@ def dragged(page, start, end, steps=20):
 
 def test_objects_lie_where_they_are_felt(held):
     for name, x_mm, y_mm in (("key", 30.0, 20.0), ("bar", 70.0, 40.0)):
-        box = held.locator(f"#objects g[data-id={name}] > :first-child").bounding_box()
+        box = until(held.locator(f"#objects g[data-id={name}] > :first-child").bounding_box)
         middle = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
         assert middle == pytest.approx(place_of(held, x_mm, y_mm), abs=3.0)  # lines and shadow
     assert box["height"] > 2.0 * box["width"]  # turned by 90 degrees
