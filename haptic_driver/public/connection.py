@@ -65,7 +65,7 @@ class Rig:
         """The objects on the screen, which may be added, moved, turned, changed and removed."""
         return self._asked().scene
 
-    def measured_friction(self, average_s: float = 1.0) -> float:
+    def measured_friction(self, average_s: float = 2.0) -> float:
         """Mean lateral over mean normal force of the last ticks; NaN where no finger slides."""
         require_range("average", average_s, 0.01, 2.0, unit=" s")
         ticks = self.client.samples(most=2000)
