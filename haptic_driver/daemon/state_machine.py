@@ -10,6 +10,7 @@ from math import inf
 from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease, RefusedError
 
 DISCONNECTED, IDLE, ARMED, RENDERING, FAULT = DaemonState
+RESET_HINT = "remove the cause, then reset"
 
 
 class StateMachine:
@@ -46,11 +47,7 @@ class StateMachine:
                 "wait for it to end, or disarm first",
             )
         if self.state is FAULT:
-            raise RefusedError(
-                "fault",
-                f"the daemon is in fault: {self.fault_reason}",
-                "remove the cause, then reset",
-            )
+            raise RefusedError("fault", self._fault_said, RESET_HINT)
         if self.state is not IDLE:
             raise RefusedError(
                 "not_connected", "the rig is not connected yet", "wait until the state is idle"
@@ -100,7 +97,13 @@ class StateMachine:
         if self.state is FAULT:
             self.state, self.fault_reason = IDLE, None
 
+    @property
+    def _fault_said(self) -> str:
+        return f"the daemon is in fault: {self.fault_reason}"
+
     def _held(self, token: str, now_s: float) -> Lease:
+        if self.state is FAULT:
+            raise RefusedError("not_armed", f"nobody holds a lease; {self._fault_said}", RESET_HINT)
         if self._lease is None:
             raise RefusedError(
                 "not_armed", f"nobody holds a lease; the daemon is {self.state}", "arm first"

@@ -25,6 +25,7 @@ from hw.errors import DeviceError, LimitExceeded, SwitchedOff
 from hw.force.sensor import ForceReading, ForceSensor, KeepsReadings
 from hw.generator.contract import Generator
 from hw.generator.settings import Shape
+from hw.safety.watchdog import NOT_BEATEN
 
 ROUNDING = 1.0 + 1e-6
 LOOK_S = 1.0  # between looks at an output that is off
@@ -103,6 +104,7 @@ class Rig:
         self._interval_s = config.output.setpoint_interval_s
         self._step_v = config.output.voltage_rise_v_per_s * self._interval_s
         self._written: _SetPoint | None = None
+        self._times_off_at_last_write = 0
         self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = (
             self._look_at_s
         ) = -math.inf
@@ -308,6 +310,7 @@ class Rig:
         offset_v = voltage_offset_v * voltage_v / command.voltage_v
         self._switch.set_point(command.frequency_hz, voltage_v, offset_v, shape)
         self._written = _SetPoint(time_s, voltage_v, command.frequency_hz)
+        self._times_off_at_last_write = self._times_off()
 
     def _refresh(self, time_s: float) -> None:
         self._refreshed_s = time_s
@@ -372,6 +375,16 @@ class Rig:
                 "switch the amplifier off by hand",
             )
 
+    def _cause(self) -> str:
+        """Why a device may fail that works: one with a single owner is the watchdog's once that
+        has switched it off.
+        """
+        taken = self._times_off() > self._times_off_at_last_write
+        return f"; watchdog: {NOT_BEATEN}" if taken else ""
+
+    def _times_off(self) -> int:
+        return sum(heartbeat.times_off() for heartbeat in self._heartbeats)
+
     @contextmanager
     def _safe(self) -> Iterator[None]:
         """Whatever goes wrong inside, the output goes off first."""
@@ -383,9 +396,10 @@ class Rig:
             self._states.happens(Happening.LAPSED, error.message)
             self.off()
         except DeviceError as error:
+            cause = self._cause()
             evidence = self.off()
             raise HapticError(
-                error.code, f"{error.message} (output: {evidence})", error.hint
+                error.code, f"{error.message}{cause} (output: {evidence})", error.hint
             ) from error
         except HapticError:
             if self.state is not RigState.TRIPPED:  # a trip has switched off already

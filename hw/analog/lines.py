@@ -45,3 +45,6 @@ class Heartbeat(Protocol):
         """Say that the output is known to be off, so that beats may stop; may be said again and
         again. Never raises.
         """
+
+    def times_off(self) -> int:
+        """How often it has switched off by itself, if known. Never waits, never raises."""

@@ -115,6 +115,10 @@ class HeartbeatInterlock:
     def rest(self) -> None:
         """Nothing to do: a box whose contact is open needs no beats."""
 
+    def times_off(self) -> int:
+        """Not known without asking the box, which `beat` does."""
+        return 0
+
     def write(self, value: bool, /) -> None:
         """Close or open the contact."""
         self._closed = False

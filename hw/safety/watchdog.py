@@ -54,6 +54,7 @@ BEAT, REST = b"b", b"r"
 PRESSED, LIFTED = b"p", b"l"
 READY = "ready"
 HEARD, SWITCHING, DONE = b"h", b"s", b"d"
+NOT_BEATEN = "it switched off, since it was not beaten in time"
 CLOSED = "the pipe is closed"
 FEWEST_UNANSWERED = (
     3  # beats, before silence is its own and not that of a machine that let nobody run
@@ -132,6 +133,8 @@ class Watchdog(Running):
         self._process: subprocess.Popen[bytes] | None = None
         self._unanswered: list[float] = []  # when lines were sent to it since its last answer
         self._switching = False  # off, and not done with it
+        self._went_off = False  # and nobody has been told
+        self._times_off = 0
 
     @property
     def pid(self) -> int | None:
@@ -164,7 +167,8 @@ class Watchdog(Running):
         for pipe in (process.stdin, process.stdout):
             assert pipe is not None
             os.set_blocking(pipe.fileno(), False)
-        self._process, self._unanswered, self._switching = process, [], False
+        self._process, self._unanswered = process, []
+        self._switching = self._went_off = False
 
     def beat(self) -> None:
         """Say that the output is still wanted.
@@ -175,7 +179,9 @@ class Watchdog(Running):
         """
         if self._process is None:
             raise DeviceDisconnected("watchdog: it is not running", "start it before switching on")
-        went_off, now_s = self._hear(self._process), time.monotonic()
+        self._hear(self._process)
+        went_off, now_s = self._went_off, time.monotonic()
+        self._went_off = False
         status = self._process.poll()
         if status is not None:
             raise DeviceDisconnected(
@@ -183,10 +189,7 @@ class Watchdog(Running):
                 "find out why beats stopped; then start it again",
             )
         if went_off:
-            raise SwitchedOff(
-                "watchdog: it switched off, since it was not beaten in time",
-                "the machine is too busy",
-            )
+            raise SwitchedOff(f"watchdog: {NOT_BEATEN}", "the machine is too busy")
         if (
             len(self._unanswered) >= FEWEST_UNANSWERED
             and now_s - self._unanswered[0] > self.settings.period_s
@@ -205,27 +208,34 @@ class Watchdog(Running):
             ) from error
         self._unanswered.append(now_s)
 
-    def _hear(self, process: subprocess.Popen[bytes]) -> bool:
-        """Whether it has switched off since the last time, or is at it."""
+    def _hear(self, process: subprocess.Popen[bytes]) -> None:
+        """Learn whether it has switched off since the last time, or is at it."""
         assert process.stdout is not None
         said = process.stdout.read(1 << 16) or b""  # None when there is nothing
-        went_off = self._switching or SWITCHING in said
+        self._times_off += said.count(SWITCHING)
+        self._went_off = self._went_off or self._switching or SWITCHING in said
         if said:
             self._unanswered = []
             self._switching = said.rfind(SWITCHING) > said.rfind(DONE) or (
                 self._switching and DONE not in said
             )
-        return went_off
 
     def rest(self) -> None:
         """Say that the output is known to be off; no matter when the watchdog has ended."""
         if self._process is not None:
-            self._hear(self._process)  # that it has switched off is no news any more
+            self._hear(self._process)
+            self._went_off = False  # that it has switched off is no news any more
             with suppress(OSError):
                 os.write(_pipe(self._process), REST)
                 self._unanswered.append(
                     time.monotonic()
                 )  # stopped while it rests, the next beats tell
+
+    def times_off(self) -> int:
+        """How often it has switched off for want of beats."""
+        if self._process is not None:
+            self._hear(self._process)
+        return self._times_off
 
     def press(self) -> None:
         """Say that the load stage will press. Raises DeviceDisconnected where nobody listens."""

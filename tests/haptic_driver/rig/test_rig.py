@@ -69,6 +69,9 @@ class Heart:
     def rest(self):
         self.rests += 1
 
+    def times_off(self):
+        return int(self.switched_off)
+
 
 class Bench:
     """A rig on a generator in memory; settings reach the terminals at once."""
@@ -496,6 +499,21 @@ def test_a_heart_that_switched_off_for_want_of_beats_lets_the_output_come_back_f
     bench.rig.command(0.2, on(150.0))
     assert bench.rig.state is RigState.ON
     assert 0.0 < bench.voltage_v < 150.0
+
+
+def test_a_device_that_fails_since_the_watchdog_took_it_names_the_watchdog(rig_config):
+    """As a card does, which has one owner at a time: whoever reads the fault looks at the cause."""
+    heart = Heart()
+    bench = Bench(rig_config, heartbeats=[heart])
+    bench.rig.command(0.0, on(50.0))
+    heart.switched_off = True
+    bench.sensor.broken = True
+    with pytest.raises(HapticError, match="did not answer; watchdog: it switched off, since"):
+        bench.rig.read_force()
+    heart.switched_off = False
+    with pytest.raises(HapticError) as raised:
+        bench.rig.read_force()
+    assert "watchdog" not in raised.value.message
 
 
 def test_a_heart_does_not_rest_while_the_output_is_unknown(rig_config):

@@ -220,6 +220,7 @@ def test_a_driver_that_was_kept_waiting_is_told_and_may_go_on(bench: Bench) -> N
     with Watchdog(bench.settings(period_s=0.5)) as watchdog:
         watchdog.beat()
         until(lambda: not bench.on)  # nobody has beaten
+        until(lambda: watchdog.times_off() == 1)
         with pytest.raises(SwitchedOff, match="it switched off"):
             beat_until_hang(watchdog)
         watchdog.rest()  # as the rig does once it is off
