@@ -315,7 +315,7 @@ class Daemon:
         return self.status()
 
     def adapt(self, on: bool) -> Status:
-        """Mend the model while rendering, or go back to it as it was."""
+        """Refit the model while rendering, or restore it."""
         if on and self.basis.settings.config.friction_from_current:
             said = "friction is estimated from the current by the model, and cannot refit it"
             raise RefusedError("no_force_sensor", said, "refit it on a rig with a force sensor")

@@ -61,7 +61,7 @@ class Swap:
         self._lock = threading.RLock()
 
     def adapt(self, on: bool) -> None:
-        """Mend the model from now on, or go back."""
+        """Refit the model from now on, or restore it."""
         with self._lock:
             self.said = (self.said or NOTHING_YET) if on else None
             self._send(Word.ADAPT if on else Word.REST)

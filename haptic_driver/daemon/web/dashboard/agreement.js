@@ -1,6 +1,12 @@
-// Felt against expected friction: a row of squares per condition, redder or bluer the farther off, paler the less is known.
+// Measured against expected friction: a row of squares per condition, redder or bluer the farther off,
+// paler the less is known.
 
-const NAMES = { frequency_hz: ["frequency", "Hz"], voltage_v: ["voltage", "V"], normal_force_n: ["load", "N"], speed_m_s: ["speed", "m/s"] };
+const NAMES = {
+  frequency_hz: ["frequency", "Hz"],
+  voltage_v: ["voltage", "V"],
+  normal_force_n: ["load", "N"],
+  speed_m_s: ["speed", "m/s"],
+};
 const FULL = 0.1; // of friction: as red or blue as it gets
 const KNOWN = 1e4; // weight of a cell that is no longer pale: 1 % of friction
 
@@ -10,18 +16,22 @@ export function showAgreement(rows, cells) {
   const key = JSON.stringify(cells);
   if (key === shown) return;
   shown = key;
-  rows.replaceChildren(...Object.entries(NAMES).flatMap(([axis, [name, unit]]) => {
-    const own = cells.filter((cell) => cell.axis === axis);
-    if (!own.length) return [];
-    const row = document.createElement("li"), label = document.createElement("span");
-    label.textContent = name;
-    row.append(label, ...own.map((cell) => square(cell, unit)));
-    return [row];
-  }));
+  rows.replaceChildren(
+    ...Object.entries(NAMES).flatMap(([axis, [name, unit]]) => {
+      const own = cells.filter((cell) => cell.axis === axis);
+      if (!own.length) return [];
+      const row = document.createElement("li"),
+        label = document.createElement("span");
+      label.textContent = name;
+      row.append(label, ...own.map((cell) => square(cell, unit)));
+      return [row];
+    }),
+  );
 }
 
 function square({ low, high, share, weight }, unit) {
-  const element = document.createElement("i"), of = (value) => Number(value.toPrecision(3));
+  const element = document.createElement("i"),
+    of = (value) => Number(value.toPrecision(3));
   const words = `${(100 * share).toFixed(1)} % at ${of(low)} to ${of(high)} ${unit}`;
   element.title = words;
   element.setAttribute("role", "img");

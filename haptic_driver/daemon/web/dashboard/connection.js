@@ -1,4 +1,5 @@
-// What the page says to the daemon and hears from it. Refusals are `Refusal`s; silence is an error like any other.
+// What the page says to the daemon and hears from it. Refusals are `Refusal`s; silence is an error
+// like any other.
 
 const SILENCE_MS = 1000; // no frame for so long: the connection counts as lost
 const RETRY_MS = 500;
@@ -12,7 +13,8 @@ export class Refusal extends Error {
   }
 }
 
-// The address holds the token once, after # or ?; it goes into this tab's storage and out of the address.
+// The address holds the token once, after # or ?; it goes into this tab's storage and out of the
+// address.
 function token() {
   for (const part of [location.hash.slice(1), location.search.slice(1)]) {
     const given = new URLSearchParams(part).get("token");
@@ -33,13 +35,20 @@ export async function ask(method, path, body, lease) {
   let response, said;
   try {
     response = await fetch(path, {
-      method, headers, keepalive: method === "POST", cache: "no-store",
-      body: body === undefined ? undefined : JSON.stringify(body), signal: AbortSignal.timeout(ANSWER_MS),
+      method,
+      headers,
+      keepalive: method === "POST",
+      cache: "no-store",
+      body: body === undefined ? undefined : JSON.stringify(body),
+      signal: AbortSignal.timeout(ANSWER_MS),
     });
     said = await response.json();
   } catch (error) {
-    throw new Refusal("no_answer", `The daemon does not answer (${error.message}).`,
-      "Whether this was done is unknown. Use the emergency stop if the output must be off.");
+    throw new Refusal(
+      "no_answer",
+      `The daemon does not answer (${error.message}).`,
+      "Whether this was done is unknown. Use the emergency stop if the output must be off.",
+    );
   }
   if (!response.ok) {
     const { code = "unknown", message = response.statusText, hint = "" } = said.error ?? {};
@@ -64,8 +73,9 @@ export class Stream {
     const address = new URL(this.path, location.href);
     address.protocol = "ws:";
     if (TOKEN) address.searchParams.set("token", TOKEN);
-    const socket = this.socket = new WebSocket(address);
-    let timer, over = false;
+    const socket = (this.socket = new WebSocket(address));
+    let timer,
+      over = false;
     const end = () => {
       if (over) return;
       over = true;
@@ -78,8 +88,16 @@ export class Stream {
       clearTimeout(timer);
       if (this.chatty) timer = setTimeout(end, SILENCE_MS);
     };
-    socket.onopen = () => { alive(); this.opened(); };
-    socket.onmessage = ({ data }) => { if (!over) { alive(); this.message(JSON.parse(data)); } };
+    socket.onopen = () => {
+      alive();
+      this.opened();
+    };
+    socket.onmessage = ({ data }) => {
+      if (!over) {
+        alive();
+        this.message(JSON.parse(data));
+      }
+    };
     socket.onclose = socket.onerror = end;
   }
 }

@@ -1,4 +1,5 @@
-// What the user asks for: buttons, the lease, and why something cannot be asked for now. The daemon judges, not the page.
+// What the user asks for: buttons, the lease, and why something cannot be asked for now. The daemon
+// judges, not the page.
 
 import { Refusal, ask } from "./connection.js";
 import { fetchTile } from "./tiles.js";
@@ -19,35 +20,58 @@ export class Controls {
   status = null;
   reach = null;
 
-  // `chosen` is called with the name of a texture that is selected, `say` with what goes over the open stream.
+  // `chosen` is called with the name of a texture that is selected, `say` with what goes over the
+  // open stream.
   constructor(chosen, say) {
     Object.assign(this, { chosen, say });
     this.reasons = {};
     $("off").addEventListener("click", () => this.off());
-    document.addEventListener("keydown", (event) => { if (event.key === "Escape") this.off(); }, true);
+    document.addEventListener(
+      "keydown",
+      (event) => {
+        if (event.key === "Escape") this.off();
+      },
+      true,
+    );
     this.button("arm", () => {
-      this.arming = this.arm().finally(() => { this.arming = null; });
+      this.arming = this.arm().finally(() => {
+        this.arming = null;
+      });
       return this.arming;
     });
     this.button("disarm", () => this.disarm());
     this.button("reset", () => ask("POST", "/reset"));
-    this.form("set", () => this.holding("/set", { cof: $("cof").valueAsNumber, nearest: $("nearest").checked }));
-    this.form("play", () => this.holding("/texture", { name: this.texture, nearest: $("nearest").checked }));
-    this.form("record", () => ask("POST", "/record", { path: this.status?.recording ? null : $("path").value }));
+    this.form("set", () =>
+      this.holding("/set", { cof: $("cof").valueAsNumber, nearest: $("nearest").checked }),
+    );
+    this.form("play", () =>
+      this.holding("/texture", { name: this.texture, nearest: $("nearest").checked }),
+    );
+    this.form("record", () =>
+      ask("POST", "/record", { path: this.status?.recording ? null : $("path").value }),
+    );
     this.form("mark", () => this.mark());
     this.form("use", () => ask("POST", "/model", { name: $("model").value }));
-    $("cof-slider").addEventListener("input", () => { $("cof").value = $("cof-slider").value; });
-    $("cof").addEventListener("input", () => { $("cof-slider").value = $("cof").value; });
-    $("refusal-close").addEventListener("click", () => { $("refusal").hidden = true; });
+    $("cof-slider").addEventListener("input", () => {
+      $("cof").value = $("cof-slider").value;
+    });
+    $("cof").addEventListener("input", () => {
+      $("cof-slider").value = $("cof").value;
+    });
+    $("refusal-close").addEventListener("click", () => {
+      $("refusal").hidden = true;
+    });
     $("textures").addEventListener("change", () => this.choose());
-    window.addEventListener("pagehide", () => { if (this.lease) ask("POST", "/disarm").catch(() => {}); });
+    window.addEventListener("pagehide", () => {
+      if (this.lease) ask("POST", "/disarm").catch(() => {});
+    });
   }
 
   get texture() {
     return document.querySelector("#textures input:checked")?.value ?? "";
   }
 
-  // --- asking ----------------------------------------------------------------------------------------------------
+  // --- asking ------------------------------------------------------------------------------------
 
   button(id, work) {
     $(id).addEventListener("click", () => this.unlessGrey($(id), work));
@@ -62,7 +86,8 @@ export class Controls {
 
   // A button that is grey says why.
   unlessGrey(button, work) {
-    if (button.getAttribute("aria-disabled") === "true") this.refused(new Refusal("grey", button.title, ""));
+    if (button.getAttribute("aria-disabled") === "true")
+      this.refused(new Refusal("grey", button.title, ""));
     else this.command(work);
   }
 
@@ -91,8 +116,13 @@ export class Controls {
     const status = await this.command(() => ask("POST", "/off"));
     $("off").removeAttribute("aria-busy");
     if (status && status.output_on !== false)
-      this.refused(new Refusal("not_off", "Switching off was ordered, but nothing shows yet that the output is off.",
-        "Look at the output above; use the emergency stop if it does not say OFF."));
+      this.refused(
+        new Refusal(
+          "not_off",
+          "Switching off was ordered, but nothing shows yet that the output is off.",
+          "Look at the output above; use the emergency stop if it does not say OFF.",
+        ),
+      );
   }
 
   // Among the events, and so into the recording; without words it is a marker all the same.
@@ -101,12 +131,19 @@ export class Controls {
     $("note").value = "";
   }
 
-  // --- the lease -------------------------------------------------------------------------------------------------
+  // --- the lease ---------------------------------------------------------------------------------
 
   async arm() {
-    const lease = await ask("POST", "/arm", { lease_s: Number($("lease_s").value), holder: HOLDER });
+    const lease = await ask("POST", "/arm", {
+      lease_s: Number($("lease_s").value),
+      holder: HOLDER,
+    });
     this.drop();
-    this.lease = { token: lease.token, seconds: lease.lease_s, timer: setInterval(() => this.renew(), (1000 * lease.lease_s) / RENEWALS) };
+    this.lease = {
+      token: lease.token,
+      seconds: lease.lease_s,
+      timer: setInterval(() => this.renew(), (1000 * lease.lease_s) / RENEWALS),
+    };
     this.show(this.status);
   }
 
@@ -128,7 +165,8 @@ export class Controls {
     try {
       await ask("POST", "/renew", undefined, lease.token);
     } catch (error) {
-      if (this.lease === lease && error.code !== "no_answer") { // the next may be heard in time
+      if (this.lease === lease && error.code !== "no_answer") {
+        // the next may be heard in time
         this.drop();
         this.refused(new Refusal("lease", `The lease is gone: ${error.message}`, "Arm again."));
       }
@@ -141,16 +179,19 @@ export class Controls {
     return ask("POST", path, body, this.lease?.token);
   }
 
-  // --- what there is ---------------------------------------------------------------------------------------------
+  // --- what there is -----------------------------------------------------------------------------
 
   async fetchNames() {
     const { textures, scripts } = await ask("GET", "/textures");
     const { models } = await ask("GET", "/models");
-    const chosen = $("model").value; // by a person, perhaps: names are fetched again when the link comes back
+    // by a person, perhaps: names are fetched again when the link comes back
+    const chosen = $("model").value;
     $("model").replaceChildren(...models.map((name) => new Option(name)));
     $("model").value = models.includes(chosen) ? chosen : this.status?.model;
     const before = this.texture;
-    $("textures").replaceChildren(...textures.map((name) => thumbnail(name, before ? name === before : name === textures[0])));
+    $("textures").replaceChildren(
+      ...textures.map((name) => thumbnail(name, before ? name === before : name === textures[0])),
+    );
     this.choose();
     for (const name of scripts) labelOf(name)?.classList.add("script");
     for (const name of textures) if (!scripts.includes(name)) await drawThumbnail(name);
@@ -163,16 +204,23 @@ export class Controls {
 
   // What Play would play, and what plays, where that is another.
   sayChosen() {
-    const chosen = this.texture || "–", playing = this.status?.texture?.split("/").pop().replace(/[.]toml$/, "");
+    const chosen = this.texture || "–",
+      playing = this.status?.texture
+        ?.split("/")
+        .pop()
+        .replace(/[.]toml$/, "");
     say("chosen", playing && playing !== chosen ? `${chosen} (${playing} plays)` : chosen);
   }
 
-  // --- showing ---------------------------------------------------------------------------------------------------
+  // --- showing -----------------------------------------------------------------------------------
 
   // `status`: the newest, null while nobody is heard.
   show(status) {
     this.status = status;
-    if (!status) { this.grey(everything("the daemon is not heard")); return; }
+    if (!status) {
+      this.grey(everything("the daemon is not heard"));
+      return;
+    }
     if (status.state === "fault") this.drop();
     else if (this.lease && status.state === "idle") this.endedSoon();
     else this.ending = 0;
@@ -194,25 +242,51 @@ export class Controls {
   }
 
   leaseWords({ lease_holder, lease_left_s }) {
-    if (this.lease) return `This page holds the lease of ${this.lease.seconds} s and renews it; without it the output ramps to zero.`;
-    return lease_holder ? `Held by ${lease_holder}, for ${Math.ceil(lease_left_s ?? 0)} s if not renewed.` : "Nobody holds the lease.";
+    if (this.lease)
+      return `This page holds the lease of ${this.lease.seconds} s and renews it; without it the output ramps to zero.`;
+    return lease_holder
+      ? `Held by ${lease_holder}, for ${Math.ceil(lease_left_s ?? 0)} s if not renewed.`
+      : "Nobody holds the lease.";
   }
 
   // Why a button would be refused, "" where it would not.
   why({ state, lease_holder, recording, fault }) {
     const armed = state === "armed" || state === "rendering";
     const ours = this.lease || (armed && this.arming && lease_holder === HOLDER);
-    const unready = state === "fault" ? `In fault: ${fault}. Reset it first.` : state === "disconnected" ? "The rig is not connected yet." : "";
-    const output = unready || (ours ? "" : armed ? `${lease_holder} holds the lease. Disarm it, or wait for it to end.` : "Nobody has armed. Arm first.");
+    const unready =
+      state === "fault"
+        ? `In fault: ${fault}. Reset it first.`
+        : state === "disconnected"
+          ? "The rig is not connected yet."
+          : "";
+    const output =
+      unready ||
+      (ours
+        ? ""
+        : armed
+          ? `${lease_holder} holds the lease. Disarm it, or wait for it to end.`
+          : "Nobody has armed. Arm first.");
     return {
-      arm: unready || (armed ? (ours ? "This page has armed already." : `${lease_holder} holds the lease. Disarm it, or wait for it to end.`) : ""),
+      arm:
+        unready ||
+        (armed
+          ? ours
+            ? "This page has armed already."
+            : `${lease_holder} holds the lease. Disarm it, or wait for it to end.`
+          : ""),
       disarm: armed ? "" : "Nobody has armed.",
       reset: state === "fault" ? "" : "There is no fault to reset.",
       set: output,
       play: output,
       record: "",
       mark: "",
-      use: unready || (armed ? "A model is changed while idle. Disarm first." : recording ? "A recording keeps its model. Stop it first." : ""),
+      use:
+        unready ||
+        (armed
+          ? "A model is changed while idle. Disarm first."
+          : recording
+            ? "A recording keeps its model. Stop it first."
+            : ""),
     };
   }
 
@@ -228,14 +302,26 @@ export class Controls {
 
   // The slider covers what is within reach.
   bound([low, high]) {
-    if (this.reach && Math.abs(low - this.reach[0]) < SAME_REACH && Math.abs(high - this.reach[1]) < SAME_REACH) return;
+    if (
+      this.reach &&
+      Math.abs(low - this.reach[0]) < SAME_REACH &&
+      Math.abs(high - this.reach[1]) < SAME_REACH
+    )
+      return;
     if (document.activeElement === $("cof-slider") && $("cof-slider").matches(":active")) return;
     this.reach = [low, high];
-    Object.assign($("cof-slider"), { min: low.toFixed(3), max: high.toFixed(3), value: $("cof").value });
+    Object.assign($("cof-slider"), {
+      min: low.toFixed(3),
+      max: high.toFixed(3),
+      value: $("cof").value,
+    });
   }
 }
 
-const everything = (reason) => Object.fromEntries(["arm", "disarm", "reset", "set", "play", "record", "mark", "use"].map((id) => [id, reason]));
+const everything = (reason) =>
+  Object.fromEntries(
+    ["arm", "disarm", "reset", "set", "play", "record", "mark", "use"].map((id) => [id, reason]),
+  );
 
 function say(where, words) {
   const element = typeof where === "string" ? $(where) : where;
@@ -243,21 +329,36 @@ function say(where, words) {
 }
 
 function thumbnail(name, checked) {
-  const label = document.createElement("label"), input = document.createElement("input"), image = document.createElement("img");
+  const label = document.createElement("label"),
+    input = document.createElement("input"),
+    image = document.createElement("img");
   Object.assign(input, { type: "radio", name: "texture", value: name, checked });
-  Object.assign(image, { alt: "", width: THUMBNAIL.columns, height: THUMBNAIL.rows, src: NO_PICTURE });
+  Object.assign(image, {
+    alt: "",
+    width: THUMBNAIL.columns,
+    height: THUMBNAIL.rows,
+    src: NO_PICTURE,
+  });
   label.dataset.name = name;
   label.append(input, image, name.replaceAll("_", "_\u200b"));
   return label;
 }
 
-const labelOf = (name) => document.querySelector(`#textures label[data-name="${CSS.escape(name)}"]`);
+const labelOf = (name) =>
+  document.querySelector(`#textures label[data-name="${CSS.escape(name)}"]`);
 
 async function drawThumbnail(name) {
   const image = labelOf(name)?.querySelector("img");
   if (!image) return;
   try {
-    const { picture } = await fetchTile(name, 0, 0, THUMBNAIL.pitch_m, THUMBNAIL.columns, THUMBNAIL.rows);
+    const { picture } = await fetchTile(
+      name,
+      0,
+      0,
+      THUMBNAIL.pitch_m,
+      THUMBNAIL.columns,
+      THUMBNAIL.rows,
+    );
     image.src = picture.toDataURL(); // a canvas is drawn anew with every frame
   } catch (error) {
     if (!(error instanceof Refusal)) throw error;

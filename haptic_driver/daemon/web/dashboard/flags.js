@@ -1,4 +1,5 @@
-// Flags and events: what each flag means, since when it is up, how often it went up; times by the clock on the wall.
+// Flags and events: what each flag means, since when it is up, how often it went up; times by the
+// clock on the wall.
 
 const MOST_EVENTS = 300;
 const MEANING = {
@@ -14,12 +15,18 @@ const MEANING = {
   feedback_limit: "the finger's gain is at the end of what feedback may correct",
   underrun: "the analog envelope had a gap, at zero",
   friction_from_current: "no force sensor: friction is estimated from the electrode's current",
-  latency: "friction is felt more than 10 ms sooner or later than the rig's file says",
+  latency: "friction follows more than 10 ms sooner or later than the rig's file says",
   event_line: "an edge of the event line is missing",
   control_silent: "render did not hear control; the output ramped to zero",
 };
 // Kinds of events, beside "flag".
-const TOLD_BY = { tripped: "trip", fault: "fault", lease_lost: "lease", latency: "latency", event_line: "event_line" };
+const TOLD_BY = {
+  tripped: "trip",
+  fault: "fault",
+  lease_lost: "lease",
+  latency: "latency",
+  event_line: "event_line",
+};
 
 const $ = (id) => document.getElementById(id);
 const time = (unixS) => new Date(1000 * unixS).toLocaleTimeString("en-GB");
@@ -47,7 +54,8 @@ export class Happened {
   }
 
   list({ time_s, kind, message }) {
-    const item = document.createElement("li"), when = new Date(1000 * (time_s + this.wallS));
+    const item = document.createElement("li"),
+      when = new Date(1000 * (time_s + this.wallS));
     const [at, what, words] = ["time", "span", "span"].map((tag) => document.createElement(tag));
     item.classList.add(kind);
     what.className = "kind";
@@ -68,17 +76,23 @@ export class Happened {
     const said = flags.length ? flags.map((name) => this.words(name)) : ["none since arming"];
     if (this.shown === said.join("\n")) return;
     this.shown = said.join("\n");
-    $("flags").replaceChildren(...said.map((words) => {
-      const item = document.createElement("li");
-      item.textContent = words;
-      item.classList.toggle("up", flags.length > 0);
-      return item;
-    }));
+    $("flags").replaceChildren(
+      ...said.map((words) => {
+        const item = document.createElement("li");
+        item.textContent = words;
+        item.classList.toggle("up", flags.length > 0);
+        return item;
+      }),
+    );
   }
 
   words(name) {
-    const told = this.events.filter(({ kind, message }) => (kind === "flag" && message === name) || kind === TOLD_BY[name]);
-    const since = told.length ? `; since ${time(told.at(-1).time_s + this.wallS)}, ${told.length === 1 ? "once" : `${told.length} times`} in the events` : "";
+    const told = this.events.filter(
+      ({ kind, message }) => (kind === "flag" && message === name) || kind === TOLD_BY[name],
+    );
+    const since = told.length
+      ? `; since ${time(told.at(-1).time_s + this.wallS)}, ${told.length === 1 ? "once" : `${told.length} times`} in the events`
+      : "";
     return `▲ ${name.replaceAll("_", " ")}: ${MEANING[name] ?? "see the events"}${since}`;
   }
 }

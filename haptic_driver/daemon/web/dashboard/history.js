@@ -1,10 +1,14 @@
-// Samples kept as buckets, fine ones for seconds and coarse ones for minutes: a plot never has more points than pixels.
+// Samples kept as buckets, fine ones for seconds and coarse ones for minutes: a plot never has more
+// points than pixels.
 
 const BUCKETS = 400; // per span: about one for every other pixel
 
 // The mean, the least and the most of numbers that come one by one; null counts for nothing.
 class Spread {
-  n = 0; sum = 0; low = Infinity; high = -Infinity;
+  n = 0;
+  sum = 0;
+  low = Infinity;
+  high = -Infinity;
 
   add(value) {
     if (value === null || value === undefined) return;
@@ -14,13 +18,25 @@ class Spread {
     if (value > this.high) this.high = value;
   }
 
-  get mean() { return this.n ? this.sum / this.n : null; }
+  get mean() {
+    return this.n ? this.sum / this.n : null;
+  }
 }
 
-const FIELDS = ["target", "measured", "expected", "reachLow", "reachHigh", "force", "voltage", "current"];
+const FIELDS = [
+  "target",
+  "measured",
+  "expected",
+  "reachLow",
+  "reachHigh",
+  "force",
+  "voltage",
+  "current",
+];
 
 class Bucket {
-  count = 0; touched = 0;
+  count = 0;
+  touched = 0;
 
   constructor(number, periodS) {
     this.number = number;
@@ -37,17 +53,21 @@ class Bucket {
 
 export class History {
   constructor(spansS) {
-    this.levels = new Map(spansS.map((spanS) => [spanS, { periodS: spanS / BUCKETS, buckets: [] }]));
+    this.levels = new Map(
+      spansS.map((spanS) => [spanS, { periodS: spanS / BUCKETS, buckets: [] }]),
+    );
   }
 
   clear() {
     for (const level of this.levels.values()) level.buckets = [];
   }
 
-  // `sample`: {time_s, touching, and each of FIELDS, null where there is none}, later than all before.
+  // `sample`: {time_s, touching, and each of FIELDS, null where there is none}, later than all
+  // before.
   add(sample) {
     for (const level of this.levels.values()) {
-      const number = Math.floor(sample.time_s / level.periodS), { buckets } = level;
+      const number = Math.floor(sample.time_s / level.periodS),
+        { buckets } = level;
       if (buckets.at(-1)?.number !== number) buckets.push(new Bucket(number, level.periodS));
       buckets.at(-1).add(sample);
       while (buckets[0].number < number - BUCKETS) buckets.shift();

@@ -1,12 +1,34 @@
 // Colours: those of the page's theme, as canvases need them, and the scale of friction.
 
-const NAMES = ["ink", "soft", "line", "edge", "panel", "nothing", "blue", "orange", "grey", "red", "five", "reach", "gap"];
+const NAMES = [
+  "ink",
+  "soft",
+  "line",
+  "edge",
+  "panel",
+  "nothing",
+  "blue",
+  "orange",
+  "grey",
+  "red",
+  "five",
+  "reach",
+  "gap",
+];
 // From dark to light in even steps of lightness (viridis), so that it reads without colour too.
-const STOPS = [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37]];
+const STOPS = [
+  [68, 1, 84],
+  [65, 68, 135],
+  [42, 120, 142],
+  [34, 168, 132],
+  [122, 209, 81],
+  [253, 231, 37],
+];
 
 export const theme = {};
 export const SCALE = Array.from({ length: 256 }, (_, level) => {
-  const at = (level / 255) * (STOPS.length - 1), i = Math.min(Math.floor(at), STOPS.length - 2);
+  const at = (level / 255) * (STOPS.length - 1),
+    i = Math.min(Math.floor(at), STOPS.length - 2);
   return STOPS[i].map((low, k) => Math.round(low + (STOPS[i + 1][k] - low) * (at - i)));
 });
 

@@ -1,22 +1,27 @@
-// The participant's page: shows what the experiment asks by markers, and answers by markers; see docs/experiments.md.
+// The participant's page: shows what the experiment asks by markers, and answers by markers; see
+// docs/experiments.md.
 
 import { ask, Stream } from "./connection.js";
 
 const at = (id) => document.getElementById(id);
 let question = null; // the one that waits for an answer: { number, answers }
 let newest = 0;
-const TONE_HZ = 880, TONE_S = 0.15, TONE_LEVEL = 0.2;
+const TONE_HZ = 880,
+  TONE_S = 0.15,
+  TONE_LEVEL = 0.2;
 
 function show(text, answers = []) {
   at("text").textContent = text;
-  at("answers").replaceChildren(...answers.map((answer, i) => {
-    const button = document.createElement("button");
-    button.type = "button";
-    button.textContent = answer;
-    button.setAttribute("aria-keyshortcuts", String(i + 1));
-    button.onclick = () => choose(answer);
-    return button;
-  }));
+  at("answers").replaceChildren(
+    ...answers.map((answer, i) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = answer;
+      button.setAttribute("aria-keyshortcuts", String(i + 1));
+      button.onclick = () => choose(answer);
+      return button;
+    }),
+  );
 }
 
 async function choose(answer) {
@@ -32,21 +37,42 @@ async function choose(answer) {
 }
 
 const HEARD = {
-  "trial begins": () => { question = null; at("told").textContent = ""; show("Get ready."); },
-  "trial ends": () => { question = null; },
+  "trial begins": () => {
+    question = null;
+    at("told").textContent = "";
+    show("Get ready.");
+  },
+  "trial ends": () => {
+    question = null;
+  },
   question: ({ number, data }) => {
     question = null;
     const { text, answers } = data;
-    if (typeof text !== "string" || !Array.isArray(answers) || !answers.every((one) => typeof one === "string")) {
-      show("Please wait: this question cannot be shown."); // a marker of another program, which anyone may send
+    if (
+      typeof text !== "string" ||
+      !Array.isArray(answers) ||
+      !answers.every((one) => typeof one === "string")
+    ) {
+      // a marker of another program, which anyone may send
+      show("Please wait: this question cannot be shown.");
       return;
     }
     question = { number };
     show(text, answers);
   },
-  answer: ({ data }) => { if (question && data.question === question.number) { question = null; show("…"); } },
-  told: ({ data }) => { at("told").textContent = data.text; },
-  "session ends": () => { question = null; show("This is the end. Thank you."); },
+  answer: ({ data }) => {
+    if (question && data.question === question.number) {
+      question = null;
+      show("…");
+    }
+  },
+  told: ({ data }) => {
+    at("told").textContent = data.text;
+  },
+  "session ends": () => {
+    question = null;
+    show("This is the end. Thank you.");
+  },
 };
 
 function hear(event) {
@@ -68,7 +94,8 @@ function showInterval(number, begins, { of = 2, sound = false }) {
 let audio = null;
 function ring() {
   audio ??= new AudioContext();
-  const tone = audio.createOscillator(), level = audio.createGain();
+  const tone = audio.createOscillator(),
+    level = audio.createGain();
   tone.frequency.value = TONE_HZ;
   level.gain.value = TONE_LEVEL;
   tone.connect(level).connect(audio.destination);
@@ -84,7 +111,11 @@ at("stop").onclick = async () => {
   stream.say("disarm");
   try {
     const { output_on } = await ask("POST", "/disarm");
-    show(output_on === false ? "Stopped. The screen is off." : "Take your finger off the screen and call for help.");
+    show(
+      output_on === false
+        ? "Stopped. The screen is off."
+        : "Take your finger off the screen and call for help.",
+    );
   } catch {
     show("Take your finger off the screen and call for help.");
   }
@@ -92,5 +123,9 @@ at("stop").onclick = async () => {
 
 const stream = new Stream("/events", {
   message: hear,
-  lost: () => { newest = 0; question = null; show("Please wait: the experiment is not connected."); },
+  lost: () => {
+    newest = 0;
+    question = null;
+    show("Please wait: the experiment is not connected.");
+  },
 });

@@ -4,7 +4,8 @@ const ROUNDING = 1e-9;
 
 // Its frequency, its place among the bands, and whether it is felt; `rule` as of `GET /carrier`.
 export function rippleWords(carrier_hz, rule) {
-  const hz = 2 * carrier_hz, edges = rule.bands_hz;
+  const hz = 2 * carrier_hz,
+    edges = rule.bands_hz;
   const passed = edges.filter((edge) => edge <= hz * (1 + ROUNDING)).length;
   let place = `in the band of ${edges[passed - 1]?.toFixed(0)} to ${edges[passed]?.toFixed(0)} Hz`;
   if (passed === 0) place = "below the bands";

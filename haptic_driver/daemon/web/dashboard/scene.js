@@ -1,4 +1,5 @@
-// The objects of a scene on the map: their outlines, and who may be dragged. Places are in mm, as in the API.
+// The objects of a scene on the map: their outlines, and who may be dragged. Places are in mm, as
+// in the API.
 
 import { Refusal, ask } from "./connection.js";
 import { colourOf } from "./palette.js";
@@ -17,10 +18,17 @@ const element = (name, attributes) => {
 function outline(shape) {
   const { kind, width_mm: w, height_mm: h = w, radius_mm: r = 0 } = shape;
   switch (kind) {
-    case "circle": return element("circle", { r });
-    case "ellipse": return element("ellipse", { rx: w / 2, ry: h / 2 });
-    case "polygon": return element("polygon", { points: shape.corners_mm.map((corner) => corner.join(",")).join(" ") });
-    default: return element("rect", { x: -w / 2, y: -h / 2, width: w, height: h, rx: r }); // a mask's frame
+    case "circle":
+      return element("circle", { r });
+    case "ellipse":
+      return element("ellipse", { rx: w / 2, ry: h / 2 });
+    case "polygon":
+      return element("polygon", {
+        points: shape.corners_mm.map((corner) => corner.join(",")).join(" "),
+      });
+    default:
+      // a mask's frame
+      return element("rect", { x: -w / 2, y: -h / 2, width: w, height: h, rx: r });
   }
 }
 
@@ -34,17 +42,21 @@ export class SceneObjects {
   sending = false;
   waiting = null;
 
-  // `screen`: the map; `svg`: the layer on it; `over`: what is pointed at. `controls` have the lease, `changed` is called with the scene.
+  // `screen`: the map; `svg`: the layer on it; `over`: what is pointed at. `controls` have the
+  // lease, `changed` is called with the scene.
   constructor(screen, svg, over, controls, changed) {
     Object.assign(this, { screen, svg, over, controls, changed });
     this.listen();
   }
 
-  // --- what there is -------------------------------------------------------------------------------------------
+  // --- what there is -----------------------------------------------------------------------------
 
   // Look again, soon: somebody has changed something.
   stir() {
-    this.timer ??= setTimeout(() => { this.timer = null; this.look(); }, AGAIN_MS);
+    this.timer ??= setTimeout(() => {
+      this.timer = null;
+      this.look();
+    }, AGAIN_MS);
   }
 
   async look() {
@@ -65,14 +77,21 @@ export class SceneObjects {
   }
 
   draw() {
-    const objects = (this.scene?.object ?? []).filter((each) => each.enabled).sort((a, b) => a.order - b.order);
+    const objects = (this.scene?.object ?? [])
+      .filter((each) => each.enabled)
+      .sort((a, b) => a.order - b.order);
     this.shown = new Map(objects.map((each) => [each.id, each]));
     this.svg.toggleAttribute("hidden", objects.length === 0);
     const before = this.groups;
     this.groups = new Map(objects.map((each) => [each.id, before.get(each.id) ?? {}]));
-    for (const each of objects) Object.assign(this.groups.get(each.id), this.drawn(each, this.groups.get(each.id)));
+    for (const each of objects)
+      Object.assign(this.groups.get(each.id), this.drawn(each, this.groups.get(each.id)));
     const wanted = objects.map((each) => this.groups.get(each.id).group);
-    if (wanted.length !== this.svg.children.length || wanted.some((group, k) => group !== this.svg.children[k])) this.svg.replaceChildren(...wanted);
+    if (
+      wanted.length !== this.svg.children.length ||
+      wanted.some((group, k) => group !== this.svg.children[k])
+    )
+      this.svg.replaceChildren(...wanted);
     this.fit();
   }
 
@@ -84,9 +103,13 @@ export class SceneObjects {
       return before;
     }
     const group = element("g", { "data-id": each.id });
-    const path = outline(each.shape), title = element("title", {});
+    const path = outline(each.shape),
+      title = element("title", {});
     title.textContent = `${each.id}: ${each.texture ?? `friction ${each.cof}`}`;
-    path.setAttribute("fill", each.cof === null ? "transparent" : colourOf(each.cof, this.screen.range));
+    path.setAttribute(
+      "fill",
+      each.cof === null ? "transparent" : colourOf(each.cof, this.screen.range),
+    );
     const label = element("text", { "text-anchor": "middle", "dominant-baseline": "middle" });
     label.textContent = each.id;
     group.append(path, label, title);
@@ -103,21 +126,31 @@ export class SceneObjects {
   // Where the map is; called when that has moved.
   fit() {
     const { x0, y0, x1, y1 } = this.screen.at;
-    if (x1 > x0) this.svg.setAttribute("viewBox", [x0, y0, x1 - x0, y1 - y0].map((m) => 1e3 * m).join(" "));
+    if (x1 > x0)
+      this.svg.setAttribute("viewBox", [x0, y0, x1 - x0, y1 - y0].map((m) => 1e3 * m).join(" "));
   }
 
-  // --- moving them ---------------------------------------------------------------------------------------------
+  // --- moving them -------------------------------------------------------------------------------
 
   place({ offsetX, offsetY }) {
     const { at } = this.screen;
-    return [at.x0 + (offsetX - at.left) / at.scale, at.y0 + (offsetY - at.top) / at.scale].map((m) => 1e3 * m);
+    return [at.x0 + (offsetX - at.left) / at.scale, at.y0 + (offsetY - at.top) / at.scale].map(
+      (m) => 1e3 * m,
+    );
   }
 
   // The topmost object there.
   under([x_mm, y_mm]) {
     for (const group of [...this.svg.children].reverse()) {
-      const { origin_mm: [x, y], rotation_deg, id } = this.shown.get(group.dataset.id), angle = (rotation_deg * Math.PI) / 180;
-      const [dx, dy] = [x_mm - x, y_mm - y], c = Math.cos(angle), s = Math.sin(angle);
+      const {
+          origin_mm: [x, y],
+          rotation_deg,
+          id,
+        } = this.shown.get(group.dataset.id),
+        angle = (rotation_deg * Math.PI) / 180;
+      const [dx, dy] = [x_mm - x, y_mm - y],
+        c = Math.cos(angle),
+        s = Math.sin(angle);
       if (group.firstChild.isPointInFill(new DOMPoint(c * dx + s * dy, c * dy - s * dx))) return id;
     }
     return null;
@@ -126,7 +159,8 @@ export class SceneObjects {
   listen() {
     const { over } = this;
     over.addEventListener("pointerdown", (event) => {
-      const place = this.place(event), id = this.under(place);
+      const place = this.place(event),
+        id = this.under(place);
       this.select(id);
       if (id === null || !this.controls.lease) return;
       const [x, y] = this.shown.get(id).origin_mm;
@@ -136,27 +170,40 @@ export class SceneObjects {
       event.preventDefault();
     });
     over.addEventListener("pointermove", (event) => {
-      const place = this.place(event), { held } = this;
+      const place = this.place(event),
+        { held } = this;
       if (held) this.move(held.id, place[0] + held.dx_mm, place[1] + held.dy_mm);
       else over.style.cursor = this.controls.lease && this.under(place) !== null ? "move" : "";
     });
     for (const end of ["pointerup", "pointercancel"])
-      over.addEventListener(end, () => { this.held = null; this.screen.busy = false; });
-    over.addEventListener("keydown", (event) => {
-      const ids = [...this.shown.keys()], way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-      if (event.key === "n" && ids.length) this.select(ids[(ids.indexOf(this.selected) + 1) % ids.length]);
-      else if (event.shiftKey && way && this.shown.has(this.selected) && this.controls.lease) {
-        const [x, y] = this.shown.get(this.selected).origin_mm;
-        this.move(this.selected, x + KEY_MM * way[0], y + KEY_MM * way[1]);
-      } else return;
-      event.preventDefault();
-      event.stopImmediatePropagation();
-    }, true);
+      over.addEventListener(end, () => {
+        this.held = null;
+        this.screen.busy = false;
+      });
+    over.addEventListener(
+      "keydown",
+      (event) => {
+        const ids = [...this.shown.keys()],
+          way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[
+            event.key
+          ];
+        if (event.key === "n" && ids.length)
+          this.select(ids[(ids.indexOf(this.selected) + 1) % ids.length]);
+        else if (event.shiftKey && way && this.shown.has(this.selected) && this.controls.lease) {
+          const [x, y] = this.shown.get(this.selected).origin_mm;
+          this.move(this.selected, x + KEY_MM * way[0], y + KEY_MM * way[1]);
+        } else return;
+        event.preventDefault();
+        event.stopImmediatePropagation();
+      },
+      true,
+    );
   }
 
   select(id) {
     this.selected = id;
-    for (const group of this.svg.children) group.classList.toggle("selected", group.dataset.id === id);
+    for (const group of this.svg.children)
+      group.classList.toggle("selected", group.dataset.id === id);
   }
 
   // Shown at once; the daemon hears the newest place as soon as it has answered the one before.
@@ -175,7 +222,9 @@ export class SceneObjects {
     while (this.waiting) {
       const change = this.waiting;
       this.waiting = null;
-      const done = await this.controls.command(() => this.controls.holding("/scene", { changes: [change] }));
+      const done = await this.controls.command(() =>
+        this.controls.holding("/scene", { changes: [change] }),
+      );
       if (!done) this.held = this.waiting = null;
     }
     this.sending = false;

@@ -1,20 +1,25 @@
-// Pictures of textures in tiles that the daemon makes, as fine as the screen shows them; kept while they may be needed.
+// Pictures of textures in tiles that the daemon makes, as fine as the screen shows them; kept while
+// they may be needed.
 
 import { Refusal, ask } from "./connection.js";
 import { SCALE } from "./palette.js";
 
 export const TILE = 256; // cells per side
 const MOST_KEPT = 200;
-const AGAIN_MS = 300, SELDOM_MS = 5000; // between attempts: longer and longer
+const AGAIN_MS = 300,
+  SELDOM_MS = 5000; // between attempts: longer and longer
 const MOST_ATTEMPTS = 8;
-const PASSING = ["loading", "no_answer", "too_much"]; // the daemon draws for somebody else, or its machine is busy
+// the daemon draws for somebody else, or its machine is busy
+const PASSING = ["loading", "no_answer", "too_much"];
 
 // The canvas of what `GET /tile` answered: a pixel per cell, clear where nothing is asked for.
 function pictureOf({ columns, rows, levels }) {
   const canvas = document.createElement("canvas");
   canvas.width = columns;
   canvas.height = rows;
-  const pen = canvas.getContext("2d"), image = pen.createImageData(columns, rows), bytes = atob(levels);
+  const pen = canvas.getContext("2d"),
+    image = pen.createImageData(columns, rows),
+    bytes = atob(levels);
   for (let i = 0; i < bytes.length; i++) {
     const level = bytes.charCodeAt(i);
     if (level === 0) continue;
@@ -44,13 +49,17 @@ async function fetchNow(name, x_m, y_m, pitch_m, columns, rows) {
       const tile = await ask("GET", `/tile?${query}`);
       return { picture: pictureOf(tile), range: [tile.cof_low, tile.cof_high], x_m, y_m, pitch_m };
     } catch (error) {
-      if (!(error instanceof Refusal) || !PASSING.includes(error.code) || attempt === MOST_ATTEMPTS) throw error;
-      await new Promise((resolve) => setTimeout(resolve, Math.min(AGAIN_MS * 2 ** attempt, SELDOM_MS)));
+      if (!(error instanceof Refusal) || !PASSING.includes(error.code) || attempt === MOST_ATTEMPTS)
+        throw error;
+      await new Promise((resolve) =>
+        setTimeout(resolve, Math.min(AGAIN_MS * 2 ** attempt, SELDOM_MS)),
+      );
     }
   }
 }
 
-// The tiles of one texture. `arrived` is called when there is another; `failed` once, when there will be none.
+// The tiles of one texture. `arrived` is called when there is another; `failed` once, when there
+// will be none.
 export class Tiles {
   range = null;
 
@@ -61,7 +70,8 @@ export class Tiles {
     this.busy = this.over = false;
   }
 
-  // Have tiles at this pitch fetched where they are missing, of the part of the plane from (x0, y0) to (x1, y1).
+  // Have tiles at this pitch fetched where they are missing, of the part of the plane from (x0, y0)
+  // to (x1, y1).
   want(pitch_m, x0, y0, x1, y1) {
     const side_m = TILE * pitch_m;
     this.wanted = [];
@@ -76,7 +86,9 @@ export class Tiles {
     return [...this.kept.values()].sort((a, b) => b.pitch_m - a.pitch_m);
   }
 
-  stop() { this.over = true; }
+  stop() {
+    this.over = true;
+  }
 
   async fetch() {
     if (this.busy) return;
@@ -84,7 +96,14 @@ export class Tiles {
     try {
       while (this.wanted.length && !this.over) {
         const { pitch_m, i, j } = this.wanted.shift();
-        const tile = await fetchTile(this.name, i * TILE * pitch_m, j * TILE * pitch_m, pitch_m, TILE, TILE);
+        const tile = await fetchTile(
+          this.name,
+          i * TILE * pitch_m,
+          j * TILE * pitch_m,
+          pitch_m,
+          TILE,
+          TILE,
+        );
         this.kept.set(`${pitch_m} ${i} ${j}`, tile);
         if (this.kept.size > MOST_KEPT) this.kept.delete(this.kept.keys().next().value);
         this.range = tile.range;

@@ -1,4 +1,5 @@
-// Mending the model while it renders, and the diagnosis of what was rendered: asked for, waited for, shown, used.
+// Mending the model while it renders, and the diagnosis of what was rendered: asked for, waited
+// for, shown, used.
 
 import { ask } from "./connection.js";
 
@@ -10,10 +11,16 @@ export class Why {
   // `controls` shows what the daemon refuses.
   constructor(controls) {
     this.controls = controls;
-    $("adapt").addEventListener("click", () => controls.command(() => ask("POST", "/adapt", { on: $("adapt").getAttribute("aria-pressed") !== "true" })));
+    $("adapt").addEventListener("click", () =>
+      controls.command(() =>
+        ask("POST", "/adapt", { on: $("adapt").getAttribute("aria-pressed") !== "true" }),
+      ),
+    );
     $("why").addEventListener("click", () => this.begin());
     $("answer-show").addEventListener("click", () => this.open());
-    $("answer-use").addEventListener("click", () => controls.command(() => ask("POST", "/model", { name: this.model })));
+    $("answer-use").addEventListener("click", () =>
+      controls.command(() => ask("POST", "/model", { name: this.model })),
+    );
     $("report-close").addEventListener("click", () => $("report").close());
   }
 
@@ -34,10 +41,16 @@ export class Why {
   }
 
   tell({ state, said, suspects, more, model, effects }) {
-    const names = Object.entries(suspects).map(([name, share]) => `${name.replaceAll("_", " ")} ${Math.round(100 * share)} %`);
+    const names = Object.entries(suspects).map(
+      ([name, share]) => `${name.replaceAll("_", " ")} ${Math.round(100 * share)} %`,
+    );
     const further = more.map((purpose) => `haptic investigate could add what ${purpose}.`);
     $("answer").hidden = false;
-    $("answer-said").textContent = [said, names.length ? `Most probable: ${names.join(", ")}.` : "", ...further].join(" ");
+    $("answer-said").textContent = [
+      said,
+      names.length ? `Most probable: ${names.join(", ")}.` : "",
+      ...further,
+    ].join(" ");
     $("answer-show").hidden = state !== "done";
     $("answer-use").hidden = state !== "done" || !effects.length;
     this.model = model;
