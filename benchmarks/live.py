@@ -27,7 +27,7 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.live.agreement import Agreement
 from haptic_driver.live.comparison import compared
 from haptic_driver.live.follow import MOST_WINDOWS
-from haptic_driver.live.proof import LEAST_UNSEEN, mend
+from haptic_driver.live.proof import LEAST_UNSEEN, attempt
 from haptic_driver.live.touch_by_current import TouchByCurrent
 from haptic_driver.live.window import NONE_YET, Window, windows
 from haptic_driver.lookup.build import SurfaceAxes, build_surface
@@ -211,7 +211,7 @@ class Arm:
         unseen = [r for r in self.rows if r.time_s >= end_s - HELD_OUT_S]
         found = None
         if len(unseen) >= LEAST_UNSEEN and seen:
-            found = mend(seen, unseen, self.file_model, self.model).model
+            found = attempt(seen, unseen, self.file_model, self.model).model
         self.said.append(found)
         if found is None:
             return state

@@ -25,7 +25,7 @@ from haptic_driver.cli.output import (
     stdout,
 )
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.check import told
+from haptic_driver.experiments.check import described
 from haptic_driver.experiments.data_file import meta_path
 from haptic_driver.experiments.plan import LONGEST_S, Plan, Setting, load_plan, write_plan
 from haptic_driver.experiments.raw_trials.folder import Bad, write_trials
@@ -195,7 +195,7 @@ def _show_levels(
             }
             for name, level in found.items()
         ],
-        "refused": told(refusals),
+        "refused": described(refusals),
         "picture": str(picture),
     }
 
@@ -210,7 +210,7 @@ def _show_levels(
         stdout.print(
             f"Told apart: chi-square of {APART:.3g} or more. In brackets: rows times witnesses."
         )
-        for line in told(refusals):
+        for line in described(refusals):
             stdout.print(f"left out, {line}")
         stdout.print(f"picture: {picture}")
 

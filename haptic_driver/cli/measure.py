@@ -25,7 +25,7 @@ from haptic_driver.cli.output import (
 from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.benches import bench_for
-from haptic_driver.experiments.check import told
+from haptic_driver.experiments.check import described
 from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
@@ -229,7 +229,7 @@ def _tell_refused(experiment: Experiment, strict: bool) -> None:
     refusals = experiment.refusals
     if not refusals:
         return
-    for line in told(refusals):
+    for line in described(refusals):
         stderr.print(f"refused: {line}")
     said = (
         f"rig {experiment.config.name} refuses {len(refusals)} of {len(experiment.plan.settings)}"

@@ -451,8 +451,7 @@ class Verbs:
         Adapt,
         Status,
         lambda daemon, asked, _: daemon.adapt(asked.on),
-        "Mend the finger's model while it renders, by what is felt; or go back to the model as it"
-        " was.",
+        "Refit the finger's model from measured friction while it renders, or restore the model.",
         command="adapt MODE",
         example="on",
     )

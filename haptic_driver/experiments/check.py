@@ -38,10 +38,10 @@ class Refusal(NamedTuple):
     reason: str
 
     def __str__(self) -> str:
-        return told([self])[0]
+        return described([self])[0]
 
 
-def told(refusals: Sequence[Refusal]) -> list[str]:
+def described(refusals: Sequence[Refusal]) -> list[str]:
     """A line for each frequency, voltage and reason, over all its loads and speeds."""
     groups: dict[tuple[float, float, str], list[Setting]] = {}
     for setting, reason in refusals:

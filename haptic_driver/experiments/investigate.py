@@ -29,8 +29,8 @@ from model.diagnosis.priors import LOG_ODDS, SURE, words
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.planning.design import Design, design, design_for_unseen
+from model.planning.discrimination import Choice
 from model.planning.separation import APART
-from model.planning.told import Choice
 from model.reporting.report import write_report
 from model.touch_model import TouchModel
 

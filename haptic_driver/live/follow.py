@@ -15,7 +15,7 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.live.agreement import Agreement, Disagreement, Share
 from haptic_driver.live.comparison import by_surface, compared
 from haptic_driver.live.drive import SETTLING_S
-from haptic_driver.live.proof import mend, split
+from haptic_driver.live.proof import attempt, split
 from haptic_driver.live.swap import Proposal, Word
 from haptic_driver.live.window import NONE_YET, Window, windows
 from haptic_driver.lookup.build import build_surface
@@ -24,7 +24,7 @@ from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.simulation.finger_model import surface_friction
 from model.description import ModelDescription
 
-MEND_S = 5.0  # between attempts, of the windows' time
+ATTEMPT_S = 5.0  # between attempts, of the windows' time
 MOST_WINDOWS = 400  # the newest: older ones would cost time and say little
 
 
@@ -110,10 +110,10 @@ class Following:
         self._newest.extend(new)
         every, now_s = list(self._newest), new[-1].time_s
         known, unseen = split(every)
-        if not known or now_s - self._tried_s < MEND_S:
+        if not known or now_s - self._tried_s < ATTEMPT_S:
             return None
         self._tried_s = now_s
-        said, model = mend(known, unseen, self._own.model, self._present.model)
+        said, model = attempt(known, unseen, self._own.model, self._present.model)
         if model is None:
             return Proposal(said)
         self._offered = Version(model, build_surface(model, self._settings.limits))

@@ -19,7 +19,7 @@ LEAST_UNSEEN = 5  # windows
 BETTER = 3.0  # nats, by which the unseen windows must be more probable
 
 
-class Mended(NamedTuple):
+class Attempt(NamedTuple):
     """What came of an attempt, in words; `model` is None where it is not better."""
 
     said: str
@@ -39,18 +39,18 @@ def split(windows: Sequence[Window]) -> tuple[list[Window], list[Window]]:
     return list(windows[: len(windows) - len(unseen)]), unseen[::-1]
 
 
-def mend(
+def attempt(
     known: Sequence[Window],
     unseen: Sequence[Window],
     own: ModelDescription,
     present: ModelDescription,
-) -> Mended:
+) -> Attempt:
     """Refit `own`, the model as its file has it, and prove it against `present`, the one in use."""
     now_s = max(each.time_s for each in unseen)
     try:
         model, fitted = refit(known, own, now_s)
     except ModelError as error:
-        return Mended(f"{error.message}. {error.hint}" if error.hint else error.message)
+        return Attempt(f"{error.message}. {error.hint}" if error.hint else error.message)
     nats, shares = [], []
     for each in (present, model):
         off, weight = weighted(each, unseen, now_s)
@@ -59,5 +59,5 @@ def mend(
         shares.append(f"{100.0 * np.sqrt(np.sum(squares) / np.sum(weight)):.1f} %")
     told = f"{shares[0]} off before, {shares[1]} now, over {len(unseen)} unseen rows"
     if not nats[1] + BETTER < nats[0]:
-        return Mended(f"a new model is not better than the present one: {told}")
-    return Mended(f"{told}; {fitted}", model)
+        return Attempt(f"a new model is not better than the present one: {told}")
+    return Attempt(f"{told}; {fitted}", model)

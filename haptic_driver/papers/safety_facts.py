@@ -264,7 +264,7 @@ def _hazards(rig: RigConfig) -> Iterator[tuple[str, str, str]]:
 
 def _measured(rig: RigConfig, today: datetime.date) -> list[dict[str, str | None]]:
     rows = []
-    for name, section in rig.vouched.items():
+    for name, section in rig.signed_sections.items():
         on = section.measured_at
         remark = ""
         if not section.verified:

@@ -46,8 +46,8 @@ from haptic_driver.rig.part import (
     PartSection,
     Patience,
     Seconds,
+    SignedFigures,
     Volts,
-    Vouched,
 )
 from haptic_driver.rig.parts.amplifiers import AmplifierConfig
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SomeAnalogOutput
@@ -127,7 +127,7 @@ CurvePoint = Annotated[
 ]
 
 
-class LimitsConfig(Vouched):
+class LimitsConfig(SignedFigures):
     """What the rig allows at the electrode; see `OperatingLimits`."""
 
     voltage_v: Volts = Field(
@@ -412,7 +412,7 @@ class RigConfig(Section):
         return self
 
     @property
-    def vouched(self) -> dict[str, Vouched]:
+    def signed_sections(self) -> dict[str, SignedFigures]:
         """The sections whose figures somebody has to sign as measured, by name in the file."""
         sections = {
             "limits": self.limits,
@@ -421,7 +421,11 @@ class RigConfig(Section):
             "waveform_generator.carrier": self.waveform_generator.carrier,
             "analog_output": self.analog_output,
         }
-        return {name: section for name, section in sections.items() if isinstance(section, Vouched)}
+        return {
+            name: section
+            for name, section in sections.items()
+            if isinstance(section, SignedFigures)
+        }
 
     @property
     def unverified(self) -> list[str]:
@@ -430,7 +434,7 @@ class RigConfig(Section):
         """
         missing = [
             f"{name}.measured_by and measured_at"
-            for name, section in self.vouched.items()
+            for name, section in self.signed_sections.items()
             if not section.verified
         ]
         if self.watchdog is None and not self.simulated:

@@ -54,7 +54,7 @@ def _figures(at: Examination) -> Checks:
     for missing in at.rig.unverified:
         said = f"{missing} unset: the rig refuses to come on"
         yield at.failed(said, "measure, then write it down")
-    for key, section in at.rig.vouched.items():
+    for key, section in at.rig.signed_sections.items():
         if section.verified and section.measured_at is not None:
             name = key.rpartition(".")[2].replace("_", " ")
             what = f"measured by {section.measured_by}"

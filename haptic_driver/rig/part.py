@@ -94,7 +94,7 @@ Resource = Annotated[str, AfterValidator(_known_form)]
 """A name that `hw.transport.resource.make_transport` takes, or `hw.analog.cards.make_card`."""
 
 
-class Vouched(Section):
+class SignedFigures(Section):
     """A section whose figures somebody has to sign as measured, or the rig does not come on."""
 
     measured_by: str = Field(default="", description="who has measured this section's figures")

@@ -1,8 +1,8 @@
 """Which measurements tell the leading models apart soonest: blocks of settings, chosen one after
 the other.
 
-What may hide a difference (`model.planning.told`): both models' parameters, within what the present
-data leave free, and the gains of the sessions to come. A block's cost is its time.
+What may hide a difference (`model.planning.discrimination`): both models' parameters, within what
+the present data leave free, and the gains of the sessions to come. A block's cost is its time.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects.base import Effect
 from model.effects.interventions import NOTHING
-from model.planning.separation import APART, imitate
-from model.planning.told import (
+from model.planning.discrimination import (
     Choice,
+    Information,
     Pair,
-    Told,
     by_all,
     by_block,
     choose,
+    information_of,
     most_by_one,
     nothing,
-    told_by,
     weights,
 )
+from model.planning.separation import APART, imitate
 from model.support.arrays import Array
 
 MODELS = 6  # that take part
@@ -130,10 +130,10 @@ class _Unseen(NamedTuple):
     """
 
     names: tuple[str, str]
-    so_far: Told
-    blocks: Told
+    so_far: Information
+    blocks: Information
 
-    def shown(self, reach_of: Callable[[Told, Told], Array]) -> list[Pair]:
+    def shown(self, reach_of: Callable[[Information, Information], Array]) -> list[Pair]:
         """Some of the draws that can be made to show, from the faintest on; they weigh as many as
         they stand for.
         """
@@ -143,8 +143,8 @@ class _Unseen(NamedTuple):
             Pair(
                 self.names,
                 float(shown.size),
-                Told(self.blocks.normal, self.blocks.moment[:, i], self.blocks.square[:, i]),
-                Told(self.so_far.normal, self.so_far.moment[i], self.so_far.square[i]),
+                Information(self.blocks.normal, self.blocks.moment[:, i], self.blocks.square[:, i]),
+                Information(self.so_far.normal, self.so_far.moment[i], self.so_far.square[i]),
             )
             for i in shown[
                 np.unique(np.linspace(0, shown.size - 1, min(FAINT, shown.size)).astype(int))
@@ -178,7 +178,7 @@ def _unseen(
         vectors, signatures = unseen_draws(problem, base, kind)
         difference = predictor.less(predictor.predicted((kind,), vectors), here)
         adds = np.where(np.isfinite(difference), sure * difference, 0.0)
-        so_far = nothing(hides.shape[1]) + told_by(signatures, hid)
+        so_far = nothing(hides.shape[1]) + information_of(signatures, hid)
         blocks = by_block(adds, hides, pool.block, pool.cost_s.size)
         found.append(_Unseen((base.name, kind.name), so_far, blocks))
     return found

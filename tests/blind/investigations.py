@@ -33,7 +33,7 @@ from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.finger_function import FingerFunction
 from model.diagnosis.witness import LEAST_STD
 from model.planning.design import Design, design, design_for_unseen
-from model.planning.told import Choice
+from model.planning.discrimination import Choice
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
 

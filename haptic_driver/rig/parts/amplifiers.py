@@ -16,7 +16,7 @@ from haptic_driver.rig.part import (
     Part,
     PartKind,
     PartSection,
-    Vouched,
+    SignedFigures,
     Wiring,
 )
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hw.monitor.lines import MonitorLines
 
 
-class AmplifierConfig(Vouched, PartSection):
+class AmplifierConfig(SignedFigures, PartSection):
     """A high-voltage amplifier; peak values at the electrode. Lines are channels of a card, absent
     if not named.
 

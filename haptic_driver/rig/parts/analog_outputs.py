@@ -15,7 +15,7 @@ from haptic_driver.rig.part import (
     PartSection,
     SampleRate,
     Seconds,
-    Vouched,
+    SignedFigures,
     Wiring,
 )
 
@@ -37,7 +37,7 @@ class NoAnalogOutput(PartSection):
         yield at.ok(f"amplitudes {how}; there is no analog output for them")
 
 
-class SomeAnalogOutput(Vouched, PartSection):
+class SomeAnalogOutput(SignedFigures, PartSection):
     """What every analog output has; see `hw.analog.output.AnalogOutputSettings`.
 
     `lead_s`: the envelope is written so far ahead of what is played. So late may the driver be

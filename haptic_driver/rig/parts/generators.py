@@ -9,7 +9,14 @@ from pydantic import AfterValidator, Field
 
 from haptic_driver.config import Section, Within
 from haptic_driver.rig.check import Checks, Examination
-from haptic_driver.rig.part import NO_WATCHDOG, Patience, Resource, SampleRate, Seconds, Vouched
+from haptic_driver.rig.part import (
+    NO_WATCHDOG,
+    Patience,
+    Resource,
+    SampleRate,
+    Seconds,
+    SignedFigures,
+)
 from hw import plugins
 from hw.errors import BadReply
 from hw.generator import contract as generators
@@ -19,7 +26,7 @@ def _installed_model(model: str) -> str:
     return plugins.known(generators.GROUP, model, generators.WHAT)
 
 
-class ModulationInputConfig(Vouched):
+class ModulationInputConfig(SignedFigures):
     """Modulation In at the back of the generator; see `hw.generator.settings.ModulationInput`."""
 
     full_scale_v: Annotated[
@@ -30,7 +37,7 @@ class ModulationInputConfig(Vouched):
     ] = Field(description="highest amplitude as a multiple of the programmed one: 1 or 2")
 
 
-class CarrierConfig(Vouched):
+class CarrierConfig(SignedFigures):
     """The analog output that makes carrier and envelope in a generator's place, sample by
     sample.
     """

@@ -27,7 +27,7 @@ from model.diagnosis.decide import Decision, Verdict
 from model.diagnosis.posterior import Posterior
 from model.effects.interventions import INTERVENTIONS
 from model.planning.design import Design
-from model.planning.told import Choice
+from model.planning.discrimination import Choice
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
 

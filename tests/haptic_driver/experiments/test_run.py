@@ -12,7 +12,7 @@ import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.experiments.bench import Scatter, SimulatedBench
-from haptic_driver.experiments.check import Refusal, told
+from haptic_driver.experiments.check import Refusal, described
 from haptic_driver.experiments.data_file import COLUMNS, DataFile, meta_path
 from haptic_driver.experiments.plan import Plan, Row, Setting, load_plan
 from haptic_driver.experiments.run import ATTEMPTS, READING_S, Experiment, prepare, run
@@ -180,7 +180,7 @@ def test_refusals_are_told_in_a_line_for_each_frequency_voltage_and_reason() -> 
         *(Refusal(setting, "too much") for setting in fast),
         Refusal(fast[0]._replace(voltage_v=125.0), "high"),
     ]
-    assert told(refusals) == [
+    assert described(refusals) == [
         "500 Hz, 75 V, 0.25..1 N, 10..40 mm/s: too much",
         "500 Hz, 125 V, 0.25 N, 10 mm/s: high",
     ]

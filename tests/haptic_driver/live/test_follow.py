@@ -7,7 +7,7 @@ from itertools import count
 import numpy as np
 import pytest
 
-from haptic_driver.live.follow import MEND_S, Following, FollowSettings
+from haptic_driver.live.follow import ATTEMPT_S, Following, FollowSettings
 from haptic_driver.live.proof import LEAST_UNSEEN
 from haptic_driver.live.swap import Word
 from haptic_driver.live.window import windows
@@ -109,7 +109,7 @@ def test_a_model_is_proposed_until_render_goes_by_it_and_again_when_it_does_no_m
     found = later()
     assert found.proposal.surface is None
     assert "not better" in found.proposal.said
-    soon = moved(lighter[-1400:], next(begins_s) - 30.0 + 0.9 * MEND_S)
+    soon = moved(lighter[-1400:], next(begins_s) - 30.0 + 0.9 * ATTEMPT_S)
     found = following.add(soon)
     assert found.windows
     assert found.proposal is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from haptic_driver.live.proof import mend
+from haptic_driver.live.proof import attempt
 from haptic_driver.live.window import Window
 from model.conditions import Conditions
 from model.touch_model import TouchModel
@@ -68,7 +68,7 @@ MOIST = {"wetness": 1.2, "mu_off": 0.6}
 def moist(description):
     rng = np.random.default_rng(4)
     known, unseen = rows(rng, 300, 0.0, **MOIST), rows(rng, 30, 30.0, **MOIST)
-    return mend(known, unseen, description, description)
+    return attempt(known, unseen, description, description)
 
 
 def test_a_moist_finger_is_followed_to_a_carrier_that_was_not_used(moist, description):
@@ -92,19 +92,19 @@ def test_it_says_how_much_better_and_what_changed(moist):
 
 
 def test_a_finger_that_the_model_describes_is_left_alone(rng, description):
-    found = mend(rows(rng, 200, 0.0), rows(rng, 30, 20.0), description, description)
+    found = attempt(rows(rng, 200, 0.0), rows(rng, 30, 20.0), description, description)
     assert found.model is None
     assert "not better" in found.said
 
 
 def test_a_model_mended_before_is_the_one_to_beat(rng, moist, description):
     known, unseen = rows(rng, 200, 0.0, **MOIST), rows(rng, 30, 20.0, **MOIST)
-    assert mend(known, unseen, description, moist.model).model is None
+    assert attempt(known, unseen, description, moist.model).model is None
 
 
 def test_what_was_felt_minutes_ago_hardly_counts(rng, description):
     old, new = rows(rng, 100, -400.0), rows(rng, 200, 0.0, **MOIST)
-    found = mend([*old, *new], rows(rng, 30, 20.0, **MOIST), description, description)
+    found = attempt([*old, *new], rows(rng, 30, 20.0, **MOIST), description, description)
     assert found.model is not None, found.said
     truth = np.divide(*felt(200.0, np.array([100.0, 0.0]), 0.5, **MOIST)) - 1.0
     assert rise(found.model, 200.0, 100.0, 0.5) == pytest.approx(truth, rel=0.05)
@@ -113,7 +113,7 @@ def test_what_was_felt_minutes_ago_hardly_counts(rng, description):
 def test_friction_that_drifts_as_a_whole_is_taken_as_that(rng, description):
     """5 % in 25 s: the newest level, and nothing of it in the rise."""
     unseen = rows(rng, 30, 25.0, mu_off=0.512 * 1.05)
-    found = mend(rows(rng, 250, 0.0, 0.002), unseen, description, description)
+    found = attempt(rows(rng, 250, 0.0, 0.002), unseen, description, description)
     assert found.model is not None, found.said
     assert found.model.parameters["cof_off"].value == pytest.approx(0.512 * 1.04, rel=0.012)
     assert rise(found.model, 200.0, 100.0, 0.5) == pytest.approx(
@@ -125,12 +125,12 @@ def test_too_little_is_said_to_be_too_little(rng, description):
     known = rows(rng, 60, 0.0, **MOIST)
     resting = [row for row in known if row.voltage_v == 0.0]
     for few in (known[:5], resting):
-        assert "too few to calibrate" in mend(few, known, description, description).said
+        assert "too few to calibrate" in attempt(few, known, description, description).said
 
 
 def test_a_finger_far_from_any_is_no_finger(rng, description):
     """An amplifier that puts out three times as much, say."""
     spoilt = [row._replace(voltage_v=row.voltage_v / 3.0) for row in rows(rng, 230, 0.0)]
-    found = mend(spoilt[:200], spoilt[200:], description, description)
+    found = attempt(spoilt[:200], spoilt[200:], description, description)
     assert found.model is None
     assert "far from any finger's" in found.said

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import exp1
 
+from model.planning.discrimination import Pair, by_block, choose, nothing, weights
 from model.planning.separation import APART
-from model.planning.told import Pair, by_block, choose, nothing, weights
 from model.support.arrays import Array
 
 STEP = 1e-5  # of finite differences, in prior standard deviations

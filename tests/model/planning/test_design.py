@@ -16,8 +16,16 @@ from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
 from model.planning.design import Pool, design_for_unseen
+from model.planning.discrimination import (
+    Information,
+    Pair,
+    by_all,
+    by_block,
+    information_of,
+    most_by_one,
+    nothing,
+)
 from model.planning.separation import APART
-from model.planning.told import Pair, Told, by_all, by_block, most_by_one, nothing, told_by
 from model.touch_model import TouchModel
 
 FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
@@ -127,7 +135,7 @@ def pair(
     rng: np.random.Generator, blocks: int, rows: int, size: int
 ) -> tuple[Pair, list[tuple[np.ndarray, np.ndarray]]]:
     raw = [(rng.normal(size=(rows, size)), rng.normal(size=rows)) for _ in range(blocks)]
-    told = Told(
+    told = Information(
         np.array([u.T @ u for u, _ in raw]),
         np.array([u.T @ d for u, d in raw]),
         np.array([d @ d for _, d in raw]),
@@ -151,7 +159,7 @@ def test_the_separation_is_that_of_the_covariance() -> None:
     added = found.choose(2)
     assert added == pytest.approx(direct([2]))
     assert added + found.choose(0) == pytest.approx(direct([2, 0]))
-    several = (found.told + found.blocks[np.array([1, 3])]).chi2()
+    several = (found.information + found.blocks[np.array([1, 3])]).chi2()
     np.testing.assert_allclose(several, [direct([2, 0, 1]), direct([2, 0, 3])])
 
 
@@ -162,19 +170,19 @@ def test_several_differences_are_told_as_each_alone() -> None:
         rng.normal(size=(12, 2)),
         np.repeat([0, 1, 2], 4),
     )
-    so_far = nothing(2) + told_by(rng.normal(size=(3, 5)), rng.normal(size=(5, 2)))
+    so_far = nothing(2) + information_of(rng.normal(size=(3, 5)), rng.normal(size=(5, 2)))
     best, together = most_by_one(so_far, by_block(differences, spread, block, 3)), []
     for i, difference in enumerate(differences):
         alone = Pair(("a", "b"), 1.0, by_block(difference, spread, block, 3), so_far_of(so_far, i))
         assert best[i] == pytest.approx(
-            max((alone.told + alone.blocks[b]).chi2() for b in range(3))
+            max((alone.information + alone.blocks[b]).chi2() for b in range(3))
         )
         together.append(alone.reach())
     np.testing.assert_allclose(by_all(so_far, by_block(differences, spread, block, 3)), together)
 
 
-def so_far_of(so_far: Told, i: int) -> Told:
-    return Told(so_far.normal, so_far.moment[i], so_far.square[i])
+def so_far_of(so_far: Information, i: int) -> Information:
+    return Information(so_far.normal, so_far.moment[i], so_far.square[i])
 
 
 def test_what_a_parameter_hides_in_the_data_so_far_more_of_the_same_does_not_show() -> None:
@@ -188,7 +196,7 @@ def test_what_a_parameter_hides_in_the_data_so_far_more_of_the_same_does_not_sho
         ("none", "ageing"),
         1.0,
         by_block(moved * to_come[:, 0], to_come, np.arange(60), 60),
-        nothing(1) + told_by(moved * seen[:, 0], seen),
+        nothing(1) + information_of(moved * seen[:, 0], seen),
     )
     assert pair.reached <= pair.reach() <= moved**2
 
@@ -198,6 +206,6 @@ def test_no_parameter_free_enough_hides_nothing() -> None:
     silent = replace(
         found.blocks, normal=0.0 * found.blocks.normal, moment=0.0 * found.blocks.moment
     )
-    assert Pair(("a", "b"), 1.0, silent, found.told).reach() == pytest.approx(
+    assert Pair(("a", "b"), 1.0, silent, found.information).reach() == pytest.approx(
         sum(d @ d for _, d in raw)
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.planning.told import LEAST_GAIN
+from model.planning.discrimination import LEAST_GAIN
 
 from .published_problems import (
     PROBLEMS,

@@ -33,9 +33,10 @@ class Choice(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Told:
-    """What measurements tell of one pair of models: the normal equations of everything that could
-    hide a difference.
+class Information:
+    """It holds what measurements say about one pair of models.
+
+    These are the normal equations of all quantities that could hide a difference between the two.
 
     `normal` [..., k, k], `moment` [..., k], `square` [...]; in standard deviations.
     """
@@ -44,21 +45,25 @@ class Told:
     moment: Array
     square: Array
 
-    def __add__(self, more: Told) -> Told:
-        return Told(self.normal + more.normal, self.moment + more.moment, self.square + more.square)
+    def __add__(self, more: Information) -> Information:
+        return Information(
+            self.normal + more.normal, self.moment + more.moment, self.square + more.square
+        )
 
-    def __getitem__(self, which: int | NDArray[np.intp]) -> Told:
+    def __getitem__(self, which: int | NDArray[np.intp]) -> Information:
         """Some of the first axis."""
-        return Told(self.normal[which], self.moment[which], self.square[which])
+        return Information(self.normal[which], self.moment[which], self.square[which])
 
-    def only(self, these: NDArray[np.bool_]) -> Told:
+    def only(self, these: NDArray[np.bool_]) -> Information:
         """What these of the first axis tell; the others nothing."""
         square = np.where(these, self.square, 0.0)
-        return Told(self.normal * these[:, None, None], self.moment * these[:, None], square)
+        return Information(self.normal * these[:, None, None], self.moment * these[:, None], square)
 
-    def all(self) -> Told:
+    def all(self) -> Information:
         """All of the first axis together."""
-        return Told(self.normal.sum(axis=0), self.moment.sum(axis=0), self.square.sum(axis=0))
+        return Information(
+            self.normal.sum(axis=0), self.moment.sum(axis=0), self.square.sum(axis=0)
+        )
 
     def chi2(self) -> Array:
         """The separation that is left once every uncertain quantity has been fitted to hide it."""
@@ -66,21 +71,21 @@ class Told:
         return np.asarray(self.square - np.sum(self.moment * hidden, axis=-1))
 
 
-def nothing(size: int) -> Told:
+def nothing(size: int) -> Information:
     """The information before anything is measured: every uncertain quantity has its standard
     deviation of 1.
     """
-    return Told(np.eye(size), np.zeros(size), np.zeros(()))
+    return Information(np.eye(size), np.zeros(size), np.zeros(()))
 
 
-def told_by(difference: Array, spread: Array) -> Told:
+def information_of(difference: Array, spread: Array) -> Information:
     """What n observations tell of a pair, `difference` [n], or of m [m, n]; `spread` [n, k] as for
     `by_block`.
     """
-    return Told(spread.T @ spread, difference @ spread, np.sum(difference**2, axis=-1))
+    return Information(spread.T @ spread, difference @ spread, np.sum(difference**2, axis=-1))
 
 
-def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: int) -> Told:
+def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: int) -> Information:
     """What each of `count` blocks adds to the separation of a pair, or of m.
 
     `difference` [n] or [m, n] is that of the predictions. `spread` [n, k] is what may hide it, a
@@ -88,9 +93,10 @@ def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: i
     deviations of the noise. `block` [n] says whose each observation is.
     """
     each = [
-        told_by(difference[..., here], spread[here]) for here in (block == b for b in range(count))
+        information_of(difference[..., here], spread[here])
+        for here in (block == b for b in range(count))
     ]
-    return Told(
+    return Information(
         *(
             np.array(part)
             for part in zip(*((t.normal, t.moment, t.square) for t in each), strict=True)
@@ -98,7 +104,7 @@ def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: i
     )
 
 
-def most_by_one(so_far: Told, blocks: Told) -> Array:
+def most_by_one(so_far: Information, blocks: Information) -> Array:
     """The separation of m pairs [m] with that block which adds most to each; `blocks` as `by_block`
     gives them.
     """
@@ -108,7 +114,7 @@ def most_by_one(so_far: Told, blocks: Told) -> Array:
     return np.asarray(chi2.max(axis=0))
 
 
-def by_all(so_far: Told, blocks: Told) -> Array:
+def by_all(so_far: Information, blocks: Information) -> Array:
     """The separation of m pairs [m] with all blocks."""
     return (so_far + blocks.all()).chi2()
 
@@ -118,27 +124,27 @@ class Pair:
     """Two models, their weights, what each block would add to their separation, and what the chosen
     blocks have added.
 
-    `told` begins with the information of the present data, or `nothing`.
+    `information` begins with the information of the present data, or `nothing`.
     """
 
     names: tuple[str, str]
     weight: float
-    blocks: Told
-    told: Told
+    blocks: Information
+    information: Information
 
     @property
     def reached(self) -> float:
         """Separation by the present information."""
-        return float(self.told.chi2())
+        return float(self.information.chi2())
 
     def reach(self) -> float:
         """Separation with every block, before any is chosen."""
-        return float((self.told + self.blocks.all()).chi2())
+        return float((self.information + self.blocks.all()).chi2())
 
     def choose(self, block: int) -> float:
         """Take a block; returns what it adds."""
         before = self.reached
-        self.told = self.told + self.blocks[block]
+        self.information = self.information + self.blocks[block]
         return self.reached - before
 
 
@@ -177,7 +183,7 @@ def choose(
         possible = np.array(sorted(b for b in left if cost[b] <= most_cost), dtype=np.intp)
         if not possible.size:
             break
-        reached = np.array([(pair.told + pair.blocks[possible]).chi2() for pair in pairs])
+        reached = np.array([(pair.information + pair.blocks[possible]).chi2() for pair in pairs])
         so_far = np.array([[pair.reached] for pair in pairs])
         weighed = weight * (np.minimum(reached, enough) - np.minimum(so_far, enough))
         if weighed.sum(axis=0).max() < least * weight.sum():
