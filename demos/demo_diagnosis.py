@@ -1,7 +1,7 @@
 """The diagnosis closed: investigate a rig with a hidden effect, rebuild the surface with its name,
 render again.
 
-`python examples/demo_diagnosis.py --out DIR` investigates as a lab would and draws friction before
+`python demos/demo_diagnosis.py --out DIR` investigates as a lab would and draws friction before
 and after.
 """
 

@@ -1,6 +1,6 @@
 """The paper's experiment, whole, on a simulated rig whose finger has what the model lacks.
 
-`python examples/demo_experiment.py --out DIR` holds the load, measures nine trials a frequency,
+`python demos/demo_experiment.py --out DIR` holds the load, measures nine trials a frequency,
 draws figure 3, names what is missing, and renders friction by the model as given and as mended.
 Everything up to there is what a person would type.
 """

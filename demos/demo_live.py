@@ -1,7 +1,7 @@
 """Live: linen under a finger that becomes moist, on a daemon in real time; the model is mended
 while it renders.
 
-`python examples/demo_live.py --out DIR` draws friction before, meanwhile and after, and the page as
+`python demos/demo_live.py --out DIR` draws friction before, meanwhile and after, and the page as
 a user sees it. Feedback is off, so that friction shows what the model is worth. To name what has
 changed takes several carriers: the same linen is slid over at two more, where the simulated rig's
 limit of contact current would leave no force; here it is lifted.
