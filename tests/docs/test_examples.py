@@ -98,3 +98,10 @@ def test_it_uses_public_names_only(name, source):
             assert all((a.name, a.asname) == ("haptic_driver", "hd") for a in ours), name
         if isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "hd":
             assert node.attr in haptic_driver.__all__, name
+
+
+def test_the_readme_shows_the_first_example_as_it_runs():
+    readme = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^```python\n(.*?)^```", readme, re.DOTALL | re.MULTILINE)
+    file = (EXAMPLES / "0_first_touch.py").read_text(encoding="utf-8")
+    assert shown == [file.split('"""', 2)[2].lstrip()]
