@@ -124,7 +124,8 @@ def _html(block: Block) -> str:
         case Heading(text):
             return f"<h2>{_text(text)}</h2>"
         case Paragraph(text, small):
-            return f"<p{' class=small' if small else ''}>{_text(text)}</p>"
+            said = "<br>".join(_text(line) for line in text.split("\n"))
+            return f"<p{' class=small' if small else ''}>{said}</p>"
         case Table():
             head = "".join(f"<th>{_text(cell)}</th>" for cell in block.header)
             whole = sum(block.widths)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from matplotlib.textpath import text_to_path
 
 from haptic_driver.errors import shown
 from haptic_driver.files import replacing
-from haptic_driver.papers.document import Document, Figure, Heading, Paragraph, Table
+from haptic_driver.papers.document import Block, Document, Figure, Heading, Paragraph, Table
 from haptic_driver.pictures.saving import pyplot
 
 WIDTH, HEIGHT = 595.3, 841.9
@@ -27,6 +28,7 @@ LEFT, RIGHT, TOP, BOTTOM = 48.0, 48.0, 46.0, 50.0
 TITLE, HEADING, BODY, SMALL = 15.0, 10.0, 8.0, 6.8  # sizes of letters
 LEADING = 1.32  # of a line, in sizes of its letters
 GAP = 5.0  # between blocks, and between columns
+SHORT = 0.25 * HEIGHT  # a table that is not broken over two pages
 MM = 72.0 / 25.4
 INK, FAINT = "#1a1a1a", "#8a8a8a"
 FIGURE = {"font.size": 7.0, "axes.linewidth": 0.6, "lines.linewidth": 1.1}
@@ -50,10 +52,10 @@ def sheets(document: Document) -> list[Sheet]:
     layout = _Layout()
     layout.lines(document.title, TITLE, bold=True)
     layout.lines(document.about, BODY, color=FAINT)
-    for block in document.blocks:
+    for block, after in zip_longest(document.blocks, document.blocks[1:]):
         match block:
             case Heading(text):
-                layout.heading(text)
+                layout.heading(text, after)
             case Paragraph(text, small):
                 layout.lines(text, SMALL if small else BODY, color=FAINT if small else INK)
             case Table():
@@ -73,9 +75,10 @@ class _Layout:
         self.sheets: list[Sheet] = []
         self._y = HEIGHT
 
-    def heading(self, text: str) -> None:
-        """A heading keeps some lines of what follows on its page."""
-        self._room(HEADING * LEADING + 60.0)
+    def heading(self, text: str, after: Block | None) -> None:
+        """A heading keeps a short table, or some lines of what follows, on its page."""
+        height = self._table_height(after) if isinstance(after, Table) else 0.0
+        self._room(HEADING * LEADING + (height if 0.0 < height < SHORT else 60.0) + 3.0 * GAP)
         self._y += 1.2 * GAP
         self.lines(text, HEADING, bold=True)
 
@@ -89,8 +92,7 @@ class _Layout:
 
     def table(self, table: Table) -> None:
         """Rows stay whole; the header stands again on every page."""
-        whole = (WIDTH - LEFT - RIGHT) / sum(table.widths)
-        widths = [share * whole for share in table.widths]
+        widths = _column_widths(table)
         self._header(table, widths)
         for row in table.rows:
             cells = _cells(row, widths, bold=False)
@@ -99,6 +101,12 @@ class _Layout:
                 self._header(table, widths)
             self._row(cells, widths, _height(cells, table), bold=False)
         self._y += GAP
+
+    def _table_height(self, table: Table) -> float:
+        widths = _column_widths(table)
+        rows = [_height(_cells(row, widths, bold=False), table) for row in table.rows]
+        header = _height(_cells(table.header, widths, bold=True), table)
+        return sum(rows) + (header if any(table.header) else 0.0)
 
     def figure(self, figure: Figure) -> None:
         """Panels side by side, with room for their labels, and a caption below."""
@@ -186,6 +194,11 @@ def _wide(text: str, size: float, bold: bool) -> float:
     font = FontProperties(size=size, weight="bold" if bold else "normal")
     width, _, _ = text_to_path.get_text_width_height_descent(text, font, ismath=False)
     return float(width)
+
+
+def _column_widths(table: Table) -> list[float]:
+    whole = (WIDTH - LEFT - RIGHT) / sum(table.widths)
+    return [share * whole for share in table.widths]
 
 
 def _cells(row: Sequence[str], widths: Sequence[float], *, bold: bool) -> list[list[str]]:

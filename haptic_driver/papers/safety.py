@@ -159,7 +159,7 @@ def _organisation(seen: Inspected, facts: dict[str, Any]) -> Iterator[Block]:
         else "Nothing that the rig requires before it comes on is missing."
     )
     yield Heading("Unverified")
-    yield Paragraph("; ".join(facts["unverified"]) + ".")
+    yield Paragraph("\n".join(f"– {one}" for one in facts["unverified"]))
     yield Heading("Standards named, none claimed")
     rows = [(one["standard"], one["about"], one["here"]) for one in facts["standards"]]
     yield Table(("standard", "about", "here"), rows, (2, 4, 5))

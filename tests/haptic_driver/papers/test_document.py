@@ -108,3 +108,16 @@ def test_json_is_the_facts(tmp_path) -> None:
 def test_another_ending_is_refused(tmp_path) -> None:
     with pytest.raises(BadInputError, match="no name of a paper"):
         write(document(), tmp_path / "paper.docx")
+
+
+def test_a_short_table_stays_with_its_heading_on_one_page() -> None:
+    rows = [("role", "name")] * 6
+    for lines in range(30, 60):  # whatever place on the page is left for it
+        blocks = [Paragraph("\n".join(["text"] * lines)), Heading("Signatures")]
+        paper = Document("title", "about", "foot", [*blocks, Table(("a", "b"), rows, (1, 1))], {})
+        counts = [
+            sum(text.get_text() == "role" for text in sheet.texts)
+            for sheet in sheets(paper)
+            if any(text.get_text() == "Signatures" for text in sheet.texts)
+        ]
+        assert counts == [6]
