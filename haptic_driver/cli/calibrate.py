@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from rich.table import Table
 from typer import Argument, Option
 
-from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named
+from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named, refuse_both
 from haptic_driver.cli.output import Json, ModelOption, RowsOption, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.raw_trials.folder import write_trials
@@ -53,9 +53,7 @@ def calibrate(
     """
     description = load_model(model)
     _check(also or [], out)
-    if map_file is not None and column:
-        said = "--map is for raw trial files, whose columns it names"
-        raise BadInputError("usage", said, "Give trial files with --map, or tables with --column")
+    refuse_both(map_file, column)
     named = columns_named(column, COLUMNS, "cof=COF_mean:1")
     measurements = (
         read_data([data], rows, named=named)

@@ -27,6 +27,13 @@ MapOption = Annotated[
 ]
 
 
+def refuse_both(map_file: Path | None, column: Sequence[str] | None) -> None:
+    """BadInputError where both a map and columns are given."""
+    if map_file is not None and column:
+        said = "--map is for raw trial files, whose columns it names"
+        raise BadInputError("usage", said, "Give trial files with --map, or tables with --column")
+
+
 def columns_named(
     given: Sequence[str] | None, known: Sequence[str], example: str
 ) -> Mapping[str, Named]:

@@ -13,7 +13,7 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named
+from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named, refuse_both
 from haptic_driver.cli.output import (
     Json,
     ModelOption,
@@ -112,9 +112,9 @@ def diagnose(
         raise BadInputError(
             "bad_data", "give data or --plan", "haptic diagnose data.csv, or --plan full --rig R"
         )
-    if map_file is not None and (column or not given):
-        said = "--map is for raw trial files, whose columns it names"
-        raise BadInputError("usage", said, "Give trial files with --map, or tables with --column")
+    refuse_both(map_file, column)
+    if map_file is not None and not given:
+        raise BadInputError("usage", "--map is given without trial files", "Give them too")
     named = columns_named(column, COLUMNS, "cof=COF_mean:1")
     description = load_model(model)
     names, left = ", ".join(path.name for path in given), list[Bad]()

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from typer import Option
 
-from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named
+from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named, refuse_both
 from haptic_driver.cli.output import Json, ModelOption, report, stderr, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.raw_trials.folder import write_trials
@@ -69,9 +69,7 @@ def predict(
 
     Example: `haptic predict --table conditions.csv --out out.csv --model reference`
     """
-    if map_file is not None and column:
-        said = "--map is for raw trial files, whose columns it names"
-        raise BadInputError("usage", said, "Leave out --column, or --map")
+    refuse_both(map_file, column)
     named = columns_named(column, (*REQUIRED, *WHERE_EMPTY, *MAY_HAVE), "voltage_v=U:kV")
     given = _table(table, named) if map_file is None else _trials(table, map_file)
     if not given.rows:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from typer import Argument, Option
 
-from haptic_driver.cli.columns import ColumnOption, columns_named
+from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named, refuse_both
 from haptic_driver.cli.output import Json, report, stdout
 from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.files import exists_already, write_rows, write_text
@@ -41,15 +41,19 @@ class Imported(NamedTuple):
 def import_texture(
     source: Annotated[
         Path,
-        Argument(help="Recording (.h5), strokes (.csv), vibration (.wav) or HaTT models (.xml)."),
+        Argument(
+            help="Recording (.h5), strokes (.csv), vibration (.wav), HaTT models (.xml), or a trial"
+            " (--map)."
+        ),
     ],
     out: Annotated[Path, Option(help="Texture to write, .toml; points go into a .csv beside it.")],
     run: Annotated[
         str | None, Option(help=".h5: the run, e.g. run_0001; the last one by default.")
     ] = None,
     column: ColumnOption = None,
+    map_file: MapOption = None,
     pitch_mm: Annotated[
-        float, Option(help=".h5, .csv: width of the places that friction is averaged over.")
+        float, Option(help=".h5, .csv, trials: width of the places that friction is averaged over.")
     ] = 0.1,
     speed: Annotated[
         float | None, Option(help=".wav: m/s at which the surface vibrates so.")
@@ -76,46 +80,62 @@ def import_texture(
     over position. A vibration has no friction: say which it shall have. HaTT models give a texture
     that changes with speed and load.
 
+    With `--map` the source is a raw trial file that `haptic rows` can read, of whatever ending.
+
     Example: `haptic texture import strokes.csv --out mine.toml`
     """
+    refuse_both(map_file, column)
     points = out.with_suffix(".csv")
-    kind = source.suffix.lower()
-    _require_free(source, [out] if kind in MODELS else [out, points], force)
+    kind = "" if map_file is not None else source.suffix.lower()
+    read = [source] if map_file is None else [source, map_file]
+    _require_free(read, [out] if kind in MODELS else [out, points], force)
     if kind in MODELS:
         payload = _modelled(source, mean_cof, cof_rms, out)
-    elif kind in (*RECORDINGS, *TABLES, *SOUNDS):
-        if kind in RECORDINGS:
-            made = _felt(*_recorded(source, run), pitch_mm, str(source))
-        elif kind in TABLES:
-            from haptic_driver.textures import strokes  # noqa: PLC0415  (as all below: slow)
-
-            names = columns_named(column, strokes.COLUMNS, "position_mm=x")
-            made = _felt(strokes.read_strokes(source, names), 0.0, pitch_mm, str(source))
-        else:
-            made = _vibrating(source, speed, mean_cof, amplitude_cof)
+    elif kind in SOUNDS:
+        made = _vibrating(source, speed, mean_cof, amplitude_cof)
         payload = _write(made, source, out, points)
     else:
-        known = ", ".join((*RECORDINGS, *TABLES, *SOUNDS, *MODELS))
-        raise BadInputError(
-            "bad_ending",
-            f"{source}: '{kind}' is not a file that can be imported",
-            f"Known: {known}",
-        )
+        if map_file is not None:
+            strokes, direction_deg = _of_trial(source, map_file), 0.0
+        elif kind in RECORDINGS:
+            strokes, direction_deg = _recorded(source, run)
+        else:
+            strokes, direction_deg = _of_table(source, column), 0.0
+        made = _felt(strokes, direction_deg, pitch_mm, str(source))
+        payload = _write(made, source, out, points)
     report(as_json, payload, lambda: _show(payload))
 
 
-def _require_free(source: Path, written: list[Path], force: bool) -> None:
+def _require_free(read: list[Path], written: list[Path], force: bool) -> None:
     out = written[0]
     if out.suffix.lower() != ".toml":
         raise BadInputError(
             "bad_ending", f"{out}: does not end in .toml", f"Give --out {out.with_suffix('.toml')}"
         )
     for path in written:
-        if path.exists() and source.exists() and path.samefile(source):
-            said = f"{path}: is what is imported, and would be overwritten"
+        if path.exists() and any(source.exists() and path.samefile(source) for source in read):
+            said = f"{path}: is read, and would be overwritten"
             raise BadInputError("file_exists", said, "Give another --out")
         if path.exists() and not force:
             raise exists_already(path)
+
+
+def _of_trial(source: Path, map_file: Path) -> Strokes:
+    from haptic_driver.experiments.raw_trials.strokes import (  # noqa: PLC0415  (as all below: slow)
+        strokes_of,
+    )
+
+    return strokes_of(source, map_file)
+
+
+def _of_table(source: Path, column: list[str] | None) -> Strokes:
+    from haptic_driver.textures import strokes  # noqa: PLC0415
+
+    if source.suffix.lower() not in TABLES:
+        known = ", ".join((*RECORDINGS, *TABLES, *SOUNDS, *MODELS))
+        said = f"{source}: '{source.suffix}' is not a file that can be imported"
+        raise BadInputError("bad_ending", said, f"Known: {known}; other trial files with --map")
+    return strokes.read_strokes(source, columns_named(column, strokes.COLUMNS, "position_mm=x"))
 
 
 def _recorded(source: Path, run: str | None) -> tuple[Strokes, float]:

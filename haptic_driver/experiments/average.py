@@ -13,6 +13,17 @@ import numpy as np
 from haptic_driver.signals import Array
 from hw.monitor.contract import ElectrodeReading
 
+WINDOW_COLUMNS = (  # a data file's first: what was set in a steady window, and what it gave
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "cof",
+    "cof_std",
+    "speed_m_s",
+    "time_s",
+    "session",
+    "trial",
+)
 # the autocorrelation is summed over this many correlation times: least error for wobbles as here
 WINDOW_FACTOR = 3.0
 

@@ -23,7 +23,7 @@ from typing import Any, Self, TextIO
 import numpy as np
 
 from haptic_driver.errors import BadInputError, optional
-from haptic_driver.experiments.average import Measured
+from haptic_driver.experiments.average import WINDOW_COLUMNS, Measured
 from haptic_driver.experiments.contact_area import ContactArea
 from haptic_driver.experiments.plan import Row
 from haptic_driver.files import replacing, writing
@@ -56,15 +56,7 @@ ELECTRODE_COLUMNS = (
     "current_h3_a",
 )
 COLUMNS = (
-    "frequency_hz",
-    "voltage_v",
-    "normal_force_n",
-    "cof",
-    "cof_std",
-    "speed_m_s",
-    "time_s",
-    "session",
-    "trial",
+    *WINDOW_COLUMNS,
     "voltage_offset_v",
     "waveform",
     "finger",

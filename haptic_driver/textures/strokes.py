@@ -78,7 +78,7 @@ def read_strokes(path: Path, named: Mapping[str, Named] = NO_NAMES) -> Strokes:
         return Strokes(position_m, normal_n, lateral_n, None)
     with bad_input("bad_strokes"):
         table.require_rising("time_s", time_s, SEVERAL)
-    return Strokes(position_m, normal_n, lateral_n, _speed_m_s(time_s, position_m))
+    return Strokes(position_m, normal_n, lateral_n, speed_over(time_s, position_m))
 
 
 def _column(table: Table, column: str) -> Array:
@@ -86,8 +86,11 @@ def _column(table: Table, column: str) -> Array:
     return table.numbers(column)
 
 
-def _speed_m_s(time_s: Array, position_m: Array) -> Array:
-    """Over a window: from row to row, a position in steps would be at rest and then jump."""
+def speed_over(time_s: Array, position_m: Array) -> Array:
+    """Speed [n] over a window.
+
+    From row to row, a position in steps would be at rest and then jump.
+    """
     before_s, after_s = (
         np.clip(time_s + s, time_s[0], time_s[-1])
         for s in (-SPEED_WINDOW_S / 2, SPEED_WINDOW_S / 2)

@@ -5,5 +5,6 @@ Read the modules in this order:
 - `trial_map`: what the map may say;
 - `columns`: a file's columns as arrays;
 - `cut`: windows of a trial as rows;
+- `strokes`: windows of a trial as strokes over a surface;
 - `propose`: a map from the look of a file.
 """

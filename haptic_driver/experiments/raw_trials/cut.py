@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.average import average
+from haptic_driver.experiments.average import WINDOW_COLUMNS, average
 from haptic_driver.experiments.raw_trials.columns import read_columns
 from haptic_driver.experiments.raw_trials.trial_map import (
     QUANTITIES,
@@ -25,18 +25,11 @@ from haptic_driver.experiments.raw_trials.trial_map import (
 from haptic_driver.experiments.raw_trials.units import to_si
 from haptic_driver.files import bad_input
 from haptic_driver.signals import Array, Mask
+from haptic_driver.textures.strokes import speed_over
 from model.support.tables import read_table
 
 COLUMNS = (
-    "frequency_hz",
-    "voltage_v",
-    "normal_force_n",
-    "cof",
-    "cof_std",
-    "speed_m_s",
-    "time_s",
-    "session",
-    "trial",
+    *WINDOW_COLUMNS,
     "setting",
     "commanded_normal_force_n",
     "commanded_speed_m_s",
@@ -45,9 +38,9 @@ COLUMNS = (
     "electrode_voltage_v",
     "file",
 )
+BASELINE = "baseline"
 FEWEST = 10  # samples of a window
 MOST = 4000  # samples whose correlation is looked at; more are averaged in blocks
-SPEED_WINDOW_S = 0.02
 MOVING = 0.2  # of the greatest speed, where the map says none
 SLIDES = 0.8  # of a window
 ON = 0.5  # of the greatest voltage, where the map says none
@@ -179,25 +172,30 @@ def _moving(columns: Mapping[str, Array], said: TrialMap) -> Mask:
     if mark.start_s is not None:
         end_s = np.inf if mark.end_s is None else mark.end_s
         return np.asarray((time_s >= mark.start_s) & (time_s <= end_s))
-    speed = np.abs(_speed(columns))
+    speed = np.abs(speed_of(columns))
     least = mark.least_speed_m_s or MOVING * float(np.percentile(speed, 95.0))
     return np.asarray(speed >= max(least, 1e-12))
 
 
-def _speed(columns: Mapping[str, Array]) -> Array:
+def speed_of(columns: Mapping[str, Array]) -> Array:
+    """Speed [n] of a trial that has a column of it, or one of the position."""
     if "speed" in columns:
         return columns["speed"]
-    time_s, half_s = columns["time"], 0.5 * SPEED_WINDOW_S
-    after_s = np.minimum(time_s + half_s, time_s[-1])
-    before_s = np.maximum(time_s - half_s, time_s[0])
-    way_m = np.interp(after_s, time_s, columns["position"])
-    way_m -= np.interp(before_s, time_s, columns["position"])
-    return np.asarray(way_m / np.maximum(after_s - before_s, 1e-9))
+    return speed_over(columns["time"], columns["position"])
+
+
+def load_of(trial: Trial) -> Array:
+    """The load [n] of a trial, measured or set; BadInputError where nothing says it."""
+    if "normal_force" in trial.columns:
+        return trial.columns["normal_force"]
+    if "normal_force" in trial.conditions:
+        return np.full(trial.moving.size, float(trial.conditions["normal_force"]))
+    raise BadInputError("bad_trial", f"{trial.path}: nothing says its load")
 
 
 def _spans(trial: Trial, said: TrialMap) -> tuple[Span, ...]:
     """The windows in the trial's time; of a trial without voltage the whole motion is one."""
-    baseline = () if said.baseline is None else (_placed("baseline", said.baseline, trial),)
+    baseline = () if said.baseline is None else (_placed(BASELINE, said.baseline, trial),)
     if not trial.conditions["voltage"] and any(w.after != "motion" for w in said.windows):
         return (Span("window 1", trial.motion.start_s, trial.motion.end_s),)
     windows = [_placed(f"window {i}", w, trial) for i, w in enumerate(said.windows, start=1)]
@@ -219,7 +217,7 @@ def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
     for span in trial.spans:
         chosen = _within(trial, span)
         row = _row(trial, span, chosen, number)
-        if span.name == "baseline" and said.baseline is not None:
+        if span.name == BASELINE and said.baseline is not None:
             if said.baseline.use != "row":
                 before = row
                 continue
@@ -251,30 +249,35 @@ def _against(row: Row, before: Row, said: Baseline) -> Row:
     return {"cof": found, "cof_std": abs(found) * hypot(std / cof, std_before / cof_before)}
 
 
-def _within(trial: Trial, span: Span) -> Mask:
+def inside(trial: Trial, span: Span) -> Mask:
+    """The samples [n] of a stretch; BadInputError where the record does not hold all of it."""
     time_s = trial.columns["time"]
-    inside = np.asarray((time_s >= span.start_s) & (time_s <= span.end_s))
-    where = f"{trial.path}: {span.name}, {span.start_s:.4g} to {span.end_s:.4g} s,"
+    found = np.asarray((time_s >= span.start_s) & (time_s <= span.end_s))
     record = f"the record goes from {time_s[0]:.4g} to {time_s[-1]:.4g} s"
-    if span.start_s < time_s[0] or span.end_s > time_s[-1] or inside.sum() < FEWEST:
-        said = f"{where} holds {int(inside.sum())} samples; {record}"
+    if span.start_s < time_s[0] or span.end_s > time_s[-1] or found.sum() < FEWEST:
+        said = f"{_place_of(trial, span)} holds {int(found.sum())} samples; {record}"
         raise BadInputError("bad_trial", said, "Is the file whole, and the window right?")
-    moving = inside & trial.moving
-    if moving.sum() < max(SLIDES * inside.sum(), FEWEST):
-        share = moving.sum() / inside.sum()
-        raise BadInputError("bad_trial", f"{where} slides for {share:.0%} of the time")
+    return found
+
+
+def _within(trial: Trial, span: Span) -> Mask:
+    """The samples of a stretch that slide; BadInputError where too few of them do."""
+    every = inside(trial, span)
+    moving = every & trial.moving
+    if moving.sum() < max(SLIDES * every.sum(), FEWEST):
+        said = f"{_place_of(trial, span)} slides for {moving.sum() / every.sum():.0%} of the time"
+        raise BadInputError("bad_trial", said)
     return np.asarray(moving)
+
+
+def _place_of(trial: Trial, span: Span) -> str:
+    return f"{trial.path}: {span.name}, {span.start_s:.4g} to {span.end_s:.4g} s,"
 
 
 def _row(trial: Trial, span: Span, chosen: Mask, number: int) -> Row:
     columns, set_to = trial.columns, trial.conditions
     lateral_n = _thinned(columns["lateral_force"][chosen])
-    if "normal_force" in columns:
-        normal_n = _thinned(columns["normal_force"][chosen])
-    elif "normal_force" in set_to:
-        normal_n = np.full(lateral_n.size, float(set_to["normal_force"]))
-    else:
-        raise BadInputError("bad_trial", f"{trial.path}: nothing says its load")
+    normal_n = _thinned(load_of(trial)[chosen])
     if np.mean(normal_n) <= 0.0:
         said = f"{trial.path}: the load is {np.mean(normal_n):.3g} N in {span.name}"
         raise BadInputError("bad_trial", said, "Is sign of columns.normal_force right?")
@@ -282,7 +285,7 @@ def _row(trial: Trial, span: Span, chosen: Mask, number: int) -> Row:
     zero_s = trial.voltage.start_s if trial.voltage is not None else trial.motion.start_s
     by_column = "speed" in columns or "position" in columns
     speed: str | float = (
-        float(np.mean(np.abs(_speed(columns)[chosen]))) if by_column else set_to.get("speed", "")
+        float(np.mean(np.abs(speed_of(columns)[chosen]))) if by_column else set_to.get("speed", "")
     )
     row: Row = dict.fromkeys(COLUMNS, "")
     row |= {

@@ -49,6 +49,11 @@ class TrialFolder:
         apart = [map_file, map_file.parent / (said.conditions.table or "")]
         return cls(_trial_files(files, apart), said, table)
 
+    def trial(self, path: Path) -> Trial:
+        """A file as a trial; BadInputError says what in it is not as the map says."""
+        conditions = conditions_of(path, self.said.conditions, self.table)
+        return read_trial(path, self.said, conditions)
+
     def rows(
         self,
         progress: Callable[[int], None] = lambda done: None,
@@ -58,8 +63,7 @@ class TrialFolder:
         found, bad = list[Row](), list[Bad]()
         for number, path in enumerate(self.paths, start=1):
             try:
-                conditions = conditions_of(path, self.said.conditions, self.table)
-                trial = read_trial(path, self.said, conditions)
+                trial = self.trial(path)
                 if look(trial):
                     break
                 found += rows_of(trial, self.said, number)

@@ -6,8 +6,10 @@ import json
 import math
 import wave
 
+import h5py
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.event import Event
@@ -180,6 +182,163 @@ def test_a_sound_becomes_waves_as_long_as_the_speed_makes_them(haptic, tmp_path)
     assert done.said["length_mm"] == pytest.approx(200.0)
     beyond = along(tmp_path / "t.toml", np.array([0.2505]))
     assert beyond == pytest.approx(along(tmp_path / "t.toml", np.array([0.0505])))  # it repeats
+
+
+# --- raw trials, by the map of haptic rows
+# ----------------------------------------------------------------------------------
+
+GF_N = 9.80665e-3  # standard gravity times a gram
+FORCES = """
+[columns.time]
+name = "Zeit"
+unit = "ms"
+[columns.normal_force]
+name = "Fz"
+unit = "gf"
+sign = -1
+[columns.lateral_force]
+name = "Fx"
+unit = "mN"
+offset = 12.0
+"""
+WITHOUT_VOLTAGE = """
+[conditions]
+values = { voltage = 0.0 }
+units = { voltage = "V", speed = "mm/s" }
+[[windows]]
+after = "motion"
+start_s = 0.0
+end_s = 1.6
+"""
+WEG = """
+[columns.position]
+name = "Weg"
+unit = "mm"
+offset = 100.0
+"""
+TEMPO = """
+[columns.speed]
+name = "v"
+unit = "mm/s"
+"""
+
+
+def as_a_lab_has_it(along_the_way):
+    """Columns by name of the stroke there and back: ms, gf pressing negative, mN beside an offset,
+    and the way.
+    """
+    time, _, load, lateral = there_and_back()
+    return {"Zeit": 1e3 * time, "Fz": -load / GF_N, "Fx": 1e3 * lateral + 12.0, **along_the_way}
+
+
+def write_lab_csv(path, columns):
+    names = ";".join(columns)
+    rows = zip(*columns.values(), strict=True)
+    lines = [";".join(f"{x:.9g}" for x in row).replace(".", ",") for row in rows]
+    path.write_text("\n".join(["Messung Reibung", "Sensor;Nano17", "", names, *lines]) + "\n")
+
+
+def write_lab_mat(path, columns):
+    savemat(path, columns)
+
+
+def write_lab_hdf5(path, columns):
+    with h5py.File(path, "w") as file:
+        for name, values in columns.items():
+            file[name] = values
+
+
+def of_the_way(time, position):
+    return {"Weg": 1e3 * position + 100.0}
+
+
+def of_the_speed(time, position):
+    return {"v": 1e3 * np.gradient(position, time)}
+
+
+COMMAS = '[file]\nseparator = ";"\ndecimal = ","\n'
+LAB_FILES = [
+    ("a.csv", write_lab_csv, COMMAS + WEG, of_the_way, 0.0),
+    ("a.mat", write_lab_mat, TEMPO, of_the_speed, 0.010),
+    ("a.h5", write_lab_hdf5, WEG, of_the_way, 0.0),
+]
+
+
+@pytest.mark.parametrize(("name", "write", "said", "way", "begins_m"), LAB_FILES)
+def test_a_raw_trial_becomes_friction_over_position_as_its_map_says(
+    haptic, tmp_path, name, write, said, way, begins_m
+):
+    """Summed speeds count from where the stroke begins."""
+    time, position, *_ = there_and_back()
+    write(tmp_path / name, as_a_lab_has_it(way(time, position)))
+    (tmp_path / "map.toml").write_text(said + FORCES + "[motion]\n" + WITHOUT_VOLTAGE)
+    given = ("--map", tmp_path / "map.toml", "--out", tmp_path / "t.toml", "--json")
+    found = haptic("texture", "import", tmp_path / name, *given).said
+    # A sum of speeds by differences is off by half a step, 0.02 mm, at each of two turns:
+    # 0.1 tau/5 mm times 0.04 mm.
+    felt = along(tmp_path / "t.toml", INSIDE_M - begins_m)
+    assert felt == pytest.approx(friction(INSIDE_M), abs=0.006)
+    assert found["length_mm"] == pytest.approx(30.0, abs=0.2)
+    assert found["speed_m_s"] == pytest.approx(SPEED_M_S, rel=0.01)
+
+
+def test_a_trial_on_a_stage_needs_no_way_but_its_set_speed_and_load(haptic, tmp_path):
+    """A window of 0.2 to 0.6 s at 40 mm/s is a way of 16 mm; before it friction is not counted."""
+    seconds = np.arange(0.0, 0.7, TICK_S)
+    there_m = SPEED_M_S * (seconds - 0.2)
+    lateral = 0.5 * np.where(seconds < 0.2, 3.0, friction(there_m))
+    np.savez(tmp_path / "a.npz", Ft=lateral / GF_N)
+    (tmp_path / "map.toml").write_text(
+        """
+        [file]
+        rate_hz = 1000.0
+        [columns.lateral_force]
+        name = "Ft"
+        unit = "gf"
+        [conditions]
+        values = { voltage = 80.0, frequency = 250.0, speed = 40.0, normal_force = 500.0 }
+        units = { voltage = "V", frequency = "Hz", speed = "mm/s", normal_force = "mN" }
+        [voltage_on]
+        start_s = 0.1
+        [[windows]]
+        start_s = 0.1
+        end_s = 0.5
+        """
+    )
+    given = ("--map", tmp_path / "map.toml", "--out", tmp_path / "t.toml", "--json")
+    found = haptic("texture", "import", tmp_path / "a.npz", *given).said
+    assert found["length_mm"] == pytest.approx(16.0, abs=0.5)  # the skin settles over 0.3 mm
+    inside_m = np.arange(0.001, 0.0155, 1e-4)
+    felt = along(tmp_path / "t.toml", inside_m + SPEED_M_S * 0.2)
+    assert felt == pytest.approx(friction(inside_m), abs=0.003)
+
+
+def test_a_trial_that_makes_no_texture_is_refused_by_name(haptic, tmp_path):
+    time, position, *_ = there_and_back()
+    for name in ("a.csv", "b.csv"):
+        folder = tmp_path / "trials"
+        folder.mkdir(exist_ok=True)
+        write_lab_csv(folder / name, as_a_lab_has_it(of_the_way(time, position)))
+    said = tmp_path / "map.toml"
+    given = ("--map", said, "--out", tmp_path / "t.toml", "--json")
+    importing = ("texture", "import", folder / "a.csv")
+    said.write_text(COMMAS + FORCES + WITHOUT_VOLTAGE)
+    error = haptic(*importing, *given).said["error"]
+    assert (error["code"], "columns.position" in error["hint"]) == ("bad_strokes", True)
+    assert "nothing says where the finger is" in error["message"]
+    said.write_text(COMMAS + WEG + FORCES.replace('"gf"', '"g"') + WITHOUT_VOLTAGE)
+    error = haptic(*importing, *given).said["error"]
+    assert (error["code"], "gf" in error["hint"]) == ("unknown_unit", True)
+    said.write_text(COMMAS + WEG + FORCES + WITHOUT_VOLTAGE.replace("1.6", "9.0"))
+    assert haptic(*importing, *given).status == 2
+    said.write_text(COMMAS + WEG + FORCES + WITHOUT_VOLTAGE)
+    error = haptic("texture", "import", folder, *given).said["error"]
+    assert "2 trials" in error["message"]
+    error = haptic(*importing, *given, "--column", "position_mm=Weg").said["error"]
+    assert error["code"] == "usage"
+    error = haptic(*importing, "--map", said, "--out", said, "--force", "--json").said["error"]
+    assert "map.toml: is read, and would be overwritten" in error["message"]
+    assert not (tmp_path / "t.toml").exists()
 
 
 # --- HaTT: a made file of the same form
@@ -504,7 +663,7 @@ def test_nothing_is_overwritten_unasked_and_never_the_source(haptic, tmp_path):
     before = (tmp_path / "s.csv").read_bytes()
     for out, options, words in (
         ("t.toml", [], "exists already"),
-        ("s.toml", ["--force"], "is what is imported"),
+        ("s.toml", ["--force"], "is read, and would be overwritten"),
     ):
         done = haptic(
             "texture", "import", tmp_path / "s.csv", "--out", tmp_path / out, *options, "--json"
