@@ -95,6 +95,32 @@ def loads_are_measured(data: Measurements) -> bool:
     return touching and first.size >= FEWEST_TRIALS and np.unique(loads).size >= MOSTLY * first.size
 
 
+def rows_in_order(data: Measurements) -> list[Numbers]:
+    """The rows of each session and witness in order of measurement, by `time_s` if there is one.
+
+    Touches of a session follow one another. So where they overlap in `time_s`, it counts from the
+    beginning of each, and they follow as in the file.
+    """
+    time_s = data.columns.get("time_s", np.arange(data.count, dtype=float))
+    groups = [np.flatnonzero(data.group == g) for g in np.unique(data.group)]
+    if trials_are_touches(data) or (data.trial is None and loads_are_measured(data)):
+        trial = np.unique(trials(data), return_inverse=True)[1].ravel()
+        if any(_overlap(trial[rows], time_s[rows]) for rows in groups):
+            _, first = np.unique(trial, return_index=True)
+            return [rows[np.lexsort((time_s[rows], first[trial[rows]]))] for rows in groups]
+    return [rows[np.argsort(time_s[rows], kind="stable")] for rows in groups]
+
+
+def _overlap(trial: Numbers, time_s: Array) -> bool:
+    """Whether a trial begins before another has ended."""
+    begin, end = (np.full(trial.max() + 1, s * np.inf) for s in (1.0, -1.0))
+    np.minimum.at(begin, trial, time_s)
+    np.maximum.at(end, trial, time_s)
+    here = np.unique(trial)
+    here = here[np.argsort(begin[here], kind="stable")]
+    return bool((np.maximum.accumulate(end[here])[:-1] >= begin[here][1:]).any())
+
+
 def settings(data: Measurements, sessions_apart: bool = True) -> Numbers:
     """A number per observation [n], equal for those whose trials repeat one another."""
     if not loads_are_measured(data):

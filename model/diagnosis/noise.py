@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.levels import FEWEST_DEGREES, Levels, levels, of_trials, trials
+from model.diagnosis.levels import (
+    FEWEST_DEGREES,
+    Levels,
+    levels,
+    of_trials,
+    rows_in_order,
+    trials,
+)
 from model.diagnosis.smooth import roots, standardised
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, WITNESSES, Witness
 from model.support.arrays import Array, ComplexArray
@@ -252,12 +259,3 @@ def _of_levels(told: Levels, std: Array, together: Array, source: str) -> _Own:
         told.trial.degrees,
         trial=np.sqrt(told.trial.variance) * together,
     )
-
-
-def rows_in_order(data: Measurements) -> list[NDArray[np.intp]]:
-    """The rows of each session and witness in order of measurement: by `time_s`, or as in the
-    file.
-    """
-    time = data.columns.get("time_s", np.arange(data.count, dtype=float))
-    groups = (np.flatnonzero(data.group == g) for g in np.unique(data.group))
-    return [rows[np.argsort(time[rows], kind="stable")] for rows in groups]

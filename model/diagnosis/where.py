@@ -12,8 +12,9 @@ from scipy.linalg import qr
 from scipy.special import chdtrc, ndtr
 
 from model.diagnosis.data import Measurements
+from model.diagnosis.levels import rows_in_order
 from model.diagnosis.model_fit import Fit
-from model.diagnosis.noise import Noise, rows_in_order
+from model.diagnosis.noise import Noise
 from model.diagnosis.smooth import INPUTS, standardised
 from model.diagnosis.witness import FRICTION
 from model.support.arrays import Array, Mask

@@ -20,7 +20,8 @@ import numpy as np
 
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements, read_measurements
-from model.diagnosis.noise import Noise, noise_of, rows_in_order
+from model.diagnosis.levels import rows_in_order
+from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import FARTHEST, Predictor
 from model.diagnosis.witness import FRICTION
 from model.effects import CATALOGUE, Effect

@@ -12,11 +12,13 @@ from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.levels import (
     levels,
     loads_are_measured,
+    rows_in_order,
     settings,
     trials,
     trials_are_touches,
 )
 from model.diagnosis.noise import noise_of
+from model.diagnosis.where import neighbour_correlation
 
 FREQUENCIES_HZ = (50.0, 250.0, 1000.0)
 VOLTAGES_V = (60.0, 100.0, 140.0)
@@ -186,3 +188,67 @@ def test_a_plan_that_goes_through_settings_is_no_touch() -> None:
     plan = replace(data, trial=data.session)
     assert not trials_are_touches(plan)
     assert np.unique(trials(plan)).size == data.count - 4 * 8  # rows without voltage are repeats
+
+
+def numbered(data: Measurements) -> Measurements:
+    """The same with a column of trials, and loads as commanded."""
+    commanded = {"commanded_normal_force_n": np.full(data.count, 0.5)}
+    return replace(data, columns=data.columns | commanded, trial=trials(data))
+
+
+def on_one_clock(data: Measurements) -> Measurements:
+    """The same with a pause of 10 s between trials, in the file from the last row to the first."""
+    time_s = data.columns["time_s"] + 10.0 * np.repeat(np.arange(45), 4)
+    return replace(data, columns=data.columns | {"time_s": time_s}).subset(
+        np.arange(data.count)[::-1]
+    )
+
+
+@pytest.mark.parametrize("made", [lambda data: data, numbered])
+def test_times_that_begin_anew_in_each_touch_do_not_mix_the_touches(made) -> None:
+    """The file is in order of measurement, so that neighbours in it are neighbours in time."""
+    data = made(measured())
+    (order,) = rows_in_order(data)
+    assert list(order) == list(range(data.count))
+    alone, remembering = noise_of(data), noise_of(data, 0.6)
+    assert alone is not None
+    assert remembering is not None
+    found = remembering.lower @ remembering.lower.T - alone.lower @ alone.lower.T
+    at = np.arange(data.count)
+    shared = 0.6 ** np.abs(at[:, None] - at) * np.outer(alone.own_std, alone.own_std)
+    np.fill_diagonal(shared, 0.0)
+    np.testing.assert_allclose(found, shared, atol=1e-12)
+
+
+@pytest.mark.parametrize("made", [lambda data: data, numbered])
+def test_touches_on_one_clock_are_in_its_order(made) -> None:
+    data = on_one_clock(made(measured()))
+    (order,) = rows_in_order(data)
+    assert (np.diff(data.columns["time_s"][order]) > 0.0).all()
+
+
+def test_touches_read_once_each_at_the_same_time_stay_as_in_the_file() -> None:
+    once = measured().subset(np.arange(0, 180, 4))
+    (order,) = rows_in_order(once)
+    assert list(order) == list(range(45))
+
+
+def test_noise_that_remembers_in_a_touch_is_found_there() -> None:
+    """First-order noise of 0.7 from row to row, anew in each trial of four: 3/4 of all pairs."""
+    chance = np.random.default_rng(5)
+    noise = chance.standard_normal((45, 4))
+    for i in range(1, 4):
+        noise[:, i] = 0.7 * noise[:, i - 1] + np.sqrt(1.0 - 0.7**2) * noise[:, i]
+    correlation, p = neighbour_correlation(measured(), noise.ravel())
+    # Five standard deviations of a correlation by 179 pairs.
+    assert correlation == pytest.approx(0.75 * 0.7, abs=5.0 / np.sqrt(179.0))
+    assert p < 1e-3
+
+
+def test_what_repeats_of_a_setting_share_over_time_is_no_noise_of_neighbours() -> None:
+    """Attraction that fades at some settings alike in all five repeats, beside a trial's gain."""
+    chance = np.random.default_rng(6)
+    fading = np.outer(np.repeat(chance.standard_normal(9), 5), np.linspace(0.5, -0.5, 4))
+    left = fading + 0.1 * chance.standard_normal((45, 4))
+    correlation, _ = neighbour_correlation(measured(), left.ravel())
+    assert correlation < 0.0
