@@ -2,21 +2,24 @@
 
 `python -m tests.blind.evaluate --sets DIR --out FILE.md` diagnoses DIR/sets/*.csv, opens
 DIR/labels.json only afterwards, and writes tables with Wilson intervals: by visibility, and beside
-AICc, BIC and a classifier.
+AICc, BIC and a classifier. Of twins it prints how many are named so far after each pair.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from .pairs import pairs_of, pairs_table, so_far
 from .peers import peers_table
 from .scores import Answer, Guess, bins, calibration_error, chance_error, reliability, wilson
 from .sets_csv import write_csv
@@ -240,28 +243,35 @@ def _calibration_lines(pairs: list[tuple[float, float]]) -> list[str]:
     return lines
 
 
-def run(sets: Path, workers: int) -> dict[str, Answer]:
-    """Diagnose every set; labels stay closed. What is answered is kept in DIR/answers.json, and not
-    asked again.
+def run(
+    sets: Path, workers: int, told: Callable[[dict[str, Answer]], None] = lambda _: None
+) -> dict[str, Answer]:
+    """Diagnose every set, which sees no label; `told` hears all answers after each.
+
+    An answer is kept in DIR/answers.json by the content of its file, which is not asked again.
     """
     files = sorted((sets / "sets").glob("*.csv"))
+    content = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
     kept = sets / "answers.json"
-    answers = (
-        {n: Answer(**given) for n, given in json.loads(kept.read_text()).items()}
-        if kept.exists()
-        else {}
-    )
+    known = json.loads(kept.read_text()) if kept.exists() else {}
+    answers = {n: _kept(known[content[n]]) for n in content if content[n] in known}
     left = [file for file in files if file.name not in answers]
+    if answers:
+        print(f"{len(answers)} of {len(files)} sets were answered before: {kept}", flush=True)
     os.environ["OPENBLAS_NUM_THREADS"] = (
         "1"  # read when numpy is imported, hence in fresh processes
     )
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for file, got in zip(left, pool.map(answer, map(str, left)), strict=True):
             answers[file.name] = got
-            kept.write_text(
-                json.dumps({name: a._asdict() for name, a in answers.items()}, indent=1)
-            )
-    return answers
+            known[content[file.name]] = got._asdict()
+            kept.write_text(json.dumps(known, indent=1))
+            told(answers)
+    return {file.name: answers[file.name] for file in files}
+
+
+def _kept(said: dict[str, Any]) -> Answer:
+    return Answer(**said | {name: tuple(said[name]) for name in ("names", "group")})
 
 
 def guesses_of(sets: Path) -> tuple[dict[str, Guess], list[str]]:
@@ -295,21 +305,38 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--csv", type=Path, help="every set in one row")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument(
+        "--pairs", action="store_true", help="sets are twins: compare them, now and at the end"
+    )
     given = parser.parse_args()
-    answers = run(given.sets, given.workers)
-    guesses, notes = guesses_of(given.sets)
-    headers = {name: _header(given.sets / "sets" / name) for name in answers}
-    labels = json.loads((given.sets / "labels.json").read_text())
-    witnessed = {name: got for name, got in answers.items() if "witnesses" in labels[name]}
-    friction = {name: got for name, got in answers.items() if name not in witnessed}
+    path = given.sets / "labels.json"
+    if given.pairs:
+        answers = run(given.sets, given.workers, partial(_so_far, json.loads(path.read_text())))
+        guesses, notes = {}, ["not asked about twins"]
+    else:
+        answers = run(given.sets, given.workers)
+        guesses, notes = guesses_of(given.sets)
+    labels = json.loads(path.read_text())
+    pairs = pairs_of(answers, labels)
+    judged = {pair.measured: answers[pair.measured] for pair in pairs} or answers
+    headers = {name: _header(given.sets / "sets" / name) for name in judged}
+    witnessed = {name: got for name, got in judged.items() if "witnesses" in labels[name]}
+    friction = {name: got for name, got in judged.items() if name not in witnessed}
     text = table(friction, labels, headers) if friction else ""
     text += witness_table(witnessed, labels) if witnessed else ""
-    text += peers_table(answers, labels, guesses, notes)
+    text += peers_table(judged, labels, guesses, notes)
+    text += pairs_table(pairs) if pairs else ""
     if given.csv:
         write_csv(given.csv, answers, labels, guesses)
     if given.out:
         given.out.write_text("# Diagnosis on blind data, as measured\n\n" + text)
     print(text)
+
+
+def _so_far(labels: dict[str, Any], answers: dict[str, Answer]) -> None:
+    pairs = pairs_of(answers, labels)
+    if pairs and 2 * len(pairs) == len(answers):
+        print(so_far(pairs, len(labels) // 2), flush=True)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .build import BlindSet, Spec, build
+from .build import BlindSet, Spec, build, build_twins
 from .families import COUNTS, SECOND_COUNTS, WITNESSES, anew, as_measured, ci_specs, specs
 from .witnesses import build_pair
 
@@ -45,7 +45,9 @@ def write(sets: list[BlindSet], out: Path, seed: int) -> None:
     """
     folder = out / "sets"
     folder.mkdir(parents=True, exist_ok=True)
-    order = np.random.default_rng([seed, 5]).permutation(len(sets))
+    for left_over in folder.glob("*.csv"):
+        left_over.unlink()
+    order = _shuffled(sets, np.random.default_rng([seed, 5]))
     digits = max(3, len(str(len(sets))))
     labels = {}
     for place, which in enumerate(order, start=1):
@@ -58,9 +60,19 @@ def write(sets: list[BlindSet], out: Path, seed: int) -> None:
     (out / "labels.sha256").write_text(f"{digest}  labels.json\n", encoding="utf-8")
 
 
+def _shuffled(sets: list[BlindSet], rng: np.random.Generator) -> np.ndarray:
+    """An order of the sets in which twins follow one another, whichever first."""
+    if not all("pair" in made.label for made in sets):
+        return rng.permutation(len(sets))
+    pairs = rng.permuted(np.arange(len(sets)).reshape(-1, 2), axis=1)
+    return rng.permutation(pairs).ravel()
+
+
 def generate(wanted: list[Spec], seed: int, workers: int = 1) -> list[BlindSet]:
-    """Build the sets, in order, on `workers` processes; those of witnesses come with a twin of
-    friction alone.
+    """Build the sets, in order, on `workers` processes.
+
+    Those of witnesses come with a twin of friction alone, measured ones with a twin of commanded
+    loads.
     """
     one = partial(_sets, seed=seed)
     if workers == 1:
@@ -70,7 +82,9 @@ def generate(wanted: list[Spec], seed: int, workers: int = 1) -> list[BlindSet]:
 
 
 def _sets(spec: Spec, seed: int) -> list[BlindSet]:
-    return build_pair(spec, seed) if spec.design == WITNESSES else [build(spec, seed)]
+    if spec.design == WITNESSES:
+        return build_pair(spec, seed)
+    return build_twins(spec, seed) if spec.measured else [build(spec, seed)]
 
 
 def _options(argv: list[str] | None) -> argparse.Namespace:
@@ -95,7 +109,8 @@ def _options(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--measured",
         action="store_true",
-        help="loads as measured, gains of trials and drifts in them; families F only",
+        help="loads as measured, gains of trials and drifts in them, each set with a twin that has"
+        " none of these; families F only",
     )
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     options = parser.parse_args(argv)

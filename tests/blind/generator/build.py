@@ -51,6 +51,7 @@ class Spec:
     contaminated: bool = False
     rivals: bool = False
     measured: bool = False  # loads as measured, gains of trials and drifts in them
+    twin: bool = False  # of a measured set
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def _candidates(rng: np.random.Generator, spec: Spec) -> list[str]:
         common &= set(suitable(name))
     if len(spec.effects) > 1:
         common &= {"factorial", "timed", "six_sessions", "rich", "voltage_frequency"}
-    if spec.measured:
+    if spec.measured or spec.twin:
         return [str(d) for d in rng.permutation(sorted(common & set(SMALL)))][:3]
     order = [str(d) for d in rng.permutation(sorted(common))][:3]
     return [*order, "rich"] if "rich" in common else order
@@ -214,6 +215,8 @@ def build(spec: Spec, seed: int) -> BlindSet:
         "aliases": aliases,
         "lambda_left": min(aliases.values()) if aliases else None,
     }
+    if spec.measured or spec.twin:
+        label["pair"] = f"{spec.family}-{spec.index}"
     columns = _columns(design, measured, off_frequency)
     if trials is not None:
         label["trials"] = trials.label()
@@ -222,6 +225,16 @@ def build(spec: Spec, seed: int) -> BlindSet:
             load_n = np.repeat(planned.rows.n, design.session.size // planned.session.size)
             columns |= {"trial": design.trial, "commanded_normal_force_n": load_n}
     return BlindSet(columns, label)
+
+
+def build_twins(spec: Spec, seed: int) -> list[BlindSet]:
+    """A measured set, and one of the same finger, plan, effect and lambda with commanded loads."""
+    made, alike = build(spec, seed), replace(spec, measured=False, twin=True)
+    twin, plan = build(alike, seed), made.label["design"]
+    return [
+        made,
+        twin if twin.label["design"] == plan else build(replace(alike, design=plan), seed),
+    ]
 
 
 def _aliases(
@@ -236,4 +249,4 @@ def _aliases(
     return {name: round(value, 2) for name, value in sorted(left.items(), key=lambda item: item[1])}
 
 
-__all__ = ["ALTERNATIVE", "CATALOGUE", "BlindSet", "Spec", "build", "suitable"]
+__all__ = ["ALTERNATIVE", "CATALOGUE", "BlindSet", "Spec", "build", "build_twins", "suitable"]
