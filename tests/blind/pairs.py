@@ -81,9 +81,13 @@ def so_far(pairs: list[Pair], count: int) -> str:
     parts = []
     for said, holds in COUNTED.items():
         found = _of(pairs, holds)
-        measured, commanded = (sum(one[i] for one in found) for i in (0, 1))
-        parts.append(f"{said} {measured} : {commanded} of {len(found)}")
+        parts.append(f"{said} {' : '.join(_rates(found))}")
     return f"{len(pairs)} of {count} pairs, measured : commanded; {'; '.join(parts)}"
+
+
+def _rates(found: list[tuple[bool, bool]]) -> list[str]:
+    """How often it holds, measured and commanded."""
+    return [wilson(sum(one[side] for one in found), len(found)) for side in (0, 1)]
 
 
 def pairs_table(pairs: list[Pair]) -> str:
@@ -93,7 +97,7 @@ def pairs_table(pairs: list[Pair]) -> str:
     lines += ["| | measured | commanded | of pairs that differ, measured |", "|---|---|---|---|"]
     for said, holds in COUNTED.items():
         found = _of(pairs, holds)
-        measured, commanded = (wilson(sum(one[i] for one in found), len(found)) for i in (0, 1))
+        measured, commanded = _rates(found)
         differ = [one for one in found if one[0] != one[1]]
         only = wilson(sum(one[0] for one in differ), len(differ))
         lines.append(f"| {said} | {measured} | {commanded} | {only} |")

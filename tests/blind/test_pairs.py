@@ -94,13 +94,14 @@ def test_what_is_counted_is_of_both_twins() -> None:
     assert [pair.measured for pair in pairs] == ["1", "4", "5", "7"]
     line = so_far(pairs, 5)
     assert line.startswith("4 of 5 pairs, measured : commanded; ")
-    assert "all hidden effects are named 1 : 1 of 2; " in line
-    assert "a wrong name is given 2 : 0 of 4; " in line
-    assert "a hidden effect leads 1 : 2 of 2" in line
+    # Wilson's interval by hand: 1.96^2 is 3.84.
+    # Wilson's intervals by hand: 1.96^2 is 3.84.
+    assert "effects are named 50 (9..91), 1/2 : 50 (9..91), 1/2; " in line
+    assert "a wrong name is given 50 (15..85), 2/4 : 0 (0..49), 0/4; " in line
+    assert "a hidden effect leads 50 (9..91), 1/2 : 100 (34..100), 2/2" in line
     table = pairs_table(pairs)
     assert "median lambda of what is hidden 90 as measured, 110 as commanded" in table
     (wrong,) = [row for row in table.splitlines() if row.startswith("| a wrong name")]
-    # Wilson's interval of 2 in 4 and of 2 in 2, by hand: 1.96^2 is 3.84.
     assert wrong.split("|")[2].strip() == "50 (15..85), 2/4"
     assert wrong.split("|")[4].strip() == "100 (34..100), 2/2"
 
