@@ -171,7 +171,7 @@ def _felt(strokes: Strokes, direction_deg: float, pitch_mm: float, where: str) -
         "length_mm": 1e3 * float(felt.position_m[-1] - felt.position_m[0]),
     }
     words = (
-        f"{felt.share_used:.1%} of the rows slide in contact; longest way without any"
+        f"{felt.share_used:.1%} of the rows count: they slide in contact; longest way without any"
         f" {1e3 * felt.widest_gap_m:.3g} mm"
     )
     return Imported(felt.position_m, felt.cof, words, "nothing", direction_deg, found)
