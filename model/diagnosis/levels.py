@@ -82,6 +82,11 @@ def trials_are_touches(data: Measurements) -> bool:
     return bool(np.unique(together).size == np.unique(trial).size > 1)
 
 
+def has_touches(data: Measurements) -> bool:
+    """Whether each trial is a touch at one setting: by the column `trial`, or by its load."""
+    return trials_are_touches(data) or (data.trial is None and loads_are_measured(data))
+
+
 def loads_are_measured(data: Measurements) -> bool:
     """Whether nearly every trial has a load of its own.
 
@@ -103,7 +108,7 @@ def rows_in_order(data: Measurements) -> list[Numbers]:
     """
     time_s = data.columns.get("time_s", np.arange(data.count, dtype=float))
     groups = [np.flatnonzero(data.group == g) for g in np.unique(data.group)]
-    if trials_are_touches(data) or (data.trial is None and loads_are_measured(data)):
+    if has_touches(data):
         trial = np.unique(trials(data), return_inverse=True)[1].ravel()
         if any(_overlap(trial[rows], time_s[rows]) for rows in groups):
             _, first = np.unique(trial, return_index=True)
@@ -141,7 +146,7 @@ def levels(data: Measurements, values: Array, std: Array, inflation: Array | Non
     """
     noisier = np.ones(data.count) if inflation is None else inflation
     told = _levels(data, values, std, noisier, sessions_apart=True)
-    if told.row.degrees >= FEWEST_DEGREES or not trials_are_touches(data):
+    if told.row.degrees >= FEWEST_DEGREES or not has_touches(data):
         return told
     across = _levels(data, values, std, noisier, sessions_apart=False)
     return max(told, across, key=lambda found: found.row.degrees)
@@ -161,7 +166,7 @@ def _levels(
     trial = np.unique(trials(data), return_inverse=True)[1].ravel()
     _, first = np.unique(trial, return_index=True)
     setting = settings(data, sessions_apart)
-    if trials_are_touches(data):
+    if has_touches(data):
         by_drive = np.lexsort((~data.driven, trial))
         first = by_drive[np.searchsorted(trial[by_drive], np.arange(first.size))]
         setting = setting[first][trial]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -171,6 +172,39 @@ def test_sessions_repeat_one_another_where_each_has_a_setting_once(seed: int) ->
     assert found.row.variance == pytest.approx(25.0, rel=5 * (2 / found.row.degrees) ** 0.5)
     spread = 5 * (2 / found.trial.degrees) ** 0.5
     assert found.trial.variance == pytest.approx(0.05**2, rel=spread)
+
+
+def bare(row_std: float, trial_std: float, seed: int) -> Measurements:
+    """Six sessions that read nine settings once each, without a column that counts trials."""
+    chance, rows = np.random.default_rng(seed), []
+    for session in range(6):
+        gain, time_s = np.exp(0.05 * chance.standard_normal()), 0.0
+        for frequency_hz, voltage_v in chance.permutation(
+            list(product(FREQUENCIES_HZ, VOLTAGES_V))
+        ):
+            load_n = 0.5 * np.exp(0.1 * chance.standard_normal())
+            touch = gain * np.exp(trial_std * chance.standard_normal())
+            time_s += 20.0
+            for later_s in (0.0, 0.5, 1.0):
+                level = 0.4 + 2e-5 * voltage_v**2 / load_n
+                cof = level * touch * np.exp(row_std * chance.standard_normal())
+                rows.append((frequency_hz, voltage_v, load_n, cof, time_s + later_s, session))
+    *columns, number = np.array(rows).T
+    names = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "time_s")
+    data = dict(zip(names, columns, strict=True))
+    return Measurements(data, number.astype(np.intp), tuple("abcdef"), None, str(seed))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sessions_repeat_one_another_without_a_column_of_trials_too(seed: int) -> None:
+    """A file whose touches only their loads tell apart has a gain of each touch as any other."""
+    data = bare(0.01, 0.1, seed)
+    found = of(data)
+    assert found.has_trials
+    # Five standard deviations of a variance with so many degrees of freedom.
+    spread = 5 * (2 / found.trial.degrees) ** 0.5
+    assert found.trial.variance == pytest.approx(0.1**2, rel=spread)
+    assert found.row.variance == pytest.approx(1e-4, rel=5 * (2 / found.row.degrees) ** 0.5)
 
 
 def test_rows_of_a_touch_share_one_gain_whatever_their_own_noise() -> None:
