@@ -26,11 +26,12 @@ EARLIER = (
 COLOURS = ("#1b6ca8", "#e08e0b", "#5b8c5a")
 PAGE = """# How good the contact theory is
 
-For people who need to know the error of an electrostatic force. `make validate` solves the same contact twice. One
-solution is Persson's theory (`model/contact/gap_distribution.py`, (41)-(49)). The other is a boundary-element solver,
-point by point (tamaas, Polonsky and Keer 1999, periodic, no adhesion; only the extra `validate` installs it). The command
-rewrites this page, its table `validation.csv` and its pictures. It fails if `model/contact/theory_error.py` claims a
-smaller error than it found. Seeds are fixed.
+For people who need to know the error of an electrostatic force.
+
+`make validate` solves the same contact twice. One solution is Persson's theory (`model/contact/gap_distribution.py`,
+(41)-(49)). The other is a boundary-element solver, point by point (tamaas, Polonsky and Keer 1999, periodic, no adhesion;
+only the extra `validate` installs it). The command rewrites this page, its table `validation.csv` and its pictures. It
+fails if `model/contact/theory_error.py` claims a smaller error than it found.
 
 | the contact | |
 |---|---|
@@ -67,7 +68,7 @@ The area falls as the grid is refined, because a point touches as a whole or not
 
 ## Resolution and width of the spectrum
 
-{convergence}
+[validation.csv](validation.csv) has every contact: each width of spectrum, grid, surface and pressure.
 
 ## What follows
 
@@ -111,7 +112,6 @@ def write(rows: Sequence[Row], shares: Mapping[float, Array], docs: Path) -> Non
         fine=_table(wide),
         extrapolated=_table(limit),
         seed1=" | ".join(f"{k:.2f}" for k in (*first.k, first.area)),
-        convergence=_convergence(rows),
         gap=max(abs(100.0 * (r.mean_gap - 1.0)) for r in wide),
         scatter=SCATTER,
         std=_std_table(log_std(rows)),
@@ -181,30 +181,6 @@ def _table(rows: Sequence[Row]) -> str:
         spans = zip(numbers.mean(0), numbers.min(0), numbers.max(0), strict=True)
         cells = [f"{m:.2f} ({a:.2f}-{b:.2f})" if b > a else f"{m:.2f}" for m, a, b in spans]
         lines.append(f"| {p / 1e3:g} kPa | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-def _convergence(rows: Sequence[Row]) -> str:
-    lines = [
-        (
-            "| q1/q0 | points | per shortest wave | surfaces | pressure | mean gap | real area "
-            "| K(0.3 um) | K(1 um) | K(5 um) |"
-        ),
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for zeta1, points in sorted({(r.zeta1, r.points) for r in rows}):
-        for p in PRESSURE_PA:
-            numbers = [
-                _numbers(r)
-                for r in rows
-                if (r.zeta1, r.points, r.pressure_pa) == (zeta1, points, p)
-            ]
-            if numbers:
-                cells = " | ".join(f"{m:.3f}" for m in np.mean(numbers, axis=0))
-                lines.append(
-                    f"| {zeta1} | {points} | {points // (4 * zeta1)} | {len(numbers)} | {p / 1e3:g}"
-                    f" kPa | {cells} |"
-                )
     return "\n".join(lines)
 
 

@@ -581,3 +581,13 @@ def test_links_and_pictures_exist(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
         if not target.startswith("http"):
             assert (page.parent / target).exists(), f"{page.name} points to {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_of_code_that_a_page_names_are_there(page: Path) -> None:
+    parts = (
+        ROOT / name for name in ("docs", "haptic_driver", "hw", "model", "tests", "validation")
+    )
+    there = [f"/{path.relative_to(ROOT)}" for part in parts for path in part.rglob("*.py")]
+    for name in re.findall(r"`([\w/]+\.py)`", page.read_text(encoding="utf-8")):
+        assert any(path.endswith(f"/{name}") for path in there), name

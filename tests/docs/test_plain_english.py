@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from pathlib import Path
 
 import pytest
 
@@ -35,6 +36,15 @@ def test_words_are_those_of_the_field(sentences: Iterable[Sentence]) -> None:
         if re.search(rf"\b{word}\b", s.text, re.IGNORECASE)
     ]
     assert not found, "\n".join(f"{where}: '{word}' in: {text}" for where, word, text in found)
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if page.parent.name == "docs"], ids=lambda page: page.name
+)
+def test_the_first_line_says_for_whom_the_page_is(page: Path) -> None:
+    title, first = page.read_text(encoding="utf-8").split("\n\n")[:2]
+    assert title.startswith("# ")
+    assert re.match(r"For (people|programmers|every reader)\b", first), first
 
 
 def test_every_term_of_the_glossary_is_defined_once() -> None:

@@ -3,7 +3,7 @@ test notices.
 
 Cosmic Ray makes the faults, in two copies of the repository beside one another. By default those in
 lines changed since `--base`; with `--all` a sample of every module, drawn by `--seed`. Survivors
-are printed with their lines: `docs/reliability.md` says of each what became of it.
+are printed with their lines: `docs/reliability.md` counts them.
 """
 
 from __future__ import annotations
