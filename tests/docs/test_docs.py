@@ -46,6 +46,7 @@ OWN_DATA = ROOT / "docs" / "own-data.md"
 PAPER = ROOT / "docs" / "paper-experiment.md"
 SCRIPT = Path(sys.executable).with_name("haptic")
 HANG_S = 120.0
+CODE = ("docs", "examples", "haptic_driver", "hw", "model", "tests", "validation")
 
 SERVED = "haptic daemon run --rig simulated --port 8470"  # what sessions begin with
 UNTIL_CTRL_C = ("haptic arm", "haptic watch")
@@ -585,9 +586,6 @@ def test_links_and_pictures_exist(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_files_of_code_that_a_page_names_are_there(page: Path) -> None:
-    parts = (
-        ROOT / name for name in ("docs", "haptic_driver", "hw", "model", "tests", "validation")
-    )
-    there = [f"/{path.relative_to(ROOT)}" for part in parts for path in part.rglob("*.py")]
+    there = [f"/{path.relative_to(ROOT)}" for room in CODE for path in (ROOT / room).rglob("*.py")]
     for name in re.findall(r"`([\w/]+\.py)`", page.read_text(encoding="utf-8")):
         assert any(path.endswith(f"/{name}") for path in there), name
