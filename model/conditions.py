@@ -29,7 +29,7 @@ UNDRIVEN_HZ = 250.0  # stands for the ignored frequency of rows without voltage
 class Conditions:
     """Conditions of n touches, all arrays [n].
 
-    `voltage_v` is the amplitude at the electrode; where it is 0 the frequency is ignored.
+    `voltage_v` is the amplitude at the electrode; where it is 0 or direct the frequency is ignored.
     `waveform` holds names of `WAVEFORMS`; a square wave is treated at its fundamental, with the
     mean square of the whole wave. `voltage_offset_v` is a steady bias added to it. `speed_m_s` and
     `time_s` matter to some effects only. `finger` holds names of `FINGERS`: a resting one has no
@@ -104,9 +104,6 @@ class Conditions:
             if self.contact_area_m2 is None
             else np.nan_to_num(self.contact_area_m2),
         )
-
-    def _seen_area_m2(self) -> Values:
-        return 0.0 if self.contact_area_m2 is None else np.nan_to_num(self.contact_area_m2)
 
     def _finger(self) -> NDArray[np.str_]:
         return (

@@ -135,8 +135,9 @@ class Contact:
 
 @dataclass(frozen=True)
 class Friction:
-    """How friction follows from load: cof_off cof_off_factor load^load_exponent / applied load,
-    loads in newtons.
+    """How friction follows from load: cof_off cof_off_factor load^load_exponent / applied load.
+
+    Both loads are in units of `LOAD_REFERENCE_N`.
     """
 
     cof_off_factor: Values = 1.0

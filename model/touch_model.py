@@ -33,9 +33,10 @@ THEORY_PRESSURE_RATIO = (
 
 @dataclass(frozen=True)
 class Prediction:
-    """Answers for touches of any shape; NaN where the contact pulls in or the published equations
-    fail.
+    """Answers for touches of any shape; NaN where there is no equilibrium.
 
+    This is where the contact pulls in, where a pressure leaves the table, or where the published
+    equations fail. `stuck_current_rms_a` and `electrode_voltage_v` need no equilibrium.
     `pulled_in` marks what lies past the fold of V(p_e). `within_theory` is False where p_e exceeds
     10 p0 or the tabulated pressures, and where there is no equilibrium. `electrode_current_a` and
     `electrode_voltage_v` are complex peak phasors of the fundamental, stray current included. Their
@@ -235,9 +236,7 @@ class TouchModel:
         return self.answer(conditions.drive())
 
     def cof(self, conditions: Conditions) -> Array:
-        """Friction alone of arbitrary conditions [n], as `predict` has it; in three quarters of the
-        time for one.
-        """
+        """Friction alone of arbitrary conditions [n], as `predict` has it, in less time."""
         drive = conditions.drive()
         touch = self._prepare(drive)
         return self._cof(drive, touch, self._attraction(drive, touch))

@@ -66,7 +66,10 @@ class Rig:
         return self._asked().scene
 
     def measured_friction(self, average_s: float = 2.0) -> float:
-        """Mean lateral over mean normal force while sliding; NaN where no finger slid meanwhile."""
+        """Mean lateral over mean normal force of sliding in the newest `average_s`, at most 2 s.
+
+        The lateral force counts by its amount. NaN where no finger slid meanwhile.
+        """
         require_range("average", average_s, 0.01, 2.0, unit=" s")
         ticks = self.client.samples(most=2000)
         recent = ticks["time_s"] >= ticks["time_s"].max(initial=-math.inf) - average_s

@@ -116,9 +116,11 @@ def investigate(
     rounds: int = 4,
     seed: int = 0,
 ) -> Investigation:
-    """Measure, diagnose and measure again on a simulated rig, until a name is earned.
+    """Measure, diagnose and measure again on a simulated rig, until an effect is named.
 
-    HapticError for a real rig, at which somebody must be present: use `haptic investigate`.
+    It also ends when nothing is missing, nothing more can be separated, or `minutes` of measuring
+    or `rounds` are over. HapticError for a real rig, at which somebody must be present: use
+    `haptic investigate`.
     """
     config = load_rig(rig)
     if not config.simulated:

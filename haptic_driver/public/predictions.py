@@ -25,7 +25,8 @@ SHOWN = ("electrostatic_force_n", "cof", "current_rms_a")
 class Predictions:
     """Answers of the model; every array has the common shape of what was asked.
 
-    `conditions` holds what was asked, by name. NaN where the contact pulls in or no finger slides.
+    `conditions` holds what was asked, by name. All are NaN where the contact pulls in or its
+    pressure leaves the contact theory's table, `cof` also where no finger slides.
     """
 
     conditions: dict[str, NDArray[Any]]

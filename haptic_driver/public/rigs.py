@@ -39,7 +39,7 @@ class SlideResult:
 
     @property
     def score(self) -> Fidelity:
-        """How friction felt agrees with friction asked; see the glossary of `haptic demo`."""
+        """How measured friction agrees with the target; `docs/fidelity.md` has the numbers."""
         return self.result.fidelity
 
     @property
@@ -68,7 +68,7 @@ class SlideResult:
 class SimulatedRig:
     """A rig on simulated instruments, and the surface by which it renders.
 
-    `finger` is the model of the finger that slides, where it is not the surface's own.
+    `finger` is the model of the finger that slides.
     """
 
     def __init__(self, surface: Surface, finger: ModelDescription) -> None:

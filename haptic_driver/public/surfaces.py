@@ -33,7 +33,8 @@ class Surface:
     ) -> OperatingPoint:
         """Find frequency and voltage for a friction, by the rig's policy unless one is named.
 
-        BadInputError where it is out of reach, with what is in reach.
+        BadInputError where it is out of reach, with what is in reach; HapticError where the safety
+        gate refuses the point.
         """
         return operating_point(
             self._controller(policy, frequency_hz), self.file, friction, normal_force_n
