@@ -44,6 +44,7 @@ LONG = [
 ]  # half a minute of what tests of the commands do on less data: with `make soak`
 OWN_DATA = ROOT / "docs" / "own-data.md"
 PAPER = ROOT / "docs" / "paper-experiment.md"
+TEXTURES = ROOT / "docs" / "textures.md"
 SCRIPT = Path(sys.executable).with_name("haptic")
 HANG_S = 120.0
 CODE = ("docs", "examples", "haptic_driver", "hw", "model", "tests", "validation")
@@ -132,6 +133,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     own_data.write(folder / "trials")
     (folder / "map.toml").write_text(own_data.map_of(OWN_DATA))
     (folder / "figure3.toml").write_text(blocks(PAPER, "toml")[0])
+    (scene,) = (text for text in blocks(TEXTURES, "toml") if text.startswith('kind = "scene"'))
+    (folder / "keys.toml").write_text(scene)
     rows = [f"{0.01 * i:.2f},{0.0004 * i:.5f},{0.5 if i > 10 else 0.0}" for i in range(200)]
     (folder / "slide.csv").write_text("time_s,position_m,normal_force_n\n" + "\n".join(rows) + "\n")
     return folder
