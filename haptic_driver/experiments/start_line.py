@@ -42,7 +42,7 @@ class StartLine:
         missed = self.reader.edges - self._used
         if missed:
             self.ignored += missed
-            self._tell(f"{what}: {missed} edges came meanwhile and began nothing")
+            self._tell(f"{what}: edges that came meanwhile and began nothing: {missed}")
         self._used += missed
         self._tell(f"{what}: waiting for an edge on {self._line.resource}")
         until_s = time.monotonic() + LONGEST_S
