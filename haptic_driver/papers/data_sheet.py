@@ -227,7 +227,7 @@ def _place_lines(found: Measured, speed_m_s: float) -> Iterator[Line]:
     low = found.cof("low").value
     middle = middle_of(low, found.cof("high").value)
     error = mean_of(edge_errors_m(found.of("edges", speed_m_s)[0], low, middle))
-    how = f"edges every {1e3 * HALF_M:g} mm, up and down: where friction has changed by half"
+    how = f"edges every {1e3 * HALF_M:g} mm: where friction has changed by half"
     yield Line(f"position_error_{key}", error, "m", f"position error, {at}", how)
     latency = Number(*(value / speed_m_s for value in error))
     how = "position error over speed: what the driver leaves of its delay"
@@ -325,7 +325,7 @@ def readable(name: str, one: dict[str, Any]) -> tuple[str, str]:
         return "not known", "-"
     known = [scale * one[key] for key in ("value", "low", "high") if one[key] is not None]
     decimals = _decimals(known)
-    value, *interval = (f"{number:.{decimals}f}" for number in known)
+    value, *interval = (f"{number:.{decimals}f}" if number else "0" for number in known)
     return f"{value} {unit}".strip(), " to ".join(interval) or "-"
 
 
