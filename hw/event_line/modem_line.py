@@ -1,5 +1,5 @@
-"""Modem lines of a serial port, at the port's own levels: RTS or DTR as an event line of one wire,
-CTS or DSR as a line in.
+"""Modem lines of a serial port, at the port's own levels. RTS or DTR is an event line of one wire,
+CTS or DSR a line in.
 """
 
 from __future__ import annotations

@@ -38,8 +38,8 @@ class TriggerBox:
 
 
 class TriggerBoxIn:
-    """A byte of the box as a line in: high for a moment at every one of that code, or at any but 0
-    where `code` is 0.
+    """A byte of the box as a line in, which is high for a moment at each that is `code`. Where that
+    is 0, any other byte counts.
     """
 
     def __init__(self, transport: Transport, code: int = 0) -> None:

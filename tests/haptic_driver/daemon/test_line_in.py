@@ -51,7 +51,7 @@ def heard(daemon, line):
     def edge(pulses=1):
         before = daemon.events(0)[-1].number
         time.sleep(1.2 * LOW_S)  # since any other
-        made_s = [line.pulse() for _ in range(pulses)][0]
+        made_s, *_ = [line.pulse() for _ in range(pulses)]
         told = until(lambda: [e for e in daemon.events(before) if e.kind == "edge_in"])
         return made_s, told[0]
 

@@ -1,4 +1,4 @@
-"""The section `[line_in]` of a rig's file, what the doctor says of it, and when a rise is an edge."""
+"""The section `[line_in]` of a rig's file, what the doctor says, and when a rise is an edge."""
 
 from __future__ import annotations
 
