@@ -7,6 +7,7 @@ Requests are those of `linux/ppdev.h` on common processors; no port was tried.
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
 
@@ -19,7 +20,7 @@ STATUS_BITS = {15: 0x08, 13: 0x10, 12: 0x20, 10: 0x40, 11: 0x80}  # by pin
 BUSY = 11  # the port itself inverts this one
 
 
-class _Port:
+class _Port(ABC):
     """A port that is held alone between `open` and `close`."""
 
     def __init__(self, device: str) -> None:
@@ -31,7 +32,7 @@ class _Port:
             self._descriptor = os.open(self.resource, os.O_RDWR | os.O_CLOEXEC)
             self._ask(PPEXCL)
             self._ask(PPCLAIM)
-            self._begin()
+            self._rest()
         except OSError as error:
             self._let_go()
             raise DeviceDisconnected(
@@ -41,15 +42,13 @@ class _Port:
 
     def close(self) -> None:
         with suppress(OSError, ValueError):
-            self._end()
+            self._rest()
             self._ask(PPRELEASE)
         self._let_go()
 
-    def _begin(self) -> None:
-        """The first that is asked of a port that is ours."""
-
-    def _end(self) -> None:
-        """The last."""
+    @abstractmethod
+    def _rest(self) -> None:
+        """What is asked of the port first, and last."""
 
     def _asked(self, request: int, data: bytes) -> bytes:
         """The answer; DeviceDisconnected where there is none."""
@@ -78,10 +77,7 @@ class ParallelPort(_Port):
     def put(self, code: int) -> None:
         self._asked(PPWDATA, bytes([code]))
 
-    def _begin(self) -> None:
-        self._ask(PPWDATA, bytes([0]))
-
-    def _end(self) -> None:
+    def _rest(self) -> None:
         self._ask(PPWDATA, bytes([0]))
 
 
@@ -95,3 +91,6 @@ class ParallelPortIn(_Port):
     def levels(self) -> Sequence[bool]:
         (status,) = self._asked(PPRSTATUS, bytes(1))
         return (bool(status & STATUS_BITS[self._pin]) is not (self._pin == BUSY),)
+
+    def _rest(self) -> None:
+        """Nothing is set."""
