@@ -104,10 +104,10 @@ class SimulatedLineIn:
         return now_s
 
     def unplug(self) -> None:
-        """The box is gone until the line is opened again."""
-        assert self._server is not None
-        self._server.close()
-        self._server = None
+        """The box is gone until the line is opened again; from any thread."""
+        server, self._server = self._server, None  # who reads may close the line meanwhile
+        if server is not None:
+            server.close()
 
     def levels(self) -> Sequence[bool]:
         if self._every_s and self._clock() >= self._due_s:
@@ -117,8 +117,7 @@ class SimulatedLineIn:
         return self._driver.levels()
 
     def close(self) -> None:
-        if self._driver is not None:
-            self._driver.close()
-        if self._server is not None:
-            self._server.close()
-        self._driver = self._server = None
+        driver, self._driver = self._driver, None
+        if driver is not None:
+            driver.close()
+        self.unplug()
