@@ -121,12 +121,7 @@ def command_of(verb: Verb[..., Any, Any]) -> Callable[..., None]:
         said = {name: said[name] == "on" if said[name] in ON_OFF else said[name] for name in said}
         with client_of(socket) as client:
             token = lease_token(client.address) if isinstance(verb, Leased) else ""
-            try:
-                answer = client.ask(verb, said, token)
-            except BadInputError as refused:
-                if "nearest" in said and refused.code == "unreachable":
-                    refused.hint += ": --nearest"
-                raise
+            answer = client.ask(verb, said, token)
         show(as_json, answer, in_short=not verbose)
 
     of_all = [("socket", SocketOption, None), ("as_json", Json, False)]

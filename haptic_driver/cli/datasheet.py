@@ -57,6 +57,7 @@ def datasheet(
         data_sheet,
         measure_sheet,
         pass_count,
+        readable,
         sheet_facts,
     )
 
@@ -67,10 +68,9 @@ def datasheet(
     write(paper, out)
 
     def show() -> None:
-        table = Table("quantity", "value", title=paper.title, title_justify="left")
-        for one in facts["numbers"].values():
-            value = "not known" if one["value"] is None else f"{one['value']:.3g} {one['unit']}"
-            table.add_row(one["what"], value)
+        table = Table("quantity", "value", "interval", title=paper.title, title_justify="left")
+        for name, one in facts["numbers"].items():
+            table.add_row(one["what"], *readable(name, one))
         stdout.print(table)
         stdout.print(f"sheet: {out}")
 

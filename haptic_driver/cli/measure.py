@@ -30,6 +30,7 @@ from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import Experiment, prepare, run
 from haptic_driver.experiments.spectra import Stray, mark_spectra
+from haptic_driver.experiments.start_line import start_line
 from haptic_driver.lookup.models import load_model
 from haptic_driver.recording.strokes import StrokesFile, require_free, strokes_path
 from haptic_driver.rig.config import RigConfig, load_rig
@@ -75,7 +76,8 @@ def measure(
 
     Points outside the rig's limits, with the finger currents that the model predicts, are listed
     first and never energised. Every row is on the disk before the next begins. On a real rig the
-    stage slides once per row, and waits for the finger to press as the plan says. A simulated
+    stage slides once per row, and waits for the finger to press as the plan says. Where the rig's
+    `[line_in]` says `start = "stroke"`, a row that slides waits for an edge too. A simulated
     finger may be given effects that the model does not know, as `[series_resistance] resistance_ohm
     = 2e4` in a file. It may also be any function of arrays `(frequency_hz, voltage_v,
     normal_force_n, speed_m_s, time_s)` that returns the lateral force in N. Or it returns
@@ -126,8 +128,14 @@ def measure(
         "simulated": float(identity.simulated),
     }
     total = len(experiment.rows)
-    with opened as data, begin(path, about) as strokes, progress("measuring", total) as advance:
+    with (
+        opened as data,
+        begin(path, about) as strokes,
+        progress("measuring", total) as advance,
+        start_line(config, advance.tell) as line,
+    ):
         bench = bench_for(experiment, data.done, function, advance.tell)
+        bench.await_start = line.wait if line else bench.await_start
         try:
             with bench:
                 off = run(experiment, bench, data, advance, advance.tell, strokes)
@@ -142,6 +150,7 @@ def measure(
             raise HapticError("interrupted", said, "Continue with --resume") from stop
     stray = _check_spectra(experiment, out)
     payload = _payload(experiment, data.done, out, stray)
+    payload |= {} if line is None else {"edges": line.reader.edges, "edges_ignored": line.ignored}
     drawn = _draw(out, model) if figure else []
     payload |= {"files": [str(file) for file in drawn]} if figure else {}
 

@@ -22,6 +22,7 @@ from haptic_driver.daemon.basis import Basis
 from haptic_driver.daemon.event_line import EventLineWriter
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.judge import Judged, MeasuredLatency, measured_latency
+from haptic_driver.daemon.line_in import LineInWatch
 from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import (
     SOMEBODY,
@@ -51,6 +52,7 @@ from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
 from haptic_driver.rig.parts.event_lines import NoEventLine, make_event_line
+from haptic_driver.rig.parts.lines_in import NoLineIn, make_line_in
 from haptic_driver.rig.states import RigState
 from haptic_driver.textures.library import script_names, texture_names
 
@@ -109,6 +111,7 @@ class Daemon:
             lambda: self._latency(self._judged()),
         )
         self.event_line = _event_line(settings, shared, orders, events)
+        self.line_in = self._line_in(settings)
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -131,6 +134,8 @@ class Daemon:
             self._loader.start()  # what nobody waits for comes last
             self.basis.start()
             self.supervisor.await_all()
+            if self.line_in is not None:  # last: an edge begins a recording of all the rest
+                self.line_in.start()
         except BaseException:
             self.close()
             raise
@@ -151,6 +156,8 @@ class Daemon:
         output_on = self.supervisor.close()
         if self.event_line is not None:
             self.event_line.close()
+        if self.line_in is not None:
+            self.line_in.close()
         with suppress(HapticError):
             self._recordings.stop()
         self.shared.close()
@@ -168,6 +175,14 @@ class Daemon:
         """Process ids by name, for whoever supervises or tests."""
         loaders = self._loader.pids | self._painter.pids
         return self.supervisor.pids | self._recordings.pids | self.basis.pids | loaders
+
+    def _line_in(self, settings: DaemonSettings) -> LineInWatch | None:
+        """What hears the rig's line in, if it has one."""
+        section = settings.config.line_in
+        if isinstance(section, NoLineIn):
+            return None
+        line, recordings = make_line_in(section), self._recordings
+        return LineInWatch(line, section, self.record, lambda: recordings.asked, self.event_log)
 
     def _start_threads(self) -> None:
         pump = self._orders.pump
@@ -241,6 +256,7 @@ class Daemon:
                 adaptation=self.basis.observer.swap.said,
                 recording=str(recording) if recording is not None else None,
                 recording_fault=self._recordings.fault,
+                line_in=None if self.line_in is None else self.line_in.status(),
             )
 
     def _judged(self) -> Judged:

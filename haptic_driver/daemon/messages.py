@@ -92,6 +92,21 @@ class RenderedFidelity(Checked):
     said: list[str]
 
 
+class LineInStatus(Checked):
+    """A rig's line in since the daemon's start."""
+
+    start: str  # what its edges begin: a recording, or strokes of `haptic measure`
+    edges: int
+    ignored: int  # of these: they came while something was being begun or ended, or could not
+    bounces: int  # rises that were no edges
+    last_edge_s: float | None  # on CLOCK_MONOTONIC
+    lost: str | None  # why nothing is heard; null while the line is
+
+    def __str__(self) -> str:
+        said = [f"{self.edges} edges", f"{self.ignored} ignored", f"{self.bounces} bounces"]
+        return ", ".join(said if self.lost is None else [f"LOST: {self.lost}", *said])
+
+
 class Status(Checked):
     """`haptic status`; `output_on` is None where nobody knows.
 
@@ -146,6 +161,7 @@ class Status(Checked):
     adaptation: str | None = None  # the result of the last refit; null while there is none
     recording: str | None  # the file; None also while a recording waits for space
     recording_fault: str | None  # what is missing of the present recording, and why
+    line_in: LineInStatus | None = None  # null where the rig has none
 
     def __str__(self) -> str:
         on, asked = self._output_said(), self._asked_said()
@@ -177,12 +193,13 @@ class Status(Checked):
                 f"{number(self.timing.in_time, '.0%')} of the last ticks in time;"
                 f" {self.timing.last_cause}"
             )
-        said = {
+        said: dict[str, str | None] = {
             "lease held by": self.lease_holder,
             "fault:": self.fault,
             "recording into": self.recording,
         }
         said |= {"recording fault:": self.recording_fault, "adapting:": self.adaptation}
+        said |= {"line in:": None if self.line_in is None else str(self.line_in)}
         return "\n  ".join(
             [*lines, *(f"{what} {it}" for what, it in said.items() if it is not None)]
         )

@@ -71,6 +71,11 @@ class Recordings:
         return recorder.path if recorder is not None else None
 
     @property
+    def asked(self) -> Path | None:
+        """Where to the present one was begun, which may go on elsewhere; None without one."""
+        return self._asked
+
+    @property
     def pids(self) -> dict[str, int]:
         """The recorder's process id, if there is one."""
         recorder = self._recorder

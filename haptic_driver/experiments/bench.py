@@ -6,7 +6,7 @@ The real one is `haptic_driver.experiments.stage_bench`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import exp, sqrt
 from typing import NamedTuple, Protocol, Self
@@ -34,8 +34,21 @@ class Place(NamedTuple):
     position_m: float
 
 
+class AwaitStart(Protocol):
+    """What a stroke waits for, the finger pressing; `hold` lets time pass meanwhile."""
+
+    def __call__(self, what: str, hold: Callable[[float], object], /) -> object:
+        """Return when the stroke may begin; `what` names it."""
+
+
+def at_once(what: str, hold: Callable[[float], object], /) -> None:
+    """Nothing."""
+
+
 class Bench(Protocol):
     """A rig, connected, and a finger that slides over it until it is stopped."""
+
+    await_start: AwaitStart
 
     @property
     def rig(self) -> Rig:
@@ -134,6 +147,7 @@ class SimulatedBench:
         config = config.model_copy(update={"simulation": simulation})
         self.simulated = SimulatedRig(config, model, friction=friction, electrode=electrode)
         self._time_s = 0.0
+        self.await_start: AwaitStart = at_once
         self.run_up_s = 0.0  # it slides at once
         self.places: list[Place] = []
         self._session_gain = self._session_area = 1.0
@@ -179,6 +193,8 @@ class SimulatedBench:
         self._random = np.random.default_rng([*self._seed, 2, number])
         self._wobble = float(self._random.standard_normal())
         self.places = [Place(self._time_s, 0.0)]
+        if row.setting.finger == "sliding":
+            self.await_start(f"row {number + 1}", lambda duration_s: None)
 
     def up_to_speed(self) -> None:
         """See `Bench`."""

@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from typing import Self
 
 from haptic_driver.errors import HapticError
-from haptic_driver.experiments.bench import Place
+from haptic_driver.experiments.bench import AwaitStart, Place, at_once
 from haptic_driver.experiments.plan import Plan, Row, Setting
 from haptic_driver.experiments.stroke import SPARE_S, Stroke, stage_of, stroke
 from haptic_driver.rig.config import RigConfig
@@ -70,6 +70,7 @@ class StageBench:
         self._devices = devices or connect_devices(without_envelope(config), load_stage=True)
         self._clock, self._sleep = clock, sleep
         self._sensor_zero_s = 0.0  # on the force sensor's clock
+        self.await_start: AwaitStart = at_once
         self._sessions = 0
         self._load: LoadLoop | None = None  # while a load stage presses
         self._pressing = ExitStack()
@@ -125,8 +126,9 @@ class StageBench:
         stage.move_to(path.start_m)
         stage.wait(self._move_s(stage, path.start_m))
         self._press(pressing, wanted_n, tolerance_n)
-        self._tell(f"row {number + 1}: measuring, hold {wanted_n:g} N")
         stage.set_velocity(path.speed_m_s, self._stage_config.acceleration_m_s2)
+        self.await_start(f"row {number + 1}", self._wait)
+        self._tell(f"row {number + 1}: measuring, hold {wanted_n:g} N")
         stage.move_to(path.end_m)
         self._path = path
         self._place()

@@ -11,7 +11,7 @@ import datetime
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from math import isfinite, log, nan
+from math import floor, isfinite, log, log10, nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -61,8 +61,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LOW, HIGH = "#1b6ca8", "#d1495b"
-READS_WELL = {"s": (1e3, "ms"), "m": (1e3, "mm"), "A rms": (1e3, "mA rms"), "N": (1e3, "mN")}
+READS_WELL = {"s": (1e3, "ms"), "m": (1e6, "µm"), "A rms": (1e3, "mA rms"), "N": (1e3, "mN")}
+IN_PERCENT = {"within_touches", "between_touches"}
 LINE_STYLES = (":", "-", "--")
+MOST_DECIMALS = 6
 
 Samples = NDArray[np.void]
 Advance = Callable[[int], None]
@@ -225,7 +227,7 @@ def _place_lines(found: Measured, speed_m_s: float) -> Iterator[Line]:
     low = found.cof("low").value
     middle = middle_of(low, found.cof("high").value)
     error = mean_of(edge_errors_m(found.of("edges", speed_m_s)[0], low, middle))
-    how = f"edges every {1e3 * HALF_M:g} mm, up and down: where friction has changed by half"
+    how = f"edges every {1e3 * HALF_M:g} mm: where friction has changed by half"
     yield Line(f"position_error_{key}", error, "m", f"position error, {at}", how)
     latency = Number(*(value / speed_m_s for value in error))
     how = "position error over speed: what the driver leaves of its delay"
@@ -296,7 +298,8 @@ def _blocks(found: Measured, facts: dict[str, Any]) -> Iterator[Block]:
         panels=3,
     )
     yield Heading("Numbers")
-    cells = [(one["what"], *_said(one), one["how"]) for one in facts["numbers"].values()]
+    numbers = facts["numbers"].items()
+    cells = [(one["what"], *readable(name, one), one["how"]) for name, one in numbers]
     yield Table(("quantity", "value", "interval", "how it was got"), cells, (3.2, 1.3, 2.0, 5.6))
     yield Paragraph(
         "After a proposal for haptic touch screens (arXiv:2308.15190, abstract read). Not measured:"
@@ -313,20 +316,26 @@ def _range_cell(one: dict[str, Any]) -> str:
     return f"{low:.3f}  {high:.3f}  {contrast:.3f}"
 
 
-def _said(one: dict[str, Any]) -> tuple[str, str]:
-    """Value and interval in a unit that reads well."""
+def readable(name: str, one: dict[str, Any]) -> tuple[str, str]:
+    """Value and interval of a number among the facts, in a unit that reads well."""
     scale, unit = READS_WELL.get(one["unit"], (1.0, one["unit"]))
+    if name in IN_PERCENT:
+        scale, unit = 100.0, "%"
     if one["value"] is None:
         return "not known", "-"
-    value = f"{_three(scale * one['value'])} {unit}".strip()
-    if one["low"] is None or one["high"] is None:
-        return value, "-"
-    return value, f"{_three(scale * one['low'])} to {_three(scale * one['high'])}"
+    known = [scale * one[key] for key in ("value", "low", "high") if one[key] is not None]
+    decimals = _decimals(known)
+    value, *interval = (f"{number:.{decimals}f}" if number else "0" for number in known)
+    return f"{value} {unit}".strip(), " to ".join(interval) or "-"
 
 
-def _three(value: float) -> str:
-    """With three digits, zeros at the end too."""
-    return f"{value:#.3g}".removesuffix(".") if value else "0"
+def _decimals(known: Sequence[float]) -> int:
+    """For three digits of the largest number, and for one of the interval's width."""
+    largest = max(abs(number) for number in known)
+    width = max(known) - min(known)
+    wanted = [2 - floor(log10(largest))] if largest > 0.0 else [0]
+    wanted += [-floor(log10(width))] if width > 0.0 else []
+    return min(max(*wanted, 0), MOST_DECIMALS)
 
 
 def _draw(axes: Sequence[Axes], found: Measured) -> None:
@@ -347,6 +356,7 @@ def _draw(axes: Sequence[Axes], found: Measured) -> None:
     line.errorbar(LINES_HZ, gain, 2.0 * error, fmt="o-", ms=3, color="#1a1a1a", elinewidth=0.7)
     line.axhline(np.sqrt(0.5), color="#8a8a8a", ls="--", lw=0.8)
     line.set(xscale="log", xlabel="frequency, Hz", ylabel="felt / asked", ylim=(0.0, None))
+    line.xaxis.set_major_formatter("{x:g}")
     for one in axes:
         one.grid(alpha=0.25)
 

@@ -68,6 +68,8 @@ THREADS = (
     Part("outlets", "control", "daemon/outlets.py", "samples and events to other programs"),
     Part("inlet", "control", "daemon/inlets.py", "markers from other programs"),
     Part("event_line", "control", "daemon/event_line.py", "an edge for each event that has a code"),
+    Part("line_in", "control", "rig/line_in.py", "hears edges; also in `haptic measure`"),
+    Part("begin", "control", "daemon/line_in.py", "begins or ends a recording for an edge"),
     Part("pat", "control", "daemon/service.py", "tells systemd that ticks advance"),
     Part("say", "control", "cli/daemon.py", "messages to a terminal, which may be stopped"),
     Part("bounded", "any", "processes/patience.py", "work that may hang and is waited for so long"),

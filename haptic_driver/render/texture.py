@@ -46,8 +46,8 @@ class Target(ABC):
 
     @abstractmethod
     def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
-        """The same on the finger's way, at times ahead of now [n]; a script stands still
-        meanwhile.
+        """The same on the finger's way, at times ahead of now [n]; a script goes on meanwhile, up
+        to its next step.
         """
 
     @abstractmethod
@@ -475,12 +475,36 @@ class Script(Target):
         return cof if second is None else _between(cof, second.cof_under(finger), share)
 
     def cof_along(self, finger: FingerState, ahead_s: FloatArray) -> FloatArray:
-        """Friction at the finger's time, where it will be."""
-        first, second, share = self._at(finger.time_s - self.start_s)
-        if first is None:
+        """Friction where the finger will be. Fades go on, one into the next. What a step jumps to
+        is a matter of the next tick, which limits how fast voltage rises.
+        """
+        now_s = finger.time_s - self.start_s
+        if not self._times_s[0] <= now_s < self._times_s[-1]:
             return np.full(ahead_s.shape, math.nan)
-        cof = first.cof_along(finger, ahead_s)
-        return cof if second is None else cof + share * (second.cof_along(finger, ahead_s) - cof)
+        index, time_s = self._index(now_s), now_s + ahead_s
+        cof = self._cof_of(index, finger, ahead_s, time_s)
+        while self._leads_on(index, time_s.item(-1)):
+            index += 1
+            later = time_s >= self._times_s[index]
+            cof = np.where(later, self._cof_of(index, finger, ahead_s, time_s), cof)
+        return cof
+
+    def _cof_of(
+        self, index: int, finger: FingerState, ahead_s: FloatArray, time_s: FloatArray
+    ) -> FloatArray:
+        """What one step asks for, and for however long."""
+        step, following = self.steps[index], self.steps[index + 1]
+        cof = step.texture.cof_along(finger, ahead_s)
+        if step.interpolation == "hold":
+            return cof
+        share = self._share(index, np.maximum(time_s, step.time_s))
+        return cof + share * (following.texture.cof_along(finger, ahead_s) - cof)
+
+    def _leads_on(self, index: int, until_s: float) -> bool:
+        """Whether a step fades into another that begins by then; the last is none."""
+        following = index + 1
+        fades = self.steps[index].interpolation != "hold"
+        return fades and following < len(self.steps) - 1 and self._times_s[following] <= until_s
 
     def _at(self, time_s: float) -> tuple[Texture | None, Texture | None, float]:
         """What is played at a time of the script: nothing, one texture, or a share of the way from
@@ -488,14 +512,23 @@ class Script(Target):
         """
         if not self._times_s[0] <= time_s < self._times_s[-1]:
             return None, None, 0.0
-        index = bisect_right(self._times_s, time_s) - 1
+        index = self._index(time_s)
         step, following = self.steps[index], self.steps[index + 1]
         if step.interpolation == "hold":
             return step.texture, None, 0.0
-        share = (time_s - step.time_s) / (following.time_s - step.time_s)
+        return step.texture, following.texture, float(self._share(index, np.float64(time_s)))
+
+    def _index(self, time_s: float) -> int:
+        """The step of a time between the first and the last."""
+        return bisect_right(self._times_s, time_s) - 1
+
+    def _share(self, index: int, time_s: FloatArray | np.float64) -> FloatArray | np.float64:
+        """Of the way from a step to the next, at times from its own on."""
+        step, following = self.steps[index], self.steps[index + 1]
+        share = np.minimum((time_s - step.time_s) / (following.time_s - step.time_s), 1.0)
         if step.interpolation == "cosine":
-            share = 0.5 - 0.5 * math.cos(math.pi * share)
-        return step.texture, following.texture, share
+            share = 0.5 - 0.5 * np.cos(math.pi * share)
+        return share
 
     def markers(self, after_s: float, until_s: float) -> tuple[Marker, ...]:
         """The markers due after one tick's time and up to another's; at their own times, in

@@ -61,6 +61,7 @@ from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from haptic_driver.rig.parts.generators import GeneratorConfig, WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox, InterlockConfig
+from haptic_driver.rig.parts.lines_in import LineInConfig, NoLineIn
 from haptic_driver.rig.parts.load_stages import LoadStageSection, NoLoadStage
 from haptic_driver.rig.parts.stages import StageConfig
 from hw.analog.demodulation import highest_carrier_hz
@@ -392,6 +393,7 @@ class RigConfig(Section):
     camera: SomeCamera = NoCamera()
     event_line: EventLineConfig = NoEventLine()
     event_codes: EventCodes = EventCodes()
+    line_in: LineInConfig = NoLineIn()
     screen: ScreenConfig = ScreenConfig()
     output: OutputConfig = OutputConfig()
     finger: FingerConfig = FingerConfig()
@@ -460,6 +462,7 @@ class RigConfig(Section):
             self.force_sensor,
             self.finger_tracker,
             self.event_line,
+            self.line_in,
         ]
         return addresses_of([*driven, self.analog_output, *self.electrode_monitors])
 
@@ -602,6 +605,8 @@ def _contradictions(rig: RigConfig) -> Iterator[str]:
         )
     if rig.finger.contact_off_n > rig.finger.contact_on_n:
         yield "finger.contact_off_n is above finger.contact_on_n"
+    for both in set(addresses_of([rig.event_line])) & set(addresses_of([rig.line_in])):
+        yield f"event_line and line_in both name {both}: each needs a port of its own"
     yield from _mixed_with_simulation(rig)
     yield from _not_watched(rig)
     yield from _not_wired(rig)
@@ -621,6 +626,7 @@ def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
         ("camera", rig.camera),
         ("load_stage", rig.load_stage),
         ("event_line", rig.event_line),
+        ("line_in", rig.line_in),
         *monitors,
     ):
         is_simulated = kind is not None and kind.kind == SIMULATED

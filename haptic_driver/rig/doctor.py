@@ -46,6 +46,7 @@ def _examinations(rig: RigConfig) -> Iterator[tuple[str, Callable[[Examination],
     yield "finger tracker", rig.finger_tracker.examine
     yield "camera", rig.camera.examine
     yield "event line", rig.event_line.examine
+    yield "line in", rig.line_in.examine
     yield "envelope", rig.analog_output.examine
     yield "real-time scheduling", _real_time
 

@@ -443,6 +443,14 @@ class NiDigitalInput(_NiLine):
         task.di_channels.add_di_chan(self.resource)
 
 
+class NiLineIn(NiDigitalInput):
+    """One digital input as a line in: its level when the driver's call reaches the card."""
+
+    def levels(self) -> Sequence[bool]:
+        """Raises DeviceError."""
+        return (self.read(),)
+
+
 class NiDigitalOutput(_NiLine):
     """One digital output, such as an enable line; what is read back is the card's port, not the far
     end of the wire.

@@ -1,1 +1,1 @@
-"""What puts a voltage edge where an EEG amplifier, a motion capture or a camera takes one."""
+"""Voltage edges to and from EEG amplifiers, motion capture and cameras."""

@@ -1,13 +1,15 @@
-"""A trigger box that exists only as bytes, behind a pseudo-terminal; it writes down its edges."""
+"""A trigger box that exists only as bytes, behind a pseudo-terminal; it writes down its edges, and
+sends bytes as another would.
+"""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from hw.event_line.trigger_box import TriggerBox
+from hw.event_line.trigger_box import TriggerBox, TriggerBoxIn
 from hw.serving.serial import SerialServer
 from hw.transport.serial import SerialTransport
 
@@ -69,3 +71,53 @@ class SimulatedEventLine:
         if self._server is not None:
             self._server.close()
         self._driver = self._server = None
+
+
+class SimulatedLineIn:
+    """The driver of a trigger box's input on a simulated one, which is served while it is open.
+
+    `pulse` is what another instrument would do; with `every_s` above 0 it comes by itself too.
+    """
+
+    resource = "simulated line in"
+
+    def __init__(
+        self, code: int = 0, every_s: float = 0.0, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._code, self._every_s, self._clock = code, every_s, clock
+        self._server: SerialServer | None = None
+        self._driver: TriggerBoxIn | None = None
+        self._due_s = 0.0
+
+    def open(self) -> None:
+        self._server = SerialServer(SimulatedTriggerBox(self._clock), framed=False)
+        self._server.start()
+        self._driver = TriggerBoxIn(SerialTransport(self._server.path), self._code)
+        self._driver.open()
+        self._due_s = self._clock() + self._every_s
+
+    def pulse(self) -> float:
+        """Have the box send its code, then 0; when that began, by the clock."""
+        assert self._server is not None  # it is open
+        now_s = self._clock()
+        self._server.send(bytes([self._code or 1, 0]))
+        return now_s
+
+    def unplug(self) -> None:
+        """The box is gone until the line is opened again; from any thread."""
+        server, self._server = self._server, None  # who reads may close the line meanwhile
+        if server is not None:
+            server.close()
+
+    def levels(self) -> Sequence[bool]:
+        if self._every_s and self._clock() >= self._due_s:
+            self._due_s += self._every_s
+            self.pulse()
+        assert self._driver is not None  # it is open
+        return self._driver.levels()
+
+    def close(self) -> None:
+        driver, self._driver = self._driver, None
+        if driver is not None:
+            driver.close()
+        self.unplug()

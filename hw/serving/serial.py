@@ -48,6 +48,10 @@ class SerialServer(Running):
     def start(self) -> None:
         self._thread.start()
 
+    def send(self, data: bytes) -> None:
+        """Say something unasked, from any thread, while nothing is being answered."""
+        self._write(data)
+
     def close(self) -> None:
         """Unplug for good; returns when the thread has ended."""
         os.write(self._wake_write, b"x")

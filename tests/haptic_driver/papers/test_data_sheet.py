@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from math import exp, inf, log, pi, sqrt
+from math import inf, log, pi, sqrt
 
 import numpy as np
 import pytest
@@ -129,15 +129,13 @@ def test_rise_is_what_the_voltage_takes(slid) -> None:
 
 
 def test_bandwidth_is_that_of_set_points_and_lag(slid) -> None:
-    """A hold of 10 ms is a sinc; friction's lag, solved in ticks of 1 ms, keeps a share of each."""
+    """A hold of 10 ms is a sinc, and an envelope follows friction that fades: its lag is left."""
     config, found = slid
     cutoff_hz = config.simulation.friction_cutoff_hz_per_mm_s * 1e3 * SLOW_M_S
     hold_s = config.output.setpoint_interval_s if config.name == "simulated" else 0.0
-    kept = exp(-2.0 * pi * cutoff_hz * 1e-3)
 
     def gain(hz: float) -> float:
-        lag = (1.0 - kept) / abs(1.0 - kept * np.exp(-2j * pi * hz * 1e-3))
-        return float(np.sinc(hz * hold_s)) * lag
+        return float(np.sinc(hz * hold_s) / np.hypot(1.0, hz / cutoff_hz))
 
     expected_hz = brentq(lambda hz: gain(hz) - sqrt(0.5), 1.0, 90.0 if hold_s else 250.0)
     found_hz = half_power_hz(*gains(found.of("lines")[0]))

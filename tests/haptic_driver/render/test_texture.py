@@ -368,6 +368,24 @@ def test_script_holds_and_fades_by_the_clock(time_s, cof, start_s):
         assert answer.cof == pytest.approx(cof, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("time_s", "ahead_s", "cof"),
+    [
+        (1.9, [0.05, 0.2], [0.5, 0.5]),  # a jump waits
+        (2.5, [0.0, 0.5], [0.65, 0.7]),
+        (3.75, [0.0, 0.25, 0.5, 0.75], [0.775, 0.8, 0.7 + 0.1 * math.sqrt(0.5), 0.7]),
+        (4.5, [0.0, 0.5, 1.0], [0.7, 0.6, 0.6]),  # so does the end
+        (5.0, [0.0, 0.1], [math.nan, math.nan]),
+        (0.9, [0.0, 0.2], [math.nan, math.nan]),
+    ],
+)
+@pytest.mark.parametrize("start_s", [0.0, 1000.0])
+def test_script_goes_on_while_it_fades_until_something_jumps(time_s, ahead_s, cof, start_s):
+    script = Script(STEPS).started(start_s)
+    along = script.cof_along(finger(0.0, time_s=start_s + time_s), np.array(ahead_s))
+    np.testing.assert_allclose(along, cof, atol=1e-9)
+
+
 def test_script_fades_between_textures_under_the_finger():
     ramp = Profile([0.0, 0.1], [0.5, 0.7])
     script = Script((Step(0.0, ramp, "linear"), Step(1.0, Uniform(0.8)), Step(2.0, ramp)))

@@ -31,6 +31,7 @@ from hw.analog.ni_daq import (
     NiDigitalInput,
     NiDigitalOutput,
     NiEventLine,
+    NiLineIn,
 )
 from hw.analog.output import AnalogOutputSettings, OutputUnderrun
 from hw.errors import (
@@ -286,6 +287,17 @@ def test_an_event_line_takes_a_code_or_an_edge(card: Card, lines: str, levels: l
     seen.append(card.lines[lines])
     line.close()
     assert [*seen, card.lines[lines]] == levels
+    assert card.tasks == []
+
+
+def test_a_line_in_is_its_level(card: Card) -> None:
+    line = NiLineIn("Dev1/port0/line1")
+    line.open()
+    card.lines["Dev1/port0/line1"] = False
+    assert line.levels() == (False,)
+    card.lines["Dev1/port0/line1"] = True
+    assert line.levels() == (True,)
+    line.close()
     assert card.tasks == []
 
 

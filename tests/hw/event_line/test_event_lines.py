@@ -1,4 +1,4 @@
-"""Event lines, byte for byte and pin for pin; a trigger box over a pseudo-terminal."""
+"""Event lines and lines in, byte for byte and pin for pin; a trigger box over a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -9,11 +9,19 @@ from pathlib import Path
 import pytest
 
 from hw.errors import DeviceDisconnected, DeviceError
-from hw.event_line.contract import EventLine
-from hw.event_line.modem_line import ModemEventLine
-from hw.event_line.parallel_port import PPCLAIM, PPEXCL, PPRELEASE, PPWDATA, ParallelPort
-from hw.event_line.simulated import SimulatedEventLine, SimulatedTriggerBox
-from hw.event_line.trigger_box import TriggerBox
+from hw.event_line.contract import EventLine, LineIn
+from hw.event_line.modem_line import ModemEventLine, ModemLineIn
+from hw.event_line.parallel_port import (
+    PPCLAIM,
+    PPEXCL,
+    PPRELEASE,
+    PPRSTATUS,
+    PPWDATA,
+    ParallelPort,
+    ParallelPortIn,
+)
+from hw.event_line.simulated import SimulatedEventLine, SimulatedLineIn, SimulatedTriggerBox
+from hw.event_line.trigger_box import TriggerBox, TriggerBoxIn
 from hw.serving.memory import MemoryTransport
 from hw.serving.serial import SerialServer
 from hw.transport.serial import SerialTransport
@@ -85,6 +93,9 @@ def test_a_port_that_is_gone_says_so() -> None:
         TriggerBox(SerialTransport("/dev/no-such-port")),
         ModemEventLine("/dev/no-such-port", "rts"),
         ParallelPort("/dev/no-such-port"),
+        TriggerBoxIn(SerialTransport("/dev/no-such-port")),
+        ModemLineIn("/dev/no-such-port", "cts"),
+        ParallelPortIn("/dev/no-such-port", 10),
     ):
         with pytest.raises(DeviceDisconnected) as caught:
             line.open()
@@ -124,6 +135,7 @@ class Port:
 
     def __init__(self) -> None:
         self.port, self.rts, self.dtr, self.is_open = "", True, True, False
+        self.cts = self.dsr = False
 
     def open(self) -> None:
         self.is_open = True
@@ -146,3 +158,88 @@ def test_one_wire_of_a_serial_port_is_high_for_any_code(monkeypatch: pytest.Monk
         *(False, True, False, True),
         *(False, False, False),
     ]
+
+
+def levels_of(line: LineIn, count: int) -> list[bool]:
+    """The next so many."""
+    seen: list[bool] = []
+    until(lambda: seen.extend(line.levels()) or len(seen) >= count)
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("code", "sent", "edges"), [(0, b"\x25\x00\x01", 2), (37, b"\x25\x00\x01", 1), (9, b"\x25", 0)]
+)
+def test_a_byte_of_a_box_is_an_edge_where_it_is_the_one(code: int, sent: bytes, edges: int) -> None:
+    with SerialServer(SimulatedTriggerBox(), framed=False) as server:
+        line = TriggerBoxIn(SerialTransport(server.path), code)
+        line.open()
+        assert not line.levels()
+        server.send(sent)
+        assert levels_of(line, 2 * edges) == [True, False] * edges
+        server.send(bytes([code or 1]))  # all before has been heard
+        assert levels_of(line, 2)
+        line.close()
+
+
+def test_an_input_of_a_serial_port_is_what_it_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    port = Port()
+    monkeypatch.setattr("serial.Serial", lambda: port)
+    line = ModemLineIn("/dev/ttyUSB0", "dsr")
+    with pytest.raises(DeviceDisconnected):
+        line.levels()
+    line.open()
+    assert (port.rts, port.dtr, line.levels()) == (True, True, (False,))
+    port.cts = True
+    assert line.levels() == (False,)
+    port.dsr = True
+    assert line.levels() == (True,)
+    line.close()
+    assert not port.is_open
+
+
+@pytest.mark.parametrize(
+    ("pin", "low", "high"),
+    [(10, 0xBF, 0x40), (11, 0x80, 0x7F), (12, 0xDF, 0x20), (13, 0xEF, 0x10), (15, 0xF7, 0x08)],
+)
+def test_a_status_pin_is_its_bit_and_busy_is_inverted(
+    pin: int, low: int, high: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """IEEE 1284, table of the status register: nAck 6, Busy 7 inverted, PError 5, Select 4,
+    nFault 3.
+    """
+    (tmp_path / "port").touch()
+    asked: list[int] = []
+    status = [low]
+
+    def answer(file: int, number: int, data: bytes = b"") -> bytes:
+        asked.append(number)
+        return bytes(status)
+
+    monkeypatch.setattr(fcntl, "ioctl", answer)
+    line = ParallelPortIn(str(tmp_path / "port"), pin)
+    line.open()
+    assert line.levels() == (False,)
+    status[0] = high
+    assert line.levels() == (True,)
+    line.close()
+    assert asked == [PPEXCL, PPCLAIM, PPRSTATUS, PPRSTATUS, PPRELEASE]
+
+
+def test_a_simulated_line_in_has_its_pulses_and_can_be_lost_and_taken_again() -> None:
+    line = SimulatedLineIn(code=5)
+    for _ in range(2):
+        line.open()
+        line.pulse()
+        assert levels_of(line, 2) == [True, False]
+        line.unplug()
+        with pytest.raises(DeviceDisconnected):
+            levels_of(line, 1)
+        line.close()
+
+
+def test_a_simulated_line_in_pulses_by_itself_where_it_is_told_to() -> None:
+    line = SimulatedLineIn(every_s=1e-3)
+    line.open()
+    assert levels_of(line, 6)[:2] == [True, False]
+    line.close()

@@ -1,0 +1,187 @@
+"""Kinds of lines in: where another instrument says that a recording or a stroke is to begin."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import closing
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from haptic_driver.config import Section, Within
+from haptic_driver.rig.check import Checks, Examination
+from haptic_driver.rig.part import Resource
+from haptic_driver.rig.parts.event_lines import Code
+
+if TYPE_CHECKING:
+    from hw.event_line.contract import LineIn
+
+LowSeconds = Annotated[
+    float, Within(1e-4, 10.0, "contacts bounce for longer, and edges come more often")
+]
+BetweenSeconds = Annotated[float, Within(0.0, 3600.0, "nobody waits for longer")]
+LOOK = "give an edge while the daemon runs, and see that haptic status counts it"
+LOOKS = 5  # at a simulated line, for its own byte
+
+
+class NoLineIn(Section):
+    """Nobody says when."""
+
+    kind: Literal["none"] = "none"
+
+    def examine(self, at: Examination) -> Checks:
+        """Nothing is missing."""
+        return iter(())
+
+
+class LineInSection(Section):
+    """What every line in has: what its edge does, and when a rise is an edge."""
+
+    start: Literal["recording", "stroke"] = Field(
+        default="recording",
+        description=(
+            "`recording`: an edge begins one in the daemon, and the next edge ends it; `stroke`: "
+            "each sliding row of `haptic measure` waits for an edge"
+        ),
+    )
+    low_s: LowSeconds = Field(
+        default=0.01, description="a rise after a shorter low is bouncing, and no edge"
+    )
+    folder: str = Field(
+        default=".",
+        description="of recordings begun by an edge; counts from where the daemon was started",
+    )
+
+    def examine(self, at: Examination) -> Checks:
+        """Look at the folder, then at the line."""
+        if self.start == "recording" and not os.access(self.folder, os.W_OK | os.X_OK):
+            said = f"{os.path.abspath(self.folder)} is no folder that can be written to"
+            yield at.failed(said, "make it, or change folder")
+        yield from self._examine_line(at)
+
+    def _examine_line(self, at: Examination) -> Checks:
+        yield at.unverified("not looked at", LOOK)
+
+
+class TriggerBoxInConfig(LineInSection):
+    """A byte that a trigger box sends; unverified."""
+
+    kind: Literal["trigger_box"]
+    resource: Resource = Field(description="its serial port, of which this is the only user")
+    baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = Field(
+        default=115200, description="of the port"
+    )
+    code: Code = Field(default=0, description="the byte that is an edge; 0: each but 0")
+
+    def _examine_line(self, at: Examination) -> Checks:
+        """Open the port, and send nothing."""
+        from hw.transport.resource import make_transport
+
+        with closing(make_transport(self.resource, baud_rate=self.baud_rate)) as transport:
+            transport.open()
+        yield at.unverified(f"{self.resource} opens; nothing came that could be checked", LOOK)
+
+
+class ModemLineInConfig(LineInSection):
+    """CTS or DSR of a serial port."""
+
+    kind: Literal["modem_line"]
+    port: str = Field(description="serial port whose line it is, of which this is the only user")
+    signal: Literal["cts", "dsr"] = Field(default="cts", description="which of its inputs")
+
+    def _examine_line(self, at: Examination) -> Checks:
+        said = f"{self.signal.upper()} of {self.port}: opening the port raises its outputs: it is"
+        yield at.unverified(f"{said} left", LOOK)
+
+
+class NiLineInConfig(LineInSection):
+    """A digital input of an NI card."""
+
+    kind: Literal["ni"]
+    line: str = Field(description="such as Dev1/port0/line8")
+
+    def _examine_line(self, at: Examination) -> Checks:
+        """Read it once."""
+        with closing(make_line_in(self)) as line:
+            line.open()
+            level = "high" if line.levels()[-1] else "low"
+        yield at.unverified(f"{self.line} is {level} now", LOOK)
+
+
+class ParallelPortInConfig(LineInSection):
+    """A status pin of a parallel port, through Linux's ppdev; unverified."""
+
+    kind: Literal["parallel_port"]
+    device: str = Field(default="/dev/parport0", description="of ppdev")
+    pin: Literal[10, 11, 12, 13, 15] = Field(
+        default=10, description="which status pin, at the level that is on it"
+    )
+
+    def _examine_line(self, at: Examination) -> Checks:
+        """See that it is there."""
+        if os.access(self.device, os.R_OK | os.W_OK):
+            yield at.unverified(f"{self.device} is there", LOOK)
+        else:
+            said = f"{self.device} cannot be opened for reading and writing"
+            yield at.failed(said, "load ppdev (modprobe ppdev), and join the device's group")
+
+
+class SimulatedLineInConfig(LineInSection):
+    """A trigger box that sends a byte, behind a pseudo-terminal."""
+
+    kind: Literal["simulated"]
+    code: Code = Field(default=0, description="the byte that is an edge; 0: each but 0")
+    every_s: BetweenSeconds = Field(default=0.0, description="an edge comes so often; 0: none does")
+
+    def _examine_line(self, at: Examination) -> Checks:
+        """Send a byte, and look for it."""
+        from hw.event_line.simulated import SimulatedLineIn
+
+        line = SimulatedLineIn(self.code)
+        seen: Sequence[bool] = ()
+        with closing(line):
+            line.open()
+            line.pulse()
+            for _ in range(LOOKS):
+                seen = seen or line.levels()
+        yield at.ok("an edge arrives") if seen else at.failed("no edge arrives", "try again")
+
+
+LineInConfig = Annotated[
+    NoLineIn
+    | TriggerBoxInConfig
+    | ModemLineInConfig
+    | NiLineInConfig
+    | ParallelPortInConfig
+    | SimulatedLineInConfig,
+    Field(discriminator="kind"),
+]
+
+
+def make_line_in(section: LineInSection) -> LineIn:
+    """The line that a section describes, not open."""
+    match section:
+        case TriggerBoxInConfig():
+            from hw.event_line.trigger_box import TriggerBoxIn
+            from hw.transport.resource import make_transport
+
+            transport = make_transport(section.resource, baud_rate=section.baud_rate)
+            return TriggerBoxIn(transport, section.code)
+        case ModemLineInConfig():
+            from hw.event_line.modem_line import ModemLineIn
+
+            return ModemLineIn(section.port, section.signal)
+        case NiLineInConfig():
+            from hw.analog.ni_daq import NiLineIn
+
+            return NiLineIn(section.line)
+        case ParallelPortInConfig():
+            from hw.event_line.parallel_port import ParallelPortIn
+
+            return ParallelPortIn(section.device, section.pin)
+        case SimulatedLineInConfig():
+            from hw.event_line.simulated import SimulatedLineIn
+
+            return SimulatedLineIn(section.code, section.every_s)
+    raise TypeError(f"{section.__class__.__name__} is no line in")

@@ -1,0 +1,155 @@
+"""Edges on a rig's line in: recordings that they begin and end, and a line that fails."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.daemon import daemon as daemon_module
+from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.line_in import LineInWatch
+from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.recording.read import read_run
+from haptic_driver.rig import line_in as reading
+from haptic_driver.rig.parts.lines_in import SimulatedLineInConfig
+from hw.event_line.simulated import SimulatedLineIn
+from tests.haptic_driver.daemon.waiting import LEASE_S, STOOD_STILL, keep_rendering
+from tests.waiting import HANG_S, until
+
+RIG = "simulated"
+LOW_S = 0.05
+pytestmark = pytest.mark.timeout(4 * HANG_S)
+
+
+@pytest.fixture(scope="module")
+def line():
+    return SimulatedLineIn(code=7)
+
+
+@pytest.fixture(scope="module")
+def running(settings, line, tmp_path_factory):
+    """The module's daemon, with a line in whose box the tests can reach."""
+    folder = str(tmp_path_factory.mktemp("recordings"))
+    section = SimulatedLineInConfig(kind="simulated", low_s=LOW_S, folder=folder, code=7)
+    config = settings.config.model_copy(update={"line_in": section})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(daemon_module, "make_line_in", lambda section: line)
+        patch.setattr(reading, "RETRY_S", 0.05)
+        with Daemon(replace(settings, config=config)) as daemon:
+            yield daemon
+
+
+@pytest.fixture
+def heard(daemon, line):
+    """Makes an edge of so many pulses, and says when; and the event of what came of it."""
+    until(lambda: daemon.status().line_in.lost is None)
+
+    def edge(pulses=1):
+        before = daemon.events(0)[-1].number
+        time.sleep(1.2 * LOW_S)  # since any other
+        made_s, *_ = [line.pulse() for _ in range(pulses)]
+        told = until(lambda: [e for e in daemon.events(before) if e.kind == "edge_in"])
+        return made_s, told[0]
+
+    yield edge
+    if daemon.status().recording is not None:
+        daemon.record(None)
+
+
+def test_an_edge_begins_a_recording_and_the_next_ends_it(daemon, heard):
+    before = daemon.status().line_in
+    began_s, began = heard()
+    status = daemon.status()
+    path = status.recording
+    assert path is not None
+    assert "edge-" in path
+    ended_s, ended = heard()
+    until(lambda: [e for e in daemon.events(ended.number) if e.message == f"ended: {path}"])
+    run = read_run(Path(path))
+    edges = [event for event in run.events if event.kind == "edge_in"]
+    assert [(e.number, e.time_s) for e in edges] == [(e.number, e.time_s) for e in (began, ended)]
+    assert "begins a recording" in began.message
+    assert "ends the recording" in ended.message
+    assert began_s <= began.time_s <= run.samples["time_s"][0]
+    assert ended_s <= ended.time_s
+    after = daemon.status()
+    assert after.line_in.edges == before.edges + 2
+    assert after.line_in.last_edge_s == ended.time_s
+    assert f"{after.line_in.edges} edges" in str(after)
+    assert after.state is DaemonState.IDLE  # nothing armed it
+    assert after.output_on is False
+
+
+def test_a_bouncing_edge_begins_one(daemon, heard):
+    before = daemon.status().line_in
+    _, event = heard(pulses=3)
+    until(lambda: daemon.status().line_in.bounces == before.bounces + 2)
+    assert "begins a recording" in event.message
+    assert daemon.status().line_in.edges == before.edges + 1
+    assert daemon.status().recording is not None
+
+
+def test_a_recording_of_somebody_else_is_left_alone(daemon, heard, tmp_path):
+    before = daemon.status().line_in
+    daemon.record(tmp_path / "mine.h5")
+    _, event = heard()
+    assert "no edge began" in event.message
+    assert daemon.status().recording == str(tmp_path / "mine.h5")
+    assert daemon.status().line_in.ignored == before.ignored + 1
+
+
+def test_an_edge_while_one_is_being_begun_is_counted_and_told(daemon, heard, line):
+    before = daemon.status().line_in
+    with daemon.targets.changing:  # a recording waits for that
+        line.pulse()
+        until(lambda: daemon.status().line_in.edges == before.edges + 1)
+        assert "just being begun" in heard()[1].message
+    until(lambda: daemon.status().recording is not None)
+    assert daemon.status().line_in.ignored == before.ignored + 1
+
+
+def test_a_lost_line_is_told_and_rendering_goes_on(daemon, heard, line):
+    lease = daemon.arm(LEASE_S)
+    daemon.targets.set(lease.token, 0.65)
+    keep_rendering(daemon, lease.token, lambda: daemon.status().state is DaemonState.RENDERING)
+    before = daemon.events(0)[-1].number
+    ticks = daemon.status().ticks
+    line.unplug()
+    lost, back = until(
+        lambda: (
+            found
+            if len(found := [e for e in daemon.events(before) if e.kind == "line_in"]) > 1
+            else None
+        )
+    )
+    assert lost.message.startswith("no edges are heard: ")
+    assert back.message.endswith("is heard again")
+    until(lambda: daemon.status().ticks > ticks + 100)
+    status = daemon.status()  # a machine that stands still ends it too
+    stood_still = any(reason in (status.fault or "") for reason in STOOD_STILL)
+    assert status.state is DaemonState.RENDERING or stood_still, status
+    assert "begins a recording" in heard()[1].message  # it is as it was
+
+
+def test_a_line_that_is_not_there_is_said_in_the_status(tmp_path, monkeypatch):
+    """And one whose edges are for strokes begins no recording."""
+    monkeypatch.setattr(reading, "RETRY_S", 0.01)
+    events, recorded = EventLog(), []
+    section = SimulatedLineInConfig(kind="simulated", start="stroke", low_s=1e-3)
+    line = SimulatedLineIn()
+    watch = LineInWatch(line, section, recorded.append, lambda: None, events)
+    assert watch.status().lost is not None
+    watch.start()
+    until(lambda: watch.status().lost is None)
+    line.pulse()
+    until(lambda: [event for event in events.since(0) if event.kind == "edge_in"])
+    line.open = lambda: line.no_such_port  # AttributeError: whatever a driver raises
+    line.unplug()
+    assert "LOST" in str(until(lambda: status if (status := watch.status()).lost else None))
+    watch.close()
+    assert watch.status().edges == 1
+    assert not recorded

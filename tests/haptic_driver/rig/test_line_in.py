@@ -1,0 +1,162 @@
+"""The section `[line_in]` of a rig's file, what the doctor says, and when a rise is an edge."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.config import parse
+from haptic_driver.errors import BadInputError
+from haptic_driver.rig.check import Check, CheckStatus, Examination
+from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.doctor import examine
+from haptic_driver.rig.line_in import EdgeIn, LineInReader
+from haptic_driver.rig.parts.lines_in import (
+    LineInSection,
+    ModemLineInConfig,
+    NiLineInConfig,
+    ParallelPortInConfig,
+    SimulatedLineInConfig,
+    TriggerBoxInConfig,
+    make_line_in,
+)
+from hw.analog.ni_daq import NiLineIn
+from hw.event_line.modem_line import ModemLineIn
+from hw.event_line.parallel_port import ParallelPortIn
+from hw.event_line.simulated import SimulatedLineIn
+from hw.event_line.trigger_box import TriggerBoxIn
+from tests.waiting import HANG_S, until
+
+pytestmark = pytest.mark.timeout(2 * HANG_S)
+TODAY = datetime.date(2024, 6, 1)
+
+
+def rig_with(**section: object) -> RigConfig:
+    said = load_rig("simulated").model_dump() | {"line_in": section}
+    return parse(RigConfig, said, "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ({"kind": "ni", "line": "Dev1/port0/line8"}, r"line_in\.kind disagree"),
+        ({"kind": "simulated", "start": "output"}, "start"),
+        ({"kind": "simulated", "low_s": 0.0}, "low_s"),
+        ({"kind": "simulated", "code": 256}, "code"),
+        ({"kind": "parallel_port", "pin": 2}, "pin"),
+    ],
+)
+def test_what_a_file_may_not_say(section: dict[str, object], said: str) -> None:
+    with pytest.raises(BadInputError, match=said):
+        rig_with(**section)
+
+
+def test_lines_out_and_in_need_ports_of_their_own() -> None:
+    port = "/dev/ttyUSB0"
+    real = load_rig("template").model_dump()
+    real |= {"event_line": {"kind": "modem_line", "port": port}}
+    real |= {"line_in": {"kind": "modem_line", "port": port}}
+    with pytest.raises(BadInputError, match="each needs a port of its own"):
+        parse(RigConfig, real, "rig.toml")
+
+
+def test_each_kind_has_its_driver_and_address() -> None:
+    made: dict[LineInSection, type] = {
+        TriggerBoxInConfig(kind="trigger_box", resource="/dev/ttyUSB0"): TriggerBoxIn,
+        ModemLineInConfig(kind="modem_line", port="/dev/ttyUSB1"): ModemLineIn,
+        NiLineInConfig(kind="ni", line="Dev1/port0/line8"): NiLineIn,
+        ParallelPortInConfig(kind="parallel_port"): ParallelPortIn,
+    }
+    simulated = load_rig("simulated")
+    for section, kind in made.items():
+        line = make_line_in(section)
+        assert isinstance(line, kind)
+        rig = simulated.model_copy(update={"line_in": section})
+        (own,) = set(rig.addresses) - set(simulated.addresses)
+        assert own in line.resource
+    section = SimulatedLineInConfig(kind="simulated")
+    assert isinstance(make_line_in(section), SimulatedLineIn)
+
+
+def checks_of(section: LineInSection) -> list[Check]:
+    rig = load_rig("simulated").model_copy(update={"line_in": section})
+    return list(Examination("line in", rig, TODAY).told(section.examine))
+
+
+def test_the_doctor_says_of_each_kind_what_it_could_see(tmp_path: Path) -> None:
+    gone = str(tmp_path / "gone")
+    (box,) = checks_of(TriggerBoxInConfig(kind="trigger_box", resource="/dev/no-such-port"))
+    (modem,) = checks_of(ModemLineInConfig(kind="modem_line", port="/dev/ttyUSB1"))
+    (port,) = checks_of(ParallelPortInConfig(kind="parallel_port", device=gone))
+    (simulated,) = checks_of(SimulatedLineInConfig(kind="simulated", code=9))
+    assert [check.status for check in (box, modem, port, simulated)] == [
+        CheckStatus.FAILED,
+        CheckStatus.NOT_VERIFIED,
+        CheckStatus.FAILED,
+        CheckStatus.OK,
+    ]
+    assert "haptic status" in modem.hint
+
+
+def test_the_doctor_looks_at_the_folder_of_recordings(tmp_path: Path) -> None:
+    gone = str(tmp_path / "gone")
+    folder, line = checks_of(SimulatedLineInConfig(kind="simulated", folder=gone))
+    assert (folder.status, line.status) == (CheckStatus.FAILED, CheckStatus.OK)
+    assert gone in folder.message
+    strokes = SimulatedLineInConfig(kind="simulated", folder=gone, start="stroke")
+    assert [check.status for check in checks_of(strokes)] == [CheckStatus.OK]
+
+
+def test_the_doctor_looks_at_it() -> None:
+    assert "line in" in [check.name for check in examine(rig_with(kind="simulated"), TODAY)]
+
+
+class Levels:
+    """A line that has one level after the other, a millisecond each, then stays low."""
+
+    resource = "levels"
+
+    def __init__(self, levels: str) -> None:
+        self._levels: Iterator[bool] = (level == "1" for level in levels)
+        self.now_s = 0.0
+        self.is_over = False
+
+    def open(self) -> None:
+        """Nothing."""
+
+    def levels(self) -> Sequence[bool]:
+        self.now_s = round(self.now_s + 1e-3, 6)
+        level = next(self._levels, None)
+        self.is_over = level is None
+        return (bool(level),)
+
+    def close(self) -> None:
+        """Nothing."""
+
+
+@pytest.mark.parametrize(
+    ("levels", "edges_ms", "bounces"),
+    [
+        ("0010000100", [3, 8], 0),
+        ("0011111111", [3], 0),  # high for however long
+        ("001010100000100", [3, 13], 2),  # it bounces as it rises
+        ("0011100101000001", [3, 16], 2),  # and as it falls
+        ("1111000010000", [9], 0),  # high when it was opened
+    ],
+)
+def test_a_rise_is_an_edge_after_three_milliseconds_of_low(
+    levels: str, edges_ms: list[int], bounces: int
+) -> None:
+    line = Levels(levels)
+    heard: list[EdgeIn] = []
+    reader = LineInReader(line, 3.5e-3, heard.append, print, lambda: line.now_s)
+    reader.start()
+    until(lambda: line.is_over)
+    reader.close()
+    assert [round(1e3 * edge.time_s) for edge in heard] == edges_ms
+    assert [edge.number for edge in heard] == list(range(1, len(edges_ms) + 1))
+    assert (reader.edges, reader.bounces) == (len(edges_ms), bounces)
+    assert all(edge.within_s == pytest.approx(1e-3) for edge in heard)
