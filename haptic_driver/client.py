@@ -209,6 +209,7 @@ class Session:
     set = Verbs.set
     play = Verbs.play
     change_scene = Verbs.change_scene
+    hold_load = Verbs.hold_load
 
     def __init__(self, client: HapticClient, lease: Lease) -> None:
         self.token = lease.token
@@ -235,6 +236,10 @@ class Session:
     def record(self, path: Path | None) -> Status:
         """Record into a file until the lease is over, whatever ends it, or stop that with None."""
         return self._client.record(path, self.token)
+
+    def release_load(self) -> Status:
+        """Have the load stage let go; still armed, and the output as it is."""
+        return self._client.release_load()
 
     def off(self) -> Status:
         """Output to zero at once; still armed."""

@@ -28,6 +28,7 @@ from haptic_driver.daemon.messages import (
     SOMEBODY,
     DaemonState,
     Lease,
+    LoadStatus,
     Marked,
     RefusedError,
     Status,
@@ -59,6 +60,7 @@ from haptic_driver.textures.library import script_names, texture_names
 WATCH_PERIOD_S = 0.02
 ARM_PATIENCE_S = 2.0
 MEASURED_SAMPLES = 100
+SILENT_S = 0.1  # a load that nobody has measured for so long is not known
 TIMED_SAMPLES = 1000
 
 
@@ -250,6 +252,7 @@ class Daemon:
                 latency_why=latency.why,
                 fidelity=judged.fidelity,
                 surface_hash=settings.surface.content_hash,
+                load=self._load(newest, now_s),
                 feedback=settings.feedback,
                 agreement=self.basis.observer.cells,
                 disagreement=self.basis.observer.said,
@@ -258,6 +261,10 @@ class Daemon:
                 recording_fault=self._recordings.fault,
                 line_in=None if self.line_in is None else self.line_in.status(),
             )
+
+    def _load(self, newest: NDArray[np.void], now_s: float) -> LoadStatus | None:
+        silent = now_s - self.shared.sensed.read().force_time_s > SILENT_S
+        return self.supervisor.load.status(None if silent else _mean(newest, "normal_force_n"))
 
     def _judged(self) -> Judged:
         """What was found since arming."""
@@ -283,6 +290,16 @@ class Daemon:
     def renew(self, token: str) -> Lease:
         """Keep the lease alive."""
         return self._orders.renew(token)
+
+    def hold_load(self, token: str, newtons: float) -> Status:
+        """Have the load stage press and hold."""
+        self.supervisor.load.hold(token, newtons)
+        return self.status()
+
+    def release_load(self) -> Status:
+        """Have it let go."""
+        self.supervisor.load.release()
+        return self.status()
 
     def off(self) -> Status:
         """Output to zero at once."""

@@ -21,6 +21,7 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, build_rig, carrier_output, connect_devices
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig, make_lts150
 from haptic_driver.rig.states import RigEvent
 from haptic_driver.simulation.instruments import SCALE
 from haptic_driver.simulation.lines import SCREEN, Lines
@@ -109,7 +110,9 @@ def connect_real(
     The force sensor takes its bias: leave it unloaded. It keeps that of the one `before`, where
     there was one.
     """
-    devices = connect_devices(config, on_event=on_event, before=before, envelope=False)
+    devices = connect_devices(
+        config, on_event=on_event, before=before, envelope=False, load_stage=True
+    )
     if devices.tracker is None:
         raise BadInputError(
             "no_finger_tracker",
@@ -134,9 +137,16 @@ def connect_simulated(
     """The real drivers on the simulated instruments at `endpoints`. Raises HapticError and
     DeviceError.
     """
-    model = config.waveform_generator.model
+    pressing = None
+    if isinstance(config.load_stage, SimulatedLoadStageConfig):
+        pressing = config.load_stage.served_at(endpoints["load_stage"])
     watchdog = Watchdog(
-        WatchdogSettings(endpoints["waveform_generator"], model=model, give_up_s=WATCHDOG_GIVE_UP_S)
+        WatchdogSettings(
+            endpoints["waveform_generator"],
+            model=config.waveform_generator.model,
+            give_up_s=WATCHDOG_GIVE_UP_S,
+            load_stage=None if pressing is None else pressing.guarded(),
+        )
     )
     lines = Lines(TcpTransport.from_resource(endpoints["amplifier_lines"]))
     host, port = endpoints["force_sensor"].split(":")
@@ -172,8 +182,15 @@ def connect_simulated(
         heartbeats=[watchdog],
         on_event=on_event,
     )
-    opening = [rig.connect, box.open, watchdog.start]
-    closing = [watchdog.close, box.close, screen.close, lines.close]
+    stage = None if pressing is None else make_lts150(pressing, Wiring())
+    opening = [rig.connect, box.open, watchdog.start, *(stage.opening if stage else [])]
+    closing = [
+        *(stage.closing if stage else []),
+        watchdog.close,
+        box.close,
+        screen.close,
+        lines.close,
+    ]
 
     def electrode(frequency_hz: float) -> ElectrodeReading | None:
         return (
@@ -182,7 +199,17 @@ def connect_simulated(
             else lines.read_electrode(frequency_hz)
         )
 
-    devices = Devices(rig, force_sensor, screen, None, None, watchdog, opening, closing)
+    devices = Devices(
+        rig,
+        force_sensor,
+        screen,
+        None,
+        None,
+        watchdog,
+        opening,
+        closing,
+        load_stage=stage.device if stage else None,
+    )
     return _opened(config, devices, screen, electrode)
 
 

@@ -107,6 +107,37 @@ class LineInStatus(Checked):
         return ", ".join(said if self.lost is None else [f"LOST: {self.lost}", *said])
 
 
+class LoadPhase(StrEnum):
+    """What a load stage does: nothing, to where the finger is free, until the first touch, the
+    loop, back. `may_press`: it has not shown that it let go.
+    """
+
+    FREE = "free"
+    CLEARING = "clearing"
+    APPROACH = "approach"
+    HOLD = "hold"
+    LETTING_GO = "letting_go"
+    MAY_PRESS = "may_press"
+
+
+class LoadStatus(Checked):
+    """What a load stage does; `target_n` is null while no load is wanted.
+
+    `load_n` is the mean of the newest 0.1 s, null while the force sensor is silent. `depth_m` is
+    where the stage is while it presses, towards the finger.
+    """
+
+    phase: LoadPhase
+    target_n: float | None
+    load_n: float | None
+    depth_m: float | None
+
+    def __str__(self) -> str:
+        said = self.phase.replace("_", " ")
+        asked = "" if self.target_n is None else f" {self.target_n:g} N"
+        return f"{said}{asked}, {number(self.load_n, '.2f')} N measured"
+
+
 class Status(Checked):
     """`haptic status`; `output_on` is None where nobody knows.
 
@@ -153,6 +184,7 @@ class Status(Checked):
     position_y_m: float | None = None
     speed_m_s: float | None = None
     current_a: float | None = None  # peak, into the electrode, as monitors read it last
+    load: LoadStatus | None = None  # of the load stage; null without one
     feedback: bool = True  # friction is held by what is felt; else by the model alone
     agreement: list[AgreementCell] = Field(
         default=[]
@@ -194,6 +226,7 @@ class Status(Checked):
                 f" {self.timing.last_cause}"
             )
         said: dict[str, str | None] = {
+            "load stage:": None if self.load is None else str(self.load),
             "lease held by": self.lease_holder,
             "fault:": self.fault,
             "recording into": self.recording,

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from itertools import count
 
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.messages import SOMEBODY, DaemonState, Lease
@@ -49,6 +50,8 @@ class Orders:
         self._shared = shared
         self._events = events
         self._clock = clock
+        self.withdrawn = 0  # another number whenever somebody has begun to switch off, and has
+        self._withdrawals = count(1)
         self._armed_at = 0  # the first order of the present arming
         self._flags = Flag(0)
 
@@ -100,8 +103,10 @@ class Orders:
         """Off now; then the state says so, and a command that was on its way meanwhile is
         undone.
         """
+        self.withdrawn = next(self._withdrawals)
         self.pump.off()
         with self.lock:
+            self.withdrawn = next(self._withdrawals)
             move()
             self.pump.close()
             self._order_now()

@@ -19,6 +19,7 @@ from functools import partial
 from haptic_driver.daemon.envelope_process import EnvelopeSettings
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.instruments import Instruments, connect_real, connect_simulated
+from haptic_driver.daemon.load import HeldLoad
 from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
@@ -74,6 +75,7 @@ class Supervisor:
     ) -> None:
         self.missing = "the daemon is starting"
         self.instruments: Instruments | None = None
+        self.load = HeldLoad(settings.config, shared, orders, events, clock)
         self.endpoints: dict[str, str] = {}  # of simulated instruments
         self._force_sensor: ForceSensor | None = (
             None  # the last of a real rig, whose bias the next one keeps
@@ -107,6 +109,7 @@ class Supervisor:
         self._start_render()
         self._connect_instruments()
         self._threads.append(start_thread("sense", self._sense))
+        self._threads += self.load.start(self._ending)
 
     def await_all(self) -> None:
         """Until sensors and render have been heard; nothing is missing then. Raises HapticError
@@ -155,6 +158,7 @@ class Supervisor:
         """Look after everything, often; begins to bring back what is gone. Raises HapticError when
         the rig trips.
         """
+        self.load.watch()
         for name, child in list(self._children.items()):
             if (ended := child.ended) is not None and not self._ending.is_set():
                 self._lose(name, ended)
@@ -288,6 +292,7 @@ class Supervisor:
         self.instruments.watch_electrode(
             partial(carried, self._shared), lambda: self.settings.model
         )
+        self.load.exchange(self.instruments.devices)
         self._orders.pump.exchange(self.instruments.actuator)
 
     def _await_heard(self) -> None:
@@ -332,7 +337,8 @@ class Supervisor:
             try:
                 instruments.check_watchdog()
             except DeviceError as error:
-                self._lose(WATCHDOG, error.message)
+                # a new one has to look at the load stage, whose port its driver holds
+                self._lose(INSTRUMENTS if self.load.present else WATCHDOG, error.message)
                 return
         instruments.rig.watch(self._clock())  # what came before may have waited
 
@@ -402,6 +408,7 @@ class Supervisor:
         else:
             instruments, self.instruments = self.instruments, None
             self._orders.pump.exchange(None)
+            self.load.exchange(None)
             if instruments is not None:
                 instruments.close()
             self._begin_instruments()

@@ -159,6 +159,12 @@ class SceneChange(Request):
     nearest: Nearest = False
 
 
+class LoadChoice(Request):
+    """`haptic load hold N`; refused outside what the rig's file allows."""
+
+    newtons: Annotated[FiniteFloat, Field(gt=0.0, le=20.0, description="Load to hold, N.")]
+
+
 class ModelChoice(Request):
     """`haptic use MODEL`; without `carrier_hz` the carrier is chosen as the rig's file says."""
 
@@ -401,6 +407,23 @@ class Verbs:
         ),
         "Add, move, turn, set and remove objects of a scene, all at one tick. Renews the lease.",
         slow=True,
+    )
+    hold_load = Leased(
+        "POST",
+        "/load",
+        LoadChoice,
+        Status,
+        lambda daemon, asked, token: daemon.hold_load(token, asked.newtons),
+        "Have the load stage press the finger and hold a load, until it is told to let go, the"
+        " output is switched off or the lease ends. Answers at once. Renews the lease.",
+    )
+    release_load = Verb(
+        "POST",
+        "/load/release",
+        Empty,
+        Status,
+        lambda daemon, *_: daemon.release_load(),
+        "Have the load stage let go, from anyone; the output stays as it is.",
     )
     off = Verb(
         "POST",

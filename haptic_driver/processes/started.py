@@ -56,6 +56,7 @@ THREADS = (
     Part("watch", "control", "daemon/daemon.py", "looks at everything every 20 ms, and beats"),
     Part("bring_out", "control", "daemon/daemon.py", "render's newest output to the generator"),
     Part("sense", "control", "daemon/supervision.py", "sensors to shared memory"),
+    Part("press", "control", "daemon/load.py", "holds a load by the load stage, and lets go"),
     Part("bring_back", "control", "daemon/supervision.py", "starts again what died"),
     Part("door", "control", "daemon/web/server.py", "accepts connections and hears OFF"),
     Part("off", "control", "daemon/web/off.py", "switches off; eight, there before anybody asks"),

@@ -60,6 +60,14 @@ class Rig:
         """Render a texture, by its name or the path of its file."""
         return self._asked().play(texture, nearest)
 
+    def hold_load(self, newtons: float) -> Status:
+        """Have the load stage press, and hold so much; returns while it comes."""
+        return self._asked().hold_load(newtons)
+
+    def release_load(self) -> Status:
+        """Have the load stage let go."""
+        return self.client.release_load()
+
     @property
     def scene(self) -> Scene:
         """The objects on the screen, which may be added, moved, turned, changed and removed."""

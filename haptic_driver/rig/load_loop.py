@@ -73,10 +73,14 @@ class Guard(Protocol):
         """The stage has let go."""
 
 
-def make_clear(stage: LoadStage, mounting: Mounting) -> None:
-    """Bring the stage to where the finger is free, homed if need be.
+def make_clear(
+    stage: LoadStage, mounting: Mounting, wanted: Callable[[], bool] | None = None
+) -> None:
+    """Bring the stage to where the finger is free, homed if need be. Once that is not `wanted` any
+    more it stops.
 
-    HapticError for one that is not homed where homing would press. Raises DeviceError.
+    HapticError for one that has stopped so, and for one that is not homed where homing would
+    press. Raises DeviceError.
     """
     if not stage.read_status().homed:
         if mounting.towards < 0:
@@ -86,10 +90,28 @@ def make_clear(stage: LoadStage, mounting: Mounting) -> None:
                 "Take the finger and its holder out, home the stage, then start again",
             )
         stage.home()
-        stage.wait(HOMING_S)
+        _arrive(stage, wanted)
     stage.set_velocity(mounting.retract_m_s, mounting.acceleration_m_s2)
     stage.move_to(mounting.clear_m)
+    _arrive(stage, wanted)
+
+
+def _arrive(stage: LoadStage, wanted: Callable[[], bool] | None) -> None:
+    """See `make_clear`. Each look waits for the stage's answer."""
+    while wanted is not None and stage.read_status().moving:
+        if not wanted():
+            stage.stop()
+            raise HapticError("load_let_go", "no load is wanted any more", "Then start again")
     stage.wait(HOMING_S)
+
+
+def lift(stage: LoadStage, mounting: Mounting, guard: Guard | None, *, retract: bool) -> None:
+    """Let go, and return when the stage rests. Raises DeviceError."""
+    let_go(stage, mounting, retract=retract)
+    if retract:
+        stage.wait(LET_GO_S)
+    if guard is not None:
+        guard.lifted()
 
 
 class LoadLoop:
@@ -117,6 +139,7 @@ class LoadLoop:
         self._sleep = sleep
         self._guard = guard
         self._trouble = ""  # what a device said last that failed
+        self.rests = True  # shown: the stage has let go and rests, or has not begun
         self._released = True  # the stage took the order to let go
         self._speed_m_s = math.nan  # of the stage's moves, as set
         self._told_s = (math.nan, clock())  # the sensor's time of the newest reading, and ours
@@ -151,8 +174,13 @@ class LoadLoop:
             if self._clock() >= end_s:
                 return
 
+    @property
+    def reason(self) -> str:
+        """Why the loop has ended, with what a device said."""
+        return f"{self.state.reason} ({self._trouble})" if self._trouble else self.state.reason
+
     def _ended(self) -> HapticError:
-        why = f"{self.state.reason} ({self._trouble})" if self._trouble else self.state.reason
+        why = self.reason
         if self._released:
             said = f"the load stage let go: {why}"
             return HapticError("load_let_go", said, "Remove the cause, then start again")
@@ -205,18 +233,16 @@ class LoadLoop:
         """Raises DeviceError where the guard does not guard."""
         if self._guard is not None:
             self._guard.press()
+        self.rests = False
         return self
 
     def __exit__(self, *_: object) -> None:
         """Let go, also of a loop that has ended: its stage may not have taken the order. Returns
         when the stage rests.
         """
-        if self.let_go():
-            with suppress(DeviceError):
-                if self.settings.retracts:
-                    self._stage.wait(LET_GO_S)
-                if self._guard is not None:
-                    self._guard.lifted()
+        with suppress(DeviceError):
+            lift(self._stage, self._mounting, self._guard, retract=self.settings.retracts)
+            self.rests = True
 
     def _see(self) -> Seen:
         load_n, saturated = None, False

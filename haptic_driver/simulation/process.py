@@ -32,6 +32,7 @@ from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import Metronome
 from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.slide import TICK_S, Slide, read_slide, synthetic_slide
 from haptic_driver.simulation.finger_function import load_finger
 from haptic_driver.simulation.finger_model import (
@@ -43,12 +44,14 @@ from haptic_driver.simulation.finger_model import (
 )
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.lines import PANEL, LinesServer
+from haptic_driver.simulation.pressed_finger import PressedFinger
 from haptic_driver.simulation.rig import electrode_monitors
 from hw.analog.simulated_output import CardMemory
 from hw.finger.simulated_touch_screen import SimulatedTouchScreen
 from hw.monitor.contract import ElectrodeReading
 from hw.monitor.simulated import ElectrodeState
 from hw.serving.responder import Responder
+from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
 from hw.transport.running import RunningTogether
 from model.touch_model import TouchModel
@@ -65,6 +68,9 @@ TOUCH_N = 0.02  # from this force on the screen feels the finger
 class SlidingFinger(RunningTogether):
     """The simulated instruments, served, and a finger that repeats `slide` for ever; a touch screen
     reports its place.
+
+    The load is the slide's. Where the rig has a load stage, it is that of the finger's body from
+    when the stage moves for the first time on.
 
     Serves inside a `with` block; `step` lets time pass.
     """
@@ -95,11 +101,18 @@ class SlidingFinger(RunningTogether):
             self._up_to_date(LinesServer(self.instruments, self._read_electrode))
         )
         self._touch_server = _TouchServer(self._screen)
+        section, self._pressed = config.load_stage, None
+        self._stage_server: SerialServer | None = None
+        if isinstance(section, SimulatedLoadStageConfig):
+            self._pressed = PressedFinger(section, lambda: self.instruments.time_s)
+            wire = self._up_to_date(self._pressed.stage)
+            self._stage_server = SerialServer(wire, framed=False)
         super().__init__(
             *([closing(recording)] if recording else []),
             self.instruments,
             self._lines_server,
             closing(self._touch_server),
+            *([self._stage_server] if self._stage_server else []),
         )
 
     @property
@@ -111,6 +124,8 @@ class SlidingFinger(RunningTogether):
             "force_sensor": f"{force_box.host}:{force_box.port}",
             "touch_screen": f"127.0.0.1:{self._touch_server.port}",
         }
+        if self._stage_server is not None:
+            always["load_stage"] = self._stage_server.resource
         here = f"/proc/{os.getpid()}/fd/{self._card}"
         if self._config.generator_kind().by_samples:
             return always | {"waveform_generator": f"card:simulated:{here}"}
@@ -140,6 +155,9 @@ class SlidingFinger(RunningTogether):
         slide = self._slide
         place = round((self.instruments.time_s + dt_s - self._began_s) / TICK_S) % slide.time_s.size
         force_n, x_m = float(slide.normal_force_n[place]), float(slide.position_m[place])
+        if self._pressed is not None and self._pressed.taken:
+            touch_n = self.instruments.plant.lateral_force_n, self.instruments.attraction_n()
+            force_n = self._pressed.step(dt_s, *touch_n)
         for _ in range(PARTS):
             self.instruments.step(dt_s / PARTS, force_n, float(self._speed_m_s[place]))
         if force_n >= TOUCH_N:

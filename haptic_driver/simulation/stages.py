@@ -11,9 +11,8 @@ from collections.abc import Callable
 
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig, lts150_settings
 from haptic_driver.rig.parts.stages import StageConfig
-from hw.finger.body import FingerBody, PowerLaw
+from haptic_driver.simulation.pressed_finger import PressedFinger
 from hw.serving.memory import MemoryTransport
-from hw.stage.letting_go import Mounting
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.stage.simulated import SimulatedLts150
 
@@ -42,25 +41,18 @@ class SimulatedStages:
     ) -> None:
         self.now_s = 0.0
         self.asked_n = 0.0
-        self.thrust_m = 0.0  # by which the finger has come to meet the stage
         self.load_n = 0.0
         self._pass_time, self._touch_n = pass_time, touch_n
-        self._press = load_stage
-        self._mounting: Mounting | None = None
-        self.sliding = self.pressing = None
+        self.sliding: SimulatedLts150 | None = None
+        self.pressed: PressedFinger | None = None
         self.stage: Lts150 | None = None
         self.load_stage: Lts150 | None = None
         if stage is not None:
             self.sliding = SimulatedLts150(self.clock)
             self.stage = self._driver(self.sliding, stage.settings())
         if load_stage is not None:
-            self.pressing = SimulatedLts150(
-                self.clock, start_mm=1e3 * load_stage.clear_m, serial_number=45_000_002
-            )
-            self.load_stage = self._driver(self.pressing, lts150_settings(load_stage))
-            self._mounting = load_stage.mounting()
-            soft = PowerLaw()
-            self.body = FingerBody(lambda depth_m: load_stage.stiffness_factor * soft(depth_m))
+            self.pressed = PressedFinger(load_stage, self.clock)
+            self.load_stage = self._driver(self.pressed.stage, lts150_settings(load_stage))
         self._slid_m = self._position_m()
 
     def clock(self) -> float:
@@ -80,20 +72,16 @@ class SimulatedStages:
         before_m, self._slid_m = self._slid_m, self._position_m()
         speed_m_s = abs(self._slid_m - before_m) / dt_s
         speed_m_s = SPEED_STEP_M_S * round(speed_m_s / SPEED_STEP_M_S)
-        if self._press is None:
+        if self.pressed is None:
             self.load_n = self.asked_n
         else:
-            friction_n, attraction_n = self._touch_n()
-            self.load_n = self.body.step(
-                dt_s, self._depth_m(), attraction_n=attraction_n, friction_n=friction_n
-            )
+            self.load_n = self.pressed.step(dt_s, *self._touch_n())
         self._pass_time(dt_s, self.load_n, speed_m_s)
 
     def _depth_m(self) -> float:
-        if self.pressing is None or self._press is None or self._mounting is None:
+        if self.pressed is None:
             return 0.0 if self.asked_n > 0.0 else -math.inf
-        away_m = 1e-3 * self.pressing.position_mm - self._press.face_m
-        return self._mounting.depth_m(away_m) + self.thrust_m
+        return self.pressed.depth_m
 
     def _position_m(self) -> float:
         return 0.0 if self.sliding is None else 1e-3 * self.sliding.position_mm

@@ -26,7 +26,7 @@ from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.experiments.run import prepare, run
 from haptic_driver.experiments.simulated_stages import SimulatedStageBench
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.simulation import stages
+from haptic_driver.simulation import pressed_finger
 from haptic_driver.simulation.served import ServedRig
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
@@ -142,9 +142,11 @@ def failed(model: TouchModel, out: Path, what: str, moment_s: float) -> Moment:
     """What happens when `what` goes wrong so long after the row has begun."""
     config = _near(load_rig("simulated-paper"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stages, "SimulatedLts150", FaultyLts150)
+        patch.setattr(pressed_finger, "SimulatedLts150", FaultyLts150)
         bench = SimulatedStageBench(config, one_row(), SimulatedBench(config, model, seed=1))
-    sensor, pressing = _Failing(bench, what), bench.stages.pressing
+    sensor, pressed = _Failing(bench, what), bench.stages.pressed
+    assert pressed is not None
+    pressing = pressed.stage
     assert isinstance(pressing, FaultyLts150)
     live, loads, begun = bench.stages._live, [0.0], list[float]()
 
@@ -157,7 +159,7 @@ def failed(model: TouchModel, out: Path, what: str, moment_s: float) -> Moment:
         pressing.faults.hung_up = what == "pulled" and ago_s >= 0.0
         pressing.faults.silent = what == "deaf" and ago_s >= 0.0
         if what == "thrust" and 0.0 <= ago_s < THRUST_M / THRUST_M_S:
-            bench.stages.thrust_m += THRUST_M_S * dt_s
+            pressed.thrust_m += THRUST_M_S * dt_s
         live(dt_s)
         loads.append(bench.stages.load_n)
 

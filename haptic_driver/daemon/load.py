@@ -1,0 +1,251 @@
+"""The load of a finger under the daemon: a thread holds it by the rig's load stage, as long as who
+asked for it holds the lease and nobody switches off.
+
+Whoever switches off only withdraws the right to press, and never waits for the stage: the thread
+looks at that right about every 10 ms. The force sensor has one reader, which fills the shared
+memory; the loop takes its readings from there.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from typing import NamedTuple
+
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.messages import LoadPhase, LoadStatus
+from haptic_driver.daemon.orders import Orders
+from haptic_driver.errors import BadInputError, message_of
+from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.processes.started import start_thread
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.devices import Devices
+from haptic_driver.rig.load_controller import LoadSettings, Phase
+from haptic_driver.rig.load_loop import Guard, LoadLoop, LoadStage, lift, make_clear
+from haptic_driver.rig.parts.load_stages import LoadStageSection
+from hw.errors import DeviceError, DeviceTimeout
+from hw.force.sensor import ForceReading
+
+IDLE_S = 0.02  # between looks for somebody who wants a load
+AGAIN_S = 0.5  # between attempts to let go of a stage that took no order
+EXCHANGE_S = 15.0  # for the thread to let go of a stage, by its own timeouts
+
+
+class Wanted(NamedTuple):
+    """A load, for one arming, until somebody switches off."""
+
+    settings: LoadSettings
+    arming: int
+    withdrawn: int
+
+
+class HeldLoad:
+    """Holds a load while it is wanted; thread-safe. `exchange` gives it the devices.
+
+    `using` is held by whoever moves the stage. On a rig without a load stage it refuses.
+    """
+
+    def __init__(
+        self,
+        config: RigConfig,
+        shared: SharedState,
+        orders: Orders,
+        events: EventLog,
+        clock: Callable[[], float],
+    ) -> None:
+        section = config.load_stage
+        self._section = section if isinstance(section, LoadStageSection) else None
+        self._rig = config.name
+        self._shared, self._orders, self._events, self._clock = shared, orders, events, clock
+        self._stage: LoadStage | None = None
+        self._guard: Guard | None = None
+        self._using = threading.Lock()
+        self._wanted: Wanted | None = None
+        self._phase = LoadPhase.FREE
+        self._loop: LoadLoop | None = None  # from the approach until the stage rests
+        self._unsure = False  # whether the stage has let go
+        self._failure = ""  # to be told as a fault
+
+    @property
+    def present(self) -> bool:
+        """Whether the rig has a load stage."""
+        return self._section is not None
+
+    def start(self, ending: threading.Event) -> list[threading.Thread]:
+        """Begin, if there is a load stage; the thread lets go and ends once `ending` is set."""
+        return [start_thread("press", self._run, ending)] if self.present else []
+
+    def exchange(self, devices: Devices | None) -> None:
+        """Another stage from here on, or none; waits while the one before is let go."""
+        free = self._using.acquire(timeout=EXCHANGE_S)
+        try:
+            self._stage = None if devices is None else devices.load_stage
+            self._guard = None if devices is None else devices.watchdog
+        finally:
+            if free:
+                self._using.release()
+
+    # --- what the API asks
+    # -------------------------------------------------------------------------------------
+
+    def hold(self, token: str, newtons: float) -> None:
+        """Begin to press, and return; the status tells how far it is. Raises BadInputError for a
+        load or a rig that cannot be, RefusedError without the lease.
+        """
+        if self._section is None:
+            raise BadInputError(
+                "no_load_stage",
+                f"rig {self._rig} has no load stage: the load is the finger's own",
+                "Take rig simulated-paper, or add a section [load_stage] to the rig's file",
+            )
+        try:
+            settings = self._section.loop(newtons)
+        except ValueError as error:
+            raise BadInputError("bad_load", str(error), "Ask for another load") from error
+        orders = self._orders
+        with orders.lock:
+            orders.renew(token)
+            wanted = Wanted(settings, orders.machine.arming, orders.withdrawn)
+            if wanted != self._wanted:
+                self._wanted = wanted
+        self._events.tell("load", f"a load of {newtons:g} N is wanted", load_n=newtons)
+
+    def release(self) -> None:
+        """No load is wanted any more; the stage lets go within moments."""
+        self._wanted = None
+
+    def status(self, load_n: float | None) -> LoadStatus | None:
+        """What the stage does, beside the load that is measured; None without a load stage."""
+        if self._section is None:
+            return None
+        wanted, loop, phase = self._wanted, self._loop, self._phase
+        if phase is LoadPhase.HOLD and loop is not None:
+            phase = {
+                Phase.APPROACH: LoadPhase.APPROACH,
+                Phase.HOLD: LoadPhase.HOLD,
+                Phase.ENDED: LoadPhase.LETTING_GO,
+            }[loop.state.phase]
+        is_wanted = wanted is not None and self._is_wanted(wanted)
+        depth_m = math.nan if loop is None else loop.depth_m
+        return LoadStatus(
+            phase=phase,
+            target_n=wanted.settings.target_n if wanted is not None and is_wanted else None,
+            load_n=load_n,
+            depth_m=depth_m if math.isfinite(depth_m) else None,
+        )
+
+    def watch(self) -> None:
+        """Fault where the loop has ended by itself, or the load is beyond what lets go, however
+        long the stage takes to answer.
+        """
+        failure, self._failure = self._failure, ""
+        loop, wanted = self._loop, self._wanted
+        if loop is not None and wanted is not None and self._is_wanted(wanted):
+            if loop.state.phase is Phase.ENDED:
+                failure = loop.reason
+            elif (load_n := self._shared.sensed.read().normal_force_n) >= loop.settings.trip_n:
+                failure = f"the load is {load_n:.2f} N, its limit {loop.settings.trip_n:.2f} N"
+        if failure:
+            self._orders.fail(f"the load stage lets go: {failure}")
+
+    # --- the thread
+    # --------------------------------------------------------------------------------------------
+
+    def _run(self, ending: threading.Event) -> None:
+        tried_s = -math.inf
+        while not ending.is_set():
+            wanted = self._wanted
+            if wanted is not None and self._is_wanted(wanted):
+                self._press(wanted, ending)
+            elif self._unsure and self._clock() - tried_s >= AGAIN_S:
+                self._lift()
+                tried_s = self._clock()
+            ending.wait(IDLE_S)
+
+    def _is_wanted(self, wanted: Wanted) -> bool:
+        """Waits for nobody: each of these alone ends it."""
+        orders, machine = self._orders, self._orders.machine
+        return (
+            self._wanted is wanted
+            and machine.armed
+            and machine.arming == wanted.arming
+            and orders.withdrawn == wanted.withdrawn
+            and self._clock() <= machine.lease_until_s
+        )
+
+    def _press(self, wanted: Wanted, ending: threading.Event) -> None:
+        """Clear, approach, hold and let go. What fails is a fault, but for what nobody wants any
+        more.
+        """
+
+        def goes_on() -> bool:
+            return self._is_wanted(wanted) and not ending.is_set()
+
+        section = self._section
+        assert section is not None  # or no thread
+        with self._using:
+            try:
+                stage = self._stage
+                if stage is None:
+                    raise DeviceTimeout("it is not connected")
+                mounting = section.mounting()
+                self._phase = LoadPhase.CLEARING
+                make_clear(stage, mounting, goes_on)
+                self._unsure = False
+                loop = LoadLoop(
+                    stage,
+                    self._read,
+                    wanted.settings,
+                    mounting,
+                    clock=self._clock,
+                    guard=self._guard,
+                )
+                self._hold(loop, goes_on)
+            except BaseException as error:  # a plug-in may raise anything
+                if goes_on():
+                    self._failure = message_of(error)
+            finally:
+                self._unsure |= self._loop is not None and not self._loop.rests
+                self._phase = LoadPhase.MAY_PRESS if self._unsure else LoadPhase.FREE
+                self._loop = None
+                if self._wanted is wanted:
+                    self._wanted = None
+        said = "may still press" if self._phase is LoadPhase.MAY_PRESS else "has let go"
+        self._events.tell("load", f"the load stage {said}")
+
+    def _hold(self, loop: LoadLoop, goes_on: Callable[[], bool]) -> None:
+        with loop:
+            self._loop, self._phase = loop, LoadPhase.HOLD
+            while goes_on():
+                if loop.look().phase is Phase.ENDED:
+                    self._failure = loop.reason
+                    break
+            self._phase = LoadPhase.LETTING_GO
+
+    def _lift(self) -> None:
+        """Try again to let go."""
+        section = self._section
+        with self._using:
+            if section is None or self._stage is None:
+                return
+            try:
+                retracts = section.when_wrong == "retract"
+                lift(self._stage, section.mounting(), self._guard, retract=retracts)
+            except DeviceError:
+                return
+            self._phase, self._unsure = LoadPhase.FREE, False
+        self._events.tell("load", "the load stage has let go")
+
+    def _read(self) -> ForceReading:
+        """The newest reading of the one who reads. DeviceTimeout for one that is stale."""
+        sensed = self._shared.sensed.read()
+        age_s = self._clock() - sensed.force_time_s
+        if not age_s <= LoadSettings.silent_s:
+            raise DeviceTimeout(f"its newest reading is {age_s:.2f} s old")
+        return ForceReading(
+            sensed.force_time_s,
+            sensed.normal_force_n,
+            sensed.lateral_force_n,
+            sensed.saturated,
+        )
