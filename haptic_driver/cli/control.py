@@ -80,7 +80,7 @@ def arm(
         try:
             with (
                 client.armed(lease_s, holder) as session,
-                _lease_file(client.address, session.token),
+                lease_file(client.address, session.token),
                 as_ctrl_c,
             ):
                 session.wait_held()
@@ -99,7 +99,7 @@ def arm(
         except LeaseLostError as lost:
             _raise_unless_disarmed(client.status(), lost.code)
         except RefusedError as refused:
-            if refused.code != "already_armed" or (lease := _held_already(client)) is None:
+            if refused.code != "already_armed" or (lease := held_already(client)) is None:
                 raise
             held = {
                 "state": ALREADY,
@@ -227,7 +227,7 @@ def lease_token(address: Address) -> str:
         ) from None
 
 
-def _held_already(client: HapticClient) -> Lease | None:
+def held_already(client: HapticClient) -> Lease | None:
     """The lease that an earlier `haptic arm` of this user holds; None where somebody else does."""
     try:
         return client.renew(lease_token(client.address))
@@ -236,7 +236,8 @@ def _held_already(client: HapticClient) -> Lease | None:
 
 
 @contextmanager
-def _lease_file(address: Address, token: str) -> Iterator[None]:
+def lease_file(address: Address, token: str) -> Iterator[None]:
+    """Leave the token for the other commands, as long as the block lasts."""
     path = address.lease_file
     private_folder(path.parent)
     write_private(path, token + "\n")

@@ -12,6 +12,8 @@ from typing import Annotated
 import typer
 from typer import Argument, Option
 
+from haptic_driver.cli import control, load_by_daemon
+from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import (
     Json,
     RigOption,
@@ -21,9 +23,10 @@ from haptic_driver.cli.output import (
     stderr,
     stdout,
 )
+from haptic_driver.daemon.verbs import Verbs
 from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.lookup.models import load_model
-from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import LoadDevices, connect_load
 from haptic_driver.rig.load_gains import LoadGains
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
@@ -44,24 +47,45 @@ def hold(
     rig: RigOption = "simulated-paper",
     seconds: Annotated[float | None, Option(help="So long; until Ctrl-C if left out.")] = None,
     yes: Yes = False,
+    socket: SocketOption = None,
     as_json: Json = False,
 ) -> None:
-    """Hold a finger's load by the rig's load stage, while no other program drives the rig.
+    """Hold a finger's load by the rig's load stage.
 
-    Opens the force sensor and the load stage alone: nothing is energised. A daemon on the same rig
-    has both already: end it first. Lifts off, or stops, as
-    the rig's file says, at the end and when anything is wrong. A simulated rig holds `--seconds` of
-    its own time.
+    Where a daemon runs on the rig it holds the load, so that friction can be rendered meanwhile.
+    The lease is that of `haptic arm`, or else the command's own. Ctrl-C, `haptic load release`,
+    `haptic off` and the end of the lease let go.
+
+    Without a daemon it opens the force sensor and the load stage alone: nothing is energised. A
+    simulated rig then holds `--seconds` of its own time.
+
+    The stage lifts off, or stops, as the rig's file says, at the end and when anything is wrong.
 
     Example: `haptic load hold 0.5 --rig simulated-paper --seconds 10`
     """
     if seconds is not None:
         require_range("--seconds", seconds, 0.1, LONGEST_S, unit=" s")
-    with _pressed(rig, newtons, yes, in_real_time=seconds is None) as loop:
+    config = load_rig(rig)
+    client = load_by_daemon.daemon_on(config.name, socket)
+    if client is not None:
+        if not (yes or client.status().simulated):
+            stderr.print(f"the load stage will move, and press with {newtons:g} N")
+            confirm_attended(client.status().rig)
+        held = load_by_daemon.hold(client, newtons, seconds)
+        report(as_json, held, lambda: _said(newtons, held["mean_load_n"]))
+        return
+    with _pressed(config, newtons, yes, in_real_time=seconds is None) as loop:
         stderr.print(f"holding {newtons:g} N; Ctrl-C lets go")
         mean_n, depth_m = loop.average(LONGEST_S if seconds is None else seconds)
     said = {"load_n": newtons, "mean_load_n": mean_n, "depth_m": depth_m}
-    report(as_json, said, lambda: stdout.print(f"held {newtons:g} N, mean {mean_n:.3f} N"))
+    report(as_json, said, lambda: _said(newtons, mean_n))
+
+
+def _said(newtons: float, mean_n: float) -> None:
+    stdout.print(f"held {newtons:g} N, mean {mean_n:.3f} N")
+
+
+app.command("release")(control.command_of(Verbs.release_load))
 
 
 @app.command()
@@ -84,10 +108,11 @@ def tune(
     """
     if not by.strip():
         raise BadInputError("usage", "--by is empty", "Say who tunes")
-    section = load_rig(rig).load_stage
+    config = load_rig(rig)
+    section = config.load_stage
     named = section.gains_file if isinstance(section, LoadStageSection) else ""
     path = out or (Path(named) if named else None)
-    with _pressed(rig, newtons, yes) as loop:
+    with _pressed(config, newtons, yes) as loop:
         try:
             found = find(loop)
         except ValueError as error:
@@ -111,9 +136,10 @@ def _show(gains: LoadGains, path: Path | None) -> None:
 
 
 @contextmanager
-def _pressed(rig: str, newtons: float, yes: bool, in_real_time: bool = False) -> Iterator[LoadLoop]:
+def _pressed(
+    config: RigConfig, newtons: float, yes: bool, in_real_time: bool = False
+) -> Iterator[LoadLoop]:
     """The loop of a rig's load stage at its load; it lets go at the end, whatever ends it."""
-    config = load_rig(rig)
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], object] = time.sleep
     if config.simulated:
@@ -161,8 +187,7 @@ def _unless_held(devices: LoadDevices) -> Iterator[None]:
             if error.code != "in_use":
                 raise
             hint = (
-                "A daemon reads the force sensor itself: end it, then hold; haptic measure holds"
-                " each row's load by itself"
+                "If it is a daemon, name its --socket; haptic measure holds loads by itself"
             )
             raise HapticError("in_use", error.message, hint) from error
         yield

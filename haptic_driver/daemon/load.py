@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -21,7 +22,7 @@ from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices
-from haptic_driver.rig.load_controller import LoadSettings, Phase
+from haptic_driver.rig.load_controller import LoadSettings, Phase, Seen, wrong_load
 from haptic_driver.rig.load_loop import Guard, LoadLoop, LoadStage, lift, make_clear
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from hw.errors import DeviceError, DeviceTimeout
@@ -65,7 +66,7 @@ class HeldLoad:
         self._phase = LoadPhase.FREE
         self._loop: LoadLoop | None = None  # from the approach until the stage rests
         self._unsure = False  # whether the stage has let go
-        self._failure = ""  # to be told as a fault
+        self._failures: deque[str] = deque()  # to be told as faults
 
     @property
     def present(self) -> bool:
@@ -127,6 +128,8 @@ class HeldLoad:
                 Phase.ENDED: LoadPhase.LETTING_GO,
             }[loop.state.phase]
         is_wanted = wanted is not None and self._is_wanted(wanted)
+        if phase in (LoadPhase.APPROACH, LoadPhase.HOLD) and not is_wanted:
+            phase = LoadPhase.LETTING_GO
         depth_m = math.nan if loop is None else loop.depth_m
         return LoadStatus(
             phase=phase,
@@ -139,15 +142,23 @@ class HeldLoad:
         """Fault where the loop has ended by itself, or the load is beyond what lets go, however
         long the stage takes to answer.
         """
-        failure, self._failure = self._failure, ""
         loop, wanted = self._loop, self._wanted
         if loop is not None and wanted is not None and self._is_wanted(wanted):
-            if loop.state.phase is Phase.ENDED:
-                failure = loop.reason
-            elif (load_n := self._shared.sensed.read().normal_force_n) >= loop.settings.trip_n:
-                failure = f"the load is {load_n:.2f} N, its limit {loop.settings.trip_n:.2f} N"
-        if failure:
-            self._orders.fail(f"the load stage lets go: {failure}")
+            ended = loop.state.phase is Phase.ENDED
+            self._fail(loop.reason if ended else self._wrong(loop.settings))
+        while self._failures:
+            self._fail(self._failures.popleft())
+
+    def _fail(self, why: str) -> None:
+        if why:
+            self._orders.fail(f"the load stage lets go: {why}")
+
+    def _wrong(self, settings: LoadSettings) -> str:
+        """Why the load that is measured now has to be let go; empty while it has not."""
+        sensed, now_s = self._shared.sensed.read(), self._clock()
+        age_s = now_s - sensed.force_time_s
+        load_n, saturated = sensed.normal_force_n, sensed.saturated
+        return wrong_load(settings, Seen(now_s, load_n, age_s, saturated, None, False))
 
     # --- the thread
     # --------------------------------------------------------------------------------------------
@@ -204,7 +215,7 @@ class HeldLoad:
                 self._hold(loop, goes_on)
             except BaseException as error:  # a plug-in may raise anything
                 if goes_on():
-                    self._failure = message_of(error)
+                    self._failures.append(message_of(error))
             finally:
                 self._unsure |= self._loop is not None and not self._loop.rests
                 self._phase = LoadPhase.MAY_PRESS if self._unsure else LoadPhase.FREE
@@ -219,7 +230,7 @@ class HeldLoad:
             self._loop, self._phase = loop, LoadPhase.HOLD
             while goes_on():
                 if loop.look().phase is Phase.ENDED:
-                    self._failure = loop.reason
+                    self._failures.append(loop.reason)
                     break
             self._phase = LoadPhase.LETTING_GO
 

@@ -424,6 +424,7 @@ class Verbs:
         Status,
         lambda daemon, *_: daemon.release_load(),
         "Have the load stage let go, from anyone; the output stays as it is.",
+        command="load release",
     )
     off = Verb(
         "POST",

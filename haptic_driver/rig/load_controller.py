@@ -146,7 +146,7 @@ def step(settings: LoadSettings, state: LoadState, seen: Seen) -> tuple[LoadStat
     """One look at sensor and stage: the new state, and the order to the stage."""
     if state.phase is Phase.ENDED:
         return state, NOTHING
-    if wrong := _wrong_load(settings, seen) or _wrong_place(settings, state, seen):
+    if wrong := wrong_load(settings, seen) or _wrong_place(settings, state, seen):
         act = Act.RETRACT if settings.retracts else Act.STOP
         return replace(state, phase=Phase.ENDED, reason=wrong), Order(act)
     assert seen.load_n is not None  # or something is wrong
@@ -158,7 +158,7 @@ def step(settings: LoadSettings, state: LoadState, seen: Seen) -> tuple[LoadStat
     return _hold(settings, state, seen, seen.load_n, seen.depth_m)
 
 
-def _wrong_load(settings: LoadSettings, seen: Seen) -> str:
+def wrong_load(settings: LoadSettings, seen: Seen) -> str:
     """Why the stage has to let go by what the sensor says; empty while nothing is wrong."""
     if seen.load_n is None:
         return "the force sensor does not answer"

@@ -88,7 +88,7 @@ def test_where_another_program_has_the_rig_it_says_what_to_do(haptic: Any, rig: 
     with closing_claims(load_rig(rig)):
         outcome = said(haptic("load", "hold", "0.5", "--rig", rig, "--yes", "--json"))
     assert outcome["error"]["code"] == "in_use"
-    assert "end it, then hold" in outcome["error"]["hint"]
+    assert "--socket" in outcome["error"]["hint"]
 
 
 @contextmanager
