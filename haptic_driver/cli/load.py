@@ -186,8 +186,6 @@ def _unless_held(devices: LoadDevices) -> Iterator[None]:
         except HapticError as error:
             if error.code != "in_use":
                 raise
-            hint = (
-                "If it is a daemon, name its --socket; haptic measure holds loads by itself"
-            )
+            hint = "If it is a daemon, name its --socket; haptic measure holds loads by itself"
             raise HapticError("in_use", error.message, hint) from error
         yield

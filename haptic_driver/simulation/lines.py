@@ -6,6 +6,7 @@ text over TCP.
     ELECTRODE? f          an electrode monitor  at f Hz: real, imaginary part and 1 sigma of the
                           voltage, V, and of the current, A
     GAIN x                how much more friction than its model the finger has; of simulations alone
+    THRUST x              m by which the finger comes to meet the load stage; of simulations alone
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import datetime
 from collections.abc import Callable
 
 from haptic_driver.simulation.instruments import SimulatedInstruments
+from haptic_driver.simulation.pressed_finger import PressedFinger
 from hw.errors import BadReply
 from hw.finger.simulated_touch_screen import Panel
 from hw.finger.touch_screen import TouchCalibration
@@ -34,14 +36,16 @@ SCREEN = TouchCalibration(  # counts of PANEL to metres, exact by construction
 
 
 class LinesServer:
-    """Answers for the lines of the simulated amplifier, and for the finger's gain."""
+    """Answers for the lines of the simulated amplifier, and for the finger's gain and thrust."""
 
     def __init__(
         self,
         instruments: SimulatedInstruments,
         electrode: Callable[[float], ElectrodeReading | None],
+        pressed: PressedFinger | None = None,
     ) -> None:
         self._instruments, self._electrode = instruments, electrode
+        self._pressed = pressed
 
     def handle(self, data: bytes) -> bytes:
         """Carry out one line and answer it."""
@@ -60,10 +64,16 @@ class LinesServer:
                 v, i = reading.voltage_v, reading.current_a
                 told = v.real, v.imag, reading.voltage_std_v, i.real, i.imag, reading.current_std_a
                 return b" ".join(b"%.9g" % value for value in told) + b"\n"
-            case [b"GAIN", gain]:
-                instruments.finger_gain = float(gain)
-                return gain + b"\n"
+            case [(b"GAIN" | b"THRUST") as what, value]:
+                self._change_finger(what, float(value))
+                return value + b"\n"
         return b"ERROR\n"
+
+    def _change_finger(self, what: bytes, value: float) -> None:
+        if what == b"GAIN":
+            self._instruments.finger_gain = value
+        elif self._pressed is not None:
+            self._pressed.thrust_m = value
 
 
 class Lines:

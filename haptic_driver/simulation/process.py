@@ -97,16 +97,16 @@ class SlidingFinger(RunningTogether):
         self._screen = SimulatedTouchScreen(PANEL, clock=lambda: self.instruments.time_s)
         self._config, self._electrode = config, electrode
         self._monitors = electrode_monitors(config, self._electrode_state)
-        self._lines_server = TcpServer(
-            self._up_to_date(LinesServer(self.instruments, self._read_electrode))
-        )
-        self._touch_server = _TouchServer(self._screen)
-        section, self._pressed = config.load_stage, None
+        section = config.load_stage
+        self._pressed: PressedFinger | None = None
         self._stage_server: SerialServer | None = None
         if isinstance(section, SimulatedLoadStageConfig):
             self._pressed = PressedFinger(section, lambda: self.instruments.time_s)
             wire = self._up_to_date(self._pressed.stage)
             self._stage_server = SerialServer(wire, framed=False)
+        lines = LinesServer(self.instruments, self._read_electrode, self._pressed)
+        self._lines_server = TcpServer(self._up_to_date(lines))
+        self._touch_server = _TouchServer(self._screen)
         super().__init__(
             *([closing(recording)] if recording else []),
             self.instruments,

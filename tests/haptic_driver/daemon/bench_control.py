@@ -198,6 +198,14 @@ class BenchControl:
             )
         return self._render(token, None, texture)
 
+    def hold_load(self, token, newtons):
+        self._change("hold_load", newtons)
+        raise BadInputError("no_load_stage", "rig bench has no load stage", "add one")
+
+    def release_load(self):
+        self._change("release_load")
+        return self.status()
+
     def change_scene(self, token, changes, *, show=False, nearest=False):
         self._change("change_scene", *changes)
         self.scene = (self.scene or SceneDescription()).changed(changes)

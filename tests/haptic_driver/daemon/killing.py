@@ -28,11 +28,11 @@ LONGEST_S = 5.0  # that is watched where there is no zero yet, though the amplif
 class KillableDaemon:
     """`killable.py` as seen from outside: its reports, and what was at the electrode."""
 
-    def __init__(self, record: Path, rig: str):
+    def __init__(self, record: Path, rig: str, *load: str):
         self.record = record
         self.report = {"state": "starting"}
         self.process = subprocess.Popen(
-            [sys.executable, str(KILLABLE), str(record), rig],
+            [sys.executable, str(KILLABLE), str(record), rig, *load],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
@@ -108,8 +108,8 @@ class KillableDaemon:
 def killable_daemon(tmp_path):
     daemons = []
 
-    def start(rig="simulated"):
-        daemons.append(KillableDaemon(tmp_path / "amplifier.txt", rig))
+    def start(rig="simulated", *load):
+        daemons.append(KillableDaemon(tmp_path / "amplifier.txt", rig, *load))
         return daemons[-1]
 
     yield start

@@ -1,0 +1,202 @@
+"""The daemon holds a load on the simulated paper rig: its own loop, on a stage and a force sensor
+behind their wires.
+"""
+
+from __future__ import annotations
+
+import signal
+import time
+from contextlib import closing, suppress
+
+import numpy as np
+import pytest
+
+from haptic_driver.config import find_config
+from haptic_driver.daemon.messages import DaemonState, LoadPhase
+from haptic_driver.daemon.place import Place
+from haptic_driver.daemon.set_up import DaemonSettings, render_settings
+from haptic_driver.daemon.web.server import serve
+from haptic_driver.errors import HapticError
+from haptic_driver.rig.config import load_rig
+from haptic_driver.simulation.instruments import SCALE
+from haptic_driver.simulation.lines import Lines
+from hw.errors import DeviceError
+from hw.force.net_ft import NetFt, NetFtSettings
+from hw.force.sensor import ForceAxes
+from hw.transport.tcp import TcpTransport
+from tests.haptic_driver.config_texts import changed
+from tests.haptic_driver.daemon.refusal import refusal
+from tests.waiting import HANG_S, until
+
+LOAD_N, TRIP_N = 0.5, 0.75
+# A finger that is half a millimetre away, and a stage that homes at once.
+FAR = "stiffness_n_per_m = 700.0"
+NEAR = FAR, f"clear_m = 1.5e-3\nface_m = 2e-3\n{FAR}"
+LIFTED_N = 0.02  # seven times the noise of the sensor
+LATE = "force sensor"  # what a machine that stood still for 0.1 s makes the loop say
+
+
+def near_rig(folder):
+    text = find_config("simulated-paper", "rigs").read_text()
+    path = folder / "near.toml"
+    path.write_text(changed(text, NEAR))
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def settings(surface_file, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("near")
+    rig = near_rig(folder)
+    config = load_rig(rig)
+    render = render_settings(config, surface_file)
+    record = folder / "record.txt"
+    return DaemonSettings(rig, "reference", config, surface_file, render, amplifier_record=record)
+
+
+def in_reason(load):
+    return load.phase is LoadPhase.HOLD and load.load_n == pytest.approx(LOAD_N, rel=0.1)
+
+
+def press(daemon, lease_s=60.0):
+    """Armed, the load held and friction rendered; begun again where the machine stood still."""
+    while True:
+        with suppress(HapticError):
+            return begin(daemon, lease_s)
+        fault = daemon.status().fault
+        assert fault is None or LATE in fault, fault
+        daemon.disarm()
+
+
+def begin(daemon, lease_s):
+    until(lambda: not daemon.supervisor.missing and not daemon.supervisor.silent())
+    if daemon.status().state is DaemonState.FAULT:
+        daemon.reset()
+    until(lambda: daemon.status().load.phase is LoadPhase.FREE)
+    lease = daemon.arm(lease_s)
+    daemon.hold_load(lease.token, LOAD_N)
+    until(lambda: daemon.renew(lease.token) and in_reason(daemon.status().load))
+    daemon.targets.set(lease.token, 0.65)
+    until(lambda: daemon.renew(lease.token) and daemon.status().output_on)
+    return lease
+
+
+def rendered(daemon, ticks):
+    """So many samples under a load that was held all the time."""
+    while True:
+        lease, begun = press(daemon), daemon.shared.ring.position
+        with suppress(HapticError):
+            while daemon.shared.ring.position - begun < ticks:
+                daemon.renew(lease.token)
+                time.sleep(0.02)
+            return daemon.shared.ring.newest(ticks)
+        assert LATE in daemon.status().fault
+
+
+def until_lifted(daemon):
+    until(lambda: daemon.status().load.phase is LoadPhase.FREE, lambda: daemon.status().load)
+    until(lambda: (load_n := daemon.status().load.load_n) is not None and load_n < LIFTED_N)
+
+
+def test_a_load_is_held_while_friction_is_rendered(daemon):
+    """A sample of a second is a whole beat of the finger's pulse."""
+    samples = rendered(daemon, 1000)
+    assert samples["normal_force_n"].mean() == pytest.approx(LOAD_N, rel=0.05)
+    assert samples["normal_force_n"].max() < TRIP_N
+    assert np.all(samples["in_contact"] == 1)
+    assert "load stage: hold 0.5 N" in str(daemon.status())
+
+
+@pytest.mark.parametrize("how", ["off", "disarm", "release", "lost", "fault"])
+def test_the_finger_is_lifted_whoever_takes_the_load_away(daemon, how):
+    press(daemon, lease_s=1.0)
+    if how == "fault":
+        daemon.supervisor._orders.fail("something else is wrong")
+    elif how != "lost":
+        status = {"off": daemon.off, "disarm": daemon.disarm, "release": daemon.release_load}[how]()
+        assert status.output_on is not True or how == "release"
+        assert status.load.target_n is None
+    until_lifted(daemon)
+    assert daemon.status().output_on is False or how == "release"
+
+
+def test_switching_off_does_not_wait_for_a_stage_that_hangs(daemon):
+    """Another holds its line, as an answer that does not come does."""
+    press(daemon)
+    stage = daemon.supervisor.instruments.devices.load_stage
+    with stage._undisturbed():
+        status = daemon.off()
+        assert (status.output_on, status.load.phase) == (False, LoadPhase.LETTING_GO)
+        assert status.load.load_n > LIFTED_N
+    until_lifted(daemon)
+
+
+def test_a_finger_that_thrusts_is_let_go_and_is_a_fault(daemon, history):
+    press(daemon)
+    lines = TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"])
+    with closing(Lines(lines)):
+        lines.open()
+        lines.query(b"THRUST 0.6e-3\n", HANG_S)  # 0.5 N becomes 0.9 N
+        until(lambda: daemon.status().state is DaemonState.FAULT)
+        until_lifted(daemon)
+        lines.query(b"THRUST 0\n", HANG_S)
+    fault = daemon.status().fault
+    assert "its limit 0.75 N" in fault or LATE in fault
+    assert daemon.status().output_on is False
+    assert history()[-1][1] == 0.0
+
+
+def test_the_command_holds_by_the_daemon_until_it_is_over(daemon, haptic, tmp_path):
+    until(lambda: not daemon.supervisor.silent())
+    place = Place(tmp_path / "d.sock")
+    with closing(place), serve(daemon, place):
+        done = haptic("load", "hold", "0.5", "--seconds", "1", "--socket", place.path, "--json")
+        released = haptic("load", "release", "--socket", place.path, "--json")
+    if done.status:
+        assert LATE in done.said["error"]["message"]
+        pytest.skip("this machine stood still")
+    assert done.said["mean_load_n"] == pytest.approx(LOAD_N, rel=0.1)
+    assert released.said["load"]["phase"] == "free"
+    assert released.said["state"] == "idle"
+
+
+@pytest.mark.parametrize("load_n", [0.01, 3.5])
+def test_a_load_beyond_the_limits_is_refused(daemon, load_n):
+    lease = daemon.arm(60.0)
+    assert refusal(daemon.hold_load, lease.token, load_n).code == "bad_load"
+    assert refusal(daemon.hold_load, "another", LOAD_N).code == "not_yours"
+    assert daemon.status().load.target_n is None
+
+
+# Last in this module's daemon: its instruments are connected anew when a sensor stays silent.
+def test_a_silent_sensor_lets_go(daemon):
+    """Another program takes the sensor's stream away, and looks on."""
+    press(daemon)
+    with closing(other_reader(daemon.supervisor.endpoints)) as box:
+        until(lambda: daemon.status().state is DaemonState.FAULT)
+        assert LATE in daemon.status().fault
+        until(lambda: box.read().normal_force_n < LIFTED_N)
+    assert daemon.status().output_on is False
+
+
+def other_reader(endpoints):
+    host, port = endpoints["force_sensor"].split(":")
+    box = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port), timeout_s=1.0))
+    box.open()
+    return box
+
+
+def test_a_killed_control_process_leaves_the_finger_lifted(killable_daemon, tmp_path):
+    """The instruments outlive it by two seconds, in which the watchdog lifts: by the sensor."""
+    daemon = killable_daemon(near_rig(tmp_path), str(LOAD_N))
+    pids = daemon.await_output()
+    loads = []
+    daemon.process.send_signal(signal.SIGKILL)
+    assert pids["control"] == daemon.process.pid
+    with suppress(DeviceError), closing(other_reader(daemon.report["endpoints"])) as box:
+        while True:
+            loads.append(box.read().normal_force_n)
+            time.sleep(0.005)
+    assert len(loads) > 50
+    assert max(loads) < TRIP_N
+    assert max(loads[-20:]) < LIFTED_N
+    assert daemon._zero_s() < float("inf")
