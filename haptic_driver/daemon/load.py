@@ -1,5 +1,6 @@
-"""The load of a finger under the daemon: a thread holds it by the rig's load stage, as long as who
-asked for it holds the lease and nobody switches off.
+"""The load of a finger under the daemon: a thread holds it by the rig's load stage.
+
+It does so while who asked for it has the lease, and until somebody switches off.
 
 Whoever switches off only withdraws the right to press, and never waits for the stage: the thread
 looks at that right about every 10 ms. The force sensor has one reader, which fills the shared

@@ -160,7 +160,7 @@ class SceneChange(Request):
 
 
 class LoadChoice(Request):
-    """`haptic load hold N`; refused outside what the rig's file allows."""
+    """`haptic load hold 0.5`; refused outside what the rig's file allows."""
 
     newtons: Annotated[FiniteFloat, Field(gt=0.0, le=20.0, description="Load to hold, N.")]
 
@@ -414,8 +414,8 @@ class Verbs:
         LoadChoice,
         Status,
         lambda daemon, asked, token: daemon.hold_load(token, asked.newtons),
-        "Have the load stage press the finger and hold a load, until it is told to let go, the"
-        " output is switched off or the lease ends. Answers at once. Renews the lease.",
+        "Have the load stage press the finger and hold a load; answers at once. It lets go when it"
+        " is told to, at OFF, and with the lease. Renews the lease.",
     )
     release_load = Verb(
         "POST",
