@@ -26,11 +26,12 @@ from haptic_driver.rig.devices import Devices
 from haptic_driver.rig.load_controller import LoadSettings, Phase, Seen, wrong_load
 from haptic_driver.rig.load_loop import Guard, LoadLoop, LoadStage, lift, make_clear
 from haptic_driver.rig.parts.load_stages import LoadStageSection
-from hw.errors import DeviceError, DeviceTimeout
+from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
 
 IDLE_S = 0.02  # between looks for somebody who wants a load
 AGAIN_S = 0.5  # between attempts to let go of a stage that took no order
+GUARDED_S = 1.0  # between looks whether somebody would lift the finger if this process died
 EXCHANGE_S = 15.0  # for the thread to let go of a stage, by its own timeouts
 
 
@@ -227,12 +228,16 @@ class HeldLoad:
         self._events.tell("load", f"the load stage {said}")
 
     def _hold(self, loop: LoadLoop, goes_on: Callable[[], bool]) -> None:
+        guarded_s = self._clock()
         with loop:
             self._loop, self._phase = loop, LoadPhase.HOLD
             while goes_on():
                 if loop.look().phase is Phase.ENDED:
                     self._failures.append(loop.reason)
                     break
+                if self._guard is not None and self._clock() - guarded_s >= GUARDED_S:
+                    self._guard.press()
+                    guarded_s = self._clock()
             self._phase = LoadPhase.LETTING_GO
 
     def _lift(self) -> None:
@@ -244,7 +249,7 @@ class HeldLoad:
             try:
                 retracts = section.when_wrong == "retract"
                 lift(self._stage, section.mounting(), self._guard, retract=retracts)
-            except DeviceError:
+            except BaseException:  # of a plug-in, too
                 return
             self._phase, self._unsure = LoadPhase.FREE, False
         self._events.tell("load", "the load stage has let go")

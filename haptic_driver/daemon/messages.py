@@ -245,6 +245,8 @@ class Status(Checked):
         said += [] if self.recording is None else [f"recording into {self.recording}"]
         said += [] if self.adaptation is None else [f"adapting: {self.adaptation}"]
         said += [] if self.fault is None else [f"fault: {self.fault}"]
+        if self.load is not None and self.load.phase is LoadPhase.MAY_PRESS:
+            said.append("the load stage may still press: lift the finger by hand")
         return "; ".join(said)
 
     def _output_said(self) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.config import find_config
+from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import DaemonState, LoadPhase
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
@@ -20,12 +21,14 @@ from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.instruments import SCALE
 from haptic_driver.simulation.lines import Lines
+from haptic_driver.simulation.served import FACE_M, as_real, with_load_stage
 from hw.errors import DeviceError
 from hw.force.net_ft import NetFt, NetFtSettings
 from hw.force.sensor import ForceAxes
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.config_texts import changed
 from tests.haptic_driver.daemon.refusal import refusal
+from tests.haptic_driver.stand_ins import living_rig
 from tests.waiting import HANG_S, until
 
 LOAD_N, TRIP_N = 0.5, 0.75
@@ -183,6 +186,25 @@ def other_reader(endpoints):
     box = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port), timeout_s=1.0))
     box.open()
     return box
+
+
+def test_at_its_end_a_daemon_lifts_the_finger_of_a_real_rig(rig_config, touch, surface_file):
+    """By the drivers of the rig's file, on a stage whose carriage is looked at."""
+    with living_rig(rig_config, touch) as served:
+        config = with_load_stage(as_real(rig_config, served.endpoints), served.endpoints)
+        near = {"clear_m": FACE_M - 0.5e-3}
+        config = config.model_copy(update={"load_stage": config.load_stage.model_copy(update=near)})
+        render = render_settings(config, surface_file)
+        settings = DaemonSettings(
+            "served", "reference", config, surface_file, render, allow_no_rt=True
+        )
+        with Daemon(settings) as daemon:
+            daemon.supervisor.instruments.devices.stage.home()
+            press(daemon)
+            assert served.load_stage.position_mm > 1e3 * FACE_M
+        assert served.load_stage.position_mm == pytest.approx(1e3 * near["clear_m"], abs=0.01)
+        assert not served.load_stage.moving
+        assert not served.generator.output().on
 
 
 def test_a_killed_control_process_leaves_the_finger_lifted(killable_daemon, tmp_path):
