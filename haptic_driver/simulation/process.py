@@ -60,7 +60,7 @@ STEP_S = 0.001
 PARTS = 2  # of a step: what an envelope does within it is felt at its end
 ROUNDING = 1e-3  # of a step
 MOST_STEPS = 50  # at once; a machine that is slower than the simulation would never catch up
-LINGER_S = 2.0
+LINGER_S = 5.0  # for another watcher to switch off, and to lift the finger
 FINGER_Y_M = 0.030
 TOUCH_N = 0.02  # from this force on the screen feels the finger
 

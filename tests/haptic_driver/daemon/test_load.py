@@ -28,6 +28,7 @@ from hw.force.sensor import ForceAxes
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.config_texts import changed
 from tests.haptic_driver.daemon.refusal import refusal
+from tests.haptic_driver.daemon.waiting import STOOD_STILL, reset
 from tests.haptic_driver.stand_ins import living_rig
 from tests.waiting import HANG_S, until
 
@@ -36,7 +37,8 @@ LOAD_N, TRIP_N = 0.5, 0.75
 FAR = "stiffness_n_per_m = 700.0"
 NEAR = FAR, f"clear_m = 1.5e-3\nface_m = 2e-3\n{FAR}"
 LIFTED_N = 0.02  # seven times the noise of the sensor
-LATE = "force sensor"  # what a machine that stood still for 0.1 s makes the loop say
+# What a machine that stood still for 0.1 s, or for a second, makes the daemon say.
+LATE = ("the force sensor", "did not answer in time", *STOOD_STILL)
 
 
 def near_rig(folder):
@@ -56,6 +58,10 @@ def settings(surface_file, tmp_path_factory):
     return DaemonSettings(rig, "reference", config, surface_file, render, amplifier_record=record)
 
 
+def is_late(said):
+    return any(reason in said for reason in LATE)
+
+
 def in_reason(load):
     return load.phase is LoadPhase.HOLD and load.load_n == pytest.approx(LOAD_N, rel=0.1)
 
@@ -66,7 +72,7 @@ def press(daemon, lease_s=60.0):
         with suppress(HapticError):
             return begin(daemon, lease_s)
         fault = daemon.status().fault
-        assert fault is None or LATE in fault, fault
+        assert fault is None or is_late(fault), fault
         daemon.disarm()
 
 
@@ -92,7 +98,7 @@ def rendered(daemon, ticks):
                 daemon.renew(lease.token)
                 time.sleep(0.02)
             return daemon.shared.ring.newest(ticks)
-        assert LATE in daemon.status().fault
+        assert is_late(daemon.status().fault)
 
 
 def until_lifted(daemon):
@@ -124,13 +130,16 @@ def test_the_finger_is_lifted_whoever_takes_the_load_away(daemon, how):
 
 def test_switching_off_does_not_wait_for_a_stage_that_hangs(daemon):
     """Another holds its line, as an answer that does not come does."""
-    press(daemon)
-    stage = daemon.supervisor.instruments.devices.load_stage
-    with stage._undisturbed():
-        status = daemon.off()
-        assert (status.output_on, status.load.phase) == (False, LoadPhase.LETTING_GO)
-        assert status.load.load_n > LIFTED_N
-    until_lifted(daemon)
+    was_late = True
+    while was_late:
+        press(daemon)
+        with daemon.supervisor.instruments.devices.load_stage._undisturbed():
+            status = daemon.off()
+            was_late = status.state is DaemonState.FAULT
+            assert status.output_on is False
+            assert was_late or status.load.phase is LoadPhase.LETTING_GO
+            assert was_late or status.load.load_n > LIFTED_N
+        until_lifted(daemon)
 
 
 def test_a_finger_that_thrusts_is_let_go_and_is_a_fault(daemon, history):
@@ -143,20 +152,19 @@ def test_a_finger_that_thrusts_is_let_go_and_is_a_fault(daemon, history):
         until_lifted(daemon)
         lines.query(b"THRUST 0\n", HANG_S)
     fault = daemon.status().fault
-    assert "its limit 0.75 N" in fault or LATE in fault
+    assert "its limit 0.75 N" in fault or is_late(fault)
     assert daemon.status().output_on is False
     assert history()[-1][1] == 0.0
 
 
 def test_the_command_holds_by_the_daemon_until_it_is_over(daemon, haptic, tmp_path):
-    until(lambda: not daemon.supervisor.silent())
     place = Place(tmp_path / "d.sock")
+    hold = ["load", "hold", "0.5", "--seconds", "1", "--socket", place.path, "--json"]
     with closing(place), serve(daemon, place):
-        done = haptic("load", "hold", "0.5", "--seconds", "1", "--socket", place.path, "--json")
+        while (done := haptic(*hold)).status:
+            assert is_late(done.said["error"]["message"])
+            reset(daemon)
         released = haptic("load", "release", "--socket", place.path, "--json")
-    if done.status:
-        assert LATE in done.said["error"]["message"]
-        pytest.skip("this machine stood still")
     assert done.said["mean_load_n"] == pytest.approx(LOAD_N, rel=0.1)
     assert released.said["load"]["phase"] == "free"
     assert released.said["state"] == "idle"
@@ -176,7 +184,7 @@ def test_a_silent_sensor_lets_go(daemon):
     press(daemon)
     with closing(other_reader(daemon.supervisor.endpoints)) as box:
         until(lambda: daemon.status().state is DaemonState.FAULT)
-        assert LATE in daemon.status().fault
+        assert "the force sensor" in daemon.status().fault
         until(lambda: box.read().normal_force_n < LIFTED_N)
     assert daemon.status().output_on is False
 
@@ -208,7 +216,7 @@ def test_at_its_end_a_daemon_lifts_the_finger_of_a_real_rig(rig_config, touch, s
 
 
 def test_a_killed_control_process_leaves_the_finger_lifted(killable_daemon, tmp_path):
-    """The instruments outlive it by two seconds, in which the watchdog lifts: by the sensor."""
+    """The instruments outlive it by some seconds, in which the watchdog lifts: by the sensor."""
     daemon = killable_daemon(near_rig(tmp_path), str(LOAD_N))
     pids = daemon.await_output()
     loads = []
