@@ -59,7 +59,7 @@ class HeldLoad:
     ) -> None:
         section = config.load_stage
         self._section = section if isinstance(section, LoadStageSection) else None
-        self._rig = config.name
+        self._rig, self._simulated = config.name, config.simulated
         self._shared, self._orders, self._events, self._clock = shared, orders, events, clock
         self._stage: LoadStage | None = None
         self._guard: Guard | None = None
@@ -85,6 +85,8 @@ class HeldLoad:
         try:
             self._stage = None if devices is None else devices.load_stage
             self._guard = None if devices is None else devices.watchdog
+            if self._simulated and devices is not None:  # a new stage, which stands clear
+                self._phase, self._unsure = LoadPhase.FREE, False
         finally:
             if free:
                 self._using.release()

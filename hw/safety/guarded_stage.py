@@ -49,6 +49,7 @@ class StageHold:
     def __init__(self, stage: GuardedStage) -> None:
         self.resource = stage.resource
         self._stage = stage
+        self._logged = ""
 
     def ask(self) -> bool | None:
         """Whether it rests; None when it does not say. Nothing moves."""
@@ -57,10 +58,17 @@ class StageHold:
             transport.open()
             return not Lts150(transport, self._stage.settings).read_status().moving
         except Exception as error:  # whatever it is, the output must not suffer
-            _log.warning("%s: %s", self.resource, error)
+            self._log_once(error)
             return None
         finally:
             transport.close()
+
+    def _log_once(self, error: Exception) -> None:
+        """Not again what was logged last: it tries many times."""
+        said = str(error)
+        if said != self._logged:
+            self._logged = said
+            _log.warning("%s", said if self.resource in said else f"{self.resource}: {said}")
 
     def switch_off(self) -> bool | None:
         """Lift off or stop; True once it rests there, None when that is not known."""
@@ -73,7 +81,7 @@ class StageHold:
                 driver.wait(REST_S)
             return True
         except Exception as error:  # as above
-            _log.warning("%s: %s", self.resource, error)
+            self._log_once(error)
             return None
         finally:
             transport.close()

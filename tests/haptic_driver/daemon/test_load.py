@@ -11,13 +11,16 @@ from contextlib import closing, suppress
 import numpy as np
 import pytest
 
+from haptic_driver.client import HapticClient
 from haptic_driver.config import find_config
 from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.load import HeldLoad
 from haptic_driver.daemon.messages import DaemonState, LoadPhase
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import HapticError
+from haptic_driver.public.connection import Rig
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.instruments import SCALE
 from haptic_driver.simulation.lines import Lines
@@ -106,6 +109,20 @@ def until_lifted(daemon):
     until(lambda: (load_n := daemon.status().load.load_n) is not None and load_n < LIFTED_N)
 
 
+def test_a_rig_without_a_load_stage_refuses(rig_config, shared):
+    load = HeldLoad(rig_config, shared, None, None, time.monotonic)
+    refused = refusal(load.hold, "token", LOAD_N)
+    assert refused.code == "no_load_stage"
+    assert "[load_stage]" in refused.hint
+    assert load.status(0.5) is None
+
+
+# First of those with the daemon: later the finger is in the stage's holder.
+def test_until_the_stage_moves_the_load_is_that_of_the_slide(daemon):
+    status = until(lambda: (found := daemon.status()).load.load_n > 0.3 and found)
+    assert status.load.phase is LoadPhase.FREE
+
+
 def test_a_load_is_held_while_friction_is_rendered(daemon):
     """A sample of a second is a whole beat of the finger's pulse."""
     samples = rendered(daemon, 1000)
@@ -165,6 +182,9 @@ def test_the_command_holds_by_the_daemon_until_it_is_over(daemon, haptic, tmp_pa
             assert is_late(done.said["error"]["message"])
             reset(daemon)
         released = haptic("load", "release", "--socket", place.path, "--json")
+        with Rig(HapticClient(place.path)) as rig, rig.armed():
+            assert rig.hold_load(LOAD_N).load.target_n == LOAD_N
+            assert rig.release_load().load.target_n is None
     assert done.said["mean_load_n"] == pytest.approx(LOAD_N, rel=0.1)
     assert released.said["load"]["phase"] == "free"
     assert released.said["state"] == "idle"
