@@ -42,6 +42,13 @@ def test_twins_share_finger_plan_and_lambda(sets) -> None:
         assert seen[0] == pytest.approx(seen[1], rel=0.2)
 
 
+def test_a_twin_is_no_more_visible_than_the_scatter_of_trials_lets_its_measured_set_be() -> None:
+    spec = as_measured(Spec("F1", 3, (("speed_dependent_gap", 400.0),), design="six_sessions"))
+    made, twin = (one.label["effects"][0]["lambda"] for one in generate([spec], seed=3))
+    assert made < 200.0
+    assert twin == pytest.approx(made, rel=0.1)
+
+
 def test_twins_follow_one_another_and_files_of_another_run_go(sets, tmp_path: Path) -> None:
     (tmp_path / "sets").mkdir()
     (tmp_path / "sets" / "9.csv").write_text("left over")
