@@ -19,7 +19,7 @@ def run() -> Iterator[Claim]:
     area, ridges = errors[:, 0], errors[np.isfinite(errors[:, 1]), 1]
     for what, found, within in (
         (f"apparent contact area, {FILMS} drawn films", area, AREA_WITHIN),
-        (f"area of the ridges, told in {ridges.size} of them", ridges, RIDGES_WITHIN),
+        (f"area of the ridges, measured in {ridges.size} of them", ridges, RIDGES_WITHIN),
     ):
-        said = f"off by {np.median(found):.2%} in the middle, {found.max():.2%} at worst"
+        said = f"off by {np.median(found):.2%} at the median, {found.max():.2%} at worst"
         yield Claim(what, said, f"within {within:.0%}", bool(found.max() <= within))
