@@ -102,14 +102,14 @@ def run() -> Iterator[Claim]:
         yield from _held(gains, found)
     for what, way in (("by weights, a free guide", by_weights), ("with the stage locked", locked)):
         slow, fast = np.array([way(case) for case in cases]).T
-        said = f"{slow.max():.1%} rms below 5 Hz at worst, {np.median(slow):.1%} in the middle"
+        said = f"{slow.max():.1%} rms below 5 Hz at worst, {np.median(slow):.1%} at the median"
         yield Claim(f"0.5 N {what}", f"{said}; above 5 Hz {fast.min():.1%} to {fast.max():.1%}")
 
 
 def _held(gains: str, found: list[Score]) -> Iterator[Claim]:
     what = f"0.5 N by the loop, {gains}"
     settled, over, slow, fast = (np.array(column) for column in zip(*map(_row, found), strict=True))
-    said = f"{slow.max():.1%} at worst, {np.median(slow):.1%} in the middle"
+    said = f"{slow.max():.1%} at worst, {np.median(slow):.1%} at the median"
     yield Claim(f"{what}: rms below 5 Hz", said, "at most 5 %", bool(slow.max() <= 0.05))
     said = f"within {settled.max():.2f} s, overshoot {over.max():.0%} at most"
     holds = bool(settled.max() <= 1.0 and over.max() <= 0.2)
