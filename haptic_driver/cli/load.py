@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -75,14 +76,18 @@ def hold(
         report(as_json, held, lambda: _said(newtons, held["mean_load_n"]))
         return
     with _pressed(config, newtons, yes, in_real_time=seconds is None) as loop:
-        stderr.print(f"holding {newtons:g} N; Ctrl-C lets go")
+        where = " on a simulated finger, without a daemon" if config.simulated else ""
+        stderr.print(f"holding {newtons:g} N{where}; Ctrl-C lets go")
         mean_n, depth_m = loop.average(LONGEST_S if seconds is None else seconds)
     said = {"load_n": newtons, "mean_load_n": mean_n, "depth_m": depth_m}
     report(as_json, said, lambda: _said(newtons, mean_n))
 
 
 def _said(newtons: float, mean_n: float) -> None:
-    stdout.print(f"held {newtons:g} N, mean {mean_n:.3f} N")
+    if math.isnan(mean_n):
+        stdout.print(f"let go before {newtons:g} N was held")
+    else:
+        stdout.print(f"held {newtons:g} N, mean {mean_n:.3f} N")
 
 
 app.command("release")(control.command_of(Verbs.release_load))
@@ -160,7 +165,7 @@ def _pressed(
             " finger off: the force sensor's bias comes first."
         )
         confirm_attended(config.name)
-    with _unless_held(devices), status("bias") as tell:
+    with _unless_held(devices), status("load stage") as tell:
         tell("to where the finger is free: keep clear")
         make_clear(devices.stage, section.mounting())
         with LoadLoop(
@@ -174,6 +179,7 @@ def _pressed(
         ) as loop:
             tell(f"pressing with {newtons:g} N")
             loop.settle(SETTLE_S)
+            tell(f"{newtons:g} N pressed")
             yield loop
 
 

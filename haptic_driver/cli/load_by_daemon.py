@@ -12,6 +12,7 @@ from typing import Any
 
 from haptic_driver.cli.control import client_of, held_already, lease_file
 from haptic_driver.cli.output import signals_to, stderr
+from haptic_driver.cli.output import status as shown_status
 from haptic_driver.client import HapticClient, NoDaemonError
 from haptic_driver.daemon.messages import LoadPhase, Status
 from haptic_driver.errors import HapticError
@@ -42,7 +43,8 @@ def hold(client: HapticClient, newtons: float, seconds: float | None) -> dict[st
     HapticError when the daemon lets go before, or does not show in the end that it did.
     """
     loads, depth_m, until_s = list[float](), math.nan, math.inf
-    with _lease(client) as token, signals_to(signal.default_int_handler):
+    as_ctrl_c = signals_to(signal.default_int_handler)
+    with _lease(client) as token, as_ctrl_c, shown_status("load stage") as tell:
         try:
             client.hold_load(token, newtons)
             while time.monotonic() < until_s:
@@ -50,6 +52,7 @@ def hold(client: HapticClient, newtons: float, seconds: float | None) -> dict[st
                 load = status.load
                 if load is None or load.target_n is None:
                     raise _ended(status)
+                tell(str(load))
                 if load.phase is LoadPhase.HOLD and load.load_n is not None:
                     if not loads and abs(load.load_n - newtons) <= SETTLED_SHARE * newtons:
                         stderr.print(f"holding {newtons:g} N; Ctrl-C lets go")
@@ -105,5 +108,5 @@ def _ended(status: Status) -> HapticError:
             f"the daemon went into fault: {status.fault}",
             "Remove the cause, then haptic reset",
         )
-    said = f"somebody switched off, or the lease is lost; the daemon is {status.state}"
+    said = "the load was let go: by OFF, a release, the end of the lease, or the daemon's end"
     return HapticError("load_let_go", said, "Then hold it again")

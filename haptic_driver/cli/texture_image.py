@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from rich.text import Text
 from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
@@ -98,7 +99,7 @@ def from_image(
         for words in done:
             stdout.print(f"  {words}")
         for words in warnings:
-            stdout.print(f"  [bold yellow]{words}[/]")
+            stdout.print(Text(f"  {words}", "bold yellow"))
         stdout.print(f"asked and rendered: {preview}")
         stdout.print(
             "it plays" if play else f"play it: haptic texture play {shlex.quote(str(target))}"

@@ -8,6 +8,7 @@ from haptic_driver.fidelity.measure import Fidelity
 from haptic_driver.textures.bands import CENTRES_HZ
 
 GOOD_GAIN = (0.8, 1.2)  # of felt against asked friction: what this driver is to reach
+ONE_CONSTANT = 1e-6  # relative error of the constant, below which it is all that was asked for
 
 
 def said(fidelity: Fidelity) -> list[str]:
@@ -21,16 +22,19 @@ def said(fidelity: Fidelity) -> list[str]:
 
 
 def _score(f: Fidelity) -> str:
-    """What a constant also reaches stands beside every score."""
+    """What a constant also reaches stands beside every score, unless one constant was asked for."""
     share, constant_share = f.share_within_5_percent, f.constant_share_within_5_percent
     error, constant_error = f.relative_error_rms, f.constant_relative_error_rms
     if share is None or constant_share is None or error is None or constant_error is None:
         return "no target was within reach"
     words = f"within 5 % for {_percent(share)} of the time"
-    words += f"; a constant {f.constant_cof:.2f} reaches {_percent(constant_share)}"
-    if share <= constant_share:
-        words += ", so this is no better than a constant"
-    words += f"; error {_percent(error, 1)} rms, of the constant {_percent(constant_error, 1)}"
+    if constant_error < ONE_CONSTANT:
+        words += f"; error {_percent(error, 1)} rms"
+    else:
+        words += f"; a constant {f.constant_cof:.2f} reaches {_percent(constant_share)}"
+        if share <= constant_share:
+            words += ", so this is no better than a constant"
+        words += f"; error {_percent(error, 1)} rms, of the constant {_percent(constant_error, 1)}"
     if f.reachable_share is not None and f.reachable_share < 1.0:
         words += f"; {_percent(f.reachable_share)} of the time was within reach"
     return words

@@ -62,7 +62,7 @@ def draw_slide(record: SlideRecord, title: str, path: Path) -> None:
             frequency.plot(x, record.frequency_hz[stroke], color=DRIVE, lw=1.0, ls=dash)
         friction.set(ylabel="coefficient of friction")
         figure.suptitle(f"{title} (simulated rig)")
-        voltage.set(ylabel="voltage at the electrode, V peak")
+        voltage.set(ylabel="electrode, V peak")
         frequency.set(ylabel="carrier, Hz", xlabel="position, mm")
         _scale_carrier(frequency, record.frequency_hz)
         if named:
@@ -96,7 +96,7 @@ def draw_ticks(ticks: NDArray[np.void], path: Path) -> None:
         voltage.plot(ticks["time_s"] - start_s, ticks["voltage_v"], color=DRIVE, lw=1.0)
         friction.set(ylabel="coefficient of friction")
         friction.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
-        voltage.set(xlabel="time, s", ylabel="voltage at the electrode, V peak")
+        voltage.set(xlabel="time, s", ylabel="electrode, V peak")
         for axes in (friction, voltage):
             axes.grid(alpha=0.25)
 

@@ -18,6 +18,7 @@ from model.support.errors import nearest
 MOST_OBJECTS = 500
 MOST_CORNERS = 200  # of a polygon
 TEXTURE_COF = (0.01, 5.0)  # what a file may say; the upper end is beyond any finger's
+EMPTY = "the scene has no objects; haptic scene add makes one"
 EVERYWHERE = "background"  # no object may be called so
 
 Cof = Annotated[float, Field(ge=TEXTURE_COF[0], le=TEXTURE_COF[1], allow_inf_nan=False)]
@@ -279,7 +280,8 @@ def _change_one(objects: dict[str, SceneObject], change: Add | Move | Turn | Set
     found = objects.get(change.id)
     if found is None:
         said = f"there is no object '{change.id}' in the scene"
-        raise BadInputError("unknown_object", said, nearest(change.id, list(objects)))
+        hint = nearest(change.id, list(objects)) if objects else EMPTY
+        raise BadInputError("unknown_object", said, hint)
     match change:
         case Move():
             new: dict[str, Any] = {"origin_mm": [change.x_mm, change.y_mm]}
