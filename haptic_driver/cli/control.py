@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 SIGNS = ((0.05, "▲", "▼"), (0.02, "+", "-"), (0.0, "·", "·"))  # of friction: from so much off on
 Verbose = Annotated[bool, Option("--verbose", help="Say the whole status.")]
 POLL_S = 0.1
+STARTING_S = 0.1  # some ticks: an output that was just asked for has come on
 ALREADY = "armed already"
 ON_OFF = ("on", "off")
 
@@ -122,6 +123,9 @@ def command_of(verb: Verb[..., Any, Any]) -> Callable[..., None]:
         with client_of(socket) as client:
             token = lease_token(client.address) if isinstance(verb, Leased) else ""
             answer = client.ask(verb, said, token)
+            if isinstance(verb, Leased) and isinstance(answer, Status) and not answer.output_on:
+                time.sleep(STARTING_S)
+                answer = client.status()
         show(as_json, answer, in_short=not verbose)
 
     of_all = [("socket", SocketOption, None), ("as_json", Json, False)]
@@ -174,7 +178,7 @@ def show_status(status: Status, *, in_short: bool = False) -> None:
 
 
 def agreement_lines(status: Status) -> list[str]:
-    """A map of felt against expected friction, a line per condition and a sign per cell, and the
+    """A map of measured against expected friction, a line per condition and a sign per cell, and the
     last sentence.
     """
     by_axis: dict[str, list[AgreementCell]] = {}

@@ -19,6 +19,7 @@ from haptic_driver.cli.output import (
     Json,
     RigOption,
     confirm_attended,
+    named,
     report,
     status,
     stderr,
@@ -45,7 +46,7 @@ Yes = Annotated[bool, Option("--yes", help="Begin without asking; somebody is th
 @app.command()
 def hold(
     newtons: Annotated[float, Argument(help="Load to hold, N.")],
-    rig: RigOption = "simulated-paper",
+    rig: Annotated[str | None, named("rigs", "Rig; the daemon's if left out")] = None,
     seconds: Annotated[float | None, Option(help="So long; until Ctrl-C if left out.")] = None,
     yes: Yes = False,
     socket: SocketOption = None,
@@ -54,6 +55,7 @@ def hold(
     """Hold a finger's load by the rig's load stage.
 
     Where a daemon runs on the rig it holds the load, so that friction can be rendered meanwhile.
+    Without a daemon and `--rig` the rig is `simulated-paper`.
     The lease is that of `haptic arm`, or else the command's own. Ctrl-C, `haptic load release`,
     `haptic off` and the end of the lease let go.
 
@@ -66,8 +68,8 @@ def hold(
     """
     if seconds is not None:
         require_range("--seconds", seconds, 0.1, LONGEST_S, unit=" s")
-    config = load_rig(rig)
-    client = load_by_daemon.daemon_on(config.name, socket)
+    config = load_rig(rig or "simulated-paper")
+    client = load_by_daemon.daemon_on(rig and config.name, socket)
     if client is not None:
         if not (yes or client.status().simulated):
             stderr.print(f"the load stage will move, and press with {newtons:g} N")

@@ -7,7 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from haptic_driver.cli.control import client_of, held_already, lease_file
@@ -23,16 +23,17 @@ POLL_S = 0.1
 LET_GO_S = 15.0  # for the stage to show that it rests
 
 
-def daemon_on(rig: str, socket: str | None) -> HapticClient | None:
-    """A client of the daemon that has the rig of this name; one at `socket` in any case.
+def daemon_on(rig: str | None, socket: str | None) -> HapticClient | None:
+    """A client of the daemon that answers, if it has the rig of this name or none is named.
 
-    NoDaemonError where nobody answers at `socket`.
+    NoDaemonError where nobody answers at a `socket` that the command line, not the environment,
+    gives.
     """
     try:
         client = client_of(socket)
-        return client if socket is not None or client.status().rig == rig else None
+        return client if rig is None or client.status().rig == rig else None
     except NoDaemonError:
-        if socket is not None:
+        if socket is not None and socket != os.environ.get("HAPTIC_SOCKET"):
             raise
         return None
 
@@ -64,8 +65,11 @@ def hold(client: HapticClient, newtons: float, seconds: float | None) -> dict[st
                 time.sleep(POLL_S)
         except KeyboardInterrupt:  # the usual end
             pass
+        except NoDaemonError as gone:
+            raise _gone() from gone
         finally:
-            client.release_load()
+            with suppress(NoDaemonError):
+                client.release_load()
         _await_free(client)
     mean_n = sum(loads) / len(loads) if loads else math.nan
     return {"load_n": newtons, "mean_load_n": mean_n, "depth_m": depth_m}
@@ -98,6 +102,14 @@ def _await_free(client: HapticClient) -> None:
                 "Lift the finger off by hand, switch the stage off",
             )
         time.sleep(POLL_S)
+
+
+def _gone() -> HapticError:
+    return HapticError(
+        "load_let_go",
+        "the daemon has ended while the load was held; its watchdog lets the stage go",
+        "Look whether the finger is free, and lift it off if not",
+    )
 
 
 def _ended(status: Status) -> HapticError:

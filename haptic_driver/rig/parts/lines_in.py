@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import closing
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
@@ -54,10 +55,12 @@ class LineInSection(Section):
     )
 
     def examine(self, at: Examination) -> Checks:
-        """Look at the folder, then at the line."""
-        if self.start == "recording" and not os.access(self.folder, os.W_OK | os.X_OK):
-            said = f"{os.path.abspath(self.folder)} is no folder that can be written to"
-            yield at.failed(said, "make it, or change folder")
+        """Look at the folder, which a recording makes if it can, then at the line."""
+        folder = Path(self.folder).absolute()
+        there = next(path for path in (folder, *folder.parents) if path.exists())
+        writable = there.is_dir() and os.access(there, os.W_OK | os.X_OK)
+        if self.start == "recording" and not writable:
+            yield at.failed(f"nothing can be written to {folder}", "make it, or change folder")
         yield from self._examine_line(at)
 
     def _examine_line(self, at: Examination) -> Checks:
