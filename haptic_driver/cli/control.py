@@ -178,9 +178,7 @@ def show_status(status: Status, *, in_short: bool = False) -> None:
 
 
 def agreement_lines(status: Status) -> list[str]:
-    """A map of measured against expected friction, a line per condition and a sign per cell, and the
-    last sentence.
-    """
+    """Measured against expected friction: a line per condition, a sign per cell, and a sentence."""
     by_axis: dict[str, list[AgreementCell]] = {}
     for cell in status.agreement:
         by_axis.setdefault(cell.axis, []).append(cell)
