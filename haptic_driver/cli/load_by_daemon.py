@@ -21,6 +21,7 @@ from haptic_driver.rig.load_loop import SETTLED_SHARE
 LEASE_S = 2.0
 POLL_S = 0.1
 LET_GO_S = 15.0  # for the stage to show that it rests
+RESTS = (LoadPhase.FREE, LoadPhase.STOPPED)
 
 
 def daemon_on(rig: str | None, socket: str | None) -> HapticClient | None:
@@ -41,9 +42,10 @@ def daemon_on(rig: str | None, socket: str | None) -> HapticClient | None:
 def hold(client: HapticClient, newtons: float, seconds: float | None) -> dict[str, Any]:
     """Hold a load for so long after it has settled, or until Ctrl-C; what is said of it.
 
-    HapticError when the daemon lets go before, or does not show in the end that it did.
+    HapticError when the daemon lets go before, does not show in the end that it did, or holds
+    another load for somebody else with the same lease, which is then left to them.
     """
-    loads, depth_m, until_s = list[float](), math.nan, math.inf
+    loads, depth_m, until_s, is_ours = list[float](), math.nan, math.inf, True
     as_ctrl_c = signals_to(signal.default_int_handler)
     with _lease(client) as token, as_ctrl_c, shown_status("load stage") as tell:
         try:
@@ -53,6 +55,9 @@ def hold(client: HapticClient, newtons: float, seconds: float | None) -> dict[st
                 load = status.load
                 if load is None or load.target_n is None:
                     raise _ended(status)
+                if load.target_n != newtons:
+                    is_ours = False
+                    raise _taken_over(load.target_n)
                 tell(str(load))
                 if load.phase is LoadPhase.HOLD and load.load_n is not None:
                     if not loads and abs(load.load_n - newtons) <= SETTLED_SHARE * newtons:
@@ -68,8 +73,9 @@ def hold(client: HapticClient, newtons: float, seconds: float | None) -> dict[st
         except NoDaemonError as gone:
             raise _gone() from gone
         finally:
-            with suppress(NoDaemonError):
-                client.release_load()
+            if is_ours:
+                with suppress(NoDaemonError):
+                    client.release_load()
         _await_free(client)
     mean_n = sum(loads) / len(loads) if loads else math.nan
     return {"load_n": newtons, "mean_load_n": mean_n, "depth_m": depth_m}
@@ -94,7 +100,7 @@ def _lease(client: HapticClient) -> Iterator[str]:
 
 def _await_free(client: HapticClient) -> None:
     until_s = time.monotonic() + LET_GO_S
-    while (load := client.status().load) is not None and load.phase is not LoadPhase.FREE:
+    while (load := client.status().load) is not None and load.phase not in RESTS:
         if time.monotonic() >= until_s:
             raise HapticError(
                 "load_presses",
@@ -109,6 +115,14 @@ def _gone() -> HapticError:
         "load_let_go",
         "the daemon has ended while the load was held; its watchdog lets the stage go",
         "Look whether the finger is free, and lift it off if not",
+    )
+
+
+def _taken_over(newtons: float) -> HapticError:
+    return HapticError(
+        "load_taken_over",
+        f"the holder of the lease asked for {newtons:g} N meanwhile",
+        "haptic load release lets go",
     )
 
 

@@ -92,6 +92,8 @@ def picture(history: Sequence[StateFrame]) -> Table:
         "command",
         f"{number(status.frequency_hz, '.4g')} Hz, {number(status.voltage_v, '.4g')} V peak",
     )
+    if status.load is not None:
+        table.add_row("load", str(status.load))
     late = "-" if ticks.lateness_max_s is None else f"{1e6 * ticks.lateness_max_s:.0f} us"
     table.add_row("ticks", f"{status.ticks}, {status.overruns} overruns, latest {late} late")
     table.add_row("flags", ", ".join(status.flags) or "none")

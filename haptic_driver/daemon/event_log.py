@@ -14,7 +14,8 @@ from haptic_driver.errors import shown
 from haptic_driver.recording.event import Event
 
 EVENTS_KEPT = 1000
-OFTEN = "scene"  # a kind that comes many times a second: kept apart, and logged for whoever looks
+# Kinds that may come many times a second: each kept apart, and logged for whoever looks.
+OFTEN = ("scene", "edge_in")
 
 _log = logging.getLogger("haptic_driver.daemon")
 
@@ -25,7 +26,7 @@ class EventLog:
     def __init__(self) -> None:
         self.listeners: list[Callable[[Event], object]] = []
         self._seldom: deque[Event] = deque(maxlen=EVENTS_KEPT)
-        self._often: deque[Event] = deque(maxlen=EVENTS_KEPT)
+        self._often = {kind: deque[Event](maxlen=EVENTS_KEPT) for kind in OFTEN}
         self._count = 0
         self._lock = threading.Lock()
 
@@ -43,14 +44,14 @@ class EventLog:
             event = Event(
                 number=self._count, time_s=happened_s, kind=kind, message=said, data=dict(data)
             )
-            (self._often if kind == OFTEN else self._seldom).append(event)
+            self._often.get(kind, self._seldom).append(event)
         for listener in self.listeners:
             listener(event)
-        usual = logging.DEBUG if kind == OFTEN else logging.INFO
+        usual = logging.DEBUG if kind in OFTEN else logging.INFO
         _log.log(logging.ERROR if kind in ("fault", "trip") else usual, "%s: %s", kind, said)
         return event
 
     def since(self, number: int) -> list[Event]:
         with self._lock:
-            kept = merge(self._seldom, self._often, key=lambda event: event.number)
+            kept = merge(self._seldom, *self._often.values(), key=lambda event: event.number)
             return [event for event in kept if event.number > number]

@@ -50,6 +50,7 @@ class LineInWatch:
         self._acting: threading.Thread | None = None
         self._mine: Path | None = None  # the recording that an edge began
         self._ignored = 0
+        self._failed = ""  # what the last order to record came to, where that was nothing
         self._last_s: float | None = None
 
     def start(self) -> None:
@@ -102,13 +103,17 @@ class LineInWatch:
             self._ignore(edge, "no recording could be begun")
 
     def _order(self, path: Path | None) -> bool:
-        """Whether that went well; an event says why not."""
+        """Whether that went well; an event says why not, once until that changes."""
         try:
             self._record(path)
         except Exception as error:  # whatever it is, the next edge is heard
-            self._told(message_of(error))
-            return False
-        return True
+            failed = message_of(error).replace(str(path), self._section.folder)
+        else:
+            failed = ""
+        if failed and failed != self._failed:
+            self._told(failed)
+        self._failed = failed
+        return not failed
 
     def _ignore(self, edge: EdgeIn, why: str) -> None:
         self._ignored += 1

@@ -34,6 +34,12 @@ AGAIN_S = 0.5  # between attempts to let go of a stage that took no order
 GUARDED_S = 1.0  # between looks whether somebody would lift the finger if this process died
 EXCHANGE_S = 15.0  # for the thread to let go of a stage, by its own timeouts
 
+SAID = {
+    LoadPhase.FREE: "has let go",
+    LoadPhase.STOPPED: "stays where it stopped, and may touch",
+    LoadPhase.MAY_PRESS: "may still press",
+}
+
 
 class Wanted(NamedTuple):
     """A load, for one arming, until somebody switches off."""
@@ -69,6 +75,13 @@ class HeldLoad:
         self._loop: LoadLoop | None = None  # from the approach until the stage rests
         self._unsure = False  # whether the stage has let go
         self._failures: deque[str] = deque()  # to be told as faults
+
+    @property
+    def _rest(self) -> LoadPhase:
+        """The phase of a stage that has let go as its section says."""
+        section = self._section
+        retracts = section is None or section.when_wrong == "retract"
+        return LoadPhase.FREE if retracts else LoadPhase.STOPPED
 
     @property
     def present(self) -> bool:
@@ -132,8 +145,11 @@ class HeldLoad:
                 Phase.ENDED: LoadPhase.LETTING_GO,
             }[loop.state.phase]
         is_wanted = wanted is not None and self._is_wanted(wanted)
-        if phase in (LoadPhase.APPROACH, LoadPhase.HOLD) and not is_wanted:
-            phase = LoadPhase.LETTING_GO
+        pressed = None if loop is None else loop.settings
+        if phase in (LoadPhase.APPROACH, LoadPhase.HOLD) and not (
+            wanted is not None and is_wanted and wanted.settings == pressed
+        ):
+            phase = LoadPhase.LETTING_GO  # also of another load, for the one that is wanted
         depth_m = math.nan if loop is None else loop.depth_m
         return LoadStatus(
             phase=phase,
@@ -222,12 +238,11 @@ class HeldLoad:
                     self._failures.append(message_of(error))
             finally:
                 self._unsure |= self._loop is not None and not self._loop.rests
-                self._phase = LoadPhase.MAY_PRESS if self._unsure else LoadPhase.FREE
+                self._phase = LoadPhase.MAY_PRESS if self._unsure else self._rest
                 self._loop = None
                 if self._wanted is wanted:
                     self._wanted = None
-        said = "may still press" if self._phase is LoadPhase.MAY_PRESS else "has let go"
-        self._events.tell("load", f"the load stage {said}")
+        self._events.tell("load", f"the load stage {SAID[self._phase]}")
 
     def _hold(self, loop: LoadLoop, goes_on: Callable[[], bool]) -> None:
         guarded_s = self._clock()
@@ -253,8 +268,8 @@ class HeldLoad:
                 lift(self._stage, section.mounting(), self._guard, retract=retracts)
             except BaseException:  # of a plug-in, too
                 return
-            self._phase, self._unsure = LoadPhase.FREE, False
-        self._events.tell("load", "the load stage has let go")
+            self._phase, self._unsure = self._rest, False
+        self._events.tell("load", f"the load stage {SAID[self._phase]}")
 
     def _read(self) -> ForceReading:
         """The newest reading of the one who reads. DeviceTimeout for one that is stale."""

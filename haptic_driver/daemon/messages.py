@@ -109,7 +109,8 @@ class LineInStatus(Checked):
 
 class LoadPhase(StrEnum):
     """What a load stage does: nothing, to where the finger is free, until the first touch, the
-    loop, back. `may_press`: it has not shown that it let go.
+    loop, back. `stopped`: it rests where it was, which is its rig's way to let go. `may_press`: it
+    has not shown that it let go.
     """
 
     FREE = "free"
@@ -117,6 +118,7 @@ class LoadPhase(StrEnum):
     APPROACH = "approach"
     HOLD = "hold"
     LETTING_GO = "letting_go"
+    STOPPED = "stopped"
     MAY_PRESS = "may_press"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from math import inf
 from typing import NamedTuple
 
@@ -70,13 +71,17 @@ class LineInReader:
                 failure, self.lost = "", None
                 self._serve()
             except BaseException as error:  # whatever a driver raises, all else goes on
-                self.line.close()
+                self._close()
                 self.lost = message_of(error)
                 if self.lost != failure:  # one thing once
                     failure = self.lost
                     self._told(f"no edges are heard: {failure}; it is tried again")
                 self._ending.wait(RETRY_S)
-        self.line.close()
+        self._close()
+
+    def _close(self) -> None:
+        with suppress(BaseException):  # of a line that is gone, whatever a driver raises
+            self.line.close()
 
     def _serve(self) -> None:
         first = self.line.levels()

@@ -27,6 +27,8 @@ MARGIN = (
 STIFFER = 3.0  # times stiffer or softer than the settings say, at most
 LEAST_WAY_M = 0.15e-3  # ten times what a tremor moves
 ROUNDING_M = 1e-6  # a stage stands within a few counts of where it was sent
+ARRIVED_M = 10e-6  # a stage so near is where it was sent
+STALLED_S = 0.5  # without a step on its way, which no stage needs to gather speed
 
 
 class Phase(enum.Enum):
@@ -53,7 +55,8 @@ class LoadSettings:
 
     `drift_per_s` is the integral gain. `depth_m` bounds the way after the first touch, `reach_m`
     the way until it, `step_m` and `rate_m_s` each move. On a softer finger `step_m` is more, so
-    that it brings the same load. `retracts`: whether the stage lifts off or stays where it is when
+    that it brings the same load. A sensor that gives one number for `repeats_s` is not believed: a
+    finger's load is never so still, and no sensor is without noise. `retracts`: whether the stage lifts off or stays where it is when
     something is wrong.
     """
 
@@ -71,6 +74,7 @@ class LoadSettings:
     touch_n: float = 0.05
     load_limit_n: float = 3.0
     silent_s: float = 0.1
+    repeats_s: float = 0.2
     retracts: bool = True
 
     def __post_init__(self) -> None:
@@ -114,6 +118,7 @@ class Seen(NamedTuple):
     saturated: bool
     depth_m: float | None
     moving: bool
+    same_s: float = 0.0  # for so long the load has been the same to the last digit
 
 
 class Order(NamedTuple):
@@ -140,6 +145,9 @@ class LoadState:
     stiffer: float = 1.0  # than the settings say, as seen while the load rose
     drift_m_s: float = 0.0
     moved_s: float | None = None  # when the last move was ordered
+    sent_m: float | None = None  # where to
+    followed_m: float = math.nan  # where the stage was when it last went on, or had arrived
+    followed_s: float = math.nan  # and when
 
 
 def step(settings: LoadSettings, state: LoadState, seen: Seen) -> tuple[LoadState, Order]:
@@ -151,11 +159,12 @@ def step(settings: LoadSettings, state: LoadState, seen: Seen) -> tuple[LoadStat
         return replace(state, phase=Phase.ENDED, reason=wrong), Order(act)
     assert seen.load_n is not None  # or something is wrong
     assert seen.depth_m is not None
+    state = _followed(state, seen.time_s, seen.depth_m)
     if seen.moving:
         return state, NOTHING
-    if state.phase is Phase.APPROACH:
-        return _approach(settings, state, seen, seen.load_n, seen.depth_m)
-    return _hold(settings, state, seen, seen.load_n, seen.depth_m)
+    follow = _approach if state.phase is Phase.APPROACH else _hold
+    state, order = follow(settings, state, seen, seen.load_n, seen.depth_m)
+    return replace(state, sent_m=order.depth_m), order
 
 
 def wrong_load(settings: LoadSettings, seen: Seen) -> str:
@@ -166,6 +175,8 @@ def wrong_load(settings: LoadSettings, seen: Seen) -> str:
         return "the force sensor is saturated"
     if not seen.load_age_s <= settings.silent_s:
         return f"the force sensor is silent, its newest reading is {seen.load_age_s:.2f} s old"
+    if seen.same_s >= settings.repeats_s:
+        return f"the force sensor is frozen, it repeats {seen.load_n:.4g} N"
     if seen.load_n >= settings.trip_n:
         return f"the load is {seen.load_n:.2f} N, its limit {settings.trip_n:.2f} N"
     return ""
@@ -180,7 +191,23 @@ def _wrong_place(settings: LoadSettings, state: LoadState, seen: Seen) -> str:
     if begun_m is not None and seen.depth_m - begun_m >= bound_m - ROUNDING_M:
         met = "the load is not reached" if state.touch_m is not None else "no finger is felt"
         return f"{met} within {1e3 * bound_m:.1f} mm"
-    return ""
+    if _goes(state, seen.depth_m) or seen.time_s - state.followed_s <= STALLED_S:
+        return ""
+    assert state.sent_m is not None  # or it goes
+    return f"the load stage rests {1e3 * abs(seen.depth_m - state.sent_m):.2f} mm from its target"
+
+
+def _goes(state: LoadState, depth_m: float) -> bool:
+    """Whether the stage is where it was sent, or has come on since it last was seen to."""
+    if state.sent_m is None or abs(depth_m - state.sent_m) <= ARRIVED_M:
+        return True
+    return not abs(depth_m - state.followed_m) <= ROUNDING_M
+
+
+def _followed(state: LoadState, time_s: float, depth_m: float) -> LoadState:
+    if state.sent_m is None or not _goes(state, depth_m):
+        return state
+    return replace(state, followed_m=depth_m, followed_s=time_s)
 
 
 def _approach(

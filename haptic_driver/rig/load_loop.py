@@ -143,6 +143,7 @@ class LoadLoop:
         self._released = True  # the stage took the order to let go
         self._speed_m_s = math.nan  # of the stage's moves, as set
         self._told_s = (math.nan, clock())  # the sensor's time of the newest reading, and ours
+        self._same_s = clock()  # since when the load has been the same
         self._due_s = -math.inf
 
     def look(self) -> LoadState:
@@ -249,10 +250,12 @@ class LoadLoop:
         with self._noted():
             reading = self._read_force()
             load_n, saturated = reading.normal_force_n, reading.saturated
-            self.load_n = load_n
+            if load_n != self.load_n:
+                self.load_n, self._same_s = load_n, self._clock()
             if reading.time_s != self._told_s[0]:
                 self._told_s = reading.time_s, self._clock()
-        age_s = self._clock() - self._told_s[1]
+        heard_s = self._clock()  # before the stage is asked, whose answer may take its time
+        age_s, same_s = heard_s - self._told_s[1], heard_s - self._same_s
         depth_m, moving = None, False
         with self._noted():
             status = self._stage.read_status()
@@ -261,7 +264,7 @@ class LoadLoop:
                 self._trouble = "it is not homed any more, or reports a motion error"
             else:
                 depth_m = self.depth_m = self._mounting.depth_m(status.position_m)
-        return Seen(self._clock(), load_n, age_s, saturated, depth_m, moving)
+        return Seen(self._clock(), load_n, age_s, saturated, depth_m, moving, same_s)
 
     @contextmanager
     def _noted(self) -> Iterator[None]:

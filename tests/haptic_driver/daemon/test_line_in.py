@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from haptic_driver.daemon.line_in import LineInWatch
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.recording.read import read_run
 from haptic_driver.rig import line_in as reading
+from haptic_driver.rig.line_in import LineInReader
 from haptic_driver.rig.parts.lines_in import SimulatedLineInConfig
 from hw.event_line.simulated import SimulatedLineIn
 from tests.haptic_driver.daemon.waiting import LEASE_S, STOOD_STILL, keep_rendering
@@ -56,6 +59,7 @@ def heard(daemon, line):
         return made_s, told[0]
 
     yield edge
+    until(lambda: not daemon.line_in._acting.is_alive())
     if daemon.status().recording is not None:
         daemon.record(None)
 
@@ -133,6 +137,105 @@ def test_a_lost_line_is_told_and_rendering_goes_on(daemon, heard, line):
     stood_still = any(reason in (status.fault or "") for reason in STOOD_STILL)
     assert status.state is DaemonState.RENDERING or stood_still, status
     assert "begins a recording" in heard()[1].message  # it is as it was
+
+
+def test_a_thousand_edges_a_second_leave_rendering_and_the_events_alone(
+    daemon, heard, line, monkeypatch
+):
+    """Each is one as soon as the line was low at all; most come to nothing, and are counted."""
+    monkeypatch.setattr(daemon.line_in._reader, "_low_s", 1e-4)
+    lease = daemon.arm(LEASE_S)
+    daemon.targets.set(lease.token, 0.65)
+    keep_rendering(daemon, lease.token, lambda: daemon.status().state is DaemonState.RENDERING)
+    mark = daemon.mark("before", {})
+    before = daemon.status()
+    with running_alongside(lambda: line.pulse() and time.sleep(1e-3)):
+        keep_rendering(
+            daemon, lease.token, lambda: daemon.status().line_in.edges > before.line_in.edges + 1500
+        )
+        status = daemon.status()
+    stood_still = any(reason in (status.fault or "") for reason in STOOD_STILL)
+    assert status.state is DaemonState.RENDERING or stood_still, status
+    assert status.line_in.ignored > before.line_in.ignored + 1000
+    kept = daemon.events(0)
+    assert [event for event in kept if event.number == mark.number]
+    assert len([event for event in kept if event.kind == "edge_in"]) == 1000
+
+
+@contextmanager
+def running_alongside(work):
+    """Do it again and again, in a thread of its own."""
+    ending = threading.Event()
+
+    def again():
+        while not ending.is_set():
+            work()
+
+    thread = threading.Thread(target=again)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
+
+
+def test_an_edge_in_fault_records_and_leaves_the_fault(daemon, heard):
+    daemon.supervisor._orders.fail("by hand")
+    assert "begins a recording" in heard()[1].message
+    status = daemon.status()
+    assert (status.state, status.fault) == (DaemonState.FAULT, "by hand")
+    assert status.output_on is False
+    assert status.recording is not None
+
+
+def test_a_folder_that_is_not_there_is_told_once(daemon, heard, monkeypatch, tmp_path):
+    section = daemon.line_in._section
+    gone = section.model_copy(update={"folder": str(tmp_path / "gone")})
+    monkeypatch.setattr(daemon.line_in, "_section", gone)
+    before, ignored = daemon.events(0)[-1].number, daemon.status().line_in.ignored
+    for _ in range(3):
+        assert "no recording could be begun" in heard()[1].message
+    told = [event.message for event in daemon.events(before) if event.kind == "line_in"]
+    assert len(told) == 1
+    assert "No such file or directory" in told[0]
+    assert daemon.status().line_in.ignored == ignored + 3
+    assert daemon.status().recording is None
+    monkeypatch.undo()
+    assert "begins a recording" in heard()[1].message
+
+
+def test_a_line_that_stays_high_has_one_edge_at_most(monkeypatch):
+    """None where it was high from the start."""
+    line, found = SimulatedLineIn(), []
+    levels = iter([[True], [True], [False], [], [True]])
+    line.levels = lambda: next(levels, [True])
+    reader = LineInReader(line, 1e-4, found.append, lambda said: None)
+    reader.start()
+    until(lambda: next(levels, None) is None and found)
+    time.sleep(0.05)
+    reader.close()
+    assert [edge.number for edge in found] == [1]
+
+
+def test_a_line_whose_driver_fails_in_closing_too_is_opened_again(monkeypatch):
+    monkeypatch.setattr(reading, "RETRY_S", 0.01)
+    line, told = SimulatedLineIn(), []
+    close, fails = line.close, iter([True])
+
+    def failing_close():
+        close()
+        if next(fails, False):
+            raise OSError("the card is gone")
+
+    line.close = failing_close
+    reader = LineInReader(line, 1e-3, lambda edge: None, told.append)
+    reader.start()
+    until(lambda: reader.lost is None)
+    line.unplug()
+    until(lambda: told and "is heard again" in told[-1])
+    reader.close()
+    assert told[0].startswith("no edges are heard")
 
 
 def test_a_line_that_is_not_there_is_said_in_the_status(tmp_path, monkeypatch):

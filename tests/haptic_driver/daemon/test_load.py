@@ -5,12 +5,15 @@ behind their wires.
 from __future__ import annotations
 
 import signal
+import threading
 import time
 from contextlib import closing, suppress
 
 import numpy as np
 import pytest
 
+from haptic_driver.cli.control import lease_file
+from haptic_driver.cli.load_by_daemon import hold as hold_by_daemon
 from haptic_driver.client import HapticClient
 from haptic_driver.config import find_config
 from haptic_driver.daemon.daemon import Daemon
@@ -62,7 +65,7 @@ def settings(surface_file, tmp_path_factory):
 
 
 def is_late(said):
-    return any(reason in said for reason in LATE)
+    return any(reason in (said or "") for reason in LATE)
 
 
 def in_reason(load):
@@ -83,7 +86,7 @@ def begin(daemon, lease_s):
     until(lambda: not daemon.supervisor.missing and not daemon.supervisor.silent())
     if daemon.status().state is DaemonState.FAULT:
         daemon.reset()
-    until(lambda: daemon.status().load.phase is LoadPhase.FREE)
+    until(lambda: daemon.status().load.phase in (LoadPhase.FREE, LoadPhase.STOPPED))
     lease = daemon.arm(lease_s)
     daemon.hold_load(lease.token, LOAD_N)
     until(lambda: daemon.renew(lease.token) and in_reason(daemon.status().load))
@@ -143,6 +146,63 @@ def test_the_finger_is_lifted_whoever_takes_the_load_away(daemon, how):
         assert status.load.target_n is None
     until_lifted(daemon)
     assert daemon.status().output_on is False or how == "release"
+
+
+def test_off_in_the_approach_ends_it(daemon):
+    lease = daemon.arm(60.0)
+    daemon.hold_load(lease.token, LOAD_N)
+    until(lambda: daemon.status().load.phase is LoadPhase.APPROACH)
+    assert daemon.off().load.target_n is None
+    until_lifted(daemon)
+    assert daemon.status().state in (DaemonState.ARMED, DaemonState.FAULT)
+
+
+def test_another_load_is_not_said_to_be_held_while_the_stage_lifts_from_the_first(daemon):
+    lease = press(daemon)
+    status = daemon.hold_load(lease.token, 0.6)  # the stage has not moved yet
+    assert status.load.phase is not LoadPhase.HOLD
+    assert status.load.target_n == 0.6 or is_late(status.fault)
+    until(lambda: (load_n := daemon.status().load.load_n) is not None and load_n < LIFTED_N)
+
+
+def test_a_rig_that_is_safer_at_rest_is_not_said_to_be_free(daemon, monkeypatch):
+    """The finger is still pressed; another load lifts first."""
+    load = daemon.supervisor.load
+    section = load._section.model_copy(update={"when_wrong": "stop"})
+    monkeypatch.setattr(load, "_section", section)
+    press(daemon)
+    daemon.off()
+    until(lambda: daemon.status().load.phase is not LoadPhase.LETTING_GO)
+    status = daemon.status()
+    assert status.load.phase is LoadPhase.STOPPED
+    assert status.load.load_n > LIFTED_N
+    assert status.output_on is False
+    monkeypatch.undo()
+    daemon.disarm()
+    press(daemon)
+    daemon.off()
+    until_lifted(daemon)
+
+
+def test_two_commands_with_one_lease_do_not_let_go_of_each_others_load(daemon, tmp_path):
+    place = Place(tmp_path / "d.sock")
+    with closing(place), serve(daemon, place), HapticClient(place.path) as client:
+        lease = press(daemon)
+        before = daemon.events(0)[-1].number
+        asks = threading.Thread(target=lambda: other_load(daemon, lease.token, before))
+        with lease_file(client.address, lease.token):
+            asks.start()
+            error = refusal(hold_by_daemon, client, LOAD_N, None)
+        asks.join()
+    fault = daemon.status().fault
+    assert error.code == "load_taken_over" or is_late(fault)
+    assert daemon.status().load.target_n == 0.6 or is_late(fault)
+
+
+def other_load(daemon, token, before):
+    """Ask for it once the command has asked for its own."""
+    until(lambda: [event for event in daemon.events(before) if event.kind == "load"])
+    daemon.hold_load(token, 0.6)
 
 
 def test_switching_off_does_not_wait_for_a_stage_that_hangs(daemon):

@@ -38,6 +38,17 @@ def test_no_order_while_the_stage_moves() -> None:
     assert step(SETTINGS, HOLDING, QUIET._replace(load_n=0.3, moving=True)) == (HOLDING, NOTHING)
 
 
+def test_a_stage_that_only_says_that_it_moves_is_let_go() -> None:
+    seen, order = QUIET._replace(load_n=0.3), NOTHING
+    state, order = step(SETTINGS, HOLDING, seen)
+    assert order.act is Act.MOVE
+    for time_s in (1.1, 1.55):
+        state, order = step(SETTINGS, state, seen._replace(time_s=time_s, moving=True))
+        assert (state.phase, order) == (Phase.HOLD, NOTHING)
+    state, order = step(SETTINGS, state, seen._replace(time_s=1.61, moving=True))
+    assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
+
+
 def test_a_move_is_the_gains_share_of_what_hertz_says_is_missing() -> None:
     """A sphere on a plane: load k d^1.5, whose slope at 0.5 N is 700 N/m."""
     settings = replace(SETTINGS, drift_per_s=1e-9)
@@ -77,8 +88,10 @@ def test_a_load_that_does_not_rise_tells_nothing_of_the_finger() -> None:
 def test_what_a_bound_takes_away_is_not_added_up() -> None:
     state = HOLDING
     for i in range(100):
-        state, order = step(SETTINGS, state, QUIET._replace(time_s=1.0 + i, load_n=0.0))
-        assert order.depth_m == pytest.approx(0.011 + SETTINGS.step_m)
+        depth_m = 0.011 + (i % 2) * 2e-6  # it moves, or the loop ends
+        seen = QUIET._replace(time_s=1.0 + i, load_n=0.0, depth_m=depth_m)
+        state, order = step(SETTINGS, state, seen)
+        assert order.depth_m == pytest.approx(depth_m + SETTINGS.step_m)
         assert order.speed_m_s == SETTINGS.rate_m_s
     assert state.drift_m_s == 0.0
 

@@ -152,6 +152,48 @@ def test_a_finger_that_thrusts_is_let_go() -> None:
     assert finger.body.load_n == 0.0
 
 
+def repeating(after_s: float) -> Callable[..., ForceReading]:
+    """New readings, in time, of the last load."""
+    last_n = math.nan
+
+    def sensor(time_s: float, load_n: float) -> ForceReading:
+        nonlocal last_n
+        last_n = load_n if time_s < after_s else last_n
+        return ForceReading(time_s, last_n, 0.0, False)
+
+    return sensor
+
+
+@pytest.mark.parametrize("after_s", [10.5, 12.0, 12.3, 12.6, 13.0, 20.0])
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+def test_a_sensor_that_repeats_a_load_is_not_believed(after_s: float, factor: float) -> None:
+    """From before the first touch to the held load: a load that stands still while the stage goes
+    on presses the finger as deep as it may go.
+    """
+    law = PowerLaw()
+    finger = Finger(lambda depth_m: factor * law(depth_m), sensor=repeating(after_s))
+    loop = finger.loop(SETTINGS)
+    finger.held(loop, after_s + 5.0)
+    assert "the force sensor is frozen" in loop.state.reason
+    finger.sleep(1.0)
+    assert finger.body.load_n == 0.0
+    assert max(load_n for _, load_n in finger.told) < 0.5 * SETTINGS.load_limit_n
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1.0, 5.0])
+def test_a_stage_that_answers_and_does_not_move_ends_the_loop(seconds: float) -> None:
+    """In the approach at once, at the load once the plate has come up."""
+    finger = Finger()
+    loop = finger.loop(SETTINGS)
+    finger.held(loop, finger.now_s + seconds)
+    finger.instrument.faults.stands = True
+    finger.slides = True
+    finger.held(loop, finger.now_s + 5.0)
+    assert loop.state.phase is Phase.ENDED
+    assert "from its target" in loop.state.reason
+    assert max(load_n for _, load_n in finger.told) < SETTINGS.trip_n
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 def test_an_exception_lifts_off(error: type[BaseException]) -> None:
     finger = Finger()

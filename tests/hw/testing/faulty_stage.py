@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 from hw.serving.responder import Disconnect
-from hw.stage.apt import Frame, StatusBit
-from hw.stage.simulated import COUNTS_PER_MM, SimulatedLts150
+from hw.stage.apt import Frame, Message, StatusBit
+from hw.stage.simulated import COUNTS_PER_MM, SimulatedLts150, _Speed
 
 
 @dataclass
@@ -20,6 +20,7 @@ class StageFaults:
         None  # the carriage cannot pass: it rests there, with the error bit set
     )
     ignores_profiled_stop: bool = False
+    stands: bool = False  # every order is taken, and the carriage does not move
     noise: bytes = b""  # comes before every answer
     delivered_bytes: float = math.inf  # each answer is cut after so many
 
@@ -38,6 +39,10 @@ class FaultyLts150(SimulatedLts150):
             return b""
         whole = self.faults.noise + answer
         return whole[: int(min(len(whole), self.faults.delivered_bytes))]
+
+    def _move(self, to_mm: float, speed: _Speed, announce: Message) -> None:
+        if not self.faults.stands:
+            super()._move(to_mm, speed, announce)
 
     def _stop(self, immediate: bool) -> None:
         if immediate or not self.faults.ignores_profiled_stop:

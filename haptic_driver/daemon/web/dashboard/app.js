@@ -356,6 +356,7 @@ function showFigures(status, newest) {
     status.frequency_hz === null ? "–" : `${Number(status.frequency_hz.toPrecision(4))} Hz`,
   );
   showRipple(status);
+  showLoad(status.load);
   say(
     "current_rms_a",
     status.current_rms_a === null ? "–" : `${(1e6 * status.current_rms_a).toFixed(1)} µA`,
@@ -393,6 +394,16 @@ function showFigures(status, newest) {
 function showRipple({ frequency_hz, voltage_v }) {
   const known = page.carrier && frequency_hz !== null && voltage_v > 0;
   say("ripple", known ? rippleWords(frequency_hz, page.carrier) : "–");
+}
+
+// What the load stage does; nothing on a rig without one.
+function showLoad(load) {
+  $("load").hidden = !load;
+  if (!load) return;
+  const phase = load.phase.replace("_", " "),
+    asked = load.target_n === null ? "" : ` ${load.target_n} N`;
+  say("load", `Load stage: ${phase}${asked}, ${fixed(load.load_n, 2, " N")} measured`);
+  $("load").classList.toggle("some", load.phase === "may_press");
 }
 
 // All about the ticks in one line; in red while some were missed within the last seconds.
