@@ -56,8 +56,8 @@ class LoadSettings:
     `drift_per_s` is the integral gain. `depth_m` bounds the way after the first touch, `reach_m`
     the way until it, `step_m` and `rate_m_s` each move. On a softer finger `step_m` is more, so
     that it brings the same load. A sensor that gives one number for `repeats_s` is not believed: a
-    finger's load is never so still, and no sensor is without noise. `retracts`: whether the stage lifts off or stays where it is when
-    something is wrong.
+    finger's load is never so still, and no sensor is without noise. `retracts`: whether the stage
+    lifts off or stays where it is when something is wrong.
     """
 
     target_n: float

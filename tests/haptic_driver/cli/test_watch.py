@@ -8,6 +8,7 @@ import os
 from rich.console import Console
 
 from haptic_driver.cli.watch import picture, sparkline
+from haptic_driver.daemon.messages import LoadPhase, LoadStatus
 from haptic_driver.daemon.web.frames import state_frame
 from tests.haptic_driver.daemon.bench_control import FIDELITY
 
@@ -51,3 +52,15 @@ def test_the_watch_picture_says_how_well_it_renders(control):
 
 def test_sparkline():
     assert sparkline([0.0, None, 0.5, 1.0, 2.0, -1.0], 0.0, 1.0) == "▁ ▅██▁"
+
+
+def test_the_watch_picture_says_what_a_load_stage_does(control):
+    def shown():
+        console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
+        with console.file:
+            console.print(picture([state_frame(control.status(), control.samples(0, 10))]))
+            return console.export_text()
+
+    assert "load" not in shown()
+    control.load = LoadStatus(phase=LoadPhase.HOLD, target_n=0.5, load_n=0.4871, depth_m=0.012)
+    assert "hold 0.5 N, 0.49 N measured" in shown()

@@ -86,6 +86,7 @@ class BenchControl:
         self.agreement, self.disagreement, self.adaptation = [], None, None
         self.overruns = 0
         self.fidelity = None
+        self.load = None
         self.latency = {"latency_why": "nobody has looked yet"}
         self.inquiry = SimpleNamespace(
             answer=Why(state="not_asked", said="nobody has asked yet"), page=lambda: "<h1>Why</h1>"
@@ -145,6 +146,7 @@ class BenchControl:
                 real_time=False,
                 latency_budget_s={"tick": 0.0005, "total": 0.01},
                 fidelity=self.fidelity,
+                load=self.load,
                 **self.latency,
                 surface_hash="0" * 8,
                 agreement=self.agreement,

@@ -7,7 +7,7 @@ from datetime import datetime
 
 import pytest
 
-from haptic_driver.daemon.messages import AgreementCell
+from haptic_driver.daemon.messages import AgreementCell, LoadPhase, LoadStatus
 from haptic_driver.processes.samples import Flag
 from haptic_driver.textures.bands import EDGES_HZ
 from haptic_driver.textures.ripple import ripple
@@ -508,3 +508,11 @@ def test_a_model_that_somebody_has_chosen_stays_chosen_when_the_link_comes_back(
         control.lock.release()
     expect(page.locator("#model option[data-before]")).to_have_count(0)
     expect(page.locator("#model")).to_have_value("other")
+
+
+def test_what_a_load_stage_does_is_one_line_where_there_is_one(page, control):
+    expect(page.locator("#load")).to_be_hidden()
+    control.load = LoadStatus(phase=LoadPhase.HOLD, target_n=0.5, load_n=0.4871, depth_m=0.012)
+    expect(page.locator("#load")).to_have_text("Load stage: hold 0.5 N, 0.49 N measured")
+    control.load = LoadStatus(phase=LoadPhase.MAY_PRESS, target_n=None, load_n=None, depth_m=None)
+    expect(page.locator("#load")).to_have_text("Load stage: may press, – measured")
