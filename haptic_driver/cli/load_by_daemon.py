@@ -42,8 +42,8 @@ def daemon_on(rig: str | None, socket: str | None) -> HapticClient | None:
 def hold(client: HapticClient, newtons: float, seconds: float | None) -> dict[str, Any]:
     """Hold a load for so long after it has settled, or until Ctrl-C; what is said of it.
 
-    HapticError when the daemon lets go before, does not show in the end that it did, or holds
-    another load for somebody else with the same lease, which is then left to them.
+    HapticError when the daemon lets go before, or does not show in the end that it did. Another
+    load that was asked for under the same lease is an error too, and is left held.
     """
     loads, depth_m, until_s, is_ours = list[float](), math.nan, math.inf, True
     as_ctrl_c = signals_to(signal.default_int_handler)

@@ -25,7 +25,7 @@ from haptic_driver.rig.load_controller import (
     Seen,
     step,
 )
-from hw.errors import DeviceError
+from hw.errors import DeviceError, DeviceTimeout
 from hw.force.sensor import ForceReading
 from hw.stage.letting_go import Mounting, let_go
 
@@ -98,10 +98,15 @@ def make_clear(
 
 def _arrive(stage: LoadStage, wanted: Callable[[], bool] | None) -> None:
     """See `make_clear`. Each look waits for the stage's answer."""
+    until_s = time.monotonic() + HOMING_S
     while wanted is not None and stage.read_status().moving:
         if not wanted():
             stage.stop()
             raise HapticError("load_let_go", "no load is wanted any more", "Then start again")
+        if time.monotonic() > until_s:
+            stage.stop()
+            said = f"the load stage says that it moves, for more than {HOMING_S:g} s"
+            raise DeviceTimeout(said, "Look whether it is blocked")
     stage.wait(HOMING_S)
 
 

@@ -4,6 +4,7 @@ behind their wires.
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import time
@@ -149,12 +150,27 @@ def test_the_finger_is_lifted_whoever_takes_the_load_away(daemon, how):
 
 
 def test_off_in_the_approach_ends_it(daemon):
-    lease = daemon.arm(60.0)
-    daemon.hold_load(lease.token, LOAD_N)
-    until(lambda: daemon.status().load.phase is LoadPhase.APPROACH)
+    while approach(daemon) is not LoadPhase.APPROACH:  # the machine stood still
+        daemon.disarm()
+        reset(daemon)
     assert daemon.off().load.target_n is None
     until_lifted(daemon)
     assert daemon.status().state in (DaemonState.ARMED, DaemonState.FAULT)
+
+
+def approach(daemon):
+    """The phase after `clearing`, of a load that is asked for anew."""
+    until(lambda: daemon.status().load.phase is LoadPhase.FREE)
+    lease = daemon.arm(60.0)
+    daemon.hold_load(lease.token, LOAD_N)
+    before = LoadPhase.FREE, LoadPhase.CLEARING
+
+    def after():
+        status = daemon.status()
+        phase = status.load.phase
+        return phase if phase not in before or status.state is DaemonState.FAULT else None
+
+    return until(after)
 
 
 def test_another_load_is_not_said_to_be_held_while_the_stage_lifts_from_the_first(daemon):
@@ -256,6 +272,24 @@ def test_a_load_beyond_the_limits_is_refused(daemon, load_n):
     assert refusal(daemon.hold_load, lease.token, load_n).code == "bad_load"
     assert refusal(daemon.hold_load, "another", LOAD_N).code == "not_yours"
     assert daemon.status().load.target_n is None
+
+
+def test_a_reset_at_once_after_a_fault_presses_nobody(daemon):
+    lease = press(daemon)
+    daemon.supervisor._orders.fail("something else is wrong")
+    assert refusal(daemon.hold_load, lease.token, LOAD_N).code == "not_armed"
+    daemon.reset()
+    assert daemon.status().load.target_n is None
+    until_lifted(daemon)
+    assert daemon.status().output_on is False
+
+
+def test_a_watchdog_that_dies_while_the_stage_presses_lets_go(daemon):
+    press(daemon)
+    os.kill(daemon.pids["watchdog"], signal.SIGKILL)
+    until(lambda: daemon.status().state is DaemonState.FAULT)
+    until_lifted(daemon)
+    assert daemon.status().output_on is False
 
 
 # Last in this module's daemon: its instruments are connected anew when a sensor stays silent.

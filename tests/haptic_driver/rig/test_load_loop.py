@@ -11,14 +11,16 @@ from dataclasses import replace
 import pytest
 
 from haptic_driver.errors import HapticError
+from haptic_driver.rig import load_loop
 from haptic_driver.rig.load_controller import LoadSettings, Phase
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
 from haptic_driver.rig.load_tuning import tune
+from hw.errors import DeviceTimeout
 from hw.finger.body import BodySettings, Elastic, PowerLaw
 from hw.force.sensor import ForceReading
 from hw.stage.letting_go import Mounting
 from hw.stage.lts150 import Lts150
-from tests.haptic_driver.rig.load_rig import FACE_M, Finger, score, slow_part
+from tests.haptic_driver.rig.load_rig import FACE_M, MOUNTING, Finger, score, slow_part
 
 TARGET_N = 0.5
 SETTINGS = LoadSettings(TARGET_N)
@@ -257,6 +259,23 @@ def test_a_load_that_settles_is_told_and_one_that_cannot_is_refused() -> None:
     ):
         loop.settle(30.0)
     assert soft.body.load_n == 0.0
+
+
+def test_a_load_that_is_not_wanted_any_more_ends_the_way_to_where_the_finger_is_free() -> None:
+    finger = Finger()
+    until_s = finger.now_s + 0.2
+    with pytest.raises(HapticError, match="no load is wanted"):
+        make_clear(finger.stage, MOUNTING, lambda: finger.now_s < until_s)
+    assert not finger.instrument.moving
+    assert 0.0 < finger.instrument.position_mm < 1e3 * FACE_M - 2.0
+
+
+def test_a_stage_that_moves_for_ever_is_not_awaited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(load_loop, "HOMING_S", -1.0)
+    finger = Finger()
+    with pytest.raises(DeviceTimeout, match="says that it moves"):
+        make_clear(finger.stage, MOUNTING, lambda: True)
+    assert not finger.instrument.moving
 
 
 def test_a_stage_whose_homing_would_press_is_not_homed() -> None:
