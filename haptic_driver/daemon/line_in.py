@@ -107,7 +107,8 @@ class LineInWatch:
         try:
             self._record(path)
         except Exception as error:  # whatever it is, the next edge is heard
-            failed = message_of(error).replace(str(path), self._section.folder)
+            said = message_of(error)
+            failed = said if path is None else said.replace(path.name, "a recording")
         else:
             failed = ""
         if failed and failed != self._failed:

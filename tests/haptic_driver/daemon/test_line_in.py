@@ -189,16 +189,17 @@ def test_an_edge_in_fault_records_and_leaves_the_fault(daemon, heard):
     assert status.recording is not None
 
 
-def test_a_folder_that_is_not_there_is_told_once(daemon, heard, monkeypatch, tmp_path):
+def test_a_folder_that_cannot_be_made_is_told_once(daemon, heard, monkeypatch, tmp_path):
     section = daemon.line_in._section
-    gone = section.model_copy(update={"folder": str(tmp_path / "gone")})
-    monkeypatch.setattr(daemon.line_in, "_section", gone)
+    (tmp_path / "file").write_text("")
+    no_folder = section.model_copy(update={"folder": str(tmp_path / "file" / "runs")})
+    monkeypatch.setattr(daemon.line_in, "_section", no_folder)
     before, ignored = daemon.events(0)[-1].number, daemon.status().line_in.ignored
     for _ in range(3):
         assert "no recording could be begun" in heard()[1].message
     told = [event.message for event in daemon.events(before) if event.kind == "line_in"]
     assert len(told) == 1
-    assert "No such file or directory" in told[0]
+    assert "Not a directory" in told[0]
     assert daemon.status().line_in.ignored == ignored + 3
     assert daemon.status().recording is None
     monkeypatch.undo()
