@@ -97,9 +97,9 @@ def test_the_page_about_hardware_shows_the_package_word_for_word():
         .partition("\n## A driver of your own\n")[2]
     )
     shown = re.findall(r"^```(python|toml)\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
-    files = {"python": "lab_generator.py", "toml": "pyproject.toml"}
+    files = {"toml": "pyproject.toml"}
     shown = [(mark, code) for mark, code in shown if "SdkOutput" not in code]
-    assert [mark for mark, _ in shown] == ["toml", "python"]
+    assert [mark for mark, _ in shown] == ["toml"]
     for mark, code in shown:
         assert code in (PACKAGE / files[mark]).read_text(encoding="utf-8")
 
