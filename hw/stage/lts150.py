@@ -391,8 +391,8 @@ class Lts150:
                 if frame.message is answer:
                     return frame
         raise DeviceTimeout(
-            f"{self._transport.resource} sent other things than {answer.name} for"
-            f" {self.settings.reply_timeout_s:g} s",
+            f"{self._transport.resource} did not answer in time: no {answer.name} within"
+            f" {self.settings.reply_timeout_s:g} s, though other messages came",
             "check that this is the stage",
         )
 

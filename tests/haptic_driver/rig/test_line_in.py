@@ -101,12 +101,17 @@ def test_the_doctor_says_of_each_kind_what_it_could_see(tmp_path: Path) -> None:
     assert "haptic status" in modem.hint
 
 
-def test_the_doctor_looks_at_the_folder_of_recordings(tmp_path: Path) -> None:
-    gone = str(tmp_path / "gone")
-    folder, line = checks_of(SimulatedLineInConfig(kind="simulated", folder=gone))
+def test_the_doctor_looks_where_recordings_would_be_written(tmp_path: Path) -> None:
+    """A folder that is not there is made by the first recording; below a file it cannot be."""
+    to_make, file = str(tmp_path / "a" / "b"), tmp_path / "file"
+    file.write_text("")
+    (line,) = checks_of(SimulatedLineInConfig(kind="simulated", folder=to_make))
+    assert line.status is CheckStatus.OK
+    below = str(file / "runs")
+    folder, line = checks_of(SimulatedLineInConfig(kind="simulated", folder=below))
     assert (folder.status, line.status) == (CheckStatus.FAILED, CheckStatus.OK)
-    assert gone in folder.message
-    strokes = SimulatedLineInConfig(kind="simulated", folder=gone, start="stroke")
+    assert below in folder.message
+    strokes = SimulatedLineInConfig(kind="simulated", folder=below, start="stroke")
     assert [check.status for check in checks_of(strokes)] == [CheckStatus.OK]
 
 
