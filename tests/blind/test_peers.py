@@ -61,6 +61,7 @@ def test_features_tell_a_gain_error_from_nothing(paths):
     assert np.abs(voltage[-1]) > 0.1
 
 
+@pytest.mark.soak  # some ten seconds
 def test_a_classifier_answers_the_sets_of_its_plan_and_no_other(paths):
     pytest.importorskip("sklearn")
     answers, notes = classifier.classified(read_model(MODEL), paths, draws=3)

@@ -39,9 +39,8 @@ from tests.docs import own_data
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-LONG = [
-    ROOT / "docs" / "diagnosis.md"
-]  # half a minute of what tests of the commands do on less data: with `make soak`
+# A quarter of a minute and more of what tests of the commands do on less data: with `make soak`.
+LONG = [ROOT / "docs" / name for name in ("diagnosis.md", "paper-experiment.md")]
 OWN_DATA = ROOT / "docs" / "own-data.md"
 PAPER = ROOT / "docs" / "paper-experiment.md"
 TEXTURES = ROOT / "docs" / "textures.md"

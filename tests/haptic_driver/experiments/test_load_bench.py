@@ -62,6 +62,7 @@ def test_each_rows_load_is_held_and_nobody_is_asked(
         )
 
 
+@pytest.mark.soak  # some ten seconds
 def test_an_overload_in_a_row_lifts_the_finger_with_the_output_off(
     served: ServedRig,
     real: RigConfig,

@@ -108,6 +108,7 @@ def test_a_script_and_a_profile_go_to_the_daemon_as_files(person, tmp_path):
     assert person.played[1].position_m == pytest.approx(pattern.position_m)
 
 
+@pytest.mark.soak  # some ten seconds
 def test_a_finger_that_never_does_so_is_told_and_the_output_is_off(
     rig_config, touch, surface_file, tmp_path
 ):
