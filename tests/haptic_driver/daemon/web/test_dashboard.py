@@ -333,6 +333,7 @@ def test_a_paused_plot_stands_still_and_goes_on(page):
     await_change(page, "friction")
     page.click("#pause")
     text(page, "#pause", "Resume")
+    await_change(page, "trail")  # a frame later: the moment of the pause is drawn
     before = pixels(page, "friction")
     for _ in range(2):
         await_change(page, "trail")  # samples go on
