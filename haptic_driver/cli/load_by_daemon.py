@@ -113,7 +113,7 @@ def _await_free(client: HapticClient) -> None:
 def _gone() -> HapticError:
     return HapticError(
         "load_let_go",
-        "the daemon has ended while the load was held; its watchdog lets the stage go",
+        "the daemon has ended while the load was held; whether the stage let go is unknown",
         "Look whether the finger is free, and lift it off if not",
     )
 
