@@ -185,7 +185,7 @@ class Watchdog(Running):
         status = self._process.poll()
         if status is not None:
             raise DeviceDisconnected(
-                f"watchdog: it has ended ({_describe(status)})",
+                f"watchdog: {_how_it_ended(status)}",
                 "find out why beats stopped; then start it again",
             )
         if went_off:
@@ -295,8 +295,11 @@ def _first_line(process: subprocess.Popen[bytes], timeout_s: float) -> str:
         return ""
 
 
-def _describe(status: int) -> str:
-    return Outcome(status).name.lower() if status in set(Outcome) else f"status {status}"
+def _how_it_ended(status: int) -> str:
+    """Its driver is there, so that an outcome other than off came of beats that did not come."""
+    if status in (Outcome.UNKNOWN, Outcome.ON):
+        return f"{NOT_BEATEN}, and has ended: output {Outcome(status).name.lower()}"
+    return f"it has ended (status {status})"
 
 
 # --- the process itself

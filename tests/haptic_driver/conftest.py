@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -24,17 +25,33 @@ from tests.haptic_driver.daemon.waiting import STOOD_STILL, reset
 SEED = 20240607
 
 
+class _Messages(logging.Handler):
+    """Keeps what is logged."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.getMessage())
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call(pyfuncitem):
-    """Try a test once more whose failure tells that the machine stood still for half a second.
+    """Try a test once more whose failure or log tells that the machine stood still for 0.5 s.
 
     The daemon is right to be off then, and the test has shown nothing of what it is about.
     """
+    log = _Messages()
+    logging.getLogger().addHandler(log)
     try:
         return (yield)
     except (HapticError, AssertionError) as failure:
-        if not any(reason in str(failure) for reason in STOOD_STILL):
+        said = [str(failure), *log.messages]
+        if not any(reason in message for reason in STOOD_STILL for message in said):
             raise
+    finally:
+        logging.getLogger().removeHandler(log)
     if daemon := pyfuncitem.funcargs.get("daemon"):
         reset(daemon)
     names = inspect.signature(pyfuncitem.obj).parameters

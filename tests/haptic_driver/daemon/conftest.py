@@ -14,6 +14,7 @@ from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.rig.config import load_rig
 from tests.haptic_driver.daemon import electrode, killing
+from tests.haptic_driver.daemon.waiting import reset
 from tests.waiting import until
 
 killable_daemon = killing.killable_daemon
@@ -41,7 +42,7 @@ def daemon(running):
     """
     until(lambda: not running.supervisor.missing and not running.supervisor.silent())
     if running.status().state is DaemonState.FAULT:
-        running.reset()
+        reset(running)
     yield running
     running.disarm()
 

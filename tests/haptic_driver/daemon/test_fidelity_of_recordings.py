@@ -96,7 +96,8 @@ def _share(ticks, asked, *, of_all=False):
     judged &= np.isfinite(ticks["measured_cof"]) & np.isfinite(asked)
     judged &= (_touching_for(ticks) >= 0.1) & (of_all | (ticks["reachable"] == 1))
     good = []
-    for stroke in np.split(np.arange(ticks.size), np.flatnonzero(np.diff(judged)) + 1):
+    cuts = (np.diff(judged.astype(int)) != 0) | (np.diff(ticks["tick"].astype(int)) > 1)
+    for stroke in np.split(np.arange(ticks.size), np.flatnonzero(cuts) + 1):
         if not judged[stroke[0]]:
             continue
         for place in range(stroke[0], stroke[-1] + 1):
@@ -112,6 +113,18 @@ def _asked(ticks, lag_s):
     """What was asked for a moment so long before forces were read, by the times in the file."""
     felt_s = ticks["felt_time_s"] - lag_s
     return np.interp(felt_s, ticks["asked_time_s"], ticks["asked_cof"], left=np.nan, right=np.nan)
+
+
+def _beside_a_stall(ticks):
+    """The share of sliding ticks up to 10 ms from where ticks or readings are missing.
+
+    What was asked of a force there lies between two commands, and who judges may choose.
+    """
+    gap_s = np.diff(ticks["time_s"], prepend=ticks["time_s"][0])
+    reading_gap_s = np.diff(ticks["felt_time_s"], prepend=ticks["felt_time_s"][0])
+    stalled_s = ticks["time_s"][(gap_s > 0.0025) | (reading_gap_s > 0.005)]
+    away_s = np.abs(ticks["time_s"][:, None] - np.concatenate([stalled_s, [np.inf]])).min(axis=1)
+    return np.mean(away_s[ticks["speed_m_s"] >= 0.002] < 0.010)
 
 
 def _correlation(ticks, asked):
@@ -137,9 +150,9 @@ def test_the_share_within_5_percent_is_that_of_the_recording_at_its_best_lag(rec
 def test_it_is_that_of_the_recording_by_the_times_that_stand_there(recorded, rig):
     """However late the machine was: when what was asked acts, and when forces were read."""
     said, ticks = recorded(rig)
-    share = _share(ticks, _asked(ticks, 0.0))
+    share, agrees = _share(ticks, _asked(ticks, 0.0)), AGREES + _beside_a_stall(ticks)
     assert _share(ticks, ticks["asked_cof"]) < share - 3.0 * AGREES  # it is not aligned there
-    assert said.share_within_5_percent == pytest.approx(share, abs=AGREES)
+    assert said.share_within_5_percent == pytest.approx(share, abs=agrees)
     of_all = _share(ticks, _asked(ticks, 0.0), of_all=True)
-    assert felt(ticks).within_5_percent == pytest.approx(of_all, abs=AGREES)
+    assert felt(ticks).within_5_percent == pytest.approx(of_all, abs=agrees)
     assert said.sliding_time_s > ENOUGH_S
