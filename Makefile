@@ -66,7 +66,7 @@ mutate: .venv/.test
 bench: .venv/.test
 	$(BIN)/python -m benchmarks
 
-# Ten minutes of a finger that becomes moist, with a fixed model, with two gains and mended: some 3 minutes on two idle cores.
+# Ten minutes of a finger that becomes moist, with a fixed model, with two gains and refit: some 3 minutes on two idle cores.
 bench-live: .venv/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks live
 

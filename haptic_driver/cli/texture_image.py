@@ -10,6 +10,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
+from haptic_driver.cli.output import status as shown_status
 from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.files import exists_already, write_text
 from haptic_driver.textures.image import PERCENTILES, Method
@@ -62,8 +63,10 @@ def from_image(
     _require_usable(target, [target, grey, preview], cof, percentiles, force=force)
     require_range("--width-mm", width_mm, *WIDTH_MM, unit=" mm")
     require_range("--speed", speed, *SPEED_M_S, unit=" m/s")
-    picture = read_picture(source, width_mm)
-    shares, mapped = friction_shares(picture, method, direction_deg, percentiles)
+    with shown_status("texture") as tell:
+        tell(f"reading {source.name}")
+        picture = read_picture(source, width_mm)
+        shares, mapped = friction_shares(picture, method, direction_deg, percentiles)
     done = [*picture.done, *mapped]
     low, high = cof
     asked = low + (high - low) * shares
@@ -80,7 +83,9 @@ def from_image(
     write_text(target, toml_lines(texture))
     if play:
         _play(target)
-    warnings = _look(asked, picture.pitch_mm, preview, rig, model, speed)
+    with shown_status("texture") as tell:
+        tell(f"drawing {preview.name}")
+        warnings = _look(asked, picture.pitch_mm, preview, rig, model, speed)
     if method == "height":
         warnings.append("strokes the other way feel its hills as hollows: a map knows no direction")
     payload: dict[str, Any] = {

@@ -60,7 +60,8 @@ class LineInSection(Section):
         there = next(path for path in (folder, *folder.parents) if path.exists())
         writable = there.is_dir() and os.access(there, os.W_OK | os.X_OK)
         if self.start == "recording" and not writable:
-            yield at.failed(f"nothing can be written to {folder}", "make it, or change folder")
+            said = f"nothing can be written to {folder}"
+            yield at.called("line in, recordings").failed(said, "make it, or change folder")
         yield from self._examine_line(at)
 
     def _examine_line(self, at: Examination) -> Checks:
