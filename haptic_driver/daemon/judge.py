@@ -83,23 +83,34 @@ def measured_latency(found: Latency, budget_s: float) -> MeasuredLatency:
 
 
 class Judge:
-    """Looks at the newest ticks of the present target, those of 10 s at most."""
+    """Looks at the newest ticks of the present target, those of 10 s at most.
+
+    Once the output is off, what was found last stands.
+    """
 
     def __init__(self, settings: JudgeSettings, shared: SharedState) -> None:
         self._settings = settings
         self._shared = shared
         self._target = (0, 0)
         self._begins = 0  # in the ring
+        self._found: Judged | None = None  # of this target
 
     def look(self) -> Judged:
         """What there is to say now."""
-        order, ring = self._shared.order.read(), self._shared.ring
+        order = self._shared.order.read()
         if (order.arming, order.target) != self._target:
             self._target = (order.arming, order.target)
-            self._begins = ring.position
+            self._begins = self._shared.ring.position
+            self._found = None
+        if order.rendering or self._found is None:
+            self._found = self._judged(order.arming)
+        return self._found
+
+    def _judged(self, arming: int) -> Judged:
+        ring = self._shared.ring
         samples = ring.newest(min(ring.position - self._begins, MOST_TICKS))
         if not np.isfinite(samples["target_cof"]).any():
-            return Judged(order.arming, None, NOTHING_ASKED)
+            return Judged(arming, None, NOTHING_ASKED)
         settings = self._settings
         fidelity = fidelity_of_samples(
             samples,
@@ -107,7 +118,7 @@ class Judge:
             settings.reach_hz,
             settings.noise_n,
         )
-        return Judged(order.arming, told(samples, fidelity), latency_in(samples))
+        return Judged(arming, told(samples, fidelity), latency_in(samples))
 
 
 def latency_in(samples: NDArray[np.void]) -> Latency:

@@ -41,8 +41,8 @@ def judge(shared):
 def rendered(shared):
     """Write ticks as render does, for a target of an arming."""
 
-    def write(samples, target=1, arming=1):
-        order = NO_ORDER._replace(arming=arming, target=target, rendering=True)
+    def write(samples, target=1, arming=1, rendering=True):
+        order = NO_ORDER._replace(arming=arming, target=target, rendering=rendering)
         shared.order.write(order)
         for sample in samples:
             shared.ring.write(sample.item())
@@ -83,6 +83,18 @@ def test_what_is_older_than_10_seconds_counts_no_more(judge, rendered):
     rendered(ticks(MOST_TICKS, first=1000, felt=0.6))
     found = judge.look().fidelity
     assert (found.first_tick, found.share_within_5_percent) == (1000, 1.0)
+
+
+def test_what_was_found_stands_once_the_output_is_off(judge, rendered):
+    rendered(ticks(0))
+    judge.look()
+    rendered(ticks(4000, felt=np.repeat([0.9, 0.6], 2000)))
+    found = judge.look()
+    assert found.fidelity.share_within_5_percent == pytest.approx(0.5, abs=0.01)
+    rendered(ticks(MOST_TICKS - 2000, first=4000, asked=np.nan), rendering=False)
+    assert judge.look() == found
+    rendered(ticks(1000, first=4000 + MOST_TICKS), arming=2)
+    assert judge.look() != found
 
 
 def test_without_a_target_or_sliding_nothing_is_told(judge, rendered):
