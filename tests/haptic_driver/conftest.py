@@ -38,7 +38,7 @@ class _Messages(logging.Handler):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call(pyfuncitem):
-    """Try a test once more whose failure or log tells that the machine stood still for 0.5 s.
+    """Try a test once more whose failure or log tells that the machine stood still.
 
     The daemon is right to be off then, and the test has shown nothing of what it is about.
     """

@@ -317,6 +317,7 @@ def recording_events(daemon, since):
     return [event.message for event in daemon.events(since) if event.kind == "recording"]
 
 
+@pytest.mark.soak
 def test_ticks_that_a_stopped_recorder_loses_are_said_in_status_events_and_file(daemon, tmp_path):
     """4,134 ticks were once missing from a run that said it was complete."""
     path, since = tmp_path / "run.h5", max(event.number for event in daemon.events(0))

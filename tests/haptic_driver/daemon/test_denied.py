@@ -22,7 +22,9 @@ from tests.waiting import HANG_S, until
 denied_daemon = denying.denied_daemon
 
 
-@pytest.mark.parametrize("what", [*DENIALS, EVERYTHING])
+@pytest.mark.parametrize(
+    "what", [*(pytest.param(one, marks=pytest.mark.soak) for one in DENIALS), EVERYTHING]
+)
 def test_whatever_is_denied_after_arming_off_is_off(denied_daemon, what):
     """The first OFF of a daemon once started a thread for it, and was dropped without one."""
     daemon = denied_daemon(what)

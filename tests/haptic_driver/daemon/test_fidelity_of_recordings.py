@@ -146,7 +146,7 @@ def test_the_share_within_5_percent_is_that_of_the_recording_at_its_best_lag(rec
     )
 
 
-@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("rig", ["simulated"])
 def test_it_is_that_of_the_recording_by_the_times_that_stand_there(recorded, rig):
     """However late the machine was: when what was asked acts, and when forces were read."""
     said, ticks = recorded(rig)

@@ -98,7 +98,7 @@ def start(simulated, tmp_path):
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("from_the_start", [True, False])
+@pytest.mark.parametrize("from_the_start", [True, pytest.param(False, marks=pytest.mark.soak)])
 def test_a_tracker_that_hangs_does_not_keep_the_daemon_from_ending(start, tmp_path, from_the_start):
     if from_the_start:
         (tmp_path / "hang").touch()

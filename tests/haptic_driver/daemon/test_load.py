@@ -329,6 +329,7 @@ def test_at_its_end_a_daemon_lifts_the_finger_of_a_real_rig(rig_config, touch, s
         assert not served.generator.output().on
 
 
+@pytest.mark.soak
 def test_a_killed_control_process_leaves_the_finger_lifted(killable_daemon, tmp_path):
     """The instruments outlive it by some seconds, in which the watchdog lifts: by the sensor."""
     daemon = killable_daemon(near_rig(tmp_path), str(LOAD_N))

@@ -14,7 +14,8 @@ LEASE_S = 60.0  # one that a busy machine does not lose
 STOOD_STILL = (
     "not beaten in time",
     "render has said nothing",
-)  # faults of a machine that did so for half a second
+    "this machine was late meanwhile",
+)  # in faults of a machine that did so for as long as a watchdog or a load loop waits
 
 
 def until_ready(process):

@@ -37,6 +37,7 @@ def test_whatever_fails_the_finger_feels_less_than_the_limit_and_the_output_is_o
         assert moment.last_n == 0.0
 
 
+@pytest.mark.soak
 def test_a_killed_process_leaves_the_finger_to_the_watchdog(
     config: RigConfig, model: TouchModel, tmp_path: Path
 ) -> None:
