@@ -1,6 +1,6 @@
 """Sets with measured loads beside their twins with commanded ones: what becomes of the same finger.
 
-Twins share finger, plan, effect and its lambda. So what is compared is counted on the same truths.
+Twins share finger, plan, effect and lambda. So what is compared is counted on the same truths.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ def sets():
     return generate(SPECS, seed=3)
 
 
-def test_twins_share_finger_plan_and_lambda(sets) -> None:
+def test_twins_share_finger_plan_effect_and_lambda(sets) -> None:
     assert len(sets) == 4
     for made, twin in ((sets[0], sets[1]), (sets[2], sets[3])):
         assert ("trials" in made.label, "trials" in twin.label) == (True, False)
@@ -38,15 +38,16 @@ def test_twins_share_finger_plan_and_lambda(sets) -> None:
         assert made.label["rows"] == 2 * twin.label["rows"]
         loads = twin.columns["normal_force_n"]
         assert np.unique(loads).size <= 3
-        seen = [[e["lambda"] for e in one.label["effects"]] for one in (made, twin)]
-        assert seen[0] == pytest.approx(seen[1], rel=0.2)
+        assert made.label["effects"] == twin.label["effects"]
 
 
-def test_a_twin_is_no_more_visible_than_the_scatter_of_trials_lets_its_measured_set_be() -> None:
-    spec = as_measured(Spec("F1", 3, (("speed_dependent_gap", 400.0),), design="six_sessions"))
-    made, twin = (one.label["effects"][0]["lambda"] for one in generate([spec], seed=3))
-    assert made < 200.0
-    assert twin == pytest.approx(made, rel=0.1)
+def test_rows_of_a_twin_scatter_as_means_of_trials_do() -> None:
+    spec = as_measured(Spec("F0", 0, design="voltage_frequency"))
+    made, twin = generate([spec], seed=3)
+    gain, sigma = made.label["trials"]["gain"], made.label["relative_sigma"]
+    assert twin.label["relative_sigma"] == pytest.approx(np.hypot(gain, sigma / 2**0.5), rel=0.05)
+    stated = twin.columns["cof_std"] / twin.columns["cof"]
+    assert np.median(stated) == pytest.approx(twin.label["relative_sigma"], rel=0.2)
 
 
 def test_twins_follow_one_another_and_files_of_another_run_go(sets, tmp_path: Path) -> None:

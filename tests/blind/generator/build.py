@@ -173,14 +173,16 @@ def build(spec: Spec, seed: int) -> BlindSet:
     """Build one set; the same specification and seed give the same set."""
     rng = np.random.default_rng([seed, int.from_bytes(spec.family.encode(), "big"), spec.index])
     chance = np.random.default_rng([seed, 9, spec.index])  # others' draws stay as they are
-    trials = drawn_trials(chance) if spec.measured else None
+    trials = drawn_trials(chance) if spec.measured or spec.twin else None
     design, finger, far, sigma, hidden, seen, sight = _setting(rng, spec, trials)
     if spec.partial_sessions and hidden:
         chosen = rng.choice(np.unique(design.session), spec.partial_sessions, replace=False)
         hidden = tuple(replace(h, sessions=tuple(sorted(int(s) for s in chosen))) for h in hidden)
         seen = [sight.of((h,)) for h in hidden]
     planned, factor = design, np.ones(design.session.size)
-    if trials is not None:
+    if trials is not None and spec.twin:
+        sigma = trials.of_trial(sigma)
+    elif trials is not None:
         design, factor = in_windows(chance, design, trials)
         sigma = np.repeat(sigma, design.session.size // sigma.size)
     clean = clean_friction(design, finger, hidden) * factor
@@ -218,7 +220,7 @@ def build(spec: Spec, seed: int) -> BlindSet:
     if spec.measured or spec.twin:
         label["pair"] = f"{spec.family}-{spec.index}"
     columns = _columns(design, measured, off_frequency)
-    if trials is not None:
+    if trials is not None and spec.measured:
         label["trials"] = trials.label()
         columns.pop("trial", None)
         if trials.columns == COMMANDED:
@@ -228,16 +230,12 @@ def build(spec: Spec, seed: int) -> BlindSet:
 
 
 def build_twins(spec: Spec, seed: int) -> list[BlindSet]:
-    """A measured set, and one of the same finger, plan, effect and lambda with commanded loads.
+    """A measured set, and one with commanded loads.
 
-    The scatter of trials may keep an effect from the visibility that was wanted. The twin's effect
-    is then as visible as the measured one's came out.
+    Finger, plan and effect are the same, and so is what the mean of a trial's rows scatters by: in
+    the twin a row each, whose noise is stated. Hence lambda is the same too.
     """
-    made = build(spec, seed)
-    least = 1e-3  # the label's last digit: nothing is less visible
-    seen = tuple((each["name"], max(each["lambda"], least)) for each in made.label["effects"])
-    twin = replace(spec, measured=False, twin=True, design=made.label["design"], effects=seen)
-    return [made, build(twin, seed)]
+    return [build(spec, seed), build(replace(spec, measured=False, twin=True), seed)]
 
 
 def _aliases(
