@@ -164,32 +164,45 @@ def _levels(
     data: Measurements, values: Array, std: Array, inflation: Array, sessions_apart: bool
 ) -> Levels:
     trial = np.unique(trials(data), return_inverse=True)[1].ravel()
-    _, first = np.unique(trial, return_index=True)
-    setting = settings(data, sessions_apart)
-    if has_touches(data):
-        by_drive = np.lexsort((~data.driven, trial))
-        first = by_drive[np.searchsorted(trial[by_drive], np.arange(first.size))]
-        setting = setting[first][trial]
-    else:  # `time_s` is a session's, and counts from the voltage in a touch
-        setting = _close_in_time(data, setting)
+    first, setting = _settings_of_trials(data, trial, sessions_apart)
+    place = _places(data, trial, sessions_apart)
+    nearby = [np.log(data.columns[name]) for name in MEASURED if _positive(data, name)]
+    rows = _rows_level(trial, setting, place, nearby, _Scaled(values, std**-2))
+
     in_trial = np.bincount(trial, std**-2)
     mean = np.bincount(trial, values * std**-2) / in_trial
-    nearby = [np.log(data.columns[n]) for n in MEASURED if _positive(data, n)]
+    weight = of_trials(trial, inflation)[first] ** -2 if rows.degrees else in_trial.astype(float)
     session = np.zeros(0, np.intp) if sessions_apart else data.session[first]
     at_trial = [x[first] for x in nearby]
+    between = _trials_level(setting[first], at_trial, session, _Scaled(mean, weight))
+    if not rows.degrees:
+        return Levels(between, Level(0.0, 0))
+    # A trial's mean scatters by the trial's gain and by what its rows leave of theirs.
+    left = rows.variance * float(np.mean(weight / in_trial))
+    return Levels(rows, Level(max(between.variance - left, 0.0), between.degrees))
+
+
+def _settings_of_trials(
+    data: Measurements, trial: Numbers, sessions_apart: bool
+) -> tuple[Numbers, Numbers]:
+    """The row that stands for each trial [m], and the setting of each row's trial [n]."""
+    _, first = np.unique(trial, return_index=True)
+    setting = settings(data, sessions_apart)
+    if not has_touches(data):
+        # `time_s` is a session's here, and counts from the voltage in a touch.
+        return first, _close_in_time(data, setting)
+    by_drive = np.lexsort((~data.driven, trial))
+    first = by_drive[np.searchsorted(trial[by_drive], np.arange(first.size))]
+    return first, setting[first][trial]
+
+
+def _places(data: Measurements, trial: Numbers, sessions_apart: bool) -> Numbers:
+    """A number per row [n], equal for rows of one condition that come equally late in their
+    trials.
+    """
     condition = data.replicate_groups(held=(), sessions_apart=sessions_apart)
     time_s = data.columns.get("time_s", np.arange(data.count, dtype=float))
-    place = _numbered(condition, _ranks(_numbered(trial, condition), time_s))
-    rows = _rows_level(trial, setting, place, nearby, _Scaled(values, std**-2))
-    if not rows.degrees:
-        scaled = _Scaled(mean, in_trial.astype(float))
-        alone = _trials_level(setting[first], at_trial, session, scaled)
-        return Levels(alone, Level(0.0, 0))
-    scaled = _Scaled(mean, of_trials(trial, inflation)[first] ** -2)
-    between = _trials_level(setting[first], at_trial, session, scaled)
-    # A trial's mean scatters by the trial's gain and by what its rows leave of theirs.
-    left = rows.variance * float(np.mean(scaled.weight / in_trial))
-    return Levels(rows, Level(max(between.variance - left, 0.0), between.degrees))
+    return _numbered(condition, _ranks(_numbered(trial, condition), time_s))
 
 
 def _ranks(group: Numbers, time_s: Array) -> Numbers:

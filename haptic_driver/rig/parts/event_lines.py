@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import closing
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from haptic_driver.config import Section, Within
-from haptic_driver.rig.check import Checks, Examination
+from haptic_driver.rig.check import Check, Checks, Examination
 from haptic_driver.rig.part import Resource
 
 if TYPE_CHECKING:
@@ -62,6 +63,14 @@ class EventLineSection(Section):
     )
 
 
+def ppdev_there(at: Examination, device: str, look: str) -> Check:
+    """Whether a parallel port can be opened through Linux's ppdev; `look` checks the rest."""
+    if os.access(device, os.R_OK | os.W_OK):
+        return at.unverified(f"{device} is there", look)
+    said = f"{device} cannot be opened for reading and writing"
+    return at.failed(said, "load ppdev (modprobe ppdev), and join the device's group")
+
+
 class TriggerBoxConfig(EventLineSection):
     """A trigger box behind a serial port: one byte per code, then 0; unverified."""
 
@@ -110,13 +119,7 @@ class ParallelPortConfig(EventLineSection):
 
     def examine(self, at: Examination) -> Checks:
         """See that it is there; claiming it would set its pins."""
-        import os
-
-        if os.access(self.device, os.R_OK | os.W_OK):
-            yield at.unverified(f"{self.device} is there", LOOK)
-        else:
-            said = f"{self.device} cannot be opened for reading and writing"
-            yield at.failed(said, "load ppdev (modprobe ppdev), and join the device's group")
+        yield ppdev_there(at, self.device, LOOK)
 
 
 class SimulatedEventLineConfig(EventLineSection):

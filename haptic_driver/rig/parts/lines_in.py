@@ -13,7 +13,7 @@ from pydantic import Field
 from haptic_driver.config import Section, Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import Resource
-from haptic_driver.rig.parts.event_lines import Code
+from haptic_driver.rig.parts.event_lines import Code, ppdev_there
 
 if TYPE_CHECKING:
     from hw.event_line.contract import LineIn
@@ -124,11 +124,7 @@ class ParallelPortInConfig(LineInSection):
 
     def _examine_line(self, at: Examination) -> Checks:
         """See that it is there."""
-        if os.access(self.device, os.R_OK | os.W_OK):
-            yield at.unverified(f"{self.device} is there", LOOK)
-        else:
-            said = f"{self.device} cannot be opened for reading and writing"
-            yield at.failed(said, "load ppdev (modprobe ppdev), and join the device's group")
+        yield ppdev_there(at, self.device, LOOK)
 
 
 class SimulatedLineInConfig(LineInSection):

@@ -221,7 +221,8 @@ def test_a_load_that_nobody_brings_is_asked_for_and_then_given_up(
     with pytest.raises(HapticError) as error:
         measured(real, model, heavy, tmp_path / "data.csv", told.append)
     assert error.value.code == "load_missed"
-    assert "the load is 0.50 N" in error.value.message
+    said_n = re.search(r"the load is (\S+) N", error.value.message)
+    assert float(said_n[1]) == pytest.approx(NORMAL_FORCE_N, abs=0.02)  # six times its noise
     assert any("press with 1 N, now 0.5" in what for what in told)
     assert off(served)
     assert served.amplifier.max_voltage_v == 0.0

@@ -49,6 +49,12 @@ class Bucket {
     this.touched += sample.touching ? 1 : 0;
     for (const field of FIELDS) this[field].add(sample[field]);
   }
+
+  copy() {
+    const copy = Object.assign(Object.create(Bucket.prototype), this);
+    for (const field of FIELDS) copy[field] = Object.assign(new Spread(), this[field]);
+    return copy;
+  }
 }
 
 export class History {
@@ -74,9 +80,13 @@ export class History {
     }
   }
 
-  // What to draw of a span: {periodS, buckets}; a copy, which stands still.
+  // What to draw of a span: {periodS, buckets}; a copy, which stands still. Only the last bucket
+  // takes more samples.
   shown(spanS) {
     const { periodS, buckets } = this.levels.get(spanS);
-    return { periodS, buckets: buckets.slice() };
+    return {
+      periodS,
+      buckets: [...buckets.slice(0, -1), ...buckets.slice(-1).map((b) => b.copy())],
+    };
   }
 }

@@ -342,6 +342,19 @@ def test_a_paused_plot_stands_still_and_goes_on(page):
     await_change(page, "friction")
 
 
+def test_a_paused_plot_stands_still_though_it_is_drawn_anew(page):
+    """Also its last point, which takes in new samples for 1.5 s where ten minutes are shown."""
+    page.check("#spans input[value='600']", force=True)
+    page.click("#pause")
+    text(page, "#pause", "Resume")
+    before = pixels(page, "friction")
+    for _ in range(10):
+        await_change(page, "trail")
+    for _ in range(3):  # through all themes, each of which draws everything
+        page.click("#theme")
+    assert pixels(page, "friction") == before
+
+
 def test_the_surface_says_what_forbids_a_place(page):
     surface = page.locator("#surface")
     width = surface.bounding_box()["width"]
