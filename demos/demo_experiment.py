@@ -1,7 +1,7 @@
 """The paper's experiment, whole, on a simulated rig whose finger has what the model lacks.
 
 `python demos/demo_experiment.py --out DIR` holds the load, measures nine trials a frequency,
-draws figure 3, names what is missing, and renders friction by the model as given and as mended.
+draws figure 3, names what is missing, and renders friction by the model as given and as found.
 Everything up to there is what a person would type.
 """
 
@@ -108,16 +108,16 @@ def draw_contact_areas(areas: dict[float, list[float]], path: Path) -> None:
 
 
 def show_friction(diagnosis: Path, out: Path) -> None:
-    """The same texture by the surface of the model as given and as mended."""
+    """The same texture by the surface of the model as given and as found."""
     report = json.loads((diagnosis / "report.json").read_text(encoding="utf-8"))
     names = ", ".join(effect["name"].replace("_", " ") for effect in report["effects"])
     print(f"\nhidden was {HIDDEN}; the diagnosis says {report['verdict']}: {names or 'nothing'}")
     config, texture = hidden_rig(), out / "ridges.toml"
     texture.write_text(TEXTURE, encoding="utf-8")
-    mended = str(diagnosis / "model.toml")
-    before, after = (rendered(model, config, str(texture)) for model in (MODEL, mended))
+    found = str(diagnosis / "model.toml")
+    before, after = (rendered(model, config, str(texture)) for model in (MODEL, found))
     print("friction on target, asked against got, on the same finger:")
-    for when, record in (("as given", before), ("mended", after)):
+    for when, record in (("as given", before), ("as found", after)):
         print(f"  model {when:>8}: {asked_and_got(record)}")
     titles = {"model as given": before, f"with {names or 'the fit'}": after}
     draw_before_and_after(titles, out / "friction-on-target.png")

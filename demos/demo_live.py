@@ -1,4 +1,4 @@
-"""Live: linen under a finger that becomes moist, on a daemon in real time; the model is mended
+"""Live: linen under a finger that becomes moist, on a daemon in real time; the model is refit
 while it renders.
 
 `python demos/demo_live.py --out DIR` draws friction before, meanwhile and after, and the page as
@@ -184,20 +184,20 @@ def _show(daemon: Daemon, page: str, out: Path) -> None:
     moist = watching.for_s(SHOWN_S, "as the model is")
     _page(page, out / "page.png")
     daemon.adapt(True)
-    watching.until(lambda: told("adapt", "mended"), "mending")
+    watching.until(lambda: told("adapt", "refitted"), "a refit")
     messages = (event.message for event in daemon.events(0))
-    print(f"  {next(message for message in messages if message.startswith('mended'))}")
-    mended = watching.for_s(SHOWN_S, "as it is mended")
+    print(f"  {next(message for message in messages if message.startswith('refitted'))}")
+    refit = watching.for_s(SHOWN_S, "as it is refit")
     for carrier_hz in CARRIERS_HZ[1:]:
         daemon.disarm()
         daemon.use_model(MODEL, carrier_hz, feedback=False)
         watching.until(partial(seen, carrier_hz), f"the same at {carrier_hz:g} Hz")
     daemon.disarm()
-    daemon.basis.why((time.monotonic() - mended[0]) / 60.0)
+    daemon.basis.why((time.monotonic() - refit[0]) / 60.0)
     samples = np.concatenate(watching.samples)
     time_s, off = errors(samples)
     shares = {}
-    for name, (start_s, end_s) in {"dry": dry, "moist": moist, "moist, mended": mended}.items():
+    for name, (start_s, end_s) in {"dry": dry, "moist": moist, "moist, refit": refit}.items():
         there = (samples["time_s"] > start_s) & (samples["time_s"] < end_s)
         found = fidelity_of_samples(samples[there], load_perception())
         shares[name] = (start_s, end_s, found.share_within_5_percent or 0.0)
