@@ -1,5 +1,5 @@
 """Ten minutes of rendering on a finger that becomes moist and dries, with a film that builds up:
-what mending is worth.
+what a refit is worth.
 
 The finger is that of the blind generator, which shares no code with the model; its moisture has
 another form than the catalogue's. Time is simulated, one tick per millisecond, and the drive an
@@ -61,7 +61,7 @@ AXES = SurfaceAxes(
     frequency_low_hz=100.0, frequency_high_hz=20e3, frequency_count=40, voltage_count=76
 )
 LAW = FeedbackSettings(LATENCY_TICKS * TICK_S)
-FIXED, GAINS, MENDED = ARMS = ("fixed model", "two gains", "mended")
+FIXED, GAINS, REFIT = ARMS = ("fixed model", "two gains", "refit")
 CURRENT = "current only"
 TEXTURES = ("grating", "linen")
 FINGERS = (1, 2)  # seeds
@@ -71,7 +71,7 @@ DURATION_S, VISIT_S, PERIOD_S = (
     10.0,
     60.0,
 )  # of sliding, once in a period, off the screen in between
-MEND_EVERY_S, HELD_OUT_S, CHANGE_EVERY_S = 5.0, 2.0, 2.5
+REFIT_EVERY_S, HELD_OUT_S, CHANGE_EVERY_S = 5.0, 2.0, 2.5
 WOBBLE, WOBBLE_S, NOISE_N = 0.02, 0.010, 0.003
 RISES = 0.2  # of friction without voltage, from dry to moist
 USUAL_N, READ_EVERY_S, CURRENT_NOISE = (
@@ -163,7 +163,7 @@ class Result(NamedTuple):
     """One finger, texture and arm: share of reachable sliding time within 5 %, how far friction is
     off then, relative, in the root mean square; friction right after a change of carrier relative
     to what was wanted [n], the same had the rise's gain been held over, jumps of voltage at swaps
-    [m], V, and how many models were mended and dropped.
+    [m], V, and how many models were refit and dropped.
     """
 
     within: float
@@ -171,7 +171,7 @@ class Result(NamedTuple):
     changed: Array
     held: Array
     jumps_v: Array
-    mended: int
+    refits: int
     dropped: int
 
 
@@ -203,7 +203,7 @@ class Arm:
         )
 
     def learn(self, samples: np.ndarray, state: TickState, speed_m_s: float) -> TickState:
-        """Rows of the last seconds; with mending, another surface where that is better."""
+        """Rows of the last seconds; with a refit, another surface where that is better."""
         end_s = samples["time_s"][-1]
         new, self.counted = windows(samples, BUDGET_S, self.counted)
         self.rows += new
@@ -273,8 +273,8 @@ class Bench:
                     there = elsewhere(LAW, known, CARRIER_HZ, OTHER_HZ)
                     self.changed += carrier_changed(self.arm, there.gains, self.other, now_s, done)
                     self.held += carrier_changed(self.arm, known.gains, self.other, now_s, done)
-            if self.arm.kind == MENDED and (i + 1) % (every := round(MEND_EVERY_S / TICK_S)) == 0:
-                self.mend(made[i + 1 - every : i + 1], sample, abs(speed_m_s))
+            if self.arm.kind == REFIT and (i + 1) % (every := round(REFIT_EVERY_S / TICK_S)) == 0:
+                self.refit(made[i + 1 - every : i + 1], sample, abs(speed_m_s))
         self.state, _ = tick(
             self.arm.stages, self.state, FingerSample(now_s + TICK_S, position_m, 0.0, 0.0)
         )
@@ -283,7 +283,7 @@ class Bench:
         """Load and lateral force as known without a force sensor; None with one."""
         return None
 
-    def mend(self, made: np.ndarray, sample: FingerSample, speed_m_s: float) -> None:
+    def refit(self, made: np.ndarray, sample: FingerSample, speed_m_s: float) -> None:
         """The arm learns; how far the voltage of one and the same sample jumps by that."""
         before, old = self.state, self.arm.stages
         self.state = self.arm.learn(made, before, speed_m_s)
@@ -352,12 +352,12 @@ def judged(bench: Bench) -> Result:
     """What came of ten minutes."""
     for begin_s in np.arange(0.0, DURATION_S, PERIOD_S):
         bench.visit(float(begin_s))
-    mended = sum(found is not None for found in bench.arm.said)
+    refit = sum(found is not None for found in bench.arm.said)
     off = np.array(bench.off)
     found = (
         *map(np.array, (bench.changed, bench.held, bench.jumps_v)),
-        mended,
-        len(bench.arm.said) - mended,
+        refit,
+        len(bench.arm.said) - refit,
     )
     return Result(float(np.mean(np.abs(off) <= WITHIN)), rms(off), *found)
 
@@ -391,7 +391,7 @@ def run() -> Iterator[Claim]:
         found = dict(zip(cases, pool.map(render, cases), strict=True))
     for texture, arm in product(TEXTURES, ARMS):
         within = [found[arm, texture, finger].within for finger in FINGERS]
-        wanted = ("at least 95 %", min(within) >= 0.95) if arm == MENDED else ()
+        wanted = ("at least 95 %", min(within) >= 0.95) if arm == REFIT else ()
         yield Claim(
             f"{texture}, {arm}: sliding time within 5 % of a target in reach",
             spread(within),
@@ -414,13 +414,15 @@ def run() -> Iterator[Claim]:
             (f"{GAINS} held over", held, "at most a third"),
             (GAINS, errors[GAINS]),
         ):
-            ratios = [mended / gains for mended, gains in zip(errors[MENDED], others, strict=True)]
+            ratios = [ours / gains for ours, gains in zip(errors[REFIT], others, strict=True)]
             judged = (*wanted, float(np.mean(ratios)) <= 1.0 / 3.0) if wanted else ()
             yield Claim(
-                f"{texture}: that error mended, as a share of {name}", spread(ratios), *judged
+                f"{texture}: that error after a refit, as a share of {name}",
+                spread(ratios),
+                *judged,
             )
-    mended = [result for (arm, _, _), result in found.items() if arm == MENDED]
-    jump_v = max(float(np.abs(result.jumps_v).max()) for result in mended)
+    refit = [result for (arm, _, _), result in found.items() if arm == REFIT]
+    jump_v = max(float(np.abs(result.jumps_v).max()) for result in refit)
     rate_v = DriveSettings().voltage_rise_v_per_s * TICK_S
     yield Claim(
         "jump of the voltage at a swap",
@@ -428,8 +430,8 @@ def run() -> Iterator[Claim]:
         f"at most {rate_v:g} V",
         jump_v <= rate_v,
     )
-    counts = sum(result.mended for result in mended), sum(result.dropped for result in mended)
-    yield Claim("models mended, and dropped as no better", f"{counts[0]}, {counts[1]}")
+    counts = sum(result.refits for result in refit), sum(result.dropped for result in refit)
+    yield Claim("models refit, and dropped as no better", f"{counts[0]}, {counts[1]}")
     yield from agreement()
 
 

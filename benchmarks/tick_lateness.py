@@ -38,8 +38,8 @@ MARGIN_S = 5.0  # by which the load outlasts what is measured
 ROUNDS = 100
 TARGETS = (0.68, 0.60)  # in turns
 SEEN = 0.1  # of the voltage: such a change is the new target's
-TURNS, TURN_S = (False, True, False, True), 12.0  # of mending
-LATE = 1 / 5  # of a period: what counts as late while a model is mended
+TURNS, TURN_S = (False, True, False, True), 12.0  # of refits
+LATE = 1 / 5  # of a period: what counts as late while a model is refit
 
 # Times the reference work, which hands on as many records as a tick: what the stages compute in
 # Python costs about as much again, compiled code and shared memory as much once more; and a tick of
@@ -78,7 +78,7 @@ def run() -> Iterator[Claim]:
                 yield from _set_to_output("over SCPI", daemon, lease.token, record)
                 daemon.off()
             yield from _set_to_envelope()
-            yield from _mending()
+            yield from _refits()
         finally:
             sys.setswitchinterval(switch_interval_s)
 
@@ -260,8 +260,8 @@ def _set_to_envelope() -> Iterator[Claim]:
             daemon.off()
 
 
-def _mending() -> Iterator[Claim]:
-    """Ticks while the model of a finger that is not the model's is mended, and without, in
+def _refits() -> Iterator[Claim]:
+    """Ticks while the model of a finger that is not the model's is refit, and without, in
     turns.
     """
     late: dict[bool, list[float]] = {on: [] for on in TURNS}
@@ -276,15 +276,15 @@ def _mending() -> Iterator[Claim]:
             if on:
                 ours_s.append(samples["lateness_s"])
                 theirs_s.append(empty.late_s)
-        mended = sum(event.message.startswith("mended") for event in daemon.events(0))
+        refits = sum(event.message.startswith("refitted") for event in daemon.events(0))
         daemon.off()
     yield _lateness_against(
-        "while a model is mended", np.concatenate(ours_s), np.concatenate(theirs_s), 99.9
+        "while a model is refit", np.concatenate(ours_s), np.concatenate(theirs_s), 99.9
     )
     shares = {on: " and ".join(f"{100.0 * share:.2g} %" for share in late[on]) for on in late}
     yield Claim(
-        "ticks late by 1/5 of a period while a model is mended, and without, in turns",
-        f"{shares[True]}, {mended} mended; {shares[False]}",
+        "ticks late by 1/5 of a period while a model is refit, and without, in turns",
+        f"{shares[True]}, {refits} refits; {shares[False]}",
     )
 
 
