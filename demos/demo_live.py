@@ -3,8 +3,8 @@ while it renders.
 
 `python demos/demo_live.py --out DIR` draws friction before, meanwhile and after, and the page as
 a user sees it. Feedback is off, so that friction shows what the model is worth. To name what has
-changed takes several carriers: the same linen is slid over at two more, where the simulated rig's
-limit of contact current would leave no force; here it is lifted.
+changed takes several carriers: the same linen is slid over at two more. There the simulated rig's
+limit of contact current leaves little force; here the limit is that for workers, which is twice.
 """
 
 from __future__ import annotations
@@ -45,12 +45,13 @@ from model.touch_model import TouchModel
 
 RIG, MODEL, TEXTURE = "simulated-envelope", "reference", "linen"
 CARRIERS_HZ = (200.0, 2e3, 10e3)
-LIFTED = "contact_current_a_rms = [[1.0, 1.0], [1e6, 1.0]]  # A rms"
+OF_WORKERS = ((1.0, 1e-3), (2.5e3, 1e-3), (100e3, 40e-3), (10e6, 40e-3))  # Hz, A rms: ICNIRP 2010
 DRY_S, MOISTENING_S, WETNESS = (
     17.0,
     4.0,
     1.2,
 )  # of the finger's life, and of the effect skin_hydration
+BORN_S = time.monotonic()  # in the process of the simulated instruments, which imports this
 STEPS = 5  # of wetness, between which friction is taken as even
 LEASE_S = 20.0
 PIECE = 100  # ticks, some threads long: a point of the picture
@@ -61,9 +62,7 @@ ROWS = 50  # of another carrier, to ask why by: some 6 s of sliding
 @cache
 def stages() -> list[FrictionLaw]:
     """The finger from dry to moist."""
-    limits = replace(
-        load_rig(RIG).operating_limits(), contact_current_a_rms=((1.0, 1.0), (1e6, 1.0))
-    )
+    limits = replace(load_rig(RIG).operating_limits(), contact_current_a_rms=OF_WORKERS)
     model = TouchModel(load_model(MODEL))
     wet = [
         with_hidden(model, {"skin_hydration": {"wetness": w}})
@@ -73,11 +72,14 @@ def stages() -> list[FrictionLaw]:
 
 
 def finger(
-    frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array, time_s: Array
+    frequency_hz: Array, voltage_v: Array, normal_force_n: Array, speed_m_s: Array, touch_s: Array
 ) -> Array:
-    """Lateral force of the finger, N [n], as `haptic measure --finger` takes it too."""
-    laws = stages()
-    moist = np.clip((time_s - DRY_S) / MOISTENING_S, 0.0, 1.0) * (STEPS - 1)
+    """Lateral force of the finger, N [n]. How moist it is counts from its birth, not from its
+    touch, which `touch_s` does.
+    """
+    laws, life_s = stages(), time.monotonic() - BORN_S
+    along = min(max((life_s - DRY_S) / MOISTENING_S, 0.0), 1.0)
+    moist = np.full(touch_s.size, along * (STEPS - 1))
     forces = []
     for at, share in zip(
         zip(frequency_hz, voltage_v, normal_force_n, speed_m_s, strict=True), moist, strict=True
@@ -148,7 +150,8 @@ def demonstrate(out: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         rig = Path(folder, "demo.toml")
         text = find_config(RIG, "rigs").read_text()
-        rig.write_text(re.sub("^contact_current_a_rms = .*", LIFTED, text, flags=re.MULTILINE))
+        curve = f"contact_current_a_rms = {[list(point) for point in OF_WORKERS]}"
+        rig.write_text(re.sub("^contact_current_a_rms = .*", curve, text, flags=re.MULTILINE))
         with compilation_said("demo"):
             settings = daemon_settings(str(rig), MODEL)
         settings = replace(settings, finger=f"{Path(__file__).resolve()}:finger", feedback=False)
