@@ -352,12 +352,12 @@ def judged(bench: Bench) -> Result:
     """What came of ten minutes."""
     for begin_s in np.arange(0.0, DURATION_S, PERIOD_S):
         bench.visit(float(begin_s))
-    refit = sum(found is not None for found in bench.arm.said)
+    refits = sum(found is not None for found in bench.arm.said)
     off = np.array(bench.off)
     found = (
         *map(np.array, (bench.changed, bench.held, bench.jumps_v)),
-        refit,
-        len(bench.arm.said) - refit,
+        refits,
+        len(bench.arm.said) - refits,
     )
     return Result(float(np.mean(np.abs(off) <= WITHIN)), rms(off), *found)
 
