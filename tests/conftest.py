@@ -16,6 +16,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from haptic_driver.processes.real_time import take_precedence
+from tests import kinds
+
+pytest_runtest_setup = kinds.pytest_runtest_setup
+pytest_runtest_call = kinds.pytest_runtest_call
 
 settings.register_profile(
     "project",
@@ -32,6 +36,7 @@ AUTOGROUP = Path(
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(kinds.Beside())
     # A shell without job control starts background jobs with SIGINT ignored, and tests interrupt
     # what they start.
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -21,6 +21,7 @@ from haptic_driver.cli.output import (
 )
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.lookup.models import load_model
+from haptic_driver.processes.parent import outlived
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.simulation.served import ServedRig
 from model.touch_model import TouchModel
@@ -41,10 +42,12 @@ def simulate(
 
     The waveform generator and the interlock box are served over TCP and on pseudo-terminals. The
     stage is on a pseudo-terminal, the Net F/T box on UDP. Their addresses are printed once all
-    answer. Time is real. Ctrl-C ends it.
+    answer. Time is real. Ctrl-C ends it, and so does the end of the shell or program that started
+    it, except under `nohup`.
 
     Example: `haptic simulate --rig simulated --port 5025`
     """
+    alone = outlived()
     config = load_rig(rig)
     if not config.simulated:
         raise BadInputError(
@@ -58,7 +61,7 @@ def simulate(
     with ending, _served(config, touch, port) as served:
         report(as_json, {"endpoints": served.endpoints}, partial(_show, served.endpoints))
         before_s = time.monotonic()
-        while not ended.wait(STEP_S):
+        while not (ended.wait(STEP_S) or alone()):
             now_s = time.monotonic()
             served.advance(now_s - before_s)
             before_s = now_s

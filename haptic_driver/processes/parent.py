@@ -5,9 +5,11 @@ quietly.
 from __future__ import annotations
 
 import json
+import os
 import pickle
+import signal
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 
@@ -31,3 +33,14 @@ def tell(said: Mapping[str, Any]) -> None:
     except BrokenPipeError:
         sys.stdout = None  # nobody is there for what is left in it
         sys.exit(1)
+
+
+def outlived() -> Callable[[], bool]:
+    """Whether the process that started this one has ended since; never where SIGHUP is ignored,
+    as `nohup` asks for.
+    """
+    started_by = os.getppid()
+    hang_up = getattr(signal, "SIGHUP", None)
+    if hang_up is not None and signal.getsignal(hang_up) is signal.SIG_IGN:
+        return lambda: False
+    return lambda: os.getppid() != started_by

@@ -1,0 +1,85 @@
+"""Whoever was started ends when the process that started it is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.waiting import exists, until
+
+pytestmark = pytest.mark.process
+HAPTIC = "from haptic_driver.cli.main import run; run()"
+# Starts a command, says its process id and first line, and waits to be killed.
+STARTER = """
+import subprocess, sys, signal
+if sys.argv[1] == "nohup":
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+child = subprocess.Popen([sys.executable, "-c", *sys.argv[2:]], stdout=subprocess.PIPE)
+print(child.pid, child.stdout.readline(), flush=True)
+child.wait()
+"""
+
+
+def started(*arguments):
+    """The one that starts `haptic simulate`, and the process id of that."""
+    command = [sys.executable, "-c", STARTER, *arguments, HAPTIC, "simulate", "--json"]
+    starter = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    return starter, int(starter.stdout.readline().split()[0])
+
+
+def killed(starter):
+    starter.kill()
+    starter.wait()
+    starter.stdout.close()
+
+
+def test_simulated_instruments_of_a_shell_that_is_killed_end():
+    starter, pid = started("plain")
+    killed(starter)
+    until(lambda: not exists(pid))
+
+
+def test_nohup_keeps_simulated_instruments():
+    starter, pid = started("nohup")
+    killed(starter)
+    try:
+        until(lambda: parent_of(pid) != starter.pid)
+        assert exists(pid)
+    finally:
+        os.kill(pid, signal.SIGTERM)
+    until(lambda: not exists(pid))
+
+
+def test_everything_that_a_daemon_started_ends_when_it_is_killed(killable_daemon):
+    daemon = killable_daemon("simulated-envelope")
+    control = daemon.await_output()["control"]
+    family = descendants(control)
+    names = " ".join(command_of(pid) for pid in family)
+    for module in ("render_process", "envelope_process", "simulation.process", "observer"):
+        assert module in names
+    for module in ("loader", "watchdog"):
+        assert module in names
+    os.kill(control, signal.SIGKILL)
+    until(lambda: not any(map(exists, family)), lambda: list(map(command_of, family)))
+
+
+def parent_of(pid):
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+
+
+def command_of(pid):
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    except OSError:
+        return ""
+
+
+def descendants(pid):
+    parents = {int(p.name): parent_of(p.name) for p in Path("/proc").glob("[0-9]*") if p.exists()}
+    found = [pid]
+    for each in found:
+        found += [child for child, parent in parents.items() if parent == each]
+    return found[1:]
