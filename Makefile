@@ -4,7 +4,7 @@ BIN := .venv/bin
 # Hundreds of processes start in a test run: what one has compiled serves the next, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo demo-diagnosis demo-experiment demo-live test soak kills limits calibration mutate lint bench bench-live validate blind real-data investigations docs changelog wheels clean
+.PHONY: demo demo-diagnosis demo-experiment demo-live test test-quick soak kills limits calibration mutate lint bench bench-live validate blind real-data investigations docs changelog wheels clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -38,8 +38,13 @@ lint: .venv/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Pure tests, then tests with processes, then tests of real time alone: docs/house.md, "A test of each kind".
 test: lint
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests
+
+# Pure tests alone, in two minutes or so.
+test-quick: .venv/.test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests --quick
 
 # Long tests and many repetitions: fault scripts by the ten thousand, and more; at most 40 minutes.
 soak: .venv/.test

@@ -1,8 +1,8 @@
 """Compiled kernels: `kernel` is numba's njit with the options that the kernels of the model use.
 
 numba's own cache notices a change in the file of a kernel, not in the kernels and constants that it
-uses from other files. So the cache lives in a folder named by the hash of all sources of this
-package: whatever is edited, no stale machine code runs.
+uses from other files. So the cache lives in a folder named by the hash of the files that
+have kernels and of what these import: whatever is edited there, no stale machine code runs.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from haptic_driver.base.cache import code_cache
 
 F = TypeVar("F", bound=Callable[..., object])
 
+SOURCES = ("contact/*.py", "electric/*.py", "support/*.py", "solver.py")
 MUCH = 4096  # rows; fewer are done before a second thread has started
 
 OPTIONS: dict[str, Any] = {
@@ -34,8 +35,9 @@ OPTIONS: dict[str, Any] = {
 
 def _sources_hash() -> str:
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
-        digest.update(path.read_bytes())
+    for pattern in SOURCES:
+        for path in sorted(Path(__file__).parents[1].glob(pattern)):
+            digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
