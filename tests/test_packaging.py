@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("haptic_driver", "model", "hw")
 SOURCES = (*PACKAGES, "configs")

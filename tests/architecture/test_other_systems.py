@@ -7,6 +7,10 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
+pytestmark = pytest.mark.process
+
 WITHOUT = """
 import builtins, os, pkgutil, signal, socket, sys
 from importlib import import_module

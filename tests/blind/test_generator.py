@@ -241,6 +241,7 @@ def test_fixed_sets_are_five_of_the_promised_mix():
     assert len({s.effects[0][0] for s in wanted if s.family == "F1"}) == 2
 
 
+@pytest.mark.process
 def test_generator_loads_nothing_of_the_project():
     code = (
         "import sys, tests.blind.generator.__main__\n"

@@ -114,6 +114,7 @@ def test_what_is_counted_is_of_both_twins() -> None:
     assert wrong.split("|")[4].strip() == "100 (34..100), 2/2"
 
 
+@pytest.mark.process
 def test_answers_are_kept_by_content_and_told_one_by_one(tmp_path: Path) -> None:
     """A greater scale renumbers the files, and asks only about what is new."""
     folder = tmp_path / "sets"

@@ -152,6 +152,7 @@ def done() -> set[str]:
     return set()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "page",
     [pytest.param(p, marks=pytest.mark.soak if p in LONG else ()) for p in PAGES],
@@ -255,6 +256,7 @@ def asks_daemon(line: str) -> bool:
     return line.removeprefix("haptic ").startswith(ASKS_DAEMON)
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     "page",
     [pytest.param(p, marks=() if p.name == "README.md" else pytest.mark.soak) for p in sessions()],
@@ -306,6 +308,7 @@ def test_a_session_with_the_daemon_runs_as_shown(
     )
 
 
+@pytest.mark.realtime
 def test_requests_by_curl_run_as_shown(daemon: dict[str, str]) -> None:
     """The block of `docs/daemon.md`, by a shell, with the token that `/arm` gave for TOKEN."""
     if shutil.which("curl") is None:
@@ -401,6 +404,7 @@ def test_the_recipe_for_psychopy(monkeypatch: pytest.MonkeyPatch) -> None:
     assert marked[-1].data == {"trial": 1, "answer": "y"}
 
 
+@pytest.mark.process
 def test_the_recipe_for_javascript(lab: dict[str, str]) -> None:
     if (node := shutil.which("node")) is None:
         pytest.skip("no node")

@@ -41,6 +41,7 @@ def test_it_runs_and_says_what_it_should(name, tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.realtime
 def test_an_object_is_dragged_on_a_daemon_recorded_and_exported(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HAPTIC_SOCKET", str(tmp_path / "d" / "daemon.sock"))

@@ -106,6 +106,7 @@ def test_the_lease_is_renewed_for_longer_than_it_lasts(client, control):
         assert client.status().state is DaemonState.ARMED
 
 
+@pytest.mark.process
 def test_a_client_that_dies_loses_its_lease(socket, control):
     program = (
         "import sys, time; from pathlib import Path; from haptic_driver.client import"
@@ -267,6 +268,7 @@ def test_a_path_is_sent_whole_and_a_name_as_it_is(stranger, tmp_path, monkeypatc
     assert Stranger.heard[-1]["name"] == (str(tmp_path / asked) if is_path else asked)
 
 
+@pytest.mark.process
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user")
 def test_a_program_of_another_user_is_not_believed(tmp_path):
     """`haptic off` was once answered "idle, output off" by a stranger's program, in a folder of the

@@ -45,6 +45,7 @@ def test_another_place_first_and_a_set_that_cannot_be_tested_do_not_hold() -> No
     assert sum(not holds for holds in table.values()) == 2
 
 
+@pytest.mark.process
 def test_a_folder_without_the_data_is_told_by_name(tmp_path: Path) -> None:
     assert set(missing(tmp_path)) == {MODEL, *FILES.values()}
     command = [sys.executable, "-m", "tests.real_data", "--data", str(tmp_path)]

@@ -14,6 +14,8 @@ import pytest
 
 from haptic_driver.cli.main import main
 
+pytestmark = pytest.mark.process
+
 SCRIPT = Path(sys.executable).with_name("haptic")
 LINES = [
     ("haptic so", {"solve"}),

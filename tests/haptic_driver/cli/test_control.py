@@ -137,6 +137,7 @@ def test_refusals(haptic, armed, command, status, code):
     assert done.said["error"]["code"] == code
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("detach", [[], ["--detach"]])
 def test_a_second_arm_by_the_holder_says_so_and_is_no_error(haptic, armed, detach):
     """The lease is the first one's, and so is its end."""
@@ -154,6 +155,7 @@ def test_arming_what_somebody_else_holds_is_refused(haptic, armed, socket, token
     assert (done.status, done.said["error"]["code"]) == (1, "already_armed")
 
 
+@pytest.mark.process
 def test_a_detached_arm_has_renewed_before_it_returns(haptic, socket, control):
     """However late the keeper is: a lease that it has never renewed may have run out when the next
     command comes.
@@ -177,6 +179,7 @@ def test_a_detached_arm_has_renewed_before_it_returns(haptic, socket, control):
     control.disarm()
 
 
+@pytest.mark.process
 def test_detached_arm_fails_as_arm_does(haptic, socket):
     """Bad input exits with 2 from a process of its own too."""
     done = haptic("arm", "--detach", "--lease", "0.001", "--json")
@@ -246,6 +249,7 @@ def holder(socket):
         process.kill()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_disarms(haptic, holder, socket, control, number):
     assert done_json(haptic("set", "0.6", "--json"))["output_on"] is True
@@ -255,6 +259,7 @@ def test_ctrl_c_disarms(haptic, holder, socket, control, number):
     assert not socket.with_name("d.sock.lease").exists()
 
 
+@pytest.mark.process
 def test_disarm_ends_arm_and_a_fault_fails_it(haptic, holder, control):
     control.fail("by hand")
     assert holder.wait(HANG_S) == 1
@@ -268,6 +273,7 @@ def test_disarm_ends_arm_and_a_fault_fails_it(haptic, holder, control):
         assert second.wait(HANG_S) == 0
 
 
+@pytest.mark.process
 def test_detached_arm_lives_as_long_as_its_caller(socket, control):
     script = f"{SCRIPT} arm --detach --lease 5 --json; read line"
     with subprocess.Popen(

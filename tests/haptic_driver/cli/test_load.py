@@ -50,6 +50,7 @@ def rig(served: Any, tmp_path: Path) -> str:
     return str(path)
 
 
+@pytest.mark.realtime
 def test_a_load_is_held_and_the_finger_lifted(haptic: Any, rig: str, served: Any) -> None:
     held = said(haptic("load", "hold", "0.5", "--rig", rig, "--seconds", "2", "--yes", "--json"))
     assert held["mean_load_n"] == pytest.approx(0.5, rel=0.1)

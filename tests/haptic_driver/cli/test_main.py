@@ -153,6 +153,7 @@ def test_help_says_what_the_exit_status_means(haptic):
     )
 
 
+@pytest.mark.process
 def test_version(haptic):
     done = haptic("--version")
     assert done.status == 0
@@ -176,6 +177,7 @@ def script(*arguments):
     )
 
 
+@pytest.mark.process
 def test_the_script_prints_one_object(surface_path):
     done = script("solve", "--friction", "0.60", "--surface", surface_path, "--json")
     assert done.returncode == 0
@@ -183,6 +185,7 @@ def test_the_script_prints_one_object(surface_path):
     assert one_object(done.stdout)["cof"] == pytest.approx(0.6, abs=1e-6)
 
 
+@pytest.mark.process
 def test_the_scripts_exit_status_and_streams_for_bad_input(surface_path):
     done = script("solve", "--friction", "9", "--surface", surface_path, "--json")
     assert done.returncode == 2
@@ -190,6 +193,7 @@ def test_the_scripts_exit_status_and_streams_for_bad_input(surface_path):
     assert done.stderr.startswith("error: friction 9 cannot be reached")
 
 
+@pytest.mark.process
 def test_a_pipe_sees_no_progress_bar_and_no_colours(surface_path, tmp_path):
     slide = tmp_path / "slide.csv"
     lines = [f"{0.01 * i},{4e-4 * i},0.5" for i in range(40)]

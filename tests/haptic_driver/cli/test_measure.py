@@ -279,6 +279,7 @@ def test_bad_options_are_named(
     assert not Path("data.csv").exists()
 
 
+@pytest.mark.process
 def test_interrupted_by_the_user_the_file_can_be_continued(plan: str) -> None:
     long = PLAN.replace("[60.0, 250.0, 1e4]", "[60.0, 250.0]") + "repeats = 1000\n"
     Path("long.toml").write_text(long)

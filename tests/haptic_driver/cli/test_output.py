@@ -15,6 +15,8 @@ from haptic_driver.rig.check import Check, CheckStatus
 from haptic_driver.rig.config import load_rig
 from tests.waiting import HANG_S
 
+pytestmark = pytest.mark.process
+
 
 def terminal(**how):
     return Console(file=io.StringIO(), force_terminal=True, width=100, **how)

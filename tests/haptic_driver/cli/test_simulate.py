@@ -11,6 +11,8 @@ import pytest
 import serial
 from pymeasure.instruments.agilent import Agilent33220A
 
+pytestmark = pytest.mark.process
+
 TIMEOUT_S = 120.0  # of a busy machine
 
 

@@ -13,6 +13,8 @@ import pytest
 
 from haptic_driver.cli.main import GROUPS, build_app, known, main
 
+pytestmark = pytest.mark.process
+
 # By what they are for; each takes from a tenth of a second to one to import.
 NUMBERS = {
     "numpy",

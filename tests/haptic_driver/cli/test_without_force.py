@@ -90,6 +90,7 @@ def test_friction_without_voltage_is_not_learnt_where_nothing_shows_it() -> None
     assert gains.off > 1.0
 
 
+@pytest.mark.process
 def test_the_doctor_says_where_friction_comes_from(haptic, tmp_path) -> None:
     for monitors, words in ((True, "estimated from the electrode's current"), (False, "model's")):
         said = haptic("doctor", "--rig", rig(tmp_path, monitors=monitors), "--json").said

@@ -25,6 +25,8 @@ from tests.haptic_driver.commands import one_object
 from tests.haptic_driver.daemon.waiting import let_go
 from tests.waiting import HANG_S, until
 
+pytestmark = pytest.mark.realtime
+
 SCRIPT = Path(sys.executable).with_name("haptic")
 LONG_S = 60.0  # a lease that a busy machine does not lose
 

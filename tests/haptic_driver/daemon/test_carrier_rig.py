@@ -19,6 +19,8 @@ from tests.even_strokes import even_strokes, write_slide
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, reset
 from tests.waiting import until
 
+pytestmark = pytest.mark.realtime
+
 RIG = "simulated-carrier"
 
 

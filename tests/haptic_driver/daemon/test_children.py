@@ -10,7 +10,6 @@ import pytest
 
 from tests.waiting import exists, until
 
-pytestmark = pytest.mark.process
 HAPTIC = "from haptic_driver.cli.main import run; run()"
 # Starts a command, says its process id and first line, and waits to be killed.
 STARTER = """
@@ -36,12 +35,14 @@ def killed(starter):
     starter.stdout.close()
 
 
+@pytest.mark.process
 def test_simulated_instruments_of_a_shell_that_is_killed_end():
     starter, pid = started("plain")
     killed(starter)
     until(lambda: not exists(pid))
 
 
+@pytest.mark.process
 def test_nohup_keeps_simulated_instruments():
     starter, pid = started("nohup")
     killed(starter)
@@ -53,6 +54,7 @@ def test_nohup_keeps_simulated_instruments():
     until(lambda: not exists(pid))
 
 
+@pytest.mark.realtime
 def test_everything_that_a_daemon_started_ends_when_it_is_killed(killable_daemon):
     daemon = killable_daemon("simulated-envelope")
     control = daemon.await_output()["control"]

@@ -38,6 +38,8 @@ from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, until_ready
 from tests.waiting import HANG_S, exists, until
 
+pytestmark = pytest.mark.realtime
+
 RIG = "simulated"
 
 

@@ -22,6 +22,7 @@ from tests.waiting import HANG_S, until
 denied_daemon = denying.denied_daemon
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     "what", [*(pytest.param(one, marks=pytest.mark.soak) for one in DENIALS), EVERYTHING]
 )
@@ -34,6 +35,7 @@ def test_whatever_is_denied_after_arming_off_is_off(denied_daemon, what):
     until(lambda: history(daemon.record)[-1][1] == 0.0)
 
 
+@pytest.mark.realtime
 def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
     """With a terminal stopped by Ctrl-S control once hung in its first log line: no answer to OFF,
     none to SIGTERM.
@@ -55,6 +57,7 @@ def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
 STOP = b"\x13"  # Ctrl-S
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("stopped", ["before", "after"])
 def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path, stopped):
     """Where it was stopped before the daemon said that it was ready, SIGTERM once left the output

@@ -7,9 +7,13 @@ import signal
 import time
 from contextlib import suppress
 
+import pytest
+
 from haptic_driver.daemon.messages import DaemonState
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, reset
 from tests.waiting import until
+
+pytestmark = pytest.mark.realtime
 
 RIG = "simulated-envelope"
 

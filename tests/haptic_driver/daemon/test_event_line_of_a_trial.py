@@ -23,6 +23,8 @@ from tests.haptic_driver.daemon.waiting import LEASE_S
 from tests.haptic_driver.experiments.psychophysics.files import made
 from tests.waiting import until
 
+pytestmark = pytest.mark.realtime
+
 RIG = "simulated"
 ONE_TRIAL = """[trial]
 strokes = 1

@@ -21,6 +21,8 @@ from haptic_driver.rig.config import load_rig
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering
 from tests.waiting import until
 
+pytestmark = pytest.mark.realtime
+
 ENOUGH_S = 4.0  # of sliding
 AGREES = 0.01
 TICKS = 11  # of an average over 10 ms, centred

@@ -16,6 +16,8 @@ from tests.haptic_driver.config_texts import changed, served_rig_text
 from tests.haptic_driver.daemon.waiting import until_ready
 from tests.waiting import HANG_S, until
 
+pytestmark = pytest.mark.process
+
 PLUGIN = '''
 """A finger tracker that says where the finger is. Once a file is there it hangs, in closing too."""
 

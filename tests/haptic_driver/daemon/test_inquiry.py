@@ -13,6 +13,8 @@ from haptic_driver.live import why
 from haptic_driver.live.window import Window
 from tests.waiting import until
 
+pytestmark = pytest.mark.process
+
 UNDRIVEN = [
     Window(0.0, 0.0, 0.5, 0.03, 0.5, 0.01, 5000.0 + k, 1.0, 1, k + 1) for k in range(LEAST_ROWS)
 ]

@@ -11,6 +11,8 @@ import pytest
 from tests.haptic_driver.daemon.killing import LEASE_S
 from tests.waiting import exists, until
 
+pytestmark = pytest.mark.realtime
+
 SENT = (("render", SIGKILL), ("watchdog", SIGKILL), ("instruments", SIGKILL), ("render", SIGSTOP))
 
 

@@ -25,7 +25,7 @@ from tests.waiting import HANG_S, until
 
 RIG = "simulated"
 LOW_S = 0.05
-pytestmark = pytest.mark.timeout(4 * HANG_S)
+pytestmark = [pytest.mark.timeout(4 * HANG_S), pytest.mark.realtime]
 
 
 @pytest.fixture(scope="module")

@@ -39,6 +39,8 @@ from tests.haptic_driver.daemon.waiting import STOOD_STILL, reset
 from tests.haptic_driver.stand_ins import living_rig
 from tests.waiting import HANG_S, until
 
+pytestmark = pytest.mark.realtime
+
 LOAD_N, TRIP_N = 0.5, 0.75
 # A finger that is half a millimetre away, and a stage that homes at once.
 FAR = "stiffness_n_per_m = 700.0"

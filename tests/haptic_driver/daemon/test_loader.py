@@ -18,6 +18,8 @@ from haptic_driver.render.texture import Uniform
 from haptic_driver.textures.tile import Grid
 from tests.waiting import HANG_S, until
 
+pytestmark = pytest.mark.process
+
 REACHABLE_COF = (0.5, 1.0)
 MAP = 'kind = "map"\nfile = "{}"\npitch_mm = 1.0\ncof_black = 0.5\ncof_white = 0.7\n'
 PROFILE = 'kind = "profile"\nfile = "{}"\n'

@@ -28,6 +28,8 @@ from haptic_driver.render.texture import Uniform
 from haptic_driver.simulation.rig import SimulatedRig
 from tests.waiting import until
 
+pytestmark = pytest.mark.realtime
+
 RIG = "simulated"
 COF = 0.6137
 SOURCES = Path(haptic_driver.__file__).parent

@@ -70,6 +70,7 @@ def test_a_lock_that_is_a_link_or_of_another_user_is_not_followed(path, tmp_path
             Place(path)
 
 
+@pytest.mark.process
 def test_what_a_killed_daemon_left_behind_is_replaced(path):
     killed = subprocess.run([sys.executable, "-c", LEFT_BEHIND, str(path)], check=False)
     assert killed.returncode == -signal.SIGKILL
@@ -118,6 +119,7 @@ def test_a_daemon_by_its_page_has_its_lease_in_the_users_own_folder(monkeypatch,
     assert str(address) == "http://127.0.0.1:8470"
 
 
+@pytest.mark.process
 def test_a_child_that_says_nothing_useful_is_ended_and_told_of():
     child = Child("loader", "this", [])  # the module prints a poem
     with pytest.raises(HapticError) as refused:
@@ -126,6 +128,7 @@ def test_a_child_that_says_nothing_useful_is_ended_and_told_of():
     assert child.ended is not None
 
 
+@pytest.mark.process
 def test_how_a_child_ended_is_said_in_words(tmp_path):
     child = Child("painter", "json.tool", ["/dev/stdin"])
     assert child.ended is None
@@ -138,6 +141,7 @@ def test_how_a_child_ended_is_said_in_words(tmp_path):
     failing.stop()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "module", ["haptic_driver.recording.process", "haptic_driver.daemon.loader"]
 )

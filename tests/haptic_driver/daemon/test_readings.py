@@ -26,6 +26,8 @@ from hw.force.sensor import ForceReading, NoForceSensor
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, reset
 from tests.waiting import until
 
+pytestmark = pytest.mark.realtime
+
 RIG = "simulated"
 NOW_S = 1000.0
 SCREEN = ScreenConfig(width_m=0.10, height_m=0.06, margin_m=0.01)

@@ -28,6 +28,8 @@ from tests.haptic_driver.stand_ins import living_rig
 from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
 from tests.waiting import until
 
+pytestmark = pytest.mark.realtime
+
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
 
 

@@ -424,6 +424,7 @@ def test_a_ramp_begins_again_after_trust_has_returned():
     assert given_v == [80.0, 80.0, 40.0, 10.0, 0.0, 60.0, 60.0, 30.0]
 
 
+@pytest.mark.process
 def test_the_process_loads_neither_physics_nor_devices_nor_the_api():
     code = "import sys, haptic_driver.daemon.render_process; print('\\n'.join(sys.modules))"
     loaded = subprocess.run(
@@ -474,6 +475,7 @@ assert forms() == before, "a kernel that warming up did not call"
 """
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("rig", ["render_settings", "envelope_settings"])
 def test_warming_up_compiles_all_that_ticks_need(request, rig):
     """In a process that refuses to compile more: a tick that had to would raise."""
@@ -491,6 +493,7 @@ class Single(Uniform):
         return super().cof_along(finger, ahead_s).astype(np.float32)
 
 
+@pytest.mark.process
 def test_a_tick_that_fails_leaves_zero_and_a_fault_behind(envelope_settings, shared):
     """Here because it would have to compile: seconds of silence while output is on."""
     child = Child(

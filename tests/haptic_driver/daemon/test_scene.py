@@ -25,6 +25,8 @@ from haptic_driver.recording.scenes import SceneReplay
 from haptic_driver.textures.objects import Circle, Rectangle
 from tests.waiting import until
 
+pytestmark = pytest.mark.realtime
+
 RIG = "simulated"
 LEASE_S = 20.0
 CIRCLE = {"kind": "circle", "radius_mm": 8.0}

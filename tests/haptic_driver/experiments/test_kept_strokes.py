@@ -139,6 +139,7 @@ pause_s = 0.0
 """
 
 
+@pytest.mark.process
 def test_a_killed_measure_leaves_what_was_whole_and_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -24,7 +24,7 @@ from model.touch_model import TouchModel
 from tests.haptic_driver.experiments.test_stage_bench import SPEED_M_S, measured, off, plan, table
 from tests.haptic_driver.stand_ins import living_rig
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.timeout(300), pytest.mark.realtime]
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from haptic_driver.rig.config import RigConfig
 from model.touch_model import TouchModel
 from tests.haptic_driver.experiments.load_moments import failed, serving
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.timeout(300), pytest.mark.realtime]
 ATTEMPTS = 4
 
 

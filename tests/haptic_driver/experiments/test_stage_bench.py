@@ -41,7 +41,7 @@ from tests.haptic_driver.recording.stroke_files import ABOUT
 from tests.haptic_driver.stand_ins import living_rig
 from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.timeout(300), pytest.mark.realtime]
 
 SPEED_M_S = 0.02
 DRIVEN = Setting(250.0, 75.0, NORMAL_FORCE_N, SPEED_M_S)

@@ -49,6 +49,7 @@ def settings(surface_file, tmp_path):
     )
 
 
+@pytest.mark.realtime
 def test_feedback_goes_by_the_current_where_there_is_no_force_sensor(settings):
     with Daemon(settings) as daemon:
         lease = daemon.arm(LEASE_S)
@@ -74,6 +75,7 @@ def test_feedback_goes_by_the_current_where_there_is_no_force_sensor(settings):
             daemon.adapt(True)
 
 
+@pytest.mark.realtime
 def test_beside_a_force_sensor_current_and_monitors_are_in_samples_and_status(surface_file):
     config = load_rig("simulated")
     render = render_settings(config, surface_file)

@@ -10,6 +10,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.process
+
 GIVEN = pickle.dumps({"period_s": 0.001})
 HEARS = "from haptic_driver.processes import parent; print(parent.given()['period_s'])"
 TELLS = (

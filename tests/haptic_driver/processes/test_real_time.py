@@ -121,6 +121,7 @@ def test_sleep_until_never_returns_early():
         assert time.monotonic() >= until_s
 
 
+@pytest.mark.process
 def test_precedence_is_taken_where_it_may_be_and_never_given_away():
     code = (
         "import os; from haptic_driver.processes import real_time;"
@@ -132,6 +133,7 @@ def test_precedence_is_taken_where_it_may_be_and_never_given_away():
     assert int(niceness) == (min(-10, before) if granted == "True" else before)
 
 
+@pytest.mark.process
 @pytest.mark.skipif(
     not Path("/proc/self/autogroup").exists(), reason="this kernel does not group sessions"
 )
@@ -190,6 +192,7 @@ else:
 """
 
 
+@pytest.mark.process
 def test_a_child_weighs_what_its_parent_weighs_and_is_not_interrupted_with_it():
     """Children had the share of any session: a kill beside 4 busy loops took 12 s to recover from,
     and 8 s since.
@@ -201,6 +204,7 @@ def test_a_child_weighs_what_its_parent_weighs_and_is_not_interrupted_with_it():
     assert run.stdout.split() == ["True", "True", "0"]
 
 
+@pytest.mark.process
 def test_who_gives_way_has_a_session_of_its_own(tmp_path):
     """With less than the share of any session an observer that gives way starved, and outlived
     control by minutes.
@@ -217,6 +221,7 @@ def test_who_gives_way_has_a_session_of_its_own(tmp_path):
     assert run.stdout.split() == ["[True,", "19]"]
 
 
+@pytest.mark.process
 def test_a_real_time_process_that_never_pauses_is_killed_by_the_kernel():
     """On that priority nobody else would get a turn to stop it."""
     runs_away = """

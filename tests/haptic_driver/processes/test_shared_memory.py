@@ -60,6 +60,7 @@ def test_a_record_written_here_is_read_there(shared):
     assert there.sensed.read() == NOTHING_SENSED
 
 
+@pytest.mark.process
 def test_nobody_ever_reads_half_a_record_while_another_process_writes(shared):
     process = hammer(shared)
     seen = []
@@ -75,6 +76,7 @@ def test_nobody_ever_reads_half_a_record_while_another_process_writes(shared):
             assert record == Sensed(k, k, k, True, k, k, k, k % 2 == 1, *(k,) * 9)
 
 
+@pytest.mark.process
 def test_samples_read_while_another_process_writes_are_whole_and_all_accounted_for(shared):
     process = hammer(shared)
     position = lost = 0
@@ -109,6 +111,7 @@ while time.monotonic() < until_s:
 """
 
 
+@pytest.mark.process
 def test_no_tick_ever_sees_a_half_drawn_scene_while_another_process_changes_it(shared):
     words = [sys.executable, "-c", SHEETS, str(shared.descriptor), str(HAMMER_S)]
     seen = []

@@ -14,6 +14,7 @@ import haptic_driver as hd
 COLUMNS = ("frequency_hz", "voltage_v", "normal_force_n")
 
 
+@pytest.mark.process
 def test_the_bare_import_loads_nothing_slow():
     code = "import sys, haptic_driver; print(*sorted(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -262,6 +262,7 @@ def check_survived(path, reported, most):
     return complete, why
 
 
+@pytest.mark.process
 def test_a_recording_survives_kill_9_at_any_moment(tmp_path, rng, victims):
     path = tmp_path / "run.h5"
     for i in range(10):
@@ -282,6 +283,7 @@ def test_a_recording_survives_200_kills(tmp_path, rng, victims):
         check_survived(path, reported, reported + 500)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("runs", [0, 1], ids=["a new file", "a file with a run"])
 def test_a_kill_in_the_middle_of_any_step_loses_nothing_and_doubles_nothing(
     tmp_path, header, samples, rng, victims, runs
@@ -439,6 +441,7 @@ def await_samples(path, count):
     return until(lambda: (run := read_run(path)).samples.size >= count and run)
 
 
+@pytest.mark.process
 def test_the_process_records_the_ring_from_now_on_and_events(tmp_path, shared, header):
     tell_ticks(shared, 0, 50)
     recorder = Recorder(tmp_path / "run.h5", header, shared)
@@ -456,6 +459,7 @@ def test_the_process_records_the_ring_from_now_on_and_events(tmp_path, shared, h
     assert os.listdir(tmp_path) == ["run.h5"]
 
 
+@pytest.mark.process
 def test_samples_that_came_too_fast_are_counted(tmp_path, shared, header):
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     os.kill(recorder.pid, signal.SIGSTOP)
@@ -471,6 +475,7 @@ def test_samples_that_came_too_fast_are_counted(tmp_path, shared, header):
     assert run.samples["tick"].tolist() == list(range(1000, RING_SAMPLES + 999))
 
 
+@pytest.mark.process
 def test_a_killed_recorder_is_noticed_and_its_file_is_readable(tmp_path, shared, header):
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     tell_ticks(shared, 0, 10)
@@ -483,6 +488,7 @@ def test_a_killed_recorder_is_noticed_and_its_file_is_readable(tmp_path, shared,
     assert os.listdir(tmp_path) == ["run.h5"]
 
 
+@pytest.mark.process
 def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, shared, header):
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     tell_ticks(shared, 0, 20)
@@ -501,6 +507,7 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_there_was(tmp_path, share
     assert os.listdir(tmp_path) == ["run.h5"]
 
 
+@pytest.mark.process
 def test_its_last_word_is_heard_though_it_leaves_an_event_unread(tmp_path, shared, header):
     """A full disk was once told as "ended with status 1": the kernel first tells of the event that
     nobody has read.
@@ -554,6 +561,7 @@ def test_who_deletes_the_file_of_a_running_recording_loses_nothing(
     assert {*news} <= {f"{path} {said}", f"{records_of(path)} {said}"}
 
 
+@pytest.mark.process
 def test_a_deleted_file_is_told_and_put_back(tmp_path, shared, header):
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     tell_ticks(shared, 0, 20)
@@ -566,6 +574,7 @@ def test_a_deleted_file_is_told_and_put_back(tmp_path, shared, header):
     assert os.listdir(tmp_path) == ["run.h5"]
 
 
+@pytest.mark.process
 def test_what_a_deleted_file_held_survives_a_kill_once_it_is_put_back(tmp_path, shared, header):
     path = tmp_path / "run.h5"
     recorder = Recorder(path, header, shared)
@@ -724,6 +733,7 @@ def test_what_the_system_takes_in_pieces_is_whole(tmp_path, header, samples, mon
     assert read_run(tmp_path / "run.h5").samples.tobytes() == samples.tobytes()
 
 
+@pytest.mark.process
 def test_the_process_refuses_like_the_writer(tmp_path, shared, header):
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInputError, match="cannot be written") as refused:
@@ -731,6 +741,7 @@ def test_the_process_refuses_like_the_writer(tmp_path, shared, header):
     assert refused.value.code == "recording_not_made"
 
 
+@pytest.mark.process
 def test_a_run_ends_in_good_order_when_control_is_gone(tmp_path, shared, header):
     recorder = Recorder(tmp_path / "run.h5", header, shared)
     tell_ticks(shared, 0, 30)

@@ -77,6 +77,7 @@ def test_a_change_in_another_file_never_runs_stale_machine_code(package) -> None
     assert len(kernel_folders(package)) == 2
 
 
+@pytest.mark.process
 def test_another_policy_has_nothing_compiled_anew(package) -> None:
     policies = package / "policies.py"
     policies.write_text("def loudest(settings): ...\n")
@@ -86,6 +87,7 @@ def test_another_policy_has_nothing_compiled_anew(package) -> None:
     assert len(kernel_folders(package)) == 1
 
 
+@pytest.mark.process
 def test_fields_of_a_signal_that_change_places_are_not_mixed_up(package) -> None:
     """Both are floats, so that to numba the record looks as before."""
     assert scaled(package, 3.0, 4.0) == 6.0
@@ -139,6 +141,7 @@ assert len(half.signatures) == 1
 """
 
 
+@pytest.mark.process
 def test_an_integer_where_a_float_belongs_is_refused_and_not_compiled_for(tmp_path) -> None:
     """In a process of its own: in this one the other tests go on compiling."""
     (tmp_path / "refused.py").write_text(REFUSED)

@@ -50,6 +50,7 @@ def is_free(address):
     return True
 
 
+@pytest.mark.process
 def test_what_another_program_has_is_refused_and_who_it_is_told(hold):
     other = hold("TCPIP::192.0.2.5::5025::SOCKET", "ASRL/dev/ttyUSB7::INSTR")
     with pytest.raises(HapticError) as refused:
@@ -59,6 +60,7 @@ def test_what_another_program_has_is_refused_and_who_it_is_told(hold):
     assert "192.0.2.5" in refused.value.message
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_a_claim_ends_with_its_process_however_that_ends(hold, how):
     other = hold("dev1/port0/line0")
@@ -67,6 +69,7 @@ def test_a_claim_ends_with_its_process_however_that_ends(hold, how):
     until(lambda: is_free("Dev1/port0/line0"))
 
 
+@pytest.mark.process
 def test_all_or_none(hold):
     hold("b.example:49152")
     with pytest.raises(HapticError):
@@ -98,6 +101,7 @@ def test_what_counts_as_one_instrument(one, other, same):
     assert (same_place(one) == same_place(other)) is same
 
 
+@pytest.mark.process
 def test_a_second_program_on_a_rig_touches_nothing(rig_config, touch):
     """Two daemons once ran one generator: one said "idle, 0 V" while the other held 95 V."""
     with ServedRig(rig_config, touch) as served:

@@ -27,6 +27,8 @@ from tests.haptic_driver.config_texts import as_real_rig, changed
 from tests.haptic_driver.stand_ins import living_rig
 from tests.waiting import until
 
+pytestmark = pytest.mark.process
+
 ON = DriveCommand(250.0, 80.0, True)
 
 

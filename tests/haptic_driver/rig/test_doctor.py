@@ -22,6 +22,8 @@ from hw.serving.tcp import TcpServer
 from tests.haptic_driver.stand_ins import Heard
 from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
 
+pytestmark = pytest.mark.process
+
 PAPER = Path(__file__).parents[3] / "configs" / "rigs" / "paper.toml"
 TODAY = datetime.date(2024, 6, 1)
 SETTINGS = b"FUNC?;FREQ?;VOLT?;VOLT:OFFS?;VOLT:UNIT?;OUTP?;OUTP:LOAD?;AM:STAT?;SYST:ERR?\n"

@@ -108,6 +108,7 @@ def test_the_doctor_says_of_each_other_kind_what_it_could_not_see(tmp_path: Path
     assert "haptic mark" in modem.hint
 
 
+@pytest.mark.process
 def test_the_doctor_looks_at_it() -> None:
     names = [check.name for check in examine(rig_with(kind="simulated"), datetime.date(2024, 6, 1))]
     assert "event line" in names

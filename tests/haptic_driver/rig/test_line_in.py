@@ -115,6 +115,7 @@ def test_the_doctor_looks_where_recordings_would_be_written(tmp_path: Path) -> N
     assert [check.status for check in checks_of(strokes)] == [CheckStatus.OK]
 
 
+@pytest.mark.process
 def test_the_doctor_looks_at_it() -> None:
     assert "line in" in [check.name for check in examine(rig_with(kind="simulated"), TODAY)]
 

@@ -104,6 +104,7 @@ def test_the_page_about_hardware_shows_the_package_word_for_word():
         assert code in (PACKAGE / files[mark]).read_text(encoding="utf-8")
 
 
+@pytest.mark.process
 def test_without_the_package_its_name_is_refused_with_what_is_installed(rig):
     done = subprocess.run(
         [str(HAPTIC), "doctor", "--rig", str(rig), "--json"],
@@ -139,6 +140,7 @@ def test_a_surface_a_point_and_a_demo(haptic, rig, tmp_path):
     assert said["output_on_without_contact_s"] < 0.1
 
 
+@pytest.mark.process
 def test_the_doctor_asks_the_packages_driver(haptic, rig):
     checks = {check["name"]: check for check in haptic("doctor", "--rig", rig)["checks"]}
     assert checks["waveform generator"]["status"] == "ok"
@@ -146,6 +148,7 @@ def test_the_doctor_asks_the_packages_driver(haptic, rig):
     assert checks["output"]["message"].startswith("off; programmed: ")
 
 
+@pytest.mark.realtime
 def test_the_watchdog_switches_it_off_when_its_driver_dies(served, environment):
     command = [
         sys.executable,
@@ -169,6 +172,7 @@ def test_the_watchdog_switches_it_off_when_its_driver_dies(served, environment):
     assert asked(served, b"?\n").endswith(b"G0\n")
 
 
+@pytest.mark.realtime
 def test_the_daemon_drives_it(haptic, environment, rig, tmp_path):
     address = tmp_path / "d.sock"
     command = [str(HAPTIC), "daemon", "run", "--rig", str(rig), "--socket", str(address)]

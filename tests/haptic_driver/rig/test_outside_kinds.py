@@ -57,7 +57,7 @@ class Tracker(PartSection):
 
 SENSOR, TRACKER = PartKind(Sensor), PartKind(Tracker)
 """
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.timeout(300), pytest.mark.process]
 
 
 @pytest.fixture(scope="module")

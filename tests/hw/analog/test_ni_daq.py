@@ -124,6 +124,7 @@ def test_the_fake_has_no_attribute_that_the_real_package_lacks() -> None:
         assert [name for name in public if not hasattr(real, name)] == []
 
 
+@pytest.mark.process
 def test_the_real_package_without_its_driver_says_what_to_install() -> None:
     for device in (NiAnalogInputs(NAMES, sample_rate_hz=1e3), NiDigitalOutput("Dev1/port0/line0")):
         with pytest.raises(DeviceDisconnected, match="NI-DAQmx driver is not installed") as caught:

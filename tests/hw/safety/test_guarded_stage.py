@@ -23,7 +23,7 @@ from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_stage import FaultyLts150
 from tests.waiting import HANG_S, until
 
-pytestmark = pytest.mark.timeout(2 * HANG_S)
+pytestmark = [pytest.mark.timeout(2 * HANG_S), pytest.mark.realtime]
 
 SETTINGS = StageSettings(0.0, 0.15, 0.05, 0.05, 0.05, 0.05)
 PRESSED_MM = 13.0

@@ -37,7 +37,7 @@ from tests.hw.instruments import IMMEDIATE, closed_port
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.waiting import HANG_S, exists, until
 
-pytestmark = pytest.mark.timeout(2 * HANG_S)
+pytestmark = [pytest.mark.timeout(2 * HANG_S), pytest.mark.realtime]
 
 DRIVER = """
 import signal, sys, time

@@ -38,6 +38,7 @@ def test_pyserial_talks_to_it(rtscts: bool) -> None:
         assert port.readline() == b"+2.5000000000000E+02\n"
 
 
+@pytest.mark.process
 def test_pyvisa_py_talks_to_the_terminal_itself() -> None:
     import pyvisa
 

@@ -118,6 +118,7 @@ def test_a_log_is_never_written_over(tmp_path: Path) -> None:
     assert path.read_text() == "precious"
 
 
+@pytest.mark.process
 def test_a_crash_loses_nothing(tmp_path: Path) -> None:
     path = tmp_path / "wire.jsonl"
     program = (

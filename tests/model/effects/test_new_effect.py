@@ -19,6 +19,8 @@ import pytest
 from model import effects
 from model.effects import CATALOGUE
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).parents[3]
 NEW = Path(__file__).with_name("stribeck_friction.py")
 NAME, RISE, SCALE_M_S = "stribeck_friction", 1.5, 0.01

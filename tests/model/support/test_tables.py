@@ -335,6 +335,7 @@ print(len(read_table(Path(sys.argv[1]), ("c0",), "").columns))
 """
 
 
+@pytest.mark.process
 def test_a_table_of_very_many_columns_takes_time_in_proportion_to_its_size(tmp_path) -> None:
     """It took time by the square of its columns. 400,000 of them take seconds of the processor, or
     else an hour.

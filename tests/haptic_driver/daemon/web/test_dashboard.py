@@ -28,6 +28,8 @@ from tests.haptic_driver.daemon.web.served_page import (
 )
 from tests.waiting import until
 
+pytestmark = pytest.mark.process
+
 TILES_ASKED = (
     "performance.getEntriesByType('resource').filter((one) => one.name.includes('/tile?')).length"
 )

@@ -24,6 +24,8 @@ from tests.haptic_driver.daemon.web.served_page import (
 )
 from tests.waiting import until
 
+pytestmark = pytest.mark.process
+
 SCREEN_MM = (100.0, 60.0)
 NOTHING = np.array([228.0, 232.0, 237.0])  # --nothing of the light theme
 BETWEEN = [pytest.param(*size, marks=pytest.mark.soak) for size in ((768, 1024), (1280, 800))]

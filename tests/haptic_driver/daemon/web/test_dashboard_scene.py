@@ -15,6 +15,8 @@ from tests.haptic_driver.daemon.web.served_page import (
 )
 from tests.waiting import until
 
+pytestmark = pytest.mark.process
+
 OBJECTS = SceneChange.model_validate(
     {
         "changes": [

@@ -15,6 +15,8 @@ from haptic_driver.experiments.psychophysics.schedule import Trial
 from tests.haptic_driver.daemon.web import test_dashboard as dashboard
 from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect, opened
 
+pytestmark = pytest.mark.process
+
 one_control, control, served = dashboard.one_control, dashboard.control, dashboard.served
 QUESTION = Question(
     1,
