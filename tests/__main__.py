@@ -1,7 +1,6 @@
 """All tests, a kind after the other: `python -m tests [--quick] [arguments of pytest]`.
 
-Pure tests run in parallel, in any order. Tests with processes run as far as cores allow: a daemon
-has five to eight processes, of which two are busy. Tests of real time run alone.
+Pure tests and tests with processes run on all cores, in any order. Tests of real time run alone.
 """
 
 from __future__ import annotations
@@ -21,11 +20,9 @@ import numpy as np
 from haptic_driver.cli.main import main as haptic
 
 CORES = len(os.sched_getaffinity(0))
-# Of one daemon that renders.
-BUSY_PROCESSES = 2
 KINDS = {
     "pure": ("not process and not realtime and not soak", CORES),
-    "process": ("process and not realtime and not soak", max(1, CORES // BUSY_PROCESSES)),
+    "process": ("process and not realtime and not soak", CORES),
     "realtime": ("realtime and not soak", 1),
 }
 NOTHING_COLLECTED = 5

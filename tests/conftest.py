@@ -30,9 +30,8 @@ settings.register_profile(
 settings.load_profile("project")
 
 
-AUTOGROUP = Path(
-    "/proc/self/autogroup"
-)  # Linux shares a busy processor among sessions before it looks at niceness
+# Linux shares a busy processor among sessions before it looks at niceness.
+AUTOGROUP = Path("/proc/self/autogroup")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -43,7 +42,11 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         # precedence is for the tests, not for what else the shell that called them has started
         os.setsid()
-    if not _has_workers(config):
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Take precedence where daemons are to be started."""
+    if not _has_workers(session.config) and not all(map(kinds.is_pure, session.items)):
         with suppress(OSError):
             AUTOGROUP.write_text("-10" if take_precedence() else "0")
 

@@ -29,7 +29,7 @@ def _note_starts(event: str, arguments: tuple) -> None:
 sys.addaudithook(_note_starts)
 
 
-def _is_pure(item: pytest.Item) -> bool:
+def is_pure(item: pytest.Item) -> bool:
     return not any(item.get_closest_marker(name) for name in MARKED)
 
 
@@ -46,7 +46,7 @@ def pytest_runtest_call(item: pytest.Item):
 def _no_process(item: pytest.Item):
     before = len(_started)
     result = yield
-    if _is_pure(item) and len(_started) > before:
+    if is_pure(item) and len(_started) > before:
         pytest.fail(f"mark it process or realtime: it started {_started[before]}")
     return result
 

@@ -16,8 +16,8 @@ import time
 from itertools import pairwise
 
 SLEEP_S = 0.005
-# Less is what a wake-up takes among the processes that a test itself has started.
-LATE_S = 0.02
+# Half of what a sensor, a lease or a watchdog waits for at least (0.2 s): less is no excuse.
+LATE_S = 0.1
 
 
 class EmptyLoop:

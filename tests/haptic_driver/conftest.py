@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -11,54 +9,16 @@ import numpy as np
 import pytest
 
 from haptic_driver.cli.main import main
-from haptic_driver.errors import HapticError
 from haptic_driver.lookup.build import SurfaceAxes, build_surface
 from haptic_driver.lookup.file import FORCE_REFINEMENT, SurfaceFile, ready_for_lookup
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.render.safety import Worst, table_of, violation, worst_at
 from haptic_driver.rig.config import load_rig
-from hw.errors import DeviceError
 from model.touch_model import TouchModel
 from tests.haptic_driver.commands import one_object
-from tests.haptic_driver.daemon.waiting import STOOD_STILL, reset
 
 SEED = 20240607
-LATE = (*STOOD_STILL, "did not answer in time")  # simulated instruments wait for the machine too
-
-
-class _Messages(logging.Handler):
-    """Keeps what is logged."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.messages: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.messages.append(record.getMessage())
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_pyfunc_call(pyfuncitem):
-    """Try a test once more whose failure or log tells that the machine stood still.
-
-    The daemon is right to be off then, and the test has shown nothing of what it is about.
-    """
-    log = _Messages()
-    logging.getLogger().addHandler(log)
-    try:
-        return (yield)
-    except (HapticError, DeviceError, AssertionError) as failure:
-        said = [str(failure), *log.messages]
-        if not any(reason in message for reason in LATE for message in said):
-            raise
-    finally:
-        logging.getLogger().removeHandler(log)
-    if daemon := pyfuncitem.funcargs.get("daemon"):
-        reset(daemon)
-    names = inspect.signature(pyfuncitem.obj).parameters
-    pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names})
-    return True
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""300 of the draws of `make limits`, on a coarser surface, where cells are larger and everything
+"""100 of the draws of `make limits`, on a coarser surface, where cells are larger and everything
 bends more in them.
 """
 
@@ -8,7 +8,7 @@ import pytest
 from haptic_driver.lookup.models import load_model
 from tests.limits.draws import drawn, shares
 
-DRAWS, PARTS = 300, 6
+DRAWS, PARTS = 100, 4
 ROUNDING = 1e-9
 
 

@@ -57,7 +57,7 @@ def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
 STOP = b"\x13"  # Ctrl-S
 
 
-@pytest.mark.process
+@pytest.mark.realtime
 @pytest.mark.parametrize("stopped", ["before", "after"])
 def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path, stopped):
     """Where it was stopped before the daemon said that it was ready, SIGTERM once left the output
