@@ -2,7 +2,7 @@
 
 numba's own cache notices a change in the file of a kernel, not in the kernels and constants that it
 uses from other files. So the cache lives in a folder named by the hash of the files that
-have kernels and of what these import: whatever is edited there, no stale machine code runs.
+have kernels and of what these import. Whatever is edited there, no stale machine code runs.
 """
 
 from __future__ import annotations

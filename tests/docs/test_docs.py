@@ -359,6 +359,7 @@ def lab(
         assert client.status().state is DaemonState.IDLE
 
 
+@pytest.mark.process
 @pytest.mark.usefixtures("lab")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_to_its_end_and_is_kept_without_its_outputs(path: Path) -> None:
