@@ -223,6 +223,8 @@ def _fields_at(file: Any, loc: Sequence[str | int]) -> list[str]:
 def _annotation(schema: Any, loc: Sequence[str | int]) -> Any:
     """What may stand at `loc`: a section, a union of sections, or anything else."""
     for key in loc:
+        if isinstance(key, int):  # a place in a list, whose sections are told apart likewise
+            continue
         variants = _variants(schema)
         if isinstance(key, str) and key in variants:
             schema = variants[key]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import signal
+import tomllib
 from contextlib import suppress
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from haptic_driver.processes.real_time import take_precedence
+from hw import plugins
 from tests import kinds
 
 pytest_runtest_setup = kinds.pytest_runtest_setup
@@ -35,6 +37,7 @@ AUTOGROUP = Path("/proc/self/autogroup")
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    _kinds_are_installed()
     config.pluginmanager.register(kinds.Beside())
     # A shell without job control starts background jobs with SIGINT ignored, and tests interrupt
     # what they start.
@@ -55,6 +58,18 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput") and not _has_workers(config):
         with suppress(OSError):
             AUTOGROUP.write_text("0")
+
+
+def _kinds_are_installed() -> None:
+    """Kinds of devices are found by what is installed, which a change of pyproject.toml leaves as
+    it was.
+    """
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))
+    for group, kinds in project["project"]["entry-points"].items():
+        found = {name: point.value for name, point in plugins.installed(group).items()}
+        if not kinds.items() <= found.items():
+            again = ".venv/bin/pip install --no-deps --no-build-isolation -e ."
+            pytest.exit(f"{group} is not installed as in pyproject.toml: {again}", 4)
 
 
 def _has_workers(config: pytest.Config) -> bool:

@@ -157,10 +157,10 @@ def _entry(name: str) -> dict[str, Any]:
 
 def output_of(config: RigConfig) -> Output:
     """How the rig brings out friction: points of an envelope, or set points."""
-    from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput  # noqa: PLC0415
+    from haptic_driver.rig.part import NoPart  # noqa: PLC0415
     from haptic_driver.rig.slide import TICK_S  # noqa: PLC0415
 
-    if isinstance(config.analog_output, NoAnalogOutput):
+    if isinstance(config.analog_output, NoPart):
         return Output(config.output.setpoint_interval_s, straight=False)
     return Output(TICK_S / COURSE_POINTS, straight=True)
 

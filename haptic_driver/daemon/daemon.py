@@ -52,8 +52,7 @@ from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
-from haptic_driver.rig.parts.event_lines import NoEventLine, make_event_line
-from haptic_driver.rig.parts.lines_in import NoLineIn, make_line_in
+from haptic_driver.rig.part import NoPart, Wiring
 from haptic_driver.rig.states import RigState
 from haptic_driver.textures.library import script_names, texture_names
 
@@ -181,9 +180,9 @@ class Daemon:
     def _line_in(self, settings: DaemonSettings) -> LineInWatch | None:
         """What hears the rig's line in, if it has one."""
         section = settings.config.line_in
-        if isinstance(section, NoLineIn):
+        if isinstance(section, NoPart):
             return None
-        line, recordings = make_line_in(section), self._recordings
+        line, recordings = section.make(Wiring()).device, self._recordings
         return LineInWatch(line, section, self.record, lambda: recordings.asked, self.event_log)
 
     def _start_threads(self) -> None:
@@ -411,10 +410,10 @@ def _event_line(
 ) -> EventLineWriter | None:
     """What writes to the rig's event line, if it has one."""
     section = settings.config.event_line
-    if isinstance(section, NoEventLine):
+    if isinstance(section, NoPart):
         return None
     return EventLineWriter(
-        make_event_line(section),
+        section.make(Wiring()).device,
         section.pulse_s,
         settings.config.event_codes,
         shared.ring,

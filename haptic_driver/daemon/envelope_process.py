@@ -25,7 +25,7 @@ from haptic_driver.processes.real_time import PRIORITY, Metronome
 from haptic_driver.processes.shared_memory import Played, SharedState
 from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead, warm_up
-from haptic_driver.rig.part import ANALOG_OUTPUTS, Wiring, make_part
+from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig, SomeAnalogOutput
 from haptic_driver.signals import NO_COURSE, Course
 from hw.analog.output import AnalogOutput
@@ -55,7 +55,7 @@ class EnvelopeSettings:
             path = self.card or ""
             output = SimulatedAnalogOutput(lambda: CardMemory.at(path), self.section.settings())
             return _unwatched(output), output.open
-        part = make_part(ANALOG_OUTPUTS, self.section, Wiring())
+        part = self.section.make(Wiring())
         assert part is not None  # its section is not that of none
         return _unwatched(part.device), lambda: [step() for step in part.opening]
 

@@ -19,9 +19,8 @@ from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, build_rig, carrier_output, connect_devices
-from haptic_driver.rig.part import Wiring
-from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
-from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig, make_lts150
+from haptic_driver.rig.part import NoPart, Wiring
+from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.states import RigEvent
 from haptic_driver.simulation.instruments import SCALE
 from haptic_driver.simulation.lines import SCREEN, Lines
@@ -178,11 +177,11 @@ def connect_simulated(
         reached,
         force_sensor,
         Wiring(enable=lines, voltage_monitor=lines),
-        modulated=not isinstance(config.analog_output, NoAnalogOutput),
+        modulated=not isinstance(config.analog_output, NoPart),
         heartbeats=[watchdog],
         on_event=on_event,
     )
-    stage = None if pressing is None else make_lts150(pressing, Wiring())
+    stage = None if pressing is None else pressing.make(Wiring())
     opening = [rig.connect, box.open, watchdog.start, *(stage.opening if stage else [])]
     closing = [
         *(stage.closing if stage else []),

@@ -20,7 +20,7 @@ from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.samples import Flag
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
-from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.finger_trackers import (
     STAGE_INTERVAL_S,
     EvdevFingerConfig,
@@ -117,8 +117,8 @@ def render_settings(
     latency.
     """
     output = config.analog_output
-    envelope = not isinstance(output, NoAnalogOutput)
-    lead_s = 0.0 if isinstance(output, NoAnalogOutput) else output.lead_s or LEAST_LEAD_S
+    envelope = not isinstance(output, NoPart)
+    lead_s = 0.0 if isinstance(output, NoPart) else output.lead_s or LEAST_LEAD_S
     latency_s = latency_budget_s(config, PERIOD_S, lead_s)
     since_tick_s = latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
     usual_s = 2.0 * _sensor_period_s(config) + SCHEDULING_S
@@ -152,7 +152,7 @@ def latency_budget_s(config: RigConfig, period_s: float, lead_s: float) -> dict[
     `output.latency_s` is what the instruments take besides.
     """
     parts = {"sensor": 0.5 * _sensor_period_s(config), "tick": 0.5 * period_s}
-    if isinstance(config.analog_output, NoAnalogOutput):
+    if isinstance(config.analog_output, NoPart):
         wait_s = 0.5 * config.output.setpoint_interval_s
         instrument_s = max(config.output.latency_s - wait_s, 0.0)
         parts |= {"set_point": wait_s, "instrument": instrument_s}
@@ -166,7 +166,7 @@ def reach_hz(config: RigConfig) -> float:
     """The highest frequency of friction that the rig's output can make: half the rate at which it
     changes.
     """
-    if isinstance(config.analog_output, NoAnalogOutput):
+    if isinstance(config.analog_output, NoPart):
         return 0.5 / config.output.setpoint_interval_s
     return 0.5 / PERIOD_S
 

@@ -24,7 +24,7 @@ from haptic_driver.render.texture import Target, Texture
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.devices import modulation_input
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead
-from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.slide import TICK_S, Slide
 from haptic_driver.simulation.lines import PANEL, SCREEN
 from haptic_driver.simulation.rig import SimulatedRig
@@ -144,7 +144,7 @@ class SteppedDaemon:
     def _envelope_loop(self) -> EnvelopeLoop | None:
         config, output = self.bench.config, self.bench.analog_output
         section, modulation = config.analog_output, modulation_input(config)
-        if output is None or modulation is None or isinstance(section, NoAnalogOutput):
+        if output is None or modulation is None or isinstance(section, NoPart):
             return None
         rise_v_per_s = config.output.voltage_rise_v_per_s
         rate_hz = output.plays_at(section.envelope_rate_hz)

@@ -31,7 +31,7 @@ from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.devices import modulation_input
-from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import SLIDING_M_S
@@ -243,7 +243,7 @@ class Supervisor:
         """Start the writer of an analog output, if the rig has one."""
         config = self.settings.config
         modulation = modulation_input(config)
-        if modulation is None or isinstance(config.analog_output, NoAnalogOutput):
+        if modulation is None or isinstance(config.analog_output, NoPart):
             return
         settings = EnvelopeSettings(
             config.analog_output,

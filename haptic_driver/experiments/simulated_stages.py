@@ -8,6 +8,7 @@ from haptic_driver.experiments.stage_bench import StageBench, Tell
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
+from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.simulation.stages import SimulatedStages
 from hw.monitor.contract import ElectrodeReading
 
@@ -25,7 +26,7 @@ class SimulatedStageBench(StageBench):
         self.world = world
         pressing, instruments = config.load_stage, world.simulated.instruments
         self.stages = SimulatedStages(
-            config.stage,
+            config.stage if isinstance(config.stage, Lts150StageConfig) else None,
             pressing if isinstance(pressing, SimulatedLoadStageConfig) else None,
             world.step,
             lambda: (instruments.plant.lateral_force_n, instruments.attraction_n()),

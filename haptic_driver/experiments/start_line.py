@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.line_in import EdgeIn, LineInReader
-from haptic_driver.rig.parts.lines_in import LineInSection, make_line_in
+from haptic_driver.rig.part import Wiring
+from haptic_driver.rig.parts.lines_in import LineInSection
 from hw.event_line.contract import LineIn
 
 LONGEST_S = 600.0
@@ -63,7 +64,7 @@ def start_line(config: RigConfig, tell: Callable[[str], None]) -> Iterator[Start
     if not isinstance(section, LineInSection) or section.start != "stroke":
         yield None
         return
-    line = StartLine(make_line_in(section), section.low_s, tell)
+    line = StartLine(section.make(Wiring()).device, section.low_s, tell)
     line.reader.start()
     try:
         yield line

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.plan import Plan, Setting
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.parts.stages import StageConfig
+from haptic_driver.rig.parts.stages import StageSection
 
 SPARE_S = (
     1.0  # for set points that take longer than the voltage may rise, and for the stage's own delays
@@ -30,7 +30,7 @@ class Stroke(NamedTuple):
         return self.end_m - self.start_m
 
 
-def stage_of(config: RigConfig) -> StageConfig:
+def stage_of(config: RigConfig) -> StageSection:
     """The stage that slides the finger; BadInputError for a rig without one."""
     if config.stage is None:
         said = f"rig {config.name} has no stage: nothing slides the finger at a known speed"

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.part import NO_WATCHDOG
-from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.part import NO_WATCHDOG, NoPart
 from haptic_driver.rig.parts.interlocks import InterlockBox
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 
@@ -80,7 +79,7 @@ def _fault_line(rig: RigConfig) -> str:
 
 
 def _envelope(rig: RigConfig) -> str:
-    return "" if isinstance(rig.analog_output, NoAnalogOutput) else rig.analog_output.kind
+    return "" if isinstance(rig.analog_output, NoPart) else rig.analog_output.kind
 
 
 def _load_stage(rig: RigConfig) -> str:

@@ -9,7 +9,7 @@ from math import inf, nan
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence
-from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.rig import Rig
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
@@ -115,7 +115,7 @@ class CarrierActuator(Actuator):
 def make_actuator(config: RigConfig, rig: Rig) -> Actuator:
     """The way to the generator that a rig's file describes."""
     relay_interval_s = config.generator_kind().relay_interval_s
-    if not isinstance(config.analog_output, NoAnalogOutput):
+    if not isinstance(config.analog_output, NoPart):
         return CarrierActuator(rig, relay_interval_s, config.limits.voltage_v)
     kind = SetpointActuator if config.waveform_generator.carrier is None else SampleActuator
     return kind(rig, relay_interval_s)
@@ -123,7 +123,7 @@ def make_actuator(config: RigConfig, rig: Rig) -> Actuator:
 
 def actuator_name(config: RigConfig) -> str:
     """What `haptic status` says of the way to the electrode."""
-    if not isinstance(config.analog_output, NoAnalogOutput):
+    if not isinstance(config.analog_output, NoPart):
         return CarrierActuator.name
     kind = SetpointActuator if config.waveform_generator.carrier is None else SampleActuator
     return kind.name

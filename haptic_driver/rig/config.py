@@ -8,15 +8,14 @@ and a rig refuses to come on until the list is empty.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated
 
 from pydantic import (
     AfterValidator,
-    BeforeValidator,
     Field,
     FiniteFloat,
     WithJsonSchema,
@@ -28,42 +27,28 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
 from haptic_driver.render.policies import POLICIES
 from haptic_driver.rig.part import (
-    AMPLIFIERS,
-    ANALOG_OUTPUTS,
-    CAMERAS,
-    ELECTRODE_MONITORS,
-    FINGER_TRACKERS,
-    FORCE_SENSORS,
-    LOAD_STAGES,
     NO_WATCHDOG,
     SIMULATED,
+    DeviceSection,
     DirectVolts,
     Farads,
     ForceRange,
     Hertz,
-    KindsOf,
     LoadNewtons,
-    PartSection,
+    NoPart,
     Patience,
-    Seconds,
     SignedFigures,
     Volts,
 )
-from haptic_driver.rig.parts.amplifiers import AmplifierConfig
-from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput, SomeAnalogOutput
-from haptic_driver.rig.parts.cameras import CameraSection, NoCamera
 from haptic_driver.rig.parts.electrode_monitors import (
     CardElectrodeMonitorConfig,
     SomeElectrodeMonitor,
 )
-from haptic_driver.rig.parts.event_lines import EventCodes, EventLineConfig, NoEventLine
-from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
+from haptic_driver.rig.parts.event_lines import EventCodes
 from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
-from haptic_driver.rig.parts.generators import GeneratorConfig, WatchdogConfig
-from haptic_driver.rig.parts.interlocks import InterlockBox, InterlockConfig
-from haptic_driver.rig.parts.lines_in import LineInConfig, NoLineIn
-from haptic_driver.rig.parts.load_stages import LoadStageSection, NoLoadStage
-from haptic_driver.rig.parts.stages import StageConfig
+from haptic_driver.rig.parts.generators import WatchdogConfig
+from haptic_driver.rig.parts.interlocks import InterlockBox
+from haptic_driver.rig.roles import ROLES, RigParts
 from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
 from hw.generator.analog_carrier.driver import SAMPLES_PER_PERIOD
@@ -86,30 +71,6 @@ Policy = Annotated[
     AfterValidator(_known_policy),
     WithJsonSchema({"type": "string", "enum": [*POLICIES]}),
 ]
-
-
-def _analog_if_not_said(section: object) -> object:
-    return {"kind": "analog", **section} if isinstance(section, dict) else section
-
-
-if TYPE_CHECKING:
-    SomeAmplifier = AmplifierConfig
-    SomeForceSensor = PartSection
-    SomeMonitor = SomeElectrodeMonitor
-    SomeOutput = NoAnalogOutput | SomeAnalogOutput
-    SomeTracker = PartSection
-    SomeCamera = NoCamera | CameraSection
-    SomeLoadStage = NoLoadStage | LoadStageSection
-else:  # whatever is installed
-    SomeAmplifier = Annotated[
-        PartSection, KindsOf(AMPLIFIERS), BeforeValidator(_analog_if_not_said)
-    ]
-    SomeForceSensor = Annotated[PartSection, KindsOf(FORCE_SENSORS)]
-    SomeMonitor = Annotated[PartSection, KindsOf(ELECTRODE_MONITORS)]
-    SomeOutput = Annotated[PartSection, KindsOf(ANALOG_OUTPUTS)]
-    SomeTracker = Annotated[PartSection, KindsOf(FINGER_TRACKERS)]
-    SomeCamera = Annotated[PartSection, KindsOf(CAMERAS)]
-    SomeLoadStage = Annotated[PartSection, KindsOf(LOAD_STAGES)]
 
 
 # Table 5 of ICNIRP 2010, Health Phys. 99:818: contact current, occupational, is twice that of the
@@ -221,39 +182,6 @@ class SafetySettings(Section):
     off_retry_s: Patience = Field(
         default=0.5, description="between attempts to get an output off that did not say so"
     )
-
-
-Terminal = Literal["DIFF", "RSE", "NRSE", "PSEUDO_DIFF", "DEFAULT"]
-
-
-class AnalogInputsConfig(Section):
-    """The card or cards whose inputs read gauges and monitors, all of a card in one task."""
-
-    sample_rate_hz: Annotated[float, Within(1.0, 1e7, "no card is slower or faster")] = Field(
-        description="per channel"
-    )
-    terminal: Terminal = Field(
-        default="DIFF",
-        description="DIFF, RSE, NRSE, PSEUDO_DIFF or DEFAULT, but for what `terminals` names",
-    )
-    terminals: dict[str, Terminal] = Field(
-        default={}, description='of a channel that is wired otherwise: {"Dev1/ai6" = "RSE"}'
-    )
-    range_v: Annotated[float, Within(0.01, 10.0, "ranges of cards are 10 mV to 10 V")] = Field(
-        default=10.0, description="+-"
-    )
-    buffer_s: Seconds = Field(default=2.0, description="how much is kept")
-    timeout_s: Seconds = Field(default=0.5, description="no call waits much longer")
-    monitor_window_s: Patience = Field(
-        default=0.02,
-        description=(
-            "monitors report the peak over so long; >= 1/lowest_carrier_hz, < safety.settle_s"
-        ),
-    )
-
-    def terminal_of(self, channel: str) -> str:
-        """How a channel is wired."""
-        return self.terminals.get(channel, self.terminal)
 
 
 class OutputConfig(Section):
@@ -369,7 +297,7 @@ class SimulationConfig(Section):
     )
 
 
-class RigConfig(Section):
+class RigConfig(RigParts):
     """One rig, as its file in `configs/rigs/` says."""
 
     name: str = Field(
@@ -378,22 +306,9 @@ class RigConfig(Section):
     )
     simulated: bool = Field(description='true only with waveform_generator.resource = "simulated"')
     limits: LimitsConfig
-    waveform_generator: GeneratorConfig
-    amplifier: SomeAmplifier
     safety: SafetySettings = SafetySettings()
-    analog_inputs: AnalogInputsConfig | None = None
-    interlock: InterlockConfig | None = None
     watchdog: WatchdogConfig | None = None
-    force_sensor: SomeForceSensor | None = None
-    electrode_monitors: list[SomeMonitor] = Field(default=[])
-    analog_output: SomeOutput = NoAnalogOutput()
-    stage: StageConfig | None = None
-    load_stage: SomeLoadStage = NoLoadStage()
-    finger_tracker: SomeTracker = NoFingerTracker()
-    camera: SomeCamera = NoCamera()
-    event_line: EventLineConfig = NoEventLine()
     event_codes: EventCodes = EventCodes()
-    line_in: LineInConfig = NoLineIn()
     screen: ScreenConfig = ScreenConfig()
     output: OutputConfig = OutputConfig()
     finger: FingerConfig = FingerConfig()
@@ -405,7 +320,7 @@ class RigConfig(Section):
             "refit the finger's model while rendering, from the daemon's start on, as "
             "`haptic adapt on` does"
         ),
-    )  # refit the finger's model while rendering, from the daemon's start on
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> RigConfig:
@@ -416,18 +331,7 @@ class RigConfig(Section):
     @property
     def signed_sections(self) -> dict[str, SignedFigures]:
         """The sections whose figures somebody has to sign as measured, by name in the file."""
-        sections = {
-            "limits": self.limits,
-            "amplifier": self.amplifier,
-            "waveform_generator.modulation_input": self.waveform_generator.modulation_input,
-            "waveform_generator.carrier": self.waveform_generator.carrier,
-            "analog_output": self.analog_output,
-        }
-        return {
-            name: section
-            for name, section in sections.items()
-            if isinstance(section, SignedFigures)
-        }
+        return dict(_signed(self))
 
     @property
     def unverified(self) -> list[str]:
@@ -445,26 +349,14 @@ class RigConfig(Section):
             missing.append('interlock.kind ("none" where there is none)')
         return missing
 
-    @property
-    def parts(self) -> list[PartSection]:
-        """What may be connected to the card and the stage."""
-        parts = [self.force_sensor, self.finger_tracker, self.amplifier, *self.electrode_monitors]
-        return [part for part in parts if part is not None]
+    def addresses_of(self, key: str) -> list[str]:
+        """Where the instruments of a role are."""
+        return [address for section in self.sections_of(key) for address in section.addresses]
 
     @property
     def addresses(self) -> list[str]:
         """Of every instrument that one program at a time may open."""
-        driven = [
-            self.waveform_generator,
-            self.interlock,
-            self.stage,
-            self.load_stage,
-            self.force_sensor,
-            self.finger_tracker,
-            self.event_line,
-            self.line_in,
-        ]
-        return addresses_of([*driven, self.analog_output, *self.electrode_monitors])
+        return [address for key in ROLES for address in self.addresses_of(key)]
 
     @property
     def monitor_reach_hz(self) -> float:
@@ -561,19 +453,16 @@ class RigConfig(Section):
         )
 
 
-def addresses_of(sections: Sequence[Section | None]) -> list[str]:
-    """Where the instruments of some sections are."""
-    found = []
-    for section in sections:
-        said = {} if section is None else section.model_dump()
-        found += [
-            str(said[key]) for key in ("resource", "device", "line") if said.get(key) is not None
-        ]
-        if "host" in said:
-            found.append(f"{said['host']}:{said['port']}")
-        elif isinstance(said.get("port"), str):
-            found.append(said["port"])
-    return found
+def _signed(section: Section, above: str = "") -> Iterator[tuple[str, SignedFigures]]:
+    """Wherever they stand in the file."""
+    for key in type(section).model_fields:
+        said = getattr(section, key)
+        for i, one in enumerate(said if isinstance(said, list) else [said]):
+            path = f"{above}{key}.{i}" if isinstance(said, list) else f"{above}{key}"
+            if isinstance(one, SignedFigures):
+                yield path, one
+            if isinstance(one, Section):
+                yield from _signed(one, f"{path}.")
 
 
 def load_rig(name_or_path: str) -> RigConfig:
@@ -585,15 +474,19 @@ def load_rig(name_or_path: str) -> RigConfig:
 
 def _with_whole_paths(rig: RigConfig, folder: Path) -> RigConfig:
     """Files that a rig's file names are looked for beside it."""
-    parts = {name: getattr(rig, name) for name in RigConfig.model_fields}
-    changed = {
-        name: part.model_copy(
-            update={key: str(folder / said) for key in part.files if (said := getattr(part, key))}
-        )
-        for name, part in parts.items()
-        if isinstance(part, PartSection) and part.files
-    }
+    changed: dict[str, object] = {}
+    for key in ROLES:
+        said = getattr(rig, key)
+        whole = [_beside(section, folder) for section in rig.sections_of(key)]
+        changed[key] = whole if isinstance(said, list) else next(iter(whole), None)
     return rig.model_copy(update=changed)
+
+
+def _beside(section: DeviceSection, folder: Path) -> DeviceSection:
+    named = {key: getattr(section, key) for key in section.files}
+    return section.model_copy(
+        update={key: str(folder / said) for key, said in named.items() if said}
+    )
 
 
 def _contradictions(rig: RigConfig) -> Iterator[str]:
@@ -605,47 +498,29 @@ def _contradictions(rig: RigConfig) -> Iterator[str]:
         )
     if rig.finger.contact_off_n > rig.finger.contact_on_n:
         yield "finger.contact_off_n is above finger.contact_on_n"
-    for both in set(addresses_of([rig.event_line])) & set(addresses_of([rig.line_in])):
-        yield f"event_line and line_in both name {both}: each needs a port of its own"
+    yield from _shared(rig)
     yield from _mixed_with_simulation(rig)
     yield from _not_watched(rig)
     yield from _not_wired(rig)
 
 
+def _shared(rig: RigConfig) -> Iterator[str]:
+    """One program holds a port once."""
+    named: dict[str, str] = {}
+    for key in ROLES:
+        for address in set(rig.addresses_of(key)):
+            if other := named.get(address):
+                yield f"{other} and {key} both name {address}: each needs a port of its own"
+            named[address] = key
+
+
 def _mixed_with_simulation(rig: RigConfig) -> Iterator[str]:
-    if rig.simulated != (rig.waveform_generator.resource == SIMULATED):
-        yield (
-            "simulated and waveform_generator.resource disagree about whether this rig is simulated"
-        )
-    monitors = [
-        (f"electrode_monitors.{i}", monitor) for i, monitor in enumerate(rig.electrode_monitors)
-    ]
-    for name, kind in (
-        ("force_sensor", rig.force_sensor),
-        ("analog_output", rig.analog_output),
-        ("camera", rig.camera),
-        ("load_stage", rig.load_stage),
-        ("event_line", rig.event_line),
-        ("line_in", rig.line_in),
-        *monitors,
-    ):
-        is_simulated = kind is not None and kind.kind == SIMULATED
-        is_real = kind is not None and kind.kind not in (SIMULATED, "none")
-        if (is_real and rig.simulated) or (is_simulated and not rig.simulated):
-            yield f"simulated and {name}.kind disagree about whether this rig is simulated"
-    real = {
-        "interlock": rig.interlock is not None and rig.interlock.kind != "none",
-        "watchdog": rig.watchdog is not None and rig.watchdog.generator != NO_WATCHDOG,
-        "stage": rig.stage is not None and rig.stage.resource != SIMULATED,
-        "analog_inputs": rig.analog_inputs is not None,
-    }
-    if not rig.simulated and rig.stage is not None and rig.stage.resource == SIMULATED:
-        yield "simulated and stage.resource disagree about whether this rig is simulated"
-    if rig.simulated and any(real.values()):
-        yield (
-            f"{', '.join(name for name, given in real.items() if given)}: a simulated rig has no"
-            " such real device"
-        )
+    for key, section in rig.devices:
+        if section.is_simulated not in (None, rig.simulated):
+            told = f"{key}.{section.told_by}"
+            yield f"simulated and {told} disagree about whether this rig is simulated"
+    if rig.simulated and rig.watchdog is not None and rig.watchdog.generator != NO_WATCHDOG:
+        yield "watchdog: a simulated rig has no such real device"
 
 
 def _not_watched(rig: RigConfig) -> Iterator[str]:
@@ -678,12 +553,10 @@ def _not_watched(rig: RigConfig) -> Iterator[str]:
 
 def _not_wired(rig: RigConfig) -> Iterator[str]:
     monitors = [rig.amplifier.voltage_monitor, rig.amplifier.current_monitor]
-    parts = rig.parts
-    if rig.analog_inputs is None and any(part.channels for part in parts):
-        yield (
-            "force_sensor or amplifier name channels of a card, and there is no section"
-            " [analog_inputs]"
-        )
+    parts = [section for _, section in rig.devices]
+    readers = " and ".join(key for key, section in rig.devices if section.channels)
+    if rig.analog_inputs is None and readers:
+        yield f"{readers}: channels of a card, and there is no section [analog_inputs]"
     on_card = any(
         isinstance(monitor, CardElectrodeMonitorConfig) for monitor in rig.electrode_monitors
     )
@@ -714,7 +587,7 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
     if rig.load_stage.kind != "none" and not measured:
         yield "load_stage: nothing measures the load that it is to hold; add a [force_sensor]"
     modulation = rig.waveform_generator.modulation_input
-    if isinstance(rig.analog_output, NoAnalogOutput):
+    if isinstance(rig.analog_output, NoPart):
         return
     if not rig.generator_kind().external_modulation:
         model = rig.waveform_generator.model
@@ -750,9 +623,8 @@ def _on_several_cards(rig: RigConfig) -> Iterator[str]:
         cards = sorted({channel.partition("/")[0] for channel in channels})
         if len(cards) > 1:
             yield f"{name}: {', '.join(cards)} have clocks of their own; take channels of one card"
-    card = rig.analog_inputs
-    used = {channel for part in rig.parts for channel in part.channels}
-    unused = sorted(set() if card is None else set(card.terminals) - used)
+    used = {channel for _, part in rig.devices for channel in part.channels}
+    unused = sorted(set(getattr(rig.analog_inputs, "terminals", ())) - used)
     if unused:
         yield f"analog_inputs.terminals: {', '.join(unused)} is read by nothing in this file"
 
@@ -771,7 +643,7 @@ def _by_samples(rig: RigConfig) -> Iterator[str]:
         return
     if not (is_card or generator.resource == SIMULATED):
         yield 'waveform_generator.resource: an analog output is named as "card:ni:Dev1/ao0"'
-    if not isinstance(rig.analog_output, NoAnalogOutput):
+    if not isinstance(rig.analog_output, NoPart):
         yield "analog_output: the carrier has its envelope already; leave the section out"
     if rig.limits.voltage_v > carrier.peak_v * rig.amplifier.gain_v_per_v * ROUNDING:
         yield (

@@ -8,46 +8,25 @@ the other end of a resource; a simulated instrument behind the same name is driv
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Self
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.processes.patience import done_within
 from haptic_driver.rig.claims import Claims
-from haptic_driver.rig.config import AnalogInputsConfig, RigConfig, addresses_of
+from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import OffEvidence, tried
 from haptic_driver.rig.load_loop import LoadStage
-from haptic_driver.rig.part import (
-    AMPLIFIERS,
-    ANALOG_OUTPUTS,
-    CAMERAS,
-    ELECTRODE_MONITORS,
-    FINGER_TRACKERS,
-    FORCE_SENSORS,
-    LOAD_STAGES,
-    NO_WATCHDOG,
-    PartSection,
-    Wiring,
-    make_part,
-)
-from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
+from haptic_driver.rig.part import NO_WATCHDOG, NoPart, Wiring
 from haptic_driver.rig.parts.generators import CarrierConfig
-from haptic_driver.rig.parts.interlocks import InterlockBox, ModemLineInterlock, NiInterlock
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.rig import Rig
+from haptic_driver.rig.roles import AFTER, APART, FIRST, RIG, ROLES, Opens
 from haptic_driver.rig.states import RigEvent
 from hw.analog.cards import make_card
-from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput, Heartbeat
-from hw.analog.ni_daq import (
-    NiAnalogInput,
-    NiAnalogInputs,
-    NiCards,
-    NiDigitalInput,
-    NiDigitalOutput,
-    card_of,
-)
+from hw.analog.lines import Heartbeat
 from hw.analog.output import AnalogOutput, AnalogOutputSettings
 from hw.camera.contract import Camera
 from hw.errors import DeviceTimeout
@@ -57,15 +36,14 @@ from hw.generator.analog_carrier.driver import CarrierSettings
 from hw.generator.contract import Generator
 from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolicy
 from hw.monitor.contract import ElectrodeMonitor
-from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.watchdog import Watchdog, WatchdogSettings
 from hw.stage.lts150 import Lts150
 from hw.transport.contract import Transport
 from hw.transport.marker import scpi_marker
 from hw.transport.resource import make_transport
-from hw.transport.serial import SerialTransport
 
 CLOSE_S = 10.0  # for one device, with the output off
+LOAD_ROLES = {"analog_inputs", "force_sensor", "load_stage"}
 ATTEMPTS = 4  # at opening: nothing is on yet, and a busy machine may let nobody answer in time
 
 
@@ -73,10 +51,9 @@ ATTEMPTS = 4  # at opening: nothing is on yet, and a busy machine may let nobody
 class Devices:
     """Everything a rig has, closed; use `open` and `close`, or a `with` block.
 
-    Devices open in an order that puts each switch-off in place ahead of what it switches off. The
-    order is interlock, watchdog, envelope (at its zero level), generator (off and reset), sensors,
-    stage. Sensors take their bias: leave the force sensor unloaded. Closing switches off first.
-    What was opened is closed again when something after it fails.
+    Devices open in the order of `ROLES`, the watchdog first, so that each switch-off is in place
+    ahead of what it switches off. Sensors take their bias: leave the force sensor unloaded. Closing
+    switches off first. What was opened is closed again when something after it fails.
     """
 
     rig: Rig
@@ -150,48 +127,36 @@ def connect_devices(
         raise BadInputError(
             "simulated", f"rig {config.name} is simulated", "use haptic_driver.simulation.rig"
         )
-    parts = _Parts(config)
-    force_sensor = parts.force_sensor(before)
-    stage = parts.stage()
-    tracker = parts.reader(FINGER_TRACKERS, config.finger_tracker, Wiring(parts.inputs, stage))
-    watchdog = parts.watchdog(load_stage)
-    enable, heartbeats = parts.interlock()
-    output = parts.analog_output() if envelope else None
-    monitors = parts.electrode_monitors()
-    camera = parts.reader(CAMERAS, config.camera, Wiring())
-    pressing = parts.load_stage() if load_stage else None
-    amplifier = config.amplifier
-    lines = Wiring(
-        enable=enable,
-        voltage_monitor=parts.monitor(amplifier.voltage_monitor),
-        current_monitor=parts.monitor(amplifier.current_monitor),
-        fault=parts.fault_line(),
-    )
-    beaten = [*heartbeats, *([watchdog] if watchdog and watchdog.settings.generator else [])]
+    if config.force_sensor is None:
+        raise BadInputError(
+            "no_force_sensor",
+            f"rig {config.name} names no force sensor",
+            "add a section [force_sensor]",
+        )
+    opened = {"analog_output": envelope, "load_stage": load_stage}
+    roles = {key for key in ROLES if opened.get(key, True)}
+    parts = Assembly(config, roles, config.addresses, before)
     rig = build_rig(
         config,
         generator_port(config),
-        force_sensor,
-        lines,
-        modulated=not isinstance(config.analog_output, NoAnalogOutput),
-        heartbeats=beaten,
+        parts.one("force_sensor"),
+        parts.wiring,
+        modulated=not isinstance(config.analog_output, NoPart),
+        heartbeats=parts.heartbeats,
         on_event=on_event,
     )
-    claims = Claims(config.addresses)
-    opening = [claims.take, *parts.before_rig, rig.connect, *parts.after_rig]
-    closing = [*parts.closing, claims.release]
     return Devices(
         rig,
-        force_sensor,
-        tracker,
-        stage,
-        output,
-        watchdog,
-        opening,
-        closing,
-        monitors,
-        camera,
-        pressing,
+        parts.one("force_sensor"),
+        parts.one("finger_tracker"),
+        parts.one("stage"),
+        parts.one("analog_output"),
+        parts.watchdog,
+        parts.opening(rig.connect),
+        parts.closing,
+        parts.made["electrode_monitors"],
+        parts.one("camera"),
+        parts.one("load_stage"),
     )
 
 
@@ -231,18 +196,14 @@ def connect_load(config: RigConfig) -> LoadDevices:
             f"rig {config.name} has no load stage: the load is the finger's own",
             "Add a section [load_stage] to its file",
         )
-    parts = _Parts(config)
-    force_sensor = parts.force_sensor(None)
-    watchdog = parts.watchdog(True, generator=False)
-    stage = parts.load_stage()
-    assert stage is not None  # a kind that is not "none" makes one
-    claims = Claims(addresses_of([config.force_sensor, config.load_stage]))
+    addresses = [name for key in LOAD_ROLES for name in config.addresses_of(key)]
+    parts = Assembly(config, LOAD_ROLES, addresses)
     return LoadDevices(
-        force_sensor,
-        stage,
-        [claims.take, *parts.before_rig, *parts.after_rig],
-        [*parts.closing, claims.release],
-        watchdog,
+        parts.one("force_sensor"),
+        parts.one("load_stage"),
+        parts.opening(),
+        parts.closing,
+        parts.watchdog,
     )
 
 
@@ -261,7 +222,7 @@ def build_rig(
     opened yet.
     """
     generator = make_generator(config, port)
-    amplifier = make_part(AMPLIFIERS, config.amplifier, lines)
+    amplifier = config.amplifier.make(lines)
     if amplifier is None:
         raise BadInputError(
             "no_amplifier", f"rig {config.name} names no amplifier", "correct amplifier.kind"
@@ -361,171 +322,77 @@ def generator_port(config: RigConfig) -> Transport | AnalogOutput:
     )
 
 
-class _Parts:
-    """Builds one device after the other, and collects how to open and close them, the last opened
-    closed first.
+class Assembly:
+    """Makes the devices of some roles one after the other, each wired to those before it, and says
+    how they are opened and closed.
+
+    The watchdog is over the generator, the load stage or both, as far as they are among the roles.
+    `addresses` are claimed. `before`: the force sensor whose bias is kept.
     """
 
-    def __init__(self, config: RigConfig) -> None:
-        self._config = config
-        self.before_rig: list[Callable[[], object]] = []
-        self.after_rig: list[Callable[[], object]] = []
-        self.closing: list[Callable[[], object]] = []
-        self.inputs = self._analog_inputs()
+    def __init__(
+        self,
+        config: RigConfig,
+        roles: Set[str],
+        addresses: Sequence[str],
+        before: ForceSensor | None = None,
+    ) -> None:
+        channels = [channel for _, section in config.devices for channel in section.channels]
+        self.wiring = Wiring(channels=channels)
+        self.made: dict[str, list[Any]] = {}
+        self.heartbeats: list[Heartbeat] = []
+        self._steps: dict[Opens, list[Callable[[], object]]] = {FIRST: [], RIG: [], AFTER: []}
+        self._claims = Claims(addresses)
+        self.closing: list[Callable[[], object]] = [self._claims.release]
+        self.watchdog = _watchdog(config, roles)
+        if self.watchdog is not None:
+            self._steps[FIRST].append(self.watchdog.start)
+            self.closing.insert(0, self.watchdog.close)
+        for key, role in ROLES.items():
+            if key in roles and role.opens is not APART:
+                self._make(key, config, before)
+        if self.watchdog is not None and self.watchdog.settings.generator:
+            self.heartbeats.append(self.watchdog)
 
-    def force_sensor(self, before: ForceSensor | None) -> ForceSensor:
-        sensor = self._config.force_sensor
-        part = None if sensor is None else make_part(FORCE_SENSORS, sensor, Wiring(self.inputs))
-        if part is None:
-            raise BadInputError(
-                "no_force_sensor",
-                f"rig {self._config.name} names no force sensor",
-                "add a section [force_sensor]",
-            )
-        zeroing = part.zeroing
-        if before is not None and zeroing:
-            zeroing = [partial(part.device.keep_bias, before)]
-        self.after_rig += [*part.opening, *zeroing]
-        self.closing[:0] = part.closing
-        device: ForceSensor = part.device
-        return device
+    def one(self, key: str) -> Any:
+        """The device of a role; None where there is none."""
+        return next(iter(self.made.get(key, ())), None)
 
-    def monitor(self, channel: str | None) -> AnalogInput | None:
-        """By its peak: the mean of an alternating voltage says nothing."""
-        card = self._config.analog_inputs
-        return (
-            None
-            if channel is None or self.inputs is None or card is None
-            else peak_of(card, self.inputs, channel)
-        )
+    def opening(self, *rig: Callable[[], object]) -> list[Callable[[], object]]:
+        """What opens them, in order; `rig` opens generator and amplifier."""
+        steps = self._steps
+        return [self._claims.take, *steps[FIRST], *steps[RIG], *rig, *steps[AFTER]]
 
-    def fault_line(self) -> DigitalInput | None:
-        name = self._config.amplifier.fault_line
-        if name is None:
-            return None
-        line = NiDigitalInput(name)
-        self._first(line.open, line.close)
-        return line
+    def _make(self, key: str, config: RigConfig, before: ForceSensor | None) -> None:
+        self.made[key], role = [], ROLES[key]
+        for section in config.sections_of(key):
+            self.wiring = section.wire(self.wiring)
+            part = section.make(self.wiring)
+            if part is None:
+                continue
+            zeroing = part.zeroing
+            if before is not None and zeroing:
+                zeroing = [partial(part.device.keep_bias, before)]
+            self._steps[role.opens] += [*part.opening, *zeroing]
+            self.closing[:0] = part.closing
+            self.heartbeats += part.heartbeats
+            self.made[key].append(part.device)
+            if role.wired:
+                self.wiring = replace(self.wiring, **{role.wired: part.device})
 
-    def interlock(self) -> tuple[DigitalOutput | None, list[Heartbeat]]:
-        """The enable line, if any, and what has to be beaten for it."""
-        match self._config.interlock:
-            case InterlockBox(resource=resource, reply_timeout_s=timeout_s):
-                box = HeartbeatInterlock(make_transport(resource), reply_timeout_s=timeout_s)
-                self._first(box.connect, box.close)
-                return box, [box]
-            case ModemLineInterlock(port=port, line=name, looped_back=looped_back):
-                modem_line = ModemLine(port, name, looped_back=looped_back)
-                self._first(modem_line.connect, modem_line.close)
-                return modem_line, []
-            case NiInterlock(line=name):
-                line = NiDigitalOutput(name)
-                self._first(line.open, line.close)
-                return line, []
-        return None, []
 
-    def watchdog(self, load_stage: bool, generator: bool = True) -> Watchdog | None:
-        """Over the generator, the load stage, both, or None where there is neither to watch."""
-        section, given = self._config.load_stage, self._config.watchdog
-        stage = None
-        if load_stage and isinstance(section, LoadStageSection):
-            stage = section.guarded()
-        if generator and given is not None and given.generator != NO_WATCHDOG:
-            own = self._config.waveform_generator
-            settings = WatchdogSettings(
+def _watchdog(config: RigConfig, roles: Set[str]) -> Watchdog | None:
+    section, given, stage = config.load_stage, config.watchdog, None
+    if "load_stage" in roles and isinstance(section, LoadStageSection):
+        stage = section.guarded()
+    if "waveform_generator" in roles and given is not None and given.generator != NO_WATCHDOG:
+        own = config.waveform_generator
+        return Watchdog(
+            WatchdogSettings(
                 **given.model_dump(),
                 model=own.model,
                 visa_backend=own.visa_backend,
                 load_stage=stage,
             )
-        elif stage is not None:
-            settings = WatchdogSettings(None, load_stage=stage)
-        else:
-            return None
-        watchdog = Watchdog(settings)
-        self._first(watchdog.start, watchdog.close)
-        return watchdog
-
-    def stage(self) -> Lts150 | None:
-        given = self._config.stage
-        if given is None:
-            return None
-        transport = make_transport(given.resource, rtscts=True)
-        set_rts = transport.set_rts if isinstance(transport, SerialTransport) else None
-        stage = Lts150(transport, given.settings(), set_rts=set_rts)
-        self.after_rig.append(stage.connect)
-        self.closing.insert(0, stage.close)
-        return stage
-
-    def _first(self, opening: Callable[[], object], closing: Callable[[], object]) -> None:
-        self.before_rig.append(opening)
-        self.closing.insert(0, closing)
-
-    def load_stage(self) -> LoadStage | None:
-        """Stopped as it is closed, after the output has gone off."""
-        part = make_part(LOAD_STAGES, self._config.load_stage, Wiring())
-        if part is None:
-            return None
-        self.after_rig += part.opening
-        self.closing[:0] = part.closing
-        device: LoadStage = part.device
-        return device
-
-    def reader(self, group: str, section: PartSection, wiring: Wiring) -> Any:
-        """What only reads is opened last and closed first; None where there is none."""
-        part = make_part(group, section, wiring)
-        if part is None:
-            return None
-        self.after_rig += part.opening
-        self.closing[:0] = part.closing
-        return part.device
-
-    def analog_output(self) -> AnalogOutput | None:
-        """At its zero level before the carrier can come, and after it has gone."""
-        part = make_part(ANALOG_OUTPUTS, self._config.analog_output, Wiring(self.inputs))
-        if part is None:
-            return None
-        self.before_rig += part.opening
-        self.closing += part.closing
-        device: AnalogOutput = part.device
-        return device
-
-    def electrode_monitors(self) -> list[ElectrodeMonitor]:
-        amplifier, sections = self._config.amplifier, self._config.electrode_monitors
-        wiring = Wiring(
-            self.inputs,
-            monitor_lines=amplifier.monitor_lines(),
-            monitor_channels=amplifier.channels,
         )
-        made = [self.reader(ELECTRODE_MONITORS, section, wiring) for section in sections]
-        return [monitor for monitor in made if monitor is not None]
-
-    def _analog_inputs(self) -> NiCards | None:
-        config, card = self._config, self._config.analog_inputs
-        if card is None:
-            return None
-        inputs = analog_inputs(
-            card, [channel for part in config.parts for channel in part.channels]
-        )
-        self.before_rig.append(inputs.open)
-        self.closing.append(inputs.close)
-        return inputs
-
-
-def analog_inputs(card: AnalogInputsConfig, channels: Sequence[str]) -> NiCards:
-    """Some channels, of one card or several, as the rig's file describes them; not open."""
-    how = card.model_dump(exclude={"monitor_window_s", "terminal", "terminals"})
-    cards: dict[str, list[str]] = {}
-    for channel in channels:
-        cards.setdefault(card_of(channel), []).append(channel)
-    return NiCards(
-        [
-            NiAnalogInputs(on_card, terminal={one: card.terminal_of(one) for one in on_card}, **how)
-            for on_card in cards.values()
-        ]
-    )
-
-
-def peak_of(card: AnalogInputsConfig, inputs: NiCards, channel: str) -> NiAnalogInput:
-    """A monitor of an alternating voltage, read over the card's window."""
-    return NiAnalogInput(inputs, channel, window_s=card.monitor_window_s, peak=True)
+    return None if stage is None else Watchdog(WatchdogSettings(None, load_stage=stage))

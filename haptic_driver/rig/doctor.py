@@ -16,7 +16,7 @@ from typing import Any
 from haptic_driver.processes.real_time import PRIORITY
 from haptic_driver.rig.check import Check, Checks, Examination
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.parts.interlocks import NoInterlock
+from haptic_driver.rig.roles import ROLES, KindRole
 
 
 def examine(config: RigConfig, today: datetime.date) -> list[Check]:
@@ -34,20 +34,12 @@ def _examinations(rig: RigConfig) -> Iterator[tuple[str, Callable[[Examination],
     """Who examines what, by the name of its checks."""
     yield "configuration", _figures
     yield "resources", _resources
-    yield "waveform generator", rig.waveform_generator.examine
-    yield "amplifier", rig.amplifier.examine
-    for monitor in rig.electrode_monitors:
-        yield f"electrode monitor, {monitor.kind}", monitor.examine
-    yield "interlock", (rig.interlock or NoInterlock()).examine
-    yield "force sensor", rig.force_sensor.examine if rig.force_sensor else _no_force_sensor
-    if rig.stage is not None:
-        yield "stage", rig.stage.examine
-    yield "load stage", rig.load_stage.examine
-    yield "finger tracker", rig.finger_tracker.examine
-    yield "camera", rig.camera.examine
-    yield "event line", rig.event_line.examine
-    yield "line in", rig.line_in.examine
-    yield "envelope", rig.analog_output.examine
+    for key, role in ROLES.items():
+        sections = rig.sections_of(key) or ([role.unsaid] if role.unsaid else [])
+        for section in sections:
+            many = isinstance(role, KindRole) and role.many
+            kind = getattr(section, "kind", "")
+            yield f"{role.name}, {kind}" if many else role.name, section.examine
     yield "real-time scheduling", _real_time
 
 
@@ -60,10 +52,6 @@ def _figures(at: Examination) -> Checks:
             name = key.rpartition(".")[2].replace("_", " ")
             what = f"measured by {section.measured_by}"
             yield at.called(f"{name} figures").dated(what, section.measured_at)
-
-
-def _no_force_sensor(at: Examination) -> Checks:
-    yield at.failed("there is none in the rig's file", "add a section [force_sensor]")
 
 
 def _resources(at: Examination) -> Checks:

@@ -1,51 +1,33 @@
-"""What sections of a rig's file are made of, and how a kind of part makes itself known.
+"""What sections of a rig's file are made of: where a device is, how it is made, how it is examined.
 
-A package adds a kind by an entry point of one of the groups below that names a `PartKind`. The
-entry point's name is the value of `kind` in a rig's file. A kind is loaded where a rig names it,
-and by no other rig.
+`haptic_driver.rig.roles` has the table of what a rig may have.
 """
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
-    ValidationError,
-)
-from pydantic_core import (
-    CoreSchema,
-    InitErrorDetails,
-    PydanticCustomError,
-    PydanticKnownError,
-    core_schema,
-)
+from pydantic import AfterValidator, Field
 
-from haptic_driver.config import Kinds, Section, Within
+from haptic_driver.config import Section, Within
 from haptic_driver.rig.check import Checks, Examination
-from hw import plugins
 from hw.analog.cards import check_name
 from hw.setting import Setting
 
 if TYPE_CHECKING:
-    from hw.analog.lines import AnalogInput, DigitalInput, DigitalOutput
-    from hw.analog.ni_daq import NiCards
+    from hw.analog.lines import (
+        AnalogInput,
+        AnalogInputs,
+        DigitalInput,
+        DigitalOutput,
+        Heartbeat,
+    )
     from hw.monitor.lines import MonitorLines
     from hw.stage.lts150 import Lts150
 
-AMPLIFIERS = "haptic_driver.amplifiers"
-FORCE_SENSORS = "haptic_driver.force_sensors"
-ANALOG_OUTPUTS = "haptic_driver.analog_outputs"
-FINGER_TRACKERS = "haptic_driver.finger_trackers"
-ELECTRODE_MONITORS = "haptic_driver.electrode_monitors"
-CAMERAS = "haptic_driver.cameras"
-LOAD_STAGES = "haptic_driver.load_stages"
 SIMULATED = "simulated"
 NO_WATCHDOG = "none"
 
@@ -107,15 +89,74 @@ class SignedFigures(Section):
         return bool(self.measured_by.strip()) and self.measured_at is not None
 
 
-class PartSection(Section):
-    """A section whose `kind` says what is there. `files` are keys that name files beside the rig's
-    file.
+@dataclass(frozen=True)
+class Wiring:
+    """What a part may be connected to: the card's inputs, the stage, and the lines of an amplifier.
+
+    `channels` are those of the card that the rig's file names. A monitor reports its peak over
+    `monitor_window_s`. `monitor_lines` says what the amplifier's monitors do, `monitor_channels`
+    where on the card voltage and current are.
+    """
+
+    channels: Sequence[str] = ()
+    inputs: AnalogInputs | None = None
+    monitor_window_s: float = 0.0
+    stage: Lts150 | None = None
+    enable: DigitalOutput | None = None
+    voltage_monitor: AnalogInput | None = None
+    current_monitor: AnalogInput | None = None
+    fault: DigitalInput | None = None
+    monitor_lines: MonitorLines | None = None
+    monitor_channels: Sequence[str] = ()
+
+    def peak(self, channel: str) -> AnalogInput | None:
+        """A monitor of an alternating voltage by its peak, since its mean says nothing."""
+        from hw.analog.ni_daq import NiAnalogInput  # noqa: PLC0415 - a real device's
+
+        if self.inputs is None:
+            return None
+        return NiAnalogInput(self.inputs, channel, window_s=self.monitor_window_s, peak=True)
+
+
+@dataclass(frozen=True)
+class Part(Generic[Device]):
+    """A device, not open, and how it is opened and closed.
+
+    `zeroing` makes a force sensor's present load its zero, after `opening`. Where a rig is
+    connected again a finger may press: the device is then asked to `keep_bias(before)` of the one
+    before it. `heartbeats` have to be beaten while the output is on.
+    """
+
+    device: Device
+    opening: Sequence[Callable[[], object]] = ()
+    closing: Sequence[Callable[[], object]] = ()
+    zeroing: Sequence[Callable[[], object]] = ()
+    heartbeats: Sequence[Heartbeat] = ()
+
+
+class DeviceSection(Section):
+    """A section that describes a device: where it is, how it is made and how it is examined.
+
+    `files` are keys that name files beside the rig's file. `told_by` is the key that says whether
+    it is simulated.
     """
 
     files: ClassVar[tuple[str, ...]] = ()
+    told_by: ClassVar[str] = "resource"
     needs_stage: ClassVar[bool] = False
 
-    kind: str
+    @property
+    def addresses(self) -> list[str]:
+        """Where it is, by the keys that usually say so; one program at a time may open it."""
+        said = {key: getattr(self, key, None) for key in ("resource", "device", "line", "port")}
+        if isinstance(host := getattr(self, "host", None), str):
+            return [f"{host}:{said['port']}"]
+        return [name for name in said.values() if isinstance(name, str) and name != SIMULATED]
+
+    @property
+    def is_simulated(self) -> bool | None:
+        """None for what is on real and simulated rigs alike, such as nothing."""
+        return bool(getattr(self, self.told_by) == SIMULATED)
 
     @property
     def channels(self) -> list[str]:
@@ -138,134 +179,37 @@ class PartSection(Section):
 
     def examine(self, at: Examination) -> Checks:
         """Only ask the device: set, switch, reset and move nothing, and close what was opened."""
+        raise NotImplementedError
+
+    def wire(self, wiring: Wiring) -> Wiring:
+        """What this section says of the wiring, to its own device and those after it."""
+        return wiring
+
+    def make(self, wiring: Wiring) -> Part[Any] | None:
+        """The device, not open; None where there is none."""
+        return None
+
+
+class PartSection(DeviceSection):
+    """A section whose `kind` says what is there: the class is what a kind's entry point names."""
+
+    told_by = "kind"
+
+    kind: str
+
+    def examine(self, at: Examination) -> Checks:
         yield at.unverified(f"{self.kind}: how to ask it is not known here")
 
 
-@dataclass(frozen=True)
-class Wiring:
-    """What a part may be connected to: the card's inputs, the stage, and the lines of an amplifier.
+class NoPart(PartSection):
+    """Nothing is there, said plainly."""
 
-    `monitor_lines` says what the amplifier's monitors do, `monitor_channels` where on the card
-    voltage and current are.
-    """
+    kind: Literal["none"] = "none"
 
-    inputs: NiCards | None = None
-    stage: Lts150 | None = None
-    enable: DigitalOutput | None = None
-    voltage_monitor: AnalogInput | None = None
-    current_monitor: AnalogInput | None = None
-    fault: DigitalInput | None = None
-    monitor_lines: MonitorLines | None = None
-    monitor_channels: Sequence[str] = ()
+    @property
+    def is_simulated(self) -> None:
+        """Nothing is nothing on any rig."""
 
-
-@dataclass(frozen=True)
-class Part(Generic[Device]):
-    """A device, not open, and how it is opened and closed.
-
-    `zeroing` makes a force sensor's present load its zero, after `opening`. Where a rig is
-    connected again a finger may press: the device is then asked to `keep_bias(before)` of the one
-    before it.
-    """
-
-    device: Device
-    opening: Sequence[Callable[[], object]] = ()
-    closing: Sequence[Callable[[], object]] = ()
-    zeroing: Sequence[Callable[[], object]] = ()
-
-
-@dataclass(frozen=True)
-class PartKind:
-    """The section that a kind reads, and how its device is made; without `make` it is no device of
-    a real rig.
-    """
-
-    section: type[PartSection]
-    make: Callable[[Any, Wiring], Part[Any]] | None = None
-
-
-def part_kind(group: str, name: str) -> PartKind:
-    """The installed kind of that name; ValueError says what is installed."""
-    kind = plugins.load(group, name, group.rpartition(".")[2].removesuffix("s").replace("_", " "))
-    if not isinstance(kind, PartKind) or name not in get_args(
-        kind.section.model_fields["kind"].annotation
-    ):
-        raise ValueError(
-            f"{group}: {name!r} names {kind!r}, not a PartKind whose section has this kind"
-        )
-    return kind
-
-
-class KindsOf(Kinds):
-    """The sections of a group's kinds. One that fails at import, exits there or hangs breaks no rig
-    but its own.
-    """
-
-    def __init__(self, group: str) -> None:
-        self._group = group
-
-    def __getitem__(self, name: str) -> type[PartSection]:
-        """Raises ValueError as `part_kind`."""
-        return part_kind(self._group, name).section
-
-    def __iter__(self) -> Iterator[str]:
-        """Names, whether or not they can be loaded."""
-        return iter(sorted(plugins.installed(self._group)))
-
-    def __len__(self) -> int:
-        """How many are installed."""
-        return len(plugins.installed(self._group))
-
-    def __contains__(self, name: object) -> bool:
-        """Whether one of that name is installed; it is not loaded for the answer."""
-        return name in plugins.installed(self._group)
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        """Read a section by its `kind`."""
-        return core_schema.no_info_plain_validator_function(self._read)
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
-        """Describe the kinds that come with the driver; what else is installed describes itself."""
-        own = [
-            name for name, point in plugins.installed(self._group).items() if _is_own(point.value)
-        ]
-        sections = [handler(self[name].__pydantic_core_schema__) for name in sorted(own)]
-        return {"oneOf": sections} if len(sections) > 1 else sections[0]
-
-    def _read(self, content: object) -> PartSection:
-        """Errors are placed as those of a union with a discriminator are: below the name of the
-        kind.
-        """
-        name = content.get("kind") if isinstance(content, dict) else getattr(content, "kind", None)
-        if name is None:
-            raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
-        if name not in self:
-            tags = {"discriminator": "'kind'", "tag": str(name), "expected_tags": ", ".join(self)}
-            raise PydanticKnownError("union_tag_invalid", tags)
-        section = self[cast(str, name)]
-        try:
-            return section.model_validate(content)
-        except ValidationError as error:
-            raise _below(str(name), error) from None
-
-
-def _is_own(value: str) -> bool:
-    return value.partition(".")[0] == __name__.partition(".")[0]
-
-
-def _below(name: str, error: ValidationError) -> ValidationError:
-    found: list[InitErrorDetails] = []
-    for fault in error.errors():
-        same: Any = PydanticCustomError(fault["type"], fault["msg"], fault.get("ctx"))
-        found.append({"type": same, "loc": (name, *fault["loc"]), "input": fault["input"]})
-    return ValidationError.from_exception_data(error.title, found)
-
-
-def make_part(group: str, section: PartSection, wiring: Wiring) -> Part[Any] | None:
-    """The device that a section describes, not open; None where there is none."""
-    kind = part_kind(group, section.kind)
-    return None if kind.make is None else kind.make(section, wiring)
+    def examine(self, at: Examination) -> Checks:
+        """Nothing is missing."""
+        return iter(())

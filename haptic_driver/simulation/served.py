@@ -18,13 +18,13 @@ import time
 from collections.abc import Mapping
 
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.parts.cameras import NoCamera
+from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.rig.parts.generators import WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox
-from haptic_driver.rig.parts.load_stages import Lts150LoadStageConfig, NoLoadStage
-from haptic_driver.rig.parts.stages import StageConfig
+from haptic_driver.rig.parts.load_stages import Lts150LoadStageConfig
+from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
 from hw.analog.simulated_output import CardMemory
@@ -161,8 +161,8 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
         update={
             "simulated": False,
             "electrode_monitors": [] if none is None else config.electrode_monitors,
-            "camera": NoCamera(),
-            "load_stage": NoLoadStage(),
+            "camera": NoPart(),
+            "load_stage": NoPart(),
             "waveform_generator": config.waveform_generator.model_copy(
                 update={"resource": generator}
             ),
@@ -171,7 +171,7 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
             ),
             "watchdog": WatchdogConfig(generator=generator, interlock=endpoints["interlock_tcp"]),
             "force_sensor": none or box,
-            "stage": StageConfig(
+            "stage": Lts150StageConfig(
                 resource=endpoints["stage"],
                 travel_m=[0.0, 0.15],
                 velocity_m_s=0.02,

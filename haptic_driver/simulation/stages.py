@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig, lts150_settings
-from haptic_driver.rig.parts.stages import StageConfig
+from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.simulation.pressed_finger import PressedFinger
 from hw.serving.memory import MemoryTransport
 from hw.stage.lts150 import Lts150, StageSettings
@@ -34,7 +34,7 @@ class SimulatedStages:
 
     def __init__(
         self,
-        stage: StageConfig | None,
+        stage: Lts150StageConfig | None,
         load_stage: SimulatedLoadStageConfig | None,
         pass_time: Callable[[float, float, float], None],
         touch_n: Callable[[], tuple[float, float]] = lambda: (0.0, 0.0),

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from hw.analog.lines import AnalogInputs
 from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array, OutputUnderrun
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, InstrumentRejected
 from hw.setting import Setting, refuse_unlike
@@ -379,9 +380,7 @@ class NiAnalogInput:
     is zero whatever the voltage is.
     """
 
-    def __init__(
-        self, inputs: NiAnalogInputs | NiCards, channel: str, *, window_s: float, peak: bool
-    ) -> None:
+    def __init__(self, inputs: AnalogInputs, channel: str, *, window_s: float, peak: bool) -> None:
         self._column = inputs.columns([channel])
         self._window_s = window_s
         self._peak = peak

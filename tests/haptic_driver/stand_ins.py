@@ -8,11 +8,10 @@ from contextlib import contextmanager
 
 import pytest
 
-from haptic_driver.rig import devices
 from haptic_driver.simulation.served import ServedRig
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
-from hw.safety import simulated_interlock
+from hw.safety import interlock, simulated_interlock
 from hw.safety.interlock import HeartbeatInterlock
 
 STEP_S = 0.002
@@ -55,7 +54,7 @@ def living_rig(rig_config, touch):
     """
     with pytest.MonkeyPatch.context() as patch, ServedRig(rig_config, touch) as rig:
         patch.setattr(simulated_interlock, "SILENCE_S", PATIENCE_S)
-        patch.setattr(devices, "HeartbeatInterlock", _patient_box)
+        patch.setattr(interlock, "HeartbeatInterlock", _patient_box)
         ended = threading.Event()
 
         def pass_time():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from dataclasses import replace
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,7 +15,6 @@ from haptic_driver.rig.part import (
     MonitorHertz,
     MonitorNoise,
     Part,
-    PartKind,
     PartSection,
     SignedFigures,
     Wiring,
@@ -22,6 +22,7 @@ from haptic_driver.rig.part import (
 
 if TYPE_CHECKING:
     from hw.amplifier.analog import AnalogAmplifier
+    from hw.analog.ni_daq import NiDigitalInput
     from hw.monitor.lines import MonitorLines
 
 
@@ -92,6 +93,10 @@ class AmplifierConfig(SignedFigures, PartSection):
     )
 
     @property
+    def is_simulated(self) -> None:
+        """It has no dialogue: a simulated one has the same figures."""
+
+    @property
     def channels(self) -> list[str]:
         return [channel for channel in (self.voltage_monitor, self.current_monitor) if channel]
 
@@ -106,6 +111,26 @@ class AmplifierConfig(SignedFigures, PartSection):
             self.current_monitor_bandwidth_hz or inf,
         )
 
+    def wire(self, wiring: Wiring) -> Wiring:
+        """Its monitors, where the card reads them, and what they do to voltage and current."""
+        voltage, current = (
+            None if channel is None else wiring.peak(channel)
+            for channel in (self.voltage_monitor, self.current_monitor)
+        )
+        return replace(
+            wiring,
+            voltage_monitor=voltage or wiring.voltage_monitor,
+            current_monitor=current or wiring.current_monitor,
+            monitor_lines=self.monitor_lines(),
+            monitor_channels=self.channels,
+        )
+
+    def fault(self) -> NiDigitalInput | None:
+        """Its fault line, not open."""
+        from hw.analog.ni_daq import NiDigitalInput
+
+        return None if self.fault_line is None else NiDigitalInput(self.fault_line)
+
     def examine(self, at: Examination) -> Checks:
         """Look at its lines: it has no dialogue."""
         yield at.unverified(
@@ -119,19 +144,17 @@ class AmplifierConfig(SignedFigures, PartSection):
         yield from at.called("voltage monitor").told(self._examine_monitor)
 
     def _examine_fault_line(self, at: Examination) -> Checks:
-        from hw.analog.ni_daq import NiDigitalInput
-
-        if self.fault_line is None:
+        fault = self.fault()
+        if fault is None:
             yield at.unverified("there is none: a tripped amplifier shows on its monitor at best")
             return
-        with closing(NiDigitalInput(self.fault_line)) as line:
+        with closing(fault) as line:
             if line.read() is self.fault_level:
                 yield at.failed("it says fault", "look at the amplifier; check fault_level")
             else:
                 yield at.ok("no fault")
 
     def _examine_monitor(self, at: Examination) -> Checks:
-        from haptic_driver.rig.devices import analog_inputs, peak_of
         from haptic_driver.rig.evidence import MONITOR_QUIET_V
 
         channel, card = self.voltage_monitor, at.rig.analog_inputs
@@ -142,9 +165,11 @@ class AmplifierConfig(SignedFigures, PartSection):
                 "wire the amplifier's monitor to an analog input",
             )
             return
-        with closing(analog_inputs(card, [channel])) as inputs:
+        with closing(card.inputs([channel])) as inputs:
             inputs.open()
-            electrode_v = peak_of(card, inputs, channel).read_v() / self.voltage_monitor_v_per_v
+            line = card.wire(Wiring(inputs=inputs)).peak(channel)
+            assert line is not None  # there are inputs
+            electrode_v = line.read_v() / self.voltage_monitor_v_per_v
             said, held = f"peak {electrode_v:.3g} V at the electrode", inputs.held()
             if electrode_v <= MONITOR_QUIET_V:
                 yield at.ok(said, held)
@@ -161,18 +186,15 @@ class AnalogAmplifierConfig(AmplifierConfig):
 
     kind: Literal["analog"] = "analog"
 
+    def make(self, wiring: Wiring) -> Part[AnalogAmplifier]:
+        from hw.amplifier.analog import AmplifierSettings, AnalogAmplifier
 
-def make_analog(section: AmplifierConfig, wiring: Wiring) -> Part[AnalogAmplifier]:
-    from hw.amplifier.analog import AmplifierSettings, AnalogAmplifier
-
-    amplifier = AnalogAmplifier(
-        AmplifierSettings(**section.given_for(AmplifierSettings)),
-        wiring.enable,
-        wiring.voltage_monitor,
-        current_monitor=wiring.current_monitor,
-        fault=wiring.fault,
-    )
-    return Part(amplifier)
-
-
-ANALOG = PartKind(AnalogAmplifierConfig, make_analog)
+        fault = self.fault()
+        amplifier = AnalogAmplifier(
+            AmplifierSettings(**self.given_for(AmplifierSettings)),
+            wiring.enable,
+            wiring.voltage_monitor,
+            current_monitor=wiring.current_monitor,
+            fault=fault or wiring.fault,
+        )
+        return Part(amplifier, [fault.open], [fault.close]) if fault else Part(amplifier)

@@ -10,8 +10,8 @@ from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
     LineVolts,
+    NoPart,
     Part,
-    PartKind,
     PartSection,
     SampleRate,
     Seconds,
@@ -26,10 +26,8 @@ if TYPE_CHECKING:
 ENVELOPE_RATE_HZ = 50e3  # at most; slower outputs play at their own limit
 
 
-class NoAnalogOutput(PartSection):
+class NoAnalogOutput(NoPart):
     """No fast envelope: amplitudes go over SCPI."""
-
-    kind: Literal["none"] = "none"
 
     def examine(self, at: Examination) -> Checks:
         over_scpi = at.rig.waveform_generator.carrier is None
@@ -110,12 +108,16 @@ class NiAnalogOutputConfig(SomeAnalogOutput):
     kind: Literal["ni"]
     channel: str = Field(description="output of the NI card, or number of the sound card's channel")
 
+    @property
+    def addresses(self) -> list[str]:
+        """The output; the card's others are free."""
+        return [self.channel]
 
-def make_ni(section: NiAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:
-    from hw.analog.ni_daq import NiAnalogOutput
+    def make(self, wiring: Wiring) -> Part[AnalogOutput]:
+        from hw.analog.ni_daq import NiAnalogOutput
 
-    output = NiAnalogOutput(section.channel, section.settings())
-    return Part(output, [output.open], [output.close])
+        output = NiAnalogOutput(self.channel, self.settings())
+        return Part(output, [output.open], [output.close])
 
 
 class SoundAnalogOutputConfig(SomeAnalogOutput):
@@ -136,26 +138,24 @@ class SoundAnalogOutputConfig(SomeAnalogOutput):
     latency_s: Seconds = Field(default=0.02, description="asked of the sound system")
 
     @property
+    def addresses(self) -> list[str]:
+        """The card, by the sound system's name or number."""
+        return [f"sound:{self.device}"]
+
+    @property
     def envelope_rate_hz(self) -> float:
         """The card's own rate, whatever it is."""
         return self.sample_rate_hz
 
+    def make(self, wiring: Wiring) -> Part[AnalogOutput]:
+        from hw.analog.sound_card import SoundCardOutput, SoundSettings
 
-def make_sound(section: SoundAnalogOutputConfig, wiring: Wiring) -> Part[AnalogOutput]:
-    from hw.analog.sound_card import SoundCardOutput, SoundSettings
-
-    sound = SoundSettings(
-        section.sample_rate_hz,
-        section.full_scale_v,
-        section.dc_coupled,
-        section.channel,
-        section.latency_s,
-    )
-    output = SoundCardOutput(section.device, section.settings(), sound)
-    return Part(output, [output.open], [output.close])
-
-
-NONE = PartKind(NoAnalogOutput)
-SIMULATED = PartKind(SimulatedAnalogOutputConfig)
-NI = PartKind(NiAnalogOutputConfig, make_ni)
-SOUND = PartKind(SoundAnalogOutputConfig, make_sound)
+        sound = SoundSettings(
+            self.sample_rate_hz,
+            self.full_scale_v,
+            self.dc_coupled,
+            self.channel,
+            self.latency_s,
+        )
+        output = SoundCardOutput(self.device, self.settings(), sound)
+        return Part(output, [output.open], [output.close])

@@ -10,13 +10,10 @@ from pydantic import Field
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
-    CAMERAS,
     Part,
-    PartKind,
     PartSection,
     Seconds,
     Wiring,
-    make_part,
 )
 
 if TYPE_CHECKING:
@@ -26,16 +23,6 @@ Scale = Annotated[float, Within(1e-7, 1e-3, "no camera sees ridges with larger o
 
 
 SCALE = "how large a pixel is at the screen, from a film of a ruler"
-
-
-class NoCamera(PartSection):
-    """Nobody sees the touch."""
-
-    kind: Literal["none"] = "none"
-
-    def examine(self, at: Examination) -> Checks:
-        """Nothing is missing."""
-        return iter(())
 
 
 class CameraSection(PartSection):
@@ -51,7 +38,7 @@ class CameraSection(PartSection):
 
     def examine(self, at: Examination) -> Checks:
         """Open it, which sets it up; a burst is not taken."""
-        part = make_part(CAMERAS, self, Wiring())
+        part = self.make(Wiring())
         if part is None:
             return
         with closing(part.device):
@@ -96,22 +83,21 @@ class GenicamCameraConfig(CameraSection):
     )
     timeout_s: Seconds = Field(default=2.0, description="for one frame")
 
+    @property
+    def addresses(self) -> list[str]:
+        """Which camera; the only one behind its producer, where the file does not say."""
+        return [f"camera:{self.serial or self.producer}"]
 
-def make_genicam(section: GenicamCameraConfig, wiring: Wiring) -> Part[GenicamCamera]:
-    from hw.camera.genicam import GenicamCamera, GenicamSettings
+    def make(self, wiring: Wiring) -> Part[GenicamCamera]:
+        from hw.camera.genicam import GenicamCamera, GenicamSettings
 
-    settings = GenicamSettings(
-        section.producer,
-        section.serial,
-        section.frames,
-        1.0 / section.interval_s,
-        section.exposure_s,
-        section.timeout_s,
-    )
-    camera = GenicamCamera(settings)
-    return Part(camera, [camera.open], [camera.close])
-
-
-NONE = PartKind(NoCamera)
-SIMULATED = PartKind(SimulatedCameraConfig)
-GENICAM = PartKind(GenicamCameraConfig, make_genicam)
+        settings = GenicamSettings(
+            self.producer,
+            self.serial,
+            self.frames,
+            1.0 / self.interval_s,
+            self.exposure_s,
+            self.timeout_s,
+        )
+        camera = GenicamCamera(settings)
+        return Part(camera, [camera.open], [camera.close])

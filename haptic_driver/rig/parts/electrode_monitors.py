@@ -15,7 +15,6 @@ from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
     Hertz,
     Part,
-    PartKind,
     PartSection,
     Resource,
     SampleRate,
@@ -128,17 +127,16 @@ class CardElectrodeMonitorConfig(SomeElectrodeMonitor):
     def range_hz(self, card_hz: tuple[float, float]) -> tuple[float, float]:
         return card_hz
 
+    def make(self, wiring: Wiring) -> Part[SampledMonitor]:
+        """Two or three columns of the card."""
+        from hw.monitor.lines import SampledMonitor, Sampling
 
-def make_card(section: CardElectrodeMonitorConfig, wiring: Wiring) -> Part[SampledMonitor]:
-    """Two or three columns of the card."""
-    from hw.monitor.lines import SampledMonitor, Sampling
-
-    inputs, lines = wiring.inputs, wiring.monitor_lines
-    assert inputs is not None  # or the file would have been refused
-    assert lines is not None
-    channels = [*wiring.monitor_channels, *section.channels]
-    columns = inputs.columns(channels, section.conversion_interval_s)
-    return Part(SampledMonitor(columns, lines, Sampling(section.record_s, section.resolution_v)))
+        inputs, lines = wiring.inputs, wiring.monitor_lines
+        assert inputs is not None  # or the file would have been refused
+        assert lines is not None
+        channels = [*wiring.monitor_channels, *self.channels]
+        columns = inputs.columns(channels, self.conversion_interval_s)
+        return Part(SampledMonitor(columns, lines, Sampling(self.record_s, self.resolution_v)))
 
 
 class InstrumentMonitor(SomeElectrodeMonitor):
@@ -221,10 +219,9 @@ class InfiniiVisionConfig(InstrumentMonitor):
             raise ValueError("voltage_channel and current_channel must be two channels")
         return self
 
-
-def make_infiniivision(section: InfiniiVisionConfig, wiring: Wiring) -> Part[InfiniiVision]:
-    scope = section.driver(wiring.monitor_lines)
-    return Part(scope, [scope.open], [scope.close])
+    def make(self, wiring: Wiring) -> Part[InfiniiVision]:
+        scope = self.driver(wiring.monitor_lines)
+        return Part(scope, [scope.open], [scope.close])
 
 
 class E4980AConfig(InstrumentMonitor):
@@ -272,13 +269,6 @@ class E4980AConfig(InstrumentMonitor):
         )
         return E4980A(self.transport(), allowed)
 
-
-def make_e4980a(section: E4980AConfig, wiring: Wiring) -> Part[E4980A]:
-    meter = section.driver(None)
-    return Part(meter, [meter.open], [meter.close])
-
-
-SIMULATED = PartKind(SimulatedElectrodeMonitorConfig)
-CARD = PartKind(CardElectrodeMonitorConfig, make_card)
-INFINIIVISION = PartKind(InfiniiVisionConfig, make_infiniivision)
-E4980A_METER = PartKind(E4980AConfig, make_e4980a)
+    def make(self, wiring: Wiring) -> Part[E4980A]:
+        meter = self.driver(None)
+        return Part(meter, [meter.open], [meter.close])

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from haptic_driver.config import Section, Within
 from haptic_driver.rig.check import Check, Checks, Examination
-from haptic_driver.rig.part import Resource
+from haptic_driver.rig.part import Part, PartSection, Resource, Wiring
 
 if TYPE_CHECKING:
     from hw.event_line.contract import EventLine
@@ -42,17 +42,7 @@ class EventCodes(Section):
     marker: Code = Field(default=50, description="any other marker")
 
 
-class NoEventLine(Section):
-    """No edges."""
-
-    kind: Literal["none"] = "none"
-
-    def examine(self, at: Examination) -> Checks:
-        """Nothing is missing."""
-        return iter(())
-
-
-class EventLineSection(Section):
+class EventLineSection(PartSection):
     """What every event line has: how long an edge stays.
 
     Pulses never overlap: one that is due during another comes `pulse_s` after its end.
@@ -61,6 +51,10 @@ class EventLineSection(Section):
     pulse_s: PulseSeconds = Field(
         default=0.005, description="a code stays for so long, then 0 for as long"
     )
+
+    def make(self, wiring: Wiring) -> Part[EventLine]:
+        """The line, not open: whoever writes to it opens it, again and again where it is lost."""
+        raise NotImplementedError
 
 
 def ppdev_there(at: Examination, device: str, look: str) -> Check:
@@ -88,6 +82,12 @@ class TriggerBoxConfig(EventLineSection):
             transport.open()
         yield at.unverified(f"{self.resource} opens; such a box answers nothing", LOOK)
 
+    def make(self, wiring: Wiring) -> Part[EventLine]:
+        from hw.event_line.trigger_box import TriggerBox
+        from hw.transport.resource import make_transport
+
+        return Part(TriggerBox(make_transport(self.resource, baud_rate=self.baud_rate)))
+
 
 class ModemLineConfig(EventLineSection):
     """RTS or DTR of a serial port: one wire, the same edge for every code."""
@@ -100,6 +100,11 @@ class ModemLineConfig(EventLineSection):
         said = f"{self.signal.upper()} of {self.port}: opening the port may raise the line: it is"
         yield at.unverified(f"{said} left", LOOK)
 
+    def make(self, wiring: Wiring) -> Part[EventLine]:
+        from hw.event_line.modem_line import ModemEventLine
+
+        return Part(ModemEventLine(self.port, self.signal))
+
 
 class NiEventLineConfig(EventLineSection):
     """Digital outputs of an NI card, one or up to eight of a port."""
@@ -109,6 +114,11 @@ class NiEventLineConfig(EventLineSection):
 
     def examine(self, at: Examination) -> Checks:
         yield at.unverified(f"{self.line}: taking an output sets it, so it is left alone", LOOK)
+
+    def make(self, wiring: Wiring) -> Part[EventLine]:
+        from hw.analog.ni_daq import NiEventLine
+
+        return Part(NiEventLine(self.line))
 
 
 class ParallelPortConfig(EventLineSection):
@@ -121,6 +131,11 @@ class ParallelPortConfig(EventLineSection):
         """See that it is there; claiming it would set its pins."""
         yield ppdev_there(at, self.device, LOOK)
 
+    def make(self, wiring: Wiring) -> Part[EventLine]:
+        from hw.event_line.parallel_port import ParallelPort
+
+        return Part(ParallelPort(self.device))
+
 
 class SimulatedEventLineConfig(EventLineSection):
     """A trigger box that writes down its edges, behind a pseudo-terminal."""
@@ -128,45 +143,12 @@ class SimulatedEventLineConfig(EventLineSection):
     kind: Literal["simulated"]
 
     def examine(self, at: Examination) -> Checks:
-        from hw.event_line.simulated import SimulatedEventLine
-
-        line = SimulatedEventLine()
+        line = self.make(Wiring()).device
         with closing(line):
             line.open()
         yield at.ok("takes bytes")
 
+    def make(self, wiring: Wiring) -> Part[EventLine]:
+        from hw.event_line.simulated import SimulatedEventLine
 
-EventLineConfig = Annotated[
-    NoEventLine
-    | TriggerBoxConfig
-    | ModemLineConfig
-    | NiEventLineConfig
-    | ParallelPortConfig
-    | SimulatedEventLineConfig,
-    Field(discriminator="kind"),
-]
-
-
-def make_event_line(section: EventLineSection) -> EventLine:
-    """The line that a section describes, not open."""
-    match section:
-        case TriggerBoxConfig():
-            from hw.event_line.trigger_box import TriggerBox
-            from hw.transport.resource import make_transport
-
-            return TriggerBox(make_transport(section.resource, baud_rate=section.baud_rate))
-        case ModemLineConfig():
-            from hw.event_line.modem_line import ModemEventLine
-
-            return ModemEventLine(section.port, section.signal)
-        case NiEventLineConfig():
-            from hw.analog.ni_daq import NiEventLine
-
-            return NiEventLine(section.line)
-        case ParallelPortConfig():
-            from hw.event_line.parallel_port import ParallelPort
-
-            return ParallelPort(section.device)
-    from hw.event_line.simulated import SimulatedEventLine
-
-    return SimulatedEventLine()
+        return Part(SimulatedEventLine())

@@ -12,7 +12,7 @@ from pydantic import Field
 from haptic_driver.config import Within
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Checks, Examination
-from haptic_driver.rig.part import Metres, Part, PartKind, PartSection, Wiring
+from haptic_driver.rig.part import Metres, NoPart, Part, PartSection, Wiring
 
 if TYPE_CHECKING:
     from hw.finger.touch_screen import TouchCalibration
@@ -24,10 +24,8 @@ STAGE_INTERVAL_S = 0.005  # between questions for the stage's place
 Direction = Annotated[float, Within(-1.0, 1.0, "it is a part of a unit vector")]
 
 
-class NoFingerTracker(PartSection):
+class NoFingerTracker(NoPart):
     """No tracker: the place of the finger is unknown."""
-
-    kind: Literal["none"] = "none"
 
     def examine(self, at: Examination) -> Checks:
         yield at.unverified("there is none: nothing can be rendered by position")
@@ -46,23 +44,26 @@ class StageFingerConfig(PartSection):
         default=[1.0, 0.0], description="of the stage's travel on the screen"
     )
 
+    @property
+    def is_simulated(self) -> None:
+        """The stage has the finger's place on any rig."""
+
     def examine(self, at: Examination) -> Checks:
         yield at.unverified("the stage carries the finger: see the stage")
 
+    def make(self, wiring: Wiring) -> Part[FingerTracker]:
+        """Asks the stage for its place."""
+        from hw.finger.tracker import StageFinger
 
-def make_stage(section: StageFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
-    """Asks the stage for its place."""
-    from hw.finger.tracker import StageFinger
-
-    assert wiring.stage is not None  # or the file would have been refused
-    (x_m, y_m), (dx, dy) = section.origin_m, section.direction
-    finger = StageFinger(
-        wiring.stage.read_status,
-        origin_m=(x_m, y_m),
-        direction=(dx, dy),
-        interval_s=STAGE_INTERVAL_S,
-    )
-    return Part(finger, [finger.start], [finger.close])
+        assert wiring.stage is not None  # or the file would have been refused
+        (x_m, y_m), (dx, dy) = self.origin_m, self.direction
+        finger = StageFinger(
+            wiring.stage.read_status,
+            origin_m=(x_m, y_m),
+            direction=(dx, dy),
+            interval_s=STAGE_INTERVAL_S,
+        )
+        return Part(finger, [finger.start], [finger.close])
 
 
 class EvdevFingerConfig(PartSection):
@@ -124,13 +125,12 @@ class EvdevFingerConfig(PartSection):
         open_touch_reports(self.device).close()
         yield at.ok(self.device)
 
+    def make(self, wiring: Wiring) -> Part[FingerTracker]:
+        """Reads its event device."""
+        from hw.finger.touch_screen import EvdevTouchScreen
 
-def make_evdev(section: EvdevFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
-    """Reads its event device."""
-    from hw.finger.touch_screen import EvdevTouchScreen
-
-    screen = EvdevTouchScreen(section.device, section.touch_calibration())
-    return Part(screen, [screen.open], [screen.close])
+        screen = EvdevTouchScreen(self.device, self.touch_calibration())
+        return Part(screen, [screen.open], [screen.close])
 
 
 class RecordedFingerConfig(PartSection):
@@ -141,30 +141,27 @@ class RecordedFingerConfig(PartSection):
     kind: Literal["recorded"]
     file: str = Field(description="CSV of a slide; its path counts from the rig's file")
 
+    @property
+    def is_simulated(self) -> None:
+        """A file has the finger's place on any rig."""
+
     def examine(self, at: Examination) -> Checks:
         there = Path(self.file).is_file()
         said = f"plays {self.file}{'' if there else ': missing'}"
         yield at.ok(said) if there else at.failed(said)
 
+    def make(self, wiring: Wiring) -> Part[FingerTracker]:
+        """Plays the slide once."""
+        from haptic_driver.rig.slide import read_slide
+        from hw.finger.tracker import RecordedFinger
 
-def make_recorded(section: RecordedFingerConfig, wiring: Wiring) -> Part[FingerTracker]:
-    """Plays the slide once."""
-    from haptic_driver.rig.slide import read_slide
-    from hw.finger.tracker import RecordedFinger
-
-    slide = read_slide(Path(section.file))
-    return Part(
-        RecordedFinger(
-            slide.time_s,
-            slide.position_m,
-            0.0 * slide.position_m,
-            slide.normal_force_n > 0.0,
-            clock=time.monotonic,
+        slide = read_slide(Path(self.file))
+        return Part(
+            RecordedFinger(
+                slide.time_s,
+                slide.position_m,
+                0.0 * slide.position_m,
+                slide.normal_force_n > 0.0,
+                clock=time.monotonic,
+            )
         )
-    )
-
-
-NONE = PartKind(NoFingerTracker)
-STAGE = PartKind(StageFingerConfig, make_stage)
-EVDEV = PartKind(EvdevFingerConfig, make_evdev)
-RECORDED = PartKind(RecordedFingerConfig, make_recorded)

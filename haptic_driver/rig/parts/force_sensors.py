@@ -16,8 +16,8 @@ from haptic_driver.rig.part import (
     Farads,
     ForceRange,
     LoadNewtons,
+    NoPart,
     Part,
-    PartKind,
     PartSection,
     Port,
     Wiring,
@@ -45,6 +45,13 @@ class ForceSensorSection(PartSection):
         default=50.0, description="what it can measure, of either sign; a reading beyond is a fault"
     )
     lateral_range_n: ForceRange = Field(default=50.0, description="likewise, along the slide")
+
+
+class UnsaidForceSensor(NoPart):
+    """The file says nothing of one."""
+
+    def examine(self, at: Examination) -> Checks:
+        yield at.failed("there is none in the rig's file", "add a section [force_sensor]")
 
 
 class SimulatedForceSensorConfig(ForceSensorSection):
@@ -85,12 +92,11 @@ class NoForceSensorConfig(ForceSensorSection):
         said = f"none; friction is the model's, at {self.load_n:g} N"
         yield at.warning(said, hint)
 
+    def make(self, wiring: Wiring) -> Part[NoForceSensor]:
+        """What stands for it."""
+        from hw.force.sensor import NoForceSensor
 
-def make_none(section: NoForceSensorConfig, wiring: Wiring) -> Part[NoForceSensor]:
-    """What stands for it."""
-    from hw.force.sensor import NoForceSensor
-
-    return Part(NoForceSensor(section.load_n))
+        return Part(NoForceSensor(self.load_n))
 
 
 class NiForceSensorConfig(ForceSensorSection):
@@ -134,7 +140,6 @@ class NiForceSensorConfig(ForceSensorSection):
 
     def examine(self, at: Examination) -> Checks:
         """Its calibration, and the gauges' voltages; no bias is taken."""
-        from haptic_driver.rig.devices import analog_inputs
         from hw.force.ati_calibration import AtiCalibration
 
         assert at.rig.analog_inputs is not None  # or the file would have been refused
@@ -143,7 +148,7 @@ class NiForceSensorConfig(ForceSensorSection):
         calibration = at.called("force calibration")
         known = sensor.calibrated_on != "unknown"
         yield calibration.ok(said) if known else calibration.warning(said)
-        with closing(analog_inputs(at.rig.analog_inputs, self.gauges)) as inputs:
+        with closing(at.rig.analog_inputs.inputs(self.gauges)) as inputs:
             inputs.open()
             gauges_v = inputs.latest_v(self.samples_per_bias)
             mean_v = ", ".join(f"{v:.3f}" for v in gauges_v.mean(axis=0))
@@ -153,21 +158,20 @@ class NiForceSensorConfig(ForceSensorSection):
             else:
                 yield at.ok(said, inputs.held())
 
+    def make(self, wiring: Wiring) -> Part[GaugeForceSensor]:
+        """Six columns of the card."""
+        from hw.force.ati_calibration import AtiCalibration
+        from hw.force.sensor import ForceAxes, GaugeForceSensor
 
-def make_ni(section: NiForceSensorConfig, wiring: Wiring) -> Part[GaugeForceSensor]:
-    """Six columns of the card."""
-    from hw.force.ati_calibration import AtiCalibration
-    from hw.force.sensor import ForceAxes, GaugeForceSensor
-
-    assert wiring.inputs is not None  # or the file would have been refused
-    gauges = GaugeForceSensor(
-        wiring.inputs.columns(section.gauges),
-        AtiCalibration.from_file(Path(section.calibration_file)),
-        ForceAxes(section.normal_axis, section.lateral_axis),
-        samples_per_reading=section.samples_per_reading,
-        samples_per_bias=section.samples_per_bias,
-    )
-    return Part(gauges, zeroing=[gauges.take_bias])
+        assert wiring.inputs is not None  # or the file would have been refused
+        gauges = GaugeForceSensor(
+            wiring.inputs.columns(self.gauges),
+            AtiCalibration.from_file(Path(self.calibration_file)),
+            ForceAxes(self.normal_axis, self.lateral_axis),
+            samples_per_reading=self.samples_per_reading,
+            samples_per_bias=self.samples_per_bias,
+        )
+        return Part(gauges, zeroing=[gauges.take_bias])
 
 
 class NetFtForceSensorConfig(ForceSensorSection):
@@ -227,16 +231,9 @@ class NetFtForceSensorConfig(ForceSensorSection):
                 "counts and axes", "hang a known weight on it"
             )
 
+    def make(self, wiring: Wiring) -> Part[NetFt]:
+        """A client of the box."""
+        from hw.force.net_ft import NetFt
 
-def make_net_ft(section: NetFtForceSensorConfig, wiring: Wiring) -> Part[NetFt]:
-    """A client of the box."""
-    from hw.force.net_ft import NetFt
-
-    net_ft = NetFt(section.settings())
-    return Part(net_ft, [net_ft.open], [net_ft.close], zeroing=[net_ft.take_bias])
-
-
-SIMULATED = PartKind(SimulatedForceSensorConfig)
-NONE = PartKind(NoForceSensorConfig, make_none)
-NI = PartKind(NiForceSensorConfig, make_ni)
-NET_FT = PartKind(NetFtForceSensorConfig, make_net_ft)
+        net_ft = NetFt(self.settings())
+        return Part(net_ft, [net_ft.open], [net_ft.close], zeroing=[net_ft.take_bias])

@@ -11,6 +11,7 @@ from haptic_driver.config import Section, Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
     NO_WATCHDOG,
+    DeviceSection,
     Patience,
     Resource,
     SampleRate,
@@ -54,14 +55,14 @@ class CarrierConfig(SignedFigures):
     timeout_s: Seconds = Field(default=0.5, description="no call waits much longer")
 
 
-class GeneratorConfig(Section):
+class GeneratorConfig(DeviceSection):
     """The waveform generator and how to reach it; `carrier` where an analog output stands in for
     it.
     """
 
     model: Annotated[str, AfterValidator(_installed_model)] = Field(
         default="agilent_33220a",
-        description='"agilent_33220a", "keysight_33500", "siglent_sdg", or one that you install',
+        description="an installed kind; a wrong name is answered by the list of all",
     )
     resource: Resource = Field(
         description=(

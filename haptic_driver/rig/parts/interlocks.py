@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from contextlib import closing
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field
+from pydantic import AliasChoices, Field
 
-from haptic_driver.config import Section, Within
+from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
-from haptic_driver.rig.part import Resource
+from haptic_driver.rig.part import NoPart, Part, PartSection, Resource, Wiring
+
+if TYPE_CHECKING:
+    from hw.analog.ni_daq import NiDigitalOutput
+    from hw.safety.interlock import HeartbeatInterlock, ModemLine
 
 
-class NoInterlock(Section):
+class NoInterlock(NoPart):
     """Nothing in the amplifier's enable line, said plainly: its state stays unknown."""
-
-    kind: Literal["none"] = "none"
 
     def examine(self, at: Examination) -> Checks:
         said = (
@@ -26,7 +28,7 @@ class NoInterlock(Section):
         yield at.warning(said, "wire its enable line to an interlock box, where it has one")
 
 
-class InterlockBox(Section):
+class InterlockBox(PartSection):
     """A heartbeat interlock box; see `hw.safety.interlock`."""
 
     kind: Literal["box"]
@@ -51,36 +53,50 @@ class InterlockBox(Section):
                 yield at.ok(said)
             yield at.called("interlock contact").unverified("its wiring shows only when it closes")
 
+    def make(self, wiring: Wiring) -> Part[HeartbeatInterlock]:
+        from hw.safety.interlock import HeartbeatInterlock
+        from hw.transport.resource import make_transport
 
-class ModemLineInterlock(Section):
+        transport = make_transport(self.resource)
+        box = HeartbeatInterlock(transport, reply_timeout_s=self.reply_timeout_s)
+        return Part(box, [box.connect], [box.close], heartbeats=[box])
+
+
+class ModemLineInterlock(PartSection):
     """RTS or DTR of a serial port as enable line."""
 
     kind: Literal["modem_line"]
     port: str = Field(description="serial port whose line it is")
-    line: Literal["rts", "dtr"] = Field(
-        description="which line: `rts` or `dtr` of a port, or a digital output of a card"
+    signal: Literal["rts", "dtr"] = Field(
+        description="which of its outputs; `line` in older files",
+        validation_alias=AliasChoices("signal", "line"),
     )
     looped_back: bool = Field(description="true where a wire brings RTS back to CTS, DTR to DSR")
 
     def examine(self, at: Examination) -> Checks:
-        line = f"{self.line.upper()} of {self.port}"
+        line = f"{self.signal.upper()} of {self.port}"
         said = f"{line}: opening the port may raise the line for a moment: it is left"
         yield at.unverified(said, "a heartbeat interlock box is safer")
 
+    def make(self, wiring: Wiring) -> Part[ModemLine]:
+        from hw.safety.interlock import ModemLine
 
-class NiInterlock(Section):
+        line = ModemLine(self.port, self.signal, looped_back=self.looped_back)
+        return Part(line, [line.connect], [line.close])
+
+
+class NiInterlock(PartSection):
     """A digital output of an NI card as enable line."""
 
     kind: Literal["ni"]
-    line: str = Field(
-        description="which line: `rts` or `dtr` of a port, or a digital output of a card"
-    )
+    line: str = Field(description="digital output, such as Dev1/port0/line0")
 
     def examine(self, at: Examination) -> Checks:
         said = f"{self.line}: taking an output may set it, so it is left alone"
         yield at.unverified(said)
 
+    def make(self, wiring: Wiring) -> Part[NiDigitalOutput]:
+        from hw.analog.ni_daq import NiDigitalOutput
 
-InterlockConfig = Annotated[
-    NoInterlock | InterlockBox | ModemLineInterlock | NiInterlock, Field(discriminator="kind")
-]
+        line = NiDigitalOutput(self.line)
+        return Part(line, [line.open], [line.close])

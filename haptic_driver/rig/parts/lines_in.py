@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from haptic_driver.config import Section, Within
+from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
-from haptic_driver.rig.part import Resource
+from haptic_driver.rig.part import Part, PartSection, Resource, Wiring
 from haptic_driver.rig.parts.event_lines import Code, ppdev_there
 
 if TYPE_CHECKING:
@@ -26,17 +26,7 @@ LOOK = "give an edge while the daemon runs, and see that haptic status counts it
 LOOKS = 5  # at a simulated line, for its own byte
 
 
-class NoLineIn(Section):
-    """Nobody says when."""
-
-    kind: Literal["none"] = "none"
-
-    def examine(self, at: Examination) -> Checks:
-        """Nothing is missing."""
-        return iter(())
-
-
-class LineInSection(Section):
+class LineInSection(PartSection):
     """What every line in has: what its edge does, and when a rise is an edge."""
 
     start: Literal["recording", "stroke"] = Field(
@@ -64,6 +54,10 @@ class LineInSection(Section):
             yield at.called("line in, recordings").failed(said, "make it, or change folder")
         yield from self._examine_line(at)
 
+    def make(self, wiring: Wiring) -> Part[LineIn]:
+        """The line, not open: whoever hears it opens it, again and again where it is lost."""
+        raise NotImplementedError
+
     def _examine_line(self, at: Examination) -> Checks:
         yield at.unverified("not looked at", LOOK)
 
@@ -86,6 +80,13 @@ class TriggerBoxInConfig(LineInSection):
             transport.open()
         yield at.unverified(f"{self.resource} opens; nothing came that could be checked", LOOK)
 
+    def make(self, wiring: Wiring) -> Part[LineIn]:
+        from hw.event_line.trigger_box import TriggerBoxIn
+        from hw.transport.resource import make_transport
+
+        transport = make_transport(self.resource, baud_rate=self.baud_rate)
+        return Part(TriggerBoxIn(transport, self.code))
+
 
 class ModemLineInConfig(LineInSection):
     """CTS or DSR of a serial port."""
@@ -98,6 +99,11 @@ class ModemLineInConfig(LineInSection):
         said = f"{self.signal.upper()} of {self.port}: opening the port raises its outputs: it is"
         yield at.unverified(f"{said} left", LOOK)
 
+    def make(self, wiring: Wiring) -> Part[LineIn]:
+        from hw.event_line.modem_line import ModemLineIn
+
+        return Part(ModemLineIn(self.port, self.signal))
+
 
 class NiLineInConfig(LineInSection):
     """A digital input of an NI card."""
@@ -107,10 +113,15 @@ class NiLineInConfig(LineInSection):
 
     def _examine_line(self, at: Examination) -> Checks:
         """Read it once."""
-        with closing(make_line_in(self)) as line:
+        with closing(self.make(Wiring()).device) as line:
             line.open()
             level = "high" if line.levels()[-1] else "low"
         yield at.unverified(f"{self.line} is {level} now", LOOK)
+
+    def make(self, wiring: Wiring) -> Part[LineIn]:
+        from hw.analog.ni_daq import NiLineIn
+
+        return Part(NiLineIn(self.line))
 
 
 class ParallelPortInConfig(LineInSection):
@@ -125,6 +136,11 @@ class ParallelPortInConfig(LineInSection):
     def _examine_line(self, at: Examination) -> Checks:
         """See that it is there."""
         yield ppdev_there(at, self.device, LOOK)
+
+    def make(self, wiring: Wiring) -> Part[LineIn]:
+        from hw.event_line.parallel_port import ParallelPortIn
+
+        return Part(ParallelPortIn(self.device, self.pin))
 
 
 class SimulatedLineInConfig(LineInSection):
@@ -147,41 +163,7 @@ class SimulatedLineInConfig(LineInSection):
                 seen = seen or line.levels()
         yield at.ok("an edge arrives") if seen else at.failed("no edge arrives", "try again")
 
+    def make(self, wiring: Wiring) -> Part[LineIn]:
+        from hw.event_line.simulated import SimulatedLineIn
 
-LineInConfig = Annotated[
-    NoLineIn
-    | TriggerBoxInConfig
-    | ModemLineInConfig
-    | NiLineInConfig
-    | ParallelPortInConfig
-    | SimulatedLineInConfig,
-    Field(discriminator="kind"),
-]
-
-
-def make_line_in(section: LineInSection) -> LineIn:
-    """The line that a section describes, not open."""
-    match section:
-        case TriggerBoxInConfig():
-            from hw.event_line.trigger_box import TriggerBoxIn
-            from hw.transport.resource import make_transport
-
-            transport = make_transport(section.resource, baud_rate=section.baud_rate)
-            return TriggerBoxIn(transport, section.code)
-        case ModemLineInConfig():
-            from hw.event_line.modem_line import ModemLineIn
-
-            return ModemLineIn(section.port, section.signal)
-        case NiLineInConfig():
-            from hw.analog.ni_daq import NiLineIn
-
-            return NiLineIn(section.line)
-        case ParallelPortInConfig():
-            from hw.event_line.parallel_port import ParallelPortIn
-
-            return ParallelPortIn(section.device, section.pin)
-        case SimulatedLineInConfig():
-            from hw.event_line.simulated import SimulatedLineIn
-
-            return SimulatedLineIn(section.code, section.every_s)
-    raise TypeError(f"{section.__class__.__name__} is no line in")
+        return Part(SimulatedLineIn(self.code, self.every_s))

@@ -16,12 +16,11 @@ from haptic_driver.rig.part import (
     LoadNewtons,
     Metres,
     Part,
-    PartKind,
     PartSection,
     Resource,
     Wiring,
 )
-from haptic_driver.rig.parts.stages import examine_lts150
+from haptic_driver.rig.parts.stages import examine_lts150, lts150
 from hw.stage.letting_go import Mounting
 
 if TYPE_CHECKING:
@@ -41,15 +40,6 @@ PRESSES = "whether higher positions press the finger"
 CLEAR = "position at which the finger is free; it begins here"
 WRONG = "lift off, or stay where it is: whichever is safe for this rig"
 TRAVEL = "[lowest, highest] position"
-
-
-class NoLoadStage(PartSection):
-    """The load is the finger's own, by hand or by weights."""
-
-    kind: Literal["none"] = "none"
-
-    def examine(self, at: Examination) -> Checks:
-        yield from ()
 
 
 class LoadStageSection(PartSection):
@@ -206,6 +196,10 @@ class Lts150LoadStageConfig(OnLts150):
         yield from examine_lts150(at, self.resource, lts150_settings(self))
         yield from self._gains(at)
 
+    def make(self, wiring: Wiring) -> Part[Lts150]:
+        stage = lts150(self.resource, lts150_settings(self))
+        return Part(stage, [stage.connect], [stage.close])
+
 
 def lts150_settings(section: OnLts150) -> StageSettings:
     """The settings of its driver; no move is faster than letting go."""
@@ -222,19 +216,3 @@ def lts150_settings(section: OnLts150) -> StageSettings:
         velocity_limit_m_s=speed_m_s,
         acceleration_limit_m_s2=section.acceleration_m_s2,
     )
-
-
-def make_lts150(section: Lts150LoadStageConfig, wiring: Wiring) -> Part[Lts150]:
-    from hw.stage.lts150 import Lts150
-    from hw.transport.resource import make_transport
-    from hw.transport.serial import SerialTransport
-
-    transport = make_transport(section.resource, rtscts=True)
-    set_rts = transport.set_rts if isinstance(transport, SerialTransport) else None
-    stage = Lts150(transport, lts150_settings(section), set_rts=set_rts)
-    return Part(stage, [stage.connect], [stage.close])
-
-
-NONE = PartKind(NoLoadStage)
-SIMULATED = PartKind(SimulatedLoadStageConfig)
-LTS150 = PartKind(Lts150LoadStageConfig, make_lts150)

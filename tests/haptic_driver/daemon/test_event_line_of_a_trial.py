@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 
 from haptic_driver.client import HapticClient
-from haptic_driver.daemon import daemon as daemon_module
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.web.server import serve
@@ -17,6 +16,7 @@ from haptic_driver.experiments.psychophysics.data import SessionFiles
 from haptic_driver.experiments.psychophysics.rehearsal import pretended
 from haptic_driver.experiments.psychophysics.run import run_session
 from haptic_driver.recording.read import read_run
+from haptic_driver.rig.part import Part
 from haptic_driver.rig.parts.event_lines import SimulatedEventLineConfig
 from hw.event_line.simulated import SimulatedEventLine
 from tests.haptic_driver.daemon.waiting import LEASE_S
@@ -57,7 +57,7 @@ def running(settings, line):
     section = SimulatedEventLineConfig(kind="simulated", pulse_s=2e-3)
     config = settings.config.model_copy(update={"event_line": section})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(daemon_module, "make_event_line", lambda section: line)
+        patch.setattr(SimulatedEventLineConfig, "make", lambda section, wiring: Part(line))
         with Daemon(replace(settings, config=config)) as daemon:
             yield daemon
 

@@ -25,13 +25,17 @@ import time
 from pathlib import Path
 from typing import Literal
 
-from haptic_driver.rig.part import Part, PartKind, PartSection
+from haptic_driver.rig.part import Part, PartSection
 from hw.finger.tracker import FingerReading
 
 
 class Section(PartSection):
     kind: Literal["lab_finger"]
     folder: str
+
+    def make(self, wiring):
+        finger = LabFinger(self.folder)
+        return Part(finger, closing=[finger.hang])
 
 
 class LabFinger:
@@ -46,14 +50,6 @@ class LabFinger:
     def read(self):
         self.hang()
         return FingerReading(time.monotonic(), 0.03, 0.03, True)
-
-
-def make(section, wiring):
-    finger = LabFinger(section.folder)
-    return Part(finger, closing=[finger.hang])
-
-
-KIND = PartKind(Section, make)
 '''
 RIG = """
 [finger_tracker]
@@ -70,7 +66,7 @@ def start(simulated, tmp_path):
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: lab-finger\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text(
-        "[haptic_driver.finger_trackers]\nlab_finger = lab_finger:KIND\n"
+        "[haptic_driver.finger_trackers]\nlab_finger = lab_finger:Section\n"
     )
     rig = tmp_path / "lab.toml"
     text = changed(served_rig_text(simulated[1]), ("[watchdog]", "[watchdog]\ngive_up_s = 2.0"))

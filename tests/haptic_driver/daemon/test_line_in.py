@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.daemon import daemon as daemon_module
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.line_in import LineInWatch
@@ -18,6 +17,7 @@ from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.recording.read import read_run
 from haptic_driver.rig import line_in as reading
 from haptic_driver.rig.line_in import LineInReader
+from haptic_driver.rig.part import Part
 from haptic_driver.rig.parts.lines_in import SimulatedLineInConfig
 from hw.event_line.simulated import SimulatedLineIn
 from tests.haptic_driver.daemon.waiting import LEASE_S, STOOD_STILL, keep_rendering
@@ -40,7 +40,7 @@ def running(settings, line, tmp_path_factory):
     section = SimulatedLineInConfig(kind="simulated", low_s=LOW_S, folder=folder, code=7)
     config = settings.config.model_copy(update={"line_in": section})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(daemon_module, "make_line_in", lambda section: line)
+        patch.setattr(SimulatedLineInConfig, "make", lambda section, wiring: Part(line))
         patch.setattr(reading, "RETRY_S", 0.05)
         with Daemon(replace(settings, config=config)) as daemon:
             yield daemon

@@ -15,7 +15,8 @@ from haptic_driver.experiments.data_file import DataFile
 from haptic_driver.experiments.plan import load_plan
 from haptic_driver.experiments.run import prepare, run
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.parts.cameras import NoCamera, SimulatedCameraConfig
+from haptic_driver.rig.part import NoPart
+from haptic_driver.rig.parts.cameras import SimulatedCameraConfig
 from hw.camera.contract import Frame
 from model.diagnosis.data import read_measurements
 
@@ -64,4 +65,4 @@ def test_frames_that_show_no_touch_give_no_area() -> None:
     grey = np.full((120, 100), 180, np.uint8)
     assert contact_area([Frame(0.1, grey)], CAMERA) is None
     assert contact_area([], CAMERA) is None
-    assert contact_area([Frame(0.1, grey)], NoCamera()) is None
+    assert contact_area([Frame(0.1, grey)], NoPart()) is None

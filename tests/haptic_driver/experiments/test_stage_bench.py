@@ -27,7 +27,7 @@ from haptic_driver.experiments.stroke import stage_of, stroke
 from haptic_driver.recording.strokes import StrokesFile, read_strokes, strokes_path
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
-from haptic_driver.rig.parts.stages import StageConfig
+from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.simulation.finger_model import electrode_of
 from haptic_driver.simulation.served import NORMAL_FORCE_N, ServedRig, as_real
 from hw.force.sensor import ForceReading
@@ -254,10 +254,10 @@ def test_a_stage_of_another_scale_makes_no_row(
     """It holds the counts that were sent, and slides at half the speed that they were meant to
     be.
     """
-    honest = StageConfig.settings
+    honest = Lts150StageConfig.settings
     half = stage_of(real).settings().counts_per_m_s / 2.0
     monkeypatch.setattr(
-        StageConfig, "settings", lambda given: replace(honest(given), counts_per_m_s=half)
+        Lts150StageConfig, "settings", lambda given: replace(honest(given), counts_per_m_s=half)
     )
     error = refused(real, model, plan(DRIVEN), tmp_path / "data.csv")
     assert error.code == "stage_slipped"

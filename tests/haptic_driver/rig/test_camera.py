@@ -11,7 +11,7 @@ from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Check, CheckStatus, Examination
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.part import CAMERAS, Wiring, make_part
+from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.cameras import GenicamCameraConfig
 from hw.camera.genicam import GenicamCamera, GenicamSettings
 from hw.camera.simulated import Burst, Finger, SimulatedCamera
@@ -26,7 +26,7 @@ def with_camera(**section: object) -> RigConfig:
 def test_a_rig_without_one_has_none() -> None:
     config = load_rig("simulated")
     assert config.camera.kind == "none"
-    assert make_part(CAMERAS, config.camera, Wiring()) is None
+    assert config.camera.make(Wiring()) is None
 
 
 def test_a_simulated_rig_has_a_simulated_one() -> None:
@@ -51,8 +51,7 @@ def test_what_a_file_may_not_say(section: dict[str, object], said: str) -> None:
 def test_a_genicam_camera_that_is_not_there_says_so() -> None:
     """Whether or not `harvesters` is installed: no path of a producer is right here."""
     section = GenicamCameraConfig(kind="genicam", producer="gone.cti", scale_m_per_pixel=2e-5)
-    part = make_part(CAMERAS, section, Wiring())
-    assert part is not None
+    part = section.make(Wiring())
     with pytest.raises(DeviceError, match=r"gone\.cti|package") as caught:
         part.device.open()
     assert caught.value.hint

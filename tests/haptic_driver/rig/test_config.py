@@ -219,7 +219,9 @@ def test_a_simulated_rig_has_no_real_devices(tmp_path):
 
 def test_a_stage_is_simulated_where_the_rig_is(tmp_path):
     stage = TEMPLATE[TEMPLATE.index("[stage]") : TEMPLATE.index("[load_stage]")]
-    assert "no such real device" in refused(rig_file(tmp_path, content=SIMULATED + stage)).message
+    assert (
+        "stage.resource disagree" in refused(rig_file(tmp_path, content=SIMULATED + stage)).message
+    )
     told = re.sub(r'resource = "[^"]*"', 'resource = "simulated"', stage)
     assert load_rig(rig_file(tmp_path, content=SIMULATED + told)).stage is not None
     real = TEMPLATE.replace(stage, told)

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.rig import devices as devices_module
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import calibration_ids, connect_devices
 from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig
+from haptic_driver.rig.parts.interlocks import InterlockBox
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 from haptic_driver.simulation.served import as_real
 from hw.errors import DeviceError, DeviceTimeout
-from hw.safety.interlock import HeartbeatInterlock
+from hw.transport import resource
 from tests.haptic_driver.config_texts import as_real_rig, changed
 from tests.haptic_driver.stand_ins import living_rig
 from tests.waiting import until
@@ -114,11 +114,11 @@ def test_a_box_that_answers_late_at_the_start_is_asked_again(rig_config, served,
         return handle(data)
 
     monkeypatch.setattr(served.interlock, "handle", late)
-    with_patience = lambda transport, reply_timeout_s: HeartbeatInterlock(  # noqa: E731
-        transport, reply_timeout_s=1.0
+    config = as_real(rig_config, served.endpoints)
+    patient = InterlockBox.model_construct(
+        kind="box", resource=config.interlock.resource, reply_timeout_s=1.0
     )
-    monkeypatch.setattr(devices_module, "HeartbeatInterlock", with_patience)
-    with connect_devices(as_real(rig_config, served.endpoints)) as devices:
+    with connect_devices(config.model_copy(update={"interlock": patient})) as devices:
         assert devices.rig.state is RigState.OFF
     assert unheard == []
 
@@ -233,7 +233,7 @@ class Card:
         time_s = np.arange(count) / self.sample_rate_hz
         gauges_v = np.tile([0.3, 0.0, -0.5, 0.0, 0.0, 0.0], (count, 1)) * self.loaded + 0.1
         monitors_v = np.outer(np.sin(2.0 * np.pi * 250.0 * time_s), [0.8, 0.02])
-        return np.hstack([gauges_v, monitors_v])
+        return np.hstack([monitors_v, gauges_v])
 
 
 class _Columns:
@@ -266,12 +266,12 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(
         changed(real, ("voltage_monitor_v_per_v", lines + "voltage_monitor_v_per_v"), band) + CARD
     )
     (tmp_path / "card.toml").write_text(text, encoding="utf-8")
-    monkeypatch.setattr(devices_module, "NiAnalogInputs", Card)
+    monkeypatch.setattr("hw.analog.ni_daq.NiAnalogInputs", Card)
     monkeypatch.setattr(Card, "made", [])
     config = load_rig(str(tmp_path / "card.toml"))
     devices = connect_devices(config)
     (card,) = Card.made
-    assert card.channels == tuple(f"Dev1/ai{i}" for i in range(8))
+    assert card.channels == tuple(f"Dev1/ai{i}" for i in (6, 7, 0, 1, 2, 3, 4, 5))
     assert devices.watchdog is None
     # 0.8 V peak at 0.01 V/V: 80 V at the electrode, whose mean would be 0; the rig does not take
     # that for off
@@ -316,13 +316,13 @@ def test_a_recording_says_what_each_figure_rests_on(rig_config, served):
 
 def test_the_stage_asks_for_flow_control(rig_config, served, monkeypatch):
     """Its protocol is with RTS and CTS."""
-    asked, make = {}, devices_module.make_transport
+    asked, make = {}, resource.make_transport
 
-    def recorded(resource, **given):
-        asked[resource] = given
-        return make(resource, **given)
+    def recorded(name, **given):
+        asked[name] = given
+        return make(name, **given)
 
-    monkeypatch.setattr(devices_module, "make_transport", recorded)
+    monkeypatch.setattr(resource, "make_transport", recorded)
     config = as_real(rig_config, served.endpoints)
     connect_devices(config)
     assert asked[config.stage.resource] == {"rtscts": True}

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.rig import config as rig_config_module
-from haptic_driver.rig import devices
 from haptic_driver.rig.check import CheckStatus, Examination
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.doctor import examine
+from haptic_driver.rig.parts.analog_inputs import NiAnalogInputsConfig
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
 from haptic_driver.rig.parts.interlocks import NoInterlock
 from haptic_driver.simulation.served import ServedRig, as_real
@@ -202,11 +201,9 @@ def test_the_monitor_is_read_in_the_range_of_the_rigs_file(monkeypatch):
         def close(self):
             asked.append("closed")
 
-    monkeypatch.setattr(devices, "NiAnalogInputs", Absent)
+    monkeypatch.setattr("hw.analog.ni_daq.NiAnalogInputs", Absent)
     config = load_rig("paper")
-    card = rig_config_module.AnalogInputsConfig(
-        sample_rate_hz=20e3, range_v=5.0, terminal="RSE", timeout_s=0.3
-    )
+    card = NiAnalogInputsConfig(sample_rate_hz=20e3, range_v=5.0, terminal="RSE", timeout_s=0.3)
     amplifier = config.amplifier.model_copy(update={"voltage_monitor": "Dev1/ai6"})
     read = config.model_copy(update={"analog_inputs": card, "amplifier": amplifier})
     checks = amplifier.examine(Examination("amplifier", read, TODAY))

@@ -12,13 +12,13 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Check, CheckStatus, Examination
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.doctor import examine
+from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.event_lines import (
     ModemLineConfig,
     NiEventLineConfig,
     ParallelPortConfig,
     SimulatedEventLineConfig,
     TriggerBoxConfig,
-    make_event_line,
 )
 from hw.analog.ni_daq import NiEventLine
 from hw.event_line.modem_line import ModemEventLine
@@ -68,14 +68,13 @@ def test_each_kind_has_its_driver_and_address() -> None:
     simulated = load_rig("simulated")
     before = simulated.addresses
     for section, kind in made.items():
-        line = make_event_line(section)
+        line = section.make(Wiring()).device
         assert isinstance(line, kind)
         rig = simulated.model_copy(update={"event_line": section})
         (own,) = set(rig.addresses) - set(before)
         assert own in line.resource
-    assert isinstance(
-        make_event_line(SimulatedEventLineConfig(kind="simulated")), SimulatedEventLine
-    )
+    simulated_line = SimulatedEventLineConfig(kind="simulated").make(Wiring()).device
+    assert isinstance(simulated_line, SimulatedEventLine)
 
 
 def checks_of(section: object) -> list[Check]:

@@ -14,6 +14,7 @@ from haptic_driver.rig.check import Check, CheckStatus, Examination
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.doctor import examine
 from haptic_driver.rig.line_in import EdgeIn, LineInReader
+from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.lines_in import (
     LineInSection,
     ModemLineInConfig,
@@ -21,7 +22,6 @@ from haptic_driver.rig.parts.lines_in import (
     ParallelPortInConfig,
     SimulatedLineInConfig,
     TriggerBoxInConfig,
-    make_line_in,
 )
 from hw.analog.ni_daq import NiLineIn
 from hw.event_line.modem_line import ModemLineIn
@@ -72,13 +72,13 @@ def test_each_kind_has_its_driver_and_address() -> None:
     }
     simulated = load_rig("simulated")
     for section, kind in made.items():
-        line = make_line_in(section)
+        line = section.make(Wiring()).device
         assert isinstance(line, kind)
         rig = simulated.model_copy(update={"line_in": section})
         (own,) = set(rig.addresses) - set(simulated.addresses)
         assert own in line.resource
     section = SimulatedLineInConfig(kind="simulated")
-    assert isinstance(make_line_in(section), SimulatedLineIn)
+    assert isinstance(section.make(Wiring()).device, SimulatedLineIn)
 
 
 def checks_of(section: LineInSection) -> list[Check]:

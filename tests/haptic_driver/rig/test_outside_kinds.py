@@ -12,26 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.rig.part import (
-    AMPLIFIERS,
-    ANALOG_OUTPUTS,
-    ELECTRODE_MONITORS,
-    FINGER_TRACKERS,
-    FORCE_SENSORS,
-)
+from haptic_driver.rig.roles import ROLES, KindRole
 from hw.generator import contract as generators
 from tests.haptic_driver.config_texts import SIMULATED, as_real_rig
 from tests.waiting import HANG_S
 
 HAPTIC = Path(sys.executable).with_name("haptic")
-GROUPS = (
-    AMPLIFIERS,
-    ANALOG_OUTPUTS,
-    ELECTRODE_MONITORS,
-    FINGER_TRACKERS,
-    FORCE_SENSORS,
-    generators.GROUP,
-)
+GROUPS = [role.group for role in ROLES.values() if isinstance(role, KindRole)]
 AT_IMPORT = {
     "fails": "raise RuntimeError('no licence')",
     "exits": "raise SystemExit(3)",
@@ -40,7 +27,7 @@ AT_IMPORT = {
 }
 EXAMINED = """
 from typing import Literal
-from haptic_driver.rig.part import PartKind, PartSection
+from haptic_driver.rig.part import PartSection
 from hw.setting import Setting
 
 class Sensor(PartSection):
@@ -54,8 +41,6 @@ class Sensor(PartSection):
 
 class Tracker(PartSection):
     kind: Literal["lab"]
-
-SENSOR, TRACKER = PartKind(Sensor), PartKind(Tracker)
 """
 pytestmark = [pytest.mark.timeout(300), pytest.mark.process]
 
@@ -68,7 +53,8 @@ def installed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("installed")
     for name, code in AT_IMPORT.items():
         left = f"open({str(folder / (name + '.imported'))!r}, 'w').close()\n"
-        points = "".join(f"[{group}]\n{name} = kind_that_{name}:KIND\n" for group in GROUPS)
+        groups = [*GROUPS, generators.GROUP]
+        points = "".join(f"[{group}]\n{name} = kind_that_{name}:KIND\n" for group in groups)
         install(folder, f"kind_that_{name}", left + code, points)
     return environment(folder)
 
@@ -136,8 +122,8 @@ def test_a_kind_that_is_not_there_is_told_with_the_nearest_of_all_names(installe
 
 def test_a_part_of_ones_own_is_examined_like_those_that_come_with_the_driver(tmp_path):
     """What it says is listed in its place, what ends it early too, and the others are examined."""
-    points = f"[{FORCE_SENSORS}]\nlab = lab_kinds:SENSOR\n"
-    points += f"[{FINGER_TRACKERS}]\nlab = lab_kinds:TRACKER\n"
+    points = "[haptic_driver.force_sensors]\nlab = lab_kinds:Sensor\n"
+    points += "[haptic_driver.finger_trackers]\nlab = lab_kinds:Tracker\n"
     install(tmp_path, "lab_kinds", EXAMINED, points)
     rig = tmp_path / "lab.toml"
     parts = '[force_sensor]\nkind = "lab"\nport = "COM7"\n[finger_tracker]\nkind = "lab"\n'

@@ -12,10 +12,11 @@ from unittest.mock import MagicMock
 import pytest
 
 from haptic_driver.errors import HapticError
-from haptic_driver.rig.config import AnalogInputsConfig, RigConfig, SafetySettings
+from haptic_driver.rig.config import RigConfig, SafetySettings
 from haptic_driver.rig.devices import build_rig
 from haptic_driver.rig.evidence import OffEvidence, switch_off
 from haptic_driver.rig.part import Wiring
+from haptic_driver.rig.parts.analog_inputs import NiAnalogInputsConfig
 from haptic_driver.rig.states import RigState, Withdrawals, Withdrawn
 from haptic_driver.signals import DriveCommand
 from hw.amplifier.analog import AmplifierState
@@ -132,7 +133,7 @@ def test_a_carrier_that_the_monitors_alias_is_refused_but_for_a_voltage_that_rea
     rig_config, frequency_hz
 ):
     """At 20 kS/s these carriers read as anything between nothing and their peak."""
-    card = AnalogInputsConfig(sample_rate_hz=20e3)
+    card = NiAnalogInputsConfig(sample_rate_hz=20e3)
     amplifier = rig_config.amplifier.model_copy(update={"voltage_monitor": "Dev1/ai6"})
     bench = Bench(rig_config.model_copy(update={"analog_inputs": card, "amplifier": amplifier}))
     with pytest.raises(HapticError, match="the monitors alias") as error:
