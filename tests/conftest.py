@@ -65,9 +65,9 @@ def _kinds_are_installed() -> None:
     it was.
     """
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))
-    for group, kinds in project["project"]["entry-points"].items():
+    for group, points in project["project"]["entry-points"].items():
         found = {name: point.value for name, point in plugins.installed(group).items()}
-        if not kinds.items() <= found.items():
+        if not points.items() <= found.items():
             again = ".venv/bin/pip install --no-deps --no-build-isolation -e ."
             pytest.exit(f"{group} is not installed as in pyproject.toml: {again}", 4)
 

@@ -25,12 +25,12 @@ def examine(config: RigConfig, today: datetime.date) -> list[Check]:
     """
     return [
         check
-        for name, examine_one in _examinations(config)
+        for name, examine_one in examinations(config)
         for check in Examination(name, config, today).told(examine_one)
     ]
 
 
-def _examinations(rig: RigConfig) -> Iterator[tuple[str, Callable[[Examination], Checks]]]:
+def examinations(rig: RigConfig) -> Iterator[tuple[str, Callable[[Examination], Checks]]]:
     """Who examines what, by the name of its checks."""
     yield "configuration", _figures
     yield "resources", _resources

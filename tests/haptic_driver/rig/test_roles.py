@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig.check import CheckStatus
+from haptic_driver.rig.check import Check, CheckStatus, Examination
 from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import Assembly
-from haptic_driver.rig.doctor import examine
+from haptic_driver.rig.doctor import examinations
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.roles import APART, ROLES, KindRole, RigParts
 from hw import plugins
@@ -59,6 +59,7 @@ class Kind({base}):
     def range_hz(self, card_hz):
         return 1.0, 8e3
 """
+TODAY = datetime.date(2025, 6, 1)
 SAID = {"kind": "lab", "device": "LAB::7", "table": "table.csv"}
 NEEDED = {
     "camera": {"scale_m_per_pixel": 2e-5},
@@ -112,9 +113,11 @@ def test_a_kind_from_outside_is_read_claimed_examined_made_and_closed(key, tmp_p
     (section,) = rig.sections_of(key)
     assert section.table == str(tmp_path / "table.csv")  # a listed section's too
     assert "LAB::7" in rig.addresses
-    (check,) = [c for c in examine(absent(rig, key), TODAY) if c.message == "LAB::7 answers"]
-    assert check.status is CheckStatus.OK
-    assert check.name.startswith(KINDS[key].name)
+    listed = [(name, one) for name, one in examinations(rig) if name.startswith(KINDS[key].name)]
+    ((name, examine),) = [found for found in listed if found[1] == section.examine]
+    assert [*examine(Examination(name, rig, TODAY))] == [
+        Check(name, CheckStatus.OK, "LAB::7 answers")
+    ]
     if ROLES[key].opens is APART:
         device = section.make(Wiring()).device
         assert device.resource == "LAB::7"
@@ -127,20 +130,6 @@ def test_a_kind_from_outside_is_read_claimed_examined_made_and_closed(key, tmp_p
     free = Claims(["LAB::7"])
     free.take()
     free.release()
-
-
-TODAY = datetime.date(2025, 6, 1)
-
-
-def absent(rig, key):
-    """The rig with nothing but that device to be asked."""
-    return rig.model_copy(
-        update={
-            other: [] if isinstance(getattr(rig, other), list) else None
-            for other in ROLES
-            if other not in (key, "waveform_generator", "amplifier")
-        }
-    )
 
 
 def test_its_keys_are_named_with_the_nearest(key, tmp_path):
