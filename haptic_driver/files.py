@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -50,6 +50,21 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def listed(folder: Path, endings: Collection[str], apart: Collection[Path] = ()) -> list[Path]:
+    """The files of a folder with these endings, by name; hidden ones, as macOS leaves beside each,
+    and those `apart`, which we write or read otherwise, are none of them.
+    """
+    left = {path.resolve() for path in apart}
+    return [
+        path
+        for path in sorted(folder.iterdir())
+        if path.suffix.lower() in endings
+        and path.is_file()
+        and not path.name.startswith(".")
+        and path.resolve() not in left
+    ]
 
 
 def write_text(path: Path, text: str) -> None:

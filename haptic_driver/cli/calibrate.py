@@ -8,7 +8,13 @@ from typing import Annotated, Any
 from rich.table import Table
 from typer import Argument, Option
 
-from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named, refuse_both
+from haptic_driver.cli.columns import (
+    ColumnOption,
+    MapOption,
+    columns_named,
+    refuse_both,
+    tell_doubts,
+)
 from haptic_driver.cli.output import Json, ModelOption, RowsOption, report, status, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.raw_trials.folder import write_trials
@@ -73,7 +79,7 @@ def _of_trials(trials: Path, map_file: Path, rows: Path) -> Measurements:
     """The rows of raw trials, which are kept in `rows`."""
     if rows.exists():
         raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
-    write_trials([trials], map_file, rows)
+    tell_doubts(write_trials([trials], map_file, rows))
     return read_data([rows])
 
 

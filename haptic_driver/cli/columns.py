@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
+from haptic_driver.cli.output import stderr
 from haptic_driver.errors import BadInputError
 
 if TYPE_CHECKING:
+    from haptic_driver.experiments.raw_trials.folder import Cut
     from model.support.tables import Named
 
 ColumnOption = Annotated[
@@ -34,6 +36,12 @@ def refuse_both(map_file: Path | None, column: Sequence[str] | None) -> None:
         raise BadInputError("usage", said, "Give trial files with --map, or tables with --column")
 
 
+def tell_doubts(found: Cut) -> None:
+    """Say what the trials leave in doubt, a line a kind."""
+    for line in found.doubts_said():
+        stderr.print(f"doubt: {line}")
+
+
 def columns_named(
     given: Sequence[str] | None, known: Sequence[str], example: str
 ) -> Mapping[str, Named]:
@@ -42,11 +50,9 @@ def columns_named(
     The unit is what follows the last colon. BadInputError for a name that is not among `known`, and
     for a unit that is not one of that column.
     """
-    from haptic_driver.experiments.raw_trials.units import (  # noqa: PLC0415 - slow to import
-        to_column,
-    )
     from model.support.errors import nearest  # noqa: PLC0415
     from model.support.tables import Named  # noqa: PLC0415
+    from model.support.units import is_rms, to_column  # noqa: PLC0415
 
     found: dict[str, Named] = {}
     for said in given or ():
@@ -61,7 +67,8 @@ def columns_named(
             raise BadInputError("bad_column", f"--column {ours}=... is given twice", "Give it once")
         column, colon, unit = theirs.rpartition(":")
         if colon:
-            found[ours] = Named(column, to_column(ours, unit, f"--column {said}"))
+            factor = to_column(ours, unit, f"--column {said}")
+            found[ours] = Named(column, factor, is_rms=is_rms(unit))
         else:
             found[ours] = Named(theirs)
     return found

@@ -13,7 +13,13 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named, refuse_both
+from haptic_driver.cli.columns import (
+    ColumnOption,
+    MapOption,
+    columns_named,
+    refuse_both,
+    tell_doubts,
+)
 from haptic_driver.cli.output import (
     Json,
     ModelOption,
@@ -149,7 +155,9 @@ def _rows_of_trials(
     if rows is not None and rows.exists():
         raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
     kept = rows or out / "rows.csv"
-    return [kept], write_trials(given, map_file, kept, leave_out_bad=leave_out_bad)
+    found = write_trials(given, map_file, kept, leave_out_bad=leave_out_bad)
+    tell_doubts(found)
+    return [kept], found.bad
 
 
 def _measured(

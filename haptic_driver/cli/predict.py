@@ -12,7 +12,13 @@ from typing import Annotated, Any
 import numpy as np
 from typer import Option
 
-from haptic_driver.cli.columns import ColumnOption, MapOption, columns_named, refuse_both
+from haptic_driver.cli.columns import (
+    ColumnOption,
+    MapOption,
+    columns_named,
+    refuse_both,
+    tell_doubts,
+)
 from haptic_driver.cli.output import Json, ModelOption, report, stderr, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.raw_trials.folder import write_trials
@@ -128,7 +134,7 @@ def _trials(path: Path, map_file: Path) -> Table:
     """The rows of raw trials."""
     with TemporaryDirectory() as folder:
         rows = Path(folder) / "rows.csv"
-        write_trials([path], map_file, rows)
+        tell_doubts(write_trials([path], map_file, rows))
         return read_table(rows, REQUIRED, WANTED)
 
 

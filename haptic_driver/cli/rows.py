@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
+from rich.table import Table
 from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, progress, report, stderr, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.raw_trials.cut import Row, Trial
-from haptic_driver.experiments.raw_trials.folder import Bad, TrialFolder, refuse_bad, tidied
-from haptic_driver.experiments.raw_trials.propose import proposed
+from haptic_driver.experiments.raw_trials.cut import Trial
+from haptic_driver.experiments.raw_trials.folder import Cut, TrialFolder, refuse_bad, tidied
+from haptic_driver.experiments.raw_trials.propose import Proposal, proposed
 from haptic_driver.files import exists_already, write_rows, write_text
 
 
@@ -44,7 +46,7 @@ def rows(
     Example: `haptic rows trials --map map.toml --out data.csv`
     """
     if inspect is not None:
-        _propose(inspect, map_file, force, as_json)
+        _propose(inspect, map_file, out, force, as_json)
         return
     if not files or map_file is None:
         raise BadInputError(
@@ -54,38 +56,78 @@ def rows(
         )
     if out.exists() and not force and not look:
         raise exists_already(out)
-    folder = TrialFolder.of(files, map_file)
     picture = out.with_name(f"{out.stem}-trial.png")
-    drawn = False
+    folder = TrialFolder.of(files, map_file, [out, picture])
+    drawn: list[Trial] = []
 
     def draw(trial: Trial) -> bool:
-        """Draw the first trial with voltage; whether the others are not wanted."""
-        nonlocal drawn
-        if not drawn and trial.conditions["voltage"]:
+        """Draw the first trial, or the first with voltage; whether others are not wanted."""
+        is_first = not drawn
+        if is_first or (trial.voltage is not None and drawn[-1].voltage is None):
+            drawn.append(trial)
             _draw(trial, picture)
-            drawn = True
-        return drawn and look
+        return look and trial.voltage is not None
 
     with progress("trials", len(folder.paths)) as advance:
-        found, bad = folder.rows(advance, draw)
+        found = folder.cut(advance, draw)
     if not (look and drawn):
-        refuse_bad(bad, len(folder.paths), leave_out=leave_out_bad and bool(found))
+        refuse_bad(found, len(folder.paths), leave_out=leave_out_bad)
     if not look:
-        write_rows(out, tidied(found))
-    payload = _payload(out, picture if drawn else None, found, bad, len(folder.paths))
+        write_rows(out, tidied(found.rows))
+    payload = _payload(out, picture if drawn else None, found, len(folder.paths))
     report(as_json, payload, lambda: _show(payload, look))
 
 
-def _propose(path: Path, out: Path | None, force: bool, as_json: bool) -> None:
-    if out is not None and out.exists() and not force:
-        raise BadInputError(
-            "file_exists", f"{out}: exists already", "Give --force or another --map"
-        )
-    text = proposed(path)
-    if out is not None:
-        write_text(out, text)
-    payload = {"map": None if out is None else str(out), "proposed": text}
-    report(as_json, payload, lambda: stdout.print(text, end=""))
+def _propose(path: Path, map_file: Path | None, out: Path, force: bool, as_json: bool) -> None:
+    if map_file is not None and map_file.exists() and not force:
+        said = f"{map_file}: exists already"
+        raise BadInputError("file_exists", said, "Give --force or another --map")
+    found = proposed(path)
+    picture = _draw_proposed(path, found, map_file or out)
+    if map_file is not None:
+        write_text(map_file, found.map_text)
+    payload = {
+        "map": None if map_file is None else str(map_file),
+        "proposed": found.map_text,
+        "columns": [_known(asdict(column)) for column in found.seen],
+        "rate_hz": found.rate_hz,
+        "taken": found.taken,
+        "picture": None if picture is None else str(picture),
+    }
+    report(as_json, payload, lambda: _show_proposed(found, picture))
+
+
+def _draw_proposed(path: Path, found: Proposal, beside: Path) -> Path | None:
+    """The file with what it takes for voltage, windows, zero and sign; None without a time."""
+    if "time" not in found.drawn or len(found.drawn) < 2:
+        return None
+    picture = beside.with_name(f"{path.stem}-inspected.png")
+    from haptic_driver.pictures.trials import draw_trial  # noqa: PLC0415  (slow to import)
+
+    marks = [at_s for span in found.voltage for at_s in span[1:]]
+    title = "\n".join([path.name, "; ".join(found.taken)])
+    draw_trial(title, found.drawn, marks, found.spans, picture)
+    return picture
+
+
+def _known(values: dict[str, Any]) -> dict[str, Any]:
+    """Numbers that are none as null."""
+    return {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in values.items()}
+
+
+def _show_proposed(found: Proposal, picture: Path | None) -> None:
+    table = Table("column", "unit", "unit from", "range", "noise", "taken for")
+    for one in found.seen:
+        numbers = (f"{one.low:.4g} to {one.high:.4g}", f"{one.noise:.2g}")
+        table.add_row(one.name, one.unit or "?", one.unit_from, *numbers, one.role)
+    stderr.print(table)
+    rate = "not known" if found.rate_hz is None else f"{found.rate_hz:.6g} Hz"
+    stderr.print(f"rate of samples: {rate}; the voltage comes on {len(found.voltage)} times")
+    for line in found.taken:
+        stderr.print(line)
+    if picture is not None:
+        stderr.print(f"picture: {picture}")
+    stdout.print(found.map_text, end="")
 
 
 def _draw(trial: Trial, picture: Path) -> None:
@@ -93,26 +135,20 @@ def _draw(trial: Trial, picture: Path) -> None:
         draw_trial,
     )
 
-    voltage_s = None if trial.voltage is None else (trial.voltage.start_s, trial.voltage.end_s)
-    draw_trial(trial.path.name, trial.columns, voltage_s, trial.spans, picture)
+    draw_trial(trial.path.name, trial.columns, (trial.voltage or ())[1:], trial.spans, picture)
     stderr.print(f"{trial.path.name} with its windows: {picture}")
 
 
-def _payload(
-    out: Path,
-    picture: Path | None,
-    found: Sequence[Row],
-    bad: Sequence[Bad],
-    count: int,
-) -> dict[str, Any]:
+def _payload(out: Path, picture: Path | None, found: Cut, count: int) -> dict[str, Any]:
     return {
         "out": str(out),
         "picture": None if picture is None else str(picture),
-        "rows": len(found),
-        "trials": count - len(bad),
-        "settings": len({row["setting"] for row in found}),
-        "sessions": len({row["session"] for row in found}),
-        "left_out": [{"file": str(path), "reason": error.message} for path, error in bad],
+        "rows": len(found.rows),
+        "trials": count - len(found.bad),
+        "settings": len({row["setting"] for row in found.rows}),
+        "sessions": len({row["session"] for row in found.rows}),
+        "doubts": found.doubts_said(),
+        "left_out": [{"file": str(path), "reason": error.message} for path, error in found.bad],
     }
 
 
@@ -128,3 +164,5 @@ def _show(payload: dict[str, Any], look: bool) -> None:
         stdout.print(f"left out, {left['reason']}")
     if payload["picture"]:
         stdout.print(f"picture: {payload['picture']}")
+    for doubt in payload["doubts"]:
+        stdout.print(f"doubt: {doubt}")

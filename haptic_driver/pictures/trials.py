@@ -22,7 +22,7 @@ LABELS = {
 def draw_trial(
     title: str,
     columns: Mapping[str, Array],
-    voltage_s: tuple[float, float] | None,
+    voltage_s: Sequence[float],
     spans: Sequence[tuple[str, float, float]],
     path: Path,
 ) -> None:
@@ -43,7 +43,7 @@ def draw_trial(
             for label, start_s, end_s in spans:
                 color = BASELINE if label == "baseline" else WINDOW
                 axis.axvspan(start_s, end_s, color=color, alpha=0.2, lw=0)
-            for at_s in voltage_s or ():
+            for at_s in voltage_s:
                 axis.axvline(at_s, color=VOLTAGE, lw=1.2, ls="--")
         top = axes[0, 0].get_xaxis_transform()
         for label, start_s, end_s in spans:

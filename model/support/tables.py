@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from model.support.cells import is_number, number, read_cell
 from model.support.errors import ModelError
 from model.support.reading import LARGEST_FILE_BYTES, as_text, read_bytes
+from model.support.units import PEAK_OF_RMS
 
 MOST_LISTED = 200  # cells that an error names
 ROW_BYTES = 100  # where rows are limited
@@ -35,12 +36,14 @@ ONE_NAME = "Give each column one name in the header, and each number a point: 0.
 class Named(NamedTuple):
     """A column as a file calls it, and the factor from its unit to ours.
 
-    Unless `needed`, a file without that column is read under our own name.
+    Unless `needed`, a file without that column is read under our own name. `is_rms`: the factor is
+    that of a sine, and a column `waveform` says where it is another.
     """
 
     column: str
     factor: float = 1.0
     needed: bool = True
+    is_rms: bool = False
 
 
 NO_NAMES: Mapping[str, Named] = MappingProxyType({})
@@ -248,11 +251,18 @@ def _is_used(ours: str, one: Named, columns: Sequence[str]) -> bool:
 
 def _under_our_names(table: Table, named: Mapping[str, Named]) -> Table:
     rows = [
-        row | {ours: _times(row[one.column], one.factor) for ours, one in named.items()}
+        row | {ours: _times(row[one.column], _factor(one, row)) for ours, one in named.items()}
         for row in table.rows
     ]
     added = [ours for ours in named if ours not in table.columns]
     return replace(table, columns=[*table.columns, *added], rows=rows)
+
+
+def _factor(one: Named, row: Mapping[str, str]) -> float:
+    waveform = row.get("waveform", "").lower() or "sine"
+    if not one.is_rms or waveform not in PEAK_OF_RMS:
+        return one.factor
+    return one.factor * PEAK_OF_RMS[waveform] / PEAK_OF_RMS["sine"]
 
 
 def _times(cell: str, factor: float) -> str:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import io
-import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError, optional
-from haptic_driver.experiments.raw_trials.trial_map import ColumnSaid, FileLook, TrialMap
-from haptic_driver.experiments.raw_trials.units import to_si
+from haptic_driver.experiments.raw_trials.trial_map import ColumnSaid, FileLook
 from haptic_driver.signals import Array
+from model.support.errors import did_you_mean
+from model.support.layout import TextTable, text_table
 from model.support.reading import read_bytes
+from model.support.text import numbers, times
+from model.support.units import named_unit
 
 KINDS = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), "text"),
@@ -25,17 +27,70 @@ KINDS = {
     ".mat": "mat",
     ".tdms": "tdms",
 }
-MARKS = {"tab": "\t", "space": None}
-HEADER_LINES = 1000  # in which a header is looked for
-FEWEST = 10  # samples
-LABVIEW_END = "***End_of_Header***"
+MOST_LISTED = 40  # names in an error
+UNIT_ATTRIBUTES = ("units", "unit", "unit_string", "NI_UnitDescription")
+ITS_DATES = "its dates"
 
 
-class Column(NamedTuple):
-    """Values [n] and the unit that the file itself says, empty where it says none."""
+@dataclass(frozen=True)
+class Column:
+    """A column as its file has it: the name as written, and the unit that the file itself says.
 
-    values: Array
-    unit: str
+    `unit_from`: where it says that. `index` counts from 1 in a table of several columns under one
+    name. `read` gives the values [n], NaN where none stands.
+    """
+
+    name: str
+    read: Callable[[], Array]
+    unit: str = ""
+    unit_from: str = ""
+    index: int | None = None
+
+    @property
+    def bare(self) -> str:
+        """The name without a unit behind it."""
+        return named_unit(self.name).bare
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file's columns of numbers; `lines` [n]: where each sample stands in a text, empty else."""
+
+    path: Path
+    columns: list[Column]
+    lines: Sequence[int] = ()
+    text: TextTable | None = field(default=None, repr=False)
+
+    def find(self, said: ColumnSaid) -> Column:
+        """The column that a map names; BadInputError where it is none, or not one alone."""
+        if isinstance(said.name, int):
+            if not 1 <= said.name <= len(self.columns):
+                raise self._missing(str(said.name))
+            return self.columns[said.name - 1]
+        for key in ("name", "bare"):
+            found = [c for c in self.columns if getattr(c, key) == said.name]
+            if said.index is not None:
+                found = [c for c in found if c.index in (None, said.index)] or found
+            if len(found) == 1 and (said.index is None or found[0].index in (None, said.index)):
+                return found[0]
+            if found:
+                raise self._several(said, found)
+        raise self._missing(said.name)
+
+    def _several(self, said: ColumnSaid, found: list[Column]) -> BadInputError:
+        if all(column.index is not None for column in found):
+            hint = f"Give its column as index = 1 to {max(c.index or 0 for c in found)}"
+            return BadInputError("bad_trial", f"{self.path}: {said.name} is a table", hint)
+        whole = ", ".join(f"'{column.name}'" for column in found)
+        told = f"{self.path}: {said.name} stands more than once: {whole}"
+        return BadInputError("bad_trial", told, "Give the whole name, or the column's number")
+
+    def _missing(self, name: str) -> BadInputError:
+        names = list(dict.fromkeys(column.name for column in self.columns))
+        listed = ", ".join(names[:MOST_LISTED]) or "none"
+        hint = f"{did_you_mean(name, names)}See: haptic rows --inspect {self.path.name}"
+        told = f"{self.path}: there is no column '{name}'; found: {listed}"
+        return BadInputError("missing_column", told, hint)
 
 
 def kind_of(path: Path, look: FileLook) -> str:
@@ -47,63 +102,17 @@ def kind_of(path: Path, look: FileLook) -> str:
     return kind
 
 
-def read_columns(path: Path, said: TrialMap) -> dict[str, Array]:
-    """The columns of a map [n] by their role, in SI; BadInputError for what is not as it says."""
-    given = {
-        role: getattr(said.columns, role)
-        for role in type(said.columns).model_fields
-        if getattr(said.columns, role) is not None
-    }
-    found = _opened(path, said.file, list(given.values()))
-    columns = {}
-    for role, wanted in given.items():
-        column, where = found[role_key(wanted)], f"{path}: columns.{role}"
-        unit = column.unit if wanted.unit is None else wanted.unit
-        if not unit:
-            hint = f"Give columns.{role}.unit, or file.units_row where a row of units stands"
-            raise BadInputError("unknown_unit", f"{where} has no unit", hint)
-        factor = to_si(role, unit, where, wanted.gain_unit) * wanted.gain * wanted.sign
-        columns[role] = factor * (column.values - wanted.offset)
-    _check(path, columns)
-    if "time" not in columns:
-        assert said.file.rate_hz is not None
-        columns["time"] = np.arange(columns["lateral_force"].size) / said.file.rate_hz
-    return columns
+def open_columns(path: Path, look: FileLook, wanted: Sequence[str] = ()) -> Source:
+    """All columns of numbers of a file; `wanted` are names by which a text's header is known.
 
-
-def role_key(said: ColumnSaid) -> tuple[str | int, int | None]:
-    """What distinguishes a column from the others of its file."""
-    return said.name, said.index
-
-
-def _check(path: Path, columns: dict[str, Array]) -> None:
-    sizes = {role: values.size for role, values in columns.items()}
-    if len(set(sizes.values())) > 1:
-        said = ", ".join(f"{role} {size}" for role, size in sizes.items())
-        raise BadInputError("bad_trial", f"{path}: columns differ in length: {said}")
-    if min(sizes.values()) < FEWEST:
-        raise BadInputError("bad_trial", f"{path}: has {min(sizes.values())} samples")
-    for role, values in columns.items():
-        if not np.isfinite(values).all():
-            at = int(np.argmin(np.isfinite(values)))
-            raise BadInputError("bad_trial", f"{path}: {role} is no number at sample {at + 1}")
-    time_s = columns.get("time")
-    if time_s is not None and (np.diff(time_s) <= 0.0).any():
-        at = int(np.argmax(np.diff(time_s) <= 0.0)) + 2
-        raise BadInputError("bad_trial", f"{path}: time does not rise at sample {at}")
-
-
-Wanted = list[ColumnSaid]
-Found = dict[tuple[str | int, int | None], Column]
-
-
-def _opened(path: Path, look: FileLook, wanted: Wanted) -> Found:
+    BadInputError for a file that is none of its kind.
+    """
     kind = kind_of(path, look)
     try:
         if kind in ("text", "labview"):
-            return _of_text(path, look, wanted, kind)
-        read = {"npy": _of_numpy, "hdf5": _of_hdf5, "mat": _of_mat, "tdms": _of_tdms}[kind]
-        return {role_key(said): _one(path, read(path, str(said.name)), said) for said in wanted}
+            return _text(path, look, wanted, labview=kind == "labview")
+        listed = {"npy": _of_numpy, "hdf5": _of_hdf5, "mat": _of_mat, "tdms": _of_tdms}[kind]
+        return Source(path, list(listed(path)))
     except HapticError:
         raise
     except (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError) as error:
@@ -111,214 +120,150 @@ def _opened(path: Path, look: FileLook, wanted: Wanted) -> Found:
         raise BadInputError("bad_trial", said, "Is it whole, and of that kind?") from error
 
 
-def _one(path: Path, found: Any, said: ColumnSaid) -> Column:
-    """A column out of what stands under its name: an array [n], or one of [n, columns]."""
-    values, unit = found
-    values = np.squeeze(np.asarray(values))
-    if values.dtype.kind not in "iufb":
-        raise BadInputError("bad_trial", f"{path}: {said.name} holds no numbers")
-    index = said.index or (said.name if isinstance(said.name, int) else None)
-    if values.ndim == 2:
-        if index is None or index > values.shape[1]:
-            hint = f"Give its column as index = 1 to {values.shape[1]}"
-            raise BadInputError("bad_trial", f"{path}: {said.name} is a table", hint)
-        values = values[:, index - 1]
-    if values.ndim != 1:
-        raise BadInputError("bad_trial", f"{path}: {said.name} is of shape {values.shape}")
-    return Column(values.astype(float), unit)
-
-
-def _missing(path: Path, name: str, names: list[str]) -> BadInputError:
-    listed = ", ".join(names[:40]) or "none"
-    return BadInputError("missing_column", f"{path}: there is no column '{name}'; found: {listed}")
-
-
-# --- text
-
-
-@dataclass(frozen=True)
-class TextLook:
-    """The lines of a text file and where its table stands: `names` and `units` by column, the first
-    line of numbers from 0.
-    """
-
-    lines: list[str]
-    separator: str
-    decimal: str
-    names: list[str]
-    units: list[str]
-    first: int
-
-
-def decoded(path: Path, encoding: str) -> list[str]:
-    """The lines of a text; Windows' letters where it is not of that encoding."""
-    content = read_bytes(path)
-    try:
-        return content.decode(encoding).splitlines()
-    except (UnicodeDecodeError, LookupError):
-        return content.decode("cp1252", errors="replace").splitlines()
-
-
-def cells_of(line: str, separator: str) -> list[str]:
-    """The cells of a line, without blanks and quotes around them."""
-    return [cell.strip().strip('"') for cell in line.split(MARKS.get(separator, separator))]
-
-
-def named_unit(name: str) -> tuple[str, str]:
-    """A column's name without the unit in brackets behind it, and that unit."""
-    match = re.fullmatch(r"(.*?)\s*[\[(/]\s*([^\])/]*(?:/[^\])]*)?)\s*[\])]?", name)
-    return (match[1], match[2]) if match and match[1] else (name, "")
-
-
-def _of_text(path: Path, look: FileLook, wanted: Wanted, kind: str) -> Found:
-    lines = decoded(path, look.encoding)
-    text = _labview(path, lines) if kind == "labview" else _table(path, look, lines, wanted)
-    found = {}
-    places = [_place(path, said, text.names) for said in wanted]
-    numbers = _numbers(path, text, places)
-    for said, place, values in zip(wanted, places, numbers, strict=True):
-        unit = text.units[place] if place < len(text.units) else ""
-        if not unit and place < len(text.names):
-            unit = named_unit(text.names[place])[1]
-        found[role_key(said)] = Column(values, unit)
-    return found
-
-
-def _place(path: Path, said: ColumnSaid, names: list[str]) -> int:
-    if isinstance(said.name, int):
-        return said.name - 1
-    bare = [named_unit(name)[0] for name in names]
-    for listed in (names, bare):
-        if said.name in listed:
-            return listed.index(said.name)
-    raise _missing(path, said.name, names)
-
-
-def _table(path: Path, look: FileLook, lines: list[str], wanted: Wanted) -> TextLook:
-    named = [said.name for said in wanted if isinstance(said.name, str)]
-    at = look.header_line - 1 if look.header_line is not None else None
-    if at is None:
-        for i, line in enumerate(lines[:HEADER_LINES]):
-            cells = cells_of(line, look.separator)
-            bare = [named_unit(cell)[0] for cell in cells]
-            if all(name in cells or name in bare for name in named):
-                at = i
-                break
-        else:
-            said = f"{path}: no line names the columns {', '.join(named)}"
-            raise BadInputError("missing_column", said, "See: haptic rows --inspect FILE")
-    names = cells_of(lines[at], look.separator) if 0 <= at < len(lines) else []
-    row = at + 1
-    units = cells_of(lines[row], look.separator) if look.units_row and row < len(lines) else []
-    units = [unit.strip("[]() ") for unit in units]
-    return TextLook(lines, look.separator, look.decimal, names, units, row + look.units_row)
-
-
-def _labview(path: Path, lines: list[str]) -> TextLook:
-    """A LabVIEW measurement file says its separators in its header, which ends twice."""
-    ends = [i for i, line in enumerate(lines) if line.startswith(LABVIEW_END)]
-    if not ends or ends[-1] + 1 >= len(lines):
-        raise BadInputError("bad_trial", f"{path}: has no {LABVIEW_END}, as LabVIEW writes it")
-    said = dict(line.split(None, 1) for line in lines[: ends[0]] if len(line.split(None, 1)) > 1)
-    separator = "," if said.get("Separator", "Tab").strip() == "Comma" else "tab"
-    decimal = said.get("Decimal_Separator", ".").strip() or "."
-    units: list[str] = []
-    for line in lines[ends[0] : ends[-1]]:
-        if line.startswith("Y_Unit_Label"):
-            units = ["s", *cells_of(line, separator)[1:]]
-    names = cells_of(lines[ends[-1] + 1], separator)
-    return TextLook(lines, separator, decimal, names, units, ends[-1] + 2)
-
-
-def _numbers(path: Path, text: TextLook, places: list[int]) -> Iterator[Array]:
-    lines = [i for i, line in enumerate(text.lines) if i >= text.first and line.strip()]
-    if not lines:
-        raise BadInputError("bad_trial", f"{path}: no numbers stand below its header")
-    hint = "Is it whole? Do separator and decimal of the map hold for it?"
-    for i in lines if any(text.names) else []:
-        cells = cells_of(text.lines[i].rstrip(), text.separator)
-        if any(cells[len(text.names) :]):
-            said = f"{path}, line {i + 1}: has {len(cells)} cells under {len(text.names)} names"
-            raise BadInputError("bad_trial", said, hint)
-    joined = "\n".join(text.lines[i] for i in lines)
-    if text.decimal == ",":
-        joined = joined.replace(",", ".")
-    mark = MARKS.get(text.separator, text.separator)
-    try:
-        table = np.loadtxt(
-            io.StringIO(joined),
-            delimiter=mark,
-            usecols=places,
-            ndmin=2,
-            comments=None,
-            quotechar='"',
+def given_columns(given: Mapping[str, Any], where: str) -> Source:
+    """The columns of a table in memory: a dict of arrays, a DataFrame, quantities with units."""
+    found = list[Column]()
+    for name in given:
+        values = given[name]
+        unit = str(getattr(values, "units", ""))
+        values = np.asarray(getattr(values, "magnitude", values))
+        from_name = named_unit(str(name)).unit
+        said_by = "its own unit" if unit else "its name"
+        found += _columns(
+            str(name), values, unit or from_name, said_by if unit or from_name else ""
         )
-    except ValueError as error:
-        at = re.search(r"row (\d+)", str(error))
-        # numpy counts rows from 1 where columns are missing, and else from 0
-        row = int(at[1]) - ("invalid column" in str(error)) if at else 0
-        reason = re.sub(r" at row \d+,?( column \d+)?", "", str(error)).rstrip(".")
-        said = f"{path}, line {lines[row] + 1}: {reason}"
-        raise BadInputError("bad_trial", said, hint) from error
-    return iter(table.T)
+    return Source(Path(where), found)
+
+
+def _text(path: Path, look: FileLook, wanted: Sequence[str], *, labview: bool) -> Source:
+    table = text_table(path, read_bytes(path), look.layout(), wanted, labview)
+    columns = []
+    for place in range(table.width):
+        name = table.names[place] if place < len(table.names) else ""
+        unit = table.units[place] if place < len(table.units) else ""
+        unit_from = ("the file's head" if labview else "the row of units") if unit else ""
+        if not unit:
+            unit = named_unit(name).unit
+            unit_from = "the header" if unit else ""
+        cells = table.cells(place)
+        if not any(character.isdigit() for cell in cells for character in cell):
+            continue
+        if times(cells[:1]) is not None and not cells[0].isdigit():
+            unit, unit_from = "s", ITS_DATES
+        read = partial(_numbers, f"{path}: {name or f'column {place + 1}'}", cells, table.decimal)
+        columns.append(Column(name or str(place + 1), read, unit, unit_from))
+    return Source(path, columns, [row.number for row in table.rows], table)
+
+
+def _numbers(where: str, cells: Sequence[str], decimal: Any) -> Array:
+    passed_s = None if cells[0].isdigit() else times(cells)
+    return numbers(where, cells, decimal) if passed_s is None else passed_s
 
 
 # --- arrays
 
 
-def _of_numpy(path: Path, name: str) -> tuple[Any, str]:
+def _columns(name: str, values: Any, unit: str = "", unit_from: str = "") -> Iterator[Column]:
+    """An array as columns: one of [n], or several of a table, whose samples lie along its longer
+    side; nothing of what holds no numbers.
+    """
+    values = np.squeeze(values)
+    if values.dtype.kind == "M":
+        values = (values - values.flat[0]) / np.timedelta64(1, "s")
+        unit, unit_from = "s", ITS_DATES
+    if values.dtype.kind not in "iufb" or values.ndim not in (1, 2):
+        return
+    if values.ndim == 1:
+        yield Column(name, partial(np.asarray, values, np.float64), unit, unit_from)
+        return
+    table = values if values.shape[0] >= values.shape[1] else values.T
+    for index, column in enumerate(table.T, start=1):
+        yield Column(name, partial(np.asarray, column, np.float64), unit, unit_from, index)
+
+
+def _of_numpy(path: Path) -> Iterator[Column]:
     loaded = np.load(path, allow_pickle=False)
-    if isinstance(loaded, np.ndarray):
-        if loaded.dtype.names is None:
-            return loaded, ""
-        if name not in loaded.dtype.names:
-            raise _missing(path, name, list(loaded.dtype.names))
-        return loaded[name], ""
-    with loaded:
-        if name not in loaded.files:
-            raise _missing(path, name, loaded.files)
-        return loaded[name], ""
+    if not isinstance(loaded, np.ndarray):
+        with loaded:
+            for name in loaded.files:
+                yield from _columns(name, loaded[name])
+    elif loaded.dtype.names is None:
+        for column in _columns("", loaded):
+            yield Column(str(column.index or 1), column.read)
+    else:
+        for name in loaded.dtype.names:
+            yield from _columns(name, loaded[name])
 
 
-def _of_hdf5(path: Path, name: str) -> tuple[Any, str]:
+def _of_hdf5(path: Path, sign: str = "/") -> Iterator[Column]:
+    """Datasets by their paths; a field of a table of records as path:field."""
     import h5py  # noqa: PLC0415  (slow to import)
 
     with h5py.File(path, "r") as file:
-        place, _, field = name.partition(":")  # a field of a table of records
-        if place not in file or not isinstance(file[place], h5py.Dataset):
-            names: list[str] = []
-            file.visititems(lambda key, item: names.append(key) if hasattr(item, "shape") else None)
-            raise _missing(path, name, names)
-        dataset = file[place]
-        unit = dataset.attrs.get("units", dataset.attrs.get("unit", ""))
-        unit = unit.decode() if isinstance(unit, bytes) else str(unit)
-        return (dataset[field] if field else dataset[()]), unit
+        datasets: dict[str, Any] = {}
+        file.visititems(lambda key, item: datasets.update({key: item}))
+        for key, dataset in datasets.items():
+            if not isinstance(dataset, h5py.Dataset) or key.startswith("#"):
+                continue
+            name, values, unit = key.replace("/", sign), dataset[()], _unit_of(dataset.attrs)
+            unit_from = "its attribute" if unit else ""
+            if dataset.attrs.get("MATLAB_class") == b"cell":
+                for index, reference in enumerate(np.ravel(values), start=1):
+                    yield from _cell(name, file[reference][()], index)
+            elif dataset.dtype.names:
+                for field_name in dataset.dtype.names:
+                    yield from _columns(f"{name}:{field_name}", values[field_name])
+            else:
+                yield from _columns(name, np.asarray(values), unit, unit_from)
 
 
-def _of_mat(path: Path, name: str) -> tuple[Any, str]:
-    """A variable, or a field of a struct as data.Fx; files of MATLAB 7.3 are HDF5."""
+def _cell(name: str, values: Any, index: int) -> Iterator[Column]:
+    """An array in a cell array, by its place there from 1."""
+    for column in _columns(name, np.asarray(values)):
+        if column.index is None:
+            yield Column(name, column.read, index=index)
+
+
+def _unit_of(attributes: Mapping[str, Any]) -> str:
+    """What attributes say of the unit: text, bytes, or an array of one of them."""
+    said: Any = next((attributes[key] for key in UNIT_ATTRIBUTES if key in attributes), "")
+    if isinstance(said, np.ndarray):
+        said = said.flat[0] if said.size == 1 else ""
+    return said.decode(errors="replace") if isinstance(said, bytes) else str(said)
+
+
+def _of_mat(path: Path) -> Iterator[Column]:
+    """Variables, and fields of structs as data.Fx; files of MATLAB 7.3 are HDF5."""
     from scipy.io import loadmat  # noqa: PLC0415  (slow to import)
 
     try:
         found: Any = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
-        return _of_hdf5(path, name.replace(".", "/"))
-    first, *fields = name.split(".")
-    if first not in found:
-        raise _missing(path, name, [key for key in found if not key.startswith("__")])
-    found = found[first]
-    for field in fields:
-        if not hasattr(found, field):
-            raise _missing(path, name, list(getattr(found, "_fieldnames", [])))
-        found = getattr(found, field)
-    return found, ""
+        yield from _of_hdf5(path, sign=".")
+        return
+    for name, value in found.items():
+        if not name.startswith("__"):
+            yield from _of_variable(name, value)
 
 
-def _of_tdms(path: Path, name: str) -> tuple[Any, str]:
-    """A channel as group/channel."""
+def _of_variable(name: str, value: Any) -> Iterator[Column]:
+    if hasattr(value, "_fieldnames"):
+        for each in value._fieldnames:
+            yield from _of_variable(f"{name}.{each}", getattr(value, each))
+        return
+    values = np.asarray(value)
+    if values.dtype.kind == "O":
+        for index, inside in enumerate(values.flat, start=1):
+            yield from _cell(name, inside, index)
+        return
+    yield from _columns(name, values)
+
+
+def _of_tdms(path: Path) -> Iterator[Column]:
+    """Channels as group/channel."""
     nptdms = optional("nptdms", "tdms", "a TDMS file")
-    file = nptdms.TdmsFile.read(path)
-    channels = {f"{g.name}/{c.name}": c for g in file.groups() for c in g.channels()}
-    if name not in channels:
-        raise _missing(path, name, list(channels))
-    return channels[name][:], str(channels[name].properties.get("unit_string", ""))
+    for group in nptdms.TdmsFile.read(path).groups():
+        for channel in group.channels():
+            unit = _unit_of(channel.properties)
+            unit_from = "its property" if unit else ""
+            yield from _columns(f"{group.name}/{channel.name}", channel[:], unit, unit_from)

@@ -7,26 +7,35 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import hypot, isfinite, sqrt
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.experiments.average import WINDOW_COLUMNS, average
-from haptic_driver.experiments.raw_trials.columns import read_columns
+from haptic_driver.experiments.raw_trials.columns import Source, open_columns
+from haptic_driver.experiments.raw_trials.look import SLIDES, Doubt, Span, look_at
+from haptic_driver.experiments.raw_trials.quantities import (
+    FEWEST,
+    Quantities,
+    given_roles,
+    quantities,
+)
 from haptic_driver.experiments.raw_trials.trial_map import (
     QUANTITIES,
     TEXTS,
     Baseline,
     Conditions,
     TrialMap,
+    VoltageMark,
     Window,
 )
-from haptic_driver.experiments.raw_trials.units import to_si
 from haptic_driver.files import bad_input
 from haptic_driver.signals import Array, Mask
 from haptic_driver.textures.strokes import speed_over
 from model.support.tables import read_table
+from model.support.text import numbers
+from model.support.units import PEAK_OF_RMS, is_rms, to_si
 
 COLUMNS = (
     *WINDOW_COLUMNS,
@@ -37,37 +46,42 @@ COLUMNS = (
     "waveform",
     "electrode_voltage_v",
     "file",
+    "doubts",
 )
 BASELINE = "baseline"
-FEWEST = 10  # samples of a window
 MOST = 4000  # samples whose correlation is looked at; more are averaged in blocks
 MOVING = 0.2  # of the greatest speed, where the map says none
-SLIDES = 0.8  # of a window
 ON = 0.5  # of the greatest voltage, where the map says none
+ENDS = 0.01  # of a record: what a straight line for zero goes through
 PEAK = {"peak": 1.0, "peak_to_peak": 0.5}
-RMS = {"sine": sqrt(2.0), "square": 1.0, "dc": 1.0}
 Row = dict[str, str | float]
-
-
-class Span(NamedTuple):
-    """A stretch of a trial's own time."""
-
-    name: str
-    start_s: float
-    end_s: float
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial: columns [n] in SI by role, what was set, and when voltage and motion were there."""
+    """A trial: its quantities, what was set, and when voltage and motion were there.
 
-    path: Path
-    columns: Mapping[str, Array]
+    `usable` [n]: samples that count. `doubts`: what a look at its signals leaves to be told.
+    """
+
+    found: Quantities
     conditions: Mapping[str, str | float]
     voltage: Span | None
     moving: Mask
     motion: Span
     spans: tuple[Span, ...]
+    usable: Mask
+    doubts: tuple[Doubt, ...]
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from."""
+        return self.found.path
+
+    @property
+    def columns(self) -> Mapping[str, Array]:
+        """Columns [n] in SI by role."""
+        return self.found.columns
 
 
 def tabled(said: Conditions, folder: Path) -> dict[str, dict[str, str]]:
@@ -76,7 +90,13 @@ def tabled(said: Conditions, folder: Path) -> dict[str, dict[str, str]]:
         return {}
     with bad_input("bad_map"):
         table = read_table(folder / said.table, ("file",), "A column file, and those of conditions")
-    return {row["file"]: row for row in table.rows}
+    found: dict[str, dict[str, str]] = {}
+    for i, row in enumerate(table.rows):
+        if row["file"] in found:
+            wrong = f"{table.where(i)}: {row['file']} stands more than once"
+            raise BadInputError("bad_map", wrong, "Keep the row that holds")
+        found[row["file"]] = row
+    return found
 
 
 def conditions_of(
@@ -107,11 +127,10 @@ def _quantity(path: Path, name: str, text: str | float, said: Conditions) -> flo
     if name not in said.units:
         hint = f"Give conditions.units.{name}"
         raise BadInputError("unknown_unit", f"{path}: {name} has no unit", hint)
-    factor = to_si(name, said.units[name], f"conditions.units.{name}")
-    try:
-        value = float(re.sub(r"(?<=\d)[p,](?=\d)", ".", str(text)))
-    except ValueError:
-        value = float("nan")
+    where = f"conditions.units.{name}"
+    factor = to_si(name, said.units[name], where)
+    cell = re.sub(r"(?<=\d)p(?=\d)", ".", str(text))
+    value = float(numbers(f"{path}: {name}", [cell])[0])
     if not isfinite(value):
         raise BadInputError("bad_trial", f"{path}: {name} is '{text}', not a number")
     return factor * value
@@ -126,43 +145,133 @@ def _amplitude(
         raise BadInputError("bad_trial", f"{path}: nothing says its voltage", hint)
     voltage = float(found["voltage"])
     waveform = str(found.get("waveform", "sine"))
-    if waveform not in RMS:
-        raise BadInputError("bad_trial", f"{path}: waveform '{waveform}' is none of {list(RMS)}")
+    if waveform not in PEAK_OF_RMS:
+        known = ", ".join(PEAK_OF_RMS)
+        raise BadInputError("bad_trial", f"{path}: waveform '{waveform}' is none of {known}")
     if voltage and waveform != "dc" and "frequency" not in found:
         raise BadInputError("bad_trial", f"{path}: nothing says its frequency")
-    factor = RMS[waveform] if said.voltage_is == "rms" else PEAK[said.voltage_is]
+    factor = PEAK_OF_RMS[waveform] if said.voltage_is == "rms" else PEAK[said.voltage_is]
+    if is_rms(said.units["voltage"]):  # its factor is that of a sine
+        factor *= PEAK_OF_RMS[waveform] / PEAK_OF_RMS["sine"]
     return {"voltage": voltage * factor * said.voltage_scale}
 
 
-def read_trial(path: Path, said: TrialMap, conditions: Mapping[str, str | float]) -> Trial:
-    """A file as a trial; BadInputError says what in it is not as the map says."""
-    columns = read_columns(path, said)
-    time_s = columns["time"]
+def read_trials(
+    source: Source, said: TrialMap, conditions: Mapping[str, str | float]
+) -> list[Trial]:
+    """A file as a trial, or one for each burst of its voltage where the map says so.
+
+    BadInputError says what in it is not as the map says, or cannot be meant by it.
+    """
+    found = _with_zero(quantities(source, said), said)
+    time_s = found.columns["time"]
     whole = Span("record", float(time_s[0]), float(time_s[-1]))
-    moving = _moving(columns, said)
+    moving = _moving(found.columns, said)
     if not moving.any():
-        raise BadInputError("bad_trial", f"{path}: nothing moves in it")
+        raise BadInputError("bad_trial", f"{found.path}: nothing moves in it")
     motion = Span("motion", float(time_s[moving][0]), float(time_s[moving][-1]))
-    voltage = _voltage(path, columns, said, whole) if conditions["voltage"] else None
-    trial = Trial(path, columns, conditions, voltage, moving, motion, ())
-    return replace(trial, spans=_spans(trial, said))
+    if said.motion is not None and said.motion.turns == "sign":
+        found = _against_the_way(found)
+    trial = Trial(found, conditions, None, moving, motion, (), moving, ())
+    if said.voltage_on is None or not conditions["voltage"]:
+        return [_looked_at(trial, said)]
+    bursts = _bursts(found, said.voltage_on, conditions, whole)
+    return [_looked_at(replace(trial, **burst), said) for burst in bursts]
 
 
-def _voltage(path: Path, columns: Mapping[str, Array], said: TrialMap, whole: Span) -> Span | None:
-    mark = said.voltage_on
-    if mark is None:
-        return None
+def read_trial(path: Path, said: TrialMap, conditions: Mapping[str, str | float]) -> list[Trial]:
+    """A file as trials, see `read_trials`."""
+    names = [c.name for c in given_roles(said).values() if isinstance(c.name, str)]
+    return read_trials(open_columns(path, said.file, names), said, conditions)
+
+
+def _looked_at(trial: Trial, said: TrialMap) -> Trial:
+    spans = _spans(trial, said)
+    usable, doubts = look_at(trial.found, spans, said)
+    return replace(trial, spans=spans, usable=usable, doubts=(*trial.doubts, *doubts))
+
+
+def _with_zero(found: Quantities, said: TrialMap) -> Quantities:
+    """The columns whose zero is a straight line from the first samples to the last."""
+    columns = dict(found.columns)
+    time_s = columns["time"]
+    count = max(FEWEST, round(ENDS * time_s.size))
+    for role, wanted in given_roles(said).items():
+        if wanted.zero == "linear":
+            ends = [columns[role][:count].mean(), columns[role][-count:].mean()]
+            at_s = [time_s[:count].mean(), time_s[-count:].mean()]
+            slope = (ends[1] - ends[0]) / (at_s[1] - at_s[0])
+            columns[role] = columns[role] - ends[0] - slope * (time_s - at_s[0])
+    return replace(found, columns=columns)
+
+
+def _against_the_way(found: Quantities) -> Quantities:
+    """The lateral force counted against the finger's way."""
+    way = np.sign(speed_of(found.columns))
+    lateral_n = found.columns["lateral_force"] * np.where(way == 0.0, 1.0, way)
+    return replace(found, columns={**found.columns, "lateral_force": lateral_n})
+
+
+def _bursts(
+    found: Quantities, mark: VoltageMark, conditions: Mapping[str, str | float], whole: Span
+) -> list[dict[str, Any]]:
+    """When the voltage is on, for each time that it is, and what that says of the trial."""
     if mark.column is None:
         assert mark.start_s is not None
-        return Span("voltage", mark.start_s, whole.end_s if mark.end_s is None else mark.end_s)
-    amount = np.abs(columns[mark.column])
-    threshold_v = mark.threshold_v or ON * float(np.max(amount))
+        end_s = whole.end_s if mark.end_s is None else mark.end_s
+        return [{"voltage": Span("voltage", mark.start_s, end_s)}]
+    frequency_hz = float(conditions.get("frequency", 0.0))
+    spans, levels, doubts = on_stretches(found, mark, 1.0 / frequency_hz if frequency_hz else 0.0)
+    if len(spans) == 1:
+        return [{"voltage": spans[0], "doubts": doubts}]
+    if mark.bursts == "one":
+        when = ", ".join(f"{span.start_s:.4g}" for span in spans)
+        said = f"{found.path}: the voltage comes on {len(spans)} times, at {when} s"
+        hint = 'For a trial each: voltage_on.bursts = "each"; else a threshold_v, or start_s'
+        raise BadInputError("doubtful_trial", said, hint)
+    shares = [float(f"{level / max(levels):.2g}") for level in levels]
+    set_v = float(conditions["voltage"])
+    return [
+        {
+            "voltage": span,
+            "conditions": {**conditions, "voltage": share * set_v},
+            "doubts": (*doubts, Doubt("burst", _burst_said(i, len(spans), share))),
+        }
+        for i, (span, share) in enumerate(zip(spans, shares, strict=True), start=1)
+    ]
+
+
+def _burst_said(number: int, count: int, share: float) -> str:
+    level = "" if share == 1.0 else f", at {share:.0%} of the highest level"
+    return f"burst {number} of {count}{level}"
+
+
+def on_stretches(
+    found: Quantities, mark: VoltageMark, period_s: float
+) -> tuple[list[Span], list[float], tuple[Doubt, ...]]:
+    """When a column exceeds its threshold, its level meanwhile, and spikes that are passed over.
+
+    What falls below for less than a period of the carrier, or for FEWEST samples, is on.
+    """
+    assert mark.column is not None
+    known = np.flatnonzero(np.isfinite(found.columns[mark.column]))
+    amount, time_s = (np.abs(found.columns[name][known]) for name in (mark.column, "time"))
+    top_v = float(np.partition(amount, -FEWEST)[-FEWEST]) if amount.size >= FEWEST else 0.0
+    threshold_v = mark.threshold_v or ON * top_v
     above = np.flatnonzero(amount > threshold_v)
-    if not above.size:
-        said_no = f"{path}: {mark.column} never exceeds {threshold_v:g} V"
-        raise BadInputError("bad_trial", said_no, "Is threshold_v right, and gain?")
-    time_s = columns["time"]
-    return Span("voltage", float(time_s[above[0]]), float(time_s[above[-1]]))
+    stretches = list[Array]()
+    if above.size:
+        hold_s = max(period_s, FEWEST * float(np.median(np.diff(time_s))))
+        stretches = np.split(above, np.flatnonzero(np.diff(time_s[above]) > hold_s) + 1)
+    spikes = [part for part in stretches if part.size < FEWEST]
+    long = [part for part in stretches if part.size >= FEWEST]
+    if not long:
+        said = f"{found.path}: {mark.column} never exceeds {threshold_v:g} V for {FEWEST} samples"
+        raise BadInputError("bad_trial", said, "Is threshold_v right, and gain?")
+    places = [found.place(int(known[part[0]])) for part in spikes]
+    doubts = [Doubt("spike", f"{mark.column} has a spike at {at}: passed over") for at in places]
+    spans = [Span("voltage", float(time_s[p[0]]), float(time_s[p[-1]])) for p in long]
+    return spans, [float(np.sqrt(np.mean(amount[p] ** 2))) for p in long], tuple(doubts)
 
 
 def _moving(columns: Mapping[str, Array], said: TrialMap) -> Mask:
@@ -215,15 +324,14 @@ def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
     """A row for each window; BadInputError where one holds too little, or no friction."""
     before, rows = None, list[Row]()
     for span in trial.spans:
-        chosen = _within(trial, span)
-        row = _row(trial, span, chosen, number)
-        if span.name == BASELINE and said.baseline is not None:
-            if said.baseline.use != "row":
-                before = row
-                continue
+        row = _row(trial, span, _within(trial, span), number)
+        if span.name == BASELINE and said.baseline is not None and said.baseline.use != "row":
+            before = row
+            continue
+        if not _is_on(trial, span):
             offset: Row = {"voltage_offset_v": 0.0} if row["voltage_offset_v"] != "" else {}
             row |= {"voltage_v": 0.0, "electrode_voltage_v": "", **offset}
-        elif before is not None and said.baseline is not None:
+        if before is not None and said.baseline is not None:
             row |= _against(row, before, said.baseline)
         if not float(row["cof"]) > 0.0:
             word = f"{trial.path}: friction is {row['cof']:.3g} in {span.name}"
@@ -232,6 +340,23 @@ def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
             )
         rows.append(row)
     return rows
+
+
+def _is_on(trial: Trial, span: Span) -> bool:
+    """Whether the voltage is on throughout a stretch, or not at all; BadInputError for a part."""
+    if span.name == BASELINE and trial.voltage is None:
+        return False
+    if trial.voltage is None:
+        return True
+    late_s = 1.5 * float(np.median(np.diff(trial.columns["time"])))
+    on = trial.voltage
+    if span.start_s >= on.start_s - late_s and span.end_s <= on.end_s + late_s:
+        return True
+    if span.end_s <= on.start_s + late_s or span.start_s >= on.end_s - late_s:
+        return False
+    said = f"{_place_of(trial, span)} has voltage in a part: on from {on.start_s:.4g}"
+    hint = "Choose a window in which it is on or off throughout"
+    raise BadInputError("doubtful_trial", f"{said} to {on.end_s:.4g} s", hint)
 
 
 def _against(row: Row, before: Row, said: Baseline) -> Row:
@@ -263,7 +388,7 @@ def inside(trial: Trial, span: Span) -> Mask:
 def _within(trial: Trial, span: Span) -> Mask:
     """The samples of a stretch that slide; BadInputError where too few of them do."""
     every = inside(trial, span)
-    moving = every & trial.moving
+    moving = every & trial.moving & trial.usable
     if moving.sum() < max(SLIDES * every.sum(), FEWEST):
         said = f"{_place_of(trial, span)} slides for {moving.sum() / every.sum():.0%} of the time"
         raise BadInputError("bad_trial", said)
@@ -304,10 +429,11 @@ def _row(trial: Trial, span: Span, chosen: Mask, number: int) -> Row:
         "voltage_offset_v": set_to.get("voltage_offset", ""),
         "waveform": set_to.get("waveform", ""),
         "file": trial.path.name,
+        "doubts": "; ".join(doubt.said for doubt in trial.doubts),
     }
     if "electrode_voltage" in columns and set_to["voltage"]:
         root = sqrt(float(np.mean(columns["electrode_voltage"][chosen] ** 2)))
-        row["electrode_voltage_v"] = root * RMS[str(set_to.get("waveform", "sine"))]
+        row["electrode_voltage_v"] = root * PEAK_OF_RMS[str(set_to.get("waveform", "sine"))]
     return row
 
 

@@ -1,27 +1,26 @@
-"""The look of a text file -> a map to correct; of other files, their columns."""
+"""The look of a file -> what every column is, and a map to complete, without inventions."""
 
 from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isnan, nan, sqrt
 from pathlib import Path
 
-from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.raw_trials.columns import (
-    HEADER_LINES,
-    LABVIEW_END,
-    cells_of,
-    decoded,
-    kind_of,
-    named_unit,
-)
-from haptic_driver.experiments.raw_trials.trial_map import FileLook
-from haptic_driver.experiments.raw_trials.units import of_kind, understood
-from model.support.cells import is_number
+import numpy as np
 
-SURE = 5  # lines of numbers after which a table is believed
-SEPARATORS = (";", "tab", ",", "space")
+from haptic_driver.errors import BadInputError
+from haptic_driver.experiments.raw_trials.columns import Column, Source, open_columns
+from haptic_driver.experiments.raw_trials.cut import on_stretches
+from haptic_driver.experiments.raw_trials.look import UNLOADED, Span
+from haptic_driver.experiments.raw_trials.quantities import FEWEST, Quantities, unit_said
+from haptic_driver.experiments.raw_trials.trial_map import FileLook, VoltageMark
+from haptic_driver.signals import Array
+from model.support.units import of_kind, to_si
+
+TODO = '"TODO"'
 ROLES = {  # names that labs give, in the order in which roles are given away
     "time": r"^(t|time|zeit|x_value|timestamp)\b|time",
     "normal_force": r"^f_?z\b|^f_?n\b|normal|load",
@@ -32,71 +31,121 @@ ROLES = {  # names that labs give, in the order in which roles are given away
     "speed": r"speed|velocity",
 }
 IN_NAMES = ("voltage", "frequency", "normal_force", "speed")
+SENSOR = ("V", "mV")  # what a sensor of any quantity may give
 
 
 @dataclass(frozen=True)
-class Look:
-    """How a text is written; `header_line` from 1, 0 where there is none."""
+class Seen:
+    """A column as it was found: unit and where it is said, range, noise from sample to sample.
 
-    separator: str
-    decimal: str
-    header_line: int
-    units_row: bool
-    names: list[str]
-    units: list[str]
+    `role` is what it is taken for, empty for nothing. All in the file's numbers.
+    """
 
-
-def look_of(lines: list[str]) -> Look:
-    """Separator, decimal sign and header of a text; BadInputError where no table is found."""
-    for separator in SEPARATORS:
-        for decimal in (".", ",") if separator != "," else (".",):
-            first = _first_line(lines, separator, decimal)
-            if first is not None:
-                return _with_header(lines, separator, decimal, first)
-    said = f"no {SURE} lines of numbers follow one another"
-    raise BadInputError("bad_trial", said, "Is it a text? Write its map by hand: docs/own-data.md")
+    name: str
+    unit: str
+    unit_from: str
+    low: float
+    high: float
+    noise: float
+    role: str
 
 
-def _first_line(lines: list[str], separator: str, decimal: str) -> int | None:
-    """Where at least SURE lines of as many numbers begin, two or more each."""
-    widths = []
-    for line in lines[: HEADER_LINES + SURE]:
-        cells = [c for c in cells_of(line, separator) if c]
-        numbers = [is_number(c.replace(decimal, ".") if "." not in c else c) for c in cells]
-        whole = decimal == "." or not any("." in c for c in cells)
-        widths.append(len(cells) if len(cells) > 1 and all(numbers) and whole else 0)
-    for i in range(len(widths) - SURE + 1):
-        if widths[i] and len(set(widths[i : i + SURE])) == 1:
-            return i
-    return None
+@dataclass(frozen=True)
+class Proposal:
+    """What a file seems to be: its columns, the rate by its time, a map, and a picture's content.
+
+    `drawn`: columns [n] by role in SI, or in the file's numbers where no unit is known.
+    """
+
+    seen: list[Seen]
+    rate_hz: float | None
+    map_text: str
+    drawn: Mapping[str, Array]
+    voltage: tuple[Span, ...]
+    spans: tuple[Span, ...]
+    taken: list[str]
 
 
-def _with_header(lines: list[str], separator: str, decimal: str, first: int) -> Look:
-    width = len([c for c in cells_of(lines[first], separator) if c])
-    above = [
-        (i, cells)
-        for i in range(max(first - 3, 0), first)
-        if len(cells := cells_of(lines[i], separator)) >= width
-    ]
-    units_row = len(above) > 1 and all(
-        understood(c.strip("[]() ")) is not None for c in above[-1][1] if c.strip("[]() ")
+def proposed(path: Path, look: FileLook | None = None) -> Proposal:
+    """What files like this one seem to be; BadInputError for one without columns of numbers."""
+    look = look or FileLook()
+    source = open_columns(path, look)
+    if not source.columns:
+        hint = "A MATLAB table cannot be read: save table2struct(T, 'ToScalar', true)"
+        said = f"{path}: has no columns of numbers"
+        raise BadInputError("bad_trial", said, hint if path.suffix == ".mat" else "Is it whole?")
+    taken = _taken(source)
+    drawn = {role: one.in_si() for role, one in taken.items()}
+    stretches = _stretches(path, drawn, source)
+    spans = _spans(drawn, stretches)
+    roles = {id(one.column): role for role, one in taken.items()}
+    seen = [_seen(column, roles.get(id(column), "")) for column in source.columns]
+    text = "\n".join(
+        [
+            f"# Proposed from {path.name}: look at every line, and fill in each TODO.",
+            *_file_lines(source, look, taken),
+            *(line for role, one in taken.items() for line in one.lines(role)),
+            *(
+                []
+                if "lateral_force" in taken
+                else ["", "[columns.lateral_force]", f"name = {TODO}"]
+            ),
+            *_conditions(path),
+            *_windows(drawn, stretches, spans),
+        ]
     )
-    header = above[-2 if units_row else -1] if above else (-1, [])
-    units = [c.strip("[]() ") for c in above[-1][1]] if units_row else []
-    names = [named_unit(name)[0] for name in header[1]]
-    if not units:
-        units = [named_unit(name)[1] for name in header[1]]
-    return Look(separator, decimal, header[0] + 1, units_row, names, units)
+    return Proposal(
+        seen, _rate_hz(taken), text + "\n", drawn, stretches, spans, _said(taken, drawn)
+    )
 
 
-def roles_of(names: list[str], units: list[str]) -> dict[str, int]:
+@dataclass(frozen=True)
+class _Taken:
+    """A column that is taken for a role, its values [n] in the file's numbers, and its sign."""
+
+    column: Column
+    role: str
+    values: Array
+    sign: int
+
+    @property
+    def unit(self) -> str:
+        return unit_said(self.role, self.column)[0]
+
+    def in_si(self) -> Array:
+        """In SI where the unit is one of the role, else in the file's numbers."""
+        known = self.role in of_kind(self.unit)
+        return self.sign * (to_si(self.role, self.unit, self.role) if known else 1.0) * self.values
+
+    def lines(self, role: str) -> list[str]:
+        """Its section of a map."""
+        lines = ["", f"[columns.{role}]", f"name = {_quoted(self.column.name)}"]
+        lines += [] if self.column.index is None else [f"index = {self.column.index}"]
+        unit = _quoted(self.unit) if self.unit else f"{TODO}  # nothing says it"
+        lines.append(f"unit = {unit}")
+        if "force" in role and self.unit in SENSOR:
+            lines += [f"gain = {TODO}  # of the sensor", 'gain_unit = "N/V"']
+        return [*lines, "sign = -1  # most of it is negative"] if self.sign < 0 else lines
+
+
+def _taken(source: Source) -> dict[str, _Taken]:
+    roles = roles_of([c.name for c in source.columns], [c.unit for c in source.columns])
+    taken = {}
+    for role, at in roles.items():
+        values = source.columns[at].read()
+        is_negative = "force" in role and np.nanmedian(values) < 0.0
+        taken[role] = _Taken(source.columns[at], role, values, -1 if is_negative else 1)
+    return taken
+
+
+def roles_of(names: Sequence[str], units: Sequence[str]) -> dict[str, int]:
     """Which column is likely to be what, from 0: by name, and not against its unit."""
     found: dict[str, int] = {}
     for role, pattern in ROLES.items():
-        for i, name in enumerate(names):
-            unit = units[i] if i < len(units) else ""
-            fits = not unit or role in of_kind(unit) or unit in ("V", "mV")
-            if i not in found.values() and fits and re.search(pattern, name.lower()):
+        for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+            fits = not unit or role in of_kind(unit) or (unit in SENSOR and role != "time")
+            bare = re.split(r"[/.:]", name.lower())[-1].replace("_", " ")
+            if i not in found.values() and fits and re.search(pattern, bare):
                 found[role] = i
                 break
     return found
@@ -118,76 +167,105 @@ def in_name(path: Path) -> dict[str, tuple[str, str]]:
     return found
 
 
-def proposed(path: Path) -> str:
-    """A map for files like this one, with what has to be looked at marked."""
-    kind = kind_of(path, FileLook())
-    if kind not in ("text", "labview"):
-        said = f"{path}: a map is proposed for texts; the names in a {kind} file are its owner's"
-        raise BadInputError("bad_ending", said, "Write its map by hand: docs/own-data.md")
-    lines = decoded(path, "utf-8-sig")
-    look = look_of(lines)
-    roles = roles_of(look.names, look.units)
-    if "lateral_force" not in roles:
-        roles["lateral_force"] = len(look.names)
-    text = ["# Proposed from " + path.name + ": look at every line.", "[file]"]
-    if kind == "labview" or any(line.startswith(LABVIEW_END) for line in lines[:HEADER_LINES]):
-        text.append('kind = "labview"')
-    else:
-        text += [f"separator = {_quoted(look.separator)}", f"decimal = {_quoted(look.decimal)}"]
-        if look.units_row:
-            text.append("units_row = true")
-    for role, at in roles.items():
-        text += _column(role, at, look)
-        if "force" in role and _is_negative(lines, look, at):
-            text.append("sign = -1  # most of it is negative")
-    if "time" not in roles:
-        text.insert(2, "rate_hz = 1000.0  # TODO: no column of time was found")
-    return "\n".join([*text, *_conditions(path), *_windows(roles)]) + "\n"
+def _seen(column: Column, role: str) -> Seen:
+    values = column.read()
+    values = values[np.isfinite(values)]
+    if values.size < 2:
+        return Seen(column.name, column.unit, column.unit_from, nan, nan, nan, role)
+    unit, unit_from = unit_said(role, column) if role else (column.unit, column.unit_from)
+    noise = 1.5 * float(np.median(np.abs(np.diff(values)))) / sqrt(2.0)
+    name = column.name if column.index is None else f"{column.name}, index {column.index}"
+    return Seen(name, unit, unit_from, float(values.min()), float(values.max()), noise, role)
 
 
-def _column(role: str, at: int, look: Look) -> list[str]:
-    name = _quoted(look.names[at]) if at < len(look.names) and look.names[at] else str(at + 1)
-    unit = look.units[at] if at < len(look.units) else ""
-    lines = ["", f"[columns.{role}]", f"name = {name}"]
-    if not unit:
-        return [*lines, 'unit = "N"  # TODO: nothing says it' if "force" in role else 'unit = "V"']
-    lines.append(f"unit = {_quoted(unit)}")
-    if "force" in role and role not in of_kind(unit) and unit in ("V", "mV"):
-        lines += ["gain = 1.0  # TODO: of the sensor", 'gain_unit = "N/V"']
+def _rate_hz(taken: Mapping[str, _Taken]) -> float | None:
+    """The rate of samples, where a column of time says its unit."""
+    if "time" not in taken or not taken["time"].unit:
+        return None
+    step_s = float(np.nanmedian(np.diff(taken["time"].in_si())))
+    return 1.0 / step_s if step_s > 0.0 else None
+
+
+def _stretches(path: Path, drawn: Mapping[str, Array], source: Source) -> tuple[Span, ...]:
+    """When the voltage is on, where a column and the time tell it."""
+    column = next((name for name in ("voltage", "electrode_voltage") if name in drawn), None)
+    if column is None or "time" not in drawn or not np.nanmax(np.abs(drawn[column])):
+        return ()
+    mark = VoltageMark.model_validate({"column": column})
+    try:
+        return tuple(on_stretches(Quantities(path, drawn, {}, source.lines), mark, 0.0)[0])
+    except BadInputError:
+        return ()
+
+
+def _spans(drawn: Mapping[str, Array], stretches: Sequence[Span]) -> tuple[Span, ...]:
+    """Stretches before and while the voltage is on first, away from where it changes."""
+    if not stretches:
+        return ()
+    on = stretches[0]
+    before_s, on_s = on.start_s - float(drawn["time"][0]), on.end_s - on.start_s
+    window = Span("window 1", on.start_s + 0.3 * on_s, on.end_s - 0.1 * on_s)
+    if before_s <= 0.0:
+        return (window,)
+    return (Span("baseline", on.start_s - 0.7 * before_s, on.start_s - 0.1 * before_s), window)
+
+
+def _said(taken: Mapping[str, _Taken], drawn: Mapping[str, Array]) -> list[str]:
+    """What the picture takes each thing for."""
+    said = [f"{role}: column {one.column.name}" for role, one in taken.items()]
+    said += [f"sign of {role}: -1, most is negative" for role, one in taken.items() if one.sign < 0]
+    if {"normal_force", "lateral_force"} <= set(drawn):
+        load = drawn["normal_force"]
+        free = load < UNLOADED * np.nanpercentile(load, 95.0)
+        if free.sum() >= FEWEST:
+            zero = float(np.nanmean(drawn["lateral_force"][free]))
+            said.append(f"zero of lateral_force: {zero:.3g} without load")
+    return said
+
+
+def _file_lines(source: Source, look: FileLook, taken: Mapping[str, _Taken]) -> list[str]:
+    lines = ["[file]"]
+    text = source.text
+    if look.kind:
+        lines.append(f"kind = {_quoted(look.kind)}")
+    if text is not None and not text.is_labview:
+        lines += [f"separator = {_quoted(text.separator)}"]
+        lines += ["units_row = true"] if text.units_row else []
+    if "time" not in taken:
+        lines.append(f"rate_hz = {TODO}  # no column of time was found")
     return lines
-
-
-def _is_negative(lines: list[str], look: Look, at: int) -> bool:
-    """Whether most numbers of a column are."""
-    cells = [cells_of(line, look.separator) for line in lines[look.header_line :]]
-    said = [row[at].replace(look.decimal, ".") for row in cells if at < len(row)]
-    numbers = [float(cell) for cell in said if is_number(cell)]
-    return sum(number < 0.0 for number in numbers) > 0.5 * len(numbers)
 
 
 def _conditions(path: Path) -> list[str]:
     found = in_name(path)
     patterns = ", ".join(f"'{pattern}'" for pattern, _ in found.values())
     units = ", ".join(f"{name} = {_quoted(unit)}" for name, (_, unit) in found.items() if unit)
-    return [
-        "",
-        "[conditions]",
-        f"patterns = [{patterns}]",
-        f"units = {{ {units} }}",
-        'voltage_is = "peak"  # or peak_to_peak, rms',
-    ]
+    missing = [name for name in ("voltage", "frequency") if name not in found]
+    lines = ["", "[conditions]", f"patterns = [{patterns}]", f"units = {{ {units} }}"]
+    if missing:
+        values = ", ".join(f"{name} = {TODO}" for name in missing)
+        lines.append(f"values = {{ {values} }}  # the file's name does not say it; units too")
+    if found.get("voltage", ("", "V"))[1] == "V":
+        lines.append(f"voltage_is = {TODO}  # peak, peak_to_peak or rms")
+    return lines
 
 
-def _windows(roles: dict[str, int]) -> list[str]:
-    column = next((c for c in ("voltage", "electrode_voltage") if c in roles), None)
-    mark = f"column = {_quoted(column)}" if column else "start_s = 1.0  # TODO: when it comes on"
-    motion = ["", "[motion]"] if {"position", "speed"} & set(roles) else []
-    return [
-        *["", "[voltage_on]", mark],
-        *motion,
-        *["", "[baseline]  # friction before the voltage", "start_s = -0.4", "end_s = -0.05"],
-        *["", "[[windows]]", "start_s = 0.3", "end_s = 0.8"],
-    ]
+def _windows(
+    drawn: Mapping[str, Array], stretches: Sequence[Span], spans: Sequence[Span]
+) -> list[str]:
+    column = next((name for name in ("voltage", "electrode_voltage") if name in drawn), None)
+    lines = ["", "[voltage_on]"]
+    lines.append(f"column = {_quoted(column)}" if column else f"start_s = {TODO}  # it comes on")
+    if len(stretches) > 1:
+        lines.append(f'bursts = "each"  # it comes on {len(stretches)} times')
+    lines += ["", "[motion]"] if {"position", "speed"} & set(drawn) else []
+    zero_s = stretches[0].start_s if stretches else 0.0
+    for span in spans or (Span("window 1", nan, nan),):
+        head = "[baseline]  # friction before the voltage" if span.name == "baseline" else ""
+        lines += ["", head or "[[windows]]"]
+        for key, at_s in (("start_s", span.start_s), ("end_s", span.end_s)):
+            lines.append(f"{key} = {TODO if isnan(at_s) else f'{at_s - zero_s:.3g}'}")
+    return lines
 
 
 def _quoted(text: str) -> str:

@@ -22,7 +22,11 @@ def strokes_of(path: Path, map_file: Path) -> Strokes:
     if len(folder.paths) > 1:
         said = f"{path}: {len(folder.paths)} trials, and a texture is made of one"
         raise BadInputError("bad_strokes", said, f"Give one of them, such as {folder.paths[0]}")
-    trial = folder.trial(folder.paths[0])
+    trials = folder.trials(folder.paths[0])
+    if len(trials) > 1:
+        said = f"{path}: {len(trials)} bursts of voltage, and a texture is made of one trial"
+        raise BadInputError("bad_strokes", said, "Give voltage_on.start_s of one of them")
+    (trial,) = trials
     speed_m_s = _speed_m_s(trial)
     lateral_n = np.where(_counts(trial), trial.columns["lateral_force"], np.nan)
     return Strokes(_position_m(trial, speed_m_s), load_of(trial), lateral_n, speed_m_s)
@@ -31,7 +35,9 @@ def strokes_of(path: Path, map_file: Path) -> Strokes:
 def _counts(trial: Trial) -> Mask:
     """Samples [n] that slide in a window after the baseline."""
     spans = [span for span in trial.spans if span.name != BASELINE]
-    return np.asarray(np.any([inside(trial, span) & trial.moving for span in spans], axis=0))
+    return np.asarray(
+        np.any([inside(trial, span) & trial.moving & trial.usable for span in spans], axis=0)
+    )
 
 
 def _speed_m_s(trial: Trial) -> Array:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from haptic_driver.config import Section, parse
+from model.support.layout import Layout
 from model.support.reading import read_toml
 
 Seconds = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -21,25 +23,33 @@ class FileLook(Section):
     """How the files are written; what is left out is found, or goes by the file's ending."""
 
     kind: Literal["text", "labview", "npy", "hdf5", "mat", "tdms"] | None = None
-    separator: Literal[",", ";", "tab", "space"] = ","
-    decimal: Literal[".", ","] = "."
+    separator: Literal[",", ";", "tab", "space"] | None = None
+    decimal: Literal[".", ","] | None = None
     header_line: int | None = Field(default=None, ge=0, le=1000)
-    units_row: bool = False
-    encoding: str = "utf-8-sig"
+    units_row: bool | None = None
+    encoding: str | None = None
     rate_hz: float | None = Field(default=None, gt=0.0, le=1e9)
 
     @model_validator(mode="after")
     def _is_told_apart(self) -> Self:
-        if self.separator == self.decimal:
+        if self.separator == self.decimal == ",":
             raise ValueError("separator and decimal cannot both be a comma")
         return self
+
+    def layout(self) -> Layout:
+        """What it says of a text."""
+        return Layout(self.separator, self.decimal, self.header_line, self.units_row, self.encoding)
 
 
 class ColumnSaid(Section):
     """One column: SI = sign (cell - offset) gain, in `unit` times `gain_unit`.
 
-    `name` is as in the file, or the number of the column from 1. `index` is that of a column from
-    1, where the name is that of a table.
+    `name` is as in the file, with or without the unit behind it, or the number of the column from
+    1. `index` is that of a column from 1, where the name is that of a table. `overrides_file`: the
+    unit of the map counts where the file says another. `unwrap`: the range of a counter that begins
+    again, in the file's numbers. `zero`: "linear" takes a straight line from the first to the last
+    samples for zero. `outliers`: samples far outside the column's own noise, or without a number,
+    are refused or left out.
     """
 
     name: str | int
@@ -49,6 +59,10 @@ class ColumnSaid(Section):
     offset: float = 0.0
     gain: float = 1.0
     gain_unit: str = ""
+    overrides_file: bool = False
+    unwrap: float | None = Field(default=None, gt=0.0)
+    zero: Literal["as_said", "linear"] = "as_said"
+    outliers: Literal["refuse", "leave_out"] = "refuse"
 
 
 class Columns(Section):
@@ -64,8 +78,13 @@ class Columns(Section):
 
 
 class VoltageMark(Section):
-    """When the voltage is on: between two times, or where a column exceeds a threshold."""
+    """When the voltage is on: between two times, or where a column exceeds a threshold.
 
+    `bursts`: of a voltage that comes on several times "each" is a trial of its own. Where their
+    levels differ, the set voltage is that of the highest.
+    """
+
+    bursts: Literal["one", "each"] = "one"
     column: Literal["voltage", "electrode_voltage"] | None = None
     threshold_v: float | None = Field(default=None, gt=0.0, le=1e5)
     start_s: Seconds | None = None
@@ -79,8 +98,12 @@ class VoltageMark(Section):
 
 
 class MotionMark(Section):
-    """When the finger slides: between two times, or where it is fast enough."""
+    """When the finger slides: between two times, or where it is fast enough.
 
+    `turns`: "sign" counts the lateral force against the finger's way, where it turns in a window.
+    """
+
+    turns: Literal["refuse", "sign"] = "refuse"
     least_speed_m_s: float | None = Field(default=None, gt=0.0, le=10.0)
     start_s: Seconds | None = None
     end_s: Seconds | None = None
@@ -183,3 +206,8 @@ class TrialMap(Section):
 def read_map(path: Path) -> TrialMap:
     """A map; BadInputError names every key at fault."""
     return parse(TrialMap, read_toml(path), str(path), "bad_map")
+
+
+def made_map(values: Mapping[str, Any]) -> TrialMap:
+    """A map that is given as a dict; BadInputError names every key at fault."""
+    return parse(TrialMap, dict(values), "the map", "bad_map")

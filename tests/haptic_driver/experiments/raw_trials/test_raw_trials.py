@@ -14,7 +14,7 @@ import pytest
 from scipy.io import savemat
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.raw_trials.columns import read_columns
+from haptic_driver.experiments.raw_trials.columns import open_columns
 from haptic_driver.experiments.raw_trials.cut import (
     Row,
     conditions_of,
@@ -22,9 +22,11 @@ from haptic_driver.experiments.raw_trials.cut import (
     rows_of,
     tabled,
 )
-from haptic_driver.experiments.raw_trials.propose import look_of, proposed, roles_of
+from haptic_driver.experiments.raw_trials.propose import proposed, roles_of
+from haptic_driver.experiments.raw_trials.quantities import given_roles, quantities
 from haptic_driver.experiments.raw_trials.trial_map import TrialMap, read_map
-from haptic_driver.experiments.raw_trials.units import to_si
+from model.support.layout import Layout, text_table
+from model.support.units import to_si
 
 GF_N = 9.80665e-3  # standard gravity times a gram
 TIME_S = np.arange(400) / 200.0
@@ -72,7 +74,14 @@ def text(separator: str, decimal: str, header: str) -> str:
 
 
 def rows(path: Path, said: TrialMap) -> list[Row]:
-    return rows_of(read_trial(path, said, conditions_of(path, said.conditions, {})), said, 1)
+    (trial,) = read_trial(path, said, conditions_of(path, said.conditions, {}))
+    return rows_of(trial, said, 1)
+
+
+def read_columns(path: Path, said: TrialMap) -> dict[str, np.ndarray]:
+    names = [column.name for column in given_roles(said).values()]
+    wanted = [name for name in names if isinstance(name, str)]
+    return dict(quantities(open_columns(path, said.file, wanted), said).columns)
 
 
 def write_npz(path: Path) -> None:
@@ -186,6 +195,13 @@ def test_the_unit_may_stand_behind_the_name(tmp_path) -> None:
         ("position", "mm", "", 1e-3),
         ("voltage", "kV", "", 1e3),
         ("frequency", "kHz", "", 1e3),
+        ("voltage", "Vpp", "", 0.5),
+        ("voltage", "mV p-p", "", 0.5e-3),
+        ("voltage", "Vrms", "", sqrt(2.0)),
+        ("voltage", "V peak", "", 1.0),
+        ("voltage", "V/2", "", 0.5),
+        ("voltage", "100 V", "", 100.0),
+        ("time", "10 ms", "", 0.01),
     ],
 )
 def test_units(quantity, unit, gain_unit, factor) -> None:
@@ -200,8 +216,8 @@ def test_units(quantity, unit, gain_unit, factor) -> None:
         ("frequency", "rad/s"),
         ("frequency", "rpm"),
         ("lateral_force", "V"),
-        ("voltage", "Vpp"),
-        ("time", "10 ms"),
+        ("voltage_offset", "Vpp"),
+        ("electrode_voltage", "Vrms"),
         ("time", "__import__('os')"),
         ("time", "("),
     ],
@@ -271,8 +287,9 @@ def changed(**columns: Any) -> dict[str, np.ndarray]:
         (changed(HV=np.zeros(400)), "voltage never exceeds"),
         (changed(x=np.where(TIME_S < 1.2, RAW[:, 4], 36.0)), "window 1, 1 to 1.5 s, slides for"),
         (changed(t=RAW[::-1, 0]), "time does not rise at sample 2"),
-        (changed(Fx=np.where(ON, np.nan, 1.0)), "lateral_force is no number at sample 161"),
+        (changed(Fx=np.where(ON, np.nan, 1.0)), "lateral_force is no number at 1 s"),
         (changed(Fx=RAW[:300, 2]), "columns differ in length"),
+        (changed(Fx=np.where(TIME_S == 1.1, 99.0, RAW[:, 2])), "lateral_force is 99 at 1.1 s"),
         ({name: values[:200] for name, values in changed().items()}, "the record goes from 0 to"),
         ({"t": RAW[:, 0]}, "there is no column 'Fx'; found: t"),
     ],
@@ -287,19 +304,21 @@ def test_what_is_wrong_with_a_trial_is_told(tmp_path, columns, reason) -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "line"),
+    ("bad", "line"),
     [
-        ("0,1,2,3,4\n5,1,high,3,4\n", 4),
-        ("0,1,2,3,4\n\n5,1,high,3,4\n", 5),
-        ("0,1,2,3,4\n5,1,2\n", 4),
-        ("0,1,2,3,4\n\n5,1,2\n", 5),
-        ("0,1,2,3,4\n5,1,2,3,4,5\n", 4),
+        ("60,1,2,3,high", 15),
+        ("\n60,1,2,3,high", 16),
+        ("60,1,2", 15),
+        ("\n60,1,2", 16),
+        ("60,1,2,3,4,5", 15),
+        ("late,1,2,3,4", 15),
     ],
 )
-def test_a_line_that_is_no_row_of_numbers_is_named(tmp_path, body, line) -> None:
+def test_a_line_that_is_no_row_of_numbers_is_named(tmp_path, bad, line) -> None:
     path = tmp_path / f"{NAME}.csv"
-    path.write_text("made at noon\nt,Fz,Fx,HV,x\n" + body)
-    with pytest.raises(BadInputError, match=f"line {line}: "):
+    body = "".join(f"{5 * i},1,2,3,4\n" for i in range(12))
+    path.write_text(f"made at noon\nt,Fz,Fx,HV,x\n{body}{bad}\n")
+    with pytest.raises(BadInputError, match=f"line {line}\\b"):
         read_columns(path, made())
 
 
@@ -332,9 +351,11 @@ def test_a_map_is_proposed_that_reads_the_file(tmp_path) -> None:
     path = tmp_path / f"day2_{NAME}_t07.txt"
     path.write_text(text(";", ",", "Setup;B\n\nTime;Fz;Fx;Voltage;Position\nms;gf;mN;V;mm\n"))
     target = tmp_path / "map.toml"
-    target.write_text(proposed(path))
+    text_of_map = proposed(path).map_text
+    assert re.findall(r"(\w+) = .TODO", text_of_map) == ["voltage_is"]
+    target.write_text(text_of_map.replace("TODO", "peak"))
     said = read_map(target)
-    assert (said.file.separator, said.file.decimal, said.file.units_row) == (";", ",", True)
+    assert (said.file.separator, said.file.units_row) == (";", True)
     assert said.columns.normal_force is not None
     assert (said.columns.normal_force.name, said.columns.normal_force.sign) == ("Fz", -1)
     conditions = conditions_of(path, said.conditions, {})
@@ -351,11 +372,13 @@ def test_a_map_is_proposed_that_reads_the_file(tmp_path) -> None:
         (["a,b", *["1.5,2"] * 6], ["a", "b"]),
         (["a\tb", *["1,5\t2"] * 6], ["a", "b"]),
         (["note", "a b", *["1.5 2"] * 6], ["a", "b"]),
+        (["a,b,note", *["1.5,2,good"] * 6], ["a", "b", "note"]),
         ([*["1.5;2"] * 6], []),
     ],
 )
-def test_the_look_of_texts(lines, names) -> None:
-    assert look_of(lines).names == names
+def test_the_layout_of_texts(lines, names) -> None:
+    content = "\n".join(lines).encode()
+    assert text_table(Path("it.csv"), content, Layout()).names == names
 
 
 def test_a_column_is_not_taken_against_its_unit() -> None:

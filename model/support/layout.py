@@ -1,0 +1,223 @@
+"""Where the table of a text stands: its separator, header, units and rows of numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from model.support.cells import is_number
+from model.support.errors import ModelError
+from model.support.text import SEPARATORS, Decimal, Line, decoded, split, times
+from model.support.units import named_unit, understood
+
+HEADER_LINES = 1000  # in which a header is looked for
+SURE = 5  # lines of numbers after which a table is believed
+LABVIEW = "LabVIEW Measurement"
+LABVIEW_END = "***End_of_Header***"
+COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a person says of a text; what is None is found."""
+
+    separator: str | None = None
+    decimal: Decimal | None = None
+    header_line: int | None = None
+    units_row: bool | None = None
+    encoding: str | None = None
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table of a text: names and units by column as written, and the lines of its numbers.
+
+    `header_line` counts from 1, and is 0 where there are no names. `units_row`: units stand below
+    the names.
+    """
+
+    path: Path
+    separator: str
+    decimal: Decimal | None
+    names: list[str]
+    units: list[str]
+    rows: list[Line]
+    header_line: int
+    units_row: bool
+    is_labview: bool = False
+
+    @property
+    def width(self) -> int:
+        """The number of columns."""
+        return max(len(self.names), len(self.rows[0].cells) if self.rows else 0)
+
+    def cells(self, place: int) -> list[str]:
+        """One column, empty where a row ends early."""
+        return [row.cells[place] if place < len(row.cells) else "" for row in self.rows]
+
+
+def text_table(
+    path: Path, content: bytes, said: Layout, wanted: Sequence[str] = (), labview: bool = False
+) -> TextTable:
+    """The table of a text, found by the names `wanted`, or else by its first lines of numbers.
+
+    ModelError for a text without a table, with several, or with rows that its header cannot mean.
+    """
+    text = decoded(path, content, said.encoding)
+    if labview or text.startswith(LABVIEW):
+        table = _labview(path, text)
+    else:
+        table = _found(path, text, said, wanted)
+    _check_one_table(table)
+    _check_widths(table)
+    if not table.rows:
+        raise ModelError(f"{path}: no numbers stand below its header", "Is it whole?", "bad_table")
+    return table
+
+
+def _found(path: Path, text: str, said: Layout, wanted: Sequence[str]) -> TextTable:
+    head = "".join(text.splitlines(keepends=True)[: HEADER_LINES + SURE])
+    tried: list[tuple[str, int]] = []
+    for separator in [said.separator] if said.separator else SEPARATORS:
+        try:
+            lines = split(path, head, separator)
+        except ModelError:
+            if said.separator:
+                raise
+            continue
+        at = _header(lines, said, wanted)
+        if at is not None:
+            tried.append((separator, at))
+            if wanted or said.header_line is not None:
+                break
+    if not tried:
+        said_no = f"{path}: no {SURE} lines of numbers follow one another"
+        raise ModelError(said_no, "Is it a text? See docs/own-data.md", "bad_table")
+    separator, at = tried[0]
+    return _table(path, split(path, text, separator), separator, at, said)
+
+
+def _header(lines: Sequence[Line], said: Layout, wanted: Sequence[str]) -> int | None:
+    """Which of the lines has the names, -1 where none has any; None where no table is found."""
+    if said.header_line is not None:
+        numbers = [line.number for line in lines]
+        return numbers.index(said.header_line) if said.header_line in numbers else -1
+    for i, line in enumerate(lines):
+        if wanted and is_header(line.cells, wanted):
+            return i
+    first = _first_row(lines)
+    if first is None:
+        return None
+    width = len(_filled(lines[first].cells))
+    above = [i for i in range(max(first - 3, 0), first) if len(lines[i].cells) >= width]
+    if len(above) > 1 and _is_units(lines[above[-1]].cells):
+        above.pop()
+    return above[-1] if above else -1
+
+
+def is_header(cells: Sequence[str], wanted: Sequence[str]) -> bool:
+    """Whether a line has all names, with or without units behind them."""
+    bare = {named_unit(cell).bare for cell in cells} | set(cells) if len(cells) > 1 else set(cells)
+    return set(wanted) <= bare
+
+
+def _first_row(lines: Sequence[Line]) -> int | None:
+    """Where SURE lines of equally many cells begin, at least half of each being numbers."""
+    widths = []
+    for line in lines:
+        cells = _filled(line.cells)
+        numeric = sum(map(is_value, cells))
+        widths.append(len(line.cells) if numeric > 1 and 2 * numeric >= len(cells) else 0)
+    for i in range(len(widths) - SURE + 1):
+        if widths[i] and len(set(widths[i : i + SURE])) == 1:
+            return i
+    return None
+
+
+def is_value(cell: str) -> bool:
+    """Whether a cell is a number with a point or comma, or a date or time."""
+    return is_number(cell) or bool(COMMA.fullmatch(cell)) or times([cell]) is not None
+
+
+def _filled(cells: Sequence[str]) -> list[str]:
+    return [cell for cell in cells if cell]
+
+
+def _is_units(cells: Sequence[str]) -> bool:
+    """Whether a line has units alone."""
+    units = [cell.strip("[]() ") for cell in cells]
+    return any(units) and all(
+        not u or (understood(u) is not None and not is_value(u)) for u in units
+    )
+
+
+def _table(path: Path, lines: list[Line], separator: str, at: int, said: Layout) -> TextTable:
+    names = lines[at].cells if at >= 0 else []
+    rows = lines[at + 1 :]
+    if at < 0 and said.header_line is None:
+        rows = rows[_first_row(lines) or 0 :]
+    rows = [line for line in rows if any(line.cells)]
+    has_units = said.units_row
+    if has_units is None:
+        has_units = bool(names and rows and _is_units(rows[0].cells))
+    units = [cell.strip("[]() ") for cell in rows[0].cells] if has_units and rows else []
+    header_line = lines[at].number if at >= 0 else 0
+    kept = rows[1:] if has_units else rows
+    return TextTable(
+        path, separator, said.decimal, names, units, kept, header_line, bool(has_units)
+    )
+
+
+def _labview(path: Path, text: str) -> TextTable:
+    """The table of a LabVIEW measurement file, whose header says how it is written."""
+    head = text[: text.find(LABVIEW_END)]
+    said = dict(line.split(None, 1) for line in head.splitlines() if len(line.split(None, 1)) > 1)
+    separator = "," if said.get("Separator", "Tab").strip() == "Comma" else "tab"
+    decimal: Decimal = "," if said.get("Decimal_Separator", ".").strip() == "," else "."
+    lines = split(path, text, separator)
+    ends = [i for i, line in enumerate(lines) if line.cells[:1] == [LABVIEW_END]]
+    if not ends or ends[-1] + 1 >= len(lines):
+        raise ModelError(f"{path}: has no {LABVIEW_END}, as LabVIEW writes it", "", "bad_table")
+    if len(ends) > 2:
+        raise _several(path, [lines[i].number + 1 for i in ends[1:]])
+    about = {line.cells[0]: line.cells[1:] for line in lines[ends[0] : ends[-1]] if line.cells}
+    names = lines[ends[-1] + 1].cells
+    units = _labview_units(names, about)
+    rows = [line for line in lines[ends[-1] + 2 :] if any(line.cells)]
+    header_line = lines[ends[-1] + 1].number
+    return TextTable(path, separator, decimal, names, units, rows, header_line, False, True)
+
+
+def _labview_units(names: Sequence[str], about: dict[str, list[str]]) -> list[str]:
+    """A unit a column: s for what LabVIEW calls X_Value, and the channels' own in their order."""
+    of_channels = iter(about.get("Y_Unit_Label", []))
+    in_time = "Time" in about.get("X_Dimension", ["Time"])
+    x_unit = "s" if in_time else ""
+    return [x_unit if name in ("X_Value", "") else next(of_channels, "") for name in names]
+
+
+def _check_one_table(table: TextTable) -> None:
+    """ModelError where the header stands again: several tables in one file."""
+    again = [row.number for row in table.rows if table.names and row.cells == table.names]
+    if again:
+        raise _several(table.path, [table.header_line, *again])
+
+
+def _several(path: Path, lines: Sequence[int]) -> ModelError:
+    listed = ", ".join(map(str, lines[:10]))
+    said = f"{path}: holds {len(lines)} tables, with headers in lines {listed}"
+    return ModelError(said, "Save each as a file of its own", "several_tables")
+
+
+def _check_widths(table: TextTable) -> None:
+    """ModelError for a row of more cells than there are names."""
+    count = len(table.names)
+    for row in table.rows if any(table.names) else []:
+        if any(row.cells[count:]):
+            said = (
+                f"{table.path}, line {row.number}: has {len(row.cells)} cells under {count} names"
+            )
+            hint = "Is it whole? A comma as decimal sign needs another separator, or quotes"
+            raise ModelError(said, hint, "bad_table")
