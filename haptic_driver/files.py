@@ -53,8 +53,9 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def listed(folder: Path, endings: Collection[str], apart: Collection[Path] = ()) -> list[Path]:
-    """The files of a folder with these endings, by name; hidden ones, as macOS leaves beside each,
-    and those `apart`, which we write or read otherwise, are none of them.
+    """The files of a folder with these endings, by name.
+
+    Hidden ones are left out, as macOS leaves one beside each file; so are those `apart`.
     """
     left = {path.resolve() for path in apart}
     return [

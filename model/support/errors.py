@@ -34,5 +34,6 @@ def did_you_mean(word: str, choices: list[str]) -> str:
     """The question that opens a hint, with a space after it; nothing where no choice is like
     `word`.
     """
-    close = get_close_matches(word, choices, n=1, cutoff=0.5)
+    close = [choice for choice in choices if choice.casefold() == word.casefold()]
+    close = close or get_close_matches(word, choices, n=1, cutoff=0.5)
     return f"Did you mean '{close[0]}'? " if close else ""

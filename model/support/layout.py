@@ -212,12 +212,18 @@ def _several(path: Path, lines: Sequence[int]) -> ModelError:
 
 
 def _check_widths(table: TextTable) -> None:
-    """ModelError for a row of more cells than there are names."""
+    """ModelError for a row of more cells than there are names, and for names without any cells."""
     count = len(table.names)
-    for row in table.rows if any(table.names) else []:
+    if not any(table.names):
+        return
+    hint = "Is it whole? A comma as decimal sign or in a name needs another separator, or quotes"
+    for row in table.rows:
         if any(row.cells[count:]):
             said = (
                 f"{table.path}, line {row.number}: has {len(row.cells)} cells under {count} names"
             )
-            hint = "Is it whole? A comma as decimal sign needs another separator, or quotes"
             raise ModelError(said, hint, "bad_table")
+    widest = max((len(row.cells) for row in table.rows), default=count)
+    if any(table.names[widest:]) and not table.is_labview:
+        said = f"{table.path}: its rows have at most {widest} cells under {count} names"
+        raise ModelError(said, hint, "bad_table")

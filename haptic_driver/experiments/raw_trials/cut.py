@@ -51,7 +51,8 @@ COLUMNS = (
 BASELINE = "baseline"
 MOST = 4000  # samples whose correlation is looked at; more are averaged in blocks
 MOVING = 0.2  # of the greatest speed, where the map says none
-ON = 0.5  # of the greatest voltage, where the map says none
+# of the greatest voltage, where the map says none; below, attraction is a twenty-fifth
+ON = 0.2
 ENDS = 0.01  # of a record: what a straight line for zero goes through
 PEAK = {"peak": 1.0, "peak_to_peak": 0.5}
 Row = dict[str, str | float]
@@ -187,7 +188,7 @@ def read_trial(path: Path, said: TrialMap, conditions: Mapping[str, str | float]
 
 def _looked_at(trial: Trial, said: TrialMap) -> Trial:
     spans = _spans(trial, said)
-    usable, doubts = look_at(trial.found, spans, said)
+    usable, doubts = look_at(trial.found, spans, trial.moving, said)
     return replace(trial, spans=spans, usable=usable, doubts=(*trial.doubts, *doubts))
 
 
@@ -262,7 +263,8 @@ def on_stretches(
     stretches = list[Array]()
     if above.size:
         hold_s = max(period_s, FEWEST * float(np.median(np.diff(time_s))))
-        stretches = np.split(above, np.flatnonzero(np.diff(time_s[above]) > hold_s) + 1)
+        is_off = (np.diff(time_s[above]) > hold_s) & (np.diff(above) > 1)
+        stretches = np.split(above, np.flatnonzero(is_off) + 1)
     spikes = [part for part in stretches if part.size < FEWEST]
     long = [part for part in stretches if part.size >= FEWEST]
     if not long:

@@ -18,7 +18,7 @@ from haptic_driver.signals import Array, Mask
 SLIDES = 0.8  # of a window; the rest may be missing
 FAR = 20.0  # of a signal's own spread, beyond which a sample is none of it
 TURNED = 0.05  # of the way
-UNLOADED = 0.05  # of the load
+UNLOADED = 0.1  # of the load
 ZERO = 0.01  # of the lateral force: a zero that is told
 FORCES = ("lateral_force", "normal_force")
 
@@ -32,7 +32,7 @@ class Span(NamedTuple):
 
 
 class Doubt(NamedTuple):
-    """What a trial's signals leave in doubt: its kind in a word, and where and how much."""
+    """What a trial's signals leave in doubt: its kind, and where and how much."""
 
     kind: str
     said: str
@@ -45,12 +45,14 @@ class Look(NamedTuple):
     doubts: tuple[Doubt, ...]
 
 
-def look_at(found: Quantities, spans: tuple[Span, ...], said: TrialMap) -> Look:
-    """Look at the stretches that are used; BadInputError says what in one refuses the trial."""
-    usable = np.ones(found.columns["time"].size, bool)
+def look_at(found: Quantities, spans: tuple[Span, ...], moving: Mask, said: TrialMap) -> Look:
+    """Look at the stretches that are used, where the finger moves; BadInputError says what in one
+    refuses the trial.
+    """
+    usable = np.ones(moving.size, bool)
     doubts = list[Doubt]()
     for span in spans:
-        inside = within(found, span)
+        inside = within(found, span) & moving
         if inside.sum() < FEWEST:
             continue
         for role in FORCES:
@@ -116,31 +118,21 @@ def _without_outliers(
     return ~wrong
 
 
-def runs(values: Array) -> tuple[Array, Array]:
-    """The value and the length of each run of equal values [n]."""
-    ends = np.flatnonzero(np.diff(values)) + 1
-    starts = np.concatenate([[0], ends])
-    return values[starts], np.diff(np.concatenate([starts, [values.size]])).astype(float)
-
-
 def _refuse_clipped(found: Quantities, role: str, chosen: Mask, span: Span) -> None:
-    """BadInputError where a signal rests at the least or greatest number that it ever has."""
+    """BadInputError where a signal is at the least or greatest number that it ever has more often
+    than at any other.
+    """
     whole, values = found.columns[role], found.columns[role][chosen]
-    for end in (np.nanmin(whole), np.nanmax(whole)):
-        each, length = runs(whole[np.isfinite(whole)])
-        others = length[each != end]
-        if others.size < FEWEST:
+    each, times = np.unique(whole[np.isfinite(whole)], return_counts=True)
+    for end in (each[0], each[-1]):
+        count = int((values == end).sum())
+        others = times[each != end]
+        if others.size < FEWEST or count < max(FEWEST, 2 * int(others.max())):
             continue
-        long = 4.0 * float(np.median(others))
-        each, length = runs(values)
-        held = float(length[(each == end) & (length > long)].sum())
-        if held >= FEWEST:
-            at = int(np.flatnonzero(chosen & (whole == end))[0])
-            told = (
-                f"{role} is clipped at {end:.4g} N for {held / values.size:.0%} of {span.name},"
-                f" from {found.place(at)}"
-            )
-            raise _refused(found, told, "Measure again in a wider range, or choose another window")
+        at = int(np.flatnonzero(chosen & (whole == end))[0])
+        told = f"{role} is clipped at {end:.4g} N for {count / values.size:.0%} of {span.name}"
+        hint = "Measure again in a wider range, or choose another window"
+        raise _refused(found, f"{told}, from {found.place(at)}", hint)
 
 
 # --- samples that are not there
@@ -241,7 +233,7 @@ def _zero(found: Quantities, spans: tuple[Span, ...]) -> Iterator[Doubt]:
     if not touches.size:
         return
     before, after = lateral_n[: touches[0]], lateral_n[touches[-1] + 1 :]
-    levels = [float(np.nanmean(part)) for part in (before, after) if part.size >= FEWEST]
+    levels = [float(np.nanmedian(part)) for part in (before, after) if part.size >= FEWEST]
     used = np.any([within(found, span) for span in spans], axis=0)
     force_n = float(np.nanmean(np.abs(lateral_n[used]))) if used.any() else 0.0
     if not levels or max(map(abs, levels)) <= ZERO * force_n:
