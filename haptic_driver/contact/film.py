@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from haptic_driver.contact.times import read_times
 from haptic_driver.errors import BadInputError, HapticError, optional
+from haptic_driver.files import listed
 from haptic_driver.signals import Array
-from model.support.reading import read_text
 
 EXTRA = "camera"
 STACKS = (".tif", ".tiff")
@@ -74,18 +75,6 @@ def read_film(path: Path, times: Path | None = None, rate_hz: float | None = Non
     return Film(path, read_times(stamps, len(places)), places)
 
 
-def read_times(path: Path, count: int) -> Array:
-    """Time stamps in s, the last number of every line that has one; they count from the first."""
-    rows = [re.findall(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?", line) for line in _lines(path)]
-    time_s = np.array([float(numbers[-1]) for numbers in rows if numbers])
-    if time_s.size != count:
-        said = f"{path}: has {time_s.size} time stamps for {count} frames"
-        raise BadInputError("bad_times", said, "Give a line per frame, its time in s at the end")
-    if (np.diff(time_s) <= 0.0).any():
-        raise BadInputError("bad_times", f"{path}: times do not rise", "Give seconds, one a frame")
-    return np.asarray(time_s - time_s[0])
-
-
 def grey(image: Any) -> Array:
     """A picture of integers or floats, grey or of colours, as floats [y, x] in 0 to 1."""
     util, color = (optional(f"skimage.{name}", EXTRA, "a picture") for name in ("util", "color"))
@@ -136,7 +125,7 @@ def _places(path: Path) -> tuple[tuple[tuple[Path, int | None], ...], float | No
     """Where each frame is, and the rate that a video says."""
     ending = path.suffix.lower()
     if path.is_dir():
-        files = [file for file in path.iterdir() if file.suffix.lower() in PICTURES]
+        files = listed(path, PICTURES)
         return tuple((file, None) for file in sorted(files, key=_natural)), None
     if ending not in (*PICTURES, *VIDEOS):
         raise BadInputError("bad_film", f"{path}: is no film of a kind that is known", GIVE)
@@ -162,12 +151,8 @@ def _natural(path: Path) -> list[Any]:
 
 
 def _stamps_in(folder: Path) -> Path | None:
-    found = [file for file in folder.iterdir() if file.suffix.lower() in STAMPS]
+    found = listed(folder, STAMPS)
     if len(found) > 1:
         names = ", ".join(sorted(file.name for file in found))
         raise BadInputError("bad_times", f"{folder}: {names}: which has the times?", "Say --times")
     return found[0] if found else None
-
-
-def _lines(path: Path) -> list[str]:
-    return read_text(path).splitlines()

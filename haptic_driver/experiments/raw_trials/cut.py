@@ -158,9 +158,15 @@ def _amplitude(
 
 
 def read_trials(
-    source: Source, said: TrialMap, conditions: Mapping[str, str | float]
+    source: Source,
+    said: TrialMap,
+    conditions: Mapping[str, str | float],
+    *,
+    may_turn: bool = False,
 ) -> list[Trial]:
     """A file as a trial, or one for each burst of its voltage where the map says so.
+
+    `may_turn`: the finger's way is of use in both directions.
 
     BadInputError says what in it is not as the map says, or cannot be meant by it.
     """
@@ -175,20 +181,20 @@ def read_trials(
         found = _against_the_way(found)
     trial = Trial(found, conditions, None, moving, motion, (), moving, ())
     if said.voltage_on is None or not conditions["voltage"]:
-        return [_looked_at(trial, said)]
+        return [_looked_at(trial, said, may_turn)]
     bursts = _bursts(found, said.voltage_on, conditions, whole)
-    return [_looked_at(replace(trial, **burst), said) for burst in bursts]
+    return [_looked_at(replace(trial, **burst), said, may_turn) for burst in bursts]
 
 
-def read_trial(path: Path, said: TrialMap, conditions: Mapping[str, str | float]) -> list[Trial]:
-    """A file as trials, see `read_trials`."""
+def opened(path: Path, said: TrialMap) -> Source:
+    """The columns of a file by the names of a map."""
     names = [c.name for c in given_roles(said).values() if isinstance(c.name, str)]
-    return read_trials(open_columns(path, said.file, names), said, conditions)
+    return open_columns(path, said.file, names)
 
 
-def _looked_at(trial: Trial, said: TrialMap) -> Trial:
+def _looked_at(trial: Trial, said: TrialMap, may_turn: bool) -> Trial:
     spans = _spans(trial, said)
-    usable, doubts = look_at(trial.found, spans, trial.moving, said)
+    usable, doubts = look_at(trial.found, spans, trial.moving, said, may_turn=may_turn)
     return replace(trial, spans=spans, usable=usable, doubts=(*trial.doubts, *doubts))
 
 

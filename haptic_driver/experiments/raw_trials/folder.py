@@ -14,7 +14,7 @@ from haptic_driver.experiments.raw_trials.cut import (
     Row,
     Trial,
     conditions_of,
-    read_trial,
+    opened,
     read_trials,
     rows_of,
     tabled,
@@ -90,10 +90,11 @@ class TrialFolder:
         apart = [map_file, map_file.parent / (said.conditions.table or ""), *own]
         return cls(_trial_files(files, apart), said, table)
 
-    def trials(self, path: Path) -> list[Trial]:
+    def trials(self, path: Path, *, may_turn: bool = False) -> list[Trial]:
         """A file as trials; BadInputError says what in it is not as the map says."""
         conditions = conditions_of(path, self.said.conditions, self.table)
-        return read_trial(path, self.said, conditions)
+        source = opened(path, self.said)
+        return read_trials(source, self.said, conditions, may_turn=may_turn)
 
     def cut(
         self,

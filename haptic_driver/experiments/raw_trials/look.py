@@ -45,7 +45,9 @@ class Look(NamedTuple):
     doubts: tuple[Doubt, ...]
 
 
-def look_at(found: Quantities, spans: tuple[Span, ...], moving: Mask, said: TrialMap) -> Look:
+def look_at(
+    found: Quantities, spans: tuple[Span, ...], moving: Mask, said: TrialMap, *, may_turn: bool
+) -> Look:
     """Look at the stretches that are used, where the finger moves; BadInputError says what in one
     refuses the trial.
     """
@@ -61,7 +63,7 @@ def look_at(found: Quantities, spans: tuple[Span, ...], moving: Mask, said: Tria
                 _refuse_clipped(found, role, inside & usable, span)
         doubts += _gaps(found, span)
         _refuse_jump(found, inside, span)
-        doubts += _turns(found, inside & usable, span, said)
+        doubts += [] if may_turn else _turns(found, inside & usable, span, said)
     doubts += _zero(found, spans)
     return Look(usable, tuple(doubts))
 

@@ -22,7 +22,7 @@ def strokes_of(path: Path, map_file: Path) -> Strokes:
     if len(folder.paths) > 1:
         said = f"{path}: {len(folder.paths)} trials, and a texture is made of one"
         raise BadInputError("bad_strokes", said, f"Give one of them, such as {folder.paths[0]}")
-    trials = folder.trials(folder.paths[0])
+    trials = folder.trials(folder.paths[0], may_turn=True)
     if len(trials) > 1:
         said = f"{path}: {len(trials)} bursts of voltage, and a texture is made of one trial"
         raise BadInputError("bad_strokes", said, "Give voltage_on.start_s of one of them")

@@ -14,16 +14,16 @@ import pytest
 from scipy.io import savemat
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.raw_trials.columns import open_columns
 from haptic_driver.experiments.raw_trials.cut import (
     Row,
     conditions_of,
-    read_trial,
+    opened,
+    read_trials,
     rows_of,
     tabled,
 )
 from haptic_driver.experiments.raw_trials.propose import proposed, roles_of
-from haptic_driver.experiments.raw_trials.quantities import given_roles, quantities
+from haptic_driver.experiments.raw_trials.quantities import quantities
 from haptic_driver.experiments.raw_trials.trial_map import TrialMap, read_map
 from model.support.layout import Layout, text_table
 from model.support.units import to_si
@@ -74,14 +74,13 @@ def text(separator: str, decimal: str, header: str) -> str:
 
 
 def rows(path: Path, said: TrialMap) -> list[Row]:
-    (trial,) = read_trial(path, said, conditions_of(path, said.conditions, {}))
+    conditions = conditions_of(path, said.conditions, {})
+    (trial,) = read_trials(opened(path, said), said, conditions)
     return rows_of(trial, said, 1)
 
 
 def read_columns(path: Path, said: TrialMap) -> dict[str, np.ndarray]:
-    names = [column.name for column in given_roles(said).values()]
-    wanted = [name for name in names if isinstance(name, str)]
-    return dict(quantities(open_columns(path, said.file, wanted), said).columns)
+    return dict(quantities(opened(path, said), said).columns)
 
 
 def write_npz(path: Path) -> None:
