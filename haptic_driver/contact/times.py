@@ -23,8 +23,8 @@ WHICH = "Give a header with a column time_s or time_ms, or a line per frame with
 def read_times(path: Path, count: int) -> Array:
     """Time stamps in s since the first: the column of time, in the unit of its name, or dates.
 
-    BadInputError where no column is surely that of time, its unit is not said and can hardly be
-    seconds, or there is not one for each frame.
+    BadInputError where no column is surely that of time, or there is not one for each frame. So
+    where its unit is not said and can hardly be seconds.
     """
     with bad_input("bad_times"):
         header, rows = _table(path)
