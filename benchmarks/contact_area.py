@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.claim import Claim
-from tests.haptic_driver.contact.test_areas import AREA_WITHIN, RIDGES_WITHIN, of_film
+from tests.haptic_driver.lab.contact.test_areas import AREA_WITHIN, RIDGES_WITHIN, of_film
 
 FILMS = 200
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
-from haptic_driver.experiments.investigate import Budget, Investigation, Subject, investigate
-from haptic_driver.experiments.plan import load_plan
+from haptic_driver.lab.measuring.investigate import Budget, Investigation, Subject, investigate
+from haptic_driver.lab.measuring.plan import load_plan
 from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.friction_pictures import ACHIEVED, DPI, TARGET

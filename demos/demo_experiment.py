@@ -18,13 +18,13 @@ import numpy as np
 from demo_diagnosis import draw_before_and_after, rendered
 
 from haptic_driver.cli.main import main as haptic
-from haptic_driver.contact.film import grey
-from haptic_driver.contact.judge import watch
-from haptic_driver.experiments.bench import SimulatedBench
-from haptic_driver.experiments.plan import load_plan
-from haptic_driver.experiments.run import prepare
+from haptic_driver.lab.contact.film import grey
+from haptic_driver.lab.contact.judge import watch
+from haptic_driver.lab.measuring.bench import SimulatedBench
+from haptic_driver.lab.measuring.plan import load_plan
+from haptic_driver.lab.measuring.run import prepare
+from haptic_driver.lab.pictures.contact import draw_outlines, drawn_frames
 from haptic_driver.lookup.models import load_model
-from haptic_driver.pictures.contact import draw_outlines, drawn_frames
 from haptic_driver.pictures.saving import pyplot, saved
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.cameras import CameraSection

@@ -26,12 +26,12 @@ from pydantic import TypeAdapter
 import haptic_driver
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.web.api import create_app
-from haptic_driver.experiments.plan import PlanFile
-from haptic_driver.experiments.psychophysics.description import ExperimentFile
-from haptic_driver.experiments.study import StudyPlan
+from haptic_driver.lab.findings import Diagnosis
+from haptic_driver.lab.measuring.plan import PlanFile
+from haptic_driver.lab.psychophysics.description import ExperimentFile
+from haptic_driver.lab.studies import StudyPlan
 from haptic_driver.processes.started import MEMORY, PROCESSES, THREADS, Part
 from haptic_driver.public.connection import Rig
-from haptic_driver.public.findings import Diagnosis
 from haptic_driver.public.picture import Picture
 from haptic_driver.public.predictions import Predictions
 from haptic_driver.public.rigs import SimulatedRig, SlideResult

@@ -17,12 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from haptic_driver.daemon.scene import circle, ellipse, mask, polygon, rectangle
     from haptic_driver.errors import BadInputError, HapticError
-    from haptic_driver.experiments.psychophysics.description import load_experiment
-    from haptic_driver.experiments.psychophysics.schedule import Schedule
-    from haptic_driver.lookup.models import load_model
-    from haptic_driver.public.commands import command
-    from haptic_driver.public.connection import connect
-    from haptic_driver.public.findings import (
+    from haptic_driver.lab.findings import (
         calibrate,
         diagnose,
         fit_psychometric,
@@ -30,6 +25,11 @@ if TYPE_CHECKING:
         read_data,
         read_recording,
     )
+    from haptic_driver.lab.psychophysics.description import load_experiment
+    from haptic_driver.lab.psychophysics.schedule import Schedule
+    from haptic_driver.lookup.models import load_model
+    from haptic_driver.public.commands import command
+    from haptic_driver.public.connection import connect
     from haptic_driver.public.predictions import predict
     from haptic_driver.public.rigs import load_texture, simulated_rig
     from haptic_driver.public.surfaces import surface
@@ -62,11 +62,11 @@ __all__ = [
 _HOMES = {
     "daemon.scene": ("circle", "ellipse", "mask", "polygon", "rectangle"),
     "errors": ("BadInputError", "HapticError"),
-    "experiments.psychophysics.description": ("load_experiment",),
-    "experiments.psychophysics.schedule": ("Schedule",),
+    "lab.psychophysics.description": ("load_experiment",),
+    "lab.psychophysics.schedule": ("Schedule",),
     "public.commands": ("command",),
     "public.connection": ("connect",),
-    "public.findings": (
+    "lab.findings": (
         "calibrate",
         "diagnose",
         "fit_psychometric",

@@ -9,90 +9,70 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from pydantic import ValidationError
 from typer import Option
 
+from haptic_driver.cli import ON_A_RIG, PANELS
 from haptic_driver.cli.output import (
     compiling,
     lose_output,
     output_was_lost,
     prepare_output,
     report_error,
+    stderr,
 )
 from haptic_driver.daemon.verbs import commands
 from haptic_driver.errors import BadInputError, HapticError
+from hw import plugins
 
-os.environ.setdefault(
-    "OPENBLAS_NUM_THREADS", "1"
-)  # its threads would wait for each other over small matrices
-
-ON_A_RIG = "On a rig, simulated or real"
-# What `haptic --help` lists besides the verbs of the daemon. A module is imported only when its
-# command is asked for: `haptic off` must not wait for matplotlib.
-PANELS = {
-    "Without a rig": (
-        "demo",
-        "predict",
-        "surface",
-        "solve",
-        "explore",
-        "study",
-        "sensitivity",
-        "reproduce",
-        "contact",
-        "simulate",
-    ),
-    ON_A_RIG: (
-        "doctor",
-        "safety",
-        "datasheet",
-        "calibrate-touch",
-        "load",
-        "daemon",
-        "arm",
-        "texture",
-        "scene",
-        "watch",
-    ),
-    "Record and experiment": ("record", "mark", "export", "experiment"),
-    "When friction is not as the model says": (
-        "measure",
-        "figure",
-        "rows",
-        "diagnose",
-        "investigate",
-        "calibrate",
-        "why",
-    ),
-}
-GROUPS = {
-    "surface": "Build, describe and draw the lookup surface.",
-    "texture": "List, draw, check, import and play textures.",
-    "scene": "Put objects on the screen, move them while they are felt, and see them replayed.",
-    "daemon": "Run the daemon.",
-    "load": "Have a load stage hold a finger's load, and find the finger's stiffness.",
-    "experiment": (
-        "Run psychophysical experiments, try their design without a rig, and fit what was answered."
-    ),
-}
+COMMANDS = "haptic_driver.commands"  # the group of entry points that name a PANELS
+CLI = "haptic_driver.cli"
 
 
-def panels() -> dict[str, tuple[str, ...]]:
-    """The commands in panels."""
-    verbs = tuple(name for name in commands() if " " not in name)
-    return PANELS | {ON_A_RIG: (*PANELS[ON_A_RIG], *verbs)}
+class Listed(NamedTuple):
+    """A command: the panel and line of `haptic --help`, and the package that has its module."""
+
+    panel: str
+    line: str
+    package: str
 
 
-def known() -> list[str]:
-    """All commands."""
-    return [name for names in panels().values() for name in names]
+def listed(package: str, panels: Mapping[str, Mapping[str, str]]) -> dict[str, Listed]:
+    """The commands of a package by name; those of a group of another package have two words."""
+    return {
+        name: Listed(panel, line, package)
+        for panel, lines in panels.items()
+        for name, line in lines.items()
+    }
+
+
+def own() -> dict[str, Listed]:
+    """The driver's commands, and among them the verbs of the daemon."""
+    verbs = {name: verb.said for name, verb in commands().items() if " " not in name}
+    return listed(CLI, PANELS) | listed("", {ON_A_RIG: verbs})
+
+
+def known() -> dict[str, Listed]:
+    """All commands by name: the driver's, then those of every package that an entry point names.
+
+    One that cannot be loaded is left out, with a note.
+    """
+    found = own()
+    for name, point in plugins.installed(COMMANDS).items():
+        try:
+            panels = plugins.load(COMMANDS, name, "package of commands")
+        except ValueError as error:
+            stderr.print(f"note: {error}")
+        else:
+            found = found | listed(point.module, panels) | found
+    return found
 
 
 # What the parser raises for a wrong command line, whether typer ships its parser or imports it.
@@ -131,8 +111,8 @@ def _options(
     pass
 
 
-def build_app(imported: Iterable[str]) -> typer.Typer:
-    """The command line; of a command that is not `imported` it knows the name and the summary
+def build_app(all_known: Mapping[str, Listed], imported: Iterable[str]) -> typer.Typer:
+    """The command line; of a command that is not `imported` it knows the name and the line
     alone.
     """
     app = typer.Typer(
@@ -147,17 +127,34 @@ def build_app(imported: Iterable[str]) -> typer.Typer:
         epilog="Exit status: 0 done, 1 failed, 2 what was given cannot be used.",
     )
     app.callback()(_options)
-    for panel, names in panels().items():
-        for name in names:
-            if name not in imported:
-                app.command(name, help=summary_of(name), rich_help_panel=panel)(_not_imported)
-            elif name in GROUPS:
-                app.add_typer(module_of(name).app, name=name, help=GROUPS[name])
-            elif name in commands():
-                app.command(name)(module_of("arm").command_of(commands()[name]))
-            else:
-                app.command(name)(getattr(module_of(name), name.replace("-", "_")))
+    for name, (panel, line, package) in all_known.items():
+        if " " in name:
+            continue
+        if name not in imported:
+            app.command(name, help=line, rich_help_panel=panel)(_not_imported)
+        elif not package:
+            app.command(name)(import_module(f"{CLI}.control").command_of(commands()[name]))
+        elif hasattr(module := module_of(name, package), "app"):
+            app.add_typer(_group(name, module.app, all_known, imported), name=name, help=line)
+        else:
+            app.command(name)(getattr(module, _function(name)))
     return app
+
+
+def _group(
+    name: str, its: typer.Typer, all_known: Mapping[str, Listed], imported: Iterable[str]
+) -> typer.Typer:
+    """A group with its own commands, and those that other packages have for it."""
+    group = typer.Typer(no_args_is_help=True)
+    group.registered_commands = [*its.registered_commands]
+    for words, (_, line, package) in all_known.items():
+        outer, _, inner = words.partition(" ")
+        if outer == name and inner:
+            if words in imported:
+                group.command(inner)(getattr(module_of(words, package), _function(words)))
+            else:
+                group.command(inner, help=line)(_not_imported)
+    return group
 
 
 def _with_bare_flags(command: Any) -> Any:
@@ -171,24 +168,21 @@ def _with_bare_flags(command: Any) -> Any:
     return command
 
 
-def module_of(name: str) -> Any:
+def module_of(name: str, package: str) -> Any:
     """Where a command or group lives."""
-    return import_module(f"haptic_driver.cli.{_module(name)}")
+    return import_module(f"{package}.{'control' if name == 'arm' else _function(name)}")
 
 
-def summary_of(name: str) -> str:
-    """What a command does: its docstring's first paragraph, read without importing its module."""
-    if name in GROUPS:
-        return GROUPS[name]
-    if name in commands():
-        return commands()[name].said
-    source = Path(__file__).with_name(f"{_module(name)}.py").read_text(encoding="utf-8")
-    docstring = source.partition(f"\ndef {name.replace('-', '_')}(")[2].split('"""')[1]
-    return " ".join(docstring.partition("\n\n")[0].split())
+def _function(name: str) -> str:
+    return name.replace("-", "_").replace(" ", "_")
 
 
-def _module(name: str) -> str:
-    return "control" if name == "arm" else name.replace("-", "_")
+def asked(words: Sequence[str], all_known: Mapping[str, Listed]) -> list[str]:
+    """The command that a line asks for, and behind a group's name that of the group."""
+    for i, word in enumerate(words):
+        if word in all_known:
+            return [word, " ".join([word, *words[i + 1 : i + 2]])]
+    return []
 
 
 def _not_imported() -> None:
@@ -238,8 +232,9 @@ def main(arguments: list[str], begin: Callable[[], None] = lambda: None) -> int:
     # The parser takes a negative number for an option, but not one behind a space.
     if arguments[:1] in (["set"], ["scene"]):
         arguments = [f" {word}" if re.match(r"-\.?\d", word) else word for word in arguments]
-    asked = [word for word in arguments or _being_completed() if word in known()][:1]
-    app = build_app(asked)
+    words = arguments or _being_completed()
+    found = own() if words[:1] and words[0] in commands() else known()
+    app = build_app(found, asked(words, found))
     begin()
     try:
         with compiling():

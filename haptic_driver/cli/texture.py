@@ -1,4 +1,4 @@
-"""`haptic texture`: list, look at, check, import and play textures."""
+"""`haptic texture`: list, look at, check and play textures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 from typer import Argument, Option
 
-from haptic_driver.cli import control, texture_image, texture_import
+from haptic_driver.cli import control
 from haptic_driver.cli.output import Json, ModelOption, RigOption, compiling, named, report, stdout
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.verbs import Verbs
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from haptic_driver.textures.ripple import Ripple
 
 app = typer.Typer(no_args_is_help=True)
-app.command("import")(texture_import.import_texture)
-app.command("from-image")(texture_image.from_image)
 app.command("play")(control.command_of(Verbs.play))
 SPEED_M_S = (0.002, 1.0)
 Name = Annotated[str, named("textures", "Texture", Argument)]

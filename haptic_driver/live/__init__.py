@@ -11,7 +11,7 @@ The stages run in one direction, and each passes a record to the next:
 - `proof.py` accepts a refit only if it predicts windows that it has not seen;
 - `swap.py` switches render to the surface of the refit, and back.
 
-Samples come from a running daemon (`follow.py`) or from files (`recordings.py`), and the same code
-cuts both. `why.py` diagnoses them. Without a force sensor `touch_by_current.py` estimates friction
+Samples come from a running daemon (`follow.py`) or from recordings, and the same code cuts both.
+`why.py` diagnoses them. Without a force sensor `touch_by_current.py` estimates friction
 from the current that `current_sensor.py` reads. Processes, answers and orders belong to the daemon.
 """

@@ -17,8 +17,7 @@ from typing import Any
 
 from haptic_driver.errors import HapticError
 from haptic_driver.files import write_rows
-from haptic_driver.live.recordings import row
-from haptic_driver.live.window import Window
+from haptic_driver.live.window import Window, row
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.real_time import give_way
 

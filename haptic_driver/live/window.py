@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.experiments.average import average, standard_error
+from haptic_driver.fidelity.average import WINDOW_COLUMNS, average, standard_error
 from haptic_driver.live.drive import NO_POWER_V2, SETTLING_S, Felt, felt
 from haptic_driver.processes.samples import Flag
 from haptic_driver.signals import SETTLED_M, Mask
@@ -85,6 +85,13 @@ def windows(
         counted = Counted(session, trial, float(stroke.time_s[-1]))
         found += [each._replace(session=session, trial=trial) for each in seen]
     return _with_shared_noise(found), counted
+
+
+def row(window: Window, start_s: float, *, simulated: bool) -> dict[str, str]:
+    """A window as a row of measured data, as text by column, with times since `start_s`."""
+    numbers = window._replace(time_s=window.time_s - start_s)
+    texts = {name: f"{getattr(numbers, name):.9g}" for name in WINDOW_COLUMNS}
+    return texts | {"simulated": "true" if simulated else "false"}
 
 
 def _with_shared_noise(found: list[Window]) -> list[Window]:

@@ -49,7 +49,7 @@ PROCESSES = (
     Part("painter", "control", "daemon/daemon.py", "the same for pictures alone"),
     Part("why", "control", "daemon/inquiry.py", "diagnoses what was rendered"),
     Part("holder", "`haptic arm`", "cli/control.py", "holds a lease while a script lives"),
-    Part("study", "`haptic study`", "experiments/study.py", "one of the workers of a study"),
+    Part("study", "`haptic study`", "lab/studies.py", "one of the workers of a study"),
 )
 
 THREADS = (

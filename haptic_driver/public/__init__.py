@@ -3,9 +3,8 @@
 - `predictions` ask the model;
 - `surfaces` look up operating points;
 - `rigs` slide a simulated finger;
-- `connection` talks to a running daemon;
-- `findings` read data and find what is missing.
+- `connection` talks to a running daemon.
 
-Each function calls what the commands call, with plain arguments and results. One rule holds:
-nothing else in the project imports this room.
+What data mean is said by `lab/findings.py`. Each function calls what the commands call, with plain
+arguments and results. One rule holds: nothing else of the driver imports this room.
 """

@@ -1,8 +1,8 @@
 """A texture is friction over position; this room reads texture files and prepares them for render.
 
-In go files of many kinds: the library's TOML, pictures, sounds, measured strokes, HJIF and the Penn
-toolkit's models. Out come tables and waves that the render stage evaluates at any position, as
-coefficients of friction. A scene is a list of objects, each with a texture (`scene.py`).
+In go files of many kinds: the library's TOML, pictures, HJIF. Out come tables and waves that the
+render stage evaluates at any position, as coefficients of friction. A scene is a list of objects,
+each with a texture (`scene.py`).
 
 Two modules say what of a texture arrives. `reach.py` gives the share within reach of a surface,
 `bands.py` the friction in nine bands of frequency.

@@ -23,11 +23,6 @@ FORBIDDEN = [  # rule, file, import that must break it
     ("model-knows-no-devices", "model/solver.py", "import haptic_driver.errors"),
     ("the-model-reads-forward", "model/solver.py", "import model.touch_model"),
     ("the-model-reads-forward", "model/contact/gap_table.py", "import model.electric.layers"),
-    (
-        "the-papers-figures-have-one-door",
-        "haptic_driver/cli/predict.py",
-        "import model.reproduce.numbers",
-    ),
     ("hw-knows-no-physics", "hw/amplifier/analog.py", "import model.solver"),
     ("hw-knows-no-physics", "hw/finger/plant.py", "import haptic_driver.signals"),
     ("render-is-pure", "haptic_driver/render/tick.py", "import time"),
@@ -73,13 +68,29 @@ FORBIDDEN = [  # rule, file, import that must break it
     ),
     (
         "the-driver-reads-forward",
-        "haptic_driver/experiments/plan.py",
-        "import haptic_driver.pictures.model",
+        "haptic_driver/fidelity/average.py",
+        "import haptic_driver.live.window",
     ),
     (
         "the-driver-reads-forward",
-        "haptic_driver/experiments/average.py",
-        "import haptic_driver.live.window",
+        "haptic_driver/cli/output.py",
+        "import haptic_driver.lab.commands.columns",
+    ),
+    (
+        "the-driver-reads-forward",
+        "haptic_driver/public/rigs.py",
+        "import haptic_driver.lab.findings",
+    ),
+    ("the-devices-read-forward", "hw/generator/driver.py", "import hw.safety.watchdog"),
+    (
+        "the-laboratory-reads-forward",
+        "haptic_driver/lab/measuring/plan.py",
+        "import haptic_driver.lab.pictures.model",
+    ),
+    (
+        "the-laboratory-reads-forward",
+        "haptic_driver/lab/strokes/file.py",
+        "import haptic_driver.lab.measuring.plan",
     ),
     (
         "the-driver-reads-forward",
@@ -93,7 +104,7 @@ FORBIDDEN = [  # rule, file, import that must break it
     (
         "the-driver-reads-forward",
         "haptic_driver/daemon/stepped.py",
-        "import haptic_driver.papers.document",
+        "import haptic_driver.lab.papers.document",
     ),
     (
         "the-render-process-is-alone",
@@ -118,6 +129,8 @@ FORBIDDEN = [  # rule, file, import that must break it
     ),
     ("devices-do-not-know-their-simulators", "hw/force/net_ft.py", "import hw.force.net_ft_server"),
 ]
+
+EXHAUSTIVE = ("haptic_driver", "haptic_driver.lab", "hw", "model")
 
 
 def lint(folder: Path) -> subprocess.CompletedProcess[str]:
@@ -170,6 +183,20 @@ def test_a_forbidden_import_breaks_its_rule(
     told = re.split("|".join(re.escape(f"{name} ---") for name in names.values()), told)[0]
     importer, imported = file.removesuffix(".py").replace("/", "."), statement.split()[1]
     assert re.search(rf"- {re.escape(importer)} -> {re.escape(imported)} \(l", told), told
+
+
+@pytest.fixture(scope="module")
+def unlisted(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What is said of the sources with a room more in each container of rooms."""
+    folder = copy(tmp_path_factory.mktemp("unlisted"))
+    for container in EXHAUSTIVE:
+        (folder / container.replace(".", "/") / "unlisted.py").write_text('"""A room."""\n')
+    return " ".join(lint(folder).stdout.split())
+
+
+@pytest.mark.parametrize("container", EXHAUSTIVE)
+def test_a_room_that_is_not_listed_breaks_its_rule(unlisted: str, container: str) -> None:
+    assert f"{container}.unlisted" in unlisted
 
 
 def test_every_rule_has_an_import_that_breaks_it() -> None:

@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 
-from haptic_driver.experiments import investigate as product
-from haptic_driver.experiments.investigate import Budget, Subject, investigate
-from haptic_driver.experiments.plan import Plan, load_plan
-from haptic_driver.experiments.run import prepare
+from haptic_driver.lab.measuring import investigate as product
+from haptic_driver.lab.measuring.investigate import Budget, Subject, investigate
+from haptic_driver.lab.measuring.plan import Plan, load_plan
+from haptic_driver.lab.measuring.run import prepare
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.finger_function import FingerFunction

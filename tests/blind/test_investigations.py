@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from haptic_driver.experiments.plan import Plan, load_plan
+from haptic_driver.lab.measuring.plan import Plan, load_plan
 
 from .generator.families import specs
 from .investigations import FEW, ROUNDS, asked, finger_function, truth_of

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_driver.experiments.plan import load_plan
-from haptic_driver.experiments.resolving import ways
+from haptic_driver.lab.measuring.plan import load_plan
+from haptic_driver.lab.measuring.resolving import ways
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from model.description import ModelDescription

@@ -16,6 +16,7 @@ import pytest
 import sympy as sp
 from scipy.integrate import quad
 
+from haptic_driver.lab.figures.closed_forms import closed_form
 from model.conditions import Conditions
 from model.contact.gap_distribution import area_ratio, mean_gap
 from model.contact.gap_table import gap_mass, integrals_of
@@ -30,7 +31,6 @@ from model.published import (
     printed_coefficients,
     printed_field,
 )
-from model.reproduce.closed_forms import closed_form
 from model.touch_model import TouchModel
 from tests.model.electric.transient import simulate
 

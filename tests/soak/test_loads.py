@@ -18,7 +18,7 @@ import pytest
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from model.touch_model import TouchModel
-from tests.haptic_driver.experiments.load_moments import Moment, failed, moments, serving
+from tests.haptic_driver.lab.measuring.load_moments import Moment, failed, moments, serving
 
 LOADS = int(os.environ.get("HAPTIC_SOAK_LOADS", "200"))
 SEED = int(os.environ.get("HAPTIC_SOAK_SEED", "1"))

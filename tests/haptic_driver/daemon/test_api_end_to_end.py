@@ -19,7 +19,7 @@ from haptic_driver.cli.main import main
 from haptic_driver.client import HapticClient
 from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.experiments.psychophysics.data import sessions
+from haptic_driver.lab.psychophysics.data import sessions
 from haptic_driver.recording.read import read_run
 from tests.haptic_driver.commands import one_object
 from tests.haptic_driver.daemon.waiting import let_go

@@ -11,16 +11,16 @@ from haptic_driver.client import HapticClient
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.web.server import serve
-from haptic_driver.experiments.psychophysics.apparatus import DaemonApparatus
-from haptic_driver.experiments.psychophysics.data import SessionFiles
-from haptic_driver.experiments.psychophysics.rehearsal import pretended
-from haptic_driver.experiments.psychophysics.run import run_session
+from haptic_driver.lab.psychophysics.apparatus import DaemonApparatus
+from haptic_driver.lab.psychophysics.data import SessionFiles
+from haptic_driver.lab.psychophysics.rehearsal import pretended
+from haptic_driver.lab.psychophysics.run import run_session
 from haptic_driver.recording.read import read_run
 from haptic_driver.rig.part import Part
 from haptic_driver.rig.parts.event_lines import SimulatedEventLineConfig
 from hw.event_line.simulated import SimulatedEventLine
 from tests.haptic_driver.daemon.waiting import LEASE_S
-from tests.haptic_driver.experiments.psychophysics.files import made
+from tests.haptic_driver.lab.psychophysics.files import made
 from tests.waiting import until
 
 pytestmark = pytest.mark.realtime

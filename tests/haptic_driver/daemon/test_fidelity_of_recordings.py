@@ -15,7 +15,7 @@ import pytest
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import BadInputError
-from haptic_driver.experiments.psychophysics.delivery import felt
+from haptic_driver.lab.psychophysics.delivery import felt
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.rig.config import load_rig
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering

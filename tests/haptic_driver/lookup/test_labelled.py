@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import HapticError
-from haptic_driver.experiments.data_file import measured_frame, meta_path
+from haptic_driver.lab.measuring.data_file import measured_frame, meta_path
 from haptic_driver.lookup.labelled import unit_of
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.read import Run

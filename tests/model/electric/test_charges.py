@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from haptic_driver.lab.figures.closed_forms import closed_form
 from model.contact.gap_table import gap_mass, gap_nodes, integrals_of
 from model.electric.charges import Layers, coefficients, constant_layers
 from model.electric.dielectrics import EPS0
-from model.reproduce.closed_forms import closed_form
 from model.solver import solve
 from model.support.errors import ModelError
 from tests.model.electric import transient

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from haptic_driver.experiments.plan import Plan, Setting
-from haptic_driver.experiments.resolving import ways
+from haptic_driver.lab.measuring.plan import Plan, Setting
+from haptic_driver.lab.measuring.resolving import ways
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from model.diagnosis.data import Measurements

@@ -9,9 +9,9 @@ import threading
 import pytest
 
 from haptic_driver.client import HapticClient
-from haptic_driver.experiments.psychophysics.answers import MarkerParticipant
-from haptic_driver.experiments.psychophysics.run import Question
-from haptic_driver.experiments.psychophysics.schedule import Trial
+from haptic_driver.lab.psychophysics.answers import MarkerParticipant
+from haptic_driver.lab.psychophysics.run import Question
+from haptic_driver.lab.psychophysics.schedule import Trial
 from tests.haptic_driver.daemon.web import test_dashboard as dashboard
 from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect, opened
 

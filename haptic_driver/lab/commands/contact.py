@@ -1,0 +1,127 @@
+"""`haptic contact`: the contact area from a film of the fingerpad, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Option
+
+from haptic_driver.cli.output import Json, progress, report, stdout
+from haptic_driver.errors import BadInputError, HapticError, require_range
+from haptic_driver.files import exists_already, write_rows
+from haptic_driver.lab.contact.film import Film, grey, read_film, read_picture
+from haptic_driver.lab.contact.judge import FrameSeen, Summary, summary, watch
+from haptic_driver.lab.contact.scale import MM_PER_PIXEL, scale_from_ruler
+from haptic_driver.signals import Array
+
+OUTLINES, AREAS = "outlines.png", "areas.png"
+
+
+def contact(
+    film: Annotated[Path, Argument(help="Video, stack of TIFF, or folder of PNG, TIFF or DNG.")],
+    scale: Annotated[float | None, Option(help="Mm per pixel.")] = None,
+    scale_from: Annotated[
+        Path | None, Option(help="Picture of a ruler instead, its lines --pitch apart.")
+    ] = None,
+    pitch: Annotated[float, Option(help="Distance of the ruler's lines, mm.")] = 1.0,
+    background: Annotated[
+        Path | None, Option(help="Picture of the screen without a finger.")
+    ] = None,
+    times: Annotated[Path | None, Option(help="Time stamps in s, a line per frame.")] = None,
+    rate: Annotated[float | None, Option(help="Frames per second, where no file says.")] = None,
+    out: Annotated[Path, Option(help="CSV to write; pictures go beside it.")] = Path("contact.csv"),
+    force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Measure the contact area and the ridges' frame by frame, from a film of the fingerpad.
+
+    Example: `haptic contact film.avi --scale 0.021`
+    """
+    mm = _mm_per_pixel(scale, scale_from, pitch)
+    if rate is not None:
+        require_range("--rate", rate, 1e-3, 1e6, unit=" frames per second")
+    if out.exists() and not force:
+        raise exists_already(out)
+    opened = read_film(film, times, rate)
+    bare = None if background is None else grey(read_picture(background))
+    with progress("frames", opened.time_s.size) as advance:
+        done = iter(range(1, opened.time_s.size + 1))
+        found = watch(opened.frames, opened.time_s, 1e-3 * mm, bare, lambda: advance(next(done)))
+    told = summary(found)
+    write_rows(out, [_row(i, one) for i, one in enumerate(found)])
+    pictures = [str(out.with_name(f"{out.stem}-{name}")) for name in (OUTLINES, AREAS)]
+    _draw(opened, found, pictures)
+    payload: dict[str, Any] = {
+        "film": str(film),
+        "out": str(out),
+        "pictures": pictures,
+        "mm_per_pixel": mm,
+        **{
+            k: v if not isinstance(v, float) or isfinite(v) else None
+            for k, v in asdict(told).items()
+        },
+    }
+    report(as_json, payload, lambda: _show(told, out))
+    if not told.counted:
+        said = f"{film}: no frame of {told.frames} counts ({_words(told)})"
+        raise HapticError("no_contact", said, f"Look at {pictures[0]}; is --scale right?")
+
+
+def _mm_per_pixel(scale: float | None, ruler: Path | None, pitch_mm: float) -> float:
+    if (scale is None) == (ruler is None):
+        said = "the scale of the film is not said" if scale is None else "the scale is said twice"
+        hint = "Give --scale in mm per pixel, or --scale-from a picture of a ruler with its --pitch"
+        raise BadInputError("no_scale", said, hint)
+    mm = scale if scale is not None else scale_from_ruler(ruler or Path(), pitch_mm)
+    require_range("--scale", mm, *MM_PER_PIXEL, unit=" mm per pixel")
+    return mm
+
+
+def _row(number: int, one: FrameSeen) -> dict[str, str | float]:
+    """A line of the CSV; a frame that does not count has no numbers, and says why."""
+    row: dict[str, str | float] = {"frame": number, "time_s": f"{one.time_s:.9g}"}
+    seen = one.seen if one.counts else None
+    values = {
+        "contact_area_m2": one.area_m2,
+        "ridge_area_m2": one.ridge_area_m2,
+        "centre_x_m": seen.centre_m[0] if seen else float("nan"),
+        "centre_y_m": seen.centre_m[1] if seen else float("nan"),
+        "long_axis_m": seen.axes_m[0] if seen else float("nan"),
+        "short_axis_m": seen.axes_m[1] if seen else float("nan"),
+        "angle_rad": seen.angle_rad if seen else float("nan"),
+        "blur_m": seen.blur_m if seen else float("nan"),
+    }
+    row |= {name: f"{v:.6g}" if isfinite(v) else "" for name, v in values.items()}
+    return row | {"bad": one.bad}
+
+
+def _draw(film: Film, found: Sequence[FrameSeen], pictures: Sequence[str]) -> None:
+    from haptic_driver.lab.pictures.contact import (  # noqa: PLC0415 - matplotlib is slow to import
+        draw_areas,
+        draw_outlines,
+        drawn_frames,
+    )
+
+    chosen = set(drawn_frames(found))
+    shown: list[tuple[int, Array, FrameSeen]] = [
+        (i, frame, found[i]) for i, frame in enumerate(film.frames()) if i in chosen
+    ]
+    draw_outlines(shown, Path(pictures[0]))
+    draw_areas(found, Path(pictures[1]))
+
+
+def _words(told: Summary) -> str:
+    return ", ".join(f"{count} {why}" for why, count in told.bad.items()) or "none is bad"
+
+
+def _show(told: Summary, out: Path) -> None:
+    stdout.print(f"{out}: {told.counted} of {told.frames} frames count; {_words(told)}")
+    if told.counted:
+        spread = f" ± {1e6 * told.area_std_m2:.2f}" if isfinite(told.area_std_m2) else ""
+        stdout.print(f"apparent contact area {1e6 * told.area_m2:.2f}{spread} mm² per frame")
+    if isfinite(told.ridge_area_m2):
+        stdout.print(f"ridges inside {1e6 * told.ridge_area_m2:.2f} mm²")

@@ -1,0 +1,145 @@
+"""Data, and what they say about a model: a diagnosis, an investigation, a calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.files import bad_input, writing
+from haptic_driver.lab.measuring import recordings
+from haptic_driver.lab.measuring.investigate import Budget, Investigation, Subject
+from haptic_driver.lab.measuring.investigate import investigate as run_investigation
+from haptic_driver.lab.measuring.plan import load_plan
+from haptic_driver.lab.psychophysics.fit import fit as fit_psychometric
+from haptic_driver.lookup.models import load_model
+from haptic_driver.public.picture import Picture
+from haptic_driver.recording.read import Run, read_run
+from haptic_driver.rig.config import load_rig
+from model.analysis import calibration
+from model.description import ModelDescription
+from model.diagnosis import workflow
+from model.diagnosis.data import Measurements
+from model.reporting.model_file import fitted_model
+from model.reporting.pictures import pictures
+from model.reporting.report import report, write_report
+from model.support.errors import nearest
+
+__all__ = [
+    "calibrate",
+    "diagnose",
+    "fit_psychometric",
+    "investigate",
+    "read_data",
+    "read_recording",
+]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What the data say is missing from a model, or that nothing is.
+
+    `verdict` is one of no_discrepancy, effect_found, ambiguous, unexplained, not_testable.
+    """
+
+    found: workflow.Diagnosis
+    description: ModelDescription
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in one word, as `haptic diagnose --json` gives it."""
+        return self.found.name
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """The whole report: the JSON of `haptic diagnose`."""
+        return report(self.found, self.description, "")
+
+    @property
+    def effects(self) -> list[str]:
+        """Names of the effects that were found."""
+        return [effect["name"] for effect in self.report["effects"]]
+
+    @property
+    def model(self) -> ModelDescription:
+        """The model fitted to the data, with the effects that were found."""
+        return fitted_model(self.found, self.description, "data")
+
+    def plot(self, name: str = "probabilities") -> Picture:
+        """One of the report's pictures (SVG); BadInputError for a name that it does not have."""
+        drawn = pictures(self.found)
+        if name not in drawn:
+            raise BadInputError("bad_picture", f"no picture '{name}'", nearest(name, list(drawn)))
+        return Picture(partial(_save_svg, drawn[name]), ".svg")
+
+    def save(self, folder: Path | str) -> Path:
+        """Write report.html, report.json, model.toml and pictures; returns the page."""
+        with writing(Path(folder)):
+            write_report(self.found, self.description, Path(folder), "data")
+        return Path(folder) / "report.html"
+
+    def __str__(self) -> str:
+        return f"{self.verdict}: {'; '.join(self.report['reasons'])}"
+
+
+def _save_svg(content: bytes, path: Path) -> None:
+    if path.suffix != ".svg":
+        raise BadInputError("bad_ending", f"{path}: this picture is SVG", "Give a name with .svg")
+    with writing(path):
+        path.write_bytes(content)
+
+
+def read_data(*paths: Path | str, leave_out_bad: bool = False) -> Measurements:
+    """Read files of measured data (CSV) and recordings (HDF5) as one data set.
+
+    BadInputError with every row that cannot be used; `leave_out_bad` goes on without those rows.
+    """
+    return recordings.read_data([Path(path) for path in paths], leave_out_bad=leave_out_bad)
+
+
+def diagnose(
+    data: Measurements | Path | str, model: ModelDescription | str = "reference", seed: int = 0
+) -> Diagnosis:
+    """Find where data and model disagree, and which effect is missing."""
+    measured = data if isinstance(data, Measurements) else read_data(data)
+    description = load_model(model) if isinstance(model, str) else model
+    return Diagnosis(workflow.diagnose(description, measured, seed), description)
+
+
+def investigate(
+    rig: str,
+    model: ModelDescription | str = "reference",
+    out: Path | str = "investigation",
+    minutes: float = 60.0,
+    rounds: int = 4,
+    seed: int = 0,
+) -> Investigation:
+    """Measure, diagnose and measure again on a simulated rig, until an effect is named.
+
+    It also ends when nothing is missing, nothing more can be separated, or `minutes` of measuring
+    or `rounds` are over. HapticError for a real rig, at which somebody must be present: use
+    `haptic investigate`.
+    """
+    config = load_rig(rig)
+    if not config.simulated:
+        raise HapticError("real_rig", f"rig {rig} is real", "Use the command: haptic investigate")
+    description = load_model(model) if isinstance(model, str) else model
+    subject = Subject(config, description, load_plan("witnesses"), seed=seed)
+    return run_investigation(subject, Path(out), Budget(rounds, minutes))
+
+
+def calibrate(
+    data: Measurements | Path | str, model: ModelDescription | str = "reference"
+) -> calibration.Calibration:
+    """Fit a finger's own numbers to its data; `.model` is the model with them."""
+    measured = data if isinstance(data, Measurements) else read_data(data)
+    description = load_model(model) if isinstance(model, str) else model
+    with bad_input("bad_data"):
+        return calibration.calibrate(description, measured)
+
+
+def read_recording(path: Path | str, run: str | None = None) -> Run:
+    """Read one run of a recording, the last unless named; `.to_frame()` makes a table of it."""
+    return read_run(Path(path), run)

@@ -1,0 +1,1 @@
+"""What was measured or recorded elsewhere becomes friction over position, or a texture."""

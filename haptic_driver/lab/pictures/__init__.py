@@ -1,0 +1,1 @@
+"""The pictures of the laboratory's commands."""

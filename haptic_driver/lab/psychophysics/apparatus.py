@@ -1,0 +1,244 @@
+"""The rig as an experiment sees it, through the daemon's client: what is presented, and what was
+felt of it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_driver.config import texture_dirs
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.files import write_text
+from haptic_driver.lab.psychophysics.delivery import Felt, felt, onsets, strokes
+from haptic_driver.lab.psychophysics.description import Experiment, Stimulus, TrialSettings
+from haptic_driver.textures.description import FINEST_MM
+from haptic_driver.textures.library import load
+from model.support.errors import nearest
+from model.support.reading import read_bytes
+
+POLL_S = 0.1
+SILENT_S = 3.0  # without a new sample the daemon has stopped
+MOST = 1000  # samples at a time
+SCREEN_MM = 2000.0  # larger than any screen
+
+
+class Client(Protocol):
+    """What is asked of `haptic_driver.client.HapticClient`, which this room does not import."""
+
+    def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
+        """The newest ticks."""
+
+    def mark(self, label: str, data: dict[str, Any] = ...) -> Any:
+        """A marker."""
+
+    def status(self) -> Any:
+        """The present state."""
+
+
+class Session(Protocol):
+    """What is asked of the session of an armed client."""
+
+    def set(self, cof: float, *, nearest: bool = False) -> Any:
+        """One friction everywhere."""
+
+    def play(self, texture: str, *, nearest: bool = False) -> Any:
+        """A texture."""
+
+    def off(self) -> Any:
+        """Output to zero; still armed."""
+
+
+class Apparatus(Protocol):
+    """Presents the intervals of a trial.
+
+    `onset_s`: when the last interval could first be felt, on CLOCK_MONOTONIC; None where nobody
+    felt it.
+    """
+
+    onset_s: float | None
+
+    def present(
+        self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
+    ) -> list[Felt]:
+        """What was felt in each; the output is off afterwards."""
+
+    def mark(self, label: str, data: dict[str, object]) -> float:
+        """Write a marker; its time on the clock of the recording, s."""
+
+
+class DaemonApparatus:
+    """A rig through an armed client.
+
+    `folder`: where textures that show two regions are written. `tell` gets which interval runs and
+    when to wait, and `ring` sounds as one begins, where the file says so. Each interval has markers
+    `interval 1 begins` and `interval 1 ends`; the second carries its onsets.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        session: Session,
+        folder: Path,
+        tell: Callable[[str], object] = lambda said: None,
+        ring: Callable[[], object] = lambda: None,
+    ) -> None:
+        self.onset_s: float | None = None
+        self._client = client
+        self._session = session
+        self._folder = folder.absolute()
+        self._tell, self._ring = tell, ring
+
+    def mark(self, label: str, data: dict[str, object]) -> float:
+        """A marker of the daemon's."""
+        return float(self._client.mark(label, data).time_s)
+
+    def present(
+        self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
+    ) -> list[Felt]:
+        """One after the other, or both at once. HapticError when the output went away meanwhile."""
+        if settings.place == "regions":
+            return self._regions(stimuli, settings, settle_s)
+        found, count = [], len(stimuli)
+        for number, stimulus in enumerate(stimuli, start=1):
+            if number > 1:
+                self._tell("wait …")
+                time.sleep(settings.pause_s)
+            samples = self._interval(stimulus, settings, number, count)
+            found.append(felt(samples, settle_s=settle_s))
+        return found
+
+    def _regions(
+        self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
+    ) -> list[Felt]:
+        left, right = (s.cof for s in stimuli)
+        assert left is not None  # regions are of frictions alone
+        assert right is not None
+        path = self._folder / "regions.csv"
+        write_text(path, _halves(left, right, settings.middle_mm))
+        samples = self._interval(Stimulus(None, str(path)), settings, 1, 1)
+        is_left = samples["position_x_m"] < 1e-3 * settings.middle_mm
+        return [felt(samples, where, settle_s) for where in (is_left, ~is_left)]
+
+    def _interval(
+        self, stimulus: Stimulus, settings: TrialSettings, number: int, count: int
+    ) -> NDArray[np.void]:
+        """Present one of `count`, say so, and mark its ends; its samples."""
+        which: dict[str, object] = {"interval": number, "of": count, "sound": settings.sound}
+        began_s = self.mark(f"interval {number} begins", which)
+        self._begin(stimulus)
+        self._tell(f"{number} … slide now" if count > 1 else "slide now")
+        if settings.sound:
+            self._ring()
+        samples = self._samples(settings)
+        when = onsets(samples)
+        self.mark(f"interval {number} ends", which | {"began_s": began_s} | when._asdict())
+        self.onset_s = when.onset_s
+        return samples
+
+    def _begin(self, stimulus: Stimulus) -> None:
+        """What is out of reach is presented as near as can be, and reported by its measured
+        friction.
+        """
+        if stimulus.cof is not None:
+            self._session.set(stimulus.cof, nearest=True)
+        elif stimulus.texture is not None:
+            self._session.play(stimulus.texture, nearest=True)
+
+    def _samples(self, settings: TrialSettings) -> NDArray[np.void]:
+        """Those of the interval that has begun; the output is off when they are all there."""
+        newest = self._client.samples(most=1)
+        tick = int(newest["tick"][-1]) if newest.size else 0
+        found: list[NDArray[np.void]] = []
+        heard_s = time.monotonic()
+        while not found or not _over(np.concatenate(found), settings):
+            time.sleep(POLL_S)
+            new = self._client.samples(tick, MOST)
+            if new.size:
+                found.append(new)
+                tick, heard_s = int(new["tick"][-1]), time.monotonic()
+            elif time.monotonic() - heard_s > SILENT_S:
+                raise HapticError("stopped", "the daemon renders no more", "See: haptic status")
+        status = self._client.status()
+        if status.state != "rendering":
+            said = f"the daemon is {status.state}" + (f": {status.fault}" if status.fault else "")
+            raise HapticError(
+                "stopped", said, "Remove the cause, then run the same command again: it goes on"
+            )
+        self._session.off()
+        return np.concatenate(found)
+
+
+class AssumedApparatus:
+    """No rig: every friction is felt exactly as it is asked for. For trying a design, in no
+    time.
+    """
+
+    onset_s: float | None = None
+
+    def mark(self, label: str, data: dict[str, object]) -> float:
+        return 0.0
+
+    def present(
+        self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
+    ) -> list[Felt]:
+        """As asked; of a texture nothing is known."""
+        return [
+            _as_asked(s.cof if s.cof is not None else np.nan, settings.duration_s) for s in stimuli
+        ]
+
+
+def _as_asked(cof: float, lasted_s: float) -> Felt:
+    return Felt(
+        cof,
+        cof,
+        cof,
+        error=0.0,
+        within_5_percent=1.0,
+        reachable_share=1.0,
+        sliding_s=lasted_s,
+    )
+
+
+def _over(samples: NDArray[np.void], settings: TrialSettings) -> bool:
+    lasted_s = float(samples["time_s"][-1] - samples["time_s"][0])
+    if settings.strokes:
+        ended = strokes(samples) - int(
+            samples["in_contact"][-1]
+        )  # the last one goes on until it turns or lifts
+        return ended >= settings.strokes or lasted_s >= settings.most_s
+    return lasted_s >= settings.duration_s
+
+
+def _halves(left_cof: float, right_cof: float, middle_mm: float) -> str:
+    """A profile with one friction left of the middle and another one right of it."""
+    edge_mm = 0.5 * FINEST_MM
+    points = (
+        (-SCREEN_MM, left_cof),
+        (middle_mm - edge_mm, left_cof),
+        (middle_mm + edge_mm, right_cof),
+    )
+    rows = [f"{x_mm!r},{cof!r}" for x_mm, cof in (*points, (SCREEN_MM, right_cof))]
+    return "\n".join(["position_mm,cof", *rows]) + "\n"
+
+
+def check_textures(experiment: Experiment, known: Sequence[str]) -> None:
+    """BadInputError for a texture that the daemon does not play, by its name or the path of its
+    file.
+    """
+    for name in experiment.textures:
+        if name not in known and not Path(name).is_file():
+            said = f"{experiment.path}: there is no texture named '{name}'"
+            raise BadInputError("unknown_texture", said, nearest(name, list(known)))
+
+
+def texture_hashes(experiment: Experiment) -> dict[str, str]:
+    """SHA-256 of the file of each texture that an experiment presents."""
+    files = {name: load(name, texture_dirs()).path for name in experiment.textures}
+    return {name: hashlib.sha256(read_bytes(path)).hexdigest() for name, path in files.items()}

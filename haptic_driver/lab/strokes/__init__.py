@@ -1,0 +1,3 @@
+"""Every stroke of a measured experiment: its file (`file.py`), and means over strokes
+(`means.py`).
+"""

@@ -1,0 +1,168 @@
+"""`--column`, `--map` and lateral forces: tables and trials as labs have them."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.lab.commands.columns import columns_named
+from haptic_driver.lab.measuring.recordings import read_data
+from model.diagnosis.data import COLUMNS, read_measurements
+from model.support.errors import ModelError
+from tests.docs import own_data
+
+PAGE = Path(__file__).resolve().parents[4] / "docs" / "own-data.md"
+SI = "frequency_hz,voltage_v,normal_force_n\n100,125,0.25\n10000,50,0.5\n"
+LAB = "f (kHz),U,Fz,mu\n0.1,0.125,250,0.9\n10,0.05,500,0.6\n"
+CALLED = ["frequency_hz=f (kHz):kHz", "voltage_v=U:kV", "normal_force_n=Fz:mN", "cof=mu:1"]
+
+
+def options(said: list[str]) -> list[str]:
+    return [word for each in said for word in ("--column", each)]
+
+
+def table(tmp_path, text: str, name: str = "lab.csv") -> Path:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path / name
+
+
+def named(*said: str):
+    return columns_named(said, COLUMNS, "cof=mu")
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_table_in_a_labs_units_predicts_as_in_si(haptic, tmp_path) -> None:
+    haptic("predict", "--table", table(tmp_path, SI, "si.csv"), "--out", tmp_path / "a.csv")
+    lab, out = table(tmp_path, LAB), tmp_path / "b.csv"
+    done = haptic("predict", "--table", lab, "--out", out, *options(CALLED))
+    assert done.status == 0, done.err
+    expected, found = rows_of(tmp_path / "a.csv"), rows_of(out)
+    for name in ("electrostatic_force_n", "cof", "current_a"):
+        assert [row[name] for row in found] == [row[name] for row in expected]
+    assert [row["Fz"] for row in found] == ["250", "500"]  # carried through as it was
+    assert [float(row["normal_force_n"]) for row in found] == [0.25, 0.5]
+    assert [row["cof_measured"] for row in found] == ["0.9", "0.6"]
+
+
+def test_lateral_forces_are_friction_over_the_load(haptic, tmp_path) -> None:
+    text = SI.replace("_n\n", "_n,lateral_force_n\n").replace("0.25\n", "0.25,-0.2\n")
+    path = table(tmp_path, text.replace("0.5\n", "0.5,0.3\n"))
+    assert read_measurements(path).columns["cof"].tolist() == [0.8, 0.6]
+    haptic("predict", "--table", path, "--out", tmp_path / "out.csv")
+    assert [row["cof_measured"] for row in rows_of(tmp_path / "out.csv")] == ["0.8", "0.6"]
+
+
+def test_a_spread_of_lateral_forces_is_one_of_friction(tmp_path) -> None:
+    head = "frequency_hz,voltage_v,normal_force_n,lateral_force_n,lateral_force_std_n\n"
+    data = read_measurements(table(tmp_path, f"{head}100,125,0.25,0.2,0.01\n"))
+    assert data.columns["cof_std"].tolist() == [0.04]
+
+
+def test_a_held_finger_has_no_friction_of_its_lateral_force(tmp_path) -> None:
+    head = "frequency_hz,voltage_v,normal_force_n,lateral_force_n,finger,current_a\n"
+    text = f"{head}100,125,0.25,0.2,sliding,\n100,125,0.25,0.1,resting,1e-4\n"
+    data = read_measurements(table(tmp_path, text))
+    assert data.of(0).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        ("100,125,0.25,much", "lateral_force_n is 'much', not a number"),
+        ("100,125,none,0.2", "normal_force_n is 'none', not a number"),
+        ("100,125,0.25,500", "lateral_force_n = 500 is out of range"),
+        ("100,125,0.25,0", "cof = 0.0 is out of range"),
+    ],
+)
+def test_what_is_wrong_with_a_force_is_said_once(tmp_path, cells, said) -> None:
+    path = table(tmp_path, f"frequency_hz,voltage_v,normal_force_n,lateral_force_n\n{cells}\n")
+    with pytest.raises(ModelError) as refused:
+        read_measurements(path)
+    assert refused.value.message.startswith(f"{path}, line 2: {said}")
+    assert "," not in refused.value.message.removeprefix(f"{path}, line 2: {said}")
+
+
+def test_other_tables_count_under_their_own_names(tmp_path) -> None:
+    lab = table(tmp_path, LAB)
+    ours = table(tmp_path, SI.replace("_n\n", "_n,cof\n").replace("5\n", "5,0.7\n"), "more.csv")
+    data = read_data([lab, ours], named=named(*CALLED))
+    assert data.columns["cof"].tolist() == [0.9, 0.6, 0.7, 0.7]
+    assert data.columns["frequency_hz"].tolist() == [100.0, 10000.0, 100.0, 10000.0]
+
+
+def test_a_column_that_is_not_there_is_missing(tmp_path) -> None:
+    another = ["frequency_hz=f", *CALLED[1:]]
+    for said, theirs in ((another, "f"), ([*CALLED, "humidity_pct=RH"], "RH")):
+        with pytest.raises(BadInputError, match=f"column {theirs} is missing"):
+            read_data([table(tmp_path, LAB)], named=named(*said))
+
+
+@pytest.mark.parametrize(
+    ("said", "code", "words"),
+    [
+        ("cof", "bad_column", "has no sign ="),
+        ("coff=mu", "bad_column", "not a column that is read"),
+        ("voltage_v=U:kg", "unknown_unit", "kg is no voltage_v"),
+        ("voltage_v=U:raw", "unknown_unit", "'raw' is no unit"),
+        ("frequency_hz=f:rad/s", "unknown_unit", "rad/s is no frequency"),
+        ("session=Day:s", "unknown_unit", "no unit is converted for session"),
+        ("temperature_c=T:K", "unknown_unit", "no unit is converted for temperature_c"),
+    ],
+)
+def test_what_cannot_be_is_refused(said, code, words) -> None:
+    with pytest.raises(BadInputError, match=words) as refused:
+        named(said)
+    assert refused.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("said", "factor"),
+    [
+        ("speed_m_s=v:mm/s", 1e-3),
+        ("time_s=t:min", 60.0),
+        ("cof=mu:%", 0.01),
+        ("contact_area_m2=A:mm^2", 1e-6),
+        ("current_phase_rad=p:deg", 0.017453292519943295),
+    ],
+)
+def test_units_become_those_of_the_columns_name(said, factor) -> None:
+    (one,) = named(said).values()
+    assert one.factor == pytest.approx(factor, rel=1e-12)
+
+
+def test_no_column_of_a_table_is_lost_beside_one_that_gets_its_name(haptic, tmp_path) -> None:
+    path = table(tmp_path, SI.replace("_n\n", "_n,N\n").replace("5\n", "5,1\n"))
+    done = haptic(
+        "predict", "--table", path, "--out", path, "--column", "normal_force_n=N", "--json"
+    )
+    assert done.status == 2
+    assert "of its own" in done.said["error"]["message"]
+
+
+def test_trials_go_straight_into_a_prediction_and_a_diagnosis(haptic, tmp_path) -> None:
+    own_data.write(tmp_path / "trials")
+    (tmp_path / "map.toml").write_text(own_data.map_of(PAGE), encoding="utf-8")
+    lost = next((tmp_path / "trials").glob("*_t71.csv"))
+    trials, mapped = tmp_path / "trials", ["--map", tmp_path / "map.toml"]
+    data, out = tmp_path / "data.csv", tmp_path / "out.csv"
+    refused = haptic("predict", "--table", trials, "--out", out, *mapped, "--json")
+    assert "_t71.csv" in refused.said["error"]["message"]
+    found = haptic("diagnose", trials, *mapped, "--out", tmp_path / "d", "--json")
+    assert "_t71.csv" in found.said["error"]["message"]
+    lost.unlink()
+    assert haptic("rows", trials, *mapped, "--out", data).status == 0
+    assert haptic("predict", "--table", trials, "--out", out, *mapped).status == 0
+    rows, predicted = rows_of(data), rows_of(out)
+    assert [row["cof"] for row in rows] == [row["cof_measured"] for row in predicted]
+    assert haptic("diagnose", trials, *mapped, "--column", "cof=mu", "--json").status == 2
+    finger = tmp_path / "finger.toml"
+    assert haptic("calibrate", trials, *mapped, "--out", finger).status == 0
+    assert (tmp_path / "finger.rows.csv").read_text() == data.read_text()
+    assert haptic("calibrate", trials, *mapped, "--out", finger, "--json").status == 2

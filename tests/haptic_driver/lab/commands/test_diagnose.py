@@ -1,0 +1,397 @@
+"""`haptic diagnose`: the contract of its JSON, its files, and what bad data are told."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import shlex
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.cli.main import main
+from haptic_driver.lab.commands.diagnose import once_more, place
+from haptic_driver.lab.measuring.plan import load_plan
+from model.effects import BY_NAME, CATALOGUE
+from tests.reports import without_pictures
+
+KEYS = {"verdict", "adequate", "effects", "alternatives", "where", "fit", "model", "seed"}
+FRICTION = (
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "cof",
+    "cof_std",
+    "speed_m_s",
+    "time_s",
+    "session",
+    "trial",
+)
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    plan = tmp_path_factory.mktemp("plan") / "plan.toml"
+    plan.write_text(
+        'name = "small"\nabout = "for a test"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60,'
+        " 100, 130]\nnormal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions ="
+        " 3\nvoltage_off_every = 4\nsettle_s = 0.2\naverage_s = 0.25\npause_s = 0.0\n"
+    )
+    return plan
+
+
+@pytest.fixture(scope="module")
+def data(plan, tmp_path_factory):
+    """Friction and current on a simulated rig whose finger hides humid conduction in the gap."""
+    path = tmp_path_factory.mktemp("measured") / "data.csv"
+    assert (
+        main(
+            [
+                "measure",
+                "--rig",
+                "hidden_humidity",
+                "--plan",
+                str(plan),
+                "--out",
+                str(path),
+                "--json",
+            ]
+        )
+        == 0
+    )
+    return path
+
+
+@pytest.fixture
+def unillustrated():
+    with without_pictures():
+        yield
+
+
+def measured_friction(plan, path, seed: int) -> None:
+    """Friction alone, which names less, on a rig whose finger hides a conducting insulator."""
+    hide = path.with_name("hide.toml")
+    hide.write_text("[johnsen_rahbek]\ninsulator_conductivity_s_per_m = 1e-9\n")
+    both = path.with_name("both.csv")
+    measure = [
+        "measure",
+        "--rig",
+        "simulated",
+        "--plan",
+        str(plan),
+        "--hide",
+        str(hide),
+        "--out",
+        str(both),
+        "--force",
+    ]
+    assert main([*measure, "--seed", str(seed), "--json"]) == 0
+    with both.open() as file, path.open("w", newline="") as out:
+        rows = list(csv.DictReader(file))
+        writer = csv.DictWriter(out, FRICTION, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+@pytest.fixture(scope="module")
+def found(data, tmp_path_factory):
+    out, printed = tmp_path_factory.mktemp("found"), io.StringIO()
+    with redirect_stdout(printed):
+        assert (
+            main(
+                [
+                    "diagnose",
+                    str(data),
+                    "--model",
+                    "reference",
+                    "--out",
+                    str(out),
+                    "--seed",
+                    "3",
+                    "--json",
+                ]
+            )
+            == 0
+        )
+    (out / "stdout").write_text(printed.getvalue())
+    return out, json.loads((out / "report.json").read_text())
+
+
+def test_the_contract(found) -> None:
+    _, said = found
+    assert set(said) >= KEYS
+    assert said["seed"] == 3
+    assert said["verdict"] in {
+        "no_discrepancy",
+        "effect_found",
+        "ambiguous",
+        "unexplained",
+        "not_testable",
+    }
+    assert set(said["fit"]) >= {
+        "chi2_per_point",
+        "held_out_chi2_per_point",
+        "gap_closed",
+        "gap_closed_interval",
+    }
+    assert len(said["alternatives"]) == len(CATALOGUE) + 2
+    assert {"none", "unknown"} <= {a["name"] for a in said["alternatives"]}
+    probabilities = [a["probability"] for a in said["alternatives"]]
+    assert math.isclose(sum(probabilities), 1.0, abs_tol=1e-9)
+    assert probabilities == sorted(probabilities, reverse=True)
+    for region in said["where"]:
+        assert set(region) >= {"axis", "low", "high", "p_value", "sign"}
+
+
+def test_the_hidden_effect_is_found_or_listed(found) -> None:
+    _, said = found
+    assert said["verdict"] in {"effect_found", "ambiguous"}
+    listed = {e["name"] for e in said["effects"]} | {
+        n for e in said["effects"] for n in e["indistinguishable_from"]
+    }
+    assert "humid_gap_conduction" in listed
+    held = said["fit"]["held_out_chi2_per_point"]
+    assert held["after"] < 0.5 * held["before"]
+
+
+@pytest.mark.usefixtures("unillustrated")
+@pytest.mark.soak
+def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_path, capsys) -> None:
+    plan = tmp_path / "few.toml"
+    plan.write_text(
+        'name = "few"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 130]\nnormal_force_n ='
+        " [0.3, 0.8]\nspeed_m_s = 0.02\nrepeats = 1\nsessions = 3\nvoltage_off_every = 3\nsettle_s"
+        " = 0.2\naverage_s = 0.25\npause_s = 0.0\n"
+    )
+    out, data, more = tmp_path / "first", tmp_path / "data.csv", tmp_path / "more.csv"
+    measured_friction(plan, data, 1)
+    assert main(["diagnose", str(data), "--out", str(out), "--json"]) == 0
+    said = json.loads((out / "report.json").read_text())
+    asked = [step for step in said["next_experiments"] if step["kind"] == "setting"]
+    assert asked
+    proposed = load_plan(str(out / "next_plan.toml"))
+    wanted = {
+        (s["frequency_hz"] or 0.0, s["voltage_v"], s["normal_force_n"], s["speed_m_s"])
+        for s in asked
+    }
+    assert {setting[:4] for setting in proposed.settings} == wanted
+    assert {setting.time_s for setting in proposed.settings} == {s.get("time_s") for s in asked}
+    assert proposed.repeats == asked[0]["repeats"]
+    measured_friction(out / "next_plan.toml", more, 9)
+    capsys.readouterr()
+    assert (
+        main(
+            ["diagnose", str(data), "--also", str(more), "--out", str(tmp_path / "both"), "--json"]
+        )
+        == 0
+    )
+    both = json.loads(capsys.readouterr().out)
+    assert both["data"]["rows"] == said["data"]["rows"] + len(more.read_text().splitlines()) - 1
+    assert both["data"]["sessions"] == said["data"]["sessions"] + 1
+
+
+def test_data_of_other_columns_do_not_go_together(data, tmp_path, capsys) -> None:
+    other = tmp_path / "other.csv"
+    other.write_text("frequency_hz,voltage_v,normal_force_n,cof,cof_std\n100,75,0.5,0.7,0.01\n")
+    assert main(["diagnose", str(data), "--also", str(other), "--out", str(tmp_path / "out")]) == 2
+    err = " ".join(capsys.readouterr().err.split())
+    assert f"{other}: has no column speed_m_s, which {data} has" in err
+
+
+def test_the_model_it_writes_can_be_used(found, tmp_path) -> None:
+    out, said = found
+    assert said["model"] == str(out / "model.toml")
+    conditions = tmp_path / "conditions.csv"
+    conditions.write_text("frequency_hz,voltage_v,normal_force_n\n50,100,0.5\n")
+    answer = {}
+    for model in ("reference", said["model"]):
+        target = tmp_path / "out.csv"
+        assert (
+            main(["predict", "--table", str(conditions), "--out", str(target), "--model", model])
+            == 0
+        )
+        with target.open() as file:
+            answer[model] = float(next(csv.DictReader(file))["cof"])
+    assert (
+        answer[said["model"]] < answer["reference"] - 0.01
+    )  # conduction takes force away at 50 Hz
+
+
+def test_the_page_is_there(found) -> None:
+    out, _ = found
+    page = (out / "report.html").read_text()
+    assert "humid" in page
+    assert "<script" not in page
+
+
+def test_stdout_holds_the_report_alone(found) -> None:
+    out, _ = found
+    assert set(json.loads((out / "stdout").read_text())) >= KEYS
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "the file is empty"),
+        ("frequency_hz,voltage_v,normal_force_n,cof\n", "has no rows"),
+        ("frequency_hz,voltage_v,cof\n250,75,0.6\n", "normal_force_n is missing"),
+        ("frequency_hz,voltage_v,normal_force_n,cof\n250,75,0.5,high\n", "line 2: cof is 'high'"),
+        (
+            "frequency_hz,voltage_v,normal_force_n,cof\n250,75,500,0.6\n",
+            "normal_force_n = 500 is out of range",
+        ),
+        (
+            "frequency_hz,voltage_v,normal_force_n,cof,waveform\n250,75,0.5,0.6,triangle\n",
+            "triangle",
+        ),
+    ],
+)
+def test_bad_data_are_told_where(tmp_path, capsys, text, words) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert words in error["message"]
+    assert error["hint"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_rows_are_counted_in_the_report(tmp_path, capsys) -> None:
+    rows = [f"{10 * (i + 1)},{50 + i},0.5,{0.55 + 0.001 * i}" for i in range(11)]
+    path = tmp_path / "some.csv"
+    path.write_text(
+        "frequency_hz,voltage_v,normal_force_n,cof\n"
+        + "\n".join([*rows, "250,75,300,0.6", "250,75,0.5,"])
+    )
+    command = ["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]
+    assert main(command) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert "line 13: normal_force_n = 300" in error["message"]
+    assert "line 14: cof is ''" in error["message"]
+    assert "--leave-out-bad" in error["hint"]
+    assert main([*command, "--leave-out-bad"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["data"]["rows"] == 11
+    assert said["data"]["rows_left_out"] == 2
+    (told,) = [word for word in said["reasons"] if "left out" in word]
+    assert "line 13: normal_force_n = 300" in told
+    assert "line 14: cof is ''" in told
+
+
+def test_a_missing_file(tmp_path, capsys) -> None:
+    assert main(["diagnose", str(tmp_path / "no.csv"), "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["error"]["code"] == "bad_data"
+
+
+def test_without_noise_nothing_can_be_tested(tmp_path, capsys) -> None:
+    rows = [f"{10 * (i + 1)},{50 + i},{0.3 + 0.01 * i},{0.55 + 0.001 * i}" for i in range(30)]
+    path = tmp_path / "single.csv"
+    path.write_text("frequency_hz,voltage_v,normal_force_n,cof\n" + "\n".join(rows) + "\n")
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["verdict"] == "not_testable"
+    assert len(said["alternatives"]) == len(CATALOGUE) + 2
+
+
+def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys, monkeypatch):
+    """By some effects of the catalogue, every two of which are compared; the next test asks them
+    all.
+    """
+    few = [
+        BY_NAME[name]
+        for name in (
+            "series_resistance",
+            "amplifier_bandwidth",
+            "humid_gap_conduction",
+            "sweat_film",
+        )
+    ]
+    monkeypatch.setattr("model.planning.resolution.testable_effects", lambda data, on: few)
+    plan = tmp_path / "small.toml"
+    plan.write_text(
+        'name = "small"\nfrequency_hz = [20.0, 250.0]\nvoltage_v = [75.0, 110.0]\n'
+        "normal_force_n = [0.25, 0.5]\nspeed_m_s = 0.02\n"
+    )
+    weak = ["--strength", "-2"]  # few leave a trace: soon done
+    assert (
+        main(
+            [
+                "diagnose",
+                "--plan",
+                str(plan),
+                "--rig",
+                "simulated",
+                "--out",
+                str(tmp_path),
+                "--json",
+                *weak,
+            ]
+        )
+        == 0
+    )
+    said = json.loads(capsys.readouterr().out)
+    assert [level["name"] for level in said["levels"]] == [
+        "as it is",
+        "current by a card",
+        "full sweep",
+    ]
+    seen = [
+        sum(e["visible"] >= said["enough"] for e in level["effects"].values())
+        for level in said["levels"]
+    ]
+    assert seen[0] < seen[2]
+    assert seen[0] <= seen[1] <= seen[2]
+    assert (tmp_path / "resolution.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_data_are_held_against_a_plan(tmp_path, capsys):
+    """What is measured at one setting tells less than a plan of several."""
+    data, plan = tmp_path / "data.csv", tmp_path / "small.toml"
+    rows = [f"20,{v},0.5,0.6,0.012,0.02" for v in (0, 75)]
+    data.write_text(
+        "\n".join(["frequency_hz,voltage_v,normal_force_n,cof,cof_std,speed_m_s", *rows]) + "\n"
+    )
+    plan.write_text(
+        'name = "small"\nfrequency_hz = [20.0, 250.0]\nvoltage_v = 110.0\nspeed_m_s = 0.02\n'
+        "normal_force_n = [0.25, 0.5]\n"
+    )
+    weak = ["--strength", "-2"]
+    assert (
+        main(["diagnose", str(data), "--plan", str(plan), "--out", str(tmp_path), "--json", *weak])
+        == 0
+    )
+    said = json.loads(capsys.readouterr().out)
+    assert [level["name"] for level in said["levels"]][:2] == ["the data", "as it is"]
+    assert said["levels"][0]["observations"] == 2
+    seen = [sum(e["visible"] for e in level["effects"].values()) for level in said["levels"]]
+    assert seen[0] < seen[2]
+
+
+def test_neither_data_nor_a_plan_is_told(capsys):
+    assert main(["diagnose"]) != 0
+    assert "give data or --plan" in capsys.readouterr().err
+
+
+def test_what_is_printed_next_may_be_pasted(tmp_path):
+    data = tmp_path / "my data.csv"
+    (tmp_path / "my data.csv.meta.json").write_text('{"rig": "hidden_humidity"}')
+    lines = (
+        once_more(Path("out/next_plan.toml"), [data], "reference", Path("out"))
+        .replace("\\\n", "")
+        .split("&&")
+    )
+    measure, diagnose = (shlex.split(line) for line in lines)
+    assert measure[:4] == ["haptic", "measure", "--rig", "hidden_humidity"]
+    assert measure[4:] == ["--plan", "out/next_plan.toml", "--out", "out/more.csv"]
+    assert diagnose[:3] == ["haptic", "diagnose", str(data)]
+    assert diagnose[3:] == ["--also", "out/more.csv", "--model", "reference", "--out", "out"]
+
+
+def test_a_region_is_told_in_words():
+    one = {"axis": "frequency_hz", "low": 5.0, "high": 80.0}
+    two = {"axis": ["frequency_hz", "voltage_v"], "low": [5.0, 60.0], "high": [80.0, 130.0]}
+    assert place(one) == "frequency_hz 5 to 80"
+    assert place(two) == "frequency_hz 5 to 80 and voltage_v 60 to 130"

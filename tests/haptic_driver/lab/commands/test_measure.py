@@ -1,0 +1,334 @@
+"""`haptic measure` as it is typed."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_driver.cli.main import main
+from haptic_driver.lab.measuring.bench import SimulatedBench
+from hw.amplifier.simulated import SimulatedAmplifier
+from hw.errors import DeviceTimeout
+from hw.force.sensor import ForceReading
+from tests.haptic_driver.config_texts import as_real_rig
+
+PLAN = """
+name = "short"
+frequency_hz = [60.0, 250.0, 1e4]
+voltage_v = 75.0
+normal_force_n = 0.5
+speed_m_s = 0.02
+voltage_off_every = 2
+"""
+
+
+@pytest.fixture
+def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "short.toml").write_text(PLAN)
+    return "short.toml"
+
+
+def test_json_says_what_was_measured(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert (
+        main(
+            [
+                "measure",
+                "--rig",
+                "simulated",
+                "--plan",
+                plan,
+                "--out",
+                "data.csv",
+                "--seed",
+                "3",
+                "--json",
+            ]
+        )
+        == 0
+    )
+    out, err = capsys.readouterr()
+    said = json.loads(out)
+    assert {key: said[key] for key in ("rows", "skipped", "out", "plan", "simulated")} == {
+        "rows": 3,
+        "skipped": 1,
+        "out": "data.csv",
+        "plan": "short",
+        "simulated": True,
+    }
+    assert said["duration_s"] == pytest.approx(3 * 2.75)
+    assert [r["frequency_hz"] for r in said["refused"]] == [1e4]
+    assert "refused: 10000 Hz, 75 V, 0.5 N, 20 mm/s: worst-case finger current" in err
+    assert "1 rows are skipped" in err
+    assert json.loads(Path("data.csv.meta.json").read_text())["seed"] == 3
+
+
+def test_for_a_person_it_says_simulated_and_off(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["measure", "--plan", plan, "--out", "data.csv"]) == 0
+    out = capsys.readouterr().out
+    assert "3 rows of plan 'short' on a simulated rig -> data.csv" in out
+    assert "generator says off" in out
+
+
+def test_strict_refuses_the_plan_and_writes_nothing(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["measure", "--plan", plan, "--out", "data.csv", "--strict", "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert json.loads(out)["error"]["code"] == "refused"
+    assert "worst-case finger current" in err
+    assert not Path("data.csv").exists()
+
+
+def test_overwriting_needs_force_and_resuming_changes_nothing_when_done(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["measure", "--plan", plan, "--out", "data.csv"]
+    assert main(command) == 0
+    first = Path("data.csv").read_text()
+    assert main(command) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main([*command, "--resume"]) == 0
+    assert Path("data.csv").read_text() == first
+    assert main([*command, "--resume", "--force"]) == 2
+    assert main([*command, "--force"]) == 0
+    assert Path("data.csv").read_text() == first
+
+
+def test_a_rig_whose_finger_nothing_slides_is_refused(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("real.toml").write_text(as_real_rig("TCPIP::127.0.0.1::1::SOCKET"))
+    assert (
+        main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv", "--yes"]) == 2
+    )
+    assert "has no stage" in " ".join(capsys.readouterr().err.split())
+    assert not Path("data.csv").exists()
+
+
+def cofs() -> list[float]:
+    with Path("data.csv").open(newline="") as file:
+        return [float(row["cof"]) for row in csv.DictReader(file)]
+
+
+def test_effects_hide_in_a_file_or_a_rig(plan: str) -> None:
+    command = ["measure", "--plan", plan, "--out", "data.csv", "--force"]
+    assert main(command) == 0
+    plain = cofs()
+    Path("hide.toml").write_text("[series_resistance]\nresistance_ohm = 1e8\n")
+    assert main([*command, "--hide", "hide.toml"]) == 0
+    hidden = cofs()
+    assert all(a <= b for a, b in zip(hidden, plain, strict=True))
+    assert min(hidden) < 0.9 * max(plain)
+    rig = (Path(__file__).parents[4] / "configs" / "rigs" / "simulated.toml").read_text()
+    Path("rig.toml").write_text(rig + "hide = { series_resistance = { resistance_ohm = 1e8 } }\n")
+    assert main([*command, "--rig", "rig.toml"]) == 0
+    assert cofs() == hidden
+
+
+def test_a_function_outside_the_catalogue(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("stranger.py").write_text(
+        "def friction(f, v, load, speed, time):\n    return 2.0 * load\n"
+    )
+    command = ["measure", "--plan", plan, "--out", "data.csv", "--force"]
+    for name in ("stranger:friction", "stranger.py:friction"):
+        assert main([*command, "--finger", name]) == 0
+        assert all(1.6 < cof < 2.4 for cof in cofs())
+    assert "stranger" not in Path("data.csv").read_text() + Path("data.csv.meta.json").read_text()
+    Path("broken.py").write_text("def friction(f, v, load, speed, time):\n    return 1 / 0\n")
+    assert main([*command, "--finger", "broken.py:friction"]) == 1
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+WITNESS = """
+name = "witness"
+[[points]]
+frequency_hz = 250.0
+voltage_v = 75.0
+normal_force_n = 0.5
+speed_m_s = 0.02
+[[sweep]]
+frequency_hz = { low = 100.0, high = 1e5, per_decade = 4 }
+finger = ["none", "resting"]
+"""
+FINGER = """
+import numpy as np
+
+def finger(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s):
+    \"\"\"47 kohm in series with 2 nF, 200 pF of leads, then 10 ohm; gain 0.9; silent.\"\"\"
+    w = 2 * np.pi * frequency_hz
+    touch = np.where(normal_force_n > 0.0, 1.0 / (47e3 + 1.0 / (2e-9j * w)), 0.0)
+    voltage = 0.9 * voltage_v * np.ones_like(w)
+    lateral = np.where(speed_m_s > 0.0, 0.7 * normal_force_n, np.nan)
+    return lateral, (touch + 200e-12j * w) * voltage, voltage
+"""
+
+
+def rows() -> list[dict[str, str]]:
+    with Path("data.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_finger_of_ones_own_has_friction_voltage_and_current(
+    plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("witness.toml").write_text(WITNESS)
+    Path("mine.py").write_text(FINGER)
+    command = [
+        "measure",
+        "--plan",
+        "witness.toml",
+        "--out",
+        "data.csv",
+        "--finger",
+        "mine.py:finger",
+        "--json",
+    ]
+    assert main(command) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["rows"], said["skipped"]) == (27, 0)
+    for row in rows():
+        w = 2 * np.pi * float(row["frequency_hz"])
+        touch = 0.0 if row["finger"] == "none" else 1 / (47e3 + 1 / (2e-9j * w))
+        voltage = 0.9 * float(row["voltage_v"])
+        current = (touch + 200e-12j * w) * voltage
+        assert float(row["electrode_voltage_v"]) == pytest.approx(
+            voltage, rel=1e-3, abs=5 * float(row["electrode_voltage_std_v"])
+        )
+        assert float(row["current_a"]) == pytest.approx(
+            abs(current), rel=1e-3, abs=5 * float(row["current_std_a"])
+        )
+        phase = pytest.approx(np.angle(current), abs=1e-3 + 5 * float(row["current_phase_std_rad"]))
+        assert float(row["current_phase_rad"]) == phase
+        assert (row["cof"] != "") == (row["finger"] == "sliding")
+        assert row["kramers_kronig"] == ("" if row["finger"] == "sliding" else "passes")
+    stray = said["stray_capacitance"]
+    assert stray["capacitance_f"] == pytest.approx(
+        200e-12, abs=max(4 * stray["std_f"], 1e-3 * 200e-12)
+    )
+    assert json.loads(Path("data.csv.meta.json").read_text())["stray_capacitance"] == stray
+    assert stray["measured_at"] == datetime.date.today().isoformat()
+    assert (
+        main([*command, "--resume"]) == 0
+    )  # the calibration in the sidecar is no other experiment
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        ("lateral, 1e-6", "answered 2 values"),
+        ("lateral, np.nan * lateral, lateral", "a current of"),
+        ("np.nan * lateral", "a lateral force of nan N"),
+        ("np.concatenate([lateral, lateral])", "answered 1 values of shapes"),
+        ("lateral, 'x', 1.0", "raised ValueError"),
+    ],
+)
+def test_what_is_no_answer_of_a_finger_is_explained(
+    plan: str, capsys: pytest.CaptureFixture[str], answer: str, said: str
+) -> None:
+    body = f"    lateral = 0.6 * normal_force_n\n    return {answer}\n"
+    text = (
+        "import numpy as np\n\ndef f(frequency_hz, voltage_v, normal_force_n, speed_m_s,"
+        f" time_s):\n{body}"
+    )
+    Path("wrong.py").write_text(text)
+    assert main(["measure", "--plan", plan, "--out", "data.csv", "--finger", "wrong.py:f"]) == 1
+    assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(plan: str) -> None:
+    Path("plain.py").write_text("def f(f, v, load, speed, time):\n    return 0.6 * load\n")
+    assert main(["measure", "--plan", plan, "--out", "data.csv", "--finger", "plain.py:f"]) == 0
+    assert {
+        row["current_a"] + row["electrode_voltage_v"] + row["current_phase_rad"] for row in rows()
+    } == {""}
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--hide", "missing.toml"], "does not exist"),
+        (["--hide", "bad.toml"], "series_resistanse"),
+        (["--hide", "short.toml"], "hide"),
+        (["--finger", "nowhere:friction"], "cannot be loaded"),
+        (["--finger", "json"], "cannot be loaded"),
+        (["--finger", "json:__name__"], "not a function"),
+        (["--hide", "good.toml", "--finger", "json:loads"], "Give one of them"),
+        (["--seed", "-1"], "seed"),
+    ],
+)
+def test_bad_options_are_named(
+    plan: str, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("bad.toml").write_text("[series_resistanse]\nresistance_ohm = 1.0\n")
+    Path("good.toml").write_text("[series_resistance]\nresistance_ohm = 1.0\n")
+    assert main(["measure", "--plan", plan, "--out", "data.csv", *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not Path("data.csv").exists()
+
+
+@pytest.mark.process
+def test_interrupted_by_the_user_the_file_can_be_continued(plan: str) -> None:
+    long = PLAN.replace("[60.0, 250.0, 1e4]", "[60.0, 250.0]") + "repeats = 1000\n"
+    Path("long.toml").write_text(long)
+    arguments = ["measure", "--plan", "long.toml", "--out", "data.csv", "--json"]
+    begin = (  # ignored behind a nohup
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    )
+    program = f"{begin}; from haptic_driver.cli.main import main; sys.exit(main({arguments!r}))"
+    root = str(Path(__file__).parents[4])
+    child = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": root},
+    )
+    try:
+        deadline = time.monotonic() + 60.0
+        while time.monotonic() < deadline and (not Path("data.csv").exists() or len(cofs()) < 5):
+            time.sleep(0.02)
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=30.0)
+    finally:
+        child.kill()
+    assert child.returncode == 1, err
+    assert json.loads(out)["error"]["code"] == "interrupted"
+    assert b"the output is off" in err
+    done = len(cofs())
+    assert 5 <= done < 3000
+    assert any(
+        f"{n} of 3000 rows".encode() in err for n in (done - 1, done)
+    )  # a row may be written and not counted yet
+
+
+def test_an_interrupted_measurement_says_off_only_with_evidence(
+    plan: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Generator and enable line fall silent as the user presses Ctrl-C."""
+
+    def silent(self: SimulatedAmplifier) -> bool:
+        raise DeviceTimeout("enable line: no answer")
+
+    def broken(self: SimulatedBench) -> ForceReading:
+        self.simulated.instruments.generator_server.close()
+        monkeypatch.setattr(SimulatedAmplifier, "read", silent)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SimulatedBench, "read_force", broken)
+    assert main(["measure", "--plan", plan, "--out", "data.csv"]) == 1
+    err = " ".join(capsys.readouterr().err.split())
+    assert "interrupted; 0 of 3 rows" in err
+    assert "MAY STILL BE ON" in err
+    assert "output is off" not in err

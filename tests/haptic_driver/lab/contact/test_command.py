@@ -1,0 +1,190 @@
+"""`haptic contact` on every kind of film that people have, and what it says of those that it cannot
+use.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_driver.cli.main import main
+from haptic_driver.errors import BadInputError
+from haptic_driver.lab.contact.film import read_film
+from haptic_driver.lab.contact.scale import scale_from_ruler
+from hw.camera.fingerprint import Optics, Touch, bare, drawn
+
+iio = pytest.importorskip("imageio.v3")
+tifffile = pytest.importorskip("tifffile")
+pytest.importorskip("rawpy")
+pytest.importorskip("skimage")
+OPTICS = Optics(width=288, height=352, scale_m=42e-6, blur_m=15e-6)
+AREAS_M2 = (5e-5, 6e-5)
+TIMES_S = ("10.00", "10.02", "10.05")
+
+
+@pytest.fixture(scope="module")
+def images() -> list[np.ndarray]:
+    """The screen alone, and a touch that grows."""
+    random = np.random.default_rng(5)
+    return [bare(OPTICS, random), *(drawn(Touch(a), OPTICS, random).image for a in AREAS_M2)]
+
+
+def write_dng(path: Path, image: np.ndarray) -> None:
+    """A raw picture of a sensor behind a mosaic of colours that all count alike."""
+    identity = sum(((int(v), 1) for v in np.eye(3).ravel()), ())
+    tags = [
+        (33421, "H", 2, (2, 2), True),  # the mosaic: size, and red green green blue
+        (33422, "B", 4, (0, 1, 1, 2), True),
+        (50706, "B", 4, (1, 4, 0, 0), True),  # version
+        (50708, "s", 0, "a camera", True),
+        (50714, "H", 1, 0, True),  # black and white
+        (50717, "I", 1, 255 * 257, True),
+        (50721, "2i", 9, identity, True),  # from colours to the camera's
+    ]
+    counts = image.astype(np.uint16) * 257
+    tifffile.imwrite(path, counts, photometric=32803, extratags=tags, metadata=None)
+
+
+@pytest.fixture(scope="module")
+def films(images: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same as a video, a stack, and a folder with time stamps."""
+    folder = tmp_path_factory.mktemp("films")
+    colours = np.repeat(np.stack(images)[..., None], 3, axis=3)
+    iio.imwrite(folder / "film.avi", colours, plugin="pyav", fps=25, codec="ffv1")
+    stack = np.stack(images).astype(np.uint16) * 257
+    tifffile.imwrite(folder / "film.tif", stack, photometric="minisblack")
+    (folder / "raw").mkdir()
+    for number, image in enumerate(images):
+        write_dng(folder / "raw" / f"img_{number}.dng", image)
+    (folder / "frames").mkdir()
+    for number, image in zip((8, 9, 10), images, strict=True):  # natural order, not that of letters
+        iio.imwrite(folder / "frames" / f"img_{number}.png", image)
+    stamps = "\n".join(f"img_{i + 8}, {time}" for i, time in enumerate(TIMES_S))
+    (folder / "frames" / "times.csv").write_text(f"file, time in s\n{stamps}\n", encoding="utf-8")
+    return folder
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict]:
+    status = main(["contact", *words, "--json"])
+    return status, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("name", "times_s"),
+    [
+        ("film.avi", (0.0, 0.04, 0.08)),
+        ("film.tif", (0.0, 1.0, 2.0)),
+        ("frames", (0.0, 0.02, 0.05)),
+        ("raw", (0.0, 1.0, 2.0)),
+    ],
+)
+def test_every_kind_of_film_gives_the_areas(films, tmp_path, capsys, name, times_s) -> None:
+    out = tmp_path / "contact.csv"
+    status, said = run(capsys, str(films / name), "--scale", "0.042", "--out", str(out))
+    assert status == 0
+    assert (said["frames"], said["counted"], said["bad"]) == (3, 2, {"no finger": 1})
+    with out.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["time_s"]) for row in rows] == pytest.approx(times_s)
+    assert rows[0]["contact_area_m2"] == ""
+    assert rows[0]["bad"] == "no finger"
+    areas = [float(row["contact_area_m2"]) for row in rows[1:]]
+    assert areas == pytest.approx(AREAS_M2, rel=0.03)  # what the method is good to
+    for picture in said["pictures"]:
+        assert Path(picture).read_bytes().startswith(b"\x89PNG")
+
+
+def error(capsys, *words: str) -> tuple[int, dict]:
+    status, said = run(capsys, *words)
+    return status, said["error"]
+
+
+def test_a_scale_has_to_be_said_and_said_once(films, capsys) -> None:
+    film = str(films / "film.tif")
+    for words in ((), ("--scale", "0.02", "--scale-from", "ruler.png")):
+        status, said = error(capsys, film, *words)
+        assert (status, said["code"]) == (2, "no_scale")
+        assert "--scale" in said["hint"]
+    status, said = error(capsys, film, "--scale", "21")
+    assert (status, said["code"]) == (2, "out_of_range")
+
+
+def test_what_is_no_film_is_refused(films, tmp_path, capsys) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "broken.avi").write_bytes(b"RIFF")
+    (tmp_path / "broken.tif").write_bytes(b"II*")
+    (tmp_path / "notes.doc").write_bytes(b"x")
+    for name, code in (
+        ("empty", "empty_film"),
+        ("gone.avi", "no_film"),
+        ("broken.avi", "bad_film"),
+        ("broken.tif", "bad_film"),
+        ("notes.doc", "bad_film"),
+    ):
+        words = (str(tmp_path / name), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
+        status, said = error(capsys, *words)
+        assert (status, said["code"]) == (2, code), name
+        assert said["hint"]
+
+
+def test_a_background_has_to_be_a_picture_of_the_same_size(films, tmp_path, capsys) -> None:
+    bad, other = tmp_path / "bad.png", tmp_path / "other.png"
+    bad.write_bytes(b"no picture")
+    iio.imwrite(other, np.full((200, 200), 180, np.uint8))
+    for path, code in ((bad, "bad_film"), (other, "bad_background")):
+        words = (str(films / "frames"), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
+        status, said = error(capsys, *words, "--background", str(path))
+        assert (status, said["code"]) == (2, code)
+
+
+def test_a_background_takes_the_place_of_frames_without_a_finger(films, tmp_path, capsys) -> None:
+    (tmp_path / "touches").mkdir()
+    for number in (9, 10):
+        name = f"img_{number}.png"
+        (tmp_path / "touches" / name).write_bytes((films / "frames" / name).read_bytes())
+    words = (str(tmp_path / "touches"), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
+    bare = str(films / "frames" / "img_8.png")
+    status, said = run(capsys, *words, "--background", bare, "--rate", "50")
+    assert (status, said["counted"]) == (0, 2)
+    assert said["area_m2"] == pytest.approx(np.mean(AREAS_M2), rel=0.03)
+
+
+def test_time_stamps_have_to_fit(films, tmp_path) -> None:
+    short = tmp_path / "short.txt"
+    short.write_text("0.1\n0.2\n", encoding="utf-8")
+    with pytest.raises(BadInputError, match="2 time stamps for 3 frames"):
+        read_film(films / "frames", short)
+    short.write_text("0.1\n0.3\n0.2\n", encoding="utf-8")
+    with pytest.raises(BadInputError, match="do not rise"):
+        read_film(films / "frames", short)
+
+
+def test_a_missing_package_is_named_with_the_extra(films, capsys, monkeypatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "imageio.v3", None)
+    status, said = error(capsys, str(films / "frames"), "--scale", "0.042", "--out", "x.csv")
+    assert (status, said["code"]) == (1, "missing_package")
+    assert "haptic-driver[camera]" in said["hint"]
+
+
+@pytest.mark.parametrize(("period_px", "tilt"), [(23.7, 0.0), (41.3, 0.12)])
+def test_a_ruler_gives_the_scale(tmp_path, period_px: float, tilt: float) -> None:
+    y, x = np.mgrid[:300, :400]
+    along = x * np.cos(tilt) + y * np.sin(tilt)
+    lines = np.remainder(along / period_px, 1.0) < 0.2
+    noise = np.random.default_rng(1).normal(0.0, 10.0, x.shape)
+    iio.imwrite(tmp_path / "ruler.png", np.clip(200.0 - 150.0 * lines + noise, 0, 255).astype("u1"))
+    found = scale_from_ruler(tmp_path / "ruler.png", 0.5)
+    assert found == pytest.approx(0.5 / period_px, rel=2e-3)  # a tenth of a line over the picture
+
+
+def test_a_picture_without_lines_gives_none(tmp_path) -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (200, 300)).astype(np.uint8)
+    iio.imwrite(tmp_path / "noise.png", noise)
+    with pytest.raises(BadInputError, match="no lines"):
+        scale_from_ruler(tmp_path / "noise.png", 0.5)

@@ -1,0 +1,258 @@
+"""The numbers of figures 4-8 and the facts of the paper's text beside them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_driver.lab.figures import facts, numbers
+from model.contact.gap_distribution import mean_gap
+from model.electric.dielectrics import EPS0
+from model.published import as_published
+from model.support.errors import ModelError
+from model.touch_model import TouchModel
+
+FINGERS = ("reference", "table1")
+PAGE = Path(__file__).parents[4] / "docs" / "reproduction.md"
+
+
+@pytest.fixture(scope="module")
+def pair(models, fresh_tables):
+    """Corrected and published, by finger."""
+    found = {name: numbers.variants(models[name].description) for name in FINGERS}
+    for each in found.values():
+        for model in each.values():
+            fresh_tables(model)
+    return found
+
+
+@pytest.fixture(scope="module")
+def solved(pair):
+    return numbers.against_frequency(pair["reference"])
+
+
+@pytest.fixture(scope="module")
+def sensitivities(pair):
+    return {name: numbers.sensitivities(model) for name, model in pair["reference"].items()}
+
+
+def at_paper_hz(column):
+    return column[np.isin(numbers.SWEEP_HZ, numbers.PAPER_HZ)]
+
+
+@pytest.mark.parametrize("name", FINGERS)
+def test_fig_4_has_the_reference_pressures(pair, reference, name: str) -> None:
+    """Every reference point at the paper's load whose voltage and frequency Fig. 4 has."""
+    found, points = numbers.against_voltage(pair[name])["corrected"], reference[name]["points"]
+    checked = 0
+    for f, v, n, force in zip(
+        points["frequency_hz"],
+        points["voltage_v"],
+        points["normal_force_n"],
+        points["electrostatic_force_n"],
+        strict=True,
+    ):
+        i, j = np.flatnonzero(f == numbers.PAPER_HZ), np.flatnonzero(v == numbers.VOLTAGES_V)
+        if n == 0.5 and i.size and j.size:
+            assert found.pressure_pa[i[0], j[0]] * 1e-4 == pytest.approx(force, rel=2e-3)
+            checked += 1
+    assert checked >= 40
+
+
+@pytest.mark.parametrize("name", FINGERS)
+def test_contact_without_voltage_is_the_reference_contact(pair, reference, name: str) -> None:
+    contact = reference[name]["contact"]
+    at = int(np.flatnonzero(contact["pressure_pa"] == 5e3)[0])
+    for found in numbers.against_voltage(pair[name]).values():
+        np.testing.assert_allclose(found.mean_gap_m[:, 0], contact["mean_gap_m"][at], rtol=2e-3)
+        np.testing.assert_allclose(found.area_ratio[:, 0], contact["area_ratio"][at], rtol=2e-3)
+
+
+def test_fig_7_is_the_key_result(solved, reference) -> None:
+    key = reference["key_table"]
+    np.testing.assert_array_equal(numbers.PAPER_HZ, key["frequency_hz"])
+    got = at_paper_hz(solved["corrected"].force_n) * 1e3
+    np.testing.assert_allclose(got, key["electrostatic_force_mn"], atol=0.051)  # printed to 0.1 mN
+
+
+def test_printed_force_is_pressure_times_real_area(solved) -> None:
+    """(30) as printed: what is drawn as pressure in Fig. 4 and as force in Fig. 7 belong
+    together.
+    """
+    found = solved["published"]
+    np.testing.assert_allclose(
+        found.force_n, found.pressure_pa * 1e-4 * found.area_ratio, rtol=1e-9
+    )
+
+
+def test_separation_is_that_of_the_theory_at_each_pressure(pair, solved) -> None:
+    for name, found in solved.items():
+        model = pair["reference"][name]
+        p = model.description.values
+        scale = p.effective_modulus_pa * p.roll_off_wavenumber_per_m * p.roughness_rms_m
+        for i in (0, 37, 90):
+            direct = (
+                mean_gap(model.table.shape, (5e3 + found.pressure_pa[i]) / scale)
+                * p.roughness_rms_m
+            )
+            assert found.mean_gap_m[i] == pytest.approx(direct, rel=1e-6)
+
+
+class TestCharges:
+    def test_long_after_a_step_one_current_crosses_three_resistances(self, pair) -> None:
+        found = numbers.charges_after_step(pair["reference"])["corrected"]
+        gap = numbers.touching(
+            pair["reference"]["corrected"], np.full(6, 1.0), np.array(numbers.STEP_V)
+        ).mean_gap_m
+        k2 = 1136.0  # of dry skin at 1 Hz, with 2e-4 S/m
+        resistance = 1e-6 / 1e-13 + gap / 1e-14 + 200e-6 / 2e-4
+        current = np.array(numbers.STEP_V) / resistance
+        rho1 = current * EPS0 * (1.0 / 1e-14 - 3.9 / 1e-13)
+        rho2 = current * EPS0 * (k2 / 2e-4 - 1.0 / 1e-14)
+        np.testing.assert_allclose(found.rho1_c_per_m2[-1], rho1, rtol=1e-4)
+        np.testing.assert_allclose(found.rho2_c_per_m2[-1], rho2, rtol=1e-4)
+        assert (found.rho1_c_per_m2[0] == 0.0).all()
+
+    def test_steady_charges_are_those_of_layers_in_series(self, pair, solved) -> None:
+        """One complex current through the layers, with and without the contact leak beside the
+        gap.
+        """
+        found = numbers.steady_charges(pair["reference"])
+        model = pair["reference"]["corrected"]
+        f, gap = numbers.SWEEP_HZ, solved["corrected"].mean_gap_m
+        w = 2.0 * np.pi * f
+        k2 = model.description.dielectric.permittivity(f)
+        y1, y2 = 1j * w * EPS0 * 3.9 + 1e-13, 1j * w * EPS0 * k2
+        skin_s_per_m = (1j * w * EPS0 * k2).real
+        alpha = (
+            2.0
+            * skin_s_per_m
+            * (5e3 + solved["corrected"].pressure_pa)
+            / (13330850.0 * 2.209618e-05)
+        )
+        for name, leak in (("corrected", 0.0), ("with_leak", alpha)):
+            yg = 1j * w * EPS0 + 1e-14 + leak * gap
+            current = 75.0 / (1e-6 / y1 + gap / yg + 200e-6 / y2)
+            rho1 = EPS0 * (current / yg - 3.9 * current / y1)
+            rho2 = EPS0 * (k2.real * current / y2 - current / yg)
+            np.testing.assert_allclose(found[name].rho1_c_per_m2, np.abs(rho1), rtol=1e-6)
+            np.testing.assert_allclose(found[name].rho2_c_per_m2, np.abs(rho2), rtol=1e-6)
+
+
+class TestSensitivity:
+    def test_only_thickness_over_permittivity_of_the_insulator_counts(self, sensitivities) -> None:
+        s = sensitivities["corrected"]
+        np.testing.assert_allclose(
+            s["insulator_thickness_m"].elasticity,
+            -s["insulator_permittivity"].elasticity,
+            rtol=1e-3,
+        )
+
+    def test_forces_are_those_of_a_model_with_the_parameter_changed(
+        self, sensitivities, models, fresh_tables
+    ) -> None:
+        given = models["reference"].description
+        for name, s in sensitivities["corrected"].items():
+            p = given.parameters
+            half = replace(
+                given, parameters={**p, name: replace(p[name], value=0.5 * p[name].value)}
+            )
+            got = numbers.touching(fresh_tables(TouchModel(half)), numbers.PAPER_HZ).force_n
+            np.testing.assert_allclose(s.lower_n, got, rtol=1e-12)
+            np.testing.assert_allclose(
+                s.lower_percent, 100.0 * (got / s.nominal_n - 1.0), rtol=1e-9, atol=1e-9
+            )
+
+    def test_elasticity_lies_between_the_slopes_of_the_halves(self, sensitivities) -> None:
+        """Force is monotone and smooth in every parameter: the slope at 100 % lies between those of
+        the two chords.
+        """
+        for found in sensitivities.values():
+            for s in found.values():
+                down, up = (
+                    np.log(s.nominal_n / s.lower_n) / np.log(2.0),
+                    np.log(s.higher_n / s.nominal_n) / np.log(1.5),
+                )
+                assert (s.elasticity >= np.minimum(down, up) - 1e-2).all()
+                assert (s.elasticity <= np.maximum(down, up) + 1e-2).all()
+
+
+@pytest.fixture(scope="module")
+def stated(pair, solved, sensitivities):
+    models = pair["reference"]
+    dielectric = models["corrected"].description.dielectric
+    return [
+        *facts.of_step(numbers.charges_after_step(models)),
+        *facts.of_steady_charges(numbers.steady_charges(models)),
+        *facts.of_force(solved, dielectric, models["corrected"].description.values.cof_off),
+        *facts.of_sensitivity(sensitivities),
+    ]
+
+
+class TestFacts:
+    def fact(self, stated, words: str):
+        return next(f for f in stated if words in f.statement)
+
+    def test_what_the_corrected_equations_give_and_the_printed_do_not(self, stated) -> None:
+        for words, value in (
+            ("peaks at about", 250.0),
+            ("area is largest", 250.0),
+            ("average separation", 250.0),
+        ):
+            fact = self.fact(stated, words)
+            assert fact.corrected == value
+            assert fact.corrected_holds
+            assert fact.published == 1.0
+            assert not fact.published_holds
+
+    def test_what_both_give(self, stated) -> None:
+        for words in (
+            "not zero",
+            "decays above",
+            "loss tangent",
+            "mu_OFF",
+            "thinner insulator",
+            "softer skin",
+        ):
+            fact = self.fact(stated, words)
+            assert fact.corrected_holds, words
+            assert fact.published_holds, words
+        assert self.fact(stated, "not zero").corrected == pytest.approx(19.7, abs=0.05)
+        assert self.fact(stated, "loss tangent").corrected == pytest.approx(1e5)
+
+    def test_what_neither_gives_is_said(self, stated) -> None:
+        for words in ("relatively high at 100 kHz", "ratio of negative to positive"):
+            fact = self.fact(stated, words)
+            assert not fact.corrected_holds
+            assert not fact.published_holds
+
+    def test_the_page_says_the_same(self, stated) -> None:
+        """docs/reproduction.md, its table: every statement, number and verdict."""
+        rows = [
+            [cell.strip() for cell in line.strip().strip("|").split(" | ")]
+            for line in PAGE.read_text(encoding="utf-8").splitlines()
+            if re.match(r"\| \d", line)
+        ]
+        assert [row[1] for row in rows] == [f.statement for f in stated]
+        for row, fact in zip(rows, stated, strict=True):
+            answers = (
+                (fact.corrected, fact.corrected_holds),
+                (fact.published, fact.published_holds),
+            )
+            for cell, (value, holds) in zip(row[3:], answers, strict=True):
+                if np.isnan(value):
+                    assert cell == "-"
+                    continue
+                number, verdict = cell.split(", ")
+                assert float(number) == pytest.approx(value, rel=1e-2)
+                assert verdict == ("yes" if holds else "**no**")
+
+
+def test_a_model_that_cannot_stand_beside_the_print_is_refused(models) -> None:
+    with pytest.raises(ModelError, match="not the plain corrected model") as caught:
+        numbers.variants(as_published(models["table1"].description))
+    assert "reference" in caught.value.hint

@@ -1,0 +1,346 @@
+"""Plans with sweeps, biases, waveforms and times, run on a simulated rig whose finger is the
+model's.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.lab.measuring.bench import Scatter, SimulatedBench
+from haptic_driver.lab.measuring.data_file import DataFile
+from haptic_driver.lab.measuring.plan import Plan, Setting, load_plan
+from haptic_driver.lab.measuring.run import Experiment, prepare, run
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.parts.electrode_monitors import E4980AConfig
+from haptic_driver.rig.states import RigState
+from hw.impedance.e4980a import E4980A, LcrMeter
+from hw.monitor.contract import ElectrodeReading
+from hw.serving.memory import MemoryTransport
+from model.conditions import Conditions
+from model.touch_model import TouchModel
+from tests.haptic_driver.lab.measuring.test_run import table
+from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
+
+SWEEP = """
+name = "witness"
+settle_s = 0.1
+average_s = 0.25
+pause_s = 0.0
+[[sweep]]
+frequency_hz = [10.0, 100.0, 2e3, 3e4, 1e6]
+finger = ["none", "resting", "sliding"]
+"""
+ONE = """
+name = "one"
+frequency_hz = 250.0
+voltage_v = 75.0
+normal_force_n = 0.5
+speed_m_s = 0.02
+"""
+STRAY_F = 300e-12  # of the shipped rig's leads
+
+
+def plan_of(folder: Path, text: str) -> Plan:
+    (folder / "plan.toml").write_text(text)
+    return load_plan(str(folder / "plan.toml"))
+
+
+def measured(experiment: Experiment, out: Path) -> SimulatedBench:
+    bench = SimulatedBench(
+        experiment.config,
+        experiment.model,
+        seed=1,
+        scatter=Scatter(0.0, 0.02, area_wobble=0.0, session_area=0.0),
+    )
+    with DataFile.create(out, experiment.identity()) as data, bench:
+        run(experiment, bench, data)
+    return bench
+
+
+def with_limits(config: RigConfig, **limits: object) -> RigConfig:
+    return config.model_copy(update={"limits": config.limits.model_copy(update=limits)})
+
+
+def test_a_sweep_reads_what_the_model_says_of_the_electrode(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    bench = measured(prepare(config, model, plan_of(tmp_path, SWEEP)), tmp_path / "data.csv")
+    rows = table(tmp_path / "data.csv")
+    assert [row["finger"] for row in rows] == ["none"] * 5 + ["resting"] * 5 + ["sliding"] * 5
+    assert bench.simulated.amplifier.max_voltage_v == pytest.approx(5.0, rel=1e-3)
+    z = []
+    for row in rows:
+        f, v = float(row["frequency_hz"]), float(row["voltage_v"])
+        finger, load_n = row["finger"], float(row["normal_force_n"])
+        said = model.predict(
+            Conditions(
+                np.array([f]),
+                np.array([v]),
+                np.array([load_n or 0.5]),
+                speed_m_s=np.array([float(row["speed_m_s"])]),
+                finger=np.array([finger]),
+            )
+        )
+        current = said.electrode_current_a[0] + 2j * np.pi * f * STRAY_F * v
+        found = float(row["current_a"]) * np.exp(1j * float(row["current_phase_rad"]))
+        z.append(abs(found - current) / float(row["current_std_a"]) / np.sqrt(2))
+        assert abs(found - current) < 0.02 * abs(current) + 4 * float(row["current_std_a"])
+        assert float(row["electrode_voltage_v"]) == pytest.approx(
+            v, abs=1e-3 * v + 4 * float(row["electrode_voltage_std_v"])
+        )
+        assert row["cof"] == row["cof_std"] == ""
+        assert float(row["measured_normal_force_n"]) == pytest.approx(load_n, abs=0.01)
+    assert 0.3 < np.sqrt(np.mean(np.square(z))) < 2.0  # the stated error is the error
+
+
+def test_friction_rows_carry_the_electrode_too(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    text = (
+        SWEEP.split("[[sweep]]", maxsplit=1)[0] + "frequency_hz = 250.0\nvoltage_v = [0.0, 75.0]\n"
+    )
+    plan = plan_of(
+        tmp_path, text + "normal_force_n = 0.5\nspeed_m_s = 0.02\nvoltage_offset_v = 30.0\n"
+    )
+    experiment = prepare(config, model, plan.model_copy(update={"randomise": False}))
+    assert "a direct voltage alone" in experiment.refusals[0].reason
+    plan = plan_of(tmp_path, text + "normal_force_n = 0.5\nspeed_m_s = 0.02\n").model_copy(
+        update={"randomise": False}
+    )
+    measured(prepare(config, model, plan), tmp_path / "data.csv")
+    off, on = table(tmp_path / "data.csv")
+    assert off["current_a"] == off["electrode_voltage_v"] == ""
+    assert float(on["electrode_voltage_v"]) == pytest.approx(75.0, rel=1e-3)
+    assert float(on["cof"]) > float(off["cof"]) > 0.4
+
+
+def test_a_bias_and_a_waveform_reach_the_electrode_and_the_data(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    blocks = (
+        '[[points]]\nvoltage_offset_v = -40.0\n[[points]]\nwaveform = ["square", "dc"]\nvoltage_v ='
+        " 8.0\n"
+    )
+    slowly = {
+        "randomise": False,
+        "settle_s": 0.4,
+        "average_s": 0.25,
+    }  # another function takes the generator 0.1 s
+    plan = plan_of(
+        tmp_path, ONE.replace("250.0", "20.0").replace("75.0", "30.0") + blocks
+    ).model_copy(update=slowly)
+    seen = []
+
+    class Watched(SimulatedBench):
+        def read_force(self):  # type: ignore[no-untyped-def]
+            seen.append((self.simulated.instruments.stimulus(), self.simulated.amplifier.voltage_v))
+            return super().read_force()
+
+    experiment = prepare(config, model, plan)
+    bench = Watched(config, model, seed=1)
+    with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
+        run(experiment, bench, data)
+    there = {
+        (round(f), round(v, 1), round(offset), wave, round(peak))
+        for (f, v, offset, wave), peak in seen
+    }
+    assert there == {(20, 30.0, -40, "sine", 70), (20, 8.0, 0, "square", 8), (0, 8.0, 0, "dc", 8)}
+    rows = table(tmp_path / "data.csv")
+    assert [(row["voltage_offset_v"], row["waveform"]) for row in rows] == [
+        ("-40", "sine"),
+        ("0", "square"),
+        ("0", "dc"),
+    ]
+    assert float(rows[1]["electrode_voltage_v"]) == pytest.approx(8.0 * 4 / np.pi, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("limits", "points", "said"),
+    [
+        (
+            {"direct_voltage_v": 0.0},
+            "voltage_offset_v = 20.0",
+            "exceeds limits.direct_voltage_v, 0 V",
+        ),
+        ({"direct_voltage_v": 0.0}, 'waveform = "dc"', "exceeds limits.direct_voltage_v, 0 V"),
+        ({}, "voltage_offset_v = 100.0", "175 V is outside"),
+        ({}, 'waveform = "dc"\nvoltage_offset_v = 5.0', "no voltage_offset_v"),
+        ({}, 'waveform = "square"', "harmonics take"),
+    ],
+)
+def test_what_a_bias_or_a_waveform_may_not_do_is_refused(
+    config: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    limits: dict[str, object],
+    points: str,
+    said: str,
+) -> None:
+    with pytest.raises(BadInputError, match="refuses every point") as error:
+        prepare(
+            with_limits(config, **limits), model, plan_of(tmp_path, ONE + "[[points]]\n" + points)
+        )
+    assert said in error.value.message
+
+
+def test_a_generator_that_makes_sines_only_is_asked_for_nothing_else(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    siglent = config.waveform_generator.model_copy(update={"model": "siglent_sdg"})
+    text = (
+        'name = "p"\nfrequency_hz = 10.0\nvoltage_v = 8.0\nnormal_force_n = 0.5\nspeed_m_s ='
+        ' 0.02\nwaveform = "square"'
+    )
+    with pytest.raises(BadInputError, match="siglent_sdg, makes no waveform square"):
+        prepare(
+            config.model_copy(update={"waveform_generator": siglent}),
+            model,
+            plan_of(tmp_path, text),
+        )
+
+
+def test_a_sweep_asks_for_no_more_than_the_limits_allow(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    plan = plan_of(tmp_path, SWEEP.replace("finger", "voltage_v = 50.0\nfinger"))
+    experiment = prepare(config, model, plan)
+    assert experiment.refusals == ()
+    voltages = {row.setting.frequency_hz: row.setting.voltage_v for row in experiment.rows}
+    assert voltages[10.0] == 50.0
+    for f, v in voltages.items():
+        stuck_a = model.predict(
+            Conditions(np.array([f]), np.array([v]), np.array([0.5]))
+        ).stuck_current_rms_a[0]
+        limit_a = np.exp(
+            np.interp(np.log(f), *np.log(np.array(config.limits.contact_current_a_rms)).T)
+        )
+        assert (
+            v == 50.0
+            or 0.9
+            < max(stuck_a / limit_a, 2 * np.pi * f * v / 370e6, 2e-9 * np.pi * f * v / 0.1)
+            < 1.0
+        )
+
+
+def test_what_no_monitor_tells_is_refused(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    slow = config.model_copy(update={"electrode_monitors": config.electrode_monitors[:1]})
+    experiment = prepare(slow, model, plan_of(tmp_path, SWEEP))
+    assert {r.setting.frequency_hz for r in experiment.refusals} == {3e4, 1e6}
+    assert "no monitor of this rig's file tells 30000 Hz" in experiment.refusals[0].reason
+    blind = config.model_copy(update={"electrode_monitors": []})
+    with pytest.raises(BadInputError, match="refuses every point"):
+        prepare(blind, model, plan_of(tmp_path, SWEEP))
+
+
+def test_rows_with_a_time_are_measured_then(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    text = (
+        'name = "clock"\nfrequency_hz = 250.0\nvoltage_v = 75.0\nnormal_force_n = 0.5\nspeed_m_s ='
+        " 0.02\nsessions = 2\n"
+    )
+    plan = plan_of(tmp_path, text + "[[points]]\n[[points]]\ntime_s = [4.0, 30.0]\n")
+    measured(prepare(config, model, plan), tmp_path / "data.csv")
+    times = [float(row["time_s"]) for row in table(tmp_path / "data.csv")]
+    for session in (times[:3], times[3:]):
+        assert session[1:] == pytest.approx(
+            [4.0, 30.0], abs=0.1
+        )  # the voltage rises at the beginning of a row
+
+
+LCR = {"kind": "e4980a", "resource": "TCPIP::192.168.0.8::5025::SOCKET", "voltage_limit_v": 1.5}
+
+
+def test_a_meter_that_drives_the_electrode_sweeps_in_a_plan_of_its_own(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    metered = config.model_copy(
+        update={"electrode_monitors": [E4980AConfig(**LCR), *config.electrode_monitors]}
+    )
+    plan = plan_of(tmp_path, SWEEP.replace("[10.0, ", "["))
+    experiment = prepare(metered, model, plan)
+    assert all(row.setting.by_meter and row.setting.voltage_v <= 1.5 for row in experiment.rows)
+    with pytest.raises(BadInputError, match="by the amplifier") as error:
+        prepare(metered, model, plan_of(tmp_path, SWEEP))  # the meter begins at 20 Hz
+    assert error.value.code == "two_wirings"
+    assert metered.electrode_monitor(250.0) == 1  # friction is never read by it
+    assert metered.electrode_monitor(250.0, sweep=True) == 0
+
+
+class Metered(SimulatedBench):
+    """A simulated rig whose electrode an LCR meter sweeps."""
+
+    def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
+        assert self.rig.state is RigState.OFF
+        assert self.simulated.instruments.voltage_v == 0.0
+        return self.meter.read(setting.frequency_hz, setting.voltage_v)
+
+    def __enter__(self) -> Metered:
+        super().__enter__()
+        self.lcr = SimulatedE4980A(lambda f: complex(1.0 / (1e-6 + 2j * np.pi * f * 300e-12)))
+        self.meter = E4980A(MemoryTransport(self.lcr), LcrMeter(voltage_limit_v=1.5))
+        self.meter.open()
+        return self
+
+
+class SlowlyRead(SimulatedBench):
+    """Its monitor takes a second."""
+
+    def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
+        self._time_s += 1.0
+        return super().read_electrode(setting)
+
+
+def test_a_monitor_that_is_slow_leaves_a_sweep_few_forces(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    experiment = prepare(config, model, plan_of(tmp_path, SWEEP))
+    bench = SlowlyRead(config, model, seed=1)
+    with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
+        run(experiment, bench, data)
+    rows = table(tmp_path / "data.csv")
+    assert len(rows) == 15
+    assert all(row["current_a"] for row in rows)
+
+
+def test_the_amplifier_stays_off_while_the_meter_sweeps(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    metered = config.model_copy(update={"electrode_monitors": [E4980AConfig(**LCR)]})
+    plan = plan_of(tmp_path, SWEEP.replace("[10.0, ", "["))
+    experiment = prepare(metered, model, plan)
+    bench = Metered(config, model, seed=1)
+    with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
+        run(experiment, bench, data)
+    assert bench.simulated.amplifier.max_voltage_v == 0.0
+    assert bench.lcr.voltage_v == 0.0
+    for row in table(tmp_path / "data.csv"):
+        admittance = 1e-6 + 2j * np.pi * float(row["frequency_hz"]) * 300e-12
+        measured = float(row["current_a"]) / float(row["electrode_voltage_v"])
+        assert measured == pytest.approx(abs(admittance), rel=5e-3)
+        assert float(row["current_phase_rad"]) == pytest.approx(np.angle(admittance), abs=5e-3)
+
+
+def test_the_touchs_own_current_scatters_and_says_so(
+    config: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    """Three per cent of wobble in ten readings, some of it stray current that does not wobble."""
+    plan = plan_of(tmp_path, ONE + "average_s = 0.5\npause_s = 0.0\nsettle_s = 0.1\nrepeats = 40\n")
+    experiment = prepare(config, model, plan)
+    bench = SimulatedBench(
+        config, model, seed=1, scatter=Scatter(0.0, 0.02, session_area=0.0, area_wobble=0.03)
+    )
+    with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
+        run(experiment, bench, data)
+    rows = table(tmp_path / "data.csv")
+    current, std = (
+        np.array([float(row[name]) for row in rows]) for name in ("current_a", "current_std_a")
+    )
+    assert np.std(current) / np.mean(current) == pytest.approx(0.03 / np.sqrt(10), rel=0.4)
+    assert np.sqrt(np.mean(std**2)) == pytest.approx(np.std(current), rel=0.4)

@@ -1,0 +1,418 @@
+"""Investigations on simulated rigs: what is hidden in the finger gets its name, and what is
+proposed is allowed.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from itertools import product
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptic_driver.lab.measuring import investigate as rounds
+from haptic_driver.lab.measuring import pool
+from haptic_driver.lab.measuring.benches import carried_out
+from haptic_driver.lab.measuring.check import check
+from haptic_driver.lab.measuring.investigate import Budget, Investigation, Subject, investigate
+from haptic_driver.lab.measuring.plan import Plan, Setting, load_plan, write_plan
+from haptic_driver.lookup.models import load_model
+from haptic_driver.rig.config import RigConfig, load_rig
+from model.conditions import Conditions
+from model.diagnosis.decide import Decision, Verdict
+from model.diagnosis.posterior import Posterior
+from model.effects.interventions import INTERVENTIONS
+from model.planning.design import Design
+from model.planning.discrimination import Choice
+from model.touch_model import TouchModel
+from tests.reports import without_pictures
+
+# Two effects that no setting tells apart: sweat in columns is a conducting gap. A share of 1e-3
+# that conducts 1e-4 S/m is so unusual, 4 standard deviations of its prior, that the gap is named
+# alone, with 15 nats between them; 1e-2 that conducts 1.6e-4 S/m with 8.
+SWEAT = {"sweat_film": {"share": 1e-2, "sweat_conductivity_s_per_m": 6e-4, "arrangement": 0.9}}
+HUMID = {"humid_gap_conduction": {"gap_conductivity_s_per_m": 8e-9}}
+PLAN = """
+name = "short"
+voltage_off_every = 4
+settle_s = 0.2
+average_s = 0.25
+pause_s = 0.0
+[[points]]
+frequency_hz = [20.0, 100.0, 250.0]
+voltage_v = [75.0, 110.0]
+normal_force_n = [0.25, 1.0]
+speed_m_s = 0.02
+[[sweep]]
+frequency_hz = { low = 10.0, high = 1e5, per_decade = 2 }
+normal_force_n = 0.5
+finger = ["none", "resting", "sliding"]
+"""
+
+
+def hiding(effects: dict[str, dict[str, float]]) -> RigConfig:
+    config = load_rig("simulated")
+    return config.model_copy(
+        update={"simulation": config.simulation.model_copy(update={"hide": effects})}
+    )
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    path = tmp_path_factory.mktemp("plan") / "short.toml"
+    path.write_text(PLAN)
+    return load_plan(str(path))
+
+
+@pytest.fixture(scope="module")
+def found(short: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Investigation, Path]:
+    out = tmp_path_factory.mktemp("investigation")
+    subject = Subject(hiding(SWEAT), load_model("reference"), short)
+    with without_pictures():
+        return investigate(subject, out, Budget(rounds=3)), out
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.soak
+def test_what_settings_cannot_tell_apart_an_intervention_does(
+    found: tuple[Investigation, Path],
+) -> None:
+    """Once every round chose settings of which the same was expected again, and the budget was
+    spent on them.
+    """
+    investigation, _ = found
+    assert investigation.outcome == "named"
+    (effect,) = investigation.diagnosis["effects"]
+    assert effect["name"] == "sweat_film"
+    alike = {"humid_gap_conduction", "sweat_film"}  # columns of sweat conduct as humid air does
+    assert alike in [set(told["suspects"][:2]) for told in investigation.history]
+    done = {setting.intervention for setting in investigation.settings}
+    assert done & {"wipe", "dry_air"}
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.soak
+def test_a_plan_that_sees_nothing_is_not_the_end(tmp_path: Path) -> None:
+    """At one speed nothing shows that friction depends on speed; it was called nothing missing."""
+    settings = product((20.0, 100.0, 250.0), (0.0, 75.0, 110.0), (0.25, 1.0), (0.02,))
+    plan = Plan(name="one speed", settings=tuple(Setting(*each) for each in settings), repeats=2)
+    with without_pictures():
+        subject = Subject(
+            hiding({"velocity_dependent_friction": {"exponent": 0.1}}),
+            load_model("reference"),
+            plan,
+        )
+        found = investigate(subject, tmp_path, Budget(rounds=2))
+    assert found.history[0]["verdict"] == "no_discrepancy"
+    assert [effect["name"] for effect in found.diagnosis["effects"]] == [
+        "velocity_dependent_friction"
+    ]
+
+
+def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> None:
+    investigation, out = found
+    for number in range(1, investigation.rounds + 1):
+        assert (out / f"round-{number}" / "report.html").is_file()
+        assert list((out / f"round-{number}").glob("data*.csv"))
+        for plan in (out / f"round-{number}").glob("plan*.toml"):
+            assert load_plan(str(plan)).settings
+    said = json.loads((out / "investigation.json").read_text())
+    assert {"outcome", "rounds", "rows", "settings", "diagnosis"} <= set(said)
+    assert said["diagnosis"]["verdict"] == "effect_found"
+
+
+def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
+    """As if it had been killed in its first round, after so many rows; one frequency tells little
+    apart.
+    """
+    few = Plan(
+        name="few",
+        settings=tuple(Setting(100.0, 75.0, n, 0.02) for n in (0.25, 0.5, 1.0)),
+        repeats=2,
+    )
+    subject = Subject(hiding(SWEAT), load_model("reference"), few)
+
+    def stop_when_measured(what: str) -> None:
+        if not what.endswith("measuring"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        investigate(subject, tmp_path / "first", Budget(rounds=1), stop_when_measured)
+    lines = (tmp_path / "first" / "round-1" / "data.csv").read_text().splitlines(keepends=True)
+    cells, column = lines[2].split(","), lines[0].split(",").index("cof")
+    kept = [
+        *lines[:2],
+        ",".join([*cells[:column], "0.5", *cells[column + 1 :]]),
+        lines[3],
+    ]  # measured again: not 0.5
+    folder = tmp_path / "again" / "round-1"
+    folder.mkdir(parents=True)
+    (folder / "data.csv").write_text("".join(kept))
+    shutil.copy(tmp_path / "first" / "round-1" / "data.csv.meta.json", folder)
+    with without_pictures():
+        again = investigate(subject, tmp_path / "again", Budget(rounds=1))
+    now = (folder / "data.csv").read_text().splitlines(keepends=True)
+    assert now[:4] == kept
+    assert again.rows == len(now) - 1 == len(lines) - 1
+
+
+def test_nothing_is_proposed_that_the_rig_refuses(short: Plan) -> None:
+    config, model = load_rig("simulated"), TouchModel(load_model("reference"))
+    possible = pool.choices(config, model, short, pool.able(config, has_function=False))
+    settings = [setting for block in possible.blocks for setting in block]
+    points, refusals = check(settings, short, config, model)
+    assert refusals == []
+    assert max(setting.peak_v for setting in settings) <= config.limits.voltage_v
+    assert {setting.intervention for setting in settings} == {
+        "none",
+        *(known.name for known in INTERVENTIONS),
+    }
+    assert possible.pool.block.max() == len(possible.blocks) - 1
+    assert len(points) == len(set(settings))
+
+
+def test_a_setting_never_comes_alone(short: Plan) -> None:
+    """Beside the gain of its session one setting tells nothing: none was chosen once they came one
+    by one.
+    """
+    config, model = load_rig("simulated"), TouchModel(load_model("reference"))
+    possible = pool.choices(config, model, short, ())
+    assert all(len(block) >= 2 for block in possible.blocks)
+    known = [setting for block in possible.blocks[:50] for setting in block]
+    assert len(pool.choices(config, model, short, (), known).blocks) == len(possible.blocks) - 50
+
+
+def test_a_round_is_measured_in_parts_of_two_and_whole_after_an_intervention() -> None:
+    wiped = Setting(20.0, 75.0, 0.5, 0.02, intervention="wipe")
+    blocks = [(pool.REFERENCE, Setting(f, 75.0, 0.5, 0.02)) for f in (10.0, 20.0, 30.0)] + [
+        (wiped,),
+        (wiped._replace(frequency_hz=50.0),),
+    ]
+    pair = ("a", "b")
+    order = [Choice(block, pair, 1.0) for block in (3, 2, 0, 4, 1)]
+    parts = rounds._parts(Design(tuple(order), {}), blocks)
+    settings = [[s.frequency_hz for s in settings] for _, settings in parts]
+    assert settings == [[20.0, 50.0], [0.0, 30.0, 10.0], [0.0, 20.0]]
+
+
+def test_no_name_is_earned_before_what_other_effects_need_was_varied() -> None:
+    """At one speed a gap that widens with speed was called air breakdown."""
+
+    def after(name: str, *untestable: str) -> Any:
+        return SimpleNamespace(
+            name=name, findings=SimpleNamespace(hypotheses=SimpleNamespace(untestable=untestable))
+        )
+
+    assert rounds._answer(after("effect_found", "speed_dependent_gap")) == rounds.UNTRIED
+    assert rounds._answer(after("unexplained", "speed_dependent_gap")) == rounds.UNTRIED
+    assert rounds._answer(after("effect_found")) == "effect_found"
+    assert rounds._answer(after("ambiguous", "speed_dependent_gap")) == "ambiguous"
+
+
+@pytest.mark.parametrize(
+    ("asked", "now", "answered"),
+    [
+        ("no_discrepancy", "no_discrepancy", False),
+        ("no_discrepancy", "ambiguous", True),
+        ("no_discrepancy", "unexplained", True),
+        ("ambiguous", "ambiguous", False),
+        ("ambiguous", "effect_found", True),
+        ("ambiguous", "unexplained", False),
+        ("untried", "untried", False),
+        ("untried", "ambiguous", True),
+    ],
+)
+def test_a_round_ends_as_soon_as_it_has_its_answer(asked: str, now: str, answered: bool) -> None:
+    assert rounds._is_answered(asked, now) == answered
+
+
+def test_a_function_is_a_finger_that_nobody_can_wipe() -> None:
+    assert pool.able(load_rig("simulated"), has_function=True) == ()
+
+
+def test_an_intervention_takes_its_effects_away_and_no_others() -> None:
+    config = hiding(HUMID | {"floating_body": {"body_capacitance_f": 2e-10}})
+    assert set(carried_out(config, "dry_air").simulation.hide) == {"floating_body"}
+    assert set(carried_out(config, "strap").simulation.hide) == set(HUMID)
+    assert carried_out(config, "none") == config
+
+
+def test_a_plan_with_sweeps_and_an_intervention_is_read_back_as_it_was(tmp_path: Path) -> None:
+    settings = (
+        Setting(250.0, 75.0, 0.5, 0.02, intervention="wipe"),
+        Setting(0.0, 0.0, 0.5, 0.02, intervention="wipe"),
+        Setting(1e4, 2.5, 0.25, 0.0, finger="resting", sweep=True, intervention="wipe"),
+        Setting(1e4, 2.5, 0.0, 0.0, finger="none", sweep=True, intervention="wipe"),
+        Setting(1e4, 2.5, 0.25, 0.01, sweep=True, intervention="wipe"),
+    )
+    plan = Plan(name="after", settings=settings, repeats=2, intervention="wipe")
+    write_plan(tmp_path / "plan.toml", plan)
+    assert load_plan(str(tmp_path / "plan.toml")) == plan
+
+
+def test_friction_comes_back_once_the_air_is_dry() -> None:
+    """The simulated finger of a rig on which an intervention was carried out is the model's
+    again.
+    """
+    config, model = carried_out(hiding(HUMID), "dry_air"), TouchModel(load_model("reference"))
+    condition = Conditions(np.array([20.0]), np.array([100.0]), np.array([0.5]))
+    from haptic_driver.simulation.finger_model import with_hidden
+
+    assert (
+        with_hidden(model, config.simulation.hide).predict(condition).cof
+        == model.predict(condition).cof
+    )
+    assert with_hidden(model, HUMID).predict(condition).cof != model.predict(condition).cof
+
+
+def outcome_of_a_list(
+    monkeypatch: pytest.MonkeyPatch,
+    none: float = 0.04,
+    reach: float = 1.0,
+    behind: float = 0.0,
+    proposed: bool = False,
+    beside: bool = False,
+) -> str:
+    """Of a list of two, of which the second is `behind` in evidence; one block takes 5 s of the
+    hour that is left.
+
+    Of which either may be the one, or the second may be there `beside` the first.
+    """
+    first: Any = SimpleNamespace(
+        name="a", kinds=(SimpleNamespace(name="a"),), alone=SimpleNamespace(log_evidence=0.0)
+    )
+    second = SimpleNamespace(name="b", alone=SimpleNamespace(log_evidence=-behind))
+    effects = {("a",): 0.6 * (1.0 - none), ("b",): 0.4 * (1.0 - none)}
+    group: dict[str, list[str]] = {"a": [], "b": []} if beside else {"a": ["b"]}
+    posterior = Posterior(effects | {("none",): none, ("unknown",): 0.0}, {}, ())
+    verdict = Verdict(
+        Decision("ambiguous", tuple(group), group, 1.0 - none, "why"), posterior, first, True
+    )
+    pool = SimpleNamespace(cost_s=np.array([5.0]))
+    monkeypatch.setattr(rounds, "choices", lambda *_: SimpleNamespace(pool=pool, blocks=()))
+    monkeypatch.setattr(
+        rounds, "design", lambda *_: SimpleNamespace(choices=(1,) * proposed, reach={"b": reach})
+    )
+    monkeypatch.setattr(rounds, "_told", lambda *_: {})
+    monkeypatch.setattr(rounds, "_parts", lambda *_: [])
+    subject: Any = SimpleNamespace(
+        config=None, plan=SimpleNamespace(model_copy=lambda update: None)
+    )
+    hypotheses = SimpleNamespace(untestable=(), of=lambda names: {("b",): second}[names])
+    findings = SimpleNamespace(verdict=verdict, hypotheses=hypotheses)
+    diagnosis: Any = SimpleNamespace(name="ambiguous", findings=findings)
+    found, model = Investigation(rounds=1), SimpleNamespace()
+    assert rounds._next(subject, model, diagnosis, found, (), Budget()) == []  # type: ignore[arg-type]
+    return found.outcome
+
+
+@pytest.mark.parametrize(
+    ("none", "outcome"), [(0.04, "cannot_be_told_apart"), (0.06, "budget_spent")]
+)
+def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
+    none: float, outcome: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Eleven effects were said to be all that is left where nothing was hidden."""
+    assert outcome_of_a_list(monkeypatch, none=none) == outcome
+
+
+@pytest.mark.parametrize(
+    ("reach", "behind", "outcome"),
+    [
+        (5.8, 0.0, "cannot_be_told_apart"),
+        (5.9, 0.0, ""),
+        (2.0, 1.9, "cannot_be_told_apart"),
+        (2.0, 2.0, ""),
+    ],
+)
+def test_effects_are_alike_where_all_that_is_left_to_measure_would_not_tell_them(
+    monkeypatch: pytest.MonkeyPatch, reach: float, behind: float, outcome: str
+) -> None:
+    """SURE takes odds of 19, log odds of 2.94: what the data say already, and half of the chi^2 to
+    come.
+    """
+    assert outcome_of_a_list(monkeypatch, reach=reach, behind=behind, proposed=True) == outcome
+
+
+def test_what_no_setting_is_worth_its_time_for_is_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was called a spent budget, in the first round."""
+    assert outcome_of_a_list(monkeypatch, reach=11.0) == "cannot_be_told_apart"
+
+
+def test_a_second_effect_that_nothing_would_tell_does_not_spend_the_budget(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It has a place of its own, and no rival there."""
+    assert outcome_of_a_list(monkeypatch, beside=True) == "cannot_be_told_apart"
+
+
+def without_a_rig(monkeypatch: pytest.MonkeyPatch, out: Path, **made_up: Any) -> Investigation:
+    """Two rounds of which what is measured, said and proposed is made up."""
+    silent = {
+        "able": lambda *_: [],
+        "_is_done": lambda *_: True,
+        "_measure": lambda *_: out,
+        "write_report": lambda *_: {},
+        "read_measurements": lambda path: path,
+        "together": lambda files: files,
+    }
+    for name, fake in (silent | made_up).items():
+        monkeypatch.setattr(rounds, name, fake)
+    subject = SimpleNamespace(config=None, finger=None, description=None, plan="first", seed=0)
+    return investigate(subject, out, Budget(rounds=2))  # type: ignore[arg-type]
+
+
+def test_what_shows_is_told_apart_in_the_same_round(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A round ended where something showed, and four were spent on a friction that 16 settings
+    named.
+    """
+    answers = iter(["no_discrepancy", "no_discrepancy", "ambiguous", "ambiguous", "effect_found"])
+    plans = iter([["look", "look further", "for nothing"], ["tell", "tell further", "for nothing"]])
+    measured: list[tuple[str, str, int]] = []
+    asked: list[tuple[str, int]] = []
+
+    def measure(
+        subject: object, model: object, plan: str, folder: Path, found: Investigation, number: int
+    ) -> Path:
+        measured.append((folder.name, plan, number))
+        return folder / "data.csv"
+
+    def propose(*given: Any) -> list[str]:
+        asked.append((given[2].name, given[3].rounds))
+        return next(plans)
+
+    found = without_a_rig(
+        monkeypatch,
+        tmp_path,
+        _measure=measure,
+        _next=propose,
+        diagnose=lambda *_: SimpleNamespace(name=next(answers), findings=None),
+    )
+    looked = [("round-2", "look", 0), ("round-2", "look further", 1)]
+    assert measured == [
+        ("round-1", "first", 0),
+        *looked,
+        ("round-2", "tell", 2),
+        ("round-2", "tell further", 3),
+    ]
+    assert (found.outcome, found.rounds) == ("named", 2)
+    assert asked == [("no_discrepancy", 1), ("ambiguous", 2)]  # in the last round, too
+
+
+@pytest.mark.parametrize(
+    ("verdict", "outcome"), [("no_discrepancy", "nothing_missing"), ("ambiguous", "budget_spent")]
+)
+def test_the_last_round_ends_with_what_it_has(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, verdict: str, outcome: str
+) -> None:
+    said = SimpleNamespace(name=verdict, findings=None)
+    found = without_a_rig(
+        monkeypatch, tmp_path, diagnose=lambda *_: said, _next=lambda *_: ["more"]
+    )
+    assert (found.outcome, found.rounds) == (outcome, 2)

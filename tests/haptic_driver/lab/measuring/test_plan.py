@@ -1,0 +1,268 @@
+"""Plans: what a file may say, how many rows it makes, in which order."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.lab.measuring.plan import Plan, Setting, load_plan, write_plan
+
+GRID = """
+name = "grid"
+frequency_hz = [60.0, 125.0, 250.0]
+voltage_v = [50.0, 75.0]
+normal_force_n = [0.25, 0.5]
+speed_m_s = 0.02
+"""
+
+
+def plan_of(folder: Path, text: str) -> Plan:
+    path = folder / "plan.toml"
+    path.write_text(text)
+    return load_plan(str(path))
+
+
+def refused(folder: Path, text: str) -> BadInputError:
+    with pytest.raises(BadInputError) as caught:
+        plan_of(folder, text)
+    assert "plan.toml" in caught.value.message
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "rows"),
+    [
+        ("paper", 10, 99),
+        ("voltage_frequency", 25, 171),
+        ("speed_load_time", 36, 288),
+        ("full", 168, 728),
+    ],
+)
+def test_shipped_plans_have_the_rows_they_promise(name: str, settings: int, rows: int) -> None:
+    plan = load_plan(name)
+    assert len(plan.settings) == settings
+    assert len(plan.rows(plan.settings, plan.seed)) == rows
+
+
+@pytest.mark.parametrize("name", ["witnesses", "full"])
+def test_plans_with_spectra_repeat_some_at_another_amplitude(name: str) -> None:
+    sweeps = [s for s in load_plan(name).settings if s.sweep and s.finger == "sliding"]
+    swept = {v: {s.frequency_hz for s in sweeps if s.voltage_v == v} for v in (1.0, 5.0)}
+    assert len(swept[1.0]) >= 5
+    assert swept[1.0] <= swept[5.0]
+
+
+def test_the_papers_plan_has_its_frequencies() -> None:
+    plan = load_plan("paper")
+    assert [s.frequency_hz for s in plan.settings] == [1, 10, 50, 100, 250, 500, 1e3, 1e4, 1e5, 1e6]
+    assert {(s.voltage_v, s.normal_force_n, s.speed_m_s) for s in plan.settings} == {
+        (75.0, 0.5, 0.02)
+    }
+    without = [r for r in plan.rows(plan.settings, 1) if r.setting.voltage_v == 0.0]
+    assert Counter(r.session for r in without) == {1: 3, 2: 3, 3: 3}
+
+
+def test_lists_are_multiplied_and_repeated_in_every_session(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, GRID + "repeats = 2\nsessions = 3\n")
+    assert len(plan.settings) == 3 * 2 * 2
+    rows = plan.rows(plan.settings, 1)
+    assert len(rows) == len(set(rows)) == 12 * 2 * 3
+    assert {r.trial for r in rows} == {1, 2}
+    assert [r.session for r in rows] == sorted(r.session for r in rows)
+
+
+def test_points_take_what_they_do_not_say_from_the_lists(tmp_path: Path) -> None:
+    points = (
+        "[[points]]\nvoltage_v = 60.0\nfrequency_hz = [10.0, 20.0]\n[[points]]\nspeed_m_s = 0.05\n"
+    )
+    plan = plan_of(tmp_path, GRID + points)
+    assert len(plan.settings) == 2 * 2 + 3 * 2 * 2
+    assert Setting(10.0, 60.0, 0.25, 0.02) in plan.settings
+    assert Setting(60.0, 50.0, 0.5, 0.05) in plan.settings
+
+
+def test_zero_volts_is_one_setting_whatever_the_frequency(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, GRID.replace("[50.0, 75.0]", "[0.0, 75.0]"))
+    assert [s for s in plan.settings if s.voltage_v == 0.0] == [
+        Setting(0.0, 0.0, 0.25, 0.02),
+        Setting(0.0, 0.0, 0.5, 0.02),
+    ]
+
+
+def test_the_order_is_random_and_the_same_for_the_same_seed(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, GRID + "repeats = 2\nsessions = 2\n")
+    order = plan.rows(plan.settings, 7)
+    assert order == plan.rows(plan.settings, 7)
+    assert order != plan.rows(plan.settings, 8)
+    assert sorted(order) == sorted(plan.rows(plan.settings, 8))
+    assert [r.setting for r in order[:24]] != [r.setting for r in order[24:]]  # sessions differ
+
+
+def test_without_randomising_the_order_is_the_files(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, GRID + "randomise = false\n")
+    assert [r.setting for r in plan.rows(plan.settings, 7)] == list(plan.settings)
+
+
+def test_rows_without_voltage_come_before_every_so_many_at_the_same_load_and_speed(
+    tmp_path: Path,
+) -> None:
+    plan = plan_of(tmp_path, GRID + "voltage_off_every = 5\nsessions = 2\n")
+    rows = plan.rows(plan.settings, 1)
+    for session in (1, 2):
+        settings = [r.setting for r in rows if r.session == session]
+        off = [i for i, s in enumerate(settings) if s.voltage_v == 0.0]
+        assert off == [0, 6, 12]
+        assert all(settings[i] == settings[i + 1].without_voltage() for i in off)
+    assert len(rows) == len(set(rows))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GRID + "voltage_of_every = 3", "voltage_off_every"),
+        (GRID.replace("frequency_hz", "frequncy_hz"), "frequency_hz"),
+        (GRID + "[[points]]\nvoltage = 3.0", "voltage_v"),
+    ],
+)
+def test_an_unknown_key_offers_the_nearest(tmp_path: Path, text: str, said: str) -> None:
+    error = refused(tmp_path, text)
+    assert error.code == "unknown_key"
+    assert said in error.hint
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        (GRID.replace("[50.0, 75.0]", "[50.0, -1.0]"), "voltage_v.1"),
+        (GRID.replace("[50.0, 75.0]", "[]"), "voltage_v"),
+        (GRID.replace("[50.0, 75.0]", '"75"'), "voltage_v"),
+        (GRID.replace("[50.0, 75.0]", "nan"), "voltage_v"),
+        (GRID.replace("speed_m_s = 0.02\n", ""), "speed_m_s"),
+        (GRID.replace("speed_m_s = 0.02", "speed_m_s = 20"), "speed_m_s"),
+        (GRID + "points = []", "points"),
+        (GRID + "repeats = 0", "repeats"),
+        (GRID + "seed = -1", "seed"),
+        (GRID + "average_s = 0.1", "average_s"),
+        (GRID + "[[points]]\n[[points]]\nvoltage_v = 2e3", "[[points]] 2: voltage_v"),
+        (GRID + "repeats = 1000\nsessions = 1000", "12000000 rows"),
+    ],
+)
+def test_a_bad_value_names_its_key(tmp_path: Path, text: str, key: str) -> None:
+    error = refused(tmp_path, text)
+    assert error.code == "bad_config"
+    assert key in error.message
+
+
+def test_bad_files_and_names_are_named(tmp_path: Path) -> None:
+    assert refused(tmp_path, "name = ").code == "bad_toml"
+    with pytest.raises(BadInputError, match="papper") as caught:
+        load_plan("papper")
+    assert "paper" in caught.value.hint
+    with pytest.raises(BadInputError, match="no such file"):
+        load_plan(str(tmp_path / "missing.toml"))
+
+
+SWEEP = """
+name = "witness"
+[[sweep]]
+frequency_hz = { low = 10.0, high = 1e4, per_decade = 2 }
+normal_force_n = [0.25, 1.0]
+finger = ["none", "resting", "sliding"]
+"""
+
+
+def test_a_sweep_is_a_spectrum_for_each_finger_and_load(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, SWEEP)
+    expected_hz = [10.0, 31.6, 100.0, 316.0, 1e3, 3160.0, 1e4]
+    spectra = [("none", 0.0, 0.0), ("resting", 0.25, 0.0), ("resting", 1.0, 0.0)]
+    spectra += [("sliding", 0.25, 0.02), ("sliding", 1.0, 0.02)]
+    assert [(s.finger, s.normal_force_n, s.speed_m_s, s.frequency_hz) for s in plan.settings] == [
+        (*spectrum, f) for spectrum in spectra for f in expected_hz
+    ]
+    assert all(s.sweep and s.voltage_v == 5.0 for s in plan.settings)
+
+
+def test_sweeps_come_last_in_their_own_order_and_without_rows_of_no_voltage(tmp_path: Path) -> None:
+    grid = GRID + "sessions = 2\nrepeats = 2\nvoltage_off_every = 4\n"
+    plan = plan_of(tmp_path, grid + SWEEP.replace('name = "witness"', ""))
+    rows = [row for row in plan.rows(plan.settings, 1) if row.session == 2]
+    swept = [row.setting for row in rows if row.setting.sweep]
+    assert [row.setting for row in rows][-len(swept) :] == swept
+    assert swept == [s for s in plan.settings if s.sweep] * 2
+    assert len(rows) == len(swept) + 24 + 6
+
+
+def test_a_bias_another_waveform_and_a_time_are_settings(tmp_path: Path) -> None:
+    points = (
+        '[[points]]\nvoltage_offset_v = [-30.0, 30.0]\n[[points]]\nwaveform = ["square", "dc"]\n'
+    )
+    plan = plan_of(tmp_path, GRID + points)
+    assert Setting(60.0, 50.0, 0.25, 0.02, -30.0) in plan.settings
+    assert Setting(60.0, 50.0, 0.25, 0.02, 0.0, "square") in plan.settings
+    assert {s.frequency_hz for s in plan.settings if s.waveform == "dc"} == {0.0}
+    assert [
+        Setting(60.0, 50.0, 0.5, 0.0, -30.0).peak_v,
+        Setting(0.0, 50.0, 0.5, 0.0, -30.0, "dc").peak_v,
+    ] == [80, 20]
+
+
+def test_what_has_a_time_begins_when_it_is_due(tmp_path: Path) -> None:
+    timed = (
+        "[[points]]\n[[points]]\nfrequency_hz = 250.0\nvoltage_v = 75.0\ntime_s = [5.0, 20.0,"
+        " 600.0]\n"
+    )
+    plan = plan_of(tmp_path, GRID + timed)
+    clock_s, began = 0.0, {}
+    for row in plan.rows(plan.settings, 1):
+        if row.setting.time_s is not None:
+            clock_s = max(clock_s, plan.begin_s(row.setting))
+            began[row.setting] = clock_s
+        clock_s += plan.row_s
+    for setting, begin_s in began.items():
+        if setting.normal_force_n == 0.25:  # the first of the two with the same time
+            assert begin_s - plan.begin_s(setting) == pytest.approx(0.0, abs=plan.row_s)
+    assert [s.time_s for s in began] == [5.0, 5.0, 20.0, 20.0, 600.0, 600.0]
+
+
+def test_what_has_a_time_is_repeated_like_the_rest(tmp_path: Path) -> None:
+    """It was measured once, however often the plan repeats."""
+    plan = plan_of(tmp_path, GRID + "repeats = 3\n[[points]]\ntime_s = [5.0, 60.0]\n")
+    rows = plan.rows(plan.settings, 1)
+    assert [row.setting.time_s for row in rows].count(60.0) == 3 * len(plan.settings) / 2
+    assert {row.trial for row in rows} == {1, 2, 3}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("low = 10.0", "low = 1e5", "low must be below high"),
+        ("per_decade = 2", "per_decade = 0", "per_decade"),
+        ('"resting", ', '"pressing", ', "finger"),
+        ("[[sweep]]", "[[sweep]]\nvoltage_v = 150.0", "voltage_v"),
+        ("[[sweep]]", "[[sweep]]\ntime_s = 1.0", "time_s"),
+    ],
+)
+def test_a_bad_sweep_names_its_key(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert said in refused(tmp_path, SWEEP.replace(old, new)).message
+
+
+def test_a_plan_that_measures_nothing_is_refused(tmp_path: Path) -> None:
+    assert "frequency_hz" in refused(tmp_path, 'name = "nothing"').message
+
+
+def test_a_written_plan_is_the_same_plan(tmp_path: Path) -> None:
+    settings = (
+        Setting(250.0, 75.0, 0.5, 0.02),
+        Setting(0.0, 0.0, 0.25, 0.04),
+        Setting(20.0, 30.0, 0.5, 0.02, voltage_offset_v=-40.0, time_s=30.0),
+        Setting(0.0, 30.0, 0.5, 0.02, waveform="dc"),
+        Setting(1e3, 5.0, 0.5, 0.0, finger="resting", sweep=True),
+        Setting(1e3, 5.0, 0.5, 0.02, finger="sliding", sweep=True),
+        Setting(1e4, 2.5, 0.0, 0.0, finger="none", sweep=True),
+    )
+    plan = Plan(name="next", about='to tell "a" from b', settings=settings, repeats=3)
+    write_plan(tmp_path / "next.toml", plan)
+    assert load_plan(str(tmp_path / "next.toml")) == plan

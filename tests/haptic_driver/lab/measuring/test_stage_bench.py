@@ -1,0 +1,390 @@
+"""Plans run on real drivers in real time: stage, generator, interlock and force box, served over
+their own wires.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from haptic_driver.cli.main import main
+from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.lab.measuring import stage_bench
+from haptic_driver.lab.measuring.check import check
+from haptic_driver.lab.measuring.data_file import DataFile
+from haptic_driver.lab.measuring.plan import Plan, Setting
+from haptic_driver.lab.measuring.run import prepare, run
+from haptic_driver.lab.measuring.stage_bench import StageBench
+from haptic_driver.lab.measuring.stroke import stage_of, stroke
+from haptic_driver.lab.strokes.file import StrokesFile, read_strokes, strokes_path
+from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
+from haptic_driver.rig.parts.stages import Lts150StageConfig
+from haptic_driver.simulation.finger_model import electrode_of
+from haptic_driver.simulation.served import NORMAL_FORCE_N, ServedRig, as_real
+from hw.force.sensor import ForceReading
+from hw.monitor.simulated import ElectrodeState, SimulatedLines
+from hw.serving.tcp import TcpServer
+from hw.stage import apt
+from model.conditions import Conditions
+from model.touch_model import TouchModel
+from tests.haptic_driver.config_texts import served_rig_text
+from tests.haptic_driver.lab.strokes.stroke_files import ABOUT
+from tests.haptic_driver.stand_ins import living_rig
+from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
+
+pytestmark = [pytest.mark.timeout(300), pytest.mark.realtime]
+
+SPEED_M_S = 0.02
+DRIVEN = Setting(250.0, 75.0, NORMAL_FORCE_N, SPEED_M_S)
+
+
+@pytest.fixture
+def served(config: RigConfig, model: TouchModel) -> Iterator[ServedRig]:
+    with living_rig(config, model) as rig:
+        yield rig
+
+
+@pytest.fixture
+def real(config: RigConfig, served: ServedRig) -> RigConfig:
+    quick = {
+        "velocity_m_s": 0.05,
+        "acceleration_m_s2": 0.05,
+        "travel_m": [0.0, 0.07],
+    }  # strokes lie in its middle
+    real = as_real(config, served.endpoints)
+    return real.model_copy(update={"stage": stage_of(real).model_copy(update=quick)})
+
+
+def plan(*settings: Setting, **changes: Any) -> Plan:
+    """Averages twice as long as they must last: the machine may be busy."""
+    short = Plan(
+        name="short",
+        settings=settings,
+        randomise=False,
+        voltage_off_every=1,
+        settle_s=0.2,
+        average_s=1.0,
+        pause_s=0.0,
+    )
+    return short.model_copy(update=changes)
+
+
+def measured(
+    real: RigConfig, model: TouchModel, given: Plan, out: Path, tell: Callable[[str], None]
+) -> DataFile:
+    experiment = prepare(real, model, given)
+    with (
+        DataFile.create(out, experiment.identity()) as data,
+        StageBench(real, given, tell) as bench,
+    ):
+        run(experiment, bench, data, tell=tell)
+    return data
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def refused(real: RigConfig, model: TouchModel, given: Plan, out: Path) -> HapticError:
+    with pytest.raises(HapticError) as error:
+        measured(real, model, given, out, lambda what: None)
+    return error.value
+
+
+def test_a_stroke_keeps_every_record_of_the_force_box(
+    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    """The box sends a record each millisecond; the row itself reads one in five at most."""
+    given = plan(DRIVEN, voltage_off_every=0)
+    experiment, path = prepare(real, model, given), strokes_path(tmp_path / "data.csv")
+    with (
+        DataFile.create(tmp_path / "data.csv", experiment.identity()) as data,
+        StrokesFile.create(path, ABOUT) as strokes,
+        StageBench(real, given) as bench,
+    ):
+        run(experiment, bench, data, strokes=strokes)
+    (found,) = read_strokes(path).strokes
+    (row,) = table(tmp_path / "data.csv")
+    samples, steady = found.samples, found.samples[found.samples["steady"] == 1]
+    assert np.median(np.diff(samples["time_s"])) == pytest.approx(1e-3, rel=0.5)
+    assert steady.size > 250  # of 1000, fewer on a busy machine; a row reads 200 at most
+    cof = steady["lateral_force_n"].mean() / steady["normal_force_n"].mean()
+    assert float(row["cof"]) == pytest.approx(cof, rel=0.01)  # the same window, other readings
+    sliding = samples[samples["displacement_m"] > 0.0]
+    assert np.median(sliding["velocity_m_s"]) == pytest.approx(SPEED_M_S, rel=0.02)
+    assert samples["velocity_m_s"][0] < 0.5 * SPEED_M_S  # from rest
+    assert np.isnan(samples["monitor_voltage_v"]).all()  # as_real has none on a card
+
+
+def off(served: ServedRig) -> bool:
+    return (
+        not served.generator.output().on
+        and served.amplifier.voltage_v == 0.0
+        and not served.stage.moving
+    )
+
+
+def test_each_row_is_a_stroke_under_its_load(
+    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    told: list[str] = []
+    measured(real, model, plan(DRIVEN), tmp_path / "data.csv", told.append)
+    assert off(served)
+    without, driven = table(tmp_path / "data.csv")
+    assert (float(without["voltage_v"]), float(driven["voltage_v"])) == (0.0, 75.0)
+    conditions = Conditions(
+        np.array([250.0, 250.0]),
+        np.array([0.0, 75.0]),
+        np.full(2, NORMAL_FORCE_N),
+        speed_m_s=np.full(2, SPEED_M_S),
+    )
+    cof = model.predict(conditions).cof
+    assert cof[1] > 1.1 * cof[0]
+    for row, expected in zip((without, driven), cof, strict=True):
+        assert float(row["cof"]) == pytest.approx(expected, rel=0.02)
+    for row in (without, driven):
+        assert float(row["measured_normal_force_n"]) == pytest.approx(NORMAL_FORCE_N, rel=0.01)
+        assert row["simulated"] == "false"
+    assert 0.0 < float(without["time_s"]) < float(driven["time_s"])
+    assert served.amplifier.max_voltage_v == pytest.approx(75.0, rel=0.01)
+    assert [what.partition(",")[0] for what in dict.fromkeys(told)][-1] == "row 2: measuring"
+
+
+@pytest.mark.soak
+def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(
+    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
+) -> None:
+    """A row of friction, then a resting finger at 5 V beyond what a card could sample; the scope by
+    its own wire.
+    """
+    law, instruments = electrode_of(model, 300e-12), served.instruments
+
+    def state() -> ElectrodeState | None:
+        f, v, _, _ = instruments.stimulus()
+        return law(f, v, instruments.plant.normal_force_n, instruments.speed_m_s, 0.0)
+
+    scope = SimulatedInfiniiVision(
+        SimulatedLines(state, real.amplifier.monitor_lines(), (2e-4, 2e-4), 1)
+    )
+    server = TcpServer(scope)
+    resting = Setting(20e3, 5.0, NORMAL_FORCE_N, 0.0, finger="resting", sweep=True)
+    with server:
+        section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
+        seen = real.model_copy(update={"electrode_monitors": [section]})
+        measured(
+            seen,
+            model,
+            plan(DRIVEN, resting, voltage_off_every=0),
+            tmp_path / "data.csv",
+            lambda what: None,
+        )
+    assert off(served)
+    slid, rested = table(tmp_path / "data.csv")
+    assert float(slid["cof"]) > 0.5
+    assert rested["cof"] == ""
+    assert float(rested["measured_normal_force_n"]) == pytest.approx(NORMAL_FORCE_N, rel=0.01)
+    for row, finger, speed in ((slid, "sliding", SPEED_M_S), (rested, "resting", 0.0)):
+        f, v = float(row["frequency_hz"]), float(row["voltage_v"])
+        conditions = Conditions(
+            np.array([f]),
+            np.array([v]),
+            np.array([NORMAL_FORCE_N]),
+            speed_m_s=np.array([speed]),
+            finger=np.array([finger]),
+        )
+        expected = model.predict(conditions).electrode_current_a[0] + 2j * np.pi * f * 300e-12 * v
+        found = float(row["current_a"]) * np.exp(1j * float(row["current_phase_rad"]))
+        assert abs(found - expected) < 0.02 * abs(expected) + 5 * float(row["current_std_a"])
+        assert float(row["electrode_voltage_v"]) == pytest.approx(v, rel=0.01)
+
+
+def test_a_load_that_nobody_brings_is_asked_for_and_then_given_up(
+    served: ServedRig,
+    real: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(stage_bench, "LOAD_WAIT_S", 0.6)
+    told: list[str] = []
+    heavy = plan(DRIVEN._replace(normal_force_n=2.0 * NORMAL_FORCE_N))
+    with pytest.raises(HapticError) as error:
+        measured(real, model, heavy, tmp_path / "data.csv", told.append)
+    assert error.value.code == "load_missed"
+    said_n = re.search(r"the load is (\S+) N", error.value.message)
+    assert float(said_n[1]) == pytest.approx(NORMAL_FORCE_N, abs=0.02)  # six times its noise
+    assert any("press with 1 N, now 0.5" in what for what in told)
+    assert off(served)
+    assert served.amplifier.max_voltage_v == 0.0
+    assert table(tmp_path / "data.csv") == []
+
+
+def test_another_session_waits_for_the_finger_to_lift(
+    served: ServedRig,
+    real: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(stage_bench, "LOAD_WAIT_S", 0.6)
+    resting = plan(DRIVEN.without_voltage(), sessions=2, voltage_off_every=0)
+    error = refused(real, model, resting, tmp_path / "data.csv")
+    assert error.message.startswith("session 2: lift the finger")
+    assert len(table(tmp_path / "data.csv")) == 1
+
+
+@pytest.mark.soak
+def test_a_stage_of_another_scale_makes_no_row(
+    served: ServedRig,
+    real: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It holds the counts that were sent, and slides at half the speed that they were meant to
+    be.
+    """
+    honest = Lts150StageConfig.settings
+    half = stage_of(real).settings().counts_per_m_s / 2.0
+    monkeypatch.setattr(
+        Lts150StageConfig, "settings", lambda given: replace(honest(given), counts_per_m_s=half)
+    )
+    error = refused(real, model, plan(DRIVEN), tmp_path / "data.csv")
+    assert error.code == "stage_slipped"
+    slid = re.fullmatch(r"the stage slid at ([\d.]+) mm/s, not 20.00 mm/s", error.message)
+    assert slid is not None
+    assert float(slid[1]) == pytest.approx(
+        10.0, rel=0.03
+    )  # timed by a machine that has other things to do
+    assert table(tmp_path / "data.csv") == []
+    assert off(served)
+
+
+def test_a_stage_that_is_stopped_during_a_row_makes_no_row(
+    served: ServedRig,
+    real: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    experiment = prepare(real, model, plan(DRIVEN, voltage_off_every=0))
+    bench = StageBench(real, experiment.plan)
+    read = bench.rig.read_force
+    stop = apt.encode(apt.on_channel(apt.Message.STOP, apt.StopMode.IMMEDIATE))
+
+    def read_force() -> ForceReading:
+        if served.amplifier.voltage_v > 70.0:
+            served.stage.handle(stop)  # as its own panel does
+        return read()
+
+    monkeypatch.setattr(bench.rig, "read_force", read_force)
+    with (
+        DataFile.create(tmp_path / "data.csv", experiment.identity()) as data,
+        bench,
+        pytest.raises(HapticError) as error,
+    ):
+        run(experiment, bench, data)
+    assert error.value.code == "stroke_ended"
+    assert data.done == 0
+    assert off(served)
+
+
+def test_what_the_stage_cannot_do_is_refused_before_anything_moves(
+    config: RigConfig, model: TouchModel
+) -> None:
+    endpoints = {"force_sensor": "127.0.0.1:1", "waveform_generator": "TCPIP::127.0.0.1::1::SOCKET"}
+    real = as_real(
+        config,
+        endpoints | dict.fromkeys(("interlock", "interlock_tcp", "stage"), "ASRL/dev/null::INSTR"),
+    )
+    fast, long = DRIVEN._replace(speed_m_s=0.06), DRIVEN._replace(speed_m_s=0.05)
+    given = plan(DRIVEN, fast, long, settle_s=1.0, average_s=2.0)
+    points, refusals = check(given.settings, given, real, model)
+    assert list(points) == [DRIVEN]
+    assert "faster than the stage may move, 50 mm/s" in refusals[0].reason
+    # 0.05 m/s for 2.5 s of acceleration at 0.02 m/s2, 7.5 ms of rising voltage, and 1 + 2 + 1 s
+    assert "a slide of 325 mm is longer than the stage's travel, 150 mm" in refusals[1].reason
+    path = stroke(DRIVEN, given, real)
+    assert path.start_m + path.end_m == pytest.approx(0.15)
+    assert path.length_m == pytest.approx(0.02 * (1.0 + 0.0075 + 4.0))
+    with pytest.raises(BadInputError) as error:
+        prepare(real.model_copy(update={"stage": None}), model, given)
+    assert error.value.code == "no_stage"
+
+
+# --- as it is typed
+# --------------------------------------------------------------------------------------------------
+
+PLAN = f"""
+name = "short"
+frequency_hz = 250.0
+voltage_v = 75.0
+normal_force_n = {NORMAL_FORCE_N}
+speed_m_s = {SPEED_M_S}
+settle_s = 0.2
+average_s = 1.0  # twice the readings that are needed: the machine may be busy
+pause_s = 0.0
+"""
+STAGE = """
+[stage]
+resource = "{stage}"
+travel_m = [0.0, 0.07]
+velocity_m_s = 0.05
+acceleration_m_s2 = 0.05
+velocity_limit_m_s = 0.05
+acceleration_limit_m_s2 = 0.05
+"""
+
+
+@pytest.fixture
+def typed(served: ServedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    monkeypatch.chdir(tmp_path)
+    text = served_rig_text(served.endpoints) + STAGE.format(**served.endpoints)
+    Path("mine.toml").write_text(text, encoding="utf-8")
+    Path("short.toml").write_text(PLAN, encoding="utf-8")
+    return ["measure", "--rig", "mine.toml", "--plan", "short.toml", "--out", "data.csv"]
+
+
+def test_a_rigs_file_and_a_plan_are_all_it_takes(
+    served: ServedRig, typed: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*typed, "--yes"]) == 0
+    out = capsys.readouterr().out
+    assert "1 rows of plan 'short' on rig mine -> data.csv" in out
+    assert "generator says off, amplifier disabled" in out
+    assert 0.5 < float(table(Path("data.csv"))[0]["cof"]) < 1.0
+    assert off(served)
+
+
+def test_without_anybody_there_nothing_begins(
+    served: ServedRig,
+    typed: list[str],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))  # no terminal
+    position_mm = served.stage.position_mm
+    assert main(typed) == 2
+    err = capsys.readouterr().err
+    assert "up to 75 V peak" in err
+    assert "--yes" in err
+    assert not Path("data.csv").exists()
+    assert served.stage.position_mm == position_mm
+
+
+def test_nothing_can_be_hidden_in_a_real_finger(
+    typed: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("hide.toml").write_text("[series_resistance]\nresistance_ohm = 1e8\n", encoding="utf-8")
+    assert main([*typed, "--yes", "--hide", "hide.toml"]) == 2
+    assert "is real" in capsys.readouterr().err

@@ -1,0 +1,84 @@
+"""Trials as a client of the daemon presents them; the daemon is made up."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from haptic_driver.lab.psychophysics.apparatus import DaemonApparatus
+from haptic_driver.lab.psychophysics.description import Stimulus, TrialSettings
+from haptic_driver.processes.samples import SAMPLE
+
+
+class Client:
+    """Half a second of sliding each time somebody looks, with friction as it is asked; `done` in
+    order.
+    """
+
+    def __init__(self):
+        self.done, self.cof, self.ticks = [], np.nan, 0
+        self.marked = {}
+
+    def samples(self, since_tick=0, most=1000):
+        made = np.zeros(500, SAMPLE)
+        made["tick"] = self.ticks + np.arange(500)
+        self.ticks += 500
+        made["time_s"] = 1e-3 * made["tick"]
+        made["in_contact"], made["reachable"], made["speed_m_s"] = 1, 1, 0.05
+        made["output_on"] = 1
+        made["target_cof"] = made["expected_cof"] = made["measured_cof"] = self.cof
+        made["normal_force_n"], made["lateral_force_n"] = 0.5, 0.5 * self.cof
+        return made
+
+    def mark(self, label, data=None):
+        self.done.append(label)
+        self.marked[label] = data
+        return SimpleNamespace(time_s=0.0)
+
+    def status(self):
+        return SimpleNamespace(state="rendering", fault=None)
+
+    def set(self, cof, *, nearest=False):
+        self.done.append(cof)
+        self.cof = cof
+
+    def off(self):
+        self.done.append("off")
+
+
+def test_each_interval_is_told_and_marked_at_both_ends_and_ends_off(tmp_path):
+    client, told = Client(), []
+    apparatus = DaemonApparatus(client, client, tmp_path, told.append, lambda: told.append("ring"))
+    settings = TrialSettings(duration_s=0.4, pause_s=0.0)
+    first, second = apparatus.present([Stimulus(0.55), Stimulus(0.66)], settings, settle_s=0.1)
+    begins = ["interval 1 begins", "interval 2 begins"]
+    ends = ["interval 1 ends", "interval 2 ends"]
+    assert client.done == [
+        *(begins[0], 0.55, "off", ends[0]),
+        *(begins[1], 0.66, "off", ends[1]),
+    ]
+    assert told == ["1 … slide now", "wait …", "2 … slide now"]
+    assert (round(first.felt_cof, 6), round(second.felt_cof, 6)) == (0.55, 0.66)
+    assert client.marked[begins[1]] == {"interval": 2, "of": 2, "sound": False}
+    when = client.marked[ends[1]]
+    assert when["onset_s"] == when["first_touch_s"] == apparatus.onset_s
+
+
+def test_the_only_interval_has_no_number_and_sounds_where_the_file_says_so(tmp_path):
+    client, told = Client(), []
+    apparatus = DaemonApparatus(client, client, tmp_path, told.append, lambda: told.append("ring"))
+    settings = TrialSettings(intervals=1, duration_s=0.4, sound=True)
+    apparatus.present([Stimulus(0.55)], settings, settle_s=0.1)
+    assert client.done == ["interval 1 begins", 0.55, "off", "interval 1 ends"]
+    assert client.marked["interval 1 begins"]["sound"] is True
+    assert told == ["slide now", "ring"]
+
+
+def test_two_regions_are_one_interval(tmp_path):
+    client = Client()
+    apparatus = DaemonApparatus(client, client, tmp_path)
+    client.play = lambda texture, *, nearest=False: client.done.append("regions")
+    settings = TrialSettings(place="regions", duration_s=0.4)
+    apparatus.present([Stimulus(0.55), Stimulus(0.66)], settings, settle_s=0.1)
+    assert client.done == ["interval 1 begins", "regions", "off", "interval 1 ends"]

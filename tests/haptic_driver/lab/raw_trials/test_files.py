@@ -1,0 +1,265 @@
+"""Files of every kind, as labs save them, give the numbers that were written into them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import random
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.files import listed
+from haptic_driver.lab.raw_trials.cut import tabled
+from haptic_driver.lab.raw_trials.trial_map import Conditions
+from tests.haptic_driver.lab.raw_trials.made import (
+    MAP,
+    NAMES,
+    TIME_S,
+    WINDOW_S,
+    rows,
+    signals,
+    with_keys,
+    write_csv,
+)
+
+SIGNALS = signals(seed=3)
+FILE = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+# how many of the unit is one in SI, for time, both forces, voltage and position
+UNITS = {
+    "t": {"s": 1.0, "ms": 1e3, "us": 1e6, "min": 1 / 60},
+    "Fx": {"N": 1.0, "mN": 1e3, "gf": 1e3 / 9.80665, "lbf": 1 / 4.4482216152605},
+    "Fz": {"N": 1.0, "mN": 1e3, "Newtons": 1.0, "kgf": 1 / 9.80665},
+    "U": {"V": 1.0, "kV": 1e-3},
+    "x": {"mm": 1e3, "m": 1.0, "um": 1e6},
+}
+STYLES = ("{n} [{u}]", "{n} ({u})", "{n}, {u}", "{n} / {u}", "{n}_{u}", "row")
+
+
+def expected() -> float:
+    """Mean friction in the window, by numpy alone."""
+    inside = (WINDOW_S[0] < TIME_S) & (WINDOW_S[1] > TIME_S)
+    return float(SIGNALS["Fx"][inside].mean() / SIGNALS["Fz"][inside].mean())
+
+
+def without_units() -> dict[str, Any]:
+    said = with_keys()
+    said["columns"] = {role: {"name": c["name"]} for role, c in MAP["columns"].items()}
+    return said
+
+
+@FILE
+@given(
+    separator=st.sampled_from([",", ";", "\t"]),
+    decimal=st.sampled_from([".", ","]),
+    encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "cp1252", "utf-32"]),
+    quoting=st.sampled_from([csv.QUOTE_MINIMAL, csv.QUOTE_ALL, csv.QUOTE_NONNUMERIC]),
+    style=st.sampled_from(STYLES),
+    preamble=st.sampled_from(["", "Messung Nr. 4\n\n", "Prüfer;Ö. Ä.\nmade, at noon\n"]),
+    units=st.fixed_dictionaries({name: st.sampled_from(sorted(u)) for name, u in UNITS.items()}),
+    seed=st.integers(0, 10**6),
+)
+def test_a_text_however_it_is_written(
+    tmp_path, separator, decimal, encoding, quoting, style, preamble, units, seed
+) -> None:
+    order = list(NAMES)
+    random.Random(seed).shuffle(order)
+    si = SIGNALS | {"x": 1e-3 * SIGNALS["x"]}
+    columns = [UNITS[name][units[name]] * si[name] for name in order]
+    names = order if style == "row" else [style.format(n=n, u=units[n]) for n in order]
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter=separator, quoting=quoting, lineterminator="\n")
+    writer.writerow(names)
+    if style == "row":
+        writer.writerow([units[name] for name in order])
+    for row in zip(*columns, strict=True):
+        writer.writerow([f"{value:.9g}".replace(".", decimal) for value in row])
+    path = tmp_path / "trial.csv"
+    path.write_bytes((preamble + text.getvalue()).encode(encoding))
+    assert rows(path, without_units())[0]["cof"] == pytest.approx(expected(), rel=1e-6)
+
+
+def containers(path: Path, columns: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    """A file of the kind of its ending, with units where that kind has a place for them."""
+    match path.suffix:
+        case ".npz":
+            np.savez(path, **columns)  # type: ignore[arg-type]
+        case ".mat":
+            savemat(path, columns)
+        case ".h5":
+            with h5py.File(path, "w") as file:
+                for i, (name, values) in enumerate(columns.items()):
+                    file[name] = values if i % 2 else values[:, None]
+                    unit: Any = units[name]
+                    file[name].attrs["units"] = [unit, np.array([unit], "S9"), unit.encode()][i % 3]
+        case ".lvm":
+            names = "\t".join(["X_Value", *list(columns)[1:], "Comment"])
+            head = (
+                "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\n"
+                f"X_Columns\tOne\n***End_of_Header***\t\n\nChannels\t{len(columns) - 1}\t\n"
+                f"Y_Unit_Label\t{chr(9).join(units[name] for name in NAMES[1:])}\t\n"
+                "***End_of_Header***\t\n"
+            )
+            lines = [
+                "\t".join(f"{v:.9g}".replace(".", ",") for v in row)
+                for row in zip(*columns.values(), strict=True)
+            ]
+            path.write_text(f"{head}{names}\n" + "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("ending", [".npz", ".mat", ".h5", ".lvm"])
+@FILE
+@given(units=st.fixed_dictionaries({n: st.sampled_from(sorted(u)) for n, u in UNITS.items()}))
+def test_a_file_of_another_kind(tmp_path, ending, units) -> None:
+    units["t"] = "s" if ending == ".lvm" else units["t"]
+    si = SIGNALS | {"x": 1e-3 * SIGNALS["x"]}
+    path = tmp_path / f"trial{ending}"
+    containers(path, {name: UNITS[name][units[name]] * si[name] for name in NAMES}, units)
+    said = without_units()
+    for column in said["columns"].values():
+        if ending in (".npz", ".mat"):
+            column["unit"] = units[column["name"]]
+        elif column["name"] == "t" and ending == ".lvm":
+            column["name"] = "X_Value"
+    assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_a_matrix_is_read_along_its_longer_side(tmp_path, transposed) -> None:
+    """MATLAB 7.3 stores a matrix transposed."""
+    table = np.column_stack(list(SIGNALS.values()))
+    with h5py.File(tmp_path / "t.h5", "w") as file:
+        file["data"] = table.T if transposed else table
+    said = with_keys()
+    for column in said["columns"].values():
+        column |= {"name": "data", "index": NAMES.index(column["name"]) + 1}
+    assert rows(tmp_path / "t.h5", said)[0]["cof"] == pytest.approx(expected(), rel=1e-9)
+
+
+def test_a_cell_array_of_columns_goes_by_index(tmp_path) -> None:
+    cells = np.empty(len(NAMES), dtype=object)
+    for i, values in enumerate(SIGNALS.values()):
+        cells[i] = values
+    savemat(tmp_path / "t.mat", {"ch": cells})
+    said = with_keys()
+    for column in said["columns"].values():
+        column |= {"name": "ch", "index": NAMES.index(column["name"]) + 1}
+    assert rows(tmp_path / "t.mat", said)[0]["cof"] == pytest.approx(expected(), rel=1e-9)
+
+
+def refused(path: Path, said: dict[str, Any]) -> BadInputError:
+    with pytest.raises(BadInputError) as caught:
+        rows(path, said)
+    return caught.value
+
+
+@FILE
+@given(
+    name=st.sampled_from(["Fx", "Fz", "x"]),
+    style=st.sampled_from(STYLES[:5]),
+    mapped=st.sampled_from(["N", "mm", "V"]),
+    header=st.sampled_from(["mN", "V", "um"]),
+)
+def test_a_unit_of_the_map_is_compared_with_the_files(
+    tmp_path, name, style, mapped, header
+) -> None:
+    """A map's N counted over a header's mN, without a word."""
+    role = {"Fx": "lateral_force", "Fz": "normal_force", "x": "position"}[name]
+    good = {"Fx": "N", "Fz": "N", "x": "mm"}[name]
+    kind = {"N": "mN", "mm": "um"}[good]
+    if mapped != good or header not in (kind, "V"):
+        return
+    names = [style.format(n=name, u=header) if each == name else each for each in NAMES]
+    path = write_csv(tmp_path / "t.csv", SIGNALS, names)
+    error = refused(path, MAP)
+    assert error.code == "unit_conflict"
+    assert f"in {good} by the map, and in {header} by its" in error.message.replace(
+        "the header", "its"
+    )
+    said = with_keys(**{role: {"overrides_file": True}})
+    assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-5)
+
+
+@pytest.mark.parametrize("names", [("Fx [V]", "Fx [N]"), ("Fx", "Fx")])
+def test_a_name_that_stands_twice_is_refused(tmp_path, names) -> None:
+    columns = {"t": TIME_S, "a": SIGNALS["Fx"] / 3.0, "b": SIGNALS["Fx"]}
+    columns |= {name: SIGNALS[name] for name in ("Fz", "U", "x")}
+    path = write_csv(tmp_path / "t.csv", columns, ["t", *names, "Fz", "U", "x"])
+    assert f"Fx stands more than once: '{names[0]}', '{names[1]}'" in refused(path, MAP).message
+    if names[0] != names[1]:
+        said = with_keys(lateral_force={"name": "Fx [N]"})
+        assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-5)
+
+
+def test_a_comma_that_can_be_either_is_asked_about(tmp_path) -> None:
+    scaled = SIGNALS | {"Fz": np.full(TIME_S.size, 77.0)}
+    text = write_csv(tmp_path / "t.csv", scaled).read_text().replace(",", ";")
+    path = tmp_path / "u.csv"
+    path.write_text(text.replace("77.000000", "77,000"))
+    error = refused(path, MAP)
+    assert "'77,000' can be 77000 or 77.000" in error.message
+    for decimal, load_n in ((",", 77.0), (".", 77000.0)):
+        said = with_keys(file={"decimal": decimal})
+        assert rows(path, said)[0]["normal_force_n"] == load_n
+
+
+def test_the_header_stands_again(tmp_path) -> None:
+    path = write_csv(tmp_path / "t.csv", SIGNALS)
+    path.write_text(2 * f"Trial\n{path.read_text()}")
+    error = refused(path, MAP)
+    assert error.code == "several_tables"
+    assert "headers in lines 2, 654" in error.message
+
+
+def test_a_header_of_more_names_than_cells_is_refused(tmp_path) -> None:
+    """Commas within names without quotes moved every name by a column."""
+    path = write_csv(tmp_path / "t.csv", SIGNALS)
+    path.write_text(path.read_text().replace("t,Fx,Fz", "t,Fx, N,Fz"))
+    assert "5 cells under 6 names" in refused(path, MAP).message
+
+
+def test_a_near_name_is_said(tmp_path) -> None:
+    path = write_csv(tmp_path / "t.csv", SIGNALS, ["t", "fx", "Fz", "U", "x"])
+    assert "Did you mean 'fx'?" in refused(path, MAP).hint
+
+
+@pytest.mark.parametrize(
+    "stamp", ["2024-05-01T{:%H:%M:%S.%f}", "2024/05/01 {:%H:%M:%S.%f}", "{:%H:%M:%S.%f}"]
+)
+def test_dates_and_times_of_day_are_times(tmp_path, stamp) -> None:
+    start = datetime(2024, 5, 1, 23, 59, 59)
+    stamps = [stamp.format(start + timedelta(seconds=float(s))) for s in TIME_S]
+    if "2024" in stamp:
+        stamps = [
+            s.replace("05-01", "05-02").replace("05/01", "05/02") if s[11:13] == "00" else s
+            for s in stamps
+        ]
+    lines = ["t,Fx,Fz,U,x"]
+    for i, row in enumerate(zip(*list(SIGNALS.values())[1:], strict=True)):
+        lines.append(",".join([stamps[i], *(f"{v:.9g}" for v in row)]))
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join(lines))
+    assert rows(path, MAP)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
+
+
+def test_hidden_files_and_own_results_are_no_trials(tmp_path) -> None:
+    for name in ("t2.csv", "t1.csv", "._t1.csv", ".hidden.csv", "data.csv", "note.md"):
+        (tmp_path / name).write_text("x")
+    found = listed(tmp_path, {".csv"}, [tmp_path / "data.csv"])
+    assert [path.name for path in found] == ["t1.csv", "t2.csv"]
+
+
+def test_a_file_that_stands_twice_among_the_conditions_is_refused(tmp_path) -> None:
+    (tmp_path / "set.csv").write_text("file,voltage\na.csv,10\na.csv,20\n")
+    with pytest.raises(BadInputError, match=r"line 3: a.csv stands more than once"):
+        tabled(Conditions(table="set.csv"), tmp_path)

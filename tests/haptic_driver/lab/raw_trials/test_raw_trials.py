@@ -1,0 +1,384 @@
+"""Trials of known friction, loads and times, written as labs write them, come back in SI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from haptic_driver.errors import BadInputError
+from haptic_driver.lab.raw_trials.cut import (
+    Row,
+    conditions_of,
+    opened,
+    read_trials,
+    rows_of,
+    tabled,
+)
+from haptic_driver.lab.raw_trials.propose import proposed, roles_of
+from haptic_driver.lab.raw_trials.quantities import quantities
+from haptic_driver.lab.raw_trials.trial_map import TrialMap, read_map
+from model.support.layout import Layout, text_table
+from model.support.units import to_si
+
+GF_N = 9.80665e-3  # standard gravity times a gram
+TIME_S = np.arange(400) / 200.0
+ON = (TIME_S >= 0.8) & (TIME_S < 1.6)
+LOAD_N, OFF_COF, ON_COF = 0.5, 0.4, 0.6
+LATERAL_N = LOAD_N * np.where(ON, ON_COF, OFF_COF)
+POSITION_M = 0.03 * TIME_S
+# ms, gf pressing negative, mN with an offset of 5 mN, volts of a monitor at 1 V per 100 V, mm
+RAW = np.column_stack(
+    [
+        1e3 * TIME_S,
+        np.full(TIME_S.size, -LOAD_N / GF_N),
+        1e3 * LATERAL_N + 5.0,
+        np.where(ON, 1.2, 0.0),
+        1e3 * POSITION_M,
+    ]
+)
+MAP: dict[str, Any] = {
+    "columns": {
+        "time": {"name": "t", "unit": "ms"},
+        "normal_force": {"name": "Fz", "unit": "gf", "sign": -1},
+        "lateral_force": {"name": "Fx", "unit": "mN", "offset": 5.0},
+        "voltage": {"name": "HV", "unit": "V", "gain": 100.0, "gain_unit": "V/V"},
+        "position": {"name": "x", "unit": "mm"},
+    },
+    "conditions": {
+        "patterns": [r"(?P<voltage>\d+)V_(?P<frequency>\d+)Hz_(?P<normal_force>[\dp]+)N"],
+        "units": {"voltage": "V", "frequency": "Hz", "normal_force": "N"},
+    },
+    "voltage_on": {"column": "voltage"},
+    "motion": {},
+    "windows": [{"start_s": 0.2, "end_s": 0.7}],
+    "baseline": {"start_s": -0.6, "end_s": -0.1},
+}
+NAME = "a_120V_250Hz_0p5N"
+
+
+def made(**changes: Any) -> TrialMap:
+    return TrialMap.model_validate(MAP | changes)
+
+
+def text(separator: str, decimal: str, header: str) -> str:
+    lines = [separator.join(f"{x:.9g}".replace(".", decimal) for x in row) for row in RAW]
+    return header + "\n".join(lines) + "\n"
+
+
+def rows(path: Path, said: TrialMap) -> list[Row]:
+    conditions = conditions_of(path, said.conditions, {})
+    (trial,) = read_trials(opened(path, said), said, conditions)
+    return rows_of(trial, said, 1)
+
+
+def read_columns(path: Path, said: TrialMap) -> dict[str, np.ndarray]:
+    return dict(quantities(opened(path, said), said).columns)
+
+
+def write_npz(path: Path) -> None:
+    np.savez(path, **dict(zip(("t", "Fz", "Fx", "HV", "x"), RAW.T, strict=True)))
+
+
+def write_records(path: Path) -> None:
+    names = ("t", "Fz", "Fx", "HV", "x")
+    np.save(path, np.rec.fromarrays(list(RAW.T), names=",".join(names)))
+
+
+def write_hdf5(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        for name, values in zip(("t", "Fz", "Fx", "HV", "x"), RAW.T, strict=True):
+            file[name] = values
+
+
+def write_mat(path: Path) -> None:
+    savemat(path, dict(zip(("t", "Fz", "Fx", "HV", "x"), RAW.T, strict=True)))
+
+
+def write_labview(path: Path) -> None:
+    head = (
+        "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\n\n"
+        "Channels\t4\n***End_of_Header***\t\nt\tFz\tFx\tHV\tx\n"
+    )
+    path.write_text(text("\t", ",", head))
+
+
+def write_csv(path: Path) -> None:
+    path.write_text(text(",", ".", "made,at,noon\n\nt,Fz,Fx,HV,x\n"))
+
+
+WRITERS: list[tuple[str, Callable[[Path], None]]] = [
+    (".npz", write_npz),
+    (".npy", write_records),
+    (".h5", write_hdf5),
+    (".mat", write_mat),
+    (".lvm", write_labview),
+    (
+        ".csv",
+        lambda path: path.write_text(text(",", ".", "made,at,noon\n\nt,Fz,Fx,HV,x\n")) and None,
+    ),
+]
+
+
+@pytest.mark.parametrize(("ending", "write"), WRITERS, ids=[ending for ending, _ in WRITERS])
+def test_a_trial_of_every_kind_gives_its_friction(tmp_path, ending, write) -> None:
+    path = tmp_path / f"{NAME}{ending}"
+    write(path)
+    before, during = rows(path, made())
+    assert (before["voltage_v"], during["voltage_v"]) == (0.0, 120.0)
+    assert before["cof"] == pytest.approx(OFF_COF, rel=1e-6)
+    assert during["cof"] == pytest.approx(ON_COF, rel=1e-6)
+    assert during["normal_force_n"] == pytest.approx(LOAD_N, rel=1e-6)
+    assert during["speed_m_s"] == pytest.approx(0.03, rel=1e-6)
+    assert during["time_s"] == pytest.approx(0.45, abs=0.003)  # the window's middle, to a sample
+    assert (during["frequency_hz"], during["commanded_normal_force_n"]) == (250.0, 0.5)
+
+
+def test_a_tdms_file(tmp_path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    path = tmp_path / f"{NAME}.tdms"
+    with nptdms.TdmsWriter(path) as writer:
+        units = ("ms", "gf", "mN", "V", "mm")
+        for name, unit, values in zip(("t", "Fz", "Fx", "HV", "x"), units, RAW.T, strict=True):
+            said = {"unit_string": unit}
+            writer.write_segment([nptdms.ChannelObject("raw", name, values, properties=said)])
+    columns = {
+        role: {key: f"raw/{value}" if key == "name" else value for key, value in column.items()}
+        | {"unit": None}
+        for role, column in MAP["columns"].items()
+    }
+    _, during = rows(path, made(columns=columns))
+    assert during["cof"] == pytest.approx(ON_COF, rel=1e-6)
+
+
+def test_a_table_without_names_goes_by_numbers(tmp_path) -> None:
+    path = tmp_path / f"{NAME}.npy"
+    np.save(path, RAW)
+    order = ("time", "normal_force", "lateral_force", "voltage", "position")
+    columns = {role: MAP["columns"][role] | {"name": i + 1} for i, role in enumerate(order)}
+    assert rows(path, made(columns=columns))[1]["cof"] == pytest.approx(ON_COF, rel=1e-6)
+
+
+def test_semicolons_decimal_commas_and_a_row_of_units(tmp_path) -> None:
+    path = tmp_path / f"{NAME}.txt"
+    path.write_bytes(text(";", ",", "Prüfer;Ö\nt;Fz;Fx;HV;x\nms;gf;mN;V;mm\n").encode("cp1252"))
+    look = {"separator": ";", "decimal": ",", "units_row": True}
+    columns = {role: column | {"unit": None} for role, column in MAP["columns"].items()}
+    assert rows(path, made(file=look, columns=columns))[1]["cof"] == pytest.approx(ON_COF, rel=1e-6)
+
+
+def test_the_unit_may_stand_behind_the_name(tmp_path) -> None:
+    path = tmp_path / f"{NAME}.csv"
+    path.write_text(text(",", ".", "t (ms),Fz [gf],Fx [mN],HV (V),x (mm)\n"))
+    columns = {role: column | {"unit": None} for role, column in MAP["columns"].items()}
+    assert rows(path, made(columns=columns))[1]["cof"] == pytest.approx(ON_COF, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit", "gain_unit", "factor"),
+    [
+        ("time", "us", "", 1e-6),
+        ("time", "µs", "", 1e-6),
+        ("normal_force", "gf", "", GF_N),
+        ("normal_force", "lbf", "", 0.45359237 * 9.80665),
+        ("lateral_force", "mN", "", 1e-3),
+        ("lateral_force", "Newton", "", 1.0),
+        ("lateral_force", "mV", "N/V", 1e-3),
+        ("position", "mm", "", 1e-3),
+        ("voltage", "kV", "", 1e3),
+        ("frequency", "kHz", "", 1e3),
+        ("voltage", "Vpp", "", 0.5),
+        ("voltage", "mV p-p", "", 0.5e-3),
+        ("voltage", "Vrms", "", sqrt(2.0)),
+        ("voltage", "V peak", "", 1.0),
+        ("voltage", "V/2", "", 0.5),
+        ("voltage", "100 V", "", 100.0),
+        ("time", "10 ms", "", 0.01),
+    ],
+)
+def test_units(quantity, unit, gain_unit, factor) -> None:
+    assert to_si(quantity, unit, "here", gain_unit) == pytest.approx(factor, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit"),
+    [
+        ("normal_force", "g"),
+        ("normal_force", "furlongish"),
+        ("frequency", "rad/s"),
+        ("frequency", "rpm"),
+        ("lateral_force", "V"),
+        ("voltage_offset", "Vpp"),
+        ("electrode_voltage", "Vrms"),
+        ("time", "__import__('os')"),
+        ("time", "("),
+    ],
+)
+def test_a_unit_that_is_not_understood_is_refused_by_name(quantity, unit) -> None:
+    with pytest.raises(BadInputError) as caught:
+        to_si(quantity, unit, "columns.it")
+    assert caught.value.code == "unknown_unit"
+    assert unit in caught.value.message
+    assert "columns.it" in caught.value.message
+
+
+def test_the_trials_own_gain_is_taken_out(tmp_path) -> None:
+    """A trial whose friction reads a tenth too much gives what one gives that reads right."""
+    path = tmp_path / f"{NAME}.npz"
+    raw = RAW.copy()
+    raw[:, 2] = 1.1 * (raw[:, 2] - 5.0) + 5.0
+    np.savez(path, **dict(zip(("t", "Fz", "Fx", "HV", "x"), raw.T, strict=True)))
+    baseline = MAP["baseline"] | {"use": "gain", "cof": OFF_COF}
+    (row,) = rows(path, made(baseline=baseline))
+    assert row["cof"] == pytest.approx(ON_COF, rel=1e-6)
+
+
+def test_the_trials_own_zero_is_taken_out(tmp_path) -> None:
+    path = tmp_path / f"{NAME}.npz"
+    raw = RAW + np.array([0.0, 0.0, 40.0, 0.0, 0.0])
+    np.savez(path, **dict(zip(("t", "Fz", "Fx", "HV", "x"), raw.T, strict=True)))
+    baseline = MAP["baseline"] | {"use": "offset", "cof": OFF_COF}
+    (row,) = rows(path, made(baseline=baseline))
+    assert row["cof"] == pytest.approx(ON_COF, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("voltage_is", "waveform", "peak_v"),
+    [
+        ("peak", "sine", 120.0),
+        ("peak_to_peak", "sine", 60.0),
+        ("rms", "sine", 120.0 * sqrt(2.0)),
+        ("rms", "square", 120.0),
+    ],
+)
+def test_a_set_voltage_becomes_the_amplitude(voltage_is, waveform, peak_v) -> None:
+    said = MAP["conditions"] | {"voltage_is": voltage_is, "values": {"waveform": waveform}}
+    found = conditions_of(Path(f"{NAME}.csv"), made(conditions=said).conditions, {})
+    assert found["voltage"] == pytest.approx(peak_v)
+
+
+def test_conditions_from_a_table(tmp_path) -> None:
+    (tmp_path / "set.csv").write_text("file,voltage,frequency,session\nb.npz,0.1,2,Monday\n")
+    said = {"table": "set.csv", "units": {"voltage": "kV", "frequency": "kHz"}}
+    conditions = made(conditions=said).conditions
+    found = conditions_of(tmp_path / "b.npz", conditions, tabled(conditions, tmp_path))
+    assert found == {"voltage": 100.0, "frequency": 2000.0, "session": "Monday"}
+    with pytest.raises(BadInputError, match="has no row for it"):
+        conditions_of(tmp_path / "c.npz", conditions, tabled(conditions, tmp_path))
+
+
+def changed(**columns: Any) -> dict[str, np.ndarray]:
+    return dict(zip(("t", "Fz", "Fx", "HV", "x"), RAW.T, strict=True)) | columns
+
+
+@pytest.mark.parametrize(
+    ("columns", "reason"),
+    [
+        (changed(Fz=-RAW[:, 1]), "the load is -0.5 N"),
+        (changed(Fx=-RAW[:, 2]), "friction is -"),
+        (changed(HV=np.zeros(400)), "voltage never exceeds"),
+        (changed(x=np.where(TIME_S < 1.2, RAW[:, 4], 36.0)), "window 1, 1 to 1.5 s, slides for"),
+        (changed(t=RAW[::-1, 0]), "time does not rise at sample 2"),
+        (changed(Fx=np.where(ON, np.nan, 1.0)), "lateral_force is no number at 1 s"),
+        (changed(Fx=RAW[:300, 2]), "columns differ in length"),
+        (changed(Fx=np.where(TIME_S == 1.1, 99.0, RAW[:, 2])), "lateral_force is 99 at 1.1 s"),
+        ({name: values[:200] for name, values in changed().items()}, "the record goes from 0 to"),
+        ({"t": RAW[:, 0]}, "there is no column 'Fx'; found: t"),
+    ],
+)
+def test_what_is_wrong_with_a_trial_is_told(tmp_path, columns, reason) -> None:
+    path = tmp_path / f"{NAME}.npz"
+    np.savez(path, **columns)
+    with pytest.raises(BadInputError) as caught:
+        rows(path, made())
+    assert reason in caught.value.message
+    assert str(path) in caught.value.message
+
+
+@pytest.mark.parametrize(
+    ("bad", "line"),
+    [
+        ("60,1,2,3,high", 15),
+        ("\n60,1,2,3,high", 16),
+        ("60,1,2", 15),
+        ("\n60,1,2", 16),
+        ("60,1,2,3,4,5", 15),
+        ("late,1,2,3,4", 15),
+    ],
+)
+def test_a_line_that_is_no_row_of_numbers_is_named(tmp_path, bad, line) -> None:
+    path = tmp_path / f"{NAME}.csv"
+    body = "".join(f"{5 * i},1,2,3,4\n" for i in range(12))
+    path.write_text(f"made at noon\nt,Fz,Fx,HV,x\n{body}{bad}\n")
+    with pytest.raises(BadInputError, match=f"line {line}\\b"):
+        read_columns(path, made())
+
+
+@pytest.mark.parametrize("ending", [".npz", ".npy", ".h5", ".mat"])
+def test_a_file_that_is_none_of_its_kind_is_refused(tmp_path, ending) -> None:
+    path = tmp_path / f"{NAME}{ending}"
+    path.write_bytes(b"what is this? " * 40)
+    with pytest.raises(BadInputError) as caught:
+        read_columns(path, made())
+    assert caught.value.code == "bad_trial"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"windows": [{"start_s": 1.0, "end_s": 0.5}]}, "end_s must be above start_s"),
+        ({"voltage_on": None}, "[voltage_on] is missing"),
+        ({"baseline": MAP["baseline"] | {"use": "gain"}}, "cof, friction without voltage"),
+        ({"conditions": {"patterns": ["(?P<colour>.)"]}}, "needs groups"),
+        ({"conditions": {"patterns": ["("]}}, "is no regular expression"),
+        ({"file": {"separator": ",", "decimal": ","}}, "cannot both be a comma"),
+    ],
+)
+def test_a_map_that_cannot_be_meant_is_refused(change, words) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)):
+        made(**change)
+
+
+def test_a_map_is_proposed_that_reads_the_file(tmp_path) -> None:
+    path = tmp_path / f"day2_{NAME}_t07.txt"
+    path.write_text(text(";", ",", "Setup;B\n\nTime;Fz;Fx;Voltage;Position\nms;gf;mN;V;mm\n"))
+    target = tmp_path / "map.toml"
+    text_of_map = proposed(path).map_text
+    assert re.findall(r"(\w+) = .TODO", text_of_map) == ["voltage_is"]
+    target.write_text(text_of_map.replace("TODO", "peak"))
+    said = read_map(target)
+    assert (said.file.separator, said.file.units_row) == (";", True)
+    assert said.columns.normal_force is not None
+    assert (said.columns.normal_force.name, said.columns.normal_force.sign) == ("Fz", -1)
+    conditions = conditions_of(path, said.conditions, {})
+    expected = {"voltage": 120.0, "frequency": 250.0, "normal_force": 0.5}
+    assert conditions == expected | {"session": "2", "trial": "07"}
+    columns = read_columns(path, said)
+    np.testing.assert_allclose(columns["normal_force"], LOAD_N, rtol=1e-6)
+    np.testing.assert_allclose(columns["position"], POSITION_M, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("lines", "names"),
+    [
+        (["a,b", *["1.5,2"] * 6], ["a", "b"]),
+        (["a\tb", *["1,5\t2"] * 6], ["a", "b"]),
+        (["note", "a b", *["1.5 2"] * 6], ["a", "b"]),
+        (["a,b,note", *["1.5,2,good"] * 6], ["a", "b", "note"]),
+        ([*["1.5;2"] * 6], []),
+    ],
+)
+def test_the_layout_of_texts(lines, names) -> None:
+    content = "\n".join(lines).encode()
+    assert text_table(Path("it.csv"), content, Layout()).names == names
+
+
+def test_a_column_is_not_taken_against_its_unit() -> None:
+    assert roles_of(["Load", "Fz"], ["mm", "N"])["normal_force"] == 1
