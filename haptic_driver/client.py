@@ -332,7 +332,8 @@ def _understood(schema: type[Schema], content: bytes | str) -> Schema:
 def _require_off(status: Status) -> None:
     if status.output_on is not False:
         known = "is still on" if status.output_on else "cannot be shown to be off"
-        raise HapticError("not_off", f"the output {known}", "switch the amplifier off by hand")
+        said = f"the output {known}: {status.output_said}"
+        raise HapticError("not_off", said, "switch the amplifier off by hand")
 
 
 def _error_of(status: int, content: bytes) -> HapticError:

@@ -120,12 +120,9 @@ def sparkline(values: Sequence[float | None], low: float, high: float) -> str:
 
 def _state(frame: StateFrame) -> Text:
     status = frame.status
-    words = {
-        True: ("output ON", "bold red"),
-        False: ("output off", "green"),
-        None: ("output UNKNOWN", "bold red"),
-    }
-    text = Text.assemble((status.state, "bold"), ", ", words[status.output_on])
+    style = "green" if status.output_on is False else "bold red"
+    output = f"output {status.output_said}", style
+    text = Text.assemble((status.state, "bold"), ", ", output)
     text.append(f"; rig {status.rig}{' (simulated)' if status.simulated else ''}")
     if status.fault is not None:
         text.append(f"; fault: {status.fault}", "bold red")

@@ -52,6 +52,7 @@ from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.part import NoPart, Wiring
 from haptic_driver.rig.states import RigState
 from haptic_driver.textures.library import script_names, texture_names
@@ -142,10 +143,12 @@ class Daemon:
             raise
         with self._orders.lock:
             self._orders.machine.connected()
-            self.event_log.tell("state", "idle: connected, output off")
+            self.event_log.tell("state", f"idle: connected, output {self._orders.pump.output}")
 
-    def close(self) -> bool | None:
-        """Switch off and end everything; whether the output is on (None: unknown). Never raises."""
+    def close(self) -> KnownOutput:
+        """Switch off and end everything; what was known of the output when the instruments were
+        let go. Never raises.
+        """
         with suppress(HapticError):
             self.disarm()
         self._ending.set()
@@ -154,7 +157,7 @@ class Daemon:
         self.basis.close()
         self._loader.close()
         self._painter.close()
-        output_on = self.supervisor.close()
+        output = self.supervisor.close()
         if self.event_line is not None:
             self.event_line.close()
         if self.line_in is not None:
@@ -162,7 +165,7 @@ class Daemon:
         with suppress(HapticError):
             self._recordings.stop()
         self.shared.close()
-        return output_on
+        return output
 
     def __enter__(self) -> Daemon:
         self.start()
@@ -214,7 +217,7 @@ class Daemon:
         judged = self._judged()
         latency = self._latency(judged)
         with orders.lock:
-            machine, rendering, output_on = orders.machine, orders.rendering, orders.pump.output_on
+            machine, rendering, known = orders.machine, orders.rendering, orders.pump.output
             return Status(
                 state=machine.state,
                 simulated=settings.config.simulated,
@@ -227,12 +230,14 @@ class Daemon:
                 estimated_cof_std=_mean(newest, "estimated_cof_std"),
                 **_touch(newest),
                 reachable_cof=list(reachable_cof),
-                frequency_hz=output.frequency_hz if rendering and output_on else None,
-                voltage_v=0.0 if output_on is False else output.voltage_v if rendering else None,
+                frequency_hz=output.frequency_hz if rendering and known.on else None,
+                voltage_v=0.0 if known.on is False else output.voltage_v if rendering else None,
                 current_rms_a=(
-                    _current_a(settings, output, load_n) if rendering and output_on else None
+                    _current_a(settings, output, load_n) if rendering and known.on else None
                 ),
-                output_on=output_on,
+                output_on=known.on,
+                output_said=str(known),
+                output_age_s=known.age_s,
                 ticks=output.tick,
                 overruns=output.overruns,
                 timing=timing_of(self.shared.ring.newest(TIMED_SAMPLES), settings.render.period_s),
@@ -303,13 +308,13 @@ class Daemon:
     def off(self) -> Status:
         """Output to zero at once."""
         self._orders.withdraw(self._orders.machine.off)
-        self.event_log.tell("state", f"off; the daemon is {self._orders.machine.state}")
+        self.event_log.tell("state", self._orders.said)
         return self.status()
 
     def disarm(self) -> Status:
         """Off, and the lease is gone."""
         self._orders.withdraw(self._orders.machine.disarm)
-        self.event_log.tell("state", f"disarmed; the daemon is {self._orders.machine.state}")
+        self.event_log.tell("state", f"disarmed; {self._orders.said}")
         return self.status()
 
     def reset(self) -> Status:
@@ -326,10 +331,10 @@ class Daemon:
             raise RefusedError("cause_remains", supervisor.missing, "try again when it is back")
         rig = instruments.rig
         rig.reset_trip()
-        if rig.state is not RigState.OFF and rig.off().output_on is not False:
+        if rig.state is not RigState.OFF and rig.off().on is not False:
             raise RefusedError(
                 "not_off",
-                "the output cannot be shown to be off",
+                f"the output cannot be shown to be off: {rig.output}",
                 "switch the amplifier off by hand",
             )
         with orders.lock:
@@ -417,7 +422,7 @@ def _event_line(
         section.pulse_s,
         settings.config.event_codes,
         shared.ring,
-        lambda: orders.pump.output_on,
+        lambda: orders.pump.output.on,
         events,
         lambda: orders.raise_flag(Flag.EVENT_LINE),
     )

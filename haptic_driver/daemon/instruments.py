@@ -19,6 +19,7 @@ from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, build_rig, carrier_output, connect_devices
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.part import NoPart, Wiring
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.states import RigEvent
@@ -93,12 +94,12 @@ class Instruments:
         """Its process id; None without one."""
         return None if self.devices.watchdog is None else self.devices.watchdog.pid
 
-    def close(self) -> bool | None:
-        """Switch off and hang up; whether the output is on (None: unknown). Never raises."""
+    def close(self) -> KnownOutput:
+        """Switch off and hang up; what was known of the output then. Never raises."""
         self.devices.rig.off()
         if self._watch is not None:
             self._watch.close()
-        return self.devices.close().output_on
+        return self.devices.close()
 
 
 def connect_real(

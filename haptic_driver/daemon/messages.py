@@ -141,7 +141,8 @@ class LoadStatus(Checked):
 
 
 class Status(Checked):
-    """`haptic status`; `output_on` is None where nobody knows.
+    """`haptic status`; `output_on` is None where nobody knows, also where what instruments said is
+    too old. `output_said` has it in words, with who said so and when.
 
     `frequency_hz` and `voltage_v` are commanded: 0 V where the output is off, None where there is
     no command and nobody knows that it is.
@@ -161,6 +162,8 @@ class Status(Checked):
     voltage_v: float | None
     current_rms_a: float | None  # into the sliding finger, as the surface says of what is commanded
     output_on: bool | None
+    output_said: str
+    output_age_s: float | None  # of the answers of instruments that it rests on; null without
     ticks: int
     overruns: int
     timing: Timing
@@ -198,7 +201,7 @@ class Status(Checked):
     line_in: LineInStatus | None = None  # null where the rig has none
 
     def __str__(self) -> str:
-        on, asked = self._output_said(), self._asked_said()
+        asked = self._asked_said()
         simulated = " (simulated)" if self.simulated else ""
         low, high = self.reachable_cof
         missed = f"{self.overruns} overruns, {self.underruns} underruns"
@@ -207,10 +210,8 @@ class Status(Checked):
             std = number(self.estimated_cof_std, ".3f")
             felt = f"not measured, estimated {self.estimated_cof:.3f} ± {std}"
         lines = [
-            (
-                f"{self.state}, output {on}; rig {self.rig}{simulated}, by {self.actuator}; model"
-                f" {self.model}"
-            ),
+            f"{self.state}, output {self.output_said}",
+            f"rig {self.rig}{simulated}, by {self.actuator}; model {self.model}",
             (f"asked {asked}; {felt}; within reach {low:.2f} to {high:.2f}"),
             (
                 f"commanded {number(self.frequency_hz, '.4g')} Hz, {number(self.voltage_v, '.4g')}"
@@ -243,16 +244,13 @@ class Status(Checked):
 
     def in_short(self) -> str:
         """One line: what the daemon does, and what it was asked."""
-        said = [f"{self.state}, output {self._output_said()}", f"asked {self._asked_said()}"]
+        said = [f"{self.state}, output {self.output_said}", f"asked {self._asked_said()}"]
         said += [] if self.recording is None else [f"recording into {self.recording}"]
         said += [] if self.adaptation is None else [f"adapting: {self.adaptation}"]
         said += [] if self.fault is None else [f"fault: {self.fault}"]
         if self.load is not None and self.load.phase is LoadPhase.MAY_PRESS:
             said.append("the load stage may still press: lift the finger by hand")
         return "; ".join(said)
-
-    def _output_said(self) -> str:
-        return {True: "ON", False: "off", None: "UNKNOWN"}[self.output_on]
 
     def _asked_said(self) -> str:
         if self.texture is not None:

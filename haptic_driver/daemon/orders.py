@@ -60,6 +60,11 @@ class Orders:
         """Whether there may be voltage."""
         return self.machine.state is DaemonState.RENDERING
 
+    @property
+    def said(self) -> str:
+        """What is known of the output, and the state, in words."""
+        return f"output {self.pump.output}; the daemon is {self.machine.state}"
+
     def beat(self) -> None:
         """Say that control is alive."""
         with self.lock:

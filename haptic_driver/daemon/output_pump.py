@@ -12,6 +12,7 @@ from collections.abc import Callable
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.shared_memory import CLOSED, Driven, Output, SharedState
 from haptic_driver.rig.actuator import Actuator
+from haptic_driver.rig.evidence import COMMANDED_ON, NOBODY_ASKED, KnownOutput
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 
@@ -21,6 +22,7 @@ OUTPUT_STALE_S = 0.2  # what render said so long ago is not brought out any more
 # how long an output takes to come up: a 33220A sets up a modulation in 0.11 s (unverified)
 START_S = 0.15
 OFF = DriveCommand(0.0, 0.0, False)
+GOING_OFF = KnownOutput(None, "being switched off")
 
 
 class OutputPump:
@@ -49,7 +51,6 @@ class OutputPump:
         self._clock = clock
         self._gate: int | None = None  # the first order whose output may go out; None: none may
         self._pumping = threading.RLock()  # held while a command goes out
-        self._shown_on: bool | None = None  # what the last switching off has shown
         self._wanted_s = -math.inf  # when there was last something to bring out
         self._written_s, self._written = -math.inf, OFF
         self._up_s = math.inf  # when the output is up; inf while it is off
@@ -57,13 +58,10 @@ class OutputPump:
         self._telling = threading.Lock()  # the record has one writer at a time
 
     @property
-    def output_on(self) -> bool | None:
-        """Whether there is output; None where nobody knows: from when the gate closes until it is
-        shown off.
-        """
-        state = self.actuator.rig.state if self.actuator is not None else RigState.UNKNOWN
-        on = None if self._gate is None else True
-        return {RigState.ON: on, RigState.OFF: False, RigState.TRIPPED: self._shown_on}.get(state)
+    def output(self) -> KnownOutput:
+        """What is known of the output; nothing from when the gate closes until it is shown off."""
+        known = NOBODY_ASKED if self.actuator is None else self.actuator.rig.output
+        return GOING_OFF if known is COMMANDED_ON and self._gate is None else known
 
     @property
     def switched(self) -> int:
@@ -93,7 +91,7 @@ class OutputPump:
         """Close, and switch off now; waits for no command that is going out."""
         self.close()
         if self.actuator is not None:
-            self._shown_on = self.actuator.off().output_on
+            self.actuator.off()
 
     def undo_late_command(self) -> None:
         """Off again if a command that was going out while the gate closed has come through."""
@@ -104,7 +102,7 @@ class OutputPump:
                 and self._gate is None
                 and self.actuator.rig.state is RigState.ON
             ):
-                self._shown_on = self.actuator.off().output_on
+                self.actuator.off()
         finally:
             if free:
                 self._pumping.release()
@@ -129,7 +127,7 @@ class OutputPump:
             if command != self._written or now_s - self._written_s >= self._interval_s:
                 self._written_s, self._written = now_s, command
                 self._bring_out(now_s, command)
-            if not self.output_on:
+            if not self.output.on:
                 self._up_s = math.inf
             self._tell()
             if failure := self._shared.played.read().failure:
@@ -166,12 +164,12 @@ class OutputPump:
             return
         if not command.output_on and actuator.rig.state in (RigState.OFF, RigState.TRIPPED):
             return
-        was_on = self.output_on
+        was_on = self.output.on
         try:
             actuator.command(now_s, command)
         except BaseException as error:  # the pump goes on, whatever a plug-in raises
             self._failed(error)
-        if self.output_on and not was_on:
+        if self.output.on and not was_on:
             self._up_s = (
                 self._clock() + START_S
             )  # after the dialogue, which takes as long as it likes

@@ -20,6 +20,7 @@ from haptic_driver.daemon.set_up import DaemonSettings, daemon_settings
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.processes.compilation import compilation_said
 from haptic_driver.processes.real_time import take_precedence
+from haptic_driver.rig.evidence import KnownOutput
 
 KEEP_PERIOD_S = 1.0  # between looks at the socket's name
 PAGE_FOLDER = Path(__file__).parent / "web" / "dashboard"
@@ -63,11 +64,8 @@ def run_daemon(
         with compilation_said("daemon"):
             settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, slide=slide)
             partners = _partners(settings, links)
-            return (
-                0
-                if _serve_until(ended, settings, place, tcp_port, partners, announce) is False
-                else 1
-            )
+            output = _serve_until(ended, settings, place, tcp_port, partners, announce)
+            return 0 if output.on is False else 1
     finally:
         place.close()
 
@@ -79,8 +77,8 @@ def _serve_until(
     tcp_port: int | None,
     partners: _Partners,
     announce: Callable[[Path, str | None], None],
-) -> bool | None:
-    """Whether the output is on at the end; None: unknown."""
+) -> KnownOutput:
+    """What was known of the output when the instruments were let go."""
     daemon = Daemon(settings, ended=ended)
     daemon.start()
     try:
@@ -102,14 +100,13 @@ def _serve_until(
                     place.keep()
             daemon.disarm()  # before anything that takes time
     finally:
-        output_on = daemon.close()
-        said = {False: "off", True: "ON", None: "UNKNOWN"}[output_on]
+        output = daemon.close()
         _log.log(
-            logging.ERROR if output_on is not False else logging.INFO,
-            "ended; the output is %s",
-            said,
+            logging.ERROR if output.on is not False else logging.INFO,
+            "ended; when the instruments were let go the output was %s",
+            output,
         )
-    return output_on
+    return output
 
 
 class _Partners(NamedTuple):

@@ -31,6 +31,7 @@ from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.devices import modulation_input
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
@@ -172,7 +173,7 @@ class Supervisor:
                 self._lose(name, f"{name} has said nothing for {silent_s:.2g} s")
         if now_s - self._looked_s >= LOOK_PERIOD_S:
             self._looked_s = now_s
-            if self.instruments is not None and not self.missing:
+            if self.instruments is not None:
                 self._look_at(self.instruments, now_s)
 
     def claim_render(self) -> None:
@@ -209,18 +210,16 @@ class Supervisor:
         self._ending.set()
         join_within(END_S, self._threads)
 
-    def close(self) -> bool | None:
-        """Switch off and end everything, after `end`; whether the output is on (None: unknown).
-        Never raises.
+    def close(self) -> KnownOutput:
+        """Switch off and end everything, after `end`; what was known of the output when the
+        instruments were let go. Never raises.
         """
-        output_on = (
-            self.instruments.close()
-            if self.instruments is not None
-            else self._orders.pump.output_on
+        output = (
+            self.instruments.close() if self.instruments is not None else self._orders.pump.output
         )
         for child in self._children.values():
             child.stop()
-        return output_on
+        return output
 
     # --- starting
     # --------------------------------------------------------------------------------------------
@@ -330,17 +329,24 @@ class Supervisor:
             self._orders.fail(f"{said}: {error.hint}")
 
     def _look_at(self, instruments: Instruments, now_s: float) -> None:
+        """See to the rig's output, always; to the rest while nothing is being brought back."""
+        if not self.missing and self._loses(instruments, now_s):
+            return
+        instruments.rig.watch(self._clock())  # what came before may have waited
+
+    def _loses(self, instruments: Instruments, now_s: float) -> bool:
+        """Whether a part of them was found lost just now."""
         if why := self._why_lost(instruments, now_s):
             self._lose(INSTRUMENTS, why)
-            return
+            return True
         if instruments.rig.state is RigState.OFF and not self._orders.rendering:
             try:
                 instruments.check_watchdog()
             except DeviceError as error:
                 # a new one has to look at the load stage, whose port its driver holds
                 self._lose(INSTRUMENTS if self.load.present else WATCHDOG, error.message)
-                return
-        instruments.rig.watch(self._clock())  # what came before may have waited
+                return True
+        return False
 
     def _why_lost(self, instruments: Instruments, now_s: float) -> str | None:
         """Why the instruments have to be connected anew; None where they have not."""

@@ -61,7 +61,7 @@ def lease(watched: Watched, now_s: float) -> None:
     if over:
         orders.raise_flag(Flag.LEASE_LOST)
         orders.withdraw(orders.machine.disarm)
-        watched.events.tell("lease", "the lease ran out; output off")
+        watched.events.tell("lease", f"the lease ran out; {orders.said}")
 
 
 def render(watched: Watched, now_s: float) -> None:
@@ -132,7 +132,7 @@ def _end_script(watched: Watched, number: int) -> None:
         try:
             if orders.order.target == number:
                 orders.withdraw(orders.machine.off)
-                watched.events.tell("state", "the script has ended; the daemon is armed")
+                watched.events.tell("state", f"the script has ended; {orders.said}")
         finally:
             watched.targets.choosing.release()
 

@@ -20,7 +20,7 @@ from haptic_driver.public.picture import Picture
 from haptic_driver.public.surfaces import Surface, surface
 from haptic_driver.render.texture import Texture, Uniform
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.slide import TICK_S, Slide
 from haptic_driver.simulation.rig import SimulatedRig as Bench
 from haptic_driver.simulation.slide import Score, SlideRecord, score
@@ -48,7 +48,7 @@ class SlideResult:
         return self.record.max_voltage_v
 
     @property
-    def off(self) -> OffEvidence:
+    def off(self) -> KnownOutput:
         """What shows that the output is off at the end."""
         return self.record.off
 

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from math import inf, nan
 
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.rig import Rig
 from haptic_driver.rig.states import RigState
@@ -47,7 +47,7 @@ class Actuator(ABC):
             self.switched += 1
             self._came_on_s = time_s
 
-    def off(self) -> OffEvidence:
+    def off(self) -> KnownOutput:
         """Off at once, from any thread; never raises."""
         return self.rig.off()
 

@@ -7,7 +7,6 @@ the other end of a resource; a simulated instrument behind the same name is driv
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +16,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.processes.patience import done_within
 from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.evidence import OffEvidence, tried
+from haptic_driver.rig.evidence import REAL_TIME, Clock, KnownOutput, tried
 from haptic_driver.rig.load_loop import LoadStage
 from haptic_driver.rig.part import NO_WATCHDOG, NoPart, Wiring
 from haptic_driver.rig.parts.generators import CarrierConfig
@@ -79,15 +78,16 @@ class Devices:
             self.close()
             raise
 
-    def close(self) -> OffEvidence:
-        """Switch off, close everything, and return what is known about the output. Never raises.
+    def close(self) -> KnownOutput:
+        """Switch off, close everything, and return what was known about the output when the
+        generator was hung up: nobody can look after that. Never raises.
 
         A device that hangs keeps nobody from the next.
         """
-        evidence = self.rig.close()
+        output = self.rig.close()
         for step in self.closing:
             done_within(CLOSE_S, partial(tried, step, None))
-        return evidence
+        return output
 
     def __enter__(self) -> Self:
         self.open()
@@ -216,7 +216,7 @@ def build_rig(
     modulated: bool = False,
     heartbeats: Sequence[Heartbeat] = (),
     on_event: Callable[[RigEvent], None] = lambda event: None,
-    sleep: Callable[[float], None] = time.sleep,
+    clock: Clock = REAL_TIME,
 ) -> Rig:
     """The devices of `config`, its generator behind `port` and its amplifier on `lines`; nothing is
     opened yet.
@@ -235,7 +235,7 @@ def build_rig(
         modulated=modulated,
         heartbeats=heartbeats,
         on_event=on_event,
-        sleep=sleep,
+        clock=clock,
     )
 
 

@@ -8,14 +8,21 @@ it off, and monitor.py what trips.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.evidence import MONITOR_QUIET_V, OffEvidence, tried
+from haptic_driver.rig.evidence import (
+    COMMANDED_ON,
+    FRESH_S,
+    MONITOR_QUIET_V,
+    REAL_TIME,
+    Clock,
+    KnownOutput,
+    tried,
+)
 from haptic_driver.rig.states import Happening, RigEvent, RigState, Withdrawn
 from haptic_driver.rig.switch import OutputSwitch
 from haptic_driver.signals import DriveCommand
@@ -28,8 +35,10 @@ from hw.generator.settings import Shape
 from hw.safety.watchdog import NOT_BEATEN
 
 ROUNDING = 1.0 + 1e-6
-LOOK_S = 1.0  # between looks at an output that is off
-UNANSWERED_S = 30.0  # until the next, where nobody answers
+# Between looks at an output that is off: twice as often as their evidence gets old.
+LOOK_S = 0.5 * FRESH_S
+# Between questions to a generator that does not answer, where the amplifier's line says off.
+UNANSWERED_S = 30.0
 
 
 class _SetPoint(NamedTuple):
@@ -84,9 +93,9 @@ class Rig:
         modulated: bool = False,
         heartbeats: Sequence[Heartbeat] = (),
         on_event: Callable[[RigEvent], None] = lambda event: None,
-        sleep: Callable[[float], None] = time.sleep,
+        clock: Clock = REAL_TIME,
     ) -> None:
-        self._config, self._safety = config, config.safety
+        self._config, self._safety, self._clock = config, config.safety, clock
         self._generator = generator
         self._amplifier = amplifier
         self._force_sensor = force_sensor
@@ -98,15 +107,15 @@ class Rig:
             heartbeats,
             modulated=modulated,
             on_event=on_event,
-            sleep=sleep,
+            clock=clock,
         )
         self._states = self._switch.states
         self._interval_s = config.output.setpoint_interval_s
         self._step_v = config.output.voltage_rise_v_per_s * self._interval_s
         self._written: _SetPoint | None = None
         self._times_off_at_last_write = 0
-        self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = (
-            self._look_at_s
+        self._refreshed_s = self._beaten_s = self._rested_s = self._tried_off_s = self._looked_s = (
+            self._asked_s
         ) = -math.inf
 
     @property
@@ -116,8 +125,22 @@ class Rig:
 
     @property
     def state(self) -> RigState:
-        """What is known of the output now; a trip outlasts everything but `reset_trip`."""
-        return self._states.shown
+        """What is known of the output now; a trip outlasts everything but `reset_trip`.
+
+        OFF becomes UNKNOWN where nobody has looked for longer than evidence counts.
+        """
+        shown = self._states.shown
+        is_old = shown is RigState.OFF and self.output.on is not False
+        return RigState.UNKNOWN if is_old else shown
+
+    @property
+    def output(self) -> KnownOutput:
+        """Whether there is output, by its commands while it is on and by fresh evidence while it is
+        not.
+        """
+        if self._states.shown is RigState.ON:
+            return COMMANDED_ON
+        return self._switch.known.at(self._clock.now_s())
 
     @property
     def minimum_voltage_v(self) -> float:
@@ -143,10 +166,12 @@ class Rig:
         with self._safe():
             self._amplifier.disable()
             self._generator.connect()
-        evidence = self.off()
-        if evidence.output_on is not False:
+        output = self.off()
+        if output.on is not False:
             raise HapticError(
-                "not_off", f"connected, but {evidence}", "find what drives the electrode"
+                "not_off",
+                f"connected, but the output is {output}",
+                "find what drives the electrode",
             )
 
     def command(
@@ -196,7 +221,8 @@ class Rig:
         """Switch off what is not refreshed, compare monitor and command, look at the fault line,
         retry a failed off.
 
-        An output that is off is asked about every second: somebody may have switched it on by hand.
+        An output that is off is asked about twice a second: somebody may have switched it on by
+        hand.
 
         For whoever watches over the caller; refreshes nothing. Raises HapticError when the rig
         trips or the output cannot be shown to be off.
@@ -236,12 +262,12 @@ class Rig:
         """The same as somebody read them last; None where nobody has."""
         return self._amplifier.seen_voltage_v, self._amplifier.seen_current_a
 
-    def off(self) -> OffEvidence:
+    def off(self) -> KnownOutput:
         """Off at once: amplifier disabled first, since its line is fast; then the generator.
 
         Never raises; says what is known.
         """
-        return self._switch.off()
+        return self._switch.off().at(self._clock.now_s())
 
     def reset_trip(self) -> None:
         """Allow the output to come on again; raises HapticError while the reason may still be
@@ -250,11 +276,11 @@ class Rig:
         if self.state is RigState.TRIPPED:
             self._switch.reset_trip()
 
-    def close(self) -> OffEvidence:
+    def close(self) -> KnownOutput:
         """Switch off at once, hang up, and return what is known about the output. Never raises."""
-        evidence = self.off()
+        output = self.off()
         tried(self._generator.close, None)
-        return evidence
+        return output
 
     # --- on
     # --------------------------------------------------------------------------------------------
@@ -340,18 +366,22 @@ class Rig:
     def _look(self, time_s: float) -> None:
         """See that an output that was switched off still is; what was true once is no evidence for
         long.
+
+        A generator that does not answer is switched off for the night, maybe: the amplifier's line
+        is evidence as well. Whatever it answers, also to `off`, has it asked with every look again.
         """
         if self._switch.may_be_on:
-            self._look_at_s = -math.inf
-        elif not 0.0 < self._look_at_s - time_s <= UNANSWERED_S:
-            self._look_at_s = time_s + LOOK_S
-            try:
-                self._switch.look()
-            except (
-                DeviceError
-            ):  # switched off for the night, maybe: the amplifier's line is evidence as well
-                self._look_at_s = time_s + UNANSWERED_S
-                self._off_for_certain(time_s)
+            self._looked_s = self._asked_s = -math.inf
+            return
+        if 0.0 <= time_s - self._looked_s < LOOK_S:
+            return
+        silent = self._switch.known.generator_off is None
+        asks = not (silent and 0.0 <= time_s - self._asked_s < UNANSWERED_S)
+        self._looked_s = time_s
+        self._asked_s = time_s if asks else self._asked_s
+        found = self._switch.look(asks)
+        if (asks and found.generator_off is None) or self.output.on is not False:
+            self._off_for_certain(time_s)
 
     def _rest(self, time_s: float) -> None:
         """Have heartbeats hear from us between two touches, too: one that has stopped is known
@@ -367,11 +397,11 @@ class Rig:
 
     def _off_for_certain(self, time_s: float) -> None:
         self._tried_off_s = time_s
-        evidence = self.off()
-        if evidence.output_on is not False:
+        output = self.off()
+        if output.on is not False:
             raise HapticError(
                 "not_off",
-                f"the output may still be on: {evidence}",
+                f"the output may still be on: {output}",
                 "switch the amplifier off by hand",
             )
 
@@ -397,17 +427,14 @@ class Rig:
             self.off()
         except DeviceError as error:
             cause = self._cause()
-            evidence = self.off()
-            raise HapticError(
-                error.code, f"{error.message}{cause} (output: {evidence})", error.hint
-            ) from error
+            said = f"{error.message}{cause}; output {self.off()}"
+            raise HapticError(error.code, said, error.hint) from error
         except HapticError:
             if self.state is not RigState.TRIPPED:  # a trip has switched off already
                 self.off()
             raise
         except Exception as error:  # of a library that has errors of its own
-            evidence = self.off()
-            said = f"{type(error).__name__}: {error} (output: {evidence})"
+            said = f"{type(error).__name__}: {error}; output {self.off()}"
             raise HapticError(
                 "device_error", said, "a fault of the program; look at the log"
             ) from error

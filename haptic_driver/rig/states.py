@@ -103,8 +103,8 @@ class OutputStates:
     """Where the output is. A (state, event) pair outside the table leaves the state unchanged.
 
     Every change that `RigState` shows is logged, kept in `events` (the last 1000), and passed to
-    `on_event`. Starting is reported when it is over. `now_s` is the time of the caller's newest
-    command.
+    `on_event`; so is, as UNKNOWN, that a tripped output is not shown to be off any more. Starting
+    is reported when it is over. `now_s` is the time of the caller's newest command.
     """
 
     def __init__(self, on_event: Callable[[RigEvent], None]) -> None:
@@ -112,6 +112,7 @@ class OutputStates:
         self.events: deque[RigEvent] = deque(maxlen=EVENTS_KEPT)
         self.now_s = math.nan
         self.trip_reason: str | None = None
+        self._told: Output | None = None
         self._on_event = on_event
         self._changing = threading.Lock()
 
@@ -124,14 +125,19 @@ class OutputStates:
         """Move on. The first reason of a trip is kept until it is reset."""
         with self._changing:
             before, self.output = self.output, _MOVES[what].get(self.output, self.output)
-            is_told = self.output is not _STARTING and (
-                not self.events or self.events[-1].state is not self.shown
+            told = self._told
+            if self.output is not _STARTING:
+                self._told = self.output
+            is_lost = (told, self._told) == (_TRIPPED, _TRIPPED_UNKNOWN)
+            is_told = self._told is not told and (
+                is_lost or told is None or _SHOWN[told] is not self.shown
             )
             if self.shown is not RigState.TRIPPED:
                 self.trip_reason = None
             elif _SHOWN[before] is not RigState.TRIPPED:
                 self.trip_reason = reason
-            event = RigEvent(self.now_s, self.shown, reason)
+            state = RigState.UNKNOWN if is_lost else self.shown
+            event = RigEvent(self.now_s, state, reason)
             if is_told:
                 self.events.append(event)
         if is_told:

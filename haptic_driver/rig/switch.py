@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.evidence import NOTHING_KNOWN, OffEvidence, switch_off, tried
+from haptic_driver.rig.evidence import NOTHING_KNOWN, Clock, OffEvidence, switch_off, tried
 from haptic_driver.rig.monitor import VoltageCheck, line_contradiction
 from haptic_driver.rig.states import Happening, OutputStates, RigEvent, Withdrawals
 from hw.amplifier.analog import AmplifierState, AnalogAmplifier
@@ -39,14 +39,15 @@ class OutputSwitch:
         *,
         modulated: bool,
         on_event: Callable[[RigEvent], None],
-        sleep: Callable[[float], None],
+        clock: Clock,
     ) -> None:
         self.states = OutputStates(on_event)
+        self.known = NOTHING_KNOWN  # of an output that may not be on
         self._generator = generator
         self._amplifier = amplifier
         self._heartbeats = tuple(heartbeats)
         self._modulation = ExternalModulation() if modulated else None
-        self._sleep = sleep
+        self._clock = clock
         self._settle_s = config.safety.settle_s
         self._lock_timeout_s = 4.0 * config.waveform_generator.reply_timeout_s
         self._voltage = VoltageCheck(config.safety, modulated)
@@ -82,6 +83,7 @@ class OutputSwitch:
         """Output on at the generator's minimum, then the amplifier enabled."""
         if self._amplifier.fault:
             self._trip("the amplifier's fault line says fault")
+        self.known = NOTHING_KNOWN
         self.states.happens(Happening.STARTS, "commanded")
         self.set_point(frequency_hz, self._generator.minimum_voltage_v)
         self._generator.set_output(True)
@@ -120,15 +122,26 @@ class OutputSwitch:
         if contradiction:
             self._trip(contradiction)
 
-    def look(self) -> None:
-        """Trip when the generator says that it is on, though it was switched off: somebody else
-        drives it.
+    def look(self, ask_generator: bool) -> OffEvidence:
+        """See whether an output that was switched off still is; trip when the generator says ON:
+        somebody else drives it.
         """
-        if self._generator.is_on():
+        seen_s = self._clock.now_s()
+        is_on = tried(self._generator.is_on, None) if ask_generator else None
+        if is_on:
             self._trip(
                 "the generator's output is on, though it was switched off: somebody else switched"
                 " it on"
             )
+        evidence = OffEvidence(
+            None if is_on is None else not is_on,
+            self._amplifier.state,
+            self._amplifier.monitor_voltage_v(),
+            seen_s,
+        )
+        self._permit.check()
+        self.known = evidence
+        return evidence
 
     def off(self) -> OffEvidence:
         """Off at once, from any thread, and what is known of it. Never raises, and always
@@ -161,7 +174,8 @@ class OutputSwitch:
     def reset_trip(self) -> None:
         """Allow it to come on again; raises HapticError while the reason may still be there."""
         evidence = self.off()
-        reasons = [f"{evidence}"] if evidence.output_on is not False else []
+        output = evidence.at(self._clock.now_s())
+        reasons = [] if output.on is False else [f"the output is {output}"]
         reasons += ["the amplifier's fault line says fault"] if self._amplifier.fault else []
         if reasons:
             tripped = f"the rig stays tripped ({self.states.trip_reason})"
@@ -179,24 +193,25 @@ class OutputSwitch:
         evidence = self.off()
         raise HapticError(
             "tripped",
-            f"the rig tripped: {reason} (output: {evidence})",
+            f"the rig tripped: {reason}; output {evidence.at(self._clock.now_s())}",
             "remove the cause, then reset",
         )
 
     def _switch_off(self) -> OffEvidence:
-        return switch_off(self._generator, self._amplifier, self._settle_s, self._sleep)
+        return switch_off(self._generator, self._amplifier, self._settle_s, self._clock)
 
     def _conclude(self, evidence: OffEvidence) -> None:
         """Believe the evidence, and no more."""
-        shown = evidence.output_on is False
+        self.known = evidence
+        output = evidence.at(self._clock.now_s())
+        on, said = output.on, str(output)
+        shown = on is False
         self._voltage.switched_off(shown)
         if shown:
             for heartbeat in self._heartbeats:
                 tried(heartbeat.rest, None)
-        elif evidence.output_on:
+        elif on:
             self.states.happens(
-                Happening.TRIPS, f"the output is on after being switched off: {evidence}"
+                Happening.TRIPS, f"the output is on after being switched off: {said}"
             )
-        self.states.happens(
-            Happening.SHOWN_OFF if shown else Happening.NOT_SHOWN_OFF, str(evidence)
-        )
+        self.states.happens(Happening.SHOWN_OFF if shown else Happening.NOT_SHOWN_OFF, said)

@@ -13,6 +13,7 @@ from typing import Self
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import build_rig, carrier_output
+from haptic_driver.rig.evidence import Clock
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
 from haptic_driver.rig.parts.electrode_monitors import SimulatedElectrodeMonitorConfig
@@ -101,7 +102,12 @@ class SimulatedRig:
         )
         lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
         self.rig = build_rig(
-            config, port, self._sensor, lines, modulated=self.analog_output is not None
+            config,
+            port,
+            self._sensor,
+            lines,
+            modulated=self.analog_output is not None,
+            clock=Clock(lambda: self.time_s),
         )
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:

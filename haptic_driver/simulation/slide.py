@@ -11,7 +11,7 @@ from haptic_driver.fidelity.measure import Fidelity
 from haptic_driver.fidelity.perception import Perception, load_perception
 from haptic_driver.fidelity.samples import fidelity_of_samples, sliding
 from haptic_driver.fidelity.strokes import moving_average, runs
-from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.slide import TICK_S, Slide
 from haptic_driver.signals import Array, Mask
 
@@ -39,7 +39,7 @@ class SlideRecord:
     lowest_voltage_v: float
     max_voltage_v: float
     rejections: int
-    off: OffEvidence
+    off: KnownOutput
     reach_hz: float
     noise_n: float
 

@@ -49,7 +49,7 @@ def made_record(count=100, samples=None, **changed):
         "lowest_voltage_v": 1.0,
         "max_voltage_v": 77.0,
         "rejections": 0,
-        "off": OffEvidence(True, AmplifierState.DISABLED, 0.0),
+        "off": OffEvidence(True, AmplifierState.DISABLED, 0.0, 0.0).at(0.0),
         "reach_hz": 500.0,
         "noise_n": 0.0,
     }

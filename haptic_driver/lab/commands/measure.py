@@ -34,8 +34,7 @@ from haptic_driver.lab.measuring.start_line import start_line
 from haptic_driver.lab.strokes.file import StrokesFile, require_free, strokes_path
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.evidence import OffEvidence
-from haptic_driver.rig.states import RigState
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.simulation.finger_function import load_finger
 from haptic_driver.simulation.finger_model import with_hidden
 from model.effects.interventions import BY_INTERVENTION, NOTHING
@@ -140,14 +139,10 @@ def measure(
             with bench:
                 off = run(experiment, bench, data, advance, advance.tell, strokes)
         except KeyboardInterrupt as stop:
-            is_off = bench.rig.state is RigState.OFF
-            output = (
-                "the output is off"
-                if is_off
-                else "the output MAY STILL BE ON: switch the amplifier off by hand"
-            )
-            said = f"interrupted; {data.done} of {total} rows are in {out}, {output}"
-            raise HapticError("interrupted", said, "Continue with --resume") from stop
+            output = bench.rig.output
+            said = f"interrupted; {data.done} of {total} rows are in {out}, the output is {output}"
+            hint = "" if output.on is False else "Switch the amplifier off by hand. "
+            raise HapticError("interrupted", said, f"{hint}Continue with --resume") from stop
     stray = _check_spectra(experiment, out)
     payload = _payload(experiment, data.done, out, stray)
     payload |= {} if line is None else {"edges": line.reader.edges, "edges_ignored": line.ignored}
@@ -253,7 +248,7 @@ def _tell_refused(experiment: Experiment, strict: bool) -> None:
     stderr.print(f"warning: {said}; {experiment.skipped} rows are skipped")
 
 
-def _show(experiment: Experiment, out: Path, off: OffEvidence, stray: Stray | None) -> None:
+def _show(experiment: Experiment, out: Path, off: KnownOutput, stray: Stray | None) -> None:
     measured = f"{len(experiment.rows)} rows of plan '{experiment.plan.name}' on "
     if experiment.config.simulated:
         minutes = f" rig -> {out} ({experiment.duration_s / 60:.1f} min of simulated time)"

@@ -27,7 +27,7 @@ from haptic_driver.lab.strokes.file import StrokesFile
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.render import drive, safety
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.evidence import OffEvidence
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.rig import Rig, require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import Array
@@ -164,7 +164,7 @@ def run(
     progress: Callable[[int], None] = lambda done: None,
     tell: Callable[[str], None] = lambda what: None,
     strokes: StrokesFile | None = None,
-) -> OffEvidence:
+) -> KnownOutput:
     """Measure what `data` does not have yet, row by row, on a bench that has been entered.
 
     `progress` is called with the number of rows done, `tell` with why a row is measured again. What
@@ -181,8 +181,8 @@ def run(
             data.append(row, *_measure_at_last(experiment, bench, number, row, tell, strokes))
             progress(data.done)
     finally:
-        evidence = bench.rig.off()
-    return _require_off(evidence)
+        output = bench.rig.off()
+    return _require_off(output)
 
 
 class MeasuredRow(NamedTuple):
@@ -256,8 +256,8 @@ def measure_row(
         ended_s = bench.time_s - began_s
         bench.end_row()
     finally:
-        evidence = bench.rig.off()
-    _require_off(evidence)
+        output = bench.rig.off()
+    _require_off(output)
     frames = [] if bench.camera is None else bench.camera.frames()  # may wait: nothing is on
     bench.step(plan.pause_s, 0.0, 0.0)
     electrode = mean_reading(readings)
@@ -413,9 +413,8 @@ def _session_time_s(experiment: Experiment, data: DataFile, session: int) -> flo
     return data.last_time_s + 0.5 * (plan.average_s - READING_S) + plan.pause_s
 
 
-def _require_off(evidence: OffEvidence) -> OffEvidence:
-    if evidence.output_on is not False:
-        raise HapticError(
-            "not_off", f"the output may still be on: {evidence}", "Switch the amplifier off by hand"
-        )
-    return evidence
+def _require_off(output: KnownOutput) -> KnownOutput:
+    if output.on is not False:
+        said = f"the output may still be on: {output}"
+        raise HapticError("not_off", said, "Switch the amplifier off by hand")
+    return output

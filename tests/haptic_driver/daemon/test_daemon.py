@@ -75,7 +75,7 @@ def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_p
     said = process.stderr.read()
     process.stderr.close()
     assert process.wait(HANG_S) == 0
-    assert "the output is off" in said
+    assert "the output was off" in said
     assert not path.exists()
 
 

@@ -20,6 +20,7 @@ from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import build_rig, modulation_input
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead
+from haptic_driver.rig.evidence import Clock
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.states import RigState
@@ -64,10 +65,11 @@ class Loop:
             sensor,
             Wiring(enable=self.amplifier, voltage_monitor=self.amplifier),
             modulated=self.card is not None,
-            sleep=lambda seconds: None,
+            clock=Clock(lambda: self.now_s, lambda seconds: None),
         )
+        self.now_s = 1000.0
         self.rig.connect()
-        self.shared, self.now_s, self.order, self.number = SharedState(), 1000.0, NO_ORDER, 0
+        self.shared, self.order, self.number = SharedState(), NO_ORDER, 0
         self.failures = []
         self.pump = OutputPump(
             self.shared,
@@ -136,7 +138,7 @@ class Loop:
         return self.shared.ring.read(position).samples
 
     def close(self):
-        assert self.rig.close().output_on is False
+        assert self.rig.close().on is False
         if self.card is not None:
             self.card.close()
         self.shared.close()
@@ -188,11 +190,11 @@ def test_nothing_goes_out_through_a_closed_gate(start):
     loop.set(0.65)
     loop.run(0.5)
     assert loop.amplifier.voltage_v > 50.0
-    assert loop.pump.output_on is True
+    assert loop.pump.output.on is True
     loop.pump.close()
-    assert loop.pump.output_on is None  # a fault and what it leaves unknown are told in one step
+    assert loop.pump.output.on is None  # a fault and what it leaves unknown are told in one step
     loop.run(0.05)
-    assert loop.pump.output_on is False
+    assert loop.pump.output.on is False
     assert loop.amplifier.voltage_v == 0.0
     assert loop.rig.events[-1].state is RigState.OFF
 

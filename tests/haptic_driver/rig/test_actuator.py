@@ -15,6 +15,7 @@ from haptic_driver.rig.actuator import (
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import build_rig, modulation_input
 from haptic_driver.rig.envelope_writer import EnvelopeWriter
+from haptic_driver.rig.evidence import Clock
 from haptic_driver.rig.part import Wiring
 from haptic_driver.signals import NO_COMMAND, NO_COURSE, Course, DriveCommand
 from haptic_driver.simulation.instruments import simulated_amplifier, simulated_generator
@@ -49,7 +50,7 @@ class Bench:
             sensor,
             Wiring(enable=self.electrode, voltage_monitor=self),
             modulated=True,
-            sleep=lambda seconds: None,
+            clock=Clock(sleep=lambda seconds: None),
         )
         self.time_s, self.seen_v = 1.0, []
         self.actuator = make_actuator(config, self.rig)
@@ -98,7 +99,7 @@ def bench():
     bench.connect()
     yield bench
     bench.output.close()
-    assert bench.rig.close().output_on is False
+    assert bench.rig.close().on is False
 
 
 def test_the_electrode_follows_the_voltages_straight_in_their_square_and_late_by_the_lead(bench):
@@ -257,7 +258,7 @@ def test_an_output_that_fails_says_so(bench):
 
 def test_off_leaves_nothing(bench):
     bench.run(np.full(300, 90.0))
-    assert bench.actuator.off().output_on is False
+    assert bench.actuator.off().on is False
     bench.step()
     assert bench.seen_v[-1] == 0.0
 
@@ -293,7 +294,7 @@ def test_set_points_are_the_command(rig_config, touch):
             actuator.command(1e-3 * k, ON)
             bench.step(1e-3, 0.5, 0.04)
         assert bench.instruments.voltage_v == pytest.approx(80.0, rel=1e-3)
-        assert actuator.off().output_on is False
+        assert actuator.off().on is False
         assert bench.instruments.voltage_v == 0.0
 
 

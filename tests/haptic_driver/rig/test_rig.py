@@ -14,7 +14,7 @@ import pytest
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig, SafetySettings
 from haptic_driver.rig.devices import build_rig
-from haptic_driver.rig.evidence import OffEvidence, switch_off
+from haptic_driver.rig.evidence import Clock, OffEvidence, switch_off
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_inputs import NiAnalogInputsConfig
 from haptic_driver.rig.states import RigState, Withdrawals, Withdrawn
@@ -301,18 +301,23 @@ ENABLED, DISABLED, UNKNOWN = AmplifierState.ENABLED, AmplifierState.DISABLED, Am
     ],
 )
 def test_off_is_claimed_only_with_evidence(generator_off, amplifier, output_on):
-    assert OffEvidence(generator_off, amplifier, None).output_on is output_on
+    assert OffEvidence(generator_off, amplifier, None, 5.0).at(5.0).on is output_on
 
 
 def test_evidence_in_words():
-    assert (
-        str(OffEvidence(None, UNKNOWN, None))
-        == "generator does not answer, amplifier unknown, no monitor"
-    )
-    assert (
-        str(OffEvidence(False, ENABLED, 87.66))
-        == "generator says ON, amplifier enabled, monitor reads 87.7 V"
-    )
+    unknown = OffEvidence(None, UNKNOWN, None, 5.0).at(5.0)
+    by = "generator does not answer, amplifier unknown, no monitor"
+    assert str(unknown) == f"UNKNOWN ({by}, 0.0 s ago)"
+    on = OffEvidence(False, ENABLED, 87.66, 5.0).at(5.4)
+    assert str(on) == "ON (generator says ON, amplifier enabled, monitor reads 87.7 V, 0.4 s ago)"
+
+
+@pytest.mark.parametrize("age_s", [1.001, 30.0, -0.001, math.nan])
+def test_what_instruments_said_counts_for_a_second(age_s):
+    """Nor does an answer count that is of a time to come."""
+    said = OffEvidence(True, DISABLED, 0.0, 5.0)
+    assert said.at(6.0).on is False
+    assert said.at(5.0 + age_s).on is None
 
 
 @pytest.mark.parametrize("enable", [True, False])
@@ -327,11 +332,9 @@ def test_what_off_claims_is_so(rig_config, enable, answers):
         )  # the message is lost as well: the generator stays on
     evidence = bench.rig.off()
     known_off = enable or answers
-    assert (
-        evidence.output_on is not known_off
-    )  # a generator that does not answer is seen by the monitor
+    assert evidence.on is not known_off  # a generator that does not answer is seen by the monitor
     assert (bench.voltage_v == 0.0) is known_off
-    assert evidence.generator_off is (True if answers else None)
+    assert evidence.by.generator_off is (True if answers else None)
 
 
 def test_the_monitors_reading_is_volts_at_the_electrode(rig_config):
@@ -339,22 +342,22 @@ def test_the_monitors_reading_is_volts_at_the_electrode(rig_config):
     bench.rig.command(0.0, on(80.0))
     assert bench.voltage_v == pytest.approx(80.0, rel=1e-3)
     bench.faults.inject(Fault.HANG, count=math.inf)
-    assert bench.rig.off().monitor_v == pytest.approx(80.0, rel=1e-3)
+    assert bench.rig.off().by.monitor_v == pytest.approx(80.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("generator_off", [True, None])
 def test_off_is_not_claimed_while_the_monitor_reads_high_voltage(generator_off):
     """Two witnesses against each other: what is on the electrode is what the monitor sees there."""
-    assert OffEvidence(generator_off, DISABLED, 120.0).output_on is not False
+    assert OffEvidence(generator_off, DISABLED, 120.0, 5.0).at(5.0).on is not False
 
 
 def test_no_monitor_is_no_reading(rig_config):
-    assert Bench(rig_config, monitor=False).rig.off().monitor_v is None
+    assert Bench(rig_config, monitor=False).rig.off().by.monitor_v is None
 
 
 def test_closing_switches_off_and_says_so(bench):
     bench.rig.command(0.0, on(80.0))
-    assert bench.rig.close().output_on is False
+    assert bench.rig.close().on is False
     assert bench.voltage_v == 0.0
 
 
@@ -400,7 +403,7 @@ def test_output_that_lapses_and_is_not_shown_off_is_told_after_one_try(rig_confi
     bench.rig.command(0.0, on(50.0))
     bench.wire.take()
     bench.faults.inject(Fault.HANG, count=math.inf)
-    assert bench.rig.off().output_on is None
+    assert bench.rig.off().on is None
     one_try = bench.wire.take()
     assert one_try
     bench.faults.heal()
@@ -523,7 +526,7 @@ def test_a_heart_does_not_rest_while_the_output_is_unknown(rig_config):
     bench.rig.command(0.0, on(50.0))
     rests = heart.rests
     bench.faults.inject(Fault.HANG, count=math.inf)
-    assert bench.rig.off().output_on is None
+    assert bench.rig.off().on is None
     assert heart.rests == rests
 
 
@@ -676,7 +679,7 @@ def test_a_generator_that_somebody_switches_on_while_off_is_a_trip(rig_config, m
     """
     bench = Bench(rig_config, monitor=monitor)
     bench.rig.watch(10.0)
-    bench.rig.watch(10.5)
+    bench.rig.watch(10.4)
     assert len([said for said in bench.wire.take() if "OUTP?" in said]) == 1  # not with every look
     bench.generator.handle(b"OUTP ON\n")
     with pytest.raises(HapticError, match="somebody else switched it on"):
@@ -797,15 +800,15 @@ def dropping(rig_config):
 def test_off_over_a_link_with_errors_of_its_own_concludes_and_frees_the_rig(dropping):
     dropping.wire.dropped = True
     evidence = dropping.rig.off()
-    assert evidence.generator_off is None
-    assert evidence.output_on is False  # the enable line and the monitor say so
+    assert evidence.by.generator_off is None
+    assert evidence.on is False  # the enable line and the monitor say so
     assert dropping.rig.state is RigState.OFF
     dropping.wire.dropped = False
     others = []
     other = threading.Thread(target=lambda: others.append(dropping.rig.off()))
     other.start()
     other.join()
-    assert others[0].generator_off is True  # it got the lock: no "unknown"
+    assert others[0].by.generator_off is True  # it got the lock: no "unknown"
     dropping.rig.command(1.0, on(60.0))
     assert dropping.rig.state is RigState.ON
 
@@ -827,7 +830,7 @@ def test_whatever_step_of_off_fails_the_others_are_tried(bench, monkeypatch, bro
     bench.rig.command(0.0, on(60.0))
     monkeypatch.setattr(bench.rig._amplifier, broken, fails)
     evidence = bench.rig.off()
-    assert evidence.generator_off is True
+    assert evidence.by.generator_off is True
     assert bench.generator.output().on is False
     assert bench.rig.state is RigState.OFF
 
@@ -856,7 +859,7 @@ def test_a_heart_that_cannot_rest_and_a_listener_that_fails_keep_nobody_from_off
 
     bench = Bench(rig_config, heartbeats=[Restless()], on_event=deaf)
     bench.rig.command(0.0, on(60.0))
-    assert bench.rig.off().output_on is False
+    assert bench.rig.off().on is False
     assert bench.rig.state is RigState.OFF
     bench.rig.command(1.0, on(60.0))
     assert bench.rig.state is RigState.ON
@@ -864,7 +867,7 @@ def test_a_heart_that_cannot_rest_and_a_listener_that_fails_keep_nobody_from_off
 
 def test_closing_over_a_link_with_errors_of_its_own_does_not_raise(dropping):
     dropping.wire.dropped = True
-    assert dropping.rig.close().output_on is False
+    assert dropping.rig.close().on is False
 
 
 # --- faults that no test noticed once
@@ -996,7 +999,7 @@ def test_off_waits_for_whoever_is_switching_on_as_long_as_four_answers_may_take(
         return False
 
     bench.rig._switch._lock = SimpleNamespace(acquire=taken)
-    assert bench.rig.off().output_on is None
+    assert bench.rig.off().on is None
     assert waited_s == [0.0, 4.0 * rig_config.waveform_generator.reply_timeout_s]
 
 
@@ -1021,6 +1024,6 @@ def test_the_lock_is_free_after_a_command_and_after_a_stop(bench):
 def test_an_electrode_has_the_settling_time_to_discharge_and_no_more(quiet_after_s, seen_v):
     clock, generator, amplifier = ManualClock(), MagicMock(), MagicMock()
     amplifier.monitor_voltage_v = lambda: 100.0 if clock() < quiet_after_s - 1e-6 else 0.0
-    found = switch_off(generator, amplifier, 0.15, clock.sleep)
+    found = switch_off(generator, amplifier, 0.15, Clock(clock, clock.sleep))
     assert found.monitor_v == seen_v
     assert clock() == pytest.approx(min(quiet_after_s, 0.15))

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_driver.errors import HapticError
+from haptic_driver.rig import evidence
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import build_rig
 from haptic_driver.rig.part import Wiring
@@ -144,7 +145,7 @@ class Bench:
                 voltage_monitor=self.monitor if monitor else None,
                 fault=self.amplifier.fault_line if fault_line else None,
             ),
-            sleep=self.clock.sleep,
+            clock=evidence.Clock(lambda: self.clock.now_s, self.clock.sleep),
         )
 
     @property
@@ -237,8 +238,8 @@ def take(bench, what, argument):  # noqa: PLR0912 - one branch per kind of step
             bench.heal()
 
 
-def assert_honest(bench, evidence):
-    if evidence.output_on is False:
+def assert_honest(bench, output):
+    if output.on is False:
         assert bench.voltage_v == 0.0
     if bench.voltage_v > 0.0:
         assert bench.rig.state in (RigState.UNKNOWN, RigState.TRIPPED)
@@ -253,7 +254,7 @@ def run(hardware, script):
         if what != "wait":
             assert bench.clock.now_s - began_s <= CALL_BOUND_S, what
         assert bench.amplifier.max_voltage_v <= HIGHEST_V
-        if bench.rig.state is RigState.OFF:
+        if bench.rig.output.on is False:
             assert bench.voltage_v == 0.0
     assert_honest(bench, bench.rig.off())
     return bench
@@ -287,7 +288,7 @@ def recovered(bench):
     bench.power_cycle_amplifier()
     bench.rig.reset_trip()
     assert bench.rig.state is RigState.OFF
-    assert bench.rig.off().output_on is False
+    assert bench.rig.off().on is False
 
 
 def test_the_scripts_do_reach_high_voltage_and_every_state():
@@ -354,13 +355,13 @@ def test_off_is_bounded_while_another_thread_is_stuck_in_a_command(enable):
     stuck = threading.Thread(target=command)
     stuck.start()
     assert gate.stuck.wait(10.0)
-    evidence = []
-    switching = threading.Thread(target=lambda: evidence.append(rig.off()))
+    found = []
+    switching = threading.Thread(target=lambda: found.append(rig.off()))
     switching.start()
     switching.join(20.0)
     assert not switching.is_alive()
     # Even the dropped line is no evidence while a thread that may raise it again is still at it.
-    assert evidence[0].output_on is (None if enable else True)
+    assert found[0].on is (None if enable else True)
     assert (amplifier.voltage_v == 0.0) is enable
     assert rig.state is not RigState.OFF
     gate.let_go.set()
@@ -389,8 +390,8 @@ def test_off_in_the_middle_of_switching_on_wins():
     lines = Wiring(enable=amplifier, voltage_monitor=amplifier)
     rig = build_rig(CONFIG, MemoryTransport(generator), BreakableSensor(), lines)
     rig.connect()
-    evidence = []
-    other = threading.Thread(target=lambda: evidence.append(rig.off()))
+    found = []
+    other = threading.Thread(target=lambda: found.append(rig.off()))
 
     def interrupt():
         other.start()
@@ -399,7 +400,7 @@ def test_off_in_the_middle_of_switching_on_wins():
     amplifier.interrupt = interrupt
     rig.command(0.0, DriveCommand(250.0, 80.0, True))
     other.join(20.0)
-    assert evidence[0].output_on is False
+    assert found[0].on is False
     assert amplifier.read() is False
     assert generator.output().on is False
     assert rig.state is RigState.OFF

@@ -120,7 +120,7 @@ def test_the_electrode_sees_voltage_in_contact_and_none_off_the_screen(record, l
     assert (
         score(record).output_on_without_contact_s < 3 * FALL_TICKS * 1e-3
     )  # two lifts, and before the first touch
-    assert record.off.output_on is False
+    assert record.off.on is False
 
 
 def test_targets_out_of_reach_are_flagged_and_do_not_count(stages, rig_config, touch):

@@ -96,7 +96,7 @@ def test_a_whole_demo_run_replays_byte_for_byte(demo, recorded):
     assert replays[0].sent_bytes == sum(map(len, sent))
     assert len(sent) > 300  # a set point at least every 20 ms of two strokes
     np.testing.assert_array_equal(first.voltage_v, second.voltage_v)
-    assert second.off.output_on is False
+    assert second.off.on is False
     assert first.max_voltage_v == second.max_voltage_v > 50.0
 
 

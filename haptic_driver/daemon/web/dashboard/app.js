@@ -319,6 +319,7 @@ function showState(status) {
   document.body.dataset.state = state;
   say("state", state.toUpperCase());
   say("output", output.toUpperCase());
+  $("output").title = status?.output_said ?? "";
   if ($("output").className !== `pill ${output}`) $("output").className = `pill ${output}`;
   const title = `${output === "on" ? "● " : ""}${state.toUpperCase()} – haptic-driver`;
   if (document.title !== title) document.title = title;
@@ -326,9 +327,11 @@ function showState(status) {
   if (!status)
     alarm =
       "Connection to the daemon lost: what this page shows is not known to be true, and the output may be on. The daemon ramps to zero by itself when the lease runs out.";
-  else if (state === "fault") alarm = `Fault: ${status.fault}. Remove the cause, then reset.`;
-  else if (output === "unknown")
-    alarm = "Nobody knows whether the output is on. Use the emergency stop.";
+  else {
+    if (state === "fault") alarm = `Fault: ${status.fault}. Remove the cause, then reset. `;
+    if (output === "unknown")
+      alarm += "Nobody knows whether the output is on. Use the emergency stop.";
+  }
   say("alarm", alarm);
   $("alarm").hidden = alarm === "";
 }

@@ -213,13 +213,13 @@ def test_the_output_is_on_for_rows_with_voltage_only(
     bench = SimulatedBench(config, model, seed=1)
     between: list[float] = []
     with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
-        evidence = run(
+        output = run(
             experiment,
             bench,
             data,
             lambda done: between.append(bench.simulated.instruments.voltage_v),
         )
-        assert evidence.output_on is False
+        assert output.on is False
     assert between == [0.0] * len(experiment.rows)
     driven = sum(row.setting.voltage_v > 0.0 for row in experiment.rows)
     per_row = experiment.plan.settle_s + experiment.plan.average_s
@@ -284,7 +284,7 @@ def test_the_voltage_falls_when_a_row_is_interrupted(
             run(experiment, bench, data)
         assert seen
         assert bench.simulated.instruments.voltage_v == 0.0
-        assert bench.rig.off().output_on is False
+        assert bench.rig.off().on is False
     assert len(table(tmp_path / "data.csv")) == data.done
 
 
