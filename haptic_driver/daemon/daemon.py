@@ -422,7 +422,7 @@ def _event_line(
         section.pulse_s,
         settings.config.event_codes,
         shared.ring,
-        lambda: orders.pump.output.on,
+        lambda: orders.pump.output,
         events,
         lambda: orders.raise_flag(Flag.EVENT_LINE),
     )

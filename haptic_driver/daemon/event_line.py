@@ -23,6 +23,7 @@ from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.shared_memory import Ring
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.parts.event_lines import EventCodes
 from hw.event_line.contract import HIGHEST_CODE, EventLine
 
@@ -37,19 +38,18 @@ _INTERVAL = re.compile(r"interval (\d) (begins|ends)")
 
 
 class Due(NamedTuple):
-    """An edge that is to come: of what, since when, and of which event, if it is one."""
+    """An edge that is to come: of what, since when, and what more is to be said of it."""
 
     what: str
     code: int
     since_s: float
-    event: int | None = None
+    data: Mapping[str, object] = {}
 
 
 class EventLineWriter:
     """Writes to `line` what `events` and the samples of `ring` hold from `start` to `close`.
 
-    `output_on` says whether there is output, None where nobody knows; `missed` is called for each
-    edge that did not come.
+    `output` says what is known of the output; `missed` is called for each edge that did not come.
     """
 
     def __init__(
@@ -58,14 +58,14 @@ class EventLineWriter:
         pulse_s: float,
         codes: EventCodes,
         ring: Ring,
-        output_on: Callable[[], bool | None],
+        output: Callable[[], KnownOutput],
         events: EventLog,
         missed: Callable[[], object],
     ) -> None:
         self.line = line
         self._pulse_s, self._codes = pulse_s, codes
         self._coded = Codes(codes)
-        self._ring, self._output_on = ring, output_on
+        self._ring, self._output = ring, output
         self._events, self._missed = events, missed
         self._due: queue.SimpleQueue[Due] = queue.SimpleQueue()
         self._waiting: deque[Due] = deque()  # in the order in which they happened
@@ -88,7 +88,7 @@ class EventLineWriter:
 
     def _hear(self, event: Event) -> None:
         if code := self._coded.of(event):
-            self._due.put(Due(event.message, code, event.time_s, event.number))
+            self._due.put(Due(event.message, code, event.time_s, {"event": event.number}))
 
     def _run(self) -> None:
         failure, missing = "", 0
@@ -129,8 +129,7 @@ class EventLineWriter:
             self._waiting.appendleft(due)  # to be counted
             raise
         time_s = time.monotonic()
-        data = {"code": due.code, "late_s": time_s - due.since_s}
-        data |= {} if due.event is None else {"event": due.event}
+        data = {"code": due.code, "late_s": time_s - due.since_s, **due.data}
         self._events.add("edge", due.what, data, time_s)
         time.sleep(self._pulse_s)
         self.line.put(0)
@@ -149,11 +148,12 @@ class EventLineWriter:
         self._position = taken.position
         times_s, contact = (taken.samples[name].tolist() for name in ("time_s", "in_contact"))
         due = list(self._contact(zip(times_s, contact, strict=True)))
-        on = self._output_on()
-        if on is not None and on != self._on:
-            self._on = on
-            code = self._codes.output_on if on else self._codes.output_off
-            due.append(Due("output on" if on else "output off", code, time.monotonic()))
+        output = self._output()
+        if output.on is not None and output.on != self._on:
+            self._on = output.on
+            code = self._codes.output_on if output.on else self._codes.output_off
+            what = "output on" if output.on else "output off"
+            due.append(Due(what, code, time.monotonic(), {"evidence": str(output)}))
         return [one for one in due if one.code]
 
     def _contact(self, samples: Iterable[tuple[float, int]]) -> Iterator[Due]:

@@ -163,7 +163,7 @@ class Status(Checked):
     current_rms_a: float | None  # into the sliding finger, as the surface says of what is commanded
     output_on: bool | None
     output_said: str
-    output_age_s: float | None  # of the answers of instruments that it rests on; null without
+    output_age_s: float | None = None  # of the answers that it rests on; null where on none
     ticks: int
     overruns: int
     timing: Timing

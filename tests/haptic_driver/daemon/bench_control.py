@@ -111,7 +111,7 @@ class BenchControl:
     def _expire(self):
         if self.machine.armed and self._now_s() > self.machine.lease_until_s:
             self.machine.disarm()
-            self.tell("lease", "the lease ran out; output off")
+            self.tell("lease", "the lease ran out")
 
     def status(self):
         with self.lock:
@@ -131,6 +131,7 @@ class BenchControl:
                 voltage_v=75.0 if rendering else 0.0,
                 current_rms_a=20e-6 if rendering else None,
                 output_on=rendering if self.shown_off else None,
+                output_said="off (generator says off, 0.1 s ago)" if self.shown_off else "UNKNOWN",
                 ticks=self.ticks,
                 overruns=self.overruns,
                 underruns=0,

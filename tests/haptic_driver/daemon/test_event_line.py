@@ -13,6 +13,7 @@ from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.recording.event import Event
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.parts.event_lines import EventCodes
 from hw.event_line.simulated import SimulatedEventLine, SimulatedTriggerBox
 from hw.event_line.trigger_box import TriggerBox
@@ -82,7 +83,7 @@ class Bench:
             PULSE_S,
             EventCodes(),
             self.shared.ring,
-            lambda: self.output_on,
+            lambda: KnownOutput(self.output_on, "generator says off", 0.2),
             self.events,
             self.miss,
         )
@@ -141,6 +142,7 @@ def test_markers_touch_and_output_are_edges_in_order_and_events_with_times(bench
     whats = ["stimulus", "touch", "output on", "output off", "lift"]
     assert [event.message for event in told] == whats
     assert [event.data["code"] for event in told] == [37, 1, 3, 4, 2]
+    assert told[3].data["evidence"] == "off (generator says off, 0.2 s ago)"
     stimulus, touch = bench.told("marker")[0], told[1]
     assert told[0].data["event"] == stimulus.number
     assert told[0].time_s == pytest.approx(stimulus.time_s + told[0].data["late_s"])

@@ -64,7 +64,7 @@ def running(settings, served):
     until(lambda: daemon.shared.sensed.read().touching)
     yield daemon
     render(daemon, served)
-    assert daemon.close() is False
+    assert daemon.close().on is False
     assert served.amplifier.voltage_v == 0.0
     assert not served.generator.output().on
 
@@ -91,7 +91,7 @@ def test_a_rig_may_say_that_it_has_no_watchdog(real_config):
         instruments.restart_watchdog()
         assert instruments.actuator.name == "setpoints over SCPI"
     finally:
-        assert instruments.close() is False
+        assert instruments.close().on is False
 
 
 # --- the daemon

@@ -22,12 +22,14 @@ from haptic_driver.daemon.watchers import UNDERRUN_TOLD_S, WATCHERS, Watched
 from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import NO_OUTPUT, NOT_PLAYED
 from haptic_driver.render.texture import Script, Step, Uniform
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.states import RigEvent, RigState
 from tests.clock import ManualClock
 from tests.haptic_driver.daemon.ticks import made_tick
 from tests.waiting import HANG_S, until
 
 LEASE_S = 0.5
+KNOWN_OFF = KnownOutput(False, "generator says off", 0.1)
 
 
 class Bench:
@@ -47,7 +49,7 @@ class Bench:
         )
         clock = lambda: self.clock.now_s  # noqa: E731
         self.orders = Orders(settings, shared, self.events, clock)
-        rig = SimpleNamespace(state=RigState.OFF)
+        rig = SimpleNamespace(state=RigState.OFF, output=KNOWN_OFF)
         self.orders.pump.actuator = SimpleNamespace(
             rig=rig, off=self._off, carrier_hz=math.nan, full_scale_v=0.0, switched=0
         )
@@ -74,7 +76,6 @@ class Bench:
 
     def _off(self):
         self.switched_off += 1
-        return SimpleNamespace(output_on=False)
 
     def arm(self):
         return self.orders.arm(LEASE_S).token
@@ -127,10 +128,7 @@ def test_a_fault_is_told_before_silent_instruments_have_been_waited_for(bench):
     unknown.
     """
     answers = threading.Event()
-    bench.orders.pump.actuator.off = lambda: (
-        answers.wait(HANG_S),
-        SimpleNamespace(output_on=None),
-    )[1]
+    bench.orders.pump.actuator.off = lambda: answers.wait(HANG_S)
     bench.arm()
     failing = threading.Thread(target=bench.orders.fail, args=("the generator does not answer",))
     failing.start()
@@ -152,7 +150,9 @@ def test_a_lease_is_over_after_the_ramp_and_not_before(bench):
     bench.rendered()
     assert bench.watch(LEASE_S + bench.watched.render.ramp_s - 0.01) == []
     assert bench.orders.machine.armed
-    assert bench.watch(0.02) == [("lease", "the lease ran out; output off")]
+    assert bench.watch(0.02) == [
+        ("lease", f"the lease ran out; output {KNOWN_OFF}; the daemon is idle")
+    ]
     assert bench.orders.machine.state is DaemonState.IDLE
     assert bench.switched_off == 1
     assert Flag.LEASE_LOST in bench.orders.flags(bench.shared.output.read())
@@ -217,7 +217,9 @@ def test_a_script_that_has_ended_leaves_the_state_rendering(bench):
         assert bench.watch(0.02) == []
     assert bench.orders.rendering
     bench.rendered()
-    assert bench.watch(0.02) == [("state", "the script has ended; the daemon is armed")]
+    assert bench.watch(0.02) == [
+        ("state", f"the script has ended; output {KNOWN_OFF}; the daemon is armed")
+    ]
     assert bench.orders.machine.state is DaemonState.ARMED
     assert bench.switched_off > 0
     assert bench.watch(0.02) == []
