@@ -91,7 +91,7 @@ def test_status_has_the_keys_of_the_contract(haptic, socket):
     assert set(said) >= STATUS_KEYS
     assert (said["state"], said["output_on"]) == ("idle", False)
     shown = haptic("status")
-    assert "idle, output off (generator says off" in shown.out
+    assert "idle, output off (generator says so" in shown.out
 
 
 def test_status_says_how_well_it_renders_and_how_late(haptic, socket, control):

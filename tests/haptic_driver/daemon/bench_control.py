@@ -33,6 +33,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.clock import clock_offsets
 from haptic_driver.recording.event import Event
+from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.textures.objects import SceneDescription
 
 FIDELITY = RenderedFidelity(
@@ -118,6 +119,8 @@ class BenchControl:
             self._expire()
             self.ticks += 1
             rendering = self.machine.state is DaemonState.RENDERING
+            on = rendering if self.shown_off else None
+            output = KnownOutput(on, "generator says so", 0.1)
             return Status(
                 state=self.machine.state,
                 simulated=True,
@@ -130,8 +133,8 @@ class BenchControl:
                 frequency_hz=250.0 if rendering else None,
                 voltage_v=75.0 if rendering else 0.0,
                 current_rms_a=20e-6 if rendering else None,
-                output_on=rendering if self.shown_off else None,
-                output_said="off (generator says off, 0.1 s ago)" if self.shown_off else "UNKNOWN",
+                output_on=output.on,
+                output_said=str(output),
                 ticks=self.ticks,
                 overruns=self.overruns,
                 underruns=0,
