@@ -7,7 +7,6 @@ import math
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -19,6 +18,7 @@ from pydantic.fields import FieldInfo
 from rich.text import Text
 from typer import Argument, Option
 
+from haptic_driver.base.interpreter import PYTHON
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import Json, report, say, signals_to, stdout
 from haptic_driver.config import config_names, members
@@ -304,7 +304,7 @@ def _detached(socket: str | None, lease_s: float, for_s: float | None) -> dict[s
     armed.
     """
     command = [
-        sys.executable,
+        *PYTHON,
         "-c",
         "from haptic_driver.cli.main import run; run()",
         "arm",

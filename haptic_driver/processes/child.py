@@ -7,11 +7,11 @@ import os
 import queue
 import signal
 import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
+from haptic_driver.base.interpreter import module_command
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.started import start_process, start_thread
 
@@ -43,7 +43,7 @@ class Child:
         self.name = name
         self._process = start_process(
             name,
-            [sys.executable, "-m", module, *map(str, arguments)],
+            [*module_command(module), *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | ENVIRONMENT,

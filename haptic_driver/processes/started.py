@@ -6,6 +6,7 @@ watchdog.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import threading
 from collections.abc import Callable, Sequence
@@ -117,6 +118,7 @@ def start_workers(name: str, count: int) -> ProcessPoolExecutor:
     from multiprocessing import get_context  # noqa: PLC0415
 
     _require(name, _PROCESSES)
+    os.environ["PYTHONSAFEPATH"] = "1"  # as `PYTHON` has it; a pool takes no command
     return ProcessPoolExecutor(count, mp_context=get_context("spawn"))
 
 

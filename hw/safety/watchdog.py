@@ -40,6 +40,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from haptic_driver.base.interpreter import module_command
 from hw.analog.cards import check_name, make_card
 from hw.analog.output import QUIET_V, at_zero
 from hw.dropping_log import DroppingHandler
@@ -150,7 +151,7 @@ class Watchdog(Running):
             return  # letting go of it would switch off
         self.close()
         process = subprocess.Popen(
-            [sys.executable, "-m", "hw.safety.watchdog", *self.settings.arguments()],
+            [*module_command("hw.safety.watchdog"), *self.settings.arguments()],
             bufsize=0,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -69,7 +69,10 @@ def test_the_pages_address_reaches_the_daemon_as_its_socket_does(control, tmp_pa
         monkeypatch.setenv("HAPTIC_SOCKET", url)
         with HapticClient().armed(LONG_S) as session:
             session.set(0.6)
-            assert "rendering, output ON; rig bench (simulated)" in repr(client.status())
+            assert (
+                "rendering, output ON (generator says so, 0.1 s ago)\n  rig bench (simulated)"
+                in repr(client.status())
+            )
         with closing(client.watch()) as frames:
             assert next(frames).status.output_on is False
         assert client.events()
