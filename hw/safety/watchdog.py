@@ -4,12 +4,12 @@ own.
 `atexit`, signal handlers and `finally` do not run after SIGKILL, a crash of the interpreter or a
 hang; this does. The driver beats over a pipe. The watchdog acts when beats stop for `period_s`, or
 when the pipe closes (however the driver ended). It switches the generator off by the commands of
-its kind, and opens the interlock's contact where it has one. It reads both back, and tries again
-until there is evidence or `give_up_s` have passed. A driver that was only delayed by a busy machine
-may beat again once there is evidence. Otherwise the watchdog ends, and its exit status says what it
-knows. It can do nothing against a computer without power or an instrument that is cut off: that is
-what the interlock box is for. With a load stage, the watchdog lifts or stops it when the driver has
-ended while it pressed.
+its kind, and opens the interlock's contact where it has one. It reads both back, and tries each
+again, without waiting for the other, until it says off or `give_up_s` have passed. A driver that
+was only delayed by a busy machine may beat again once there is evidence. Otherwise the watchdog
+ends, and its exit status says what it knows. It can do nothing against a computer without power or
+an instrument that is cut off: that is what the interlock box is for. With a load stage, the
+watchdog lifts or stops it, beside the others, when the driver has ended while it pressed.
 
 From when it is ready it starts nothing more: its threads, connections and commands are there. Its
 log waits for nobody.
@@ -66,6 +66,9 @@ ASKED_AT_START = (
 )
 PRIORITY = 1  # of SCHED_FIFO, where that is granted: before all that is not in real time
 STAGE_S = 10.0  # for a load stage, whose driver may still hold it for a moment
+# What ends the driver must not end it: a terminal, or a service manager that ends all of a unit,
+# which sends SIGABRT where the driver hangs. SIGTTOU: a terminal stops who writes unasked.
+IGNORED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGTTOU")
 _END_S = 10.0  # for the process to be scheduled and to end; it switches off meanwhile
 _log = logging.getLogger("hw.safety.watchdog")
 
@@ -124,9 +127,9 @@ class WatchdogSettings:
 class Watchdog(Running):
     """The driver's side: starts the process and beats it; a heartbeat for `Rig`.
 
-    The process is in a group of its own and ignores SIGINT, SIGTERM and SIGHUP, so it survives what
-    ends the driver. It stays in the driver's session, since Linux shares a busy processor among
-    sessions first. `beat` never waits.
+    The process is in a group of its own and ignores the signals that ask a program to end, so it
+    survives what ends the driver. It stays in the driver's session, since Linux shares a busy
+    processor among sessions first. `beat` never waits.
     """
 
     def __init__(self, settings: WatchdogSettings) -> None:
@@ -447,47 +450,50 @@ def wait_for_silence(
 class Hand:
     """A thread that switches one instrument off whenever it is asked to; it is there from the
     start.
+
+    It waits for no other: each tries again by itself until its instrument says off or time is up.
     """
 
-    def __init__(self, instrument: _Instrument | _Card | StageHold) -> None:
+    def __init__(self, instrument: _Instrument | _Card | StageHold, retry_s: float) -> None:
         self._instrument = instrument
-        self._asked: queue.SimpleQueue[bool] = queue.SimpleQueue()
-        self._said: queue.SimpleQueue[bool | None] = queue.SimpleQueue()
+        self._retry_s = retry_s
+        self._asked: queue.SimpleQueue[float] = queue.SimpleQueue()
+        self._concluded = threading.Event()
+        self._off: bool | None = None
         threading.Thread(target=self._work, name=instrument.resource, daemon=True).start()
 
-    def begin(self) -> None:
-        """Switch off; waits for nothing."""
-        self._asked.put(True)
+    def begin(self, until_s: float) -> None:
+        """Switch off, by `until_s` of the monotonic clock at the latest; waits for nothing."""
+        self._off = None
+        self._concluded.clear()
+        self._asked.put(until_s)
 
-    def said(self) -> bool | None:
-        """What the instrument said to that."""
-        return self._said.get()
+    def said(self, until_s: float) -> bool | None:
+        """What the instrument said last; waits until it says off, or time is up."""
+        self._concluded.wait(max(0.0, until_s - time.monotonic()))
+        return self._off
 
     def _work(self) -> None:
         while True:
-            self._asked.get()
-            said = None
-            with suppress(BaseException):  # no memory, say: it is asked again
-                said = self._instrument.switch_off()
-            self._said.put(said)
+            until_s = self._asked.get()
+            while True:
+                with suppress(BaseException):  # no memory, say: it is asked again
+                    self._off = self._instrument.switch_off()
+                if self._off or time.monotonic() >= until_s:
+                    break
+                time.sleep(self._retry_s)
+            self._concluded.set()
 
 
 def switch_off(hands: Sequence[Hand], settings: WatchdogSettings) -> Outcome:
-    """Switch all off at the same time, again and again until all say so or time is up; what is
-    known at the end.
+    """Switch all off at the same time, until all say so or time is up; what is known at the end.
 
     One that says off is evidence, as each of them alone takes the voltage away.
     """
-    deadline_s = time.monotonic() + settings.give_up_s
-    said: list[bool | None] = [None] * len(hands)
-    while True:
-        for hand in hands:
-            hand.begin()
-        for i, hand in enumerate(hands):
-            said[i] = hand.said()
-        if all(said) or time.monotonic() >= deadline_s:
-            break
-        time.sleep(settings.retry_s)
+    until_s = time.monotonic() + settings.give_up_s
+    for hand in hands:
+        hand.begin(until_s)
+    said = [hand.said(until_s) for hand in hands]
     if any(said):
         return Outcome.OFF
     return Outcome.ON if False in said else Outcome.UNKNOWN
@@ -498,36 +504,26 @@ class _Lifter:
 
     def __init__(self, stage: StageHold | None, settings: WatchdogSettings) -> None:
         self.presses = threading.Event()
-        self._hand = None if stage is None else Hand(stage)
-        self._settings = settings
-        self._begun = False
+        self._hand = None if stage is None else Hand(stage, settings.retry_s)
+        self._until_s: float | None = None
 
     def begin(self) -> None:
-        """Waits for nothing."""
-        self._begun = self._hand is not None and self.presses.is_set()
-        if self._hand is not None and self._begun:
-            self._hand.begin()
+        """Beside all others; waits for nothing."""
+        if self._hand is not None and self.presses.is_set():
+            self._until_s = time.monotonic() + STAGE_S
+            self._hand.begin(self._until_s)
 
     def end(self) -> None:
-        """Again and again until it has let go, or time is up; says which."""
-        if self._hand is None or not self._begun:
-            return
-        deadline_s = time.monotonic() + STAGE_S
-        while not (said := self._hand.said()) and time.monotonic() < deadline_s:
-            time.sleep(self._settings.retry_s)
-            self._hand.begin()
-        _log.info("load stage %s", "has let go" if said else "may still press")
+        """Say whether it has let go, once it has or time is up."""
+        if self._hand is not None and self._until_s is not None:
+            said = self._hand.said(self._until_s)
+            _log.info("load stage %s", "has let go" if said else "may still press")
 
 
 def main(arguments: Sequence[str] | None = None) -> Outcome:
     """Run the process; the outcome is its exit status."""
     settings = _parse(arguments)
-    for name in (
-        "SIGINT",
-        "SIGTERM",
-        "SIGHUP",
-        "SIGTTOU",
-    ):  # the last where its terminal stops who writes unasked
+    for name in IGNORED:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     log = DroppingHandler()
@@ -545,7 +541,7 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
         OSError, AttributeError
     ):  # it has little to do, and must not wait for a machine that has too much
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    hands = [Hand(instrument) for instrument in instruments]
+    hands = [Hand(instrument, settings.retry_s) for instrument in instruments]
     lifter = _Lifter(stage, settings)
     print(READY, flush=True)
     beats: queue.Queue[bytes] = queue.Queue()

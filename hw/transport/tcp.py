@@ -8,18 +8,25 @@ import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Any
 
 from hw.errors import DeviceDisconnected
+from hw.transport.bounded import in_time
 from hw.transport.contract import CHUNK_BYTES, NO_OTHER_BOUNDS, Bounds, Transport
 
 _RESOURCE = re.compile(
     r"TCPIP\d*::(?P<host>\[[\da-f:.]+\]|[^:]+)::(?P<port>\d{1,5})::SOCKET", re.IGNORECASE
 )
 
+_Address = tuple[int, tuple[Any, ...]]
+
 
 class TcpTransport(Transport):
     """Transport over one TCP connection; clearing means reconnecting, since a stream has no message
     bounds.
+
+    A host's name is resolved when it is opened for the first time, and never again: that is long
+    before anything is on. A name server knows no timeout, and must not be on the way to OFF.
 
     The socket never blocks: waiting is a `poll` with the time that is left. A socket with a timeout
     of its own costs system calls of its own per query.
@@ -34,7 +41,8 @@ class TcpTransport(Transport):
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(f"TCPIP::{host}::{port}::SOCKET", bounds=bounds, clock=clock)
-        self._address = (host.strip("[]"), port)  # of IPv6
+        self._host, self._port = host.strip("[]"), port  # of IPv6
+        self._found: list[_Address] = []  # where the name leads
         self._socket: socket.socket | None = None
 
     @classmethod
@@ -55,9 +63,8 @@ class TcpTransport(Transport):
 
     def _connect(self, deadline_s: float) -> None:
         try:
-            connection = socket.create_connection(
-                self._address, timeout=self._remaining_s(deadline_s)
-            )
+            self._found = self._found or self._resolved(deadline_s)
+            connection = self._connected_to(self._found, deadline_s)
         except TimeoutError:
             raise self._timeout("could not be reached") from None
         except (OSError, UnicodeError) as error:  # UnicodeError: no such name can exist
@@ -68,6 +75,34 @@ class TcpTransport(Transport):
         self._readable.register(connection, select.POLLIN)
         self._writable.register(connection, select.POLLOUT)
         self._socket = connection
+
+    def _resolved(self, deadline_s: float) -> list[_Address]:
+        found = in_time(
+            lambda: socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM),
+            self._remaining_s(deadline_s),
+        )
+        return [(family, address) for family, _, _, _, address in found]
+
+    def _connected_to(self, found: list[_Address], deadline_s: float) -> socket.socket:
+        """A connection to the first that answers, which is the only one from then on. Raises
+        OSError.
+        """
+        failed = OSError("no address")
+        for family, address in found:
+            connection = socket.socket(family, socket.SOCK_STREAM)
+            try:
+                connection.settimeout(self._remaining_s(deadline_s))
+                connection.connect(address)
+            except OSError as error:
+                connection.close()
+                failed = error
+            except BaseException:
+                connection.close()
+                raise
+            else:
+                self._found = [(family, address)]
+                return connection
+        raise failed
 
     def _disconnect(self) -> None:
         if self._socket is not None:

@@ -5,11 +5,10 @@ reach.
 from __future__ import annotations
 
 import math
+import re
 import select
 import socket
-import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -17,6 +16,7 @@ import pyvisa
 from pyvisa.constants import BufferOperation, ResourceAttribute, SerialTermination, StatusCode
 
 from hw.errors import DeviceDisconnected, DeviceError
+from hw.transport.bounded import in_time
 from hw.transport.contract import CHUNK_BYTES, NO_OTHER_BOUNDS, Bounds, Transport
 from hw.transport.marker import Marker, Resynchroniser
 
@@ -28,6 +28,8 @@ _SOCKET_SLICE_S = 0.1
 _CLOSE_TIMEOUT_S = (
     0.25  # a live link closes in milliseconds; pyvisa-py waits up to 14 s for a dead one of VXI-11
 )
+
+_HOST = re.compile(r"TCPIP\d*::(?P<host>[^:\[,]+)", re.IGNORECASE)
 
 
 class VisaTransport(Transport):
@@ -53,6 +55,7 @@ class VisaTransport(Transport):
         super().__init__(resource, bounds=bounds)
         self._backend = backend
         self._resynchronise = None if marker is None else Resynchroniser(marker, resource)
+        self._address: str | None = None  # the resource without the name of its host, once found
         self._session: Any = None
         self._socket: socket.socket | None = None  # pyvisa-py's own, where there is one
 
@@ -64,11 +67,12 @@ class VisaTransport(Transport):
                 f"{self.resource}: no VISA library for {self._backend!r} ({error})",
                 "use '@py' (pip install pyvisa-py) or install the vendor's VISA and use '@ivi'",
             ) from error
+        if self._address is None:
+            self._address = self._resolved(deadline_s)
+        address = self._address
         try:
-            session = _in_time(
-                lambda: manager.open_resource(
-                    self.resource, open_timeout=self._remaining_ms(deadline_s)
-                ),
+            session = in_time(
+                lambda: manager.open_resource(address, open_timeout=self._remaining_ms(deadline_s)),
                 self._remaining_s(deadline_s),
                 too_late=_close,
             )
@@ -84,6 +88,23 @@ class VisaTransport(Transport):
                 self._socket.getpeername()  # pyvisa-py "opens" ports that refused
         except Exception as error:
             raise self._lost("cannot be reached", error) from error
+
+    def _resolved(self, deadline_s: float) -> str:
+        """The resource with the address of its host in place of a name; see TcpTransport."""
+        named = _HOST.match(self.resource)
+        if named is None:
+            return self.resource
+        host = named["host"]
+        try:
+            found = in_time(
+                lambda: socket.getaddrinfo(host, None, socket.AF_INET),
+                self._remaining_s(deadline_s),
+            )
+        except TimeoutError:
+            raise self._timeout("has a name that nobody resolves") from None
+        except (OSError, UnicodeError):
+            return self.resource  # the library may know the name
+        return self.resource.replace(host, str(found[0][4][0]), 1)
 
     def _own_socket(self) -> socket.socket | None:
         sessions = getattr(self._session.visalib, "sessions", {})
@@ -115,13 +136,13 @@ class VisaTransport(Transport):
         session, self._session, self._socket = self._session, None, None
         if session is not None:
             with suppress(Exception):  # a dead session may fail in any way; it is gone afterwards
-                _in_time(lambda: _close(session), _CLOSE_TIMEOUT_S)
+                in_time(lambda: _close(session), _CLOSE_TIMEOUT_S)
 
     def _reset(self, deadline_s: float) -> None:
         if self._session is not None and self._kind == "INSTR" and not self._is_serial:
             with suppress(Exception):  # a fresh session follows
                 self._session.timeout = self._remaining_ms(deadline_s)
-                _in_time(
+                in_time(
                     self._session.clear, 0.5 * self._remaining_s(deadline_s)
                 )  # the rest is for opening
         super()._reset(deadline_s)
@@ -226,28 +247,6 @@ class VisaTransport(Transport):
 
 def _close(session: Any) -> None:
     session.close()
-
-
-def _in_time(
-    work: Callable[[], Any], timeout_s: float, too_late: Callable[[Any], None] = lambda made: None
-) -> Any:
-    """What `work` makes in a thread of its own; TimeoutError when it takes longer, `too_late` gets
-    it then.
-    """
-    doing: Future[Any] = Future()
-
-    def run() -> None:
-        try:
-            doing.set_result(work())
-        except BaseException as error:
-            doing.set_exception(error)
-
-    threading.Thread(target=run, name="visa", daemon=True).start()
-    try:
-        return doing.result(timeout_s)
-    except TimeoutError:
-        doing.add_done_callback(lambda done: None if done.exception() else too_late(done.result()))
-        raise
 
 
 def _milliseconds(seconds: float) -> int:

@@ -64,6 +64,18 @@ def test_one_file_alone_starts_processes_and_threads() -> None:
     assert found[ASKS_GIT] == ["subprocess.run"]
 
 
+def test_one_file_alone_says_how_python_is_started() -> None:
+    """Elsewhere `-m` and `-c` would import from the folder in which somebody typed a command."""
+    root = PACKAGE.parent
+    files = (
+        file for name in ("haptic_driver", "hw", "model") for file in (root / name).rglob("*.py")
+    )
+    naming = [file for file in files if "sys.executable" in file.read_text()]
+    assert [file.relative_to(root).as_posix() for file in naming] == [
+        "haptic_driver/base/interpreter.py"
+    ]
+
+
 @pytest.mark.parametrize(
     "source",
     [
