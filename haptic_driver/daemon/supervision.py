@@ -352,7 +352,7 @@ class Supervisor:
         """Why the instruments have to be connected anew; None where they have not."""
         if (failed := self._sensors_failed) and now_s - failed[0] > LOST_S:
             return f"sensors: {failed[1]}"
-        unknown = instruments.rig.state is RigState.UNKNOWN
+        unknown = instruments.rig.answers_nothing
         self._unknown_since_s = (self._unknown_since_s or now_s) if unknown else None
         if self._unknown_since_s is not None and now_s - self._unknown_since_s > LOST_S:
             return "nobody knows whether the output is off"

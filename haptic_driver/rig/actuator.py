@@ -39,11 +39,11 @@ class Actuator(ABC):
 
         Takes as long as the dialogue with the instruments.
         """
-        is_off = self.rig.state is RigState.OFF
-        if is_off and command.output_on and time_s - self._came_on_s < self.relay_interval_s:
+        was_on = self.rig.state is RigState.ON
+        if not was_on and command.output_on and time_s - self._came_on_s < self.relay_interval_s:
             command = command._replace(output_on=False)
         self.rig.command(time_s, self._set_point(command))
-        if is_off and self.rig.state is RigState.ON:
+        if not was_on and self.rig.state is RigState.ON:
             self.switched += 1
             self._came_on_s = time_s
 

@@ -134,6 +134,11 @@ class Rig:
         return RigState.UNKNOWN if is_old else shown
 
     @property
+    def answers_nothing(self) -> bool:
+        """Whether instruments that were asked could not show the output to be off, nor on."""
+        return self._states.shown is RigState.UNKNOWN
+
+    @property
     def output(self) -> KnownOutput:
         """Whether there is output, by its commands while it is on and by fresh evidence while it is
         not.

@@ -21,7 +21,13 @@ from typing import Any
 import numpy as np
 
 from hw.analog.lines import AnalogInputs
-from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array, OutputUnderrun
+from hw.analog.output import (
+    AnalogOutput,
+    AnalogOutputSettings,
+    Array,
+    CardReserved,
+    OutputUnderrun,
+)
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, InstrumentRejected
 from hw.setting import Setting, refuse_unlike
 
@@ -39,6 +45,7 @@ _RAN_DRY = {
     -200018,
     -200016,
 }  # no regeneration; buffer, FIFO and DAC underflow
+_RESERVED = {-50103, -200022}
 _POLL_S = 1e-3
 _LINE_TIMEOUT_S = 0.5
 _READ_BACK = 50  # single looks, at no multiple of a carrier's period
@@ -50,7 +57,7 @@ _INTERVAL_TOLERANCE = 0.01  # of a conversion's interval: below a hundredth of a
 def load_nidaqmx() -> ModuleType:
     """Import nidaqmx. Raises DeviceError naming the extra to install."""
     try:
-        for name in ("nidaqmx.constants", "nidaqmx.errors"):
+        for name in ("nidaqmx.constants", "nidaqmx.errors", "nidaqmx.system"):
             import_module(name)
         return import_module("nidaqmx")
     except ImportError as error:
@@ -76,6 +83,10 @@ def _daqmx(resource: str) -> Iterator[Any]:
         if error.error_code in _RAN_DRY:
             raise OutputUnderrun(
                 f"{resource} ran out of samples ({message})", "write sooner"
+            ) from error
+        if error.error_code in _RESERVED:
+            raise CardReserved(
+                f"{resource} is used by another program ({message})", "end it; or reset the card"
             ) from error
         if error.error_code in _NOT_IN_TIME:
             raise DeviceTimeout(
@@ -541,6 +552,13 @@ class NiAnalogOutput(AnalogOutput):
             finally:
                 _clear(task)
         return max(looks_v)
+
+    def reset(self) -> None:
+        """NI-DAQmx aborts all tasks of the card, by its documentation, also those of other programs
+        (unverified).
+        """
+        with _daqmx(self.resource) as nidaqmx:
+            nidaqmx.system.Device(card_of(self.resource)).reset_device()
 
     def _set_level(self, level_v: float) -> None:
         with _daqmx(self.resource) as nidaqmx:

@@ -16,7 +16,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, LimitExceeded
+from hw.errors import (
+    DeviceDisconnected,
+    DeviceError,
+    DeviceTimeout,
+    InstrumentRejected,
+    LimitExceeded,
+)
 from hw.setting import Setting
 
 Array = NDArray[np.float64]
@@ -30,6 +36,12 @@ class OutputUnderrun(DeviceError):  # noqa: N818 - named as its siblings in hw.e
     """Nobody refreshed the output in time; it went to its zero level."""
 
     code = "output_underrun"
+
+
+class CardReserved(InstrumentRejected):
+    """Another program has it, one that hangs maybe; see `AnalogOutput.reset`."""
+
+    code = "card_reserved"
 
 
 @dataclass(frozen=True)
@@ -170,6 +182,16 @@ class AnalogOutput(ABC):
         Needs no opening and changes nothing. Raises DeviceError.
         """
         return None
+
+    def reset(self) -> None:
+        """Take it from whatever program has it, and to its level at power-up. Needs no opening.
+
+        Everything that goes on on the same device ends. Raises DeviceError, also where the device
+        cannot be taken.
+        """
+        raise DeviceError(
+            f"{self.resource}: it cannot be taken from another program", "end that program"
+        )
 
     @property
     def latency_s(self) -> float:

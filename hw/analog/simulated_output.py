@@ -7,6 +7,7 @@ at the memory.
 
 from __future__ import annotations
 
+import fcntl
 import mmap
 import os
 import struct
@@ -16,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array
+from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array, CardReserved
 from hw.errors import DeviceDisconnected
 from hw.setting import Setting, refuse_unlike
 
@@ -40,6 +41,7 @@ class CardMemory:
     """The card itself: one writer, the driver's end; any number of readers, who see what the
     terminal has.
 
+    The driver's end is reserved for one program, as NI-DAQmx does it, until that lets go or ends.
     Sample k of a stream is at the terminal from k sample periods after its start on. A stream that
     has run dry stays at its last sample, as a real card's does. Without `memory` the card is of
     this process alone.
@@ -55,6 +57,8 @@ class CardMemory:
         self._samples = np.frombuffer(whole[64:], _SAMPLE, BUFFER_SAMPLES)
         self._told = _Told(*self._HEADER.unpack(self._header))
         self._mine: _Told | None = None  # this end's last order
+        self._path: str | None = None  # where others find it; None: of this process alone
+        self._reserved: int | None = None
 
     @classmethod
     def create(cls) -> tuple[CardMemory, int]:
@@ -73,11 +77,33 @@ class CardMemory:
                 f"the simulated card is gone ({error})", "restart the simulation"
             ) from error
         try:
-            return cls(memoryview(mmap.mmap(descriptor, cls.SIZE)))
+            found = cls(memoryview(mmap.mmap(descriptor, cls.SIZE)))
         finally:
             os.close(descriptor)
+        found._path = path
+        return found
 
     # --- the driver's end --------------------------------------------------------------------
+
+    def reserve(self) -> None:
+        """Keep other programs from it; CardReserved where one has it, even one that hangs."""
+        if self._path is None or self._reserved is not None:
+            return
+        descriptor = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(descriptor)
+            raise CardReserved(
+                "the simulated card is used by another program", "end it; or reset the card"
+            ) from error
+        self._reserved = descriptor
+
+    def release(self) -> None:
+        """Let others have it."""
+        if self._reserved is not None:
+            os.close(self._reserved)
+            self._reserved = None
 
     def set_level(self, level_v: float) -> None:
         """Put out a constant level; what is waiting is dropped."""
@@ -171,10 +197,18 @@ class SimulatedAnalogOutput(AnalogOutput):
         self._card: CardMemory | None = None
 
     def _connect(self) -> None:
-        self._card = self._find()
+        card = self._find()
+        card.reserve()
+        self._card = card
 
     def _disconnect(self) -> None:
+        if self._card is not None:
+            self._card.release()
         self._card = None
+
+    def reset(self) -> None:
+        """Whoever has it is told so with the next order."""
+        self._find().set_level(0.0)
 
     def read_back_v(self) -> float | None:
         """The highest of the last samples at the terminal."""

@@ -42,7 +42,7 @@ from dataclasses import dataclass
 
 from haptic_driver.base.interpreter import module_command
 from hw.analog.cards import check_name, make_card
-from hw.analog.output import QUIET_V, at_zero
+from hw.analog.output import QUIET_V, CardReserved, at_zero
 from hw.dropping_log import DroppingHandler
 from hw.errors import DeviceDisconnected, DeviceTimeout, SwitchedOff
 from hw.generator.contract import generator_kind
@@ -375,10 +375,14 @@ class _Card:
         return self._told(self._output.read_back_v)
 
     def switch_off(self) -> bool | None:
-        """To zero, and read back."""
+        """To zero, and read back; a card that a hanging driver keeps is reset."""
 
         def off() -> float | None:
-            with self._output:
+            try:
+                with self._output:
+                    return self._output.read_back_v()
+            except CardReserved:
+                self._output.reset()
                 return self._output.read_back_v()
 
         return self._told(off)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import configparser
 import os
 import shlex
 import socket
-from pathlib import Path
 from unittest.mock import MagicMock
 
 import pytest
@@ -16,9 +14,9 @@ from haptic_driver.daemon import run
 from haptic_driver.daemon.service import as_service, notify, watchdog_period_s
 from haptic_driver.errors import HapticError
 from haptic_driver.processes.real_time import PRIORITY
+from hw.safety.watchdog import STAGE_S, WatchdogSettings
+from tests import systemd
 from tests.waiting import HANG_S, until
-
-UNIT = Path(__file__).parents[3] / "deploy" / "systemd" / "haptic@.service"
 
 
 @pytest.fixture
@@ -80,21 +78,20 @@ def test_without_systemd_nothing_happens(monkeypatch, address):
 
 
 def test_the_unit_asks_for_what_the_daemon_needs():
-    unit = configparser.ConfigParser(interpolation=None, strict=True)
-    unit.optionxform = str
-    unit.read(UNIT)
-    service = unit["Service"]
+    service = {key: values[-1] for key, values in systemd.settings().items()}
     assert (service["Type"], service["UMask"], service["PrivateTmp"]) == ("notify", "0077", "yes")
     assert int(service["LimitRTPRIO"]) >= PRIORITY
     assert service["LimitMEMLOCK"] == "infinity"
     assert int(service["WatchdogSec"]) > 0
-    assert service["KillMode"] == "mixed"
+    # systemd kills what is left after that: the watchdog has ended by then
+    assert service["KillMode"] == "control-group"
+    assert int(service["TimeoutStopSec"]) > WatchdogSettings.give_up_s + STAGE_S + 10.0
     assert "CPUSchedulingPolicy" not in service
 
 
 def test_the_units_command_line_is_one_that_we_know(haptic):
-    line = next(line for line in UNIT.read_text().splitlines() if line.startswith("ExecStart="))
-    words = shlex.split(line.partition("=")[2])
+    (line,) = systemd.settings()["ExecStart"]
+    words = shlex.split(line)
     options = {word for word in words if word.startswith("--")}
     assert words[1:3] == ["daemon", "run"]
     shown = haptic("daemon", "run", "--help").out

@@ -33,7 +33,7 @@ from hw.analog.ni_daq import (
     NiEventLine,
     NiLineIn,
 )
-from hw.analog.output import AnalogOutputSettings, OutputUnderrun
+from hw.analog.output import AnalogOutputSettings, CardReserved, OutputUnderrun, at_zero
 from hw.errors import (
     DeviceDisconnected,
     DeviceError,
@@ -529,3 +529,22 @@ def test_what_is_at_the_output_is_looked_at_through_the_card_without_opening_it(
         card.signals["Dev1/_ao0_vs_aognd"] = lambda t: 0.1  # whatever it was told
         assert output.read_back_v() == pytest.approx(0.1)
     assert card.tasks == []
+
+
+def test_a_card_that_another_program_keeps_is_reset_and_reads_zero(card: Card) -> None:
+    """A stopped control keeps its task: the watchdog's own was refused, with a voltage out."""
+    kept = output_on(card)
+    kept.open()
+    kept.write(np.full(50, 2.0), 1000.0)
+    card.advance(0.02)
+    assert card.ao_v == 2.0
+    other = NiAnalogOutput("Dev1/ao0", at_zero(0.2), clock=lambda: card.now_s, watch=False)
+    with pytest.raises(CardReserved, match="used by another program"):
+        other.open()
+    other.reset()
+    assert card.ao_v == 0.0
+    other.open()
+    other.close()
+    with pytest.raises(DeviceError):
+        kept.write(np.full(50, 2.0), 1000.0)
+    assert card.ao_v <= 0.0

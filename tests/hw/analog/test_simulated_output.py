@@ -11,8 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hw.analog.output import AnalogOutputSettings, OutputUnderrun
-from hw.analog.simulated_output import BUFFER_SAMPLES, CardMemory, SimulatedAnalogOutput
+from hw.analog.output import AnalogOutputSettings, CardReserved, OutputUnderrun
+from hw.analog.simulated_output import (
+    BUFFER_SAMPLES,
+    CardMemory,
+    SimulatedAnalogOutput,
+    make_output,
+)
 from hw.errors import DeviceDisconnected, LimitExceeded
 from tests.clock import ManualClock
 
@@ -101,3 +106,19 @@ def test_a_writer_that_was_killed_while_it_told_leaves_what_was_told_before(card
     card._sequence[0] |= 1
     card._header[:8] = b"\xff" * 8
     assert card.terminal_v(0.0, 0.0) == before_v
+
+
+def test_a_card_is_one_programs_at_a_time_and_one_that_hangs_is_taken_from_it():
+    memory, descriptor = CardMemory.create()
+    where = f"/proc/{os.getpid()}/fd/{descriptor}"
+    kept, other = (make_output(where, SETTINGS) for _ in range(2))
+    kept.open()
+    kept.hold(2.0)
+    with pytest.raises(CardReserved):
+        other.open()
+    other.reset()
+    assert memory.terminal_v(0.0, 0.0) == 0.0
+    kept.close()
+    with other:
+        assert other.level_v == SETTINGS.zero_level_v
+    os.close(descriptor)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from math import inf
 
 import pytest
 
@@ -19,9 +20,11 @@ from hw.serving.tcp import TcpServer
 from hw.stage.letting_go import Mounting
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.transport.resource import make_transport
+from tests import systemd
 from tests.hw.instruments import IMMEDIATE
+from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 from tests.hw.testing.faulty_stage import FaultyLts150
-from tests.waiting import HANG_S, until
+from tests.waiting import HANG_S, exists, until
 
 pytestmark = [pytest.mark.timeout(2 * HANG_S), pytest.mark.realtime]
 
@@ -43,7 +46,7 @@ stage.connect()
 dog.press()
 if sys.argv[3] == "lifted":
     dog.lifted()
-print("pressing", flush=True)
+print("pressing", dog.pid, flush=True)
 if generator:
     dog.beat()
 while True:
@@ -60,7 +63,8 @@ class Bench:
         self.stage = FaultyLts150(time.monotonic, start_mm=0.0)
         self.generator = Simulated33220A(IMMEDIATE)
         self.generator.handle(b"OUTP ON\n")
-        self._servers = SerialServer(self.stage, framed=False), TcpServer(self.generator)
+        self.faults = FaultyInstrument(self.generator)
+        self._servers = SerialServer(self.stage, framed=False), TcpServer(self.faults)
 
     def __enter__(self) -> Bench:
         for server in self._servers:
@@ -85,8 +89,12 @@ class Bench:
     def guarded(self, retracts: bool = True) -> GuardedStage:
         return GuardedStage(self.resource, SETTINGS, Mounting(1, 1e-3 * CLEAR_MM), retracts)
 
-    def killed(self, guarded: GuardedStage, *, generator: bool, said: str = "pressed") -> None:
-        """Start a driver that presses, and kill it; its watchdog outlives it."""
+    def killed(
+        self, guarded: GuardedStage, *, generator: bool, said: str = "pressed", silent: bool = False
+    ) -> int:
+        """Start a driver that presses, and kill it; the process id of its watchdog, which outlives
+        it. `silent`: so are then its instruments.
+        """
         resource = self._servers[1].resource if generator else ""
         driver = subprocess.Popen(
             [sys.executable, "-c", DRIVER, guarded.as_text(), resource, said],
@@ -95,8 +103,13 @@ class Bench:
         )
         with driver:
             assert driver.stdout is not None
-            assert driver.stdout.readline() == "pressing\n"
+            word, pid = driver.stdout.readline().split()
+            assert word == "pressing"
+            if silent:
+                self.stage.faults.silent = True
+                self.faults.inject(Fault.HANG, count=inf)
             driver.kill()
+        return int(pid)
 
 
 @pytest.fixture
@@ -141,6 +154,33 @@ def test_a_stage_that_answers_late_is_tried_again(bench: Bench) -> None:
     time.sleep(1.5)
     bench.stage.faults.silent = False
     until(lambda: bench.stage.position_mm <= CLEAR_MM + 1e-3)
+
+
+def test_a_stage_that_answers_late_is_tried_again_beside_a_generator_that_is_silent(
+    bench: Bench,
+) -> None:
+    """It was tried again when the watchdog had given up the generator, after a minute."""
+    bench.killed(bench.guarded(), generator=True, silent=True)
+    time.sleep(1.5)
+    bench.stage.faults.silent = False
+    until(lambda: bench.stage.position_mm <= CLEAR_MM + 1e-3)
+    assert bench.generator.output().on
+
+
+@pytest.mark.parametrize("hung", [False, True])
+def test_the_service_manager_leaves_the_watchdog_its_time(bench: Bench, hung: bool) -> None:
+    """With the unit once shipped systemd killed it 3 ms after its driver: 128 V for 24 s, and a
+    finger that was pressed for longer.
+    """
+    watchdog = bench.killed(bench.guarded(), generator=True, silent=True)
+    systemd.send_when_main_is_dead([watchdog], hung=hung)
+    time.sleep(1.0)
+    assert bench.generator.output().on
+    bench.faults.heal()
+    bench.stage.faults.silent = False
+    until(lambda: not bench.generator.output().on)
+    until(lambda: bench.stage.position_mm <= CLEAR_MM + 1e-3)
+    until(lambda: not exists(watchdog))
 
 
 def test_a_stage_that_is_not_there_is_refused_at_the_start() -> None:

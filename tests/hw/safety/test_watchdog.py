@@ -10,15 +10,18 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
 import pytest
 
 import hw.safety.watchdog
+from haptic_driver.base.interpreter import PYTHON
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, SwitchedOff
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.safety.simulated_interlock import SimulatedInterlock
@@ -35,6 +38,7 @@ from hw.serving.tcp import TcpServer
 from tests.clock import ManualClock
 from tests.hw.instruments import IMMEDIATE, closed_port
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
+from tests.traps import set_traps, sprung
 from tests.waiting import HANG_S, exists, until
 
 pytestmark = [pytest.mark.timeout(2 * HANG_S), pytest.mark.realtime]
@@ -181,7 +185,7 @@ def test_the_watchdog_ignores_what_is_meant_for_the_driver(bench: Bench) -> None
         watchdog.beat()
         assert watchdog.pid is not None
         assert os.getpgid(watchdog.pid) == watchdog.pid  # a terminal's Ctrl-C does not reach it
-        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT"):
             os.kill(watchdog.pid, getattr(signal, name))
         time.sleep(0.1)
         watchdog.beat()
@@ -399,7 +403,7 @@ def test_a_watchdog_that_was_killed_is_noticed(bench: Bench) -> None:
 # ------------------------------------------------------------------------------------------------
 
 DENYING = """
-import _thread, os, resource, sys, threading
+import _thread, os, resource, socket, sys, threading
 import hw.safety.watchdog as watchdog
 
 denied = sys.argv[1].split("+")
@@ -419,12 +423,14 @@ def armed(what):
         resource.setrlimit(resource.RLIMIT_AS, (1 << 20, 1 << 20))
     if "disk" in denied:
         resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    if "names" in denied:
+        socket.getaddrinfo = lambda *_, **__: threading.Event().wait()
     say(what)
 
 watchdog._say = armed
 sys.exit(watchdog.main(sys.argv[2:]))
 """
-DENIALS = ["threads", "fork", "memory", "disk", "stderr", "stdout"]
+DENIALS = ["threads", "fork", "memory", "disk", "stderr", "stdout", "names", "interlock", "folder"]
 
 
 def full_pipe() -> tuple[int, int]:
@@ -438,13 +444,32 @@ def full_pipe() -> tuple[int, int]:
     return reading, writing
 
 
+@pytest.fixture
+def box() -> Iterator[FaultyInstrument]:
+    """An interlock that may fall silent; `resource` is where it is served."""
+    found = FaultyInstrument(SimulatedInterlock(ManualClock()))
+    with TcpServer(found) as server:
+        found.resource = server.resource  # type: ignore[attr-defined]
+        yield found
+
+
 @pytest.mark.parametrize("denied", [*DENIALS, "+".join(DENIALS)])
-def test_whatever_is_denied_after_arming_it_switches_off(bench: Bench, denied: str) -> None:
-    """One query fails on the way, so that it has something to say that nobody reads."""
-    settings = bench.settings(period_s=0.3, retry_s=0.05, reply_timeout_s=0.3)
+def test_whatever_is_denied_after_arming_it_switches_off(
+    bench: Bench, box: FaultyInstrument, tmp_path: Path, denied: str
+) -> None:
+    """Its connection is lost on the way, so that it has something to say that nobody reads. The
+    generator has a host's name; the interlock falls silent where that is denied.
+    """
+    set_traps(tmp_path)
+    settings = replace(
+        bench.settings(period_s=0.3, retry_s=0.05, reply_timeout_s=0.3),
+        generator=bench.server.resource.replace("127.0.0.1", "localhost"),
+        interlock=box.resource,
+    )
     reading, writing = full_pipe()
     process = subprocess.Popen(
-        [sys.executable, "-c", DENYING, denied, *settings.arguments()],
+        [*PYTHON, "-c", DENYING, denied, *settings.arguments()],
+        cwd=tmp_path if "folder" in denied else None,
         bufsize=0,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -456,7 +481,9 @@ def test_whatever_is_denied_after_arming_it_switches_off(bench: Bench, denied: s
         assert process.stdout.readline() == b"ready\n"  # and then nobody reads: it may run full
         process.stdin.write(BEAT)
         bench.faults.inject(Fault.DISCONNECT, count=1)
+        box.inject(Fault.HANG, count=inf if "interlock" in denied else 0)
         until(lambda: not bench.on)
+        assert sprung(tmp_path) == []
     finally:
         process.kill()
         process.communicate()
@@ -500,10 +527,37 @@ def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
         broken._off,
         broken._answers,
     )  # a second generator in the interlock's place
-    hands = [hw.safety.watchdog.Hand(broken), hw.safety.watchdog.Hand(other)]
+    hands = [hw.safety.watchdog.Hand(one, settings.retry_s) for one in (broken, other)]
     assert hw.safety.watchdog.switch_off(hands, settings) is Outcome.OFF
     assert not bench.on
     other._transport.close()
+
+
+def test_no_hand_waits_for_another(bench: Bench) -> None:
+    """A generator that failed twice was tried again when the interlock's name was resolved, after
+    12 s.
+    """
+    answers = threading.Event()
+
+    class Hangs:
+        resource = "hangs"
+
+        def switch_off(self) -> None:
+            answers.wait()
+
+    settings = bench.settings(give_up_s=60.0, retry_s=0.01)
+    (generator,) = hw.safety.watchdog._instruments(settings)
+    bench.faults.inject(Fault.HANG, count=2)
+    hands = [hw.safety.watchdog.Hand(one, settings.retry_s) for one in (Hangs(), generator)]
+    switching = threading.Thread(
+        target=hw.safety.watchdog.switch_off, args=(hands, settings), daemon=True
+    )
+    switching.start()
+    until(lambda: not bench.on)
+    assert switching.is_alive()
+    answers.set()
+    switching.join(HANG_S)
+    generator._transport.close()
 
 
 @pytest.mark.parametrize("fault", [Fault.HANG, Fault.GARBAGE, Fault.DISCONNECT, Fault.TRUNCATED])

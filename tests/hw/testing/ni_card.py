@@ -6,7 +6,7 @@ Rates are divided from a time base and ranges widened, as NI's documentation say
 from __future__ import annotations
 
 import sys
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import nidaqmx.constants
@@ -59,6 +59,17 @@ class Card:
         self.check()
         if self.owners.setdefault(resource, task) is not task:
             raise daq_error(-50103, "The specified resource is reserved.")
+
+    def reset(self) -> None:
+        """As NI's documentation says of `reset_device`: all tasks are aborted; 0 V at the output.
+
+        That it aborts those of other processes is not verified.
+        """
+        self.check()
+        self.owners.clear()
+        for task in self.tasks:
+            task._started, task._aborted = False, True
+        self.ao_v = 0.0
 
 
 class _Channels:
@@ -210,6 +221,7 @@ class Task:
 
     card: Card
     __slots__ = (
+        "_aborted",
         "_ao_range_v",
         "_buffer",
         "_card",
@@ -238,7 +250,7 @@ class Task:
         self._queue: list[float] = []
         self._rate_hz = self._samples = self._owed = 0.0
         self._buffer = self._generated = 0
-        self._started = self._dry = self._closed = False
+        self._started = self._dry = self._closed = self._aborted = False
         self.ai_channels, self.ao_channels = AIChannels(self), AOChannels(self)
         self.di_channels, self.do_channels = DIChannels(self), DOChannels(self)
         self.in_stream, self.out_stream, self.timing = (
@@ -311,6 +323,8 @@ class Task:
 
     def _check_stream(self) -> None:
         self._card.check()
+        if self._aborted:
+            raise daq_error(-88710, "The task was aborted.")
         if self._dry:
             raise daq_error(
                 -200290, "The generation has stopped to prevent the regeneration of old samples."
@@ -338,6 +352,9 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Card:
     card = Card()
     fake = ModuleType("nidaqmx")
     fake.Task = type("Task", (Task,), {"card": card, "__slots__": ()})  # type: ignore[attr-defined]
+    fake.system = SimpleNamespace(  # type: ignore[attr-defined]
+        Device=lambda name: SimpleNamespace(reset_device=card.reset)
+    )
     fake.constants, fake.errors = nidaqmx.constants, nidaqmx.errors  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "nidaqmx", fake)
     return card

@@ -330,5 +330,6 @@ def test_an_interrupted_measurement_says_off_only_with_evidence(
     assert main(["measure", "--plan", plan, "--out", "data.csv"]) == 1
     err = " ".join(capsys.readouterr().err.split())
     assert "interrupted; 0 of 3 rows" in err
-    assert "MAY STILL BE ON" in err
+    assert "the output is UNKNOWN (generator does not answer" in err
+    assert "Switch the amplifier off by hand" in err
     assert "output is off" not in err
