@@ -7,6 +7,7 @@ from __future__ import annotations
 import getpass
 import os
 import socket
+import stat
 import struct
 import tempfile
 from pathlib import Path
@@ -95,19 +96,33 @@ class Address(NamedTuple):
 def _require_own(line: socket.socket, path: Path) -> None:
     """Refuse a program of another user at a socket: it could say "off" of an output that is on.
 
-    Root's own programs are believed. Root believes whoever owns the socket's folder. Elsewhere than
-    on Linux the folder's rights have to do.
+    Root's own programs are believed. Root also believes the user to whom a socket's folder was
+    given, where nobody else can have made it. Elsewhere than on Linux the folder's rights have to
+    do.
     """
     if not hasattr(socket, "SO_PEERCRED"):
         return
     _, user, _ = _PEER.unpack(line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))
     own = os.getuid()
-    trusted = {0, path.parent.stat().st_uid} if own == 0 else {0, own}
-    if user not in trusted:
+    if user not in {0, own, _owner_alone(path.parent) if own == 0 else own}:
         said = f"{path}: a program of user {user} listens there, not one of yours"
         raise HapticError(
             "not_yours", said, "give the socket of your own daemon, or the address of its page"
         )
+
+
+def _owner_alone(folder: Path) -> int:
+    """The user of a folder that only root or this user can have put there; root where others
+    could.
+    """
+    folders = [folder.resolve(), *folder.resolve().parents]
+    user = folders[0].stat().st_uid
+    others = stat.S_IWGRP | stat.S_IWOTH
+    alone = all(
+        found.st_uid in (0, user) and not found.st_mode & others
+        for found in (one.stat() for one in folders)
+    )
+    return user if alone else 0
 
 
 def listen(port: int) -> socket.socket:

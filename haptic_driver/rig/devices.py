@@ -43,6 +43,7 @@ from hw.transport.resource import make_transport
 
 CLOSE_S = 10.0  # for one device, with the output off
 LOAD_ROLES = {"analog_inputs", "force_sensor", "load_stage"}
+UNNAMED = ("", "0", "none")  # serial numbers that name no instrument
 ATTEMPTS = 4  # at opening: nothing is on yet, and a busy machine may let nobody answer in time
 
 
@@ -136,15 +137,17 @@ def connect_devices(
     opened = {"analog_output": envelope, "load_stage": load_stage}
     roles = {key for key in ROLES if opened.get(key, True)}
     parts = Assembly(config, roles, config.addresses, before)
+    port = generator_port(config)
     rig = build_rig(
         config,
-        generator_port(config),
+        port,
         parts.one("force_sensor"),
         parts.wiring,
         modulated=not isinstance(config.analog_output, NoPart),
         heartbeats=parts.heartbeats,
         on_event=on_event,
     )
+    parts.asking.append(partial(_claim_itself, parts.claims, rig, port))
     return Devices(
         rig,
         parts.one("force_sensor"),
@@ -158,6 +161,21 @@ def connect_devices(
         parts.one("camera"),
         parts.one("load_stage"),
     )
+
+
+def _claim_itself(claims: Claims, rig: Rig, port: Transport | AnalogOutput) -> None:
+    """Claim the generator as it names itself, before anything could switch it off: it may be
+    another program's, by another address.
+    """
+    if not isinstance(port, Transport):
+        return  # a card's output has no name but its address
+    try:
+        found = rig.generator.identify()
+        if found.serial_number not in UNNAMED:
+            claims.add(f"{found.identity}, serial number {found.serial_number}")
+    except BaseException:
+        port.close()
+        raise
 
 
 @dataclass(frozen=True)
@@ -341,9 +359,10 @@ class Assembly:
         self.wiring = Wiring(channels=channels)
         self.made: dict[str, list[Any]] = {}
         self.heartbeats: list[Heartbeat] = []
+        self.asking: list[Callable[[], object]] = []  # before anything can switch off
         self._steps: dict[Opens, list[Callable[[], object]]] = {FIRST: [], RIG: [], AFTER: []}
-        self._claims = Claims(addresses)
-        self.closing: list[Callable[[], object]] = [self._claims.release]
+        self.claims = Claims(addresses)
+        self.closing: list[Callable[[], object]] = [self.claims.release]
         self.watchdog = _watchdog(config, roles)
         if self.watchdog is not None:
             self._steps[FIRST].append(self.watchdog.start)
@@ -361,7 +380,7 @@ class Assembly:
     def opening(self, *rig: Callable[[], object]) -> list[Callable[[], object]]:
         """What opens them, in order; `rig` opens generator and amplifier."""
         steps = self._steps
-        return [self._claims.take, *steps[FIRST], *steps[RIG], *rig, *steps[AFTER]]
+        return [self.claims.take, *self.asking, *steps[FIRST], *steps[RIG], *rig, *steps[AFTER]]
 
     def _make(self, key: str, config: RigConfig, before: ForceSensor | None) -> None:
         self.made[key], role = [], ROLES[key]

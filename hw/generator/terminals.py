@@ -4,13 +4,21 @@ output's switch.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 from hw.generator.contract import GeneratorLatency, Listener, TerminalOutput
 from hw.generator.settings import Shape
 
+_made = count(1)
 _MODULATION_FULL_SCALE_V = 5.0
+
+
+def simulated_serial_number() -> str:
+    """Another for each simulated instrument of this machine, as with real ones."""
+    return f"SIM{os.getpid()}-{next(_made)}"
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,9 @@ class VisaTransport(Transport):
         self._socket: socket.socket | None = None  # pyvisa-py's own, where there is one
 
     def _connect(self, deadline_s: float) -> None:
+        if self._address is None:
+            self._address = self._resolved(deadline_s)
+        address = self._address
         try:
             manager = pyvisa.ResourceManager(self._backend)
         except Exception as error:
@@ -67,9 +70,6 @@ class VisaTransport(Transport):
                 f"{self.resource}: no VISA library for {self._backend!r} ({error})",
                 "use '@py' (pip install pyvisa-py) or install the vendor's VISA and use '@ivi'",
             ) from error
-        if self._address is None:
-            self._address = self._resolved(deadline_s)
-        address = self._address
         try:
             session = in_time(
                 lambda: manager.open_resource(address, open_timeout=self._remaining_ms(deadline_s)),

@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import socketserver
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from contextlib import closing
@@ -271,38 +273,50 @@ def test_a_path_is_sent_whole_and_a_name_as_it_is(stranger, tmp_path, monkeypatc
     assert Stranger.heard[-1]["name"] == (str(tmp_path / asked) if is_path else asked)
 
 
+STRANGER = 65534
+
+
 @pytest.mark.process
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user")
-def test_a_program_of_another_user_is_not_believed(tmp_path):
+@pytest.mark.parametrize(
+    ("owner", "above", "is_believed"),
+    [
+        (0, 0o755, False),  # in a folder of root's
+        (STRANGER, 0o755, True),  # root, or a service manager, gave it to that user
+        (STRANGER, 0o1777, False),  # somebody else may have made it, as in /tmp
+    ],
+)
+def test_a_program_of_another_user_is_not_believed(tmp_path, owner, above, is_believed):
     """`haptic off` was once answered "idle, output off" by a stranger's program, in a folder of the
-    stranger's.
+    stranger's; root was so too where that folder lay in /tmp.
     """
-    stranger = 65534
+    tmp_path = Path(tempfile.mkdtemp(dir="/run"))  # only root can write there, as for a service
     path = tmp_path / "theirs" / "d.sock"
     path.parent.mkdir()
-    tmp_path.chmod(0o755)
-    os.chown(path.parent, 0, 0)
-    path.parent.chmod(0o777)
+    tmp_path.chmod(above)
+    os.chown(path.parent, owner, owner)
+    path.parent.chmod(0o755 if owner else 0o777)
     listening = f"""
 import os, socket, time
-os.setuid({stranger})
+os.setuid({STRANGER})
 with socket.socket(socket.AF_UNIX) as listener:
     listener.bind({str(path)!r})
     listener.listen()
     print("listens", flush=True)
     time.sleep(1000.0)
 """
-    for folder in path.parents:
-        if folder.stat().st_uid == 0 and not folder.stat().st_mode & 0o001:
-            folder.chmod(folder.stat().st_mode | 0o011)  # pytest's folders are closed to others
     with subprocess.Popen(
         [sys.executable, "-c", listening], stdout=subprocess.PIPE, text=True
     ) as process:
         try:
             assert process.stdout.readline() == "listens\n"
-            with pytest.raises(HapticError) as refused:
-                HapticClient(path)
-            assert refused.value.code == "not_yours"
-            assert f"user {stranger}" in refused.value.message
+            if is_believed:
+                HapticClient(path).close()
+            else:
+                with pytest.raises(HapticError) as refused:
+                    HapticClient(path)
+                assert refused.value.code == "not_yours"
+                assert f"user {STRANGER}" in refused.value.message
         finally:
             process.kill()
+            shutil.rmtree(tmp_path)

@@ -5,6 +5,7 @@ It takes a letter and a number per line: `F250` (Hz), `A2.4` (Vpp, open circuit)
 `G1` (output on). `?` is answered by `LAB F250 A2.4 O0 G1`.
 """
 
+import os
 import re
 import threading
 from dataclasses import replace
@@ -122,7 +123,7 @@ class SimulatedLabGenerator:
     def _line(self, line):
         signal = self._signal
         if line == "*IDN?":
-            return b"Our lab,LAB1,7,1.0\n"
+            return f"Our lab,LAB1,{os.getpid()},1.0\n".encode()
         if line == "?":
             values = f"F{signal.frequency_hz} A{signal.emf_vpp} O{signal.emf_offset_v}"
             return f"LAB {values} G{signal.on:d}\n".encode()

@@ -10,7 +10,7 @@ class Simulated33220A(SimulatedKeysight):
     """What it can make is from the 33220A User's Guide."""
 
     model = Ranges(
-        identity="Agilent Technologies,33220A,SIM00001,2.02-2.02-22-2",
+        identity="Agilent Technologies,33220A,{serial_number},2.02-2.02-22-2",
         emf_low_vpp=0.02,
         functions=("SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "DC"),
         frequency_hz={

@@ -26,7 +26,7 @@ from hw.generator.keysight.scpi import (
     parse_named,
 )
 from hw.generator.keysight.state import GeneratorState, named_values
-from hw.generator.terminals import Terminals
+from hw.generator.terminals import Terminals, simulated_serial_number
 
 _LEVEL = "VOLTage[:LEVel][:IMMediate]"
 _OVERLOAD = 720  # the real code is not known; the class (device error) is
@@ -49,7 +49,8 @@ class SimulatedKeysight:
         am_full_scale: float = 1.0,
     ) -> None:
         self.range_switches = 0
-        self._scpi = ScpiEngine(self.model.identity, reset=self._reset, executed=self._executed)
+        identity = self.model.identity.format(serial_number=simulated_serial_number())
+        self._scpi = ScpiEngine(identity, reset=self._reset, executed=self._executed)
         self._state = GeneratorState(self.model, self._scpi.post)
         self._terminals = Terminals(
             self._state.signal,

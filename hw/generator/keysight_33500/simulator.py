@@ -12,7 +12,7 @@ class Simulated33500(SimulatedKeysight):
     """
 
     model = Ranges(
-        identity="Agilent Technologies,33512B,SIM00002,3.05-1.19-2.00-52-00",
+        identity="Agilent Technologies,33512B,{serial_number},3.05-1.19-2.00-52-00",
         emf_low_vpp=0.002,
         functions=("SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "DC"),
         frequency_hz={

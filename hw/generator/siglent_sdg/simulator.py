@@ -15,9 +15,9 @@ from dataclasses import replace
 from typing import Any
 
 from hw.generator.contract import GeneratorLatency, Listener, TerminalOutput
-from hw.generator.terminals import Signal, Terminals
+from hw.generator.terminals import Signal, Terminals, simulated_serial_number
 
-_IDENTITY = "Siglent Technologies,SDG1032X,SIM00003,1.01.01.33R1B6"
+_IDENTITY = "Siglent Technologies,SDG1032X,{serial_number},1.01.01.33R1B6"
 _EMF_LOW_VPP, _EMF_PEAK_V = 0.004, 10.0
 _FREQUENCY_HZ = (1e-6, 30e6)
 _LOAD_OHM = (50.0, 100e3)
@@ -41,6 +41,7 @@ class SimulatedSdg:
         am_full_scale: float = 1.0,
     ) -> None:
         self._lock = threading.RLock()
+        self._identity = _IDENTITY.format(serial_number=simulated_serial_number())
         self._signal = _RESET
         self._load_ohm = math.inf
         self._inverted = self._sync = False
@@ -83,7 +84,7 @@ class SimulatedSdg:
 
     def _line(self, line: str) -> str | None:
         if line in ("*IDN?", "*OPC?", "SYST:ERR?"):
-            return {"*IDN?": _IDENTITY, "*OPC?": "1"}.get(line, '0,"No error"')
+            return {"*IDN?": self._identity, "*OPC?": "1"}.get(line, '0,"No error"')
         if line == "*RST":
             self._signal, self._load_ohm = _RESET, math.inf
             self._inverted = self._sync = False

@@ -9,8 +9,11 @@ import pytest
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.claims import Claims, same_place
-from haptic_driver.rig.devices import connect_devices
+from haptic_driver.rig.devices import _claim_itself, build_rig, connect_devices
+from haptic_driver.rig.part import Wiring
 from haptic_driver.simulation.served import ServedRig, as_real
+from hw.transport.resource import make_transport
+from tests.haptic_driver.stand_ins import BreakableSensor
 from tests.waiting import until
 
 HOLDING = """
@@ -21,6 +24,12 @@ claims.take()
 print("held", flush=True)
 time.sleep(1000.0)
 """
+# the names of sockets as they are for all others in another network name space: not there
+ELSEWHERE = """
+import haptic_driver.rig.claims as claims
+usual = claims._socket_name
+claims._socket_name = lambda name: usual(name) + b"elsewhere"
+"""
 
 
 @pytest.fixture
@@ -28,8 +37,9 @@ def hold():
     """Another process that has claimed some addresses."""
     processes = []
 
-    def start(*addresses):
-        command = [sys.executable, "-c", HOLDING, *addresses]
+    def start(*addresses, elsewhere=False):
+        program = ELSEWHERE + HOLDING if elsewhere else HOLDING
+        command = [sys.executable, "-c", program, *addresses]
         processes.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
         assert processes[-1].stdout.readline() == "held\n"
         return processes[-1]
@@ -93,7 +103,12 @@ def test_all_or_none(hold):
         ("TCPIP::[fe80::1]::5025::SOCKET", "TCPIP::[fe80::2]::5025::SOCKET", False),
         ("ASRL/dev/null::INSTR", "/dev//null", True),
         ("/dev/stdin", os.path.realpath("/dev/stdin"), True),  # a link leads where it leads
+        ("USB::0x0957::0x0407::MY1::0::INSTR", "USB0::0x0957::0x0407::MY1::INSTR", True),
+        ("USB0::0x0957::0x0407::MY1::INSTR", "USB0::0x0957::0x0407::MY2::INSTR", False),
         ("GPIB::10::INSTR", "GPIB0::10::INSTR", True),
+        ("GPIB0::10::0", "GPIB::10", True),
+        ("GPIB0::10::INSTR", "GPIB1::10::INSTR", False),
+        ("card:ni:/Dev1/ao0", "Dev1/ao0", True),
         ("Dev1/port0/line0", "/Dev1/port0/line0", True),
     ],
 )
@@ -112,3 +127,32 @@ def test_a_second_program_on_a_rig_touches_nothing(rig_config, touch):
             assert refused.value.code == "in_use"
         with connect_devices(real) as again:  # closed, and free
             assert again.rig.state.value == "off"
+
+
+@pytest.mark.process
+def test_a_second_program_by_another_address_of_the_generator_touches_nothing(rig_config, touch):
+    """A claim was of the address alone; the output of the first must not even be switched off."""
+    with ServedRig(rig_config, touch) as served:
+        real = as_real(rig_config, served.endpoints)
+        port = make_transport(served.endpoints["waveform_generator_serial"])
+        claims = Claims([])
+        other = build_rig(real, port, BreakableSensor(), Wiring())
+        with connect_devices(real):
+            served.generator.handle(b"OUTP ON\n")
+            served.advance(0.2)
+            assert served.generator.output().on
+            with pytest.raises(HapticError, match="serial number SIM") as refused:
+                _claim_itself(claims, other, port)
+            assert refused.value.code == "in_use"
+            other.close()
+            claims.release()
+            assert served.generator.output().on
+
+
+@pytest.mark.process
+def test_another_network_name_space_is_the_same_machine(hold):
+    """Names of sockets are another name space's own there: a container had the instrument too."""
+    other = hold("TCPIP::192.0.2.9::5025::SOCKET", elsewhere=True)
+    assert not is_free("TCPIP::192.0.2.9::INSTR")
+    other.kill()
+    until(lambda: is_free("TCPIP::192.0.2.9::INSTR"))

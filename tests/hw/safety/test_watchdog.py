@@ -542,8 +542,8 @@ def test_no_hand_waits_for_another(bench: Bench) -> None:
     class Hangs:
         resource = "hangs"
 
-        def switch_off(self) -> None:
-            answers.wait()
+        def switch_off(self) -> bool:
+            return answers.wait()
 
     settings = bench.settings(give_up_s=60.0, retry_s=0.01)
     (generator,) = hw.safety.watchdog._instruments(settings)
