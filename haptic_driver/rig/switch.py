@@ -5,6 +5,7 @@ What moves the output from state to state is the table in states.py.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -51,6 +52,7 @@ class OutputSwitch:
         self._settle_s = config.safety.settle_s
         self._lock_timeout_s = 4.0 * config.waveform_generator.reply_timeout_s
         self._voltage = VoltageCheck(config.safety, modulated)
+        self._checked_s = -math.inf
         self._lock = threading.RLock()  # held by whoever may raise the voltage
         self._withdrawals = Withdrawals()
         self._permit = self._withdrawals.permit()  # of the thread that holds the lock
@@ -115,6 +117,7 @@ class OutputSwitch:
 
     def check(self, time_s: float) -> None:
         """Trip when amplifier or monitors contradict what was commanded."""
+        self._checked_s = self._clock.now_s()
         contradiction = line_contradiction(self._amplifier) if self.may_be_on else None
         contradiction = contradiction or self._voltage.contradiction(
             time_s, self._amplifier.monitor_voltage_v()
@@ -123,10 +126,9 @@ class OutputSwitch:
             self._trip(contradiction)
 
     def look(self, ask_generator: bool) -> OffEvidence:
-        """See whether an output that was switched off still is; trip when the generator says ON:
-        somebody else drives it.
+        """After a `check`, see whether an output that was switched off still is; trip when the
+        generator says ON: somebody else drives it.
         """
-        seen_s = self._clock.now_s()
         is_on = tried(self._generator.is_on, None) if ask_generator else None
         if is_on:
             self._trip(
@@ -136,8 +138,8 @@ class OutputSwitch:
         evidence = OffEvidence(
             None if is_on is None else not is_on,
             self._amplifier.state,
-            self._amplifier.monitor_voltage_v(),
-            seen_s,
+            self._amplifier.seen_voltage_v,
+            self._checked_s,
         )
         self._permit.check()
         self.known = evidence
