@@ -6,6 +6,8 @@ The daemon's own control, unstarted, on a rig of simulated instruments by a cloc
 from __future__ import annotations
 
 import math
+import random
+from contextlib import suppress
 
 import pytest
 
@@ -19,7 +21,7 @@ from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.devices import build_rig
-from haptic_driver.rig.evidence import FRESH_S, Clock
+from haptic_driver.rig.evidence import FRESH_S, MONITOR_QUIET_V, Clock
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.event_lines import EventCodes
 from haptic_driver.rig.rig import LOOK_S
@@ -66,18 +68,21 @@ class World:
     def electrode_v(self):
         return self.amplifier.drive(self.generator.output())
 
-    def pass_by(self, seconds, looking=True):
+    def pass_by(self, seconds):
         """Let time pass, with the supervisor's looks; what was said of the output meanwhile."""
         said = []
         for _ in range(round(seconds / WATCH_S)):
             self.clock.sleep(WATCH_S)
-            if looking:
-                try:
-                    self.rig.watch(self.clock.now_s)
-                except HapticError as error:
-                    self.orders.fail(error.message)
+            self.look()
             said.append(self.daemon.status().output_on)
         return said
+
+    def look(self):
+        """What the supervisor does, and what the daemon makes of it."""
+        try:
+            self.rig.watch(self.clock.now_s)
+        except HapticError as error:
+            self.orders.fail(error.message)
 
 
 @pytest.fixture
@@ -208,3 +213,40 @@ def test_a_generator_that_answers_again_is_asked_with_every_look_again(world):
     world.generator.handle(BY_HAND)
     world.pass_by(LOOK_S + 2 * WATCH_S)
     assert world.rig.state is RigState.TRIPPED
+
+
+ASKED_S = 0.02  # 50 times a second
+LONGEST = 60  # of them are in the time that an answer counts
+FAULTS = (
+    lambda world, chance: world.generator.handle(BY_HAND),
+    lambda world, chance: world.faults.inject(
+        chance.choice(list(Fault)), count=chance.choice([1, 2, 5, math.inf]), delay_s=0.3
+    ),
+    lambda world, chance: world.faults.heal(),
+    lambda world, chance: world.rig.off(),
+    lambda world, chance: world.rig.reset_trip(),
+    lambda world, chance: world.rig.connect(),
+    lambda world, chance: world.rig.command(world.clock.now_s, DriveCommand(250.0, 80.0, True)),
+)
+
+
+def test_off_was_true_at_the_instant_that_it_names_through_random_faults(world):
+    """Asked 50 times a second; the supervisor's looks come as late as a busy machine lets them."""
+    chance, told, wrong = random.Random(5), [], []
+    for _ in range(40):
+        with suppress(HapticError):
+            chance.choice(FAULTS)(world, chance)
+        looks_s = 0.0
+        for _ in range(chance.randrange(1, 60)):
+            world.clock.sleep(ASKED_S)
+            if world.clock.now_s >= looks_s:
+                looks_s = world.clock.now_s + chance.choice([WATCH_S, WATCH_S, 2.0])
+                world.look()
+            told.append((world.clock.now_s, world.electrode_v))
+            output = world.orders.pump.output
+            if output.on is False:
+                since_s = world.clock.now_s - output.age_s - ASKED_S
+                seen_v = [v for t, v in told[-LONGEST:] if t >= since_s]
+                wrong += [output] if min(seen_v) > MONITOR_QUIET_V or output.age_s > 1.0 else []
+    assert wrong == []
+    assert max(v for _, v in told) > 70.0
