@@ -30,6 +30,7 @@ from model.support.errors import ModelError, nearest
 from model.support.reading import read_toml
 from model.touch import Drive
 
+FITS = ("fit to ", "calibrated, ")  # how the sources begin of numbers that a fit found
 VARIANTS = ("corrected", "published", "published_absolute")  # the last two: `published.py`
 Known = tuple[str, float, float]  # unit and range of a number
 POWER_LAW = {
@@ -59,6 +60,12 @@ class ModelDescription:
     def is_published(self) -> bool:
         """Whether it is to be computed by the equations as printed."""
         return self.variant != "corrected"
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether any number of it was found by a fit, and by no person."""
+        numbers = [self.parameters, *self.effect_parameters.values()]
+        return any(p.source.startswith(FITS) for each in numbers for p in each.values())
 
     @property
     def values(self) -> TouchParameters:

@@ -183,6 +183,8 @@ def _pressed(
             loop.settle(SETTLE_S)
             tell(f"{newtons:g} N pressed")
             yield loop
+        if doubt := loop.doubt():
+            raise HapticError("load_in_doubt", doubt, "Free the sensor, and hold the load again")
 
 
 @contextmanager

@@ -398,7 +398,7 @@ class Daemon:
     def surface_map(self) -> dict[str, Any]:
         """Friction over frequency and voltage at the usual load."""
         return drawings.surface_map(
-            self.basis.settings.surface, self.basis.settings.config.operating_limits()
+            self.basis.settings.protected, self.basis.settings.config.operating_limits()
         )
 
     def texture_map(self) -> dict[str, Any]:

@@ -24,9 +24,9 @@ from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices
 from haptic_driver.rig.load_controller import LoadSettings, Phase, Seen, wrong_load
-from haptic_driver.rig.load_loop import Guard, LoadLoop, LoadStage, lift, make_clear
+from haptic_driver.rig.load_loop import Guard, LoadLoop, LoadStage, is_clear, lift, make_clear
 from haptic_driver.rig.parts.load_stages import LoadStageSection
-from hw.errors import DeviceTimeout
+from hw.errors import DeviceError, DeviceTimeout
 from hw.force.sensor import ForceReading
 
 IDLE_S = 0.02  # between looks for somebody who wants a load
@@ -74,6 +74,7 @@ class HeldLoad:
         self._phase = LoadPhase.FREE
         self._loop: LoadLoop | None = None  # from the approach until the stage rests
         self._unsure = False  # whether the stage has let go
+        self._last_m: float | None = None  # where the finger was last felt
         self._failures: deque[str] = deque()  # to be told as faults
 
     @property
@@ -93,16 +94,27 @@ class HeldLoad:
         return [start_thread("press", self._run, ending)] if self.present else []
 
     def exchange(self, devices: Devices | None) -> None:
-        """Another stage from here on, or none; waits while the one before is let go."""
+        """Another stage from here on, or none; waits while the one before is let go. A stage that
+        does not show that it stands clear may press: the thread lifts it.
+        """
         free = self._using.acquire(timeout=EXCHANGE_S)
         try:
             self._stage = None if devices is None else devices.load_stage
             self._guard = None if devices is None else devices.watchdog
-            if self._simulated and devices is not None:  # a new stage, which stands clear
-                self._phase, self._unsure = LoadPhase.FREE, False
+            if self._stage is not None:
+                # a new simulated stage stands clear, whether or not it knows where
+                self._unsure = not (self._simulated or self._stands_clear(self._stage))
+                self._phase = LoadPhase.MAY_PRESS if self._unsure else LoadPhase.FREE
         finally:
             if free:
                 self._using.release()
+
+    def _stands_clear(self, stage: LoadStage) -> bool:
+        section = self._section
+        try:
+            return section is not None and is_clear(stage.read_status(), section.mounting())
+        except DeviceError:
+            return False
 
     # --- what the API asks
     # -------------------------------------------------------------------------------------
@@ -231,14 +243,19 @@ class HeldLoad:
                     mounting,
                     clock=self._clock,
                     guard=self._guard,
+                    last_m=self._last_m,
                 )
                 self._hold(loop, goes_on)
+                if doubt := loop.doubt():
+                    self._events.tell("load", doubt)
             except BaseException as error:  # a plug-in may raise anything
                 if goes_on():
                     self._failures.append(message_of(error))
             finally:
                 self._unsure |= self._loop is not None and not self._loop.rests
                 self._phase = LoadPhase.MAY_PRESS if self._unsure else self._rest
+                if self._loop is not None:
+                    self._last_m = self._loop.touch_m
                 self._loop = None
                 if self._wanted is wanted:
                     self._wanted = None
@@ -258,15 +275,23 @@ class HeldLoad:
             self._phase = LoadPhase.LETTING_GO
 
     def _lift(self) -> None:
-        """Try again to let go."""
+        """Try again to let go, until the stage stands clear. One that does not know where it is
+        waits for whoever asks for a load.
+        """
         section = self._section
         with self._using:
-            if section is None or self._stage is None:
+            stage = self._stage
+            if section is None or stage is None:
                 return
+            retracts, mounting = section.when_wrong == "retract", section.mounting()
             try:
-                retracts = section.when_wrong == "retract"
-                lift(self._stage, section.mounting(), self._guard, retract=retracts)
+                if not self._stands_clear(stage):
+                    if not stage.read_status().homed:
+                        return
+                    lift(stage, mounting, self._guard, retract=retracts)
             except BaseException:  # of a plug-in, too
+                return
+            if retracts and not self._stands_clear(stage):
                 return
             self._phase, self._unsure = self._rest, False
         self._events.tell("load", f"the load stage {SAID[self._phase]}")

@@ -32,6 +32,7 @@ from haptic_driver.simulation.lines import PANEL
 from model.description import ModelDescription
 
 PERIOD_S = 0.001
+PUBLISHED = "reference"  # the model that protects where none but a fit is named
 SCHEDULING_S = 0.01  # by so much a position may be late on a machine that does other things too
 
 
@@ -43,7 +44,8 @@ class DaemonSettings:
     scheduling. `amplifier_record`: a file in which simulated instruments write down what was at the
     electrode. `finger`: the simulated one's function, as module:function. `slide`: a file of what
     it does. `carrier_hz`: the only carrier, in place of the rig's policy; `feedback`: from measured
-    friction.
+    friction. `signed`: the surface whose worst case protects whatever is rendered by; the first
+    one, unless given.
     """
 
     rig: str
@@ -57,6 +59,17 @@ class DaemonSettings:
     slide: Path | None = None
     carrier_hz: float | None = None
     feedback: bool = True
+    signed: SurfaceFile | None = None
+
+    def __post_init__(self) -> None:
+        """Keep the first surface for good."""
+        if self.signed is None:
+            object.__setattr__(self, "signed", self.surface)
+
+    @property
+    def protected(self) -> SurfaceFile:
+        """The surface with the worst case by which voltages are judged."""
+        return self.surface if self.signed is None else self.surface.protected_by(self.signed)
 
     def with_model(self, model: str, description: ModelDescription) -> DaemonSettings:
         """The same with another model's surface, which is solved. Raises BadInputError."""
@@ -71,7 +84,8 @@ class DaemonSettings:
             config = config.model_copy(
                 update={"controller": config.controller.model_copy(update=chosen)}
             )
-        render = replace(render_settings(config, surface, feedback=self.feedback), surface=number)
+        stages = render_settings(config, surface, feedback=self.feedback, signed=self.signed)
+        render = replace(stages, surface=number)
         return replace(self, surface=surface, render=render)
 
     @property
@@ -103,18 +117,32 @@ def daemon_settings(
             said = f"rig {config.name} is not simulated: its finger does what it likes"
             raise BadInputError("not_simulated", said, "leave --slide out")
         read_slide(slide)  # its errors are reported here
-    surface = build_surface(load_model(model), config.operating_limits())
-    render = render_settings(config, surface)
+    limits, description = config.operating_limits(), load_model(model)
+    surface = build_surface(description, limits)
+    signs = config.limits.model or (PUBLISHED if description.is_fitted else model)
+    signed = surface if signs == model else build_surface(load_model(signs), limits)
     return DaemonSettings(
-        rig, model, config, surface, render, allow_no_rt, amplifier_record, slide=slide
+        rig,
+        model,
+        config,
+        surface,
+        render_settings(config, surface, signed=signed),
+        allow_no_rt,
+        amplifier_record,
+        slide=slide,
+        signed=signed,
     )
 
 
 def render_settings(
-    config: RigConfig, surface: SurfaceFile, *, feedback: bool = True
+    config: RigConfig,
+    surface: SurfaceFile,
+    *,
+    feedback: bool = True,
+    signed: SurfaceFile | None = None,
 ) -> RenderSettings:
     """How to render on one rig, with nothing to render yet; positions are extrapolated by the whole
-    latency.
+    latency. `signed` as for `tick_settings`.
     """
     output = config.analog_output
     envelope = not isinstance(output, NoPart)
@@ -129,6 +157,7 @@ def render_settings(
         feedback_latency_s=since_tick_s if feedback else None,
         output_latency_s=since_tick_s,
         longest_age_s=usual_s,
+        signed=signed,
     )
     standing = int(Flag.FRICTION_FROM_CURRENT) if config.friction_from_current else 0
     return RenderSettings(

@@ -17,7 +17,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import log
 from pathlib import Path
@@ -132,6 +132,21 @@ class SurfaceFile:
         """What finger and electrode get at most, for whatever judges voltages."""
         return WorstCase.of(
             self.frequency_hz, self.voltage_v, self.stuck_current_a_per_v, self.electrode_gain
+        )
+
+    def protected_by(self, signed: SurfaceFile) -> SurfaceFile:
+        """The same with the larger worst case of both, so that no point is allowed which either
+        forbids.
+        """
+        worst = signed.stuck_current_a_per_v, signed.electrode_gain
+        axes = ((self.frequency_hz, signed.frequency_hz), (self.voltage_v, signed.voltage_v))
+        if not all(np.array_equal(own, other) for own, other in axes):
+            model = ModelDescription.of(signed.provenance["model"])
+            worst = worst_case(model, self.frequency_hz, self.voltage_v)
+        return replace(
+            self,
+            stuck_current_a_per_v=np.maximum(self.stuck_current_a_per_v, worst[0]),
+            electrode_gain=np.maximum(self.electrode_gain, worst[1]),
         )
 
     def _datasets(self) -> dict[str, NDArray[Any]]:

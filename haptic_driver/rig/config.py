@@ -125,6 +125,14 @@ class LimitsConfig(SignedFigures):
         ),
     )
 
+    model: str = Field(
+        default="",
+        description=(
+            "by whose worst case voltages are judged, beside the model that is rendered by; the"
+            " daemon's first if left out, or `reference` where that is a fit"
+        ),
+    )
+
     @model_validator(mode="after")
     def _ordered(self) -> LimitsConfig:
         if self.frequency_hz[0] >= self.frequency_hz[1]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.load_controller import (
+    ARRIVED_M,
     Act,
     LoadSettings,
     LoadState,
@@ -37,6 +38,7 @@ HOMING_S = 60.0  # [unverified] of the slowest homing
 LET_GO_S = 5.0  # for the stage to rest
 SETTLED_S = 0.3  # over which a load is averaged before it is believed
 SETTLED_SHARE = 0.05
+LEFT_LOOKS = 10  # at the load, after letting go
 
 
 class LoadStage(Protocol):
@@ -71,6 +73,13 @@ class Guard(Protocol):
 
     def lifted(self) -> None:
         """The stage has let go."""
+
+
+def is_clear(status: StageStatus, mounting: Mounting) -> bool:
+    """Whether a stage shows that it rests where the finger is free."""
+    here_m, clear_m = mounting.depth_m(status.position_m), mounting.depth_m(mounting.clear_m)
+    known = status.homed and not status.motion_error
+    return known and not status.moving and here_m <= clear_m + ARRIVED_M
 
 
 def make_clear(
@@ -120,7 +129,10 @@ def lift(stage: LoadStage, mounting: Mounting, guard: Guard | None, *, retract: 
 
 
 class LoadLoop:
-    """Holds a load while `look` is called, again and again, between entering and leaving."""
+    """Holds a load while `look` is called, again and again, between entering and leaving.
+
+    `last_m` is where the finger was felt the last time, if it was: `touch_m` of the loop before.
+    """
 
     def __init__(
         self,
@@ -132,9 +144,10 @@ class LoadLoop:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
         guard: Guard | None = None,
+        last_m: float | None = None,
     ) -> None:
         self.settings = settings
-        self.state = LoadState()
+        self.state = LoadState(last_m=last_m)
         self.load_n = math.nan  # the newest
         self.depth_m = math.nan
         self._stage = stage
@@ -179,6 +192,11 @@ class LoadLoop:
                 raise self._ended()
             if self._clock() >= end_s:
                 return
+
+    @property
+    def touch_m(self) -> float | None:
+        """The depth at which the finger was first felt; None while it is not."""
+        return None if self.state.touch is None else self.state.touch.depth_m
 
     @property
     def reason(self) -> str:
@@ -234,6 +252,24 @@ class LoadLoop:
         except DeviceError:
             self._released = False
         return self._released
+
+    def doubt(self) -> str:
+        """Why the load that was held is in doubt: by what is still felt after letting go. Empty
+        where nothing is, or the finger was not felt or not lifted. Raises DeviceError.
+        """
+        if self.touch_m is None or not (self.rests and self.settings.retracts):
+            return ""
+        loads = []
+        for _ in range(LEFT_LOOKS):
+            self._sleep(PERIOD_S)
+            loads.append(self._read_force().normal_force_n)
+        left_n = sum(loads) / len(loads)
+        if abs(left_n) < self.settings.touch_n:
+            return ""
+        return (
+            f"after letting go {left_n:.2f} N are still felt: the force sensor's zero has moved,"
+            " or something else touches"
+        )
 
     def __enter__(self) -> Self:
         """Raises DeviceError where the guard does not guard."""

@@ -21,14 +21,17 @@ def tick_settings(
     feedback_latency_s: float | None = None,
     output_latency_s: float | None = None,
     longest_age_s: float = FingerSettings.longest_age_s,
+    signed: SurfaceFile | None = None,
 ) -> TickSettings:
-    """The stages of one rig, with a surface and a texture.
+    """The stages of one rig, with a surface and a texture. Voltages are judged by the worst case of
+    the surface, and of the `signed` one.
 
     `feedback_latency_s`: from a set point to its effect, for feedback from measured friction; None
     renders without. `output_latency_s`: by which the finger's position is extrapolated from a tick
     on; None takes the rig's. `longest_age_s`: up to which a reading is extrapolated to its tick.
     """
     limits = config.operating_limits()
+    file = file if signed is None else file.protected_by(signed)
     controller = ControllerSettings(
         ready_for_lookup(file, limits),
         limits,

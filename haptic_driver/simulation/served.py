@@ -42,7 +42,7 @@ SPEED_STEP_M_S = 1e-3  # the model is asked about whole millimetres per second: 
 FORCE_RATE_HZ = 1000.0
 START_MM = 5.0  # of the stage: homing takes a second
 FACE_M = 0.012  # position of the load stage at which the skin touches
-CLEAR_M = 0.008
+CLEAR_M = 0.010
 REPLY_S = 0.1  # of the interlock box, which shares its processor with everything else here
 
 

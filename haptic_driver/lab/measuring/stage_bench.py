@@ -73,6 +73,7 @@ class StageBench:
         self.await_start: AwaitStart = at_once
         self._sessions = 0
         self._load: LoadLoop | None = None  # while a load stage presses
+        self._last_m: float | None = None  # where it last felt the finger
         self._pressing = ExitStack()
         # its speed, and the stage's status when it had been reached; None while the finger does not
         # slide
@@ -97,6 +98,7 @@ class StageBench:
         first.
         """
         self._sessions += 1
+        self._last_m = None
         if self._sessions > 1:
             lifted_n = self._config.finger.contact_off_n
             self._await_load(
@@ -265,12 +267,15 @@ class StageBench:
             clock=self._clock,
             sleep=self._sleep,
             guard=self._devices.watchdog,
+            last_m=self._last_m,
         )
         self._load = self._pressing.enter_context(load)
         self._load.settle(LOAD_WAIT_S)
 
     def _lift(self) -> None:
         """Have the load stage let go, and forget its loop."""
+        if self._load is not None:
+            self._last_m = self._load.touch_m
         self._load = None
         self._pressing.close()
 

@@ -58,12 +58,21 @@ class LoadStageSection(PartSection):
     when_wrong: Literal["retract", "stop"] = Field(description=WRONG)
     load_limit_n: LoadNewtons = Field(default=3.0, description="never more, whatever is asked")
     retract_m: Way = Field(default=5e-3, description="so far back, but not beyond `clear_m`")
-    reach_m: Way = Field(default=10e-3, description="from `clear_m` until a finger must be felt")
+    reach_m: Way = Field(default=3e-3, description="from `clear_m` until a finger must be felt")
     depth_m: Way = Field(default=3e-3, description="never deeper, from where it is first felt")
+    drift_m: Way = Field(
+        default=0.8e-3,
+        description="never deeper, from where the load was reached, or from the last first touch",
+    )
     rate_m_s: Speed = Field(default=5e-3, description="no move that holds the load is faster")
     acceleration_m_s2: Acceleration = Field(default=0.05, description="of all its moves")
     stiffness_n_per_m: Stiffness = Field(
         default=700.0, description="of the finger at 0.5 N; `haptic load tune` measures it"
+    )
+    softest_n_per_m: Stiffness | None = Field(
+        default=None,
+        description="of the softest finger that is pressed here, at 0.5 N; one that answers less"
+        " is let go. `stiffness_n_per_m` if left out",
     )
     gain: Gain = Field(default=0.45, description="share of the missing way that a move takes")
     drift_per_s: Drift = Field(default=2.0, description="integral gain")
@@ -78,6 +87,11 @@ class LoadStageSection(PartSection):
     def _whole(self) -> Self:
         if self.load_limit_n <= LoadSettings.touch_n:
             raise ValueError(f"load_limit_n must be above the first touch, {LoadSettings.touch_n}")
+        if self.when_wrong == "retract" and self.retract_m <= self.depth_m:
+            raise ValueError(
+                f"retract_m {self.retract_m:g} does not lift off a finger that is pressed by"
+                f" depth_m {self.depth_m:g}"
+            )
         return self
 
     @property
@@ -94,11 +108,13 @@ class LoadStageSection(PartSection):
             target_n,
             retracts=self.when_wrong == "retract",
             stiffness_n_per_m=self.stiffness_n_per_m if gains is None else gains.stiffness_n_per_m,
+            softest_n_per_m=self.softest_n_per_m or self.stiffness_n_per_m,
             **self.model_dump(
                 include={
                     "load_limit_n",
                     "reach_m",
                     "depth_m",
+                    "drift_m",
                     "rate_m_s",
                     "gain",
                     "drift_per_s",
@@ -161,7 +177,7 @@ class SimulatedLoadStageConfig(OnLts150):
 
     kind: Literal["simulated"]
     higher_presses: bool = Field(default=True, description=PRESSES)
-    clear_m: Metres = Field(default=8e-3, description=CLEAR)
+    clear_m: Metres = Field(default=10e-3, description=CLEAR)
     when_wrong: Literal["retract", "stop"] = Field(default="retract", description=WRONG)
     travel_m: Travel = Field(default=[0.0, 0.15], description=TRAVEL)
     face_m: Metres = Field(default=12e-3, description="position at which the skin touches")

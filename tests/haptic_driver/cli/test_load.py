@@ -53,6 +53,7 @@ def rig(served: Any, tmp_path: Path) -> str:
 @pytest.mark.realtime
 def test_a_load_is_held_and_the_finger_lifted(haptic: Any, rig: str, served: Any) -> None:
     held = said(haptic("load", "hold", "0.5", "--rig", rig, "--seconds", "2", "--yes", "--json"))
+    assert "mean_load_n" in held, held
     assert held["mean_load_n"] == pytest.approx(0.5, rel=0.1)
     assert held["depth_m"] > FACE_M
     assert served.load_stage.position_mm < 1e3 * FACE_M
@@ -128,6 +129,7 @@ def test_a_simulated_rig_holds_by_its_file_alone(haptic: Any) -> None:
     its skin is at 12 mm.
     """
     held = said(haptic("load", "hold", "0.5", "--seconds", "20", "--json"))
+    assert "mean_load_n" in held, held
     assert held["mean_load_n"] == pytest.approx(0.5, rel=0.03)
     assert 13e-3 < held["depth_m"] < 13.6e-3
     tuned = said(haptic("load", "tune", "--by", "A", "--json"))

@@ -24,6 +24,7 @@ from tests.haptic_driver.rig.load_rig import FACE_M, MOUNTING, Finger, score, sl
 
 TARGET_N = 0.5
 SETTINGS = LoadSettings(TARGET_N)
+SOFTEST_N_PER_M = 250.0  # of fingers of a third of the usual stiffness
 SWITCHED = lambda time_s: time_s % 1.0 < 0.5  # noqa: E731 - 80 V in mid-stroke
 
 
@@ -72,7 +73,7 @@ def test_it_holds_fingers_of_a_third_to_three_times_the_stiffness(
     """
     law = PowerLaw(exponent=exponent)
     finger = Finger(lambda depth_m: factor * law(depth_m), voltage_on=SWITCHED)
-    settings = LoadSettings(TARGET_N, depth_m=5e-3)
+    settings = LoadSettings(TARGET_N, depth_m=5e-3, softest_n_per_m=SOFTEST_N_PER_M)
     found = score(finger, settings, seconds=20.0)
     print(f"\n{factor:.2f} times the stiffness, exponent {exponent:g}: {found}")
     end_s = finger.now_s - 0.01
@@ -235,7 +236,7 @@ def test_tuning_finds_the_stiffness_of_a_finger(factor: float) -> None:
     of it has not relaxed within a step.
     """
     finger = Finger(lambda depth_m: factor * PowerLaw()(depth_m))
-    with finger.loop(LoadSettings(TARGET_N, depth_m=5e-3)) as loop:
+    with finger.loop(LoadSettings(TARGET_N, depth_m=5e-3, softest_n_per_m=SOFTEST_N_PER_M)) as loop:
         loop.settle(10.0)
         found = tune(loop)
     depth_m = 1.75e-3 * (TARGET_N / (0.75 * factor)) ** (1 / 1.75)
@@ -252,9 +253,9 @@ def test_a_load_that_settles_is_told_and_one_that_cannot_is_refused() -> None:
         mean_n, depth_m = loop.average(2.0)
     assert mean_n == pytest.approx(TARGET_N, rel=0.03)
     assert depth_m > FACE_M
-    soft = Finger(lambda depth_m: 0.1 * PowerLaw()(depth_m))
+    soft = Finger(lambda depth_m: 0.3 * PowerLaw()(depth_m))
     with (
-        pytest.raises(HapticError, match=r"not reached within 3\.0 mm"),
+        pytest.raises(HapticError, match="N are too little"),
         soft.loop(SETTINGS) as loop,
     ):
         loop.settle(30.0)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from hw.serving.responder import Disconnect
-from hw.stage.apt import Frame, Message, StatusBit
+from hw.stage.apt import Frame, Message, MotionStatus, StatusBit
 from hw.stage.simulated import COUNTS_PER_MM, SimulatedLts150, _Speed
 
 
@@ -20,6 +20,7 @@ class StageFaults:
         None  # the carriage cannot pass: it rests there, with the error bit set
     )
     ignores_profiled_stop: bool = False
+    says_moving: bool = False  # a bit of its status stays set
     stands: bool = False  # every order is taken, and the carriage does not move
     noise: bytes = b""  # comes before every answer
     delivered_bytes: float = math.inf  # each answer is cut after so many
@@ -39,6 +40,12 @@ class FaultyLts150(SimulatedLts150):
             return b""
         whole = self.faults.noise + answer
         return whole[: int(min(len(whole), self.faults.delivered_bytes))]
+
+    def _status(self) -> MotionStatus:
+        status = super()._status()
+        if not self.faults.says_moving:
+            return status
+        return status._replace(bits=status.bits | StatusBit(0x10))
 
     def _move(self, to_mm: float, speed: _Speed, announce: Message) -> None:
         if not self.faults.stands:
