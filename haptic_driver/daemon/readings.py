@@ -51,10 +51,8 @@ class Readings:
         )
         kind = "simulated" if section is None else section.kind
         self._sensor = f"the force sensor ({kind})"
-        self._tracker = (
-            "the finger tracker"
-            f" ({'simulated' if config.simulated else config.finger_tracker.kind})"
-        )
+        kind = "simulated" if config.simulated else config.finger_tracker.kind
+        self._tracker = f"the finger tracker ({kind})"
         self._finger_s = self._force_s = -math.inf
 
     def read(self) -> Sensed:

@@ -28,7 +28,7 @@ from haptic_driver.rig.parts.finger_trackers import (
 )
 from haptic_driver.rig.slide import read_slide
 from haptic_driver.rig.tick_settings import tick_settings
-from haptic_driver.simulation.lines import PANEL
+from hw.finger.simulated_touch_screen import PANEL
 from model.description import ModelDescription
 
 PERIOD_S = 0.001

@@ -43,11 +43,11 @@ from haptic_driver.simulation.finger_model import (
     with_hidden,
 )
 from haptic_driver.simulation.instruments import SimulatedInstruments
-from haptic_driver.simulation.lines import PANEL, LinesServer
+from haptic_driver.simulation.lines import LinesServer
 from haptic_driver.simulation.pressed_finger import PressedFinger
 from haptic_driver.simulation.rig import electrode_monitors
 from hw.analog.simulated_output import CardMemory
-from hw.finger.simulated_touch_screen import SimulatedTouchScreen
+from hw.finger.simulated_touch_screen import PANEL, SimulatedTouchScreen
 from hw.monitor.contract import ElectrodeReading
 from hw.monitor.simulated import ElectrodeState
 from hw.serving.responder import Responder
@@ -122,7 +122,7 @@ class SlidingFinger(RunningTogether):
             "waveform_generator": self.instruments.generator_server.resource,
             "amplifier_lines": self._lines_server.resource,
             "force_sensor": f"{force_box.host}:{force_box.port}",
-            "touch_screen": f"127.0.0.1:{self._touch_server.port}",
+            "finger_tracker": f"127.0.0.1:{self._touch_server.port}",
         }
         if self._stage_server is not None:
             always["load_stage"] = self._stage_server.resource

@@ -24,11 +24,12 @@ from haptic_driver.simulation.finger_model import (
     friction_of,
     with_hidden,
 )
-from haptic_driver.simulation.instruments import SCALE, SINE_WITHOUT_BIAS, SimulatedInstruments
+from haptic_driver.simulation.instruments import SINE_WITHOUT_BIAS, SimulatedInstruments
 from hw.analog.output import AnalogOutput
 from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
+from hw.force.net_ft_server import SCALE
 from hw.force.sensor import ForceAxes, ForceReading, ForceSensor, NoForceSensor
 from hw.generator.analog_carrier.driver import AnalogCarrier
 from hw.monitor.contract import ElectrodeMonitor, ElectrodeReading

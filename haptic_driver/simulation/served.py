@@ -19,16 +19,21 @@ from collections.abc import Mapping
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.part import NoPart
-from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
-from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
+from haptic_driver.rig.parts.finger_trackers import SimulatedFingerConfig, StageFingerConfig
+from haptic_driver.rig.parts.force_sensors import (
+    NetFtForceSensorConfig,
+    SimulatedForceSensorConfig,
+)
 from haptic_driver.rig.parts.generators import WatchdogConfig
-from haptic_driver.rig.parts.interlocks import InterlockBox
+from haptic_driver.rig.parts.interlocks import InterlockBox, SimulatedEnableLine
 from haptic_driver.rig.parts.load_stages import Lts150LoadStageConfig
 from haptic_driver.rig.parts.stages import Lts150StageConfig
+from haptic_driver.rig.roles import ROLES
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
-from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
+from haptic_driver.simulation.instruments import SimulatedInstruments
 from hw.analog.simulated_output import CardMemory
 from hw.finger.body import FingerBody
+from hw.force.net_ft_server import SCALE
 from hw.generator.analog_carrier.simulator import SimulatedCarrier
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer
@@ -43,6 +48,8 @@ FORCE_RATE_HZ = 1000.0
 START_MM = 5.0  # of the stage: homing takes a second
 FACE_M = 0.012  # position of the load stage at which the skin touches
 CLEAR_M = 0.008
+# a simulated generator that is gone will not come back at the same address
+WATCHDOG_GIVE_UP_S = 1.0
 REPLY_S = 0.1  # of the interlock box, which shares its processor with everything else here
 
 
@@ -125,6 +132,28 @@ class ServedRig(RunningTogether):
             return NORMAL_FORCE_N if self._pressing else 0.0
         depth_m = 1e-3 * self.load_stage.position_mm - FACE_M
         return self._body.step(dt_s, depth_m, friction_n=self.instruments.plant.lateral_force_n)
+
+
+def reached(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
+    """A simulated rig as its drivers reach it: its devices, served at `endpoints` by
+    `haptic_driver.simulation.process`.
+    """
+    generator, lines = endpoints["waveform_generator"], endpoints["amplifier_lines"]
+    usual = {
+        "interlock": SimulatedEnableLine(),
+        "force_sensor": config.force_sensor or SimulatedForceSensorConfig(),
+        "finger_tracker": SimulatedFingerConfig(),
+        "watchdog": WatchdogConfig(generator=generator, give_up_s=WATCHDOG_GIVE_UP_S),
+        "camera": NoPart(),
+    }
+    rig = config.model_copy(update=usual)
+    where = {"interlock": lines, "electrode_monitors": lines, **endpoints}
+    changed: dict[str, object] = {}
+    for key in where.keys() & ROLES.keys():
+        served = [s.served_at(where[key]) for s in rig.sections_of(key) if s.is_simulated]
+        if served:
+            changed[key] = served if isinstance(getattr(rig, key), list) else served[0]
+    return rig.model_copy(update=changed)
 
 
 def with_load_stage(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
