@@ -138,7 +138,7 @@ class SteppedDaemon:
         return self.bench.instruments.time_s
 
     def _electrode(self, frequency_hz: float) -> ElectrodeReading | None:
-        return self.bench.read_electrode(frequency_hz, self.bench.instruments.voltage_v)
+        return self.bench.electrode.read(frequency_hz, self.bench.instruments.voltage_v)
 
     def _envelope_loop(self) -> EnvelopeLoop | None:
         config, output = self.bench.config, self.bench.analog_output

@@ -19,7 +19,7 @@ class LinesServer:
     def __init__(
         self,
         instruments: SimulatedInstruments,
-        electrode: Callable[[float], ElectrodeReading | None],
+        electrode: Callable[[float, float], ElectrodeReading | None],
         pressed: PressedFinger | None = None,
     ) -> None:
         self._instruments, self._electrode = instruments, electrode
@@ -38,7 +38,9 @@ class LinesServer:
                 return b"%d\n" % amplifier.read()
             case [b"VOLTAGE?"]:
                 return b"%.9g\n" % amplifier.read_v()
-            case [b"ELECTRODE?", hz] if reading := self._electrode(float(hz)):
+            case [b"ELECTRODE?", hz] if reading := self._electrode(
+                float(hz), instruments.voltage_v
+            ):
                 v, i = reading.voltage_v, reading.current_a
                 told = v.real, v.imag, reading.voltage_std_v, i.real, i.imag, reading.current_std_a
                 return b" ".join(b"%.9g" % value for value in told) + b"\n"
