@@ -28,7 +28,7 @@ from haptic_driver.rig.parts.generators import WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox, SimulatedEnableLine
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.parts.stages import Lts150StageConfig
-from haptic_driver.rig.roles import ROLES
+from haptic_driver.rig.roles import APART, ROLES
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.pressed_finger import PressedFinger
@@ -129,7 +129,7 @@ class ServedRig(RunningTogether):
 
 
 def reached(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
-    """A simulated rig as its drivers reach it: its devices, served at `endpoints` by
+    """A simulated rig as its drivers reach it: what is served of it at `endpoints`, by
     `haptic_driver.simulation.process`.
     """
     generator, lines = endpoints["waveform_generator"], endpoints["amplifier_lines"]
@@ -138,15 +138,16 @@ def reached(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
         "force_sensor": config.force_sensor or SimulatedForceSensorConfig(),
         "finger_tracker": SimulatedFingerConfig(),
         "watchdog": WatchdogConfig(generator=generator, give_up_s=WATCHDOG_GIVE_UP_S),
-        "camera": NoPart(),
     }
     rig = config.model_copy(update=usual)
     where = {"interlock": lines, "electrode_monitors": lines, **endpoints}
     changed: dict[str, object] = {}
-    for key in where.keys() & ROLES.keys():
-        served = [s.served_at(where[key]) for s in rig.sections_of(key) if s.is_simulated]
-        if served:
-            changed[key] = served if isinstance(getattr(rig, key), list) else served[0]
+    for key, role in ROLES.items():
+        simulated = [one for one in rig.sections_of(key) if one.is_simulated]
+        if simulated and role.opens is not APART:
+            absent = RigConfig.model_fields[key].default
+            served = [one.served_at(where[key]) for one in simulated if key in where]
+            changed[key] = served if isinstance(absent, list) else next(iter(served), absent)
     return rig.model_copy(update=changed)
 
 
