@@ -19,13 +19,10 @@ from collections.abc import Mapping
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.part import NoPart
-from haptic_driver.rig.parts.finger_trackers import SimulatedFingerConfig, StageFingerConfig
-from haptic_driver.rig.parts.force_sensors import (
-    NetFtForceSensorConfig,
-    SimulatedForceSensorConfig,
-)
+from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
+from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.rig.parts.generators import WatchdogConfig
-from haptic_driver.rig.parts.interlocks import InterlockBox, SimulatedEnableLine
+from haptic_driver.rig.parts.interlocks import InterlockBox
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.rig.roles import APART, ROLES
@@ -133,22 +130,16 @@ def reached(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
     `haptic_driver.simulation.process`.
     """
     generator, lines = endpoints["waveform_generator"], endpoints["amplifier_lines"]
-    usual = {
-        "interlock": SimulatedEnableLine(),
-        "force_sensor": config.force_sensor or SimulatedForceSensorConfig(),
-        "finger_tracker": SimulatedFingerConfig(),
-        "watchdog": WatchdogConfig(generator=generator, give_up_s=WATCHDOG_GIVE_UP_S),
-    }
-    rig = config.model_copy(update=usual)
+    watchdog = WatchdogConfig(generator=generator, give_up_s=WATCHDOG_GIVE_UP_S)
     where = {"interlock": lines, "electrode_monitors": lines, **endpoints}
-    changed: dict[str, object] = {}
+    changed: dict[str, object] = {"watchdog": watchdog}
     for key, role in ROLES.items():
-        simulated = [one for one in rig.sections_of(key) if one.is_simulated]
+        simulated = [one for one in config.sections_of(key) if one.is_simulated]
         if simulated and role.opens is not APART:
             absent = RigConfig.model_fields[key].default
             served = [one.served_at(where[key]) for one in simulated if key in where]
             changed[key] = served if isinstance(absent, list) else next(iter(served), absent)
-    return rig.model_copy(update=changed)
+    return config.model_copy(update=changed)
 
 
 def with_load_stage(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:

@@ -111,7 +111,7 @@ class NiInterlock(PartSection):
         return Part(line, [line.open], [line.close])
 
 
-class SimulatedEnableLine(ServedSection):
+class SimulatedInterlockConfig(ServedSection):
     """The enable line of a simulated amplifier, and with it its voltage monitor."""
 
     kind: Literal["simulated"] = "simulated"
