@@ -26,10 +26,9 @@ from haptic_driver.processes.shared_memory import Played, SharedState
 from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead, warm_up
 from haptic_driver.rig.part import Wiring
-from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig, SomeAnalogOutput
+from haptic_driver.rig.parts.analog_outputs import SomeAnalogOutput
 from haptic_driver.signals import NO_COURSE, Course
 from hw.analog.output import AnalogOutput
-from hw.analog.simulated_output import CardMemory, SimulatedAnalogOutput
 from hw.generator.settings import ModulationInput
 
 PERIOD_S = 0.001
@@ -41,20 +40,15 @@ BEAT_S = 0.05  # at most so long nothing is said
 class EnvelopeSettings:
     """The section of a rig's file that names the output, and what Modulation In does.
 
-    `card` is where a simulated card is. `rise_v_per_s`: no faster after a gap.
+    `rise_v_per_s`: no faster after a gap.
     """
 
     section: SomeAnalogOutput
     modulation: ModulationInput
     rise_v_per_s: float
-    card: str | None = None
 
     def output(self) -> tuple[AnalogOutput, Callable[[], object]]:
         """The output, which nobody but its writer looks at, and what opens it."""
-        if isinstance(self.section, SimulatedAnalogOutputConfig):
-            path = self.card or ""
-            output = SimulatedAnalogOutput(lambda: CardMemory.at(path), self.section.settings())
-            return _unwatched(output), output.open
         part = self.section.make(Wiring())
         assert part is not None  # its section is not that of none
         return _unwatched(part.device), lambda: [step() for step in part.opening]

@@ -4,8 +4,7 @@ control dies.
 
 from __future__ import annotations
 
-import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from haptic_driver.daemon.readings import (
     Readings,
@@ -18,24 +17,12 @@ from haptic_driver.live.current_sensor import Carried, ElectrodeWatch, ReadElect
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.devices import Devices, build_rig, carrier_output, connect_devices
+from haptic_driver.rig.devices import Devices, connect_devices
 from haptic_driver.rig.evidence import KnownOutput
-from haptic_driver.rig.part import NoPart, Wiring
-from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.states import RigEvent
-from haptic_driver.simulation.instruments import SCALE
-from haptic_driver.simulation.lines import SCREEN, Lines
-from hw.analog.cards import make_card
-from hw.analog.output import AnalogOutput
-from hw.errors import DeviceDisconnected
-from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
 from hw.finger.tracker import FingerTracker
-from hw.force.net_ft import NetFt, NetFtSettings
-from hw.force.sensor import ForceAxes, ForceSensor, NoForceSensor
+from hw.force.sensor import ForceSensor
 from hw.monitor.contract import ElectrodeReading
-from hw.safety.watchdog import Watchdog, WatchdogSettings
-from hw.transport.contract import Transport
-from hw.transport.tcp import TcpTransport
 
 SENSOR_PERIOD_S = 0.001
 WATCHDOG_GIVE_UP_S = (
@@ -102,12 +89,12 @@ class Instruments:
         return self.devices.close()
 
 
-def connect_real(
+def connect(
     config: RigConfig, on_event: Callable[[RigEvent], None], before: ForceSensor | None = None
 ) -> Instruments:
-    """The devices that a real rig's file names, open. Raises HapticError and DeviceError.
+    """The devices that a rig's file names, open. Raises HapticError and DeviceError.
 
-    The force sensor takes its bias: leave it unloaded. It keeps that of the one `before`, where
+    A real force sensor takes its bias: leave it unloaded. It keeps that of the one `before`, where
     there was one.
     """
     devices = connect_devices(
@@ -128,94 +115,6 @@ def connect_real(
             else devices.electrode_monitors[i].read(frequency_hz, config.limits.voltage_v)
         )
 
-    return _opened(config, devices, devices.tracker, electrode)
-
-
-def connect_simulated(
-    config: RigConfig, endpoints: Mapping[str, str], on_event: Callable[[RigEvent], None]
-) -> Instruments:
-    """The real drivers on the simulated instruments at `endpoints`. Raises HapticError and
-    DeviceError.
-    """
-    pressing = None
-    if isinstance(config.load_stage, SimulatedLoadStageConfig):
-        pressing = config.load_stage.served_at(endpoints["load_stage"])
-    watchdog = Watchdog(
-        WatchdogSettings(
-            endpoints["waveform_generator"],
-            model=config.waveform_generator.model,
-            give_up_s=WATCHDOG_GIVE_UP_S,
-            load_stage=None if pressing is None else pressing.guarded(),
-        )
-    )
-    lines = Lines(TcpTransport.from_resource(endpoints["amplifier_lines"]))
-    host, port = endpoints["force_sensor"].split(":")
-    box = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port)))
-    given = config.without_force
-    force_sensor: ForceSensor = box if given is None else NoForceSensor(given.load_n)
-    host, port = endpoints["touch_screen"].split(":")
-    try:
-        connection = socket.create_connection((host, int(port)))
-    except OSError as error:
-        raise DeviceDisconnected(
-            f"the simulated touch screen is gone ({error})", "restart the daemon"
-        ) from error
-    reports = TouchReports(
-        connection.fileno(),
-        TouchEvents(None),
-        name="simulated touch screen",
-        close=connection.close,
-    )
-    screen = TouchScreen(reports, SCREEN)
-    carrier = config.waveform_generator.carrier
-    reached: Transport | AnalogOutput = (
-        TcpTransport.from_resource(endpoints["waveform_generator"])
-        if carrier is None
-        else make_card(endpoints["waveform_generator"], carrier_output(carrier))
-    )
-    rig = build_rig(
-        config,
-        reached,
-        force_sensor,
-        Wiring(enable=lines, voltage_monitor=lines),
-        modulated=not isinstance(config.analog_output, NoPart),
-        heartbeats=[watchdog],
-        on_event=on_event,
-    )
-    stage = None if pressing is None else pressing.make(Wiring())
-    opening = [rig.connect, box.open, watchdog.start, *(stage.opening if stage else [])]
-    closing = [
-        *(stage.closing if stage else []),
-        watchdog.close,
-        box.close,
-        screen.close,
-        lines.close,
-    ]
-
-    def electrode(frequency_hz: float) -> ElectrodeReading | None:
-        return (
-            None
-            if config.electrode_monitor(frequency_hz) is None
-            else lines.read_electrode(frequency_hz)
-        )
-
-    devices = Devices(
-        rig,
-        force_sensor,
-        screen,
-        None,
-        None,
-        watchdog,
-        opening,
-        closing,
-        load_stage=stage.device if stage else None,
-    )
-    return _opened(config, devices, screen, electrode)
-
-
-def _opened(
-    config: RigConfig, devices: Devices, tracker: FingerTracker, electrode: ReadElectrode
-) -> Instruments:
-    instruments = Instruments(config, devices, tracker, electrode)
+    instruments = Instruments(config, devices, devices.tracker, electrode)
     devices.open()
     return instruments

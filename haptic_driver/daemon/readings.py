@@ -49,12 +49,9 @@ class Readings:
         self._force = (
             section if isinstance(section, ForceSensorSection) else ForceSensorSection(kind="")
         )
-        kind = "simulated" if section is None else section.kind
+        kind = "none" if section is None else section.kind
         self._sensor = f"the force sensor ({kind})"
-        self._tracker = (
-            "the finger tracker"
-            f" ({'simulated' if config.simulated else config.finger_tracker.kind})"
-        )
+        self._tracker = f"the finger tracker ({config.finger_tracker.kind})"
         self._finger_s = self._force_s = -math.inf
 
     def read(self) -> Sensed:

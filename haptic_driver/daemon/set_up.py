@@ -24,11 +24,12 @@ from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.finger_trackers import (
     STAGE_INTERVAL_S,
     EvdevFingerConfig,
+    SimulatedFingerConfig,
     StageFingerConfig,
 )
 from haptic_driver.rig.slide import read_slide
 from haptic_driver.rig.tick_settings import tick_settings
-from haptic_driver.simulation.lines import PANEL
+from hw.finger.simulated_touch_screen import PANEL
 from model.description import ModelDescription
 
 PERIOD_S = 0.001
@@ -207,4 +208,6 @@ def _sensor_period_s(config: RigConfig) -> float:
             return 1.0 / rate_hz
         case StageFingerConfig():
             return STAGE_INTERVAL_S
-    return 1.0 / PANEL.report_rate_hz if config.simulated else 0.0
+        case SimulatedFingerConfig():
+            return 1.0 / PANEL.report_rate_hz
+    return 0.0

@@ -26,10 +26,9 @@ from haptic_driver.rig.devices import modulation_input
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.slide import TICK_S, Slide
-from haptic_driver.simulation.lines import PANEL, SCREEN
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import SlideRecord
-from hw.finger.simulated_touch_screen import SimulatedTouchScreen
+from hw.finger.simulated_touch_screen import PANEL, SCREEN, SimulatedTouchScreen
 from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
 from hw.monitor.contract import ElectrodeReading
 
@@ -139,7 +138,7 @@ class SteppedDaemon:
         return self.bench.instruments.time_s
 
     def _electrode(self, frequency_hz: float) -> ElectrodeReading | None:
-        return self.bench.read_electrode(frequency_hz, self.bench.instruments.voltage_v)
+        return self.bench.electrode.read(frequency_hz, self.bench.instruments.voltage_v)
 
     def _envelope_loop(self) -> EnvelopeLoop | None:
         config, output = self.bench.config, self.bench.analog_output

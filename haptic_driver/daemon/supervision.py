@@ -18,7 +18,7 @@ from functools import partial
 
 from haptic_driver.daemon.envelope_process import EnvelopeSettings
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.daemon.instruments import Instruments, connect_real, connect_simulated
+from haptic_driver.daemon.instruments import Instruments, connect
 from haptic_driver.daemon.load import HeldLoad
 from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.orders import Orders
@@ -36,6 +36,7 @@ from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import SLIDING_M_S
+from haptic_driver.simulation.served import reached
 from hw.errors import DeviceError, NotBelieved
 from hw.force.sensor import ForceSensor
 
@@ -78,11 +79,10 @@ class Supervisor:
         self.instruments: Instruments | None = None
         self.load = HeldLoad(settings.config, shared, orders, events, clock)
         self.endpoints: dict[str, str] = {}  # of simulated instruments
-        self._force_sensor: ForceSensor | None = (
-            None  # the last of a real rig, whose bias the next one keeps
-        )
+        self._force_sensor: ForceSensor | None = None  # the last one: the next keeps its bias
         self.real_time = False
         self.settings = settings  # of what is started next
+        self._reached = settings.config  # as its drivers reach the rig's devices
         self._shared = shared
         self._orders = orders
         self._events = events
@@ -240,7 +240,7 @@ class Supervisor:
 
     def _start_envelope(self) -> None:
         """Start the writer of an analog output, if the rig has one."""
-        config = self.settings.config
+        config = self._reached
         modulation = modulation_input(config)
         if modulation is None or isinstance(config.analog_output, NoPart):
             return
@@ -248,7 +248,6 @@ class Supervisor:
             config.analog_output,
             modulation,
             config.output.voltage_rise_v_per_s,
-            self.endpoints.get("analog_output"),
         )
         if ENVELOPE in self._children:
             self._children[ENVELOPE].kill()
@@ -279,15 +278,13 @@ class Supervisor:
             )
 
     def _connect_instruments(self) -> None:
-        config = self.settings.config
+        config = self._reached = self.settings.config
         if config.simulated:
             self.endpoints = self._children[INSTRUMENTS].ready(START_TIMEOUT_S)["endpoints"]
+            config = self._reached = reached(config, self.endpoints)
         self._start_envelope()  # at zero before there is a carrier
-        if config.simulated:
-            self.instruments = connect_simulated(config, self.endpoints, self._orders.rig_says)
-        else:
-            self.instruments = connect_real(config, self._orders.rig_says, self._force_sensor)
-            self._force_sensor = self.instruments.devices.force_sensor
+        self.instruments = connect(config, self._orders.rig_says, self._force_sensor)
+        self._force_sensor = self.instruments.devices.force_sensor
         self.instruments.watch_electrode(
             partial(carried, self._shared), lambda: self.settings.model
         )

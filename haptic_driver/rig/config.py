@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import (
     AfterValidator,
@@ -305,6 +305,9 @@ class SimulationConfig(Section):
     )
 
 
+SIMULATED_PARTS = "interlock", "force_sensor", "finger_tracker"
+
+
 class RigConfig(RigParts):
     """One rig, as its file in `configs/rigs/` says."""
 
@@ -330,6 +333,14 @@ class RigConfig(RigParts):
         ),
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _simulated_parts(cls, said: Any) -> Any:
+        """What a simulated rig has where its file says nothing of it."""
+        if isinstance(said, dict) and said.get("simulated") is True:
+            return {key: {"kind": SIMULATED} for key in SIMULATED_PARTS} | said
+        return said
+
     @model_validator(mode="after")
     def _consistent(self) -> RigConfig:
         for contradiction in _contradictions(self):
@@ -353,7 +364,7 @@ class RigConfig(RigParts):
         ]
         if self.watchdog is None and not self.simulated:
             missing.append('watchdog.generator (a resource, or "none")')
-        if self.interlock is None and not self.simulated:
+        if self.interlock is None:
             missing.append('interlock.kind ("none" where there is none)')
         return missing
 
@@ -590,8 +601,7 @@ def _not_wired(rig: RigConfig) -> Iterator[str]:
     yield from _aliased(rig)
     if any(part.needs_stage for part in parts) and rig.stage is None:
         yield f'finger_tracker.kind is "{rig.finger_tracker.kind}", and there is no section [stage]'
-    sensor = rig.force_sensor
-    measured = rig.simulated if sensor is None else sensor.kind != "none"
+    measured = rig.force_sensor is not None and rig.without_force is None
     if rig.load_stage.kind != "none" and not measured:
         yield "load_stage: nothing measures the load that it is to hold; add a [force_sensor]"
     modulation = rig.waveform_generator.modulation_input

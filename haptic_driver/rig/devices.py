@@ -124,7 +124,7 @@ def connect_devices(
     analog output is somebody else's to open, before these; the load stage stays closed unless asked
     for. Raises BadInputError for a rig without hardware.
     """
-    if config.simulated:
+    if config.waveform_generator.is_simulated:
         raise BadInputError(
             "simulated", f"rig {config.name} is simulated", "use haptic_driver.simulation.rig"
         )

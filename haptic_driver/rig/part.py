@@ -8,9 +8,9 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, PrivateAttr
 
 from haptic_driver.config import Section, Within
 from haptic_driver.rig.check import Checks, Examination
@@ -158,6 +158,10 @@ class DeviceSection(Section):
         """None for what is on real and simulated rigs alike, such as nothing."""
         return bool(getattr(self, self.told_by) == SIMULATED)
 
+    def served_at(self, where: str) -> DeviceSection:
+        """The section by which a simulated device is reached that is served there."""
+        return self.model_copy(update={"resource": where})
+
     @property
     def channels(self) -> list[str]:
         """What it reads of the card of `[analog_inputs]`."""
@@ -199,6 +203,23 @@ class PartSection(DeviceSection):
 
     def examine(self, at: Examination) -> Checks:
         yield at.unverified(f"{self.kind}: how to ask it is not known here")
+
+
+class ServedSection(PartSection):
+    """A simulated device that is driven as a real one, once it is served: `where` is no key of a
+    file.
+    """
+
+    _where: str = PrivateAttr("")
+
+    @property
+    def addresses(self) -> list[str]:
+        return [self._where] if self._where else []
+
+    def served_at(self, where: str) -> Self:
+        same = self.model_copy()
+        same._where = where
+        return same
 
 
 class NoPart(PartSection):

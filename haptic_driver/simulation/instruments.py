@@ -15,7 +15,6 @@ from haptic_driver.simulation.finger_model import FrictionLaw
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.analog.simulated_output import CardMemory
 from hw.finger.plant import FingerPlant
-from hw.force.net_ft import NetFtScale
 from hw.force.net_ft_server import NetFtServer
 from hw.generator.analog_carrier.simulator import SimulatedCarrier
 from hw.generator.contract import GeneratorLatency, Listener, SimulatedGenerator, TerminalOutput
@@ -25,7 +24,6 @@ from hw.serving.tcp import TcpServer
 from hw.transport.running import RunningTogether
 
 SINE_WITHOUT_BIAS = (0.0, Shape.SINE.value)
-SCALE = NetFtScale(counts_per_n=1e6, counts_per_n_m=1e6)  # of the force sensor
 
 
 class SimulatedInstruments(RunningTogether):
@@ -71,7 +69,7 @@ class SimulatedInstruments(RunningTogether):
         )
         self.generator_server = TcpServer(wrap(self.generator), generator_port)
         self.force_box = NetFtServer(
-            self._wrench, **SCALE._asdict(), rate_hz=force_rate_hz, range_n=simulation.force_range_n
+            self._wrench, rate_hz=force_rate_hz, range_n=simulation.force_range_n
         )
         self._on_drive = on_drive
         self._noise = random.Random(simulation.seed)

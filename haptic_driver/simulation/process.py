@@ -24,6 +24,7 @@ import time
 from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
+from typing import Any
 
 from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.models import load_model
@@ -34,6 +35,7 @@ from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.slide import TICK_S, Slide, read_slide, synthetic_slide
+from haptic_driver.simulation.electrode import SimulatedElectrode
 from haptic_driver.simulation.finger_function import load_finger
 from haptic_driver.simulation.finger_model import (
     ElectrodeLaw,
@@ -43,12 +45,10 @@ from haptic_driver.simulation.finger_model import (
     with_hidden,
 )
 from haptic_driver.simulation.instruments import SimulatedInstruments
-from haptic_driver.simulation.lines import PANEL, LinesServer
+from haptic_driver.simulation.lines import LinesServer
 from haptic_driver.simulation.pressed_finger import PressedFinger
-from haptic_driver.simulation.rig import electrode_monitors
 from hw.analog.simulated_output import CardMemory
-from hw.finger.simulated_touch_screen import SimulatedTouchScreen
-from hw.monitor.contract import ElectrodeReading
+from hw.finger.simulated_touch_screen import PANEL, SimulatedTouchScreen
 from hw.monitor.simulated import ElectrodeState
 from hw.serving.responder import Responder
 from hw.serving.serial import SerialServer
@@ -95,8 +95,8 @@ class SlidingFinger(RunningTogether):
         self._slide = slide or synthetic_slide()
         self._speed_m_s = self._slide.speed_m_s
         self._screen = SimulatedTouchScreen(PANEL, clock=lambda: self.instruments.time_s)
-        self._config, self._electrode = config, electrode
-        self._monitors = electrode_monitors(config, self._electrode_state)
+        self._electrode = SimulatedElectrode(config, self.instruments, _there(electrode))
+        self._by_samples = config.generator_kind().by_samples
         section = config.load_stage
         self._pressed: PressedFinger | None = None
         self._stage_server: SerialServer | None = None
@@ -104,7 +104,7 @@ class SlidingFinger(RunningTogether):
             self._pressed = PressedFinger(section, lambda: self.instruments.time_s)
             wire = self._up_to_date(self._pressed.stage)
             self._stage_server = SerialServer(wire, framed=False)
-        lines = LinesServer(self.instruments, self._read_electrode, self._pressed)
+        lines = LinesServer(self.instruments, self._electrode.read, self._pressed)
         self._lines_server = TcpServer(self._up_to_date(lines))
         self._touch_server = _TouchServer(self._screen)
         super().__init__(
@@ -122,12 +122,12 @@ class SlidingFinger(RunningTogether):
             "waveform_generator": self.instruments.generator_server.resource,
             "amplifier_lines": self._lines_server.resource,
             "force_sensor": f"{force_box.host}:{force_box.port}",
-            "touch_screen": f"127.0.0.1:{self._touch_server.port}",
+            "finger_tracker": f"127.0.0.1:{self._touch_server.port}",
         }
         if self._stage_server is not None:
             always["load_stage"] = self._stage_server.resource
         here = f"/proc/{os.getpid()}/fd/{self._card}"
-        if self._config.generator_kind().by_samples:
+        if self._by_samples:
             return always | {"waveform_generator": f"card:simulated:{here}"}
         return always if self.instruments.card is None else always | {"analog_output": here}
 
@@ -165,21 +165,15 @@ class SlidingFinger(RunningTogether):
         else:
             self._screen.lift()
 
-    def _read_electrode(self, frequency_hz: float) -> ElectrodeReading | None:
-        """The reading of the first monitor that measures this carrier."""
-        i = self._config.electrode_monitor(frequency_hz)
-        return (
-            None if i is None else self._monitors[i].read(frequency_hz, self.instruments.voltage_v)
-        )
 
-    def _electrode_state(self) -> ElectrodeState | None:
-        instruments, plant = self.instruments, self.instruments.plant
-        frequency_hz, voltage_v, *_ = instruments.stimulus()
-        if self._electrode is None:
-            return None
-        return self._electrode(
-            frequency_hz, voltage_v, plant.normal_force_n, instruments.speed_m_s, plant.time_s
-        )
+def _there(law: ElectrodeLaw | None) -> ElectrodeLaw:
+    """A law by which a monitor reads its own noise where nothing else is known."""
+
+    def seen(*condition: Any) -> ElectrodeState:
+        state = None if law is None else law(*condition)
+        return state or ElectrodeState(0.0, 0.0, 0.0)
+
+    return seen
 
 
 class _UpToDate:

@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from math import ceil, pi
+from math import ceil
 from typing import Self
 
 from haptic_driver.rig.config import RigConfig
@@ -16,7 +16,7 @@ from haptic_driver.rig.devices import build_rig, carrier_output
 from haptic_driver.rig.evidence import Clock
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
-from haptic_driver.rig.parts.electrode_monitors import SimulatedElectrodeMonitorConfig
+from haptic_driver.simulation.electrode import SimulatedElectrode
 from haptic_driver.simulation.finger_model import (
     ElectrodeLaw,
     FrictionLaw,
@@ -25,16 +25,14 @@ from haptic_driver.simulation.finger_model import (
     friction_of,
     with_hidden,
 )
-from haptic_driver.simulation.instruments import SCALE, SINE_WITHOUT_BIAS, SimulatedInstruments
+from haptic_driver.simulation.instruments import SimulatedInstruments
 from hw.analog.output import AnalogOutput
 from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
+from hw.force.net_ft_server import SCALE
 from hw.force.sensor import ForceAxes, ForceReading, ForceSensor, NoForceSensor
 from hw.generator.analog_carrier.driver import AnalogCarrier
-from hw.monitor.contract import ElectrodeMonitor, ElectrodeReading
-from hw.monitor.lines import SampledMonitor
-from hw.monitor.simulated import ElectrodeState, SimulatedInputs, SimulatedLines
 from hw.serving.responder import Responder
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
@@ -55,9 +53,8 @@ class SimulatedRig:
     other leaves nothing to read at the electrode. `wrap`: see `SimulatedInstruments`. `through` may
     put something around the driver's transport, such as a wire log. `reply_timeout_s`: how long the
     driver waits for the generator, in place of the configuration's, which is meant for real time.
-    `touch_gain` multiplies the current of the model's touch, beside the stray one. With `envelope`
-    the generator's amplitude follows the analog output of a rig that has one; `analog_output` is
-    its driver's end.
+    With `envelope` the generator's amplitude follows the analog output of a rig that has one;
+    `analog_output` is its driver's end.
     """
 
     def __init__(
@@ -84,13 +81,14 @@ class SimulatedRig:
         self.instruments = SimulatedInstruments(config, law, wrap=wrap)
         self.amplifier = self.instruments.amplifier
         self._finger = finger
-        self._electrode = electrode if friction else electrode_of(finger, stray_f)
-        self._stray_f = (
-            None if friction else stray_f + finger.description.values.stray_capacitance_f
+        own_f = stray_f + finger.description.values.stray_capacitance_f
+        self.electrode = SimulatedElectrode(
+            config,
+            self.instruments,
+            electrode if friction else electrode_of(finger, stray_f),
+            None if friction else own_f,
         )
-        self.touch_gain = 1.0
-        self._seen: ElectrodeState | None = None  # what the monitors look at
-        self.config, self._monitors = config, electrode_monitors(config, lambda: self._seen)
+        self.config = config
         self.analog_output = self._analog_output() if envelope else None
         port = self._carrier_output() or through(
             TcpTransport.from_resource(self.instruments.generator_server.resource)
@@ -118,16 +116,6 @@ class SimulatedRig:
             self.instruments.step(dt_s / parts, normal_force_n, speed_m_s)
             if isinstance(generator, AnalogCarrier):
                 generator.pump()
-
-    def read_electrode(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
-        """The present reading of the first monitor that measures this carrier; None without one, or
-        where nothing is known.
-        """
-        i = self.config.electrode_monitor(frequency_hz)
-        self._seen = None if i is None else self._electrode_state()
-        if i is None or self._seen is None:
-            return None
-        return self._monitors[i].read(frequency_hz, voltage_v)
 
     @property
     def force_sensor(self) -> ForceSensor:
@@ -170,25 +158,6 @@ class SimulatedRig:
             watch=False,
         )
 
-    def _electrode_state(self) -> ElectrodeState | None:
-        if self._electrode is None:
-            return None
-        instruments, plant = self.instruments, self.instruments.plant
-        frequency_hz, voltage_v, *bias = instruments.stimulus()
-        told = () if tuple(bias) == SINE_WITHOUT_BIAS else bias
-        condition = (
-            frequency_hz,
-            voltage_v,
-            plant.normal_force_n,
-            instruments.speed_m_s,
-            plant.time_s,
-        )
-        state = self._electrode(*condition, *told)
-        if state is None or self._stray_f is None:
-            return state
-        stray_a = 2j * pi * frequency_hz * self._stray_f * state.voltage_v
-        return state._replace(current_a=stray_a + self.touch_gain * (state.current_a - stray_a))
-
     def __enter__(self) -> Self:
         with ExitStack() as started:  # nothing is left serving where the next one does not start
             started.enter_context(self.instruments)
@@ -204,32 +173,6 @@ class SimulatedRig:
     def __exit__(self, *reason: object) -> None:
         """Switch off and stop serving."""
         self._started.close()
-
-
-def electrode_monitors(
-    config: RigConfig, state: Callable[[], ElectrodeState | None]
-) -> list[ElectrodeMonitor]:
-    """The drivers of what reads the electrode, on the simulated amplifier's monitor lines."""
-    amplifier = config.amplifier
-    lines, noise_v = (
-        amplifier.monitor_lines(),
-        (amplifier.voltage_monitor_noise_v, amplifier.current_monitor_noise_v),
-    )
-    simulated = SimulatedLines(state, lines, noise_v, config.simulation.seed)
-    monitors: list[ElectrodeMonitor] = []
-    for section in config.electrode_monitors:
-        assert isinstance(
-            section, SimulatedElectrodeMonitorConfig
-        )  # or the file would have been refused
-        inputs = SimulatedInputs(
-            simulated,
-            section.sample_rate_hz,
-            section.range_v,
-            section.resolution_v,
-            section.buffer_s,
-        )
-        monitors.append(SampledMonitor(inputs, lines, section.sampling()))
-    return monitors
 
 
 class _SteppedForceSensor:

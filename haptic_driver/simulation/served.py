@@ -6,7 +6,7 @@ dialogue, in real time.
     interlock, interlock_tcp   the heartbeat interlock box of `hw.safety.interlock`, in series with
                                the amplifier's enable
     stage                      an LTS150 on a pseudo-terminal; it carries the finger
-    load_stage                 another, which presses the finger from FACE_M on
+    load_stage                 another, which presses the finger as LOAD_STAGE says
     force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N, pressing along
                                -z, sliding along x
 """
@@ -23,12 +23,14 @@ from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.rig.parts.generators import WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox
-from haptic_driver.rig.parts.load_stages import Lts150LoadStageConfig
+from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.parts.stages import Lts150StageConfig
+from haptic_driver.rig.roles import APART, ROLES
 from haptic_driver.simulation.finger_model import friction_of, with_hidden
-from haptic_driver.simulation.instruments import SCALE, SimulatedInstruments
+from haptic_driver.simulation.instruments import SimulatedInstruments
+from haptic_driver.simulation.pressed_finger import PressedFinger
 from hw.analog.simulated_output import CardMemory
-from hw.finger.body import FingerBody
+from hw.force.net_ft_server import SCALE
 from hw.generator.analog_carrier.simulator import SimulatedCarrier
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer
@@ -41,8 +43,9 @@ NORMAL_FORCE_N = 0.5  # of the finger on the screen
 SPEED_STEP_M_S = 1e-3  # the model is asked about whole millimetres per second: answers are kept
 FORCE_RATE_HZ = 1000.0
 START_MM = 5.0  # of the stage: homing takes a second
-FACE_M = 0.012  # position of the load stage at which the skin touches
-CLEAR_M = 0.010
+LOAD_STAGE = SimulatedLoadStageConfig(kind="simulated")
+# a simulated generator that is gone will not come back at the same address
+WATCHDOG_GIVE_UP_S = 1.0
 REPLY_S = 0.1  # of the interlock box, which shares its processor with everything else here
 
 
@@ -72,10 +75,8 @@ class ServedRig(RunningTogether):
         self.stage = SimulatedLts150(time.monotonic, start_mm=START_MM)
         self._position_mm = self.stage.position_mm
         self._pressing = False
-        self.load_stage = SimulatedLts150(
-            time.monotonic, start_mm=START_MM, serial_number=45_000_002
-        )
-        self._body: FingerBody | None = None  # once the load stage has moved
+        self._pressed = PressedFinger(LOAD_STAGE, time.monotonic)
+        self.load_stage = self._pressed.stage
         self._load_serial = SerialServer(self.load_stage, framed=False)
         self._generator_serial = SerialServer(self.generator)
         self._interlock_tcp = TcpServer(self.interlock)
@@ -119,25 +120,31 @@ class ServedRig(RunningTogether):
         self.instruments.step(dt_s, self._load_n(dt_s), speed_m_s)
 
     def _load_n(self, dt_s: float) -> float:
-        if self._body is None and self.load_stage.moving:
-            self._body = FingerBody()
-        if self._body is None:
-            return NORMAL_FORCE_N if self._pressing else 0.0
-        depth_m = 1e-3 * self.load_stage.position_mm - FACE_M
-        return self._body.step(dt_s, depth_m, friction_n=self.instruments.plant.lateral_force_n)
+        if self._pressed.taken:
+            return self._pressed.step(dt_s, self.instruments.plant.lateral_force_n, 0.0)
+        return NORMAL_FORCE_N if self._pressing else 0.0
+
+
+def reached(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
+    """A simulated rig as its drivers reach it: what is served of it at `endpoints`, by
+    `haptic_driver.simulation.process`.
+    """
+    generator, lines = endpoints["waveform_generator"], endpoints["amplifier_lines"]
+    watchdog = WatchdogConfig(generator=generator, give_up_s=WATCHDOG_GIVE_UP_S)
+    where = {"interlock": lines, "electrode_monitors": lines, **endpoints}
+    changed: dict[str, object] = {"watchdog": watchdog}
+    for key, role in ROLES.items():
+        simulated = [one for one in config.sections_of(key) if one.is_simulated]
+        if simulated and role.opens is not APART:
+            absent = RigConfig.model_fields[key].default
+            served = [one.served_at(where[key]) for one in simulated if key in where]
+            changed[key] = served if isinstance(absent, list) else next(iter(served), absent)
+    return config.model_copy(update=changed)
 
 
 def with_load_stage(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
     """A real rig, and the load stage that is served at `endpoints`."""
-    section = Lts150LoadStageConfig(
-        kind="lts150",
-        resource=endpoints["load_stage"],
-        travel_m=[0.0, 0.15],
-        higher_presses=True,
-        clear_m=CLEAR_M,
-        when_wrong="retract",
-    )
-    return config.model_copy(update={"load_stage": section})
+    return config.model_copy(update={"load_stage": LOAD_STAGE.served_at(endpoints["load_stage"])})
 
 
 def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:

@@ -4,10 +4,13 @@ gives them.
 
 from __future__ import annotations
 
+import datetime
 import os
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+
+from hw.finger.touch_screen import TouchCalibration
 
 # 64-bit Linux: seconds, microseconds, type, code, value. The simulator's own table of codes.
 _INPUT_EVENT = struct.Struct("<qqHHi")
@@ -36,6 +39,20 @@ class Panel:
             round(self.x_origin_raw + self.x_counts_per_m * x_m),
             round(self.y_origin_raw + self.y_counts_per_m * y_m),
         )
+
+
+PANEL = Panel(
+    x_counts_per_m=100e3,
+    y_counts_per_m=-100e3,
+    x_origin_raw=50,
+    y_origin_raw=6050,
+    report_rate_hz=250.0,
+)
+"""Of simulated rigs."""
+# counts of PANEL to metres, exact by construction
+SCREEN = TouchCalibration(
+    ((1e-5, 0.0, -50e-5), (0.0, -1e-5, 6050e-5)), datetime.date(2024, 1, 1), placeholder=False
+)
 
 
 class SimulatedTouchScreen:

@@ -10,8 +10,10 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
+from hw.force.net_ft import NetFtScale
 from hw.transport.running import Running
 
+SCALE = NetFtScale(counts_per_n=1e6, counts_per_n_m=1e6)
 WrenchSource = Callable[[], tuple[float, float, float, float, float, float]]
 """-> (Fx, Fy, Fz, Tx, Ty, Tz) on the transducer now, N and N m."""
 
@@ -36,8 +38,8 @@ class NetFtServer(Running):
         self,
         wrench: WrenchSource,
         *,
-        counts_per_n: float = 1e6,
-        counts_per_n_m: float = 1e6,
+        counts_per_n: float = SCALE.counts_per_n,
+        counts_per_n_m: float = SCALE.counts_per_n_m,
         rate_hz: float | None = 1000.0,
         range_n: float = math.inf,
     ) -> None:

@@ -171,7 +171,7 @@ class SimulatedBench:
         return SimulatedCamera(self._seen_finger, optics, burst, seed=seed)
 
     def _seen_finger(self) -> Finger:
-        area_m2 = self.simulated.touch_area_m2() * self.simulated.touch_gain
+        area_m2 = self.simulated.touch_area_m2() * self.simulated.electrode.touch_gain
         return Finger(self._time_s, area_m2, self.simulated.instruments.speed_m_s)
 
     @property
@@ -207,7 +207,7 @@ class SimulatedBench:
         self.simulated.instruments.finger_gain = self._session_gain * (
             1.0 + self._scatter.wobble * self._wobble
         )
-        self.simulated.touch_gain = self._session_area * (
+        self.simulated.electrode.touch_gain = self._session_area * (
             1.0 + self._scatter.area_wobble * self._wobble
         )
         self.simulated.step(dt_s, normal_force_n, speed_m_s)
@@ -223,7 +223,7 @@ class SimulatedBench:
         return [newest]  # it sends when it is read
 
     def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
-        return self.simulated.read_electrode(setting.frequency_hz, setting.voltage_v)
+        return self.simulated.electrode.read(setting.frequency_hz, setting.voltage_v)
 
     def end_row(self) -> None:
         """See `Bench`; a simulated finger slides as ordered."""

@@ -168,10 +168,7 @@ def _devices(rig: RigConfig) -> Iterator[tuple[str, str]]:
         "load stage": rig.load_stage,
         "camera": rig.camera,
     }
-    if rig.simulated:
-        parts.pop("finger tracker")  # a simulated finger is where it is
-    missing = "simulated" if rig.simulated else "none"
-    said = [f"{name} {missing if one is None else one.kind}" for name, one in parts.items()]
+    said = [f"{name} {'none' if one is None else one.kind}" for name, one in parts.items()]
     stage = "none" if rig.stage is None else f"up to {1e3 * rig.stage.velocity_limit_m_s:g} mm/s"
     yield "other parts", f"{', '.join(said)}, stage {stage}"
 

@@ -15,6 +15,7 @@ from haptic_driver.rig.part import (
     PartSection,
     SampleRate,
     Seconds,
+    ServedSection,
     SignedFigures,
     Wiring,
 )
@@ -96,10 +97,16 @@ class SomeAnalogOutput(SignedFigures, PartSection):
         yield at.unverified(said, hint, self.untold(*names))
 
 
-class SimulatedAnalogOutputConfig(SomeAnalogOutput):
+class SimulatedAnalogOutputConfig(SomeAnalogOutput, ServedSection):
     """The simulated rig's own."""
 
     kind: Literal["simulated"]
+
+    def make(self, wiring: Wiring) -> Part[AnalogOutput]:
+        from hw.analog.simulated_output import CardMemory, SimulatedAnalogOutput
+
+        output = SimulatedAnalogOutput(lambda: CardMemory.at(self._where), self.settings())
+        return Part(output, [output.open], [output.close])
 
 
 class NiAnalogOutputConfig(SomeAnalogOutput):

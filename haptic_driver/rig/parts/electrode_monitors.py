@@ -19,8 +19,11 @@ from haptic_driver.rig.part import (
     Resource,
     SampleRate,
     Seconds,
+    ServedSection,
     Wiring,
 )
+from haptic_driver.rig.parts.interlocks import served_lines
+from hw.amplifier.served_lines import ServedMonitor
 
 if TYPE_CHECKING:
     from hw.impedance.e4980a import E4980A
@@ -55,7 +58,7 @@ class SomeElectrodeMonitor(PartSection):
         yield at.unverified("needs a voltage", hint)
 
 
-class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
+class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor, ServedSection):
     """A converter on the simulated amplifier's monitor lines and on the generator's output."""
 
     kind: Literal["simulated"]
@@ -85,6 +88,10 @@ class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor):
         from hw.monitor.lines import Sampling
 
         return Sampling(**self.given_for(Sampling))
+
+    def make(self, wiring: Wiring) -> Part[ServedMonitor]:
+        monitor = ServedMonitor(served_lines(self._where), self.range_hz((0.0, 0.0)))
+        return Part(monitor, closing=[monitor.close])
 
 
 class CardElectrodeMonitorConfig(SomeElectrodeMonitor):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import socket
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,7 +13,15 @@ from pydantic import Field
 from haptic_driver.config import Within
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Checks, Examination
-from haptic_driver.rig.part import Metres, NoPart, Part, PartSection, Wiring
+from haptic_driver.rig.part import (
+    Metres,
+    NoPart,
+    Part,
+    PartSection,
+    ServedSection,
+    Wiring,
+)
+from hw.errors import DeviceDisconnected
 
 if TYPE_CHECKING:
     from hw.finger.touch_screen import TouchCalibration
@@ -165,3 +174,32 @@ class RecordedFingerConfig(PartSection):
                 clock=time.monotonic,
             )
         )
+
+
+class SimulatedFingerConfig(ServedSection):
+    """The touch screen of a simulated rig, whose events come over a socket."""
+
+    kind: Literal["simulated"] = "simulated"
+
+    def make(self, wiring: Wiring) -> Part[FingerTracker]:
+        from hw.finger.simulated_touch_screen import SCREEN
+        from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
+
+        connection = _connected(self._where)
+        reports = TouchReports(
+            connection.fileno(),
+            TouchEvents(None),
+            name="simulated touch screen",
+            close=connection.close,
+        )
+        screen = TouchScreen(reports, SCREEN)
+        return Part(screen, closing=[screen.close])
+
+
+def _connected(where: str) -> socket.socket:
+    host, port = where.split(":")
+    try:
+        return socket.create_connection((host, int(port)))
+    except OSError as error:
+        said = f"the simulated touch screen is gone ({error})"
+        raise DeviceDisconnected(said, "restart the daemon") from error

@@ -20,6 +20,7 @@ from haptic_driver.rig.part import (
     Part,
     PartSection,
     Port,
+    ServedSection,
     Wiring,
 )
 
@@ -54,10 +55,21 @@ class UnsaidForceSensor(NoPart):
         yield at.failed("there is none in the rig's file", "add a section [force_sensor]")
 
 
-class SimulatedForceSensorConfig(ForceSensorSection):
-    """The simulated rig's own."""
+class SimulatedForceSensorConfig(ForceSensorSection, ServedSection):
+    """The simulated rig's own, a Net F/T box; its zero is right from the start, since a simulated
+    finger may press.
+    """
 
-    kind: Literal["simulated"]
+    kind: Literal["simulated"] = "simulated"
+
+    def make(self, wiring: Wiring) -> Part[NetFt]:
+        from hw.force.net_ft import NetFt, NetFtSettings
+        from hw.force.net_ft_server import SCALE
+        from hw.force.sensor import ForceAxes
+
+        host, port = self._where.split(":")
+        box = NetFt(NetFtSettings(host, SCALE, ForceAxes("-z", "x"), port=int(port)))
+        return Part(box, [box.open], [box.close])
 
 
 class NoForceSensorConfig(ForceSensorSection):

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from contextlib import closing
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AliasChoices, Field
 
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
-from haptic_driver.rig.part import NoPart, Part, PartSection, Resource, Wiring
+from haptic_driver.rig.part import (
+    NoPart,
+    Part,
+    PartSection,
+    Resource,
+    ServedSection,
+    Wiring,
+)
+from hw.amplifier.served_lines import ServedLines
 
 if TYPE_CHECKING:
     from hw.analog.ni_daq import NiDigitalOutput
@@ -100,3 +109,29 @@ class NiInterlock(PartSection):
 
         line = NiDigitalOutput(self.line)
         return Part(line, [line.open], [line.close])
+
+
+class SimulatedInterlockConfig(ServedSection):
+    """The enable line of a simulated amplifier, and with it its voltage monitor."""
+
+    kind: Literal["simulated"] = "simulated"
+
+    def wire(self, wiring: Wiring) -> Wiring:
+        """Both lines of the amplifier are on one connection."""
+        lines = served_lines(self._where)
+        return replace(wiring, enable=lines, voltage_monitor=lines)
+
+    def make(self, wiring: Wiring) -> Part[ServedLines]:
+        lines = wiring.enable
+        assert isinstance(lines, ServedLines)  # those of `wire`
+        return Part(lines, closing=[lines.close])
+
+    def examine(self, at: Examination) -> Checks:
+        yield at.ok("the simulated amplifier's own")
+
+
+def served_lines(resource: str) -> ServedLines:
+    """The lines of a simulated amplifier, not open."""
+    from hw.transport.tcp import TcpTransport
+
+    return ServedLines(TcpTransport.from_resource(resource))

@@ -185,10 +185,10 @@ class SimulatedLoadStageConfig(OnLts150):
         default=1.0, description="of the body, against 1 N at 1.75 mm"
     )
 
-    def served_at(self, resource: str) -> Lts150LoadStageConfig:
-        """The section that a real rig's file would have for this stage, served at `resource`."""
+    def served_at(self, where: str) -> Lts150LoadStageConfig:
+        """As a real one, of which it has the keys."""
         same = self.model_dump(exclude={"kind", "face_m", "stiffness_factor"})
-        return Lts150LoadStageConfig(kind="lts150", resource=resource, **same)
+        return Lts150LoadStageConfig(kind="lts150", resource=where, **same)
 
     def examine(self, at: Examination) -> Checks:
         yield at.ok("simulated")

@@ -15,7 +15,7 @@ import pytest
 from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.load_stages import LoadStageSection
-from haptic_driver.simulation.served import CLEAR_M, FACE_M
+from haptic_driver.simulation.served import LOAD_STAGE
 from tests.haptic_driver.config_texts import served_rig_text
 from tests.haptic_driver.stand_ins import living_rig
 
@@ -27,7 +27,7 @@ kind = "lts150"
 resource = "{{load_stage}}"
 travel_m = [0.0, 0.15]
 higher_presses = true
-clear_m = {CLEAR_M}
+clear_m = {LOAD_STAGE.clear_m}
 when_wrong = "retract"
 """
 
@@ -55,8 +55,8 @@ def test_a_load_is_held_and_the_finger_lifted(haptic: Any, rig: str, served: Any
     held = said(haptic("load", "hold", "0.5", "--rig", rig, "--seconds", "2", "--yes", "--json"))
     assert "mean_load_n" in held, held
     assert held["mean_load_n"] == pytest.approx(0.5, rel=0.1)
-    assert held["depth_m"] > FACE_M
-    assert served.load_stage.position_mm < 1e3 * FACE_M
+    assert held["depth_m"] > LOAD_STAGE.face_m
+    assert served.load_stage.position_mm < 1e3 * LOAD_STAGE.face_m
     assert not served.load_stage.moving
     assert not served.generator.output().on
 
@@ -121,7 +121,7 @@ def test_a_load_beyond_the_limits_moves_nothing(
     assert said(haptic("load", "hold", load, "--rig", rig, "--yes", "--json"))["error"]["code"] == (
         "bad_load"
     )
-    assert served.load_stage.position_mm == 5.0
+    assert served.load_stage.position_mm == 8.0
 
 
 def test_a_simulated_rig_holds_by_its_file_alone(haptic: Any) -> None:

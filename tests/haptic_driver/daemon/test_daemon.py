@@ -32,7 +32,7 @@ from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.shared_memory import RING_SAMPLES
 from haptic_driver.recording.read import read_run
-from haptic_driver.simulation.lines import Lines
+from hw.amplifier.served_lines import ServedLines
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, until_ready
@@ -536,7 +536,7 @@ def test_a_trip_of_the_amplifier_is_a_fault_until_it_is_reset(daemon, electrode_
     lease = daemon.arm(LEASE_S)
     daemon.targets.set(lease.token, 0.65)
     keep_rendering(daemon, lease.token, lambda: electrode_v() > 10.0)
-    lines = Lines(TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"]))
+    lines = ServedLines(TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"]))
     lines.write(False)  # somebody presses the E-stop
     lines.close()
     until(lambda: daemon.status().state is DaemonState.FAULT)

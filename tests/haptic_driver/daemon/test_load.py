@@ -26,11 +26,11 @@ from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import HapticError
 from haptic_driver.public.connection import Rig
 from haptic_driver.rig.config import load_rig
-from haptic_driver.simulation.instruments import SCALE
-from haptic_driver.simulation.lines import Lines
-from haptic_driver.simulation.served import FACE_M, as_real, with_load_stage
+from haptic_driver.simulation.served import LOAD_STAGE, as_real, with_load_stage
+from hw.amplifier.served_lines import ServedLines
 from hw.errors import DeviceError
 from hw.force.net_ft import NetFt, NetFtSettings
+from hw.force.net_ft_server import SCALE
 from hw.force.sensor import ForceAxes
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.config_texts import changed
@@ -240,7 +240,7 @@ def test_switching_off_does_not_wait_for_a_stage_that_hangs(daemon):
 def test_a_finger_that_thrusts_is_let_go_and_is_a_fault(daemon, history):
     press(daemon)
     lines = TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"])
-    with closing(Lines(lines)):
+    with closing(ServedLines(lines)):
         lines.open()
         lines.query(b"THRUST 0.6e-3\n", HANG_S)  # 0.5 N becomes 0.9 N
         until(lambda: daemon.status().state is DaemonState.FAULT)
@@ -316,7 +316,7 @@ def test_at_its_end_a_daemon_lifts_the_finger_of_a_real_rig(rig_config, touch, s
     """By the drivers of the rig's file, on a stage whose carriage is looked at."""
     with living_rig(rig_config, touch) as served:
         config = with_load_stage(as_real(rig_config, served.endpoints), served.endpoints)
-        near = {"clear_m": FACE_M - 0.5e-3}
+        near = {"clear_m": LOAD_STAGE.face_m - 0.5e-3}
         config = config.model_copy(update={"load_stage": config.load_stage.model_copy(update=near)})
         render = render_settings(config, surface_file)
         settings = DaemonSettings(
@@ -325,7 +325,7 @@ def test_at_its_end_a_daemon_lifts_the_finger_of_a_real_rig(rig_config, touch, s
         with Daemon(settings) as daemon:
             daemon.supervisor.instruments.devices.stage.home()
             press(daemon)
-            assert served.load_stage.position_mm > 1e3 * FACE_M
+            assert served.load_stage.position_mm > 1e3 * LOAD_STAGE.face_m
         assert served.load_stage.position_mm == pytest.approx(1e3 * near["clear_m"], abs=0.01)
         assert not served.load_stage.moving
         assert not served.generator.output().on

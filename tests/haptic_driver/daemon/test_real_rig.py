@@ -14,7 +14,7 @@ import pytest
 
 from haptic_driver.daemon import supervision
 from haptic_driver.daemon.daemon import Daemon
-from haptic_driver.daemon.instruments import connect_real
+from haptic_driver.daemon.instruments import connect
 from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import BadInputError
@@ -75,7 +75,7 @@ def running(settings, served):
 
 def test_a_rig_whose_finger_nobody_tracks_is_refused(real_config):
     with pytest.raises(BadInputError) as refused:
-        connect_real(
+        connect(
             real_config.model_copy(update={"finger_tracker": NoFingerTracker()}), lambda event: None
         )
     assert refused.value.code == "no_finger_tracker"
@@ -84,7 +84,7 @@ def test_a_rig_whose_finger_nobody_tracks_is_refused(real_config):
 def test_a_rig_may_say_that_it_has_no_watchdog(real_config):
     config = real_config.model_copy(update={"watchdog": WatchdogConfig(generator="none")})
     assert config.unverified == []
-    instruments = connect_real(config, lambda event: None)
+    instruments = connect(config, lambda event: None)
     try:
         assert instruments.watchdog_pid is None
         instruments.check_watchdog()

@@ -17,7 +17,7 @@ from haptic_driver.lab.measuring.run import prepare, run
 from haptic_driver.lab.measuring.simulated_stages import SimulatedStageBench
 from haptic_driver.lab.measuring.stroke import stage_of
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.simulation.served import FACE_M, ServedRig, as_real, with_load_stage
+from haptic_driver.simulation.served import LOAD_STAGE, ServedRig, as_real, with_load_stage
 from hw.force.sensor import ForceReading
 from model.conditions import Conditions
 from model.touch_model import TouchModel
@@ -42,7 +42,7 @@ def real(config: RigConfig, served: ServedRig) -> RigConfig:
 
 
 def lifted(served: ServedRig) -> bool:
-    return served.load_stage.position_mm < 1e3 * FACE_M and not served.load_stage.moving
+    return served.load_stage.position_mm < 1e3 * LOAD_STAGE.face_m and not served.load_stage.moving
 
 
 @pytest.mark.soak  # three quarters of a minute; single rows are tried below
