@@ -38,6 +38,7 @@ def audited(description: ModelDescription, data: Measurements) -> Audit:
     kinds = testable_effects(data, description.effects)
     left_out = f"{data.left_out} rows contradict Kramers and Kronig, and are left out"
     warnings: tuple[str, ...] = (left_out,) if data.left_out else ()
+    warnings += data.notes
     if data.bad_rows:
         count = len(data.bad_rows)
         rows = "row that cannot be used is" if count == 1 else "rows that cannot be used are"

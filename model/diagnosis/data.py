@@ -85,7 +85,8 @@ class Measurements:
     that the file itself marks as in contradiction with Kramers and Kronig. `least_cof_std`:
     relative; what of friction is known no better from row to row, whatever the scatter says.
     `bad_rows`: what was wrong in rows that were left out on request, a line of the file each.
-    `setting` [n] and `trial` [n]: numbers of what the file calls so, None where it says nothing.
+    `notes`: what is to be told of the data beside any result. `setting` [n] and `trial` [n]:
+    numbers of what the file calls so, None where it says nothing.
     """
 
     columns: dict[str, Array]
@@ -100,6 +101,7 @@ class Measurements:
     intervention: NDArray[np.str_] | None = None
     left_out: int = 0
     bad_rows: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     least_cof_std: float = WITNESSES[FRICTION].least_std
     setting: NDArray[np.intp] | None = None
     trial: NDArray[np.intp] | None = None
@@ -295,7 +297,7 @@ def read_measurements(
     in `bad_rows`. `named`: what the file calls its columns, by our names. Where it has no `cof`,
     the amount of `lateral_force_n` over the load is friction.
     """
-    table = read_table(path, REQUIRED, WANTED, at_once=True, named=named)
+    table = read_table(path, REQUIRED, WANTED, known=COLUMNS, at_once=True, named=named)
     if not table.rows:
         raise ModelError(f"{path}: has no rows", WANTED)
     if len(table.wrong) == len(table.rows):
@@ -307,7 +309,15 @@ def read_measurements(
             raise table.bad_rows()
         said += table.said_wrong()
         table, found = kept, _measurements(kept)
-    return replace(found, bad_rows=said)
+    return replace(found, bad_rows=said, notes=(*table.notes, *_doubts(table)))
+
+
+def _doubts(table: Table) -> tuple[str, ...]:
+    """What the rows of raw trials say that their signals leave in doubt."""
+    told = [said for said in table.text("doubts") if said] if "doubts" in table.columns else []
+    if not told:
+        return ()
+    return (f"{len(told)} of {len(table.rows)} rows are in doubt, the first: {told[0]}",)
 
 
 def _measurements(table: Table) -> Measurements:
@@ -500,6 +510,7 @@ def together(parts: Sequence[tuple[str, Measurements]]) -> Measurements:
         ),
         left_out=sum(data.left_out for data in sets),
         bad_rows=tuple(f"{name}, {said}" for name, data in parts for said in data.bad_rows),
+        notes=tuple(f"{name}: {said}" for name, data in parts for said in data.notes),
         setting=_numbers([data.setting for data in sets], [data.count for data in sets]),
         trial=_numbers([data.trial for data in sets], [data.count for data in sets]),
     )

@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 from model.support.cells import is_number, number, read_cell
 from model.support.errors import ModelError
-from model.support.reading import LARGEST_FILE_BYTES, as_text, read_bytes
-from model.support.units import PEAK_OF_RMS
+from model.support.layout import is_value
+from model.support.reading import LARGEST_FILE_BYTES, read_bytes
+from model.support.text import decoded, plain
+from model.support.units import PEAK_OF_RMS, is_rms, near, to_column, unit_of
 
 MOST_LISTED = 200  # cells that an error names
 ROW_BYTES = 100  # where rows are limited
@@ -60,7 +62,8 @@ class Table:
 
     A row that ends early has empty cells. Empty rows, lines that begin with #, and empty columns
     without a name at the end are left out. `wanted` is the hint that says what the file must look
-    like; `content_hash` the SHA-256 of the file. `wrong`: by row what its reader cannot use, to
+    like; `content_hash` the SHA-256 of the file. `notes`: what its reader took another way than it
+    stands there. `wrong`: by row what its reader cannot use, to
     report all rows at once.
     """
 
@@ -70,6 +73,7 @@ class Table:
     lines: list[int]
     wanted: str
     content_hash: str
+    notes: tuple[str, ...] = ()
     wrong: dict[int, list[ModelError]] = field(default_factory=dict)
 
     def refuse(self, row: int, error: ModelError) -> None:
@@ -195,10 +199,11 @@ def read_table(
         content = read_bytes(
             path, LARGEST_FILE_BYTES if most_rows is None else most_rows * ROW_BYTES
         )
-        text = as_text(path, content)
+        text = decoded(path, content)
     except ModelError as error:
         raise ModelError(error.message, f"{error.hint}. {wanted}", error.code) from None
-    reader = csv.reader(io.StringIO(text, newline=""))
+    separator = _separator(text)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     try:
         read = islice(reader, most_rows)
         numbered = [
@@ -222,6 +227,7 @@ def read_table(
         (line, cells) for line, cells in numbered if any(cells) and not cells[0].startswith("#")
     ]
     columns = _without_empty_end(numbered[0][1]) if numbered else []
+    named, notes = _with_near(path, columns, [*required, *known], named)
     used = {ours: one for ours, one in named.items() if _is_used(ours, one, columns)}
     required = [name for name in required if name not in used]
     required += [one.column for one in used.values()]
@@ -233,7 +239,8 @@ def read_table(
     has_points = any("." in cell for _, cells in numbered[1:HEADER_LINES] for cell in cells)
     hint = ONE_NAME if has_points else COMMAS
     lines = [line for line, _ in numbered[1:]]
-    table = Table(path, columns, [], lines, wanted, hashlib.sha256(content).hexdigest())
+    content_hash = hashlib.sha256(content).hexdigest()
+    table = Table(path, columns, [], lines, wanted, content_hash, notes)
     for line, cells in numbered[1:]:
         try:
             table.rows.append(_row(f"{path}, line {line}", columns, cells, hint))
@@ -242,7 +249,50 @@ def read_table(
                 raise
             table.refuse(len(table.rows), error)
             table.rows.append(dict.fromkeys(columns, ""))
+    table = table if separator == "," else _with_points(table)
     return _under_our_names(table, used) if used else table
+
+
+def _separator(text: str) -> str:
+    """What separates the columns: semicolons and tabs where the header has no commas."""
+    lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
+    header = next(lines, "")
+    if header.lower().startswith("sep="):
+        header = next(lines, "") if len(header) == len("sep=") + 1 else header
+    found = [mark for mark in (";", "\t") if mark in header and "," not in header]
+    return found[0] if len(found) == 1 else ","
+
+
+def _with_near(
+    path: Path, columns: Sequence[str], names: Sequence[str], named: Mapping[str, Named]
+) -> tuple[Mapping[str, Named], tuple[str, ...]]:
+    """What a person named, and columns whose own names say that they are ours in another unit.
+
+    ModelError for one of ours without a unit: nobody would miss it.
+    """
+    taken = {one.column for one in named.values()}
+    found, notes = dict(named), []
+    asked = [name for name in names if name not in named]
+    for ours, other in near([c for c in columns if c not in taken], asked).items():
+        if not other.unit:
+            said = f"{path}: column {other.column} may be {ours}, and its name has no unit"
+            hint = f"Call it {ours}, or say --column {ours}={other.column}:{unit_of(ours)}"
+            raise ModelError(said, hint, "near_name")
+        factor = to_column(ours, other.unit, f"{path}: {other.column}")
+        found[ours] = Named(other.column, factor, is_rms=is_rms(other.unit))
+        notes.append(f"column {other.column} counts as {ours}, times {factor:g}")
+    return found, tuple(notes)
+
+
+def _with_points(table: Table) -> Table:
+    """The cells of a table that separates by others than commas, with points in their numbers."""
+    columns = {}
+    for name in table.columns:
+        cells = table.text(name)
+        are_numbers = all(is_value(cell) for cell in cells if "," in cell)
+        columns[name] = plain(f"{table.path}: {name}", cells) if are_numbers else cells
+    rows = [dict(zip(columns, cells, strict=True)) for cells in zip(*columns.values(), strict=True)]
+    return replace(table, rows=rows)
 
 
 def _is_used(ours: str, one: Named, columns: Sequence[str]) -> bool:

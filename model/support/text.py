@@ -20,6 +20,7 @@ from model.support.errors import ModelError
 from model.support.reading import as_text
 
 Decimal = Literal[".", ","]
+BINARY = re.compile(rb"[\x00-\x08\x0e-\x1f]")
 SEPARATORS = {";": ";", "tab": "\t", ",": ",", "space": " "}
 BOMS = {
     codecs.BOM_UTF8: "utf-8-sig",
@@ -52,7 +53,7 @@ def decoded(path: Path, content: bytes, encoding: str | None = None) -> str:
         said = f"{path} is not text in {found} ({error})"
         raise ModelError(said, "Give file.encoding as it was saved", "file_unreadable") from error
     except ModelError:
-        if b"\0" in content:
+        if BINARY.search(content[:1000]):
             raise
         return content.decode("cp1252", errors="replace")
 
@@ -87,13 +88,13 @@ def numbers(
     column can be either, unless `decimal` says it.
     """
     try:
-        return np.array([number(cell) for cell in _plain(where, cells, decimal)])
+        return np.array([number(cell) for cell in plain(where, cells, decimal)])
     except ValueError:
-        return np.array([_or_nan(cell) for cell in _plain(where, cells, decimal)])
+        return np.array([_or_nan(cell) for cell in plain(where, cells, decimal)])
 
 
-def _plain(where: str, cells: Sequence[str], decimal: Decimal | None) -> Sequence[str]:
-    """Cells with points alone, as Python writes numbers."""
+def plain(where: str, cells: Sequence[str], decimal: Decimal | None = None) -> Sequence[str]:
+    """Cells with points alone, as Python writes numbers; ModelError as `numbers` has it."""
     commas = [cell for cell in cells if "," in cell]
     points = [cell for cell in cells if "." in cell]
     both = next((cell for cell in commas if "." in cell), None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import cache
 from math import isfinite, sqrt
 from typing import Any, NamedTuple
@@ -134,6 +135,42 @@ def stem_of(column: str) -> str:
     return column.removesuffix(ending)
 
 
+class Near(NamedTuple):
+    """A column that is one of ours by another name; its unit is empty where its name has none."""
+
+    column: str
+    unit: str
+
+
+def near(columns: Sequence[str], known: Sequence[str]) -> dict[str, Near]:
+    """Columns of a file that are ours in another unit or other capitals, or without a unit."""
+    found: dict[str, Near] = {}
+    there = set(columns)
+    for ours in known:
+        unit, stem = unit_of(ours), stem_of(ours).casefold()
+        if ours in there or unit is None:
+            continue
+        for column in columns:
+            if ours not in found and column.casefold().startswith(stem):
+                said = _said_unit(column, ours, unit)
+                if said is not None:
+                    found[ours] = Near(column, said)
+    return found
+
+
+def _said_unit(column: str, ours: str, unit: str) -> str | None:
+    """The unit of a column that is ours by its name, empty where it has none; None where it is
+    another column.
+    """
+    if column.casefold() == ours.casefold():
+        return unit
+    names = (ours.casefold(), stem_of(ours).casefold())
+    for said in (named_unit(column), suffix_unit(column, unit, ours)):
+        if said.unit and said.bare.casefold() in names:
+            return said.unit
+    return "" if column.casefold() == names[1] else None
+
+
 def named_unit(name: str) -> NameSaid:
     """A name and the unit behind it: Fx [mN], Fx (mN), "Fx, mN", Fx / mN.
 
@@ -147,7 +184,7 @@ def named_unit(name: str) -> NameSaid:
     return NameSaid(match[1].strip(), unit.strip())
 
 
-def suffix_unit(name: str, ours: str) -> NameSaid:
+def suffix_unit(name: str, ours: str, quantity: str = "") -> NameSaid:
     """A name and the unit at its end behind _ or a blank, of the kind of `ours`: time_ms, v_mm_s.
 
     A sensor's V counts for every kind.
@@ -158,7 +195,7 @@ def suffix_unit(name: str, ours: str) -> NameSaid:
             continue
         text = "/".join(parts[-count:])
         unit = understood(text)
-        if unit is not None and (_fits(unit, ours, "") or text in ("V", "mV")):
+        if unit is not None and (_fits(unit, ours, quantity) or text in ("V", "mV")):
             return NameSaid("_".join(parts[:-count]), text)
     return NameSaid(name.strip(), "")
 

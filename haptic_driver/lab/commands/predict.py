@@ -105,7 +105,7 @@ def predict(
                 f"note: column {theirs} of {table} is kept as {name}; {theirs} is now the model's"
                 " answer"
             )
-    for note in answer.notes:
+    for note in (*given.notes, *answer.notes):
         stderr.print(f"note: {note}")
     count, outside = len(given.rows), int(np.sum(~answer.within_theory))
     if outside:
@@ -127,7 +127,8 @@ def _table(path: Path, named: Mapping[str, Named]) -> Table:
         if ours != one.column and ours in read_table(path, (), WANTED).columns:
             said = f"{path}: has a column {ours} of its own, beside {one.column}"
             raise BadInputError("bad_table", said, "Rename it, or leave out --column")
-    return read_table(path, REQUIRED, WANTED, named=named)
+    known = [*WHERE_EMPTY, *MAY_HAVE]
+    return read_table(path, REQUIRED, WANTED, known=known, named=named)
 
 
 def _trials(path: Path, map_file: Path) -> Table:

@@ -273,12 +273,12 @@ def test_an_out_that_cannot_be_written_is_a_failure(haptic, tmp_path):
     assert done.said["error"]["code"] == "not_written"
 
 
-@pytest.mark.parametrize("content", [b"\xff\xfe\x00\x01", b"\x89PNG\r\n\x1a\n"])
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"\x89PNG\r\n\x1a\n"])
 def test_bytes_instead_of_a_table(haptic, tmp_path, content):
     (tmp_path / "table.csv").write_bytes(content)
     done = haptic("predict", "--table", tmp_path / "table.csv", "--out", tmp_path / "out.csv")
     assert done.status == 2
-    assert "is not UTF-8 text" in done.err
+    assert re.search("is not (UTF-8 text|text in utf-16)", done.err)
 
 
 def test_what_a_drive_makes_of_the_voltage_is_added(predict, tmp_path):
