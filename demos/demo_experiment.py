@@ -92,10 +92,12 @@ def draw_touch(config: RigConfig, path: Path) -> None:
         bench.camera.start()
         bench.step(config.camera.frames * config.camera.interval_s, 0.5, 0.02)
         frames = bench.camera.frames()
-    pictures = [grey(frame.image) for frame in frames]
+    pictures = grey([frame.image for frame in frames])
     time_s = np.array([frame.time_s for frame in frames])
-    found = watch(lambda: pictures, time_s, config.camera.scale_m_per_pixel)
-    draw_outlines([(i, pictures[i], found[i]) for i in drawn_frames(found)[:3]], path)
+    scale_m = config.camera.scale_m_per_pixel
+    found, contact, _ = watch(lambda: pictures, time_s, scale_m)
+    shown = [(i, pictures[i], found[i]) for i in drawn_frames(found)[:3]]
+    draw_outlines(shown, 1e3 * scale_m, path, f"contact is {contact}")
 
 
 def draw_contact_areas(areas: dict[float, list[float]], path: Path) -> None:

@@ -27,7 +27,6 @@ PIXELS = 960
 ALONG = 4000  # places of the line
 COLUMNS = 4
 LINE = "#1b6ca8"
-FELT = "#b8500f"
 NOWHERE = "#dddddd"
 
 
@@ -70,37 +69,6 @@ def preview_figure(
     bar = at(edge_in + width_in + 0.1, 0.9 + line_in, bar_in, high_in)
     figure.colorbar(mesh, cax=bar, label="coefficient of friction")
     return figure
-
-
-def asked_and_rendered(
-    asked: Array, rendered: Array, pitch_mm: float, path: Path, title: str
-) -> None:
-    """Draw two frictions [row, column] as maps on one scale, and both along their middle."""
-    rows, columns = asked.shape
-    width_mm, height_mm = columns * pitch_mm, rows * pitch_mm
-    high_in = min(max(4.0 * rows / columns, 1.0), MOST_HIGH_IN)
-    figure, axes = pyplot().subplot_mosaic(
-        [["asked", "rendered"], ["line", "line"]],
-        figsize=(9.0, high_in + 3.0),
-        height_ratios=(high_in, 2.0),
-        layout="constrained",
-    )
-    with saved(figure, path):
-        extent = (0.0, width_mm, height_mm, 0.0)
-        ends = {"vmin": float(asked.min()) - 1e-6, "vmax": float(asked.max()) + 1e-6}
-        for name, cof in (("asked", asked), ("rendered", rendered)):
-            mesh = axes[name].imshow(cof, extent=extent, cmap="viridis", **ends)
-            axes[name].set(title=name, xlabel="x, mm", ylabel="y, mm")
-            axes[name].axhline(0.5 * height_mm, color=LINE, lw=1.0)
-        figure.colorbar(mesh, ax=[axes["asked"], axes["rendered"]], label="friction")
-        along_mm = _centres(width_mm, columns)
-        axes["line"].plot(along_mm, asked[rows // 2], color=LINE, lw=1.0, label="asked")
-        axes["line"].plot(along_mm, rendered[rows // 2], color=FELT, lw=1.4, label="rendered")
-        where = f"friction at y = {0.5 * height_mm:.3g} mm"
-        axes["line"].set(xlabel="x, mm", ylabel=where, xlim=(0.0, width_mm))
-        axes["line"].grid(alpha=0.25)
-        axes["line"].legend()
-        figure.suptitle(title)
 
 
 def contact_sheet(targets: Mapping[str, Target], path: Path) -> None:

@@ -13,8 +13,8 @@ from typer import Argument, Option
 from haptic_driver.cli.output import Json, progress, report, stdout
 from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.files import exists_already, write_rows
-from haptic_driver.lab.contact.film import Film, grey, read_film, read_picture
-from haptic_driver.lab.contact.judge import FrameSeen, Summary, summary, watch
+from haptic_driver.lab.contact.film import Film, read_bare, read_film
+from haptic_driver.lab.contact.judge import Contact, FrameSeen, Summary, Watched, summary, watch
 from haptic_driver.lab.contact.scale import MM_PER_PIXEL, scale_from_ruler
 from haptic_driver.signals import Array
 
@@ -25,9 +25,17 @@ def contact(
     film: Annotated[Path, Argument(help="Video, stack of TIFF, or folder of PNG, TIFF or DNG.")],
     scale: Annotated[float | None, Option(help="Mm per pixel.")] = None,
     scale_from: Annotated[
-        Path | None, Option(help="Picture of a ruler instead, its lines --pitch apart.")
+        Path | None, Option(help="Picture of a ruler or checkerboard instead, with its --pitch.")
     ] = None,
-    pitch: Annotated[float, Option(help="Distance of the ruler's lines, mm.")] = 1.0,
+    pitch: Annotated[
+        float, Option(help="From line to line, or the side of a checkerboard's square, mm.")
+    ] = 1.0,
+    polarity: Annotated[
+        Contact | None,
+        Option(
+            "--contact", help="Whether contact is dark or bright; guessed where it is not said."
+        ),
+    ] = None,
     background: Annotated[
         Path | None, Option(help="Picture of the screen without a finger.")
     ] = None,
@@ -41,44 +49,62 @@ def contact(
 
     Example: `haptic contact film.avi --scale 0.021`
     """
-    mm = _mm_per_pixel(scale, scale_from, pitch)
+    mm, scale_said = _mm_per_pixel(scale, scale_from, pitch)
     if rate is not None:
         require_range("--rate", rate, 1e-3, 1e6, unit=" frames per second")
-    if out.exists() and not force:
-        raise exists_already(out)
+    outlines, areas = (out.with_name(f"{out.stem}-{name}") for name in (OUTLINES, AREAS))
+    for path in (out, outlines, areas):
+        if path.exists() and not force:
+            raise exists_already(path)
     opened = read_film(film, times, rate)
-    bare = None if background is None else grey(read_picture(background))
+    bare = None if background is None else read_bare(background, opened)
     with progress("frames", opened.time_s.size) as advance:
         done = iter(range(1, opened.time_s.size + 1))
-        found = watch(opened.frames, opened.time_s, 1e-3 * mm, bare, lambda: advance(next(done)))
-    told = summary(found)
-    write_rows(out, [_row(i, one) for i, one in enumerate(found)])
-    pictures = [str(out.with_name(f"{out.stem}-{name}")) for name in (OUTLINES, AREAS)]
-    _draw(opened, found, pictures)
+        watched = watch(
+            opened.frames,
+            opened.time_s,
+            1e-3 * mm,
+            bare,
+            polarity,
+            lambda: advance(next(done)),
+        )
+    told = summary(watched.found)
+    write_rows(out, [_row(i, one) for i, one in enumerate(watched.found)])
+    _draw(opened, watched, mm, (outlines, areas))
     payload: dict[str, Any] = {
         "film": str(film),
         "out": str(out),
-        "pictures": pictures,
+        "pictures": [str(outlines), str(areas)],
         "mm_per_pixel": mm,
+        "contact": watched.contact,
+        "said": [*scale_said, *opened.said, *watched.said],
         **{
             k: v if not isinstance(v, float) or isfinite(v) else None
             for k, v in asdict(told).items()
         },
     }
-    report(as_json, payload, lambda: _show(told, out))
+    report(as_json, payload, lambda: _show(told, out, payload["said"]))
     if not told.counted:
         said = f"{film}: no frame of {told.frames} counts ({_words(told)})"
-        raise HapticError("no_contact", said, f"Look at {pictures[0]}; is --scale right?")
+        raise HapticError(
+            "no_contact", said, f"Look at {outlines}; are --scale and --contact right?"
+        )
 
 
-def _mm_per_pixel(scale: float | None, ruler: Path | None, pitch_mm: float) -> float:
+def _mm_per_pixel(
+    scale: float | None, ruler: Path | None, pitch_mm: float
+) -> tuple[float, list[str]]:
     if (scale is None) == (ruler is None):
         said = "the scale of the film is not said" if scale is None else "the scale is said twice"
         hint = "Give --scale in mm per pixel, or --scale-from a picture of a ruler with its --pitch"
         raise BadInputError("no_scale", said, hint)
-    mm = scale if scale is not None else scale_from_ruler(ruler or Path(), pitch_mm)
+    if ruler is None:
+        mm, said_of_it = scale or 0.0, []
+    else:
+        mm, words = scale_from_ruler(ruler, pitch_mm)
+        said_of_it = [f"scale: {mm:.5g} mm per pixel, by {words}"]
     require_range("--scale", mm, *MM_PER_PIXEL, unit=" mm per pixel")
-    return mm
+    return mm, said_of_it
 
 
 def _row(number: int, one: FrameSeen) -> dict[str, str | float]:
@@ -99,27 +125,31 @@ def _row(number: int, one: FrameSeen) -> dict[str, str | float]:
     return row | {"bad": one.bad}
 
 
-def _draw(film: Film, found: Sequence[FrameSeen], pictures: Sequence[str]) -> None:
+def _draw(film: Film, watched: Watched, mm: float, paths: tuple[Path, Path]) -> None:
     from haptic_driver.lab.pictures.contact import (  # noqa: PLC0415 - matplotlib is slow to import
         draw_areas,
         draw_outlines,
         drawn_frames,
     )
 
+    found = watched.found
     chosen = set(drawn_frames(found))
     shown: list[tuple[int, Array, FrameSeen]] = [
         (i, frame, found[i]) for i, frame in enumerate(film.frames()) if i in chosen
     ]
-    draw_outlines(shown, Path(pictures[0]))
-    draw_areas(found, Path(pictures[1]))
+    title = f"contact is {watched.contact}, {mm:.4g} mm per pixel"
+    draw_outlines(shown, mm, paths[0], title)
+    draw_areas(found, paths[1])
 
 
 def _words(told: Summary) -> str:
     return ", ".join(f"{count} {why}" for why, count in told.bad.items()) or "none is bad"
 
 
-def _show(told: Summary, out: Path) -> None:
+def _show(told: Summary, out: Path, said: Sequence[str]) -> None:
     stdout.print(f"{out}: {told.counted} of {told.frames} frames count; {_words(told)}")
+    for words in said:
+        stdout.print(f"  {words}")
     if told.counted:
         spread = f" ± {1e6 * told.area_std_m2:.2f}" if isfinite(told.area_std_m2) else ""
         stdout.print(f"apparent contact area {1e6 * told.area_m2:.2f}{spread} mm² per frame")

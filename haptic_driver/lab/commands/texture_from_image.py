@@ -18,6 +18,7 @@ from haptic_driver.textures.objects import TEXTURE_COF
 from haptic_driver.textures.toml import toml_lines
 
 if TYPE_CHECKING:
+    from haptic_driver.lab.importers.image import Mapped
     from haptic_driver.signals import Array
 
 WIDTH_MM = (1.0, 2000.0)
@@ -48,7 +49,7 @@ def texture_from_image(
     """Make a texture of a picture: by its brightness, its height or its edges.
 
     Beside the texture it writes the map that the texture names. It also draws what is asked for,
-    and what this rig and a usual finger make of it.
+    what this rig and a usual finger make of it, and what was cut of the picture's brightness.
 
     Example: `haptic texture from-image photo.jpg --width-mm 60 --cof 0.55 0.80`
     """
@@ -66,15 +67,17 @@ def texture_from_image(
     with shown_status("texture") as tell:
         tell(f"reading {source.name}")
         picture = read_picture(source, width_mm)
-        shares, mapped = friction_shares(picture, method, direction_deg, percentiles)
-    done = [*picture.done, *mapped]
+        mapped = friction_shares(picture, method, direction_deg, percentiles)
     low, high = cof
-    asked = low + (high - low) * shares
+    asked = low + (high - low) * mapped.shares
     size_mm = [picture.pitch_mm * side for side in reversed(asked.shape)]
-    save_grey(shares, grey)
+    with shown_status("texture") as tell:
+        tell(f"drawing {preview.name}")
+        warnings = _look(asked, picture.pitch_mm, mapped, preview, rig, model, speed)
+    save_grey(mapped.shares, grey)
     texture = {
         "kind": "map",
-        "description": _printable(f"from {source.name}, {method}: {'; '.join(done)}"),
+        "description": _printable(f"from {source.name}, {method}: {'; '.join(mapped.done)}"),
         "file": _printable(grey.name),
         "cof_black": low,
         "cof_white": high,
@@ -83,9 +86,6 @@ def texture_from_image(
     write_text(target, toml_lines(texture))
     if play:
         _play(target)
-    with shown_status("texture") as tell:
-        tell(f"drawing {preview.name}")
-        warnings = _look(asked, picture.pitch_mm, preview, rig, model, speed)
     if method == "height":
         warnings.append("strokes the other way feel its hills as hollows: a map knows no direction")
     payload: dict[str, Any] = {
@@ -95,13 +95,13 @@ def texture_from_image(
         "size_mm": size_mm,
         "method": method,
         "cof": [float(asked.min()), float(asked.max())],
-        "done": done,
+        "done": mapped.done,
         "warnings": warnings,
     }
 
     def show() -> None:
         stdout.print(f"texture: {target}, {size_mm[0]:.4g} by {size_mm[1]:.4g} mm, by {method}")
-        for words in done:
+        for words in mapped.done:
             stdout.print(f"  {words}")
         for words in warnings:
             stdout.print(Text(f"  {words}", "bold yellow"))
@@ -146,12 +146,18 @@ def _require_usable(
 
 
 def _look(
-    asked: Array, pitch_mm: float, preview: Path, rig: str, model: str, speed: float
+    asked: Array,
+    pitch_mm: float,
+    mapped: Mapped,
+    preview: Path,
+    rig: str,
+    model: str,
+    speed: float,
 ) -> list[str]:
     """Draw what is asked for and what comes of it; what this rig cannot render, in words."""
     from haptic_driver.cli.texture import controller_of, output_of  # noqa: PLC0415
     from haptic_driver.lab.importers.image import rendered  # noqa: PLC0415
-    from haptic_driver.pictures.textures import asked_and_rendered  # noqa: PLC0415
+    from haptic_driver.lab.pictures.from_image import asked_and_rendered  # noqa: PLC0415
     from haptic_driver.render.texture import FrictionMap  # noqa: PLC0415
     from haptic_driver.rig.config import load_rig  # noqa: PLC0415
     from haptic_driver.textures.bands import asked as asked_in_bands  # noqa: PLC0415
@@ -161,7 +167,8 @@ def _look(
     reach = controller_of(config, model, None, USUAL_N).reachable(USUAL_N)
     output, pitch_m = output_of(config), 1e-3 * pitch_mm
     felt = rendered(asked, pitch_m, speed, reach, output)
-    asked_and_rendered(asked, felt, pitch_mm, preview, f"at {1e3 * speed:g} mm/s on {config.name}")
+    title = f"at {1e3 * speed:g} mm/s on {config.name}"
+    asked_and_rendered(asked, felt, pitch_mm, mapped, preview, title)
     warnings = []
     low, high = float(asked.min()), float(asked.max())
     if low < reach[0] or high > reach[1]:

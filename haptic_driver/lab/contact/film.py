@@ -3,43 +3,49 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from haptic_driver.errors import BadInputError, HapticError, optional
+from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import listed
+from haptic_driver.images.files import EXTRA, opened
+from haptic_driver.images.pixels import Pixels, full_scale, of_array, shares, told
 from haptic_driver.lab.contact.times import read_times
 from haptic_driver.signals import Array
 
-EXTRA = "camera"
-STACKS = (".tif", ".tiff")
-RAW = (".dng",)
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp", *STACKS, *RAW)
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".gif", ".webp", ".tif", ".tiff", ".dng")
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 STAMPS = (".csv", ".txt")
 LEAST_SIDE = 48
+BYTE = 255.0
 GIVE = "Give a video, a stack of TIFF, or a folder of PNG, TIFF or DNG"
+SAVED_AS_COLOURS = "Three grey frames saved as one colour picture look the same: save them as pages"
+
+Place = tuple[Path, int]
 
 
 @dataclass(frozen=True)
 class Film:
     """Frames and when each was taken, in s. `frames` reads them one at a time, grey [y, x] in 0 to
-    1, white being the most that the camera gives.
+    1, white being the most that the camera gives. `said` is what was done to read them.
     """
 
     path: Path
     time_s: Array
-    places: tuple[tuple[Path, int | None], ...]
+    places: tuple[Place, ...]
+    full: float
+    said: tuple[str, ...] = ()
 
     def frames(self) -> Iterator[Array]:
         """One after the other; BadInputError for one that cannot be read or is of another size."""
         shape: tuple[int, ...] = ()
-        for number, image in enumerate(self._read()):
-            frame = grey(image)
+        for number, pixels in enumerate(_pixels(self.places)):
+            frame = shares(pixels, self.full)
             if shape and frame.shape != shape:
                 said = f"{self.path}: frame {number} is of {frame.shape}, the first of {shape}"
                 raise BadInputError("bad_film", said, "All frames of a film have one size")
@@ -49,100 +55,113 @@ class Film:
                 raise BadInputError("bad_film", said, f"A touch fills {LEAST_SIDE} pixels or more")
             yield frame
 
-    def _read(self) -> Iterator[Any]:
-        if self.path.suffix.lower() in VIDEOS and self.path.is_file():
-            yield from _opened(self.path).imiter(self.path, plugin=_video_plugin())
-            return
-        for path, page in self.places:
-            yield read_picture(path, page)
-
 
 def read_film(path: Path, times: Path | None = None, rate_hz: float | None = None) -> Film:
     """A film, opened; BadInputError for one without frames or whose times do not fit.
 
     Times come from `times` (or the one CSV or TXT in a folder), else from `rate_hz`, else from the
-    video's own data. Otherwise each frame is a second.
+    file's own data. Otherwise each frame is a second, which is said.
     """
     if not path.exists():
         raise BadInputError("no_film", f"{path}: is not there", GIVE)
-    places, own_rate_hz = _places(path)
+    places, own_s, said = _places(path)
     if not places:
         raise BadInputError("empty_film", f"{path}: has no frames", GIVE)
     stamps = times or (_stamps_in(path) if path.is_dir() and rate_hz is None else None)
-    if stamps is None:
-        time_s = np.arange(len(places)) / (rate_hz or own_rate_hz or 1.0)
-        return Film(path, time_s, places)
-    return Film(path, read_times(stamps, len(places)), places)
+    if stamps is not None:
+        time_s = read_times(stamps, len(places))
+    elif rate_hz is not None:
+        time_s = np.arange(len(places)) / rate_hz
+    elif own_s is not None:
+        time_s = own_s
+    else:
+        time_s = np.arange(float(len(places)))
+        said.append("nothing says when frames were taken: one a second is counted")
+    full, words = _depth(path, places)
+    return Film(path, time_s, places, full, (*said, *words))
 
 
-def grey(image: Any) -> Array:
-    """A picture of integers or floats, grey or of colours, as floats [y, x] in 0 to 1."""
-    util, color = (optional(f"skimage.{name}", EXTRA, "a picture") for name in ("util", "color"))
-    picture = util.img_as_float64(np.asarray(image))
-    if picture.ndim == 3:
-        picture = color.rgb2gray(picture[..., :3]) if picture.shape[2] >= 3 else picture[..., 0]
-    if picture.ndim != 2:
-        raise BadInputError("bad_film", f"a frame has the shape {np.shape(image)}", GIVE)
-    return np.asarray(picture, dtype=np.float64)
+def _depth(path: Path, places: tuple[Place, ...]) -> tuple[float, list[str]]:
+    """What white is in all frames, and what was done to read the first; films of more than 8 bits
+    are looked through.
+    """
+    frames = _pixels(places)
+    first = next(frames)
+    if first.full is not None and first.full <= BYTE:
+        return first.full, told(first, first.full)
+
+    def all_alike() -> Iterator[Pixels]:
+        yield first
+        for number, pixels in enumerate(frames, 1):
+            if pixels.full != first.full:
+                said = f"{path}: frame {number} has another depth than the first"
+                raise BadInputError("bad_film", said, "Save all frames in one format")
+            yield pixels
+
+    full = full_scale(all_alike())
+    return full, told(first, full)
 
 
-def read_picture(path: Path, page: int | None = None) -> Any:
-    """One picture of any of the formats, a raw one as the camera counted; BadInputError."""
+def _pixels(places: tuple[Place, ...]) -> Iterator[Pixels]:
+    """What each frame's file holds; a file is opened once for all its frames."""
+    for path, group in groupby(places, key=lambda place: place[0]):
+        if path.suffix.lower() in VIDEOS:
+            for frame in _video(path):
+                deep = frame.format.components[0].bits > 8
+                yield of_array(frame.to_ndarray(format="rgb48le" if deep else "rgb24"))
+            continue
+        with opened(path) as pictures:
+            for _, number in group:
+                yield pictures.read(number)
+
+
+def _video(path: Path) -> Iterator[Any]:
+    """A video's frames, decoded; BadInputError."""
+    av = optional("av", EXTRA, "a video")
     try:
-        return _picture(path, page)
-    except HapticError:
-        raise
-    except Exception as error:  # each format has errors of its own
+        with av.open(str(path)) as container:
+            yield from container.decode(video=0)
+    except (av.FFmpegError, IndexError) as error:
         raise BadInputError("bad_film", f"{path}: cannot be read: {error}", GIVE) from error
 
 
-def _picture(path: Path, page: int | None) -> Any:
-    if path.suffix.lower() in RAW:
-        rawpy = optional("rawpy", EXTRA, f"{path.name}, a raw picture,")
-        as_counted = {
-            "no_auto_bright": True,
-            "output_bps": 16,
-            "gamma": (1, 1),
-            "user_wb": [1.0, 1.0, 1.0, 1.0],
-            "output_color": rawpy.ColorSpace.raw,
-        }
-        return _opened(path).imread(path, plugin="rawpy", **as_counted)
-    if page is not None:
-        return optional("tifffile", EXTRA, str(path)).imread(path, key=page)
-    return _opened(path).imread(path)
+def read_bare(path: Path, film: Film | None = None) -> Array:
+    """A single picture, grey [y, x] in 0 to 1 of what white is in `film`; BadInputError."""
+    with opened(path) as pictures:
+        if pictures.count != 1:
+            said = f"{path}: holds {pictures.count} pictures"
+            raise BadInputError("several_pictures", said, "Save the one that is meant by itself")
+        pixels = pictures.read(0)
+    return shares(pixels, film.full if film else None)
 
 
-def _opened(path: Path) -> Any:
-    return optional("imageio.v3", EXTRA, str(path))
+def grey(images: Sequence[Any]) -> list[Array]:
+    """Arrays of one camera, grey or of colours, as floats [y, x] in 0 to 1 of its full scale."""
+    pictures = [of_array(image) for image in images]
+    full = full_scale(pictures)
+    return [shares(pixels, full) for pixels in pictures]
 
 
-def _video_plugin() -> str:
-    optional("av", EXTRA, "a video")
-    return "pyav"
-
-
-def _places(path: Path) -> tuple[tuple[tuple[Path, int | None], ...], float | None]:
-    """Where each frame is, and the rate that a video says."""
+def _places(path: Path) -> tuple[tuple[Place, ...], Array | None, list[str]]:
+    """Where each frame is, its time in s if the file says it, and what was done to find it."""
     ending = path.suffix.lower()
     if path.is_dir():
         files = listed(path, PICTURES)
-        return tuple((file, None) for file in sorted(files, key=_natural)), None
-    if ending not in (*PICTURES, *VIDEOS):
+        return tuple((file, 0) for file in sorted(files, key=_natural)), None, []
+    if ending in VIDEOS:
+        times = [frame.time for frame in _video(path)]
+        known = times and None not in times and bool((np.diff(times) > 0.0).all())
+        own_s = np.array(times) - times[0] if known else None
+        return tuple((path, i) for i in range(len(times))), own_s, []
+    if ending not in PICTURES:
         raise BadInputError("bad_film", f"{path}: is no film of a kind that is known", GIVE)
-    try:
-        if ending in VIDEOS:
-            plugin = _video_plugin()
-            count = sum(1 for _ in _opened(path).imiter(path, plugin=plugin))
-            rate_hz = float(_opened(path).immeta(path, plugin=plugin)["fps"])
-            return tuple((path, i) for i in range(count)), rate_hz
-        if ending in STACKS:
-            with optional("tifffile", EXTRA, str(path)).TiffFile(path) as stack:
-                return tuple((path, i) for i in range(len(stack.pages))), None
-    except HapticError:
-        raise
-    except Exception as error:  # each format has errors of its own
-        raise BadInputError("bad_film", f"{path}: cannot be read: {error}", GIVE) from error
-    return ((path, None),), None
+    with opened(path) as pictures:
+        if pictures.in_planes:
+            said = f"{path}: is one picture in planes of colour"
+            raise BadInputError("one_picture", said, SAVED_AS_COLOURS)
+        count, step_s, words = pictures.count, pictures.interval_s, list(pictures.said)
+    own_s = None if step_s is None else step_s * np.arange(float(count))
+    return tuple((path, i) for i in range(count)), own_s, words
 
 
 def _natural(path: Path) -> list[Any]:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import nan
+from math import inf, nan
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.ndimage import binary_dilation
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.lab.contact.light import flattened
-from haptic_driver.lab.contact.touch import Seen, find_touch
+from haptic_driver.lab.contact.touch import LEAST_DARKENING, Seen, find_touch, has_ridges
 from haptic_driver.signals import Array
 
+Contact = Literal["dark", "bright"]
 NO_FINGER, OUTSIDE, GLARE, MOTION, BLURRED = (
     "no finger",
     "partly outside",
@@ -23,6 +25,7 @@ NO_FINGER, OUTSIDE, GLARE, MOTION, BLURRED = (
     "blurred",
 )
 WHITE = 0.995  # of the most that a camera gives
+GUESSED_BY = 8  # frames of a film
 MOST_GLARE = 2e-3  # of the touch's surroundings
 MOVED = 1.35  # times the film's usual blur; where edges overlap, blur is not measured
 FADED = 0.7  # of the film's usual contrast of ridges
@@ -67,50 +70,119 @@ class Summary:
     ridge_area_m2: float
 
 
+class Watched(NamedTuple):
+    """Every frame of a film, whether contact is dark or bright in it, and what is to be said."""
+
+    found: list[FrameSeen]
+    contact: Contact
+    said: list[str]
+
+
+class _Screen(NamedTuple):
+    """What all frames are compared with: the bare screen [y, x], if it is known. From `white` on, a
+    share of full scale, the camera tells nothing.
+    """
+
+    bare: Array | None
+    white: float
+
+
 def watch(
     frames: Callable[[], Iterable[Array]],
     time_s: Array,
     scale_m: float,
     background: Array | None = None,
+    contact: Contact | None = None,
     progress: Callable[[], None] = lambda: None,
-) -> list[FrameSeen]:
-    """Every frame of a film, read twice where no `background` [y, x] is given and some frame has no
-    finger: their mean is it then.
+) -> Watched:
+    """Every frame of a film, read more than once: for whether contact is dark or bright, and for
+    the bare screen. That is `background` [y, x], or the mean of frames without a finger.
+
+    A bright contact is sought as a dark one in the negative; glare is not told from it.
     """
+    guess, top, said = _guessed(frames(), scale_m, background, max(1, len(time_s) // GUESSED_BY))
+    contact = contact or guess
+    if contact != guess:
+        said.append(f"told to be {contact}: look at the outlines")
+
+    def as_dark() -> Iterator[Array]:
+        return (_as_dark(frame, contact) for frame in frames())
+
     if background is None:
-        background = _empty_screen(frames(), scale_m)
+        bare = _empty_screen(as_dark(), scale_m)
+    else:
+        bare = _as_dark(background, contact)
+    screen = _Screen(bare, min(WHITE, top) if contact == "dark" else inf)
     found = []
-    for time, frame in zip(time_s, frames(), strict=True):
-        found.append(_seen(frame, float(time), scale_m, background))
+    for time, frame in zip(time_s, as_dark(), strict=True):
+        found.append(_seen(frame, float(time), scale_m, screen))
         progress()
-    return _judged_together(found)
+    others = max((one.seen.others for one in found if one.seen), default=0)
+    if others:
+        said.append(f"{others} more touches in a frame: the largest is measured")
+    if not has_ridges(scale_m):
+        said.append("pixels are too coarse for ridges, for blur and for motion")
+    return Watched(_judged_together(found), contact, said)
+
+
+def _guessed(
+    frames: Iterable[Array], scale_m: float, background: Array | None, step: int
+) -> tuple[Contact, float, list[str]]:
+    """Whether contact is dark or bright: as which it stands out more clearly. And the brightest
+    pixel.
+    """
+    clear: dict[Contact, list[float]] = {"dark": [], "bright": []}
+    top = 0.0
+    for number, frame in enumerate(frames):
+        top = max(top, float(frame.max()))
+        if number % step:
+            continue
+        for contact, found in clear.items():
+            bare = None if background is None else _as_dark(background, contact)
+            seen = _touch(_as_dark(frame, contact), scale_m, bare)
+            found.append(seen.clarity if seen else 0.0)
+    dark, bright = (float(np.mean(found)) if found else 0.0 for found in clear.values())
+    better: Contact = "bright" if bright > dark else "dark"
+    if not max(dark, bright):
+        return better, top, []
+    words = f"{max(dark, bright):.1f} times the unevenness, {min(dark, bright):.1f} the other way"
+    return better, top, [f"contact is {better}: it stands out by {words}"]
+
+
+def _as_dark(image: Array, contact: Contact) -> Array:
+    return image if contact == "dark" else 1.0 - image
+
+
+def _touch(frame: Array, scale_m: float, bare: Array | None) -> Seen | None:
+    if bare is not None and bare.shape != frame.shape:
+        said = f"the picture of the bare screen is of {bare.shape}, a frame of {frame.shape}"
+        raise BadInputError("bad_background", said, "Take it with the same camera and settings")
+    return find_touch(flattened(frame, bare), scale_m)
 
 
 def _empty_screen(frames: Iterable[Array], scale_m: float) -> Array | None:
     """Mean of the frames without a finger; None where every one has one."""
     total, count = None, 0
     for frame in frames:
-        if find_touch(flattened(frame, None), scale_m) is None:
+        if _touch(frame, scale_m, None) is None:
             total = frame if total is None else total + frame
             count += 1
     return None if total is None else np.asarray(total / count)
 
 
-def _seen(frame: Array, time_s: float, scale_m: float, background: Array | None) -> FrameSeen:
-    if background is not None and background.shape != frame.shape:
-        said = f"the picture of the bare screen is of {background.shape}, a frame of {frame.shape}"
-        raise BadInputError("bad_background", said, "Take it with the same camera and settings")
-    seen = find_touch(flattened(frame, background), scale_m)
+def _seen(frame: Array, time_s: float, scale_m: float, screen: _Screen) -> FrameSeen:
+    seen = _touch(frame, scale_m, screen.bare)
     if seen is None:
         return FrameSeen(time_s, NO_FINGER, None)
     mask = seen.mask
     if mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any():
         return FrameSeen(time_s, OUTSIDE, seen)
-    around = binary_dilation(mask, iterations=5)
-    white = (frame >= WHITE) & around
-    if background is not None:
-        white &= background < WHITE
-    if white.sum() > MOST_GLARE * mask.sum():
+    glare = (frame >= screen.white) & binary_dilation(mask, iterations=5)
+    if screen.bare is not None:
+        glare &= screen.bare < screen.white
+    if screen.white < WHITE:  # the film's brightest pixels, which may be those of the bare screen
+        glare &= flattened(frame, screen.bare) > 1.0 + LEAST_DARKENING
+    if glare.sum() > MOST_GLARE * mask.sum():
         return FrameSeen(time_s, GLARE, seen)
     return FrameSeen(time_s, "", seen)
 

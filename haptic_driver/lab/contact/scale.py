@@ -1,60 +1,128 @@
-"""How large a pixel is: as said, or by a picture of a ruler with lines of a known pitch."""
+"""How large a pixel is: as said, or by a picture of a ruler, a grid or a checkerboard.
+
+A grid of lines and a checkerboard both have a strongest wave in two directions. A checkerboard
+turns into its negative where it is moved by a square, which lies between the two.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from haptic_driver.errors import BadInputError, require_range
-from haptic_driver.lab.contact.film import grey, read_picture
-from haptic_driver.signals import Array
+from haptic_driver.lab.contact.film import read_bare
+from haptic_driver.signals import Array, Mask
 
 MM_PER_PIXEL = (1e-4, 1.0)
 LEAST_LINES = 4
 CLEAR = 6.0  # times the usual strength of any other frequency
 HARMONIC = 0.5  # of the strongest line, from which on a slower one is the pitch itself
+NEGATIVE = -0.5  # correlation with itself; that of a grid of thin lines is -0.2
+ALIKE = 0.02  # pitches of two directions: a camera that looks aslant changes one of them
 
 
-def scale_from_ruler(path: Path, pitch_mm: float) -> float:
-    """Mm per pixel of a picture [y, x] whose lines lie `pitch_mm` apart in one direction.
+class Wave(NamedTuple):
+    """A strong wave of a picture: cycles per pixel along y and x, and how clear it is."""
 
-    BadInputError where no direction has clear lines.
+    y: float
+    x: float
+    clear: float
+
+    @property
+    def pitch_px(self) -> float:
+        return 1.0 / float(np.hypot(self.y, self.x))
+
+
+def scale_from_ruler(path: Path, pitch_mm: float) -> tuple[float, str]:
+    """Mm per pixel of a picture [y, x], and what was seen in it. Lines are `pitch_mm` apart, in one
+    direction or in two; squares have that side.
+
+    BadInputError where nothing is clear, and where two directions have different pitches.
     """
     require_range("--pitch", pitch_mm, 0.01, 100.0, unit=" mm")
     if not path.is_file():
         raise BadInputError("no_ruler", f"{path}: is not there", "Give a picture of a ruler")
-    picture = grey(read_picture(path))
-    across, along = (_pitch_px(picture - picture.mean(), axis) for axis in (1, 0))
-    period_px, strength = max((across, along), key=lambda found: found[1])
-    if strength < CLEAR:
+    picture = read_bare(path)
+    first, second = _waves(picture - picture.mean())
+    if first is None:
         said = f"{path}: has no lines at even distances that are clear enough"
         raise BadInputError("no_ruler", said, "Lay the ruler along the picture, in focus")
-    return pitch_mm / period_px
+    if second is None:
+        return pitch_mm / first.pitch_px, f"lines {first.pitch_px:.4g} pixels apart"
+    if abs(second.pitch_px / first.pitch_px - 1.0) > ALIKE:
+        pitches = f"{first.pitch_px:.4g} and {second.pitch_px:.4g} pixels"
+        said = f"{path}: has lines in two directions, {pitches} apart"
+        raise BadInputError("two_rulers", said, "Cut out the lines that are --pitch apart")
+    pitch_px = 0.5 * (first.pitch_px + second.pitch_px)
+    if _is_checkerboard(picture - picture.mean(), first, second):
+        side_px = pitch_px / np.sqrt(2.0)
+        return pitch_mm / side_px, f"squares of a checkerboard, {side_px:.4g} pixels wide"
+    return pitch_mm / pitch_px, f"lines in two directions, {pitch_px:.4g} pixels apart"
 
 
-def _pitch_px(picture: Array, axis: int) -> tuple[float, float]:
-    """Distance of lines in pixels along an axis, any tilt allowed, and how clear they are.
-
-    The strongest frequency of the picture; slower ones that are nearly as strong are the pitch, and
-    it a harmonic of ticks.
-    """
-    height, width = picture.shape
-    window = np.hanning(height)[:, None] * np.hanning(width)
-    size = (2 * height, 2 * width)
+def _waves(picture: Array) -> tuple[Wave | None, Wave | None]:
+    """The strongest wave, and one across it that is as strong; None where nothing is clear."""
+    window = np.hanning(picture.shape[0])[:, None] * np.hanning(picture.shape[1])
+    size = (2 * picture.shape[0], 2 * picture.shape[1])
     power = np.abs(np.fft.rfft2(picture * window, size))
-    f_y, f_x = np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])
+    f_y: Array = np.asarray(np.fft.fftfreq(size[0])[:, None], np.float64)
+    f_x: Array = np.asarray(np.fft.rfftfreq(size[1]), np.float64)
     frequency = np.hypot(f_y, f_x)
-    mine = (np.abs(f_x) >= np.abs(f_y)) if axis == 1 else (np.abs(f_y) > np.abs(f_x))
-    allowed = mine & (frequency * picture.shape[axis] >= LEAST_LINES) & (frequency < 0.45)
+    within = np.hypot(f_y * picture.shape[0], f_x * picture.shape[1])
+    allowed = (within >= LEAST_LINES) & (frequency < 0.45)
+    usual = 10.0 * max(float(np.median(power[allowed])), 1e-12)
+    first = _wave(power / usual, f_y, f_x, allowed)
+    if first.clear < CLEAR:
+        return None, None
+    along = np.abs(f_y * first.y + f_x * first.x) * first.pitch_px
+    second = _wave(power / usual, f_y, f_x, allowed & (along < 0.5 * frequency))
+    strong = second.clear >= max(CLEAR, HARMONIC * first.clear)
+    return first, second if strong else None
+
+
+def _wave(power: Array, f_y: Array, f_x: Array, allowed: Mask) -> Wave:
+    """The strongest frequency; slower ones that are nearly as strong are the pitch, and it a
+    harmonic of ticks.
+    """
     strong = np.where(allowed, power, 0.0)
     top = strong.max()
+    frequency = np.hypot(f_y, f_x)
     candidates = np.where(strong >= HARMONIC * top, frequency, np.inf)
     y, x = np.unravel_index(int(np.argmin(candidates)), candidates.shape)
-    for _ in range(2):  # from the flank of a line to its middle, then the middle of what is there
-        near = allowed & (np.hypot(f_y - f_y[y], f_x - f_x[x]) < 2.5 / min(size))
-        y, x = np.unravel_index(int(np.argmax(np.where(near, power, 0.0))), power.shape)
-    weight = np.where(near, power**2, 0.0) / np.sum(power[near] ** 2)
-    exact = float(np.hypot(np.sum(weight * f_y), np.sum(weight * f_x)))
-    usual = float(np.median(power[allowed]))
-    return 1.0 / exact, float(top) / max(usual, 1e-12) / 10.0
+    # from the flank of a line to its middle
+    near = allowed & (np.hypot(f_y - f_y[y], f_x - f_x[x]) < 2.5 * max(1.0 / f_y.size, f_x[1]))
+    y, x = np.unravel_index(int(np.argmax(np.where(near, power, 0.0))), power.shape)
+    down, right = _between(power, int(y), int(x))
+    step_y, step_x = 1.0 / f_y.size, float(f_x[1])
+    return Wave(float(f_y[y, 0]) + down * step_y, float(f_x[x]) + right * step_x, float(top))
+
+
+def _between(power: Array, y: int, x: int) -> tuple[float, float]:
+    """How far from the middle of its bin a peak lies, along y and x.
+
+    By a parabola through the logarithm, which the window's spectrum nearly is.
+    """
+
+    def at(down: int, right: int) -> float:
+        row, column = y + down, x + right
+        if column < 0:  # the other half of the plane
+            row, column = -row, -column
+        return float(np.log(max(power[row % power.shape[0], column], 1e-12)))
+
+    def vertex(before: float, here: float, after: float) -> float:
+        return 0.5 * (before - after) / min(before - 2.0 * here + after, -1e-12)
+
+    here = at(0, 0)
+    return vertex(at(-1, 0), here, at(1, 0)), vertex(at(0, -1), here, at(0, 1))
+
+
+def _is_checkerboard(picture: Array, first: Wave, second: Wave) -> bool:
+    """Whether the picture is its own negative half a period of both waves further on."""
+    waves = np.array([[first.y, first.x], [second.y, second.x]])
+    y, x = np.rint(np.linalg.solve(waves, [0.5, 0.5])).astype(int)
+    height, width = picture.shape
+    here = picture[max(y, 0) : height + min(y, 0), max(x, 0) : width + min(x, 0)]
+    there = picture[max(-y, 0) : height + min(-y, 0), max(-x, 0) : width + min(-x, 0)]
+    return float(np.sum(here * there) / np.sqrt(np.sum(here**2) * np.sum(there**2))) < NEGATIVE

@@ -7,18 +7,22 @@ valleys', which blur leaves where an edge was.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import nan
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, binary_fill_holes, gaussian_filter
 
 from haptic_driver.errors import optional
-from haptic_driver.lab.contact.film import EXTRA
+from haptic_driver.images.files import EXTRA
 from haptic_driver.signals import Array, Mask
 
 RIDGE_PERIOD_M = 0.5e-3  # of fingertips, 0.4 to 0.6 mm
 SMOOTHING = 0.5  # of a period: leaves 1 % of the ridges in what tells the outline
+# Of a ridge, which is half of a period: fewer give neither its edges nor their blur.
+LEAST_RIDGE_PIXELS = 4
 FINEST_M = 20e-6  # over which noise is averaged where ridges are found
 LEAST_DARKENING = 0.03  # of the bare screen's light
 NOISE_FACTOR = 8.0  # by how much the touch has to stand out of the smoothed noise
@@ -35,7 +39,11 @@ class Seen:
     `axes_m` the longer and the shorter axis of the ellipse of the same moments, `angle_rad` of the
     longer from x to y, 0 to pi. `contrast`: how much darker ridges are than valleys, of the bare
     screen's light. `blur_m`: standard deviation of a point's image, measured at the ridges' edges.
-    `mask` [y, x] is the touch, `outline` its closed line [n, 2] as (y, x) in pixels.
+    Both and the ridges' area are NaN where pixels are too coarse for ridges.
+
+    `mask` [y, x] is the touch, `outline` its closed line [n, 2] as (y, x) in pixels. `clarity` is
+    how far the levels inside and outside lie apart, in their standard deviations: large of a touch
+    on an even screen. `others` touches are smaller.
     """
 
     area_m2: float
@@ -47,12 +55,19 @@ class Seen:
     blur_m: float
     mask: Mask
     outline: Array
+    clarity: float
+    others: int
+
+
+def has_ridges(scale_m: float) -> bool:
+    """Whether a ridge has enough pixels to be seen."""
+    return LEAST_RIDGE_PIXELS * scale_m <= 0.5 * RIDGE_PERIOD_M
 
 
 def find_touch(flat: Array, scale_m: float) -> Seen | None:
     """The largest dark touch in a picture [y, x] whose bare screen is 1; None of none."""
     filters = optional("skimage.filters", EXTRA, "contact area")
-    sigma = SMOOTHING * RIDGE_PERIOD_M / scale_m
+    sigma = _sigma_px(scale_m)
     dark = 1.0 - np.clip(flat, 0.0, 2.0)
     mean_dark = gaussian_filter(dark, sigma, mode="nearest")
     within = mean_dark > filters.threshold_otsu(mean_dark)
@@ -63,10 +78,27 @@ def find_touch(flat: Array, scale_m: float) -> Seen | None:
     if level - bare < max(LEAST_DARKENING, NOISE_FACTOR * _smoothed_noise(dark, sigma)):
         return None
     half = 0.5 * (level + bare)
-    mask = _largest(mean_dark > half)
+    mask, sizes = _largest(mean_dark > half)
     if mask.sum() * scale_m**2 < LEAST_AREA_M2:
         return None
-    return _measured(dark, mean_dark, mask, half, scale_m)
+    others = int(np.sum(sizes * scale_m**2 >= LEAST_AREA_M2)) - 1
+    seen = _measured(dark, mean_dark, mask, half, scale_m)
+    return replace(seen, clarity=_clarity(mean_dark, mask, sigma), others=max(others, 0))
+
+
+def _clarity(mean_dark: Array, mask: Mask, sigma: float) -> float:
+    away = max(1, round(2.0 * sigma))
+    inside = mean_dark[binary_erosion(mask, iterations=away)]
+    outside = mean_dark[binary_erosion(~mask, iterations=away, border_value=1)]
+    if not inside.size or not outside.size:
+        return 0.0
+    spread = np.hypot(inside.std(), outside.std())
+    return float((inside.mean() - outside.mean()) / max(spread, 1e-6))
+
+
+def _sigma_px(scale_m: float) -> float:
+    """Of the smoothing that tells the outline; a pixel at least, over which slopes are taken."""
+    return max(SMOOTHING * RIDGE_PERIOD_M / scale_m, 1.0)
 
 
 def _smoothed_noise(dark: Array, sigma: float) -> float:
@@ -76,13 +108,13 @@ def _smoothed_noise(dark: Array, sigma: float) -> float:
     return float(noise / (2.0 * np.sqrt(np.pi) * sigma))
 
 
-def _largest(mask: Mask) -> Mask:
-    """The largest connected part, its holes filled."""
+def _largest(mask: Mask) -> tuple[Mask, NDArray[np.int_]]:
+    """The largest connected part, its holes filled, and how many pixels every part has."""
     measure = optional("skimage.measure", EXTRA, "contact area")
     labels = measure.label(mask)
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
-    return np.asarray(binary_fill_holes(labels == int(np.argmax(sizes))))
+    return np.asarray(binary_fill_holes(labels == int(np.argmax(sizes)))), sizes
 
 
 def _measured(dark: Array, mean_dark: Array, mask: Mask, half: float, scale_m: float) -> Seen:
@@ -90,9 +122,8 @@ def _measured(dark: Array, mean_dark: Array, mask: Mask, half: float, scale_m: f
     (region,) = measure.regionprops(mask.astype(np.uint8))
     area_px = _subpixel_area(mean_dark, mask, half)
     # a round step that is smoothed has its half-way a little inside: sigma^2/(2 R)
-    sigma = SMOOTHING * RIDGE_PERIOD_M / scale_m
-    area_px *= 1.0 + np.pi * sigma**2 / area_px
-    ridges, contrast, blur_m = _ridges(dark, mask, scale_m)
+    area_px *= 1.0 + np.pi * _sigma_px(scale_m) ** 2 / area_px
+    ridges, contrast, blur_m = _ridges(dark, mask, scale_m) if has_ridges(scale_m) else 3 * (nan,)
     (y, x), turn = region.centroid, float(region.orientation)
     return Seen(
         area_m2=float(area_px * scale_m**2),
@@ -107,6 +138,8 @@ def _measured(dark: Array, mean_dark: Array, mask: Mask, half: float, scale_m: f
         blur_m=blur_m,
         mask=mask,
         outline=_outline(measure, mean_dark, mask, half),
+        clarity=0.0,
+        others=0,
     )
 
 

@@ -10,23 +10,21 @@ there is a bump, whichever way it is crossed (a choice of this driver).
 
 from __future__ import annotations
 
-import io
 import math
-import warnings
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.images.files import opened
+from haptic_driver.images.pixels import full_scale, shares, told
 from haptic_driver.signals import Array
 from haptic_driver.textures.bands import Output, finger_gain
 from haptic_driver.textures.description import FINEST_MM
-from model.support.reading import read_bytes
 
 Method = Literal["luminance", "height", "edges"]
-MOST_PICTURE_BYTES = 100 << 20
 MOST_MAP_PIXELS = 2_000_000  # what render takes
 PERCENTILES = (2.0, 98.0)  # of brightness, which become the ends: a speck is no measure of contrast
 STEEPEST = 98.0  # percentile of slopes and edges that counts as the most
@@ -43,22 +41,23 @@ class Picture(NamedTuple):
 
 
 def read_picture(path: Path, width_mm: float) -> Picture:
-    """Any picture that Pillow reads, upright, grey, as fine as is felt. BadInputError else."""
-    content = read_bytes(path, MOST_PICTURE_BYTES)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(io.BytesIO(content)) as opened:
-                upright = ImageOps.exif_transpose(opened)
-                turned = opened.getexif().get(0x0112, 1) != 1
-                grey, done = _grey(upright)
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError):
-        said = f"{path} has too many pixels"
-        raise BadInputError("map_too_large", said, "scale it down first") from None
-    except (OSError, ValueError, SyntaxError, EOFError, TypeError) as error:
-        said = f"{path} cannot be read as a picture: {error}"
-        raise BadInputError("bad_image", said, "save it as JPEG or PNG") from None
-    rows, columns = grey.shape
+    """Any picture, upright, grey, as fine as is felt. BadInputError for a film, and for what is
+    none.
+    """
+    with opened(path) as pictures:
+        if pictures.count != 1:
+            said = f"{path} holds {pictures.count} pictures"
+            raise BadInputError("several_pictures", said, "save the one that is meant by itself")
+        pixels = pictures.read(0)
+        full = full_scale([pixels])
+        done = [*pictures.said, *told(pixels, full)]
+    bright = shares(pixels, full)
+    if pixels.full is None:
+        bright = (bright - bright.min()) / (np.ptp(bright) or 1.0)
+        ends = float(np.nanmin(pixels.values)), float(np.nanmax(pixels.values))
+        black, white = reversed(ends) if pixels.white_is_zero else ends
+        done.append(f"black is {black:.4g} and white {white:.4g}, the least and the most in it")
+    rows, columns = bright.shape
     pitch_mm = max(width_mm / columns, FINEST_MM)
     wide = max(round(width_mm / pitch_mm), 1)
     high = max(round(rows * wide / columns), 1)
@@ -66,36 +65,55 @@ def read_picture(path: Path, width_mm: float) -> Picture:
         said = f"{path} at {width_mm:g} mm has {wide} x {high} places of {FINEST_MM:g} mm"
         raise BadInputError("map_too_large", said, "make it narrower, or cut it")
     if (wide, high) != (columns, rows):
-        shrunk = Image.fromarray(grey.astype(np.float32)).resize((wide, high), Image.Resampling.BOX)
-        grey = np.asarray(shrunk, dtype=float)
+        fine = Image.fromarray(bright.astype(np.float32))
+        bright = np.asarray(fine.resize((wide, high), Image.Resampling.BOX), dtype=float)
         done.append(f"averaged from {columns} x {rows} to {wide} x {high} pixels")
-    if turned:
-        done.insert(0, "turned upright by its EXIF orientation")
-    return Picture(grey, width_mm / wide, done)
+    return Picture(bright, width_mm / wide, done)
+
+
+class Mapped(NamedTuple):
+    """How far [row, column] from the lower friction, 0, to the higher, 1.
+
+    It comes of brightness `bright`, which is cut at `ends`; `done` has all that was done.
+    """
+
+    shares: Array
+    bright: Array
+    ends: tuple[float, float]
+    done: list[str]
 
 
 def friction_shares(
     picture: Picture, method: Method, direction_deg: float, percentiles: tuple[float, float]
-) -> tuple[Array, list[str]]:
-    """How far [row, column] from the lower friction, 0, to the higher, 1; and what was done."""
-    low, high = np.percentile(picture.bright, percentiles)
+) -> Mapped:
+    """Brightness, stretched between percentiles, by one of the mappings; BadInputError where there
+    is none.
+    """
+    low, high = (float(end) for end in np.percentile(picture.bright, percentiles))
     if high - low < LEAST_CONTRAST:
         said = f"the picture has no contrast: {low:.3g} to {high:.3g} of full brightness"
         raise BadInputError("no_contrast", said, "give another, or wider --percentiles")
     stretched = np.clip((picture.bright - low) / (high - low), 0.0, 1.0)
-    ends = " and ".join(f"{p:g} %" for p in percentiles)
-    done = [f"brightness {low:.2f} to {high:.2f} (percentiles {ends}) stretched to 0 to 1"]
+    words = " and ".join(f"{p:g} %" for p in percentiles)
+    done = [f"brightness {low:.2f} to {high:.2f} (percentiles {words}) stretched to 0 to 1"]
+    mapped, how = _mapped(stretched, picture.pitch_mm, method, direction_deg)
+    return Mapped(mapped, picture.bright, (low, high), [*picture.done, *done, how])
+
+
+def _mapped(
+    bright: Array, pitch_mm: float, method: Method, direction_deg: float
+) -> tuple[Array, str]:
     if method == "luminance":
-        return stretched, [*done, "bright is high friction"]
-    along_x, along_y = _slopes(stretched, picture.pitch_mm)
+        return bright, "bright is high friction"
+    along_x, along_y = _slopes(bright, pitch_mm)
     if method == "edges":
         steep = np.hypot(along_x, along_y)
-        return np.clip(steep / _most(steep), 0.0, 1.0), [*done, "edges are high friction"]
+        return np.clip(steep / _most(steep), 0.0, 1.0), "edges are high friction"
     angle = math.radians(direction_deg)
     slope = along_x * math.cos(angle) + along_y * math.sin(angle)
     way = f"the slope of brightness as height, for strokes towards {direction_deg:g} degrees"
     shares = 0.5 + 0.5 * np.clip(slope / _most(np.abs(slope)), -1.0, 1.0)
-    return shares, [*done, f"{way}: uphill is high friction (doi 10.1145/2501988.2502020)"]
+    return shares, f"{way}: uphill is high friction (doi 10.1145/2501988.2502020)"
 
 
 def rendered(
@@ -124,23 +142,6 @@ def save_grey(shares: Array, path: Path) -> None:
     levels = np.round(65535.0 * shares).astype(np.uint16)
     with replacing(path) as part:
         Image.fromarray(levels).save(part, format="PNG")
-
-
-def _grey(image: Image.Image) -> tuple[Array, list[str]]:
-    """Luminance of full scale, on white where the picture is transparent."""
-    if image.mode in ("I;16", "I;16B", "I;16L", "I"):
-        return np.asarray(image, dtype=float) / 65535.0, ["16 bits"]
-    if image.mode == "F":
-        values = np.asarray(image, dtype=float)
-        return (values - values.min()) / max(float(np.ptp(values)), 1e-30), ["floating point"]
-    done = []
-    if image.has_transparency_data:
-        white = Image.new("RGBA", image.size, "white")
-        image = Image.alpha_composite(white, image.convert("RGBA"))
-        done.append("transparent parts on white")
-    if image.mode not in ("L", "1"):
-        done.append("colours as luminance")
-    return np.asarray(image.convert("RGB").convert("L"), dtype=float) / 255.0, done
 
 
 def _slopes(height: Array, pitch_mm: float) -> tuple[Array, Array]:

@@ -29,9 +29,9 @@ def contact_area(frames: Sequence[Frame], camera: PartSection) -> ContactArea | 
     from haptic_driver.lab.contact.film import grey  # noqa: PLC0415 - only rigs with a camera need it
     from haptic_driver.lab.contact.judge import summary, watch  # noqa: PLC0415
 
-    pictures = [grey(frame.image) for frame in frames]
+    pictures = grey([frame.image for frame in frames])
     time_s = np.array([frame.time_s for frame in frames])
-    told = summary(watch(lambda: pictures, time_s, camera.scale_m_per_pixel))
+    told = summary(watch(lambda: pictures, time_s, camera.scale_m_per_pixel).found)
     if not told.counted:
         return None
     scatter = told.area_std_m2 / sqrt(told.counted) if isfinite(told.area_std_m2) else 0.0

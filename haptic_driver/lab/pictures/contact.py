@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from haptic_driver.signals import Array
 
 AREA, RIDGES, BAD = "#1b6ca8", "#3a3a3a", "#d1495b"
 MOST_FRAMES = 6  # in a picture
+BARS_MM = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 
 
 def drawn_frames(found: Sequence[FrameSeen]) -> list[int]:
@@ -25,8 +27,12 @@ def drawn_frames(found: Sequence[FrameSeen]) -> list[int]:
     return sorted(chosen)
 
 
-def draw_outlines(frames: Sequence[tuple[int, Array, FrameSeen]], path: Path) -> None:
-    """Frames [y, x] with the outline of the touch, and why one does not count."""
+def draw_outlines(
+    frames: Sequence[tuple[int, Array, FrameSeen]], mm_per_pixel: float, path: Path, title: str
+) -> None:
+    """Frames [y, x] with the outline of the touch, and why one does not count; a bar beside each
+    has the scale.
+    """
     columns = min(3, len(frames))
     rows = -(-len(frames) // columns)
     figure, axes = pyplot().subplots(
@@ -40,8 +46,20 @@ def draw_outlines(frames: Sequence[tuple[int, Array, FrameSeen]], path: Path) ->
             if one.seen is not None:
                 y, x = one.seen.outline.T
                 axis.plot(x, y, color=BAD if one.bad else AREA, lw=1.2)
+            _draw_scale(axis, image, mm_per_pixel)
             said = one.bad or f"{1e6 * one.area_m2:.1f} mm²"
             axis.set_title(f"frame {number}, {one.time_s:.3g} s: {said}", fontsize=9)
+        figure.suptitle(title, fontsize=10)
+
+
+def _draw_scale(axis: Any, image: Array, mm_per_pixel: float) -> None:
+    """A bar below the picture, of the longest length in `BARS_MM` that fits."""
+    height, width = image.shape
+    bar_mm = max((mm for mm in BARS_MM if mm < 0.5 * width * mm_per_pixel), default=BARS_MM[0])
+    y = 1.04 * height
+    axis.plot((0.0, bar_mm / mm_per_pixel), (y, y), color="black", lw=2.5, clip_on=False)
+    axis.text(bar_mm / mm_per_pixel, y, f" {bar_mm:g} mm", va="center", fontsize=8)
+    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
 
 
 def draw_areas(found: Sequence[FrameSeen], path: Path) -> None:

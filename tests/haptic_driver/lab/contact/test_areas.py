@@ -33,7 +33,7 @@ def of_film(number: int) -> Error:
     images = [truth.image / 255.0 for truth in truths]
     if number % 2:
         images = [drawing.bare(scene, random) / 255.0, *images]
-    found = watch(lambda: images, np.arange(float(len(images))), scene.scale_m)
+    found = watch(lambda: images, np.arange(float(len(images))), scene.scale_m).found
     assert [one.bad for one in found if one.seen][-2:] in ([BLURRED] * 2, [""] * 2, [BLURRED, ""])
     told = summary(found)
     assert told.counted == 2

@@ -45,7 +45,7 @@ def pictures() -> dict[str, np.ndarray]:
 @pytest.fixture(scope="module")
 def found() -> dict[str, FrameSeen]:
     images = {name: image / 255.0 for name, image in pictures().items()}
-    seen = watch(lambda: list(images.values()), np.arange(6.0), OPTICS.scale_m)
+    seen = watch(lambda: list(images.values()), np.arange(6.0), OPTICS.scale_m).found
     return dict(zip(images, seen, strict=True))
 
 
@@ -77,7 +77,7 @@ def test_axes_and_centre_are_those_of_the_drawn_ellipse(found: dict[str, FrameSe
 def test_a_film_without_a_finger_has_no_area() -> None:
     random = np.random.default_rng(4)
     frames = [bare(OPTICS, random) / 255.0 for _ in range(3)]
-    told = summary(watch(lambda: frames, np.arange(3.0), OPTICS.scale_m))
+    told = summary(watch(lambda: frames, np.arange(3.0), OPTICS.scale_m).found)
     assert told.counted == 0
     assert np.isnan(told.area_m2)
     assert told.bad == {NO_FINGER: 3}

@@ -122,7 +122,7 @@ def test_what_is_no_film_is_refused(films, tmp_path, capsys) -> None:
         ("empty", "empty_film"),
         ("gone.avi", "no_film"),
         ("broken.avi", "bad_film"),
-        ("broken.tif", "bad_film"),
+        ("broken.tif", "bad_image"),
         ("notes.doc", "bad_film"),
     ):
         words = (str(tmp_path / name), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
@@ -135,7 +135,7 @@ def test_a_background_has_to_be_a_picture_of_the_same_size(films, tmp_path, caps
     bad, other = tmp_path / "bad.png", tmp_path / "other.png"
     bad.write_bytes(b"no picture")
     iio.imwrite(other, np.full((200, 200), 180, np.uint8))
-    for path, code in ((bad, "bad_film"), (other, "bad_background")):
+    for path, code in ((bad, "bad_image"), (other, "bad_background")):
         words = (str(films / "frames"), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
         status, said = error(capsys, *words, "--background", str(path))
         assert (status, said["code"]) == (2, code)
@@ -166,8 +166,8 @@ def test_time_stamps_have_to_fit(films, tmp_path) -> None:
 def test_a_missing_package_is_named_with_the_extra(films, capsys, monkeypatch) -> None:
     import sys
 
-    monkeypatch.setitem(sys.modules, "imageio.v3", None)
-    status, said = error(capsys, str(films / "frames"), "--scale", "0.042", "--out", "x.csv")
+    monkeypatch.setitem(sys.modules, "av", None)
+    status, said = error(capsys, str(films / "film.avi"), "--scale", "0.042", "--out", "x.csv")
     assert (status, said["code"]) == (1, "missing_package")
     assert "haptic-driver[camera]" in said["hint"]
 
@@ -179,7 +179,8 @@ def test_a_ruler_gives_the_scale(tmp_path, period_px: float, tilt: float) -> Non
     lines = np.remainder(along / period_px, 1.0) < 0.2
     noise = np.random.default_rng(1).normal(0.0, 10.0, x.shape)
     iio.imwrite(tmp_path / "ruler.png", np.clip(200.0 - 150.0 * lines + noise, 0, 255).astype("u1"))
-    found = scale_from_ruler(tmp_path / "ruler.png", 0.5)
+    found, said = scale_from_ruler(tmp_path / "ruler.png", 0.5)
+    assert "lines" in said
     assert found == pytest.approx(0.5 / period_px, rel=2e-3)  # a tenth of a line over the picture
 
 

@@ -102,7 +102,7 @@ def bright(values, pitch_mm=0.5):
 
 def test_luminance_is_stretched_between_percentiles():
     ramp = np.linspace(0.3, 0.5, 201)[None, :]
-    shares, _ = friction_shares(bright(ramp), "luminance", 0.0, (10.0, 90.0))
+    shares = friction_shares(bright(ramp), "luminance", 0.0, (10.0, 90.0)).shares
     wanted = np.clip((ramp - 0.32) / 0.16, 0.0, 1.0)  # percentiles of a ramp
     np.testing.assert_allclose(shares, wanted, atol=1e-12)
 
@@ -114,20 +114,20 @@ def test_height_is_the_slope_along_the_stroke(angle_deg):
     angle = math.radians(angle_deg)
     along_mm = x_mm * math.cos(angle) + y_mm * math.sin(angle)
     wave = 0.5 + 0.4 * np.sin(math.tau * along_mm / 10.0)
-    shares, said = friction_shares(bright(wave, 0.1), "height", angle_deg, ALL)
+    shares, *_, said = friction_shares(bright(wave, 0.1), "height", angle_deg, ALL)
     wanted = 0.5 + 0.5 * np.cos(math.tau * along_mm / 10.0)
     inside = (slice(20, -20),) * 2  # at a border the smoothing has one side only
     # The top 2 % of slopes count as the most: 1 / cos(0.02 pi) - 1 = 0.2 % of half, clipped.
     np.testing.assert_allclose(shares[inside], wanted[inside], atol=0.01)
     assert "doi" in said[-1]
-    across, _ = friction_shares(bright(wave, 0.1), "height", angle_deg + 180.0, ALL)
+    across = friction_shares(bright(wave, 0.1), "height", angle_deg + 180.0, ALL).shares
     np.testing.assert_allclose(across, 1.0 - shares, atol=1e-9)
 
 
 def test_edges_are_bumps_whichever_way_they_go():
     step = np.zeros((40, 90))
     step[:, 30:60] = 1.0
-    shares, _ = friction_shares(bright(step, 0.1), "edges", 0.0, ALL)
+    shares = friction_shares(bright(step, 0.1), "edges", 0.0, ALL).shares
     assert shares[:, 29:31].min() > 0.9
     assert shares[:, 59:61].min() > 0.9
     assert max(shares[:, :20].max(), shares[:, 40:50].max(), shares[:, 70:].max()) < 0.01
