@@ -3,6 +3,7 @@ table.
 """
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
