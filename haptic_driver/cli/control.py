@@ -11,12 +11,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from inspect import Parameter, Signature, getdoc
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from rich.text import Text
-from typer import Argument, Option
+from typer import Argument, BadParameter, Option
 
 from haptic_driver.base.interpreter import PYTHON
 from haptic_driver.cli.daemon import SocketOption
@@ -39,7 +39,6 @@ Verbose = Annotated[bool, Option("--verbose", help="Say the whole status.")]
 POLL_S = 0.1
 STARTING_S = 0.1  # some ticks: an output that was just asked for has come on
 ALREADY = "armed already"
-ON_OFF = ("on", "off")
 
 
 def arm(
@@ -119,7 +118,6 @@ def command_of(verb: Verb[..., Any, Any]) -> Callable[..., None]:
     parameters = [_parameter(name, field, metavars) for name, field in fields]
 
     def run(socket: str | None, as_json: bool, verbose: bool = True, **said: Any) -> None:
-        said = {name: said[name] == "on" if said[name] in ON_OFF else said[name] for name in said}
         with client_of(socket) as client:
             token = lease_token(client.address) if isinstance(verb, Leased) else ""
             answer = client.ask(verb, said, token)
@@ -148,6 +146,13 @@ def _names(kind: str) -> Callable[[], list[str]]:
     return lambda: config_names(kind)
 
 
+def _on_or_off(word: str) -> bool:
+    """What a word says that stands where a field is true or false."""
+    if word not in ("on", "off"):
+        raise BadParameter(f"{word!r} is neither on nor off")
+    return word == "on"
+
+
 def _parameter(name: str, field: FieldInfo, metavars: Iterator[str]) -> Parameter:
     """An argument where a field is required, else an option."""
     kind: Any = next(part for part in members(field.annotation) if isinstance(part, type))
@@ -156,11 +161,9 @@ def _parameter(name: str, field: FieldInfo, metavars: Iterator[str]) -> Paramete
         if isinstance(how, Written) and how.kind:
             declared["autocompletion"] = _names(how.kind)
     if field.is_required():
-        kind = Literal["on", "off"] if kind is bool else kind
-        kind, default = (
-            Annotated[kind, Argument(metavar=next(metavars), **declared)],
-            Parameter.empty,
-        )
+        declared |= {"parser": _on_or_off} if kind is bool else {}
+        kind = Annotated[kind, Argument(metavar=next(metavars), **declared)]
+        default = Parameter.empty
     else:
         option, default = name.removesuffix("_hz"), field.default
         flag = f"--{option}/--no-{option}" if default is True else f"--{option}"

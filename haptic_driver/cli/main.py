@@ -28,6 +28,7 @@ from haptic_driver.cli.output import (
     report_error,
     stderr,
 )
+from haptic_driver.cli.start import INTERRUPTED, interrupted
 from haptic_driver.daemon.verbs import commands
 from haptic_driver.errors import BadInputError, HapticError
 from hw import plugins
@@ -250,9 +251,7 @@ def main(arguments: list[str], begin: Callable[[], None] = lambda: None) -> int:
         path = context.command_path if context is not None else "haptic"
         failure = BadInputError("usage", _said(error), f"See: {path} --help")
     except (KeyboardInterrupt, typer.Abort):
-        failure = HapticError(
-            "interrupted", "interrupted", "The output was switched off where a rig was open"
-        )
+        failure = interrupted()
     except BrokenPipeError as error:
         lose_output(error)
         return 1
@@ -264,8 +263,9 @@ def main(arguments: list[str], begin: Callable[[], None] = lambda: None) -> int:
             "Check that path, its rights and its disk",
         )
     else:
-        if output_was_lost() and not _acts(arguments):
-            return 1
-        return outcome if isinstance(outcome, int) else 0
+        # typer may turn Ctrl-C into the status that shells have for it
+        if outcome != INTERRUPTED:
+            return 1 if output_was_lost() and not _acts(arguments) else outcome or 0
+        failure = interrupted()
     report_error(failure, "--json" in arguments)
     return failure.exit_status

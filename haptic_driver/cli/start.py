@@ -1,4 +1,4 @@
-"""Entry point of the `haptic` script: Ctrl-C ends it quietly while it still imports.
+"""Entry point of the `haptic` script: Ctrl-C ends it with a word while it still imports.
 
 Until a command begins nothing is open, so that the process can simply go. From then on an
 interrupt is a KeyboardInterrupt, by which everything that is open is closed.
@@ -6,16 +6,28 @@ interrupt is a KeyboardInterrupt, by which everything that is open is closed.
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import sys
+
+from haptic_driver.errors import HapticError
 
 INTERRUPTED = 130  # as shells have it: 128 and the number of the signal
 
 
+def interrupted() -> HapticError:
+    """What to say of a command that Ctrl-C ended."""
+    return HapticError(
+        "interrupted", "interrupted", "What it had opened is closed; haptic status says what is on"
+    )
+
+
 def run() -> None:
     """Import the command line and run it. Exit status: see `haptic_driver.cli.main`."""
+    # not where a shell has it ignored
     is_heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if is_heeded:  # not where a shell has it ignored
+    if is_heeded:
         signal.signal(signal.SIGINT, _leave)
 
     from haptic_driver.cli.main import run as run_command  # noqa: PLC0415  (takes seconds)
@@ -28,5 +40,8 @@ def run() -> None:
 
 
 def _leave(_number: int, _frame: object) -> None:
-    os.write(2, b"\nerror: interrupted; nothing was begun\n")
-    os._exit(INTERRUPTED)
+    failure = HapticError("interrupted", "interrupted; nothing was begun")
+    os.write(2, f"\nerror: {failure.message}\n".encode())
+    if "--json" in sys.argv:
+        os.write(1, (json.dumps({"error": failure.content}) + "\n").encode())
+    os._exit(failure.exit_status)

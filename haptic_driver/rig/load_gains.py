@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +11,7 @@ from pydantic import Field
 from haptic_driver.config import Section, Within, parse
 from haptic_driver.files import write_text
 from model.support.reading import read_toml
+from model.support.toml import toml_lines
 
 Stiffness = Annotated[float, Within(10.0, 1e5, "no fingertip is softer or stiffer")]
 
@@ -28,14 +28,12 @@ class LoadGains(Section):
 
     def write(self, path: Path) -> None:
         """Over what was there."""
-        lines = [
-            "# Written by haptic load tune.",
-            f"stiffness_n_per_m = {self.stiffness_n_per_m:.3g}",
-            f"spread_n_per_m = {self.spread_n_per_m:.2g}",
-            f"tuned_by = {json.dumps(self.tuned_by)}",
-            f"tuned_at = {self.tuned_at.isoformat()}",
-        ]
-        write_text(path, "\n".join(lines) + "\n")
+        said = {
+            **self.model_dump(),
+            "stiffness_n_per_m": float(f"{self.stiffness_n_per_m:.3g}"),
+            "spread_n_per_m": float(f"{self.spread_n_per_m:.2g}"),
+        }
+        write_text(path, "# Written by haptic load tune.\n" + toml_lines(said))
 
 
 def read_gains(path: Path) -> LoadGains | None:

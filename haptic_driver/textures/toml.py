@@ -1,17 +1,9 @@
-"""Texture files as text."""
+"""A scene's file as text."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from typing import Any
-
 from haptic_driver.textures.objects import SceneDescription
-
-
-def toml_lines(content: Mapping[str, Any]) -> str:
-    """Lines of TOML, whose texts, numbers and lists are those of JSON; tables stand inline."""
-    return "".join(f"{name} = {_value(value)}\n" for name, value in content.items())
+from model.support.toml import toml_lines
 
 
 def scene_toml(scene: SceneDescription) -> str:
@@ -24,10 +16,3 @@ def scene_toml(scene: SceneDescription) -> str:
         said = each.model_dump(mode="json", exclude_none=True)
         parts.append("[[object]]\n" + toml_lines(said))
     return "\n".join(parts)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, Mapping):
-        inside = ", ".join(f"{name} = {_value(one)}" for name, one in value.items())
-        return f"{{ {inside} }}"
-    return json.dumps(value, ensure_ascii=False)

@@ -4,7 +4,6 @@ origin.
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 from collections.abc import Mapping, Sequence
@@ -24,6 +23,7 @@ from model.electric.dielectrics import NAMED, PowerLaw, Tabulated
 from model.learned_file import form_lines
 from model.parameters import SPECIFICATION, Parameter
 from model.support.errors import ModelError
+from model.support.toml import toml_value
 
 TABLES = "dielectric"  # folder beside the model file that a user's own dielectric table goes to
 Scalar = float | int | str
@@ -129,10 +129,10 @@ def model_text(
             "# Fitted to data; [origin] says by what and to which. Values in SI units, std is one"
             " standard deviation."
         ),
-        f"name = {_toml(model.name)}",
-        f"about = {_toml(model.about)}",
-        f"variant = {_toml(model.variant)}",
-        f"friction_law = {_toml(model.friction_law)}",
+        f"name = {toml_value(model.name)}",
+        f"about = {toml_value(model.about)}",
+        f"variant = {toml_value(model.variant)}",
+        f"friction_law = {toml_value(model.friction_law)}",
         *_table("dielectric", dielectric),
         "",
         "[parameters]",
@@ -145,7 +145,7 @@ def model_text(
 
 
 def _table(name: str, entries: Mapping[str, Scalar]) -> list[str]:
-    return ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in entries.items())]
+    return ["", f"[{name}]", *(f"{key} = {toml_value(value)}" for key, value in entries.items())]
 
 
 def _parameters(values: Mapping[str, Parameter]) -> list[str]:
@@ -157,18 +157,10 @@ def _parameter(parameter: Parameter) -> str:
     std = (
         ""
         if parameter.std is None or not np.isfinite(parameter.std)
-        else f", std = {_toml(parameter.std)}"
+        else f", std = {toml_value(parameter.std)}"
     )
-    source = f", source = {_toml(parameter.source)}" if parameter.source else ""
-    return f"{{ value = {_toml(parameter.value)}{std}{source} }}"
-
-
-def _toml(value: Scalar) -> str:
-    """One value; a string's escapes are those JSON and TOML share."""
-    if isinstance(value, str):
-        clean = value.encode("utf-8", "replace").decode("utf-8")
-        return json.dumps(clean, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(float(value)) if isinstance(value, float) else repr(int(value))
+    source = f", source = {toml_value(parameter.source)}" if parameter.source else ""
+    return f"{{ value = {toml_value(parameter.value)}{std}{source} }}"
 
 
 def dielectric_entry(model: ModelDescription, folder: Path) -> dict[str, Scalar]:

@@ -15,7 +15,7 @@ from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.files import exists_already, write_text
 from haptic_driver.lab.importers.image import PERCENTILES, Method
 from haptic_driver.textures.objects import TEXTURE_COF
-from haptic_driver.textures.toml import toml_lines
+from model.support.toml import toml_lines
 
 if TYPE_CHECKING:
     from haptic_driver.lab.importers.image import Mapped

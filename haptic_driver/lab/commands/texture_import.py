@@ -4,7 +4,6 @@ format.
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from pathlib import Path
@@ -17,6 +16,7 @@ from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.files import exists_already, write_rows, write_text
 from haptic_driver.lab.commands.columns import ColumnOption, MapOption, columns_named, refuse_both
 from haptic_driver.render.texture import Outside
+from model.support.toml import toml_lines
 
 if TYPE_CHECKING:
     from haptic_driver.lab.importers.strokes import Strokes
@@ -239,7 +239,7 @@ def _modelled(
     described = description.parse(head | {"process": tables}, source)
     assert isinstance(described, description.SpectrumDescription)
     made = spectrum(described, str(source))
-    write_text(out, "\n[[process]]\n".join(_toml(table) for table in [head, *tables]))
+    write_text(out, "\n[[process]]\n".join(toml_lines(table) for table in [head, *tables]))
     return {
         "texture": str(out),
         "processes": len(tables),
@@ -265,7 +265,7 @@ def _write(made: Imported, source: Path, out: Path, points: Path) -> dict[str, A
         "direction_deg": made.direction_deg,
         "outside": made.outside,
     }
-    write_text(out, _toml(texture))
+    write_text(out, toml_lines(texture))
     return {
         "texture": str(out),
         "points_file": str(points),
@@ -281,13 +281,6 @@ def _needs_scale(said: str, example: str) -> BadInputError:
 
 def _printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
-
-
-def _toml(content: dict[str, Any]) -> str:
-    """Lines of TOML, whose texts, numbers and lists are those of JSON."""
-    return "".join(
-        f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in content.items()
-    )
 
 
 def _show(payload: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_text, writing
 from haptic_driver.lab.measuring.benches import bench_for
 from haptic_driver.lab.measuring.data_file import DataFile
@@ -100,7 +101,8 @@ def investigate(
 ) -> Investigation:
     """Rounds until there is an outcome; `investigation.json` and a folder per round are in `out`.
 
-    Raises HapticError for a rig that fails, with everything measured so far on the disk.
+    Raises HapticError for a rig that fails, with everything measured so far on the disk, and
+    BadInputError where the first plan wants something done that nobody did.
     """
     model, found = TouchModel(subject.description), Investigation()
     doable = list(able(subject.config, subject.finger is not None))
@@ -111,6 +113,8 @@ def investigate(
         while plans:
             plan, *plans = plans
             if not _is_done(subject, plan):
+                if not files:
+                    raise _nothing_begun(plan)
                 doable.remove(plan.intervention)
                 continue
             tell(f"round {found.rounds}: measuring")
@@ -140,6 +144,15 @@ def investigate(
             found.outcome = _at_the_end(diagnosis)
         write_text(out / "investigation.json", json.dumps(found.payload(), indent=1) + "\n")
     return found
+
+
+def _nothing_begun(plan: Plan) -> BadInputError:
+    said = f"plan {plan.name}: not begun, since nobody did this: {_todo(plan)}"
+    return BadInputError("not_done", said, "Do it and answer y, or begin with another --plan")
+
+
+def _todo(plan: Plan) -> str:
+    return BY_INTERVENTION[plan.intervention].todo
 
 
 def _answer(diagnosis: Diagnosis) -> str:
@@ -175,7 +188,7 @@ def _is_done(subject: Subject, plan: Plan) -> bool:
     """
     if plan.intervention == NOTHING or subject.config.simulated:
         return True
-    return subject.ask(BY_INTERVENTION[plan.intervention].todo)
+    return subject.ask(_todo(plan))
 
 
 def _measure(

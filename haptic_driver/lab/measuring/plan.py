@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import product
@@ -26,6 +25,7 @@ from model.conditions import UNDRIVEN_HZ
 from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.support.errors import nearest
 from model.support.reading import read_toml
+from model.support.toml import toml_lines
 
 MOST_ROWS = 100_000
 LONGEST_S = 86400.0  # of a session
@@ -372,7 +372,7 @@ def write_plan(path: Path, plan: Plan) -> None:
     cannot be written.
     """
     head = plan.model_dump(exclude={"settings"}, exclude_defaults=True)
-    lines = [f"{name} = {json.dumps(value)}" for name, value in head.items()]
+    parts = [toml_lines(head)]
     for setting in plan.settings:
         told = setting._asdict() | {"frequency_hz": setting.frequency_hz or UNDRIVEN_HZ}
         del told["intervention"]  # the plan's
@@ -386,9 +386,5 @@ def write_plan(path: Path, plan: Plan) -> None:
                 for key, value in told.items()
                 if value != Setting._field_defaults.get(key)
             }
-        lines += [
-            "",
-            f"[[{kind}]]",
-            *(f"{key} = {json.dumps(value)}" for key, value in told.items()),
-        ]
-    write_text(path, "\n".join(lines) + "\n")
+        parts.append(f"[[{kind}]]\n{toml_lines(told)}")
+    write_text(path, "\n".join(parts))

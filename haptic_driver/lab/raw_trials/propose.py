@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from haptic_driver.lab.raw_trials.look import UNLOADED, Span
 from haptic_driver.lab.raw_trials.quantities import FEWEST, Quantities, unit_said
 from haptic_driver.lab.raw_trials.trial_map import FileLook, VoltageMark
 from haptic_driver.signals import Array
+from model.support.toml import toml_value
 from model.support.units import of_kind, to_si
 
 TODO = '"TODO"'
@@ -119,9 +119,9 @@ class _Taken:
 
     def lines(self, role: str) -> list[str]:
         """Its section of a map."""
-        lines = ["", f"[columns.{role}]", f"name = {_quoted(self.column.name)}"]
+        lines = ["", f"[columns.{role}]", f"name = {toml_value(self.column.name)}"]
         lines += [] if self.column.index is None else [f"index = {self.column.index}"]
-        unit = _quoted(self.unit) if self.unit else f"{TODO}  # nothing says it"
+        unit = toml_value(self.unit) if self.unit else f"{TODO}  # nothing says it"
         lines.append(f"unit = {unit}")
         if "force" in role and self.unit in SENSOR:
             lines += [f"gain = {TODO}  # of the sensor", 'gain_unit = "N/V"']
@@ -227,9 +227,9 @@ def _file_lines(source: Source, look: FileLook, taken: Mapping[str, _Taken]) -> 
     lines = ["[file]"]
     text = source.text
     if look.kind:
-        lines.append(f"kind = {_quoted(look.kind)}")
+        lines.append(f"kind = {toml_value(look.kind)}")
     if text is not None and not text.is_labview:
-        lines += [f"separator = {_quoted(text.separator)}"]
+        lines += [f"separator = {toml_value(text.separator)}"]
         lines += ["units_row = true"] if text.units_row else []
     if "time" not in taken:
         lines.append(f"rate_hz = {TODO}  # no column of time was found")
@@ -239,7 +239,7 @@ def _file_lines(source: Source, look: FileLook, taken: Mapping[str, _Taken]) -> 
 def _conditions(path: Path) -> list[str]:
     found = in_name(path)
     patterns = ", ".join(f"'{pattern}'" for pattern, _ in found.values())
-    units = ", ".join(f"{name} = {_quoted(unit)}" for name, (_, unit) in found.items() if unit)
+    units = ", ".join(f"{name} = {toml_value(unit)}" for name, (_, unit) in found.items() if unit)
     missing = [name for name in ("voltage", "frequency") if name not in found]
     lines = ["", "[conditions]", f"patterns = [{patterns}]", f"units = {{ {units} }}"]
     if missing:
@@ -255,7 +255,7 @@ def _windows(
 ) -> list[str]:
     column = next((name for name in ("voltage", "electrode_voltage") if name in drawn), None)
     lines = ["", "[voltage_on]"]
-    lines.append(f"column = {_quoted(column)}" if column else f"start_s = {TODO}  # it comes on")
+    lines.append(f"column = {toml_value(column)}" if column else f"start_s = {TODO}  # it comes on")
     if len(stretches) > 1:
         lines.append(f'bursts = "each"  # it comes on {len(stretches)} times')
     lines += ["", "[motion]"] if {"position", "speed"} & set(drawn) else []
@@ -266,7 +266,3 @@ def _windows(
         for key, at_s in (("start_s", span.start_s), ("end_s", span.end_s)):
             lines.append(f"{key} = {TODO if isnan(at_s) else f'{at_s - zero_s:.3g}'}")
     return lines
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)

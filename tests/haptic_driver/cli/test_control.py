@@ -324,6 +324,13 @@ def test_adapting_is_switched_on_and_off(haptic, socket, control):
     assert haptic("adapt", "perhaps").status == 2
 
 
+def test_a_model_or_a_texture_may_be_called_on_or_off(haptic, armed, control):
+    """Once such a name became true or false, and a traceback."""
+    assert haptic("texture", "play", "on", "--json").said["error"]["code"] == "unknown_texture"
+    assert haptic("use", "off", "--json").said["error"]["code"] == "not_idle"
+    assert {("play", "on"), ("use_model", "off")} <= set(control.calls)
+
+
 def test_why_says_what_is_missing_and_how_to_use_it(haptic, socket, control):
     found = haptic("why", "--minutes", "5")
     assert ("why", 5.0) in control.calls

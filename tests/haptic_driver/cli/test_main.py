@@ -3,6 +3,7 @@ example.
 """
 
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -203,3 +204,16 @@ def test_a_pipe_sees_no_progress_bar_and_no_colours(surface_path, tmp_path):
     assert done.stderr == ""
     assert "simulated" in done.stdout
     assert not re.search(r"[\x1b\r]", done.stdout)
+
+
+def test_ctrl_c_in_a_command_is_a_failure_with_words_and_json(haptic, monkeypatch):
+    """Once the parser made the status 130 of it, without a word."""
+
+    def interrupted(model):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("haptic_driver.lab.commands.sensitivity.load_model", interrupted)
+    done = haptic("sensitivity", "--json")
+    assert done.status == 1
+    assert done.said["error"]["code"] == "interrupted"
+    assert done.err.startswith("error: interrupted")

@@ -4,6 +4,7 @@ output is on.
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -61,15 +62,17 @@ def imported(*arguments: str) -> set[str]:
 def test_ctrl_c_while_importing_ends_it_quietly(after_s):
     """Whatever it imports then; a later Ctrl-C meets the command, which says that it was."""
     code = "from haptic_driver.cli.start import run; run()"
-    words = [sys.executable, "-c", f"print(flush=True); {code}", "demo", "--out", "/dev/null/x"]
+    out = ["--out", "/dev/null/x", "--json"]
+    words = [sys.executable, "-c", f"print(flush=True); {code}", "demo", *out]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as it:
         it.stdout.readline()
         time.sleep(after_s)
         it.send_signal(signal.SIGINT)
-        _, said = it.communicate(timeout=60)
+        answer, said = it.communicate(timeout=60)
     assert "Traceback" not in said
-    assert it.returncode in (130, 1)
+    assert it.returncode == 1
     assert "interrupted" in said
+    assert json.loads(answer)["error"]["code"] == "interrupted"
 
 
 def test_help_shows_no_type_behind_a_flag(capsys):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from haptic_driver.errors import BadInputError
 from haptic_driver.lab.measuring import investigate as rounds
 from haptic_driver.lab.measuring import pool
 from haptic_driver.lab.measuring.benches import carried_out
@@ -123,6 +124,19 @@ def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> No
     said = json.loads((out / "investigation.json").read_text())
     assert {"outcome", "rounds", "rows", "settings", "diagnosis"} <= set(said)
     assert said["diagnosis"]["verdict"] == "effect_found"
+
+
+def test_a_first_plan_that_nobody_prepares_is_refused_before_anything_is_measured(
+    tmp_path: Path,
+) -> None:
+    """Once it was an UnboundLocalError: there was no diagnosis to report."""
+    setting = Setting(100.0, 75.0, 0.5, 0.02, intervention="wipe")
+    plan = Plan(name="wiped", settings=(setting,), intervention="wipe")
+    real = load_rig("simulated").model_copy(update={"simulated": False})
+    with pytest.raises(BadInputError) as refused:
+        investigate(Subject(real, load_model("reference"), plan), tmp_path, Budget())
+    assert refused.value.code == "not_done"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
