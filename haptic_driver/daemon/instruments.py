@@ -25,9 +25,6 @@ from hw.force.sensor import ForceSensor
 from hw.monitor.contract import ElectrodeReading
 
 SENSOR_PERIOD_S = 0.001
-WATCHDOG_GIVE_UP_S = (
-    1.0  # a simulated generator that is gone will not come back at the same address
-)
 
 
 class Instruments:
