@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hw.stage.lts150 import Lts150
 
 SIMULATED = "simulated"
-NO_WATCHDOG = "none"
+NONE = NO_WATCHDOG = "none"
 
 Device = TypeVar("Device")
 
@@ -156,7 +156,8 @@ class DeviceSection(Section):
     @property
     def is_simulated(self) -> bool | None:
         """None for what is on real and simulated rigs alike, such as nothing."""
-        return bool(getattr(self, self.told_by) == SIMULATED)
+        said = getattr(self, self.told_by)
+        return None if said == NONE else bool(said == SIMULATED)
 
     def served_at(self, where: str) -> DeviceSection:
         """The section by which a simulated device is reached that is served there."""
@@ -226,10 +227,6 @@ class NoPart(PartSection):
     """Nothing is there, said plainly."""
 
     kind: Literal["none"] = "none"
-
-    @property
-    def is_simulated(self) -> None:
-        """Nothing is nothing on any rig."""
 
     def examine(self, at: Examination) -> Checks:
         """Nothing is missing."""

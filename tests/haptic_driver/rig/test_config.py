@@ -217,6 +217,25 @@ def test_a_simulated_rig_has_no_real_devices(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    "section",
+    [
+        "interlock",
+        "force_sensor",
+        "analog_output",
+        "finger_tracker",
+        "camera",
+        "load_stage",
+        "event_line",
+        "line_in",
+    ],
+)
+def test_nothing_is_nothing_on_any_rig(tmp_path, section):
+    """A simulated rig without a force sensor was once refused as real."""
+    content = f'{SIMULATED}\n[{section}]\nkind = "none"\n'
+    assert getattr(load_rig(rig_file(tmp_path, content=content)), section).kind == "none"
+
+
 def test_a_stage_is_simulated_where_the_rig_is(tmp_path):
     stage = TEMPLATE[TEMPLATE.index("[stage]") : TEMPLATE.index("[load_stage]")]
     assert (
