@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     )
     from haptic_driver.lab.psychophysics.description import load_experiment
     from haptic_driver.lab.psychophysics.schedule import Schedule
+    from haptic_driver.lab.trials import read_rows
     from haptic_driver.lookup.models import load_model
     from haptic_driver.public.commands import command
     from haptic_driver.public.connection import connect
@@ -54,6 +55,7 @@ __all__ = [
     "predict",
     "read_data",
     "read_recording",
+    "read_rows",
     "rectangle",
     "simulated_rig",
     "surface",
@@ -77,6 +79,7 @@ _HOMES = {
     "public.predictions": ("predict",),
     "public.rigs": ("load_texture", "simulated_rig"),
     "public.surfaces": ("surface",),
+    "lab.trials": ("read_rows",),
     "lookup.models": ("load_model",),
 }
 

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
+
+import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import bad_input, writing
+from haptic_driver.lab.measured import measurements_of
 from haptic_driver.lab.measuring import recordings
 from haptic_driver.lab.measuring.investigate import Budget, Investigation, Subject
 from haptic_driver.lab.measuring.investigate import investigate as run_investigation
 from haptic_driver.lab.measuring.plan import load_plan
-from haptic_driver.lab.psychophysics.fit import fit as fit_psychometric
+from haptic_driver.lab.psychophysics.fit import Fit, fit
+from haptic_driver.lab.psychophysics.functions import Form
+from haptic_driver.lab.trials import TrialRows
 from haptic_driver.lookup.models import load_model
+from haptic_driver.public.given import bad_given, is_table
 from haptic_driver.public.picture import Picture
 from haptic_driver.recording.read import Run, read_run
 from haptic_driver.rig.config import load_rig
 from model.analysis import calibration
 from model.description import ModelDescription
 from model.diagnosis import workflow
-from model.diagnosis.data import Measurements
+from model.diagnosis.data import COLUMNS, Measurements
 from model.reporting.model_file import fitted_model
 from model.reporting.pictures import pictures
 from model.reporting.report import report, write_report
@@ -99,13 +106,49 @@ def read_data(*paths: Path | str, leave_out_bad: bool = False) -> Measurements:
     return recordings.read_data([Path(path) for path in paths], leave_out_bad=leave_out_bad)
 
 
-def diagnose(
-    data: Measurements | Path | str, model: ModelDescription | str = "reference", seed: int = 0
-) -> Diagnosis:
-    """Find where data and model disagree, and which effect is missing."""
-    measured = data if isinstance(data, Measurements) else read_data(data)
+def _measured(data: Any) -> Measurements:
+    """Data as they are given: read already, a file, rows of trials, or a table in memory."""
+    if isinstance(data, Measurements):
+        return data
+    if isinstance(data, TrialRows):
+        return measurements_of(data.rows, COLUMNS)
+    return measurements_of(data, COLUMNS) if is_table(data) else read_data(data)
+
+
+def diagnose(data: Any, model: ModelDescription | str = "reference", seed: int = 0) -> Diagnosis:
+    """Find where data and model disagree, and which effect is missing.
+
+    `data`: a file, what `read_data` or `read_rows` gave, a pandas DataFrame, or a dict of arrays,
+    with units by name or pint.
+    """
+    measured = _measured(data)
     description = load_model(model) if isinstance(model, str) else model
     return Diagnosis(workflow.diagnose(description, measured, seed), description)
+
+
+def fit_psychometric(
+    level: Sequence[float], positive: Sequence[bool], form: str, guess: float | None
+) -> Fit:
+    """Fit a psychometric function to the answers of one condition, one entry per trial.
+
+    `positive`: whether each was the answer that grows with the level, as True or False, 1 or 0.
+    `form`: weibull or normal. `guess`: the share by chance, or None to fit it too. BadInputError
+    for answers that are none, and where there are too few.
+    """
+    with bad_given("bad_answers", "level"):
+        levels = np.asarray(level, dtype=np.float64)
+    answers = np.asarray(positive)
+    forms = list(get_args(Form))
+    if form not in forms:
+        raise BadInputError("bad_form", f"there is no form '{form}'", nearest(form, forms))
+    if answers.shape != levels.shape or levels.ndim != 1 or not np.isfinite(levels).all():
+        said = f"level has the shape {levels.shape}, positive {answers.shape}"
+        raise BadInputError("bad_answers", said, "Give a finite level and an answer a trial")
+    if answers.dtype.kind not in "biuf" or not np.isin(answers, (0, 1)).all():
+        odd = next(a for a in answers.tolist() if a not in (0, 1))
+        hint = "Give True or False, 1 or 0: the answer that grows with the level is True"
+        raise BadInputError("bad_answers", f"{odd!r} is no answer", hint)
+    return fit(levels.tolist(), answers.astype(bool).tolist(), cast(Form, form), guess)
 
 
 def investigate(
@@ -130,11 +173,9 @@ def investigate(
     return run_investigation(subject, Path(out), Budget(rounds, minutes))
 
 
-def calibrate(
-    data: Measurements | Path | str, model: ModelDescription | str = "reference"
-) -> calibration.Calibration:
-    """Fit a finger's own numbers to its data; `.model` is the model with them."""
-    measured = data if isinstance(data, Measurements) else read_data(data)
+def calibrate(data: Any, model: ModelDescription | str = "reference") -> calibration.Calibration:
+    """Fit a finger's own numbers to its data, as `diagnose` takes them; `.model` has them."""
+    measured = _measured(data)
     description = load_model(model) if isinstance(model, str) else model
     with bad_input("bad_data"):
         return calibration.calibrate(description, measured)

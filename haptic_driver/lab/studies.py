@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import CancelledError, Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -48,6 +48,7 @@ MOST_TASKS = 1_000_000
 MOST_STD = 2.5  # a drawn finger lies no further out, so that none is impossible
 BETWEEN_FINGERS = {n.name: n.log_std for n in FINGER if n.name != "cof_off"}
 TASKS, TABLE, SURFACES = "tasks.jsonl", "fingers.csv", "surfaces"
+ANSWER_S = 20.0  # of a cluster's scheduler, and of a first worker
 NUMBERS = (
     "cof",
     "electrostatic_force_n",
@@ -238,12 +239,13 @@ def run_study(
     cluster: str | None = None,
     workers: int | None = None,
     advance: Callable[[int], None] = lambda done: None,
+    tell: Callable[[str], None] = lambda said: None,
 ) -> list[dict[str, Any]]:
     """Every task of the study, in order; those already in `out` are not run again.
 
     On `workers` processes of this machine, or on the Dask cluster whose scheduler listens at
-    `cluster`. `advance` gets the number of tasks done. BadInputError where `out` holds another
-    study.
+    `cluster`. `advance` gets the number of tasks done, `tell` what is waited for. BadInputError
+    where `out` holds another study.
     """
     out.mkdir(parents=True, exist_ok=True)
     done = _resume(study, out / TASKS)
@@ -252,7 +254,10 @@ def run_study(
         where = (
             out.resolve() if cluster is None else None
         )  # a cluster's workers need not see this disk
-        with _executor(cluster, workers) as pool, (out / TASKS).open("a", encoding="utf-8") as file:
+        with (
+            _executor(cluster, workers, tell) as pool,
+            (out / TASKS).open("a", encoding="utf-8") as file,
+        ):
             for found in _finished(pool, study, left, where):
                 file.write(json.dumps(found) + "\n")
                 file.flush()
@@ -270,14 +275,24 @@ def _finished(
     try:
         for future in as_completed(futures):
             yield future.result()
-    except BrokenProcessPool as error:
-        said = "a worker process died"
+    except HapticError:
+        raise
+    except Exception as error:  # Dask has errors of its own, and asyncio's
+        if not _is_lost(error):
+            raise
+        said = f"a worker, or its scheduler, is lost ({type(error).__name__})"
         raise HapticError(
             "worker_lost", said, "Run the same command again: finished tasks are kept"
         ) from error
     finally:
         for future in futures:
             future.cancel()
+
+
+def _is_lost(error: Exception) -> bool:
+    """Whether an error is of who runs the tasks, and not of a task."""
+    of_dask = type(error).__module__.partition(".")[0] == "distributed"
+    return of_dask or isinstance(error, BrokenProcessPool | CancelledError | OSError)
 
 
 def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
@@ -301,7 +316,9 @@ def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
 
 
 @contextmanager
-def _executor(cluster: str | None, workers: int | None) -> Iterator[Executor]:
+def _executor(
+    cluster: str | None, workers: int | None, tell: Callable[[str], None]
+) -> Iterator[Executor]:
     """Processes of this machine, or the workers of a Dask cluster behind the same interface."""
     if cluster is None:
         with start_workers("study", workers or min(os.cpu_count() or 1, 8)) as pool:
@@ -309,11 +326,20 @@ def _executor(cluster: str | None, workers: int | None) -> Iterator[Executor]:
         return
     distributed = optional("distributed", "cluster", "--cluster")
     try:
-        client = distributed.Client(cluster, timeout=20)
+        client = distributed.Client(cluster, timeout=ANSWER_S)
     except (OSError, TimeoutError, ValueError) as error:
         said = f"no Dask scheduler answers at {cluster} ({error})"
         raise HapticError("no_cluster", said, "For example tcp://127.0.0.1:8786") from error
     with client, client.get_executor(pure=False) as pool:
+        if not client.scheduler_info()["workers"]:
+            tell(f"waiting for a worker at {cluster}: dask worker {cluster}")
+            try:
+                client.wait_for_workers(1, timeout=ANSWER_S)
+            except TimeoutError as error:
+                said = f"no worker has joined the scheduler at {cluster} in {ANSWER_S:g} s"
+                raise HapticError(
+                    "no_workers", said, f"Start one: dask worker {cluster}"
+                ) from error
         yield pool
 
 

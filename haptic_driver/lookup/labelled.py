@@ -4,6 +4,7 @@ here.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -56,5 +57,10 @@ def dataset(axes: Mapping[str, Any], variables: Mapping[str, Any], about: Mappin
             for name, values in variables.items()
         },
         coords={name: (name, values, {"units": unit_of(name)}) for name, values in axes.items()},
-        attrs=dict(about),
+        attrs={name: _attribute(value) for name, value in about.items()},
     )
+
+
+def _attribute(value: Any) -> Any:
+    """What a netCDF file can hold: numbers and texts as they are, all else as JSON."""
+    return value if isinstance(value, str | float | int) else json.dumps(value, default=str)

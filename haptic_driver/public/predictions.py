@@ -6,12 +6,13 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
 from haptic_driver.lookup import labelled
 from haptic_driver.lookup.models import load_model
+from haptic_driver.public.given import bad_given, columns_of, in_si
 from model.conditions import Conditions
 from model.description import ModelDescription
 from model.support.errors import nearest
@@ -57,27 +58,27 @@ class Predictions:
         return "\n".join(lines)
 
 
-def predict(
-    model: ModelDescription | str, table: Any = None, **conditions: ArrayLike
-) -> Predictions:
+def predict(model: ModelDescription | str, table: Any = None, **conditions: Any) -> Predictions:
     """Ask a model for force, friction and current.
 
     Conditions are named as in data files: `frequency_hz`, `voltage_v` (peak at the electrode),
     `normal_force_n`, and what else `model.conditions.Conditions` has. They may be numbers or arrays
-    that broadcast, or columns of a `table` such as a pandas DataFrame. BadInputError for an unknown
-    name and for a value without physical meaning.
+    that broadcast, with units by pint, or columns of a `table`: a CSV, a pandas DataFrame or a
+    dict, whose names may say other units, as `speed_mm_s`. BadInputError for an unknown name and
+    for a value without physical meaning.
     """
-    given = {name: table[name] for name in ASKED if table is not None and name in table}
-    given |= conditions
     for name in conditions:
         if name not in ASKED:
             raise BadInputError(
                 "bad_condition", f"{name} is no condition", nearest(name, list(ASKED))
             )
+    given = {} if table is None else columns_of(table, ASKED)
+    given |= {name: in_si(name, value) for name, value in conditions.items()}
     for name in ASKED[:3]:
         if name not in given:
             raise BadInputError("bad_condition", f"{name} is missing", f"Give {name}=...")
-    whole = dict(zip(given, np.broadcast_arrays(*given.values()), strict=True))
+    with bad_given("bad_condition", "the conditions"):
+        whole = dict(zip(given, np.broadcast_arrays(*given.values()), strict=True))
     description = load_model(model) if isinstance(model, str) else model
     with bad_input("bad_condition"):
         answer = TouchModel(description).predict(

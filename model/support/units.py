@@ -41,7 +41,9 @@ AMPLITUDES = ("voltage", "voltage_v", "electrode_voltage_v")  # which Vpp and Vr
 PEAK_OF_RMS = {"sine": sqrt(2.0), "square": 1.0, "dc": 1.0}
 PP, RMS = "volt_peak_to_peak", "volt_rms"
 DEFINED = (f"{PP} = 0.5 * volt = Vpp", f"{RMS} = {sqrt(2.0)!r} * volt = Vrms")
-SPELLED = {  # ways to write how a voltage counts
+SPELLED = {  # ways to write how a voltage counts, and small letters that are sure
+    r"^(k?)hz$": r"\1Hz",
+    r"^kv$": "kV",
     r"(?<=V)[ _-]?p(?:ea)?k?[ _-]?(?:to)?[ _-]?p(?:ea)?k?$": "pp",
     r"(?<=V)[ _-]?rms$": "rms",
     r"(?<=V)[ _-]?(?:peak|pk|p)$": "",

@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 from typer import Argument, Option
 
-from haptic_driver.cli.output import Json, named, progress, report, stdout
+from haptic_driver.cli.output import Json, named, progress, report, stderr, stdout
 from haptic_driver.lab.pictures.model import draw_study
 
 
@@ -37,7 +37,8 @@ def study(
 
     found = load_study(plan)
     with progress("fingers", found.plan.count) as advance:
-        results = run_study(found, out, cluster=cluster, workers=workers, advance=advance)
+        where: dict[str, Any] = {"cluster": cluster, "workers": workers}
+        results = run_study(found, out, **where, advance=advance, tell=stderr.print)
     spread = statistics(found, results)
     (out / "statistics.json").write_text(json.dumps(spread, indent=1) + "\n", encoding="utf-8")
     pictures = []

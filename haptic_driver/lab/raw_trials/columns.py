@@ -123,9 +123,11 @@ def open_columns(path: Path, look: FileLook, wanted: Sequence[str] = ()) -> Sour
 def given_columns(given: Mapping[str, Any], where: str) -> Source:
     """The columns of a table in memory: a dict of arrays, a DataFrame, quantities with units."""
     found = list[Column]()
+    units = getattr(given, "attrs", {}).get("units", {})
     for name in given:
         values = given[name]
-        unit = str(getattr(values, "units", ""))
+        own = getattr(values, "attrs", {}).get("units", "")
+        unit = str(getattr(values, "units", "") or own or units.get(name, ""))
         values = np.asarray(getattr(values, "magnitude", values))
         from_name = named_unit(str(name)).unit
         said_by = "its own unit" if unit else "its name"

@@ -90,6 +90,12 @@ class TrialFolder:
         apart = [map_file, map_file.parent / (said.conditions.table or ""), *own]
         return cls(_trial_files(files, apart), said, table)
 
+    @classmethod
+    def made(cls, files: Sequence[Path], said: TrialMap) -> Self:
+        """Trial files by a map that stands in no file."""
+        _check_units(said, "the map")
+        return cls(_trial_files(files, []), said, tabled(said.conditions, Path()))
+
     def trials(self, path: Path, *, may_turn: bool = False) -> list[Trial]:
         """A file as trials; BadInputError says what in it is not as the map says."""
         conditions = conditions_of(path, self.said.conditions, self.table)

@@ -1,0 +1,79 @@
+"""What a script gives as columns in SI: numbers, arrays, quantities, tables and files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptic_driver.errors import BadInputError, HapticError, message_of
+from model.diagnosis.data import WORDS
+from model.support.tables import read_table
+from model.support.text import numbers
+from model.support.units import is_rms, near, to_column, unit_of
+
+TEXTS = (*WORDS, "doubts")
+WANTED = "Give columns by our names, such as frequency_hz, voltage_v and normal_force_n"
+WAVEFORM = "A root mean square is that of a sine here: give the amplitude"
+
+
+@contextmanager
+def bad_given(code: str, what: str) -> Iterator[None]:
+    """What numpy, pint, pandas or xarray refuse of an input becomes a BadInputError."""
+    try:
+        yield
+    except HapticError:
+        raise
+    except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+        raise BadInputError(code, f"{what}: {message_of(error)}", WANTED) from error
+
+
+def in_si(name: str, value: Any) -> NDArray[Any]:
+    """A column of ours [...] in its own unit; words as texts. BadInputError names what is wrong."""
+    with bad_given("bad_input", name):
+        if name in TEXTS:
+            return np.asarray(value, dtype=str)
+        unit = str(getattr(value, "units", "") or getattr(value, "attrs", {}).get("units", ""))
+        found = _plain(name, value)
+        factor = to_column(name, unit, name) if unit else 1.0
+        return np.asarray(found * factor, dtype=np.float64)
+
+
+def _plain(name: str, value: Any) -> NDArray[Any]:
+    values: Any = np.ma.asarray(getattr(value, "magnitude", value))
+    if values.dtype.kind not in "USO":
+        return np.asarray(values.astype(np.float64).filled(np.nan))
+    texts = ["" if cell is None else str(cell) for cell in values.ravel()]
+    found = numbers(name, texts).reshape(values.shape)
+    for text, number in zip(texts, found.ravel(), strict=True):
+        if np.isnan(number) and text.lower() not in ("", "nan", "<na>", "none"):
+            raise BadInputError("not_a_number", f"{name} is {text!r}, not a number", WANTED)
+    return np.asarray(found)
+
+
+def columns_of(table: Any, known: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """The columns of a table that are ours, by name and unit; a file, a DataFrame or a dict."""
+    if isinstance(table, str | Path):
+        read = read_table(Path(table), (), WANTED, known=known)
+        table = {name: read.text(name) for name in read.columns}
+    with bad_given("bad_input", "the table"):
+        names = [str(name) for name in table]
+        found = {name: in_si(name, table[name]) for name in known if name in names}
+        others = near([name for name in names if name not in known], known)
+    for ours, other in others.items():
+        if not other.unit:
+            said = f"column {other.column} may be {ours}, and its name has no unit"
+            raise BadInputError("near_name", said, f"Call it {ours}, in {unit_of(ours)}")
+        if is_rms(other.unit) and "waveform" in names:
+            raise BadInputError("bad_input", f"{other.column} is {other.unit}", WAVEFORM)
+        found[ours] = to_column(ours, other.unit, other.column) * in_si(ours, table[other.column])
+    return found
+
+
+def is_table(data: Any) -> bool:
+    """Whether data are a table in memory."""
+    return isinstance(data, Mapping) or hasattr(data, "columns") or hasattr(data, "data_vars")
