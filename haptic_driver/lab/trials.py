@@ -56,8 +56,8 @@ def read_rows(
 ) -> TrialRows:
     """Cut raw trials into rows of measured data, as a map says.
 
-    `trials`: a file, a folder, a list of files, or one trial as a DataFrame or a dict of arrays,
-    with units by name or pint. `map`: a TOML file, or the same as a dict. BadInputError names all
+    `trials`: a file, a folder, a list of files, or one trial as a DataFrame or a dict of arrays.
+    Units go by name or pint. `map`: a TOML file, or the same as a dict. BadInputError names all
     that cannot be used; `leave_out_bad` goes on without such files.
     """
     if is_table(trials):
