@@ -64,8 +64,8 @@ def predict(model: ModelDescription | str, table: Any = None, **conditions: Any)
     Conditions are named as in data files: `frequency_hz`, `voltage_v` (peak at the electrode),
     `normal_force_n`, and what else `model.conditions.Conditions` has. They may be numbers or arrays
     that broadcast, with units by pint. Or they are columns of a `table`: a CSV, a pandas DataFrame
-    or a dict, whose names may say other units, as `speed_mm_s`. BadInputError for an unknown name and
-    for a value without physical meaning.
+    or a dict, whose names may say other units, as `speed_mm_s`. BadInputError for an unknown name
+    and for a value without physical meaning.
     """
     for name in conditions:
         if name not in ASKED:
