@@ -17,7 +17,7 @@ from haptic_driver.processes.patience import done_within
 from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import REAL_TIME, Clock, KnownOutput, tried
-from haptic_driver.rig.load_loop import LoadStage
+from haptic_driver.rig.load_loop import LoadStage, clear_for_bias
 from haptic_driver.rig.part import NO_WATCHDOG, NoPart, Wiring
 from haptic_driver.rig.parts.generators import CarrierConfig
 from haptic_driver.rig.parts.load_stages import LoadStageSection
@@ -361,6 +361,8 @@ class Assembly:
         self.heartbeats: list[Heartbeat] = []
         self.asking: list[Callable[[], object]] = []  # before anything can switch off
         self._steps: dict[Opens, list[Callable[[], object]]] = {FIRST: [], RIG: [], AFTER: []}
+        self._zeroing: list[Callable[[], object]] = []
+        self._load_stage = config.load_stage
         self.claims = Claims(addresses)
         self.closing: list[Callable[[], object]] = [self.claims.release]
         self.watchdog = _watchdog(config, roles)
@@ -378,9 +380,12 @@ class Assembly:
         return next(iter(self.made.get(key, ())), None)
 
     def opening(self, *rig: Callable[[], object]) -> list[Callable[[], object]]:
-        """What opens them, in order; `rig` opens generator and amplifier."""
+        """What opens them, in order; `rig` opens generator and amplifier. No force sensor takes its
+        bias before the load stage stands clear.
+        """
         steps = self._steps
-        return [self.claims.take, *self.asking, *steps[FIRST], *steps[RIG], *rig, *steps[AFTER]]
+        first, last = [self.claims.take, *self.asking], [*steps[AFTER], *self._zeroing]
+        return [*first, *steps[FIRST], *steps[RIG], *rig, *last]
 
     def _make(self, key: str, config: RigConfig, before: ForceSensor | None) -> None:
         self.made[key], role = [], ROLES[key]
@@ -389,15 +394,22 @@ class Assembly:
             part = section.make(self.wiring)
             if part is None:
                 continue
-            zeroing = part.zeroing
-            if before is not None and zeroing:
-                zeroing = [partial(part.device.keep_bias, before)]
-            self._steps[role.opens] += [*part.opening, *zeroing]
+            self._steps[role.opens] += part.opening
+            if before is not None and part.zeroing:
+                self._zeroing.append(partial(part.device.keep_bias, before))
+            elif part.zeroing:
+                self._zeroing += [self._clear, *part.zeroing]
             self.closing[:0] = part.closing
             self.heartbeats += part.heartbeats
             self.made[key].append(part.device)
             if role.wired:
                 self.wiring = replace(self.wiring, **{role.wired: part.device})
+
+    def _clear(self) -> None:
+        section, stage = self._load_stage, self.one("load_stage")
+        if stage is not None and isinstance(section, LoadStageSection):
+            retracts = section.when_wrong == "retract"
+            clear_for_bias(stage, section.mounting(), retract=retracts)
 
 
 def _watchdog(config: RigConfig, roles: Set[str]) -> Watchdog | None:

@@ -105,6 +105,26 @@ def make_clear(
     _arrive(stage, wanted)
 
 
+def clear_for_bias(stage: LoadStage, mounting: Mounting, *, retract: bool) -> None:
+    """Lift a stage off that stands where it may press, so that a force sensor's bias hides no load.
+
+    One that is not homed is left alone: it does not know where it stands. HapticError for one that
+    may press and is not to retract. Raises DeviceError.
+    """
+    status = stage.read_status()
+    if not status.homed or is_clear(status, mounting):
+        return
+    if not retract:
+        raise HapticError(
+            "may_press",
+            f"the load stage stands at {1e3 * status.position_m:.2f} mm and may press: the force"
+            " sensor's bias would hide it",
+            f"Move it by hand to {1e3 * mounting.clear_m:.2f} mm, where the finger is free",
+        )
+    stage.stop()
+    make_clear(stage, mounting)
+
+
 def _arrive(stage: LoadStage, wanted: Callable[[], bool] | None) -> None:
     """See `make_clear`. Each look waits for the stage's answer."""
     until_s = time.monotonic() + HOMING_S

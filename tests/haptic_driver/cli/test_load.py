@@ -14,6 +14,7 @@ import pytest
 
 from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.devices import connect_load
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.simulation.served import LOAD_STAGE
 from tests.haptic_driver.config_texts import served_rig_text
@@ -59,6 +60,22 @@ def test_a_load_is_held_and_the_finger_lifted(haptic: Any, rig: str, served: Any
     assert served.load_stage.position_mm < 1e3 * LOAD_STAGE.face_m
     assert not served.load_stage.moving
     assert not served.generator.output().on
+
+
+@pytest.mark.process
+def test_a_stage_that_was_left_pressing_lifts_before_the_bias_is_taken(
+    rig: str, served: Any
+) -> None:
+    """A restarted daemon took it with 0.44 N on the finger, and held 0.91 N for 0.5."""
+    with connect_load(load_rig(rig)) as killed:
+        killed.stage.home()
+        killed.stage.wait(60.0)
+        killed.stage.move_to(FACE_M + 1e-3)
+        killed.stage.wait(60.0)
+    assert served.load_stage.position_mm > 1e3 * FACE_M
+    with connect_load(load_rig(rig)) as restarted:
+        assert served.load_stage.position_mm == pytest.approx(1e3 * CLEAR_M, abs=0.01)
+        assert abs(restarted.force_sensor.read().normal_force_n) < 0.05
 
 
 @pytest.mark.soak  # a minute on a busy machine

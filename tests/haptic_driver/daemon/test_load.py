@@ -85,11 +85,15 @@ def press(daemon, lease_s=60.0):
         daemon.disarm()
 
 
+# A stage that was closed while it homed does not know where it is, and clears by homing.
+AT_REST = LoadPhase.FREE, LoadPhase.STOPPED, LoadPhase.MAY_PRESS
+
+
 def begin(daemon, lease_s):
     until(lambda: not daemon.supervisor.missing and not daemon.supervisor.silent())
     if daemon.status().state is DaemonState.FAULT:
         daemon.reset()
-    until(lambda: daemon.status().load.phase in (LoadPhase.FREE, LoadPhase.STOPPED))
+    until(lambda: daemon.status().load.phase in AT_REST)
     lease = daemon.arm(lease_s)
     daemon.hold_load(lease.token, LOAD_N)
     until(lambda: daemon.renew(lease.token) and in_reason(daemon.status().load))

@@ -13,7 +13,7 @@ import pytest
 from haptic_driver.errors import HapticError
 from haptic_driver.rig import load_loop
 from haptic_driver.rig.load_controller import LoadSettings, Phase
-from haptic_driver.rig.load_loop import LoadLoop, make_clear
+from haptic_driver.rig.load_loop import LoadLoop, clear_for_bias, make_clear
 from haptic_driver.rig.load_tuning import tune
 from hw.errors import DeviceTimeout
 from hw.finger.body import BodySettings, Elastic, PowerLaw
@@ -294,3 +294,42 @@ class Unhomed:
 
     def __getattr__(self, name: str) -> None:
         raise AssertionError(f"{name} was called")
+
+
+@pytest.mark.parametrize("depth_mm", [0.5, -0.5, -3.0])
+def test_no_bias_is_taken_while_the_stage_may_press(depth_mm: float) -> None:
+    """A restarted daemon took it with 0.44 N on the finger, and held 0.91 N for 0.5."""
+    finger = Finger()
+    mounting = Mounting(towards=1, clear_m=FACE_M - 1e-3)
+    finger.stage.move_to(FACE_M + 1e-3 * depth_mm)
+    finger.stage.wait(60.0)
+    assert (finger.body.load_n > 0.0) == (depth_mm > 0.0)
+    stands_m = finger.stage.read_status().position_m
+    if depth_mm > -1.0:
+        with pytest.raises(HapticError, match="bias would hide it"):
+            clear_for_bias(finger.stage, mounting, retract=False)
+    clear_for_bias(finger.stage, mounting, retract=True)
+    assert finger.body.load_n == 0.0
+    assert finger.stage.read_status().position_m == pytest.approx(min(stands_m, mounting.clear_m))
+
+
+def test_a_zero_that_moved_while_the_load_was_held_is_told_after_letting_go() -> None:
+    """The load read 0.5 N, and was 0.7."""
+    finger = Finger(sensor=lambda time_s, load_n: ForceReading(time_s, load_n - off_n, 0.0, False))
+    off_n, loop = 0.0, finger.loop(SETTINGS)
+    with loop:
+        loop.settle(10.0)
+        off_n = 0.2
+        loop.hold(1.0)
+    assert "-0.20 N are still felt" in loop.doubt()
+    again = finger.loop(SETTINGS)
+    finger.held(again, finger.now_s + 1.0)
+    assert "its zero or its sign is wrong" in again.state.reason
+
+
+def test_a_zero_that_stayed_leaves_no_doubt() -> None:
+    finger = Finger()
+    with finger.loop(SETTINGS) as loop:
+        loop.settle(10.0)
+    assert loop.doubt() == ""
+    assert loop.touch_m == pytest.approx(FACE_M, abs=1e-3)

@@ -1,0 +1,88 @@
+"""A daemon's load stage is free if it shows so, whoever left it where it stands."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.load import HeldLoad
+from haptic_driver.daemon.messages import LoadPhase
+from haptic_driver.rig.config import load_rig
+from haptic_driver.simulation.served import CLEAR_M, with_load_stage
+from tests.haptic_driver.rig.load_rig import FACE_M, Finger
+
+
+def held_load(shared: Any, finger: Finger, **section: Any) -> HeldLoad:
+    config = with_load_stage(load_rig("simulated"), {"load_stage": "/dev/ttyUSB0"})
+    given = {"clear_m": FACE_M - 1e-3, **section}
+    changed = config.load_stage.model_copy(update=given)
+    config = config.model_copy(update={"simulated": False, "load_stage": changed})
+    return HeldLoad(config, shared, None, EventLog(), lambda: finger.now_s)
+
+
+def phase(load: HeldLoad) -> LoadPhase:
+    status = load.status(None)
+    assert status is not None
+    return status.phase
+
+
+def devices(finger: Finger) -> Any:
+    return SimpleNamespace(load_stage=finger.stage, watchdog=None)
+
+
+@pytest.mark.parametrize(("way_m", "is_free"), [(-2e-3, True), (-0.5e-3, False), (1e-3, False)])
+def test_a_stage_that_stands_elsewhere_at_the_start_may_press(
+    shared: Any, way_m: float, is_free: bool
+) -> None:
+    """A daemon said "free" of a finger under 0.44 N, after the one before was killed."""
+    finger = Finger()
+    finger.stage.move_to(FACE_M + way_m)
+    finger.stage.wait(60.0)
+    load = held_load(shared, finger)
+    load.exchange(devices(finger))
+    assert phase(load) is (LoadPhase.FREE if is_free else LoadPhase.MAY_PRESS)
+    load._lift()
+    assert phase(load) is LoadPhase.FREE
+    assert finger.body.load_n == 0.0
+    assert finger.stage.read_status().position_m <= max(FACE_M + way_m, FACE_M - 1e-3)
+
+
+def test_a_stage_that_lifts_too_little_is_lifted_until_it_stands_clear(shared: Any) -> None:
+    finger = Finger()
+    finger.stage.move_to(FACE_M + 1e-3)
+    finger.stage.wait(60.0)
+    load = held_load(shared, finger, retract_m=0.7e-3)
+    load.exchange(devices(finger))
+    load._lift()
+    assert (phase(load), finger.body.load_n > 0.0) == (LoadPhase.MAY_PRESS, True)
+    load._lift()
+    load._lift()
+    assert (phase(load), finger.body.load_n) == (LoadPhase.FREE, 0.0)
+
+
+def test_a_stage_that_does_not_answer_or_know_where_it_is_may_press(shared: Any) -> None:
+    finger = Finger()
+    load = held_load(shared, finger, clear_m=CLEAR_M)
+    finger.instrument.faults.silent = True
+    load.exchange(devices(finger))
+    assert phase(load) is LoadPhase.MAY_PRESS
+    finger.instrument.faults.silent = False
+    lost = Finger()
+    lost.instrument._bits &= ~0x0400  # its reference is gone, as after power-up
+    load.exchange(devices(lost))
+    load._lift()
+    assert phase(load) is LoadPhase.MAY_PRESS
+
+
+def test_a_rig_that_is_safer_at_rest_is_not_moved(shared: Any) -> None:
+    finger = Finger()
+    finger.stage.move_to(FACE_M + 1e-3)
+    finger.stage.wait(60.0)
+    load = held_load(shared, finger, when_wrong="stop")
+    load.exchange(devices(finger))
+    load._lift()
+    assert phase(load) is LoadPhase.STOPPED
+    assert finger.stage.read_status().position_m == pytest.approx(FACE_M + 1e-3, abs=1e-6)
