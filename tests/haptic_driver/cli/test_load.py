@@ -70,11 +70,11 @@ def test_a_stage_that_was_left_pressing_lifts_before_the_bias_is_taken(
     with connect_load(load_rig(rig)) as killed:
         killed.stage.home()
         killed.stage.wait(60.0)
-        killed.stage.move_to(FACE_M + 1e-3)
+        killed.stage.move_to(LOAD_STAGE.face_m + 1e-3)
         killed.stage.wait(60.0)
-    assert served.load_stage.position_mm > 1e3 * FACE_M
+    assert served.load_stage.position_mm > 1e3 * LOAD_STAGE.face_m
     with connect_load(load_rig(rig)) as restarted:
-        assert served.load_stage.position_mm == pytest.approx(1e3 * CLEAR_M, abs=0.01)
+        assert served.load_stage.position_mm == pytest.approx(1e3 * LOAD_STAGE.clear_m, abs=0.01)
         assert abs(restarted.force_sensor.read().normal_force_n) < 0.05
 
 
@@ -138,7 +138,7 @@ def test_a_load_beyond_the_limits_moves_nothing(
     assert said(haptic("load", "hold", load, "--rig", rig, "--yes", "--json"))["error"]["code"] == (
         "bad_load"
     )
-    assert served.load_stage.position_mm == 8.0
+    assert served.load_stage.position_mm == 1e3 * LOAD_STAGE.clear_m
 
 
 def test_a_simulated_rig_holds_by_its_file_alone(haptic: Any) -> None:

@@ -11,7 +11,7 @@ from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.load import HeldLoad
 from haptic_driver.daemon.messages import LoadPhase
 from haptic_driver.rig.config import load_rig
-from haptic_driver.simulation.served import CLEAR_M, with_load_stage
+from haptic_driver.simulation.served import LOAD_STAGE, with_load_stage
 from tests.haptic_driver.rig.load_rig import FACE_M, Finger
 
 
@@ -65,7 +65,7 @@ def test_a_stage_that_lifts_too_little_is_lifted_until_it_stands_clear(shared: A
 
 def test_a_stage_that_does_not_answer_or_know_where_it_is_may_press(shared: Any) -> None:
     finger = Finger()
-    load = held_load(shared, finger, clear_m=CLEAR_M)
+    load = held_load(shared, finger, clear_m=LOAD_STAGE.clear_m)
     finger.instrument.faults.silent = True
     load.exchange(devices(finger))
     assert phase(load) is LoadPhase.MAY_PRESS
