@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Generator, Iterator
+import time
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
@@ -36,7 +37,7 @@ from haptic_driver.daemon.messages import (
     Status,
 )
 from haptic_driver.daemon.scene import Scene, circle, ellipse, mask, polygon, rectangle
-from haptic_driver.daemon.verbs import Answer, Verb, Verbs, Written
+from haptic_driver.daemon.verbs import MOST_SAMPLES, Answer, Verb, Verbs, Written
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
@@ -60,6 +61,7 @@ __all__ = [
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
 PATIENCE_S = 300.0  # with what may wait for a process to start, on a busy machine
 RENEWALS_PER_LEASE = 4
+POLL_S = 0.1
 
 Schema = TypeVar("Schema", bound=BaseModel)
 
@@ -199,6 +201,28 @@ class HapticClient(Verbs):
             " page"
         )
         return NoDaemonError("no_daemon", f"no daemon answers at {self.address}", hint)
+
+
+def new_samples(
+    samples: Callable[[int, int], NDArray[np.void]],
+    silent_s: float,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], object] = time.sleep,
+) -> Iterator[NDArray[np.void]]:
+    """Samples of a client from now on, as they come; HapticError where none came for `silent_s`.
+
+    `sleep` waits on `clock`, which is that of the samples where they are not of real time.
+    """
+    newest = samples(0, 1)
+    tick = int(newest["tick"][-1]) if newest.size else 0
+    heard_s = clock()
+    while clock() - heard_s < silent_s:
+        sleep(POLL_S)
+        new = samples(tick, MOST_SAMPLES)
+        if new.size:
+            tick, heard_s = int(new["tick"][-1]), clock()
+            yield new
+    raise HapticError("stopped", "the daemon renders no more", "See: haptic status")
 
 
 class Session:

@@ -5,43 +5,25 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver.client import new_samples
 from haptic_driver.errors import HapticError
 from haptic_driver.files import write_rows
 from haptic_driver.lab.papers.sheet_numbers import settled
 from haptic_driver.lab.papers.sheet_passes import NEVER, Pass
 from haptic_driver.render.texture import Profile, Script, Uniform
 
-POLL_S = 0.1
-MOST = 1000  # samples at a time
+if TYPE_CHECKING:
+    from haptic_driver.client import HapticClient, Session
+
 READY_S = 0.5  # so long a finger slides as asked before a pass begins
 PATIENCE_S = 60.0  # with a finger that does not come or leave
 TRIES = 3
 TOLERANCE = 0.3  # of load and speed, by which a person may differ from what was asked
-
-
-class Client(Protocol):
-    """What is asked of `haptic_driver.client.HapticClient`."""
-
-    def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
-        """The newest ticks."""
-
-
-class Session(Protocol):
-    """What is asked of the session of an armed client."""
-
-    def set(self, cof: float, *, nearest: bool = False) -> Any:
-        """One friction everywhere."""
-
-    def play(self, texture: str, *, nearest: bool = False) -> Any:
-        """A texture."""
-
-    def off(self) -> Any:
-        """Output to zero; still armed."""
 
 
 class GuidedSlider:
@@ -52,7 +34,7 @@ class GuidedSlider:
 
     def __init__(
         self,
-        client: Client,
+        client: HapticClient,
         session: Session,
         folder: Path,
         tell: Callable[[str], object],
@@ -122,17 +104,7 @@ class GuidedSlider:
         raise HapticError("finger_missed", said, "Look at force sensor and finger tracker")
 
     def _new(self) -> Iterator[NDArray[np.void]]:
-        """Samples as they come; HapticError where none do."""
-        newest = self._client.samples(most=1)
-        tick = int(newest["tick"][-1]) if newest.size else 0
-        heard_s = self._clock()
-        while self._clock() - heard_s < PATIENCE_S:
-            self._sleep(POLL_S)
-            new = self._client.samples(tick, MOST)
-            if new.size:
-                tick, heard_s = int(new["tick"][-1]), self._clock()
-                yield new
-        raise HapticError("stopped", "the daemon renders no more", "See: haptic status")
+        return new_samples(self._client.samples, PATIENCE_S, self._clock, self._sleep)
 
 
 def _asked(asked: Pass) -> str:

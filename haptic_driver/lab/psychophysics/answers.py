@@ -9,34 +9,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 from haptic_driver.errors import HapticError
 from haptic_driver.lab.psychophysics.run import Question
-from haptic_driver.recording.event import Event
+
+if TYPE_CHECKING:
+    from haptic_driver.client import HapticClient
+    from haptic_driver.recording.event import Event
 
 LOOK_S = 0.03
 TAKEN_AWAY = ("state", "lease", "fault")  # events that may mean that nobody is armed any more
 GO_ON = "go on"
 
 
-class Client(Protocol):
-    """What is asked of `haptic_driver.client.HapticClient`."""
-
-    def mark(self, label: str, data: dict[str, Any] = ...) -> Any:
-        """A marker."""
-
-    def events(self, since: int = 0) -> list[Event]:
-        """What happened."""
-
-    def status(self) -> Any:
-        """The present state."""
-
-
 class MarkerParticipant:
     """Somebody at the participant's page, or at another program."""
 
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: HapticClient) -> None:
         self.answered_s: float | None = None
         self._client = client
 

@@ -8,11 +8,12 @@ import hashlib
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver.client import new_samples
 from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import write_text
@@ -23,36 +24,11 @@ from haptic_driver.textures.library import load
 from model.support.errors import nearest
 from model.support.reading import read_bytes
 
-POLL_S = 0.1
+if TYPE_CHECKING:
+    from haptic_driver.client import HapticClient, Session
+
 SILENT_S = 3.0  # without a new sample the daemon has stopped
-MOST = 1000  # samples at a time
 SCREEN_MM = 2000.0  # larger than any screen
-
-
-class Client(Protocol):
-    """What is asked of `haptic_driver.client.HapticClient`, which this room does not import."""
-
-    def samples(self, since_tick: int = 0, most: int = 1000) -> NDArray[np.void]:
-        """The newest ticks."""
-
-    def mark(self, label: str, data: dict[str, Any] = ...) -> Any:
-        """A marker."""
-
-    def status(self) -> Any:
-        """The present state."""
-
-
-class Session(Protocol):
-    """What is asked of the session of an armed client."""
-
-    def set(self, cof: float, *, nearest: bool = False) -> Any:
-        """One friction everywhere."""
-
-    def play(self, texture: str, *, nearest: bool = False) -> Any:
-        """A texture."""
-
-    def off(self) -> Any:
-        """Output to zero; still armed."""
 
 
 class Apparatus(Protocol):
@@ -69,7 +45,7 @@ class Apparatus(Protocol):
     ) -> list[Felt]:
         """What was felt in each; the output is off afterwards."""
 
-    def mark(self, label: str, data: dict[str, object]) -> float:
+    def mark(self, label: str, data: dict[str, Any]) -> float:
         """Write a marker; its time on the clock of the recording, s."""
 
 
@@ -83,7 +59,7 @@ class DaemonApparatus:
 
     def __init__(
         self,
-        client: Client,
+        client: HapticClient,
         session: Session,
         folder: Path,
         tell: Callable[[str], object] = lambda said: None,
@@ -95,7 +71,7 @@ class DaemonApparatus:
         self._folder = folder.absolute()
         self._tell, self._ring = tell, ring
 
-    def mark(self, label: str, data: dict[str, object]) -> float:
+    def mark(self, label: str, data: dict[str, Any]) -> float:
         """A marker of the daemon's."""
         return float(self._client.mark(label, data).time_s)
 
@@ -130,7 +106,7 @@ class DaemonApparatus:
         self, stimulus: Stimulus, settings: TrialSettings, number: int, count: int
     ) -> NDArray[np.void]:
         """Present one of `count`, say so, and mark its ends; its samples."""
-        which: dict[str, object] = {"interval": number, "of": count, "sound": settings.sound}
+        which: dict[str, Any] = {"interval": number, "of": count, "sound": settings.sound}
         began_s = self.mark(f"interval {number} begins", which)
         self._begin(stimulus)
         self._tell(f"{number} … slide now" if count > 1 else "slide now")
@@ -153,18 +129,11 @@ class DaemonApparatus:
 
     def _samples(self, settings: TrialSettings) -> NDArray[np.void]:
         """Those of the interval that has begun; the output is off when they are all there."""
-        newest = self._client.samples(most=1)
-        tick = int(newest["tick"][-1]) if newest.size else 0
         found: list[NDArray[np.void]] = []
-        heard_s = time.monotonic()
-        while not found or not _over(np.concatenate(found), settings):
-            time.sleep(POLL_S)
-            new = self._client.samples(tick, MOST)
-            if new.size:
-                found.append(new)
-                tick, heard_s = int(new["tick"][-1]), time.monotonic()
-            elif time.monotonic() - heard_s > SILENT_S:
-                raise HapticError("stopped", "the daemon renders no more", "See: haptic status")
+        for new in new_samples(self._client.samples, SILENT_S):
+            found.append(new)
+            if _over(np.concatenate(found), settings):
+                break
         status = self._client.status()
         if status.state != "rendering":
             said = f"the daemon is {status.state}" + (f": {status.fault}" if status.fault else "")
@@ -182,7 +151,7 @@ class AssumedApparatus:
 
     onset_s: float | None = None
 
-    def mark(self, label: str, data: dict[str, object]) -> float:
+    def mark(self, label: str, data: dict[str, Any]) -> float:
         return 0.0
 
     def present(
