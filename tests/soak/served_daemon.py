@@ -2,11 +2,13 @@
 
     python served_daemon.py SOCKET AMPLIFIER_RECORD
 
-prints the page's address once it serves, and ends with its standard input.
+prints the page's address once it serves, then where its simulated instruments are, and ends with
+its standard input.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from contextlib import closing
 from pathlib import Path
@@ -29,6 +31,7 @@ def main() -> None:
         serve(daemon, place, 0, page=PAGE_FOLDER) as page,
     ):
         print(page, flush=True)
+        print(json.dumps(daemon.supervisor.endpoints), flush=True)
         sys.stdin.read()
 
 

@@ -13,14 +13,26 @@ import _thread
 import os
 import resource
 import signal
+import socket
 import sys
 import threading
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from haptic_driver.cli import daemon as command
-from haptic_driver.daemon import run
+from haptic_driver.daemon import instruments, run
 from haptic_driver.daemon.set_up import daemon_settings
+from hw.transport.tcp import TcpTransport
+
+NAMED: list[TcpTransport] = []
+
+
+class Named(TcpTransport):
+    """Reaches an instrument of this machine by a host's name."""
+
+    def __init__(self, host: str, port: int, **bounds: Any) -> None:
+        super().__init__("localhost", port, **bounds)
+        NAMED.append(self)
 
 
 def refuse(*_: object, **__: object) -> NoReturn:
@@ -37,10 +49,15 @@ def deny(what: list[str]) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (1 << 20, 1 << 20))
     if "disk" in what:
         resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    if "names" in what:
+        socket.getaddrinfo = lambda *_, **__: threading.Event().wait()
+        # and every connection is lost; without memory none could be made anew, by any address
+        for transport in () if "memory" in what else NAMED:
+            transport._socket.shutdown(socket.SHUT_RDWR)
 
 
 def main() -> None:
-    socket, record, what, descriptor = (
+    path, record, what, descriptor = (
         sys.argv[1],
         Path(sys.argv[2]),
         sys.argv[3].split("+"),
@@ -54,10 +71,12 @@ def main() -> None:
     def settings(rig: str, model: str, **kept: object) -> object:
         return daemon_settings(rig, model, amplifier_record=record)
 
+    if "names" in what:
+        instruments.TcpTransport = Named
     signal.signal(signal.SIGUSR1, denying)
     run.daemon_settings = settings
     command.report = lambda *_: os.write(descriptor, b"r")
-    sys.exit(command.run("simulated", socket))
+    sys.exit(command.run("simulated", path))
 
 
 if __name__ == "__main__":

@@ -14,10 +14,11 @@ import pytest
 
 from haptic_driver.client import HapticClient
 from tests.haptic_driver.daemon.electrode import history
+from tests.traps import set_traps
 from tests.waiting import HANG_S, until
 
 DENIED = Path(__file__).with_name("denied_daemon.py")
-DENIALS = ("threads", "fork", "memory", "disk", "stderr", "stdout")
+DENIALS = ("threads", "fork", "memory", "disk", "stderr", "stdout", "names", "folder")
 EVERYTHING = "+".join(DENIALS)
 
 
@@ -27,6 +28,9 @@ class DeniedDaemon:
     def __init__(self, folder: Path, what: str) -> None:
         self.what = what
         self.path, self.record = folder / "d.sock", folder / "amplifier.txt"
+        self.foreign = folder / "foreign"
+        self.foreign.mkdir()
+        set_traps(self.foreign)
         self._said, self._saying = os.pipe()
         self._unread, self._log = os.pipe()
         self.process = subprocess.Popen(
@@ -38,6 +42,7 @@ class DeniedDaemon:
                 what,
                 str(self._saying),
             ],
+            cwd=self.foreign if "folder" in what else None,
             pass_fds=[self._saying],
             stdout=self._log if "stdout" in what else subprocess.DEVNULL,
             stderr=self._log if "stderr" in what else None,

@@ -17,6 +17,7 @@ from haptic_driver.daemon.messages import DaemonState
 from tests.haptic_driver.daemon import denying
 from tests.haptic_driver.daemon.denying import DENIALS, EVERYTHING
 from tests.haptic_driver.daemon.electrode import history
+from tests.traps import sprung
 from tests.waiting import HANG_S, until
 
 denied_daemon = denying.denied_daemon
@@ -33,6 +34,7 @@ def test_whatever_is_denied_after_arming_off_is_off(denied_daemon, what):
     answer = daemon.off()
     assert "memory" in what or answer.startswith(b"HTTP/1.1 200 OK"), answer
     until(lambda: history(daemon.record)[-1][1] == 0.0)
+    assert sprung(daemon.foreign) == []
 
 
 @pytest.mark.realtime
