@@ -205,8 +205,7 @@ class OutputSwitch:
     def _conclude(self, evidence: OffEvidence) -> None:
         """Believe the evidence, and no more."""
         self.known = evidence
-        output = evidence.at(self._clock.now_s())
-        on, said = output.on, str(output)
+        on = evidence.at(self._clock.now_s()).on
         shown = on is False
         self._voltage.switched_off(shown)
         if shown:
@@ -214,6 +213,8 @@ class OutputSwitch:
                 tried(heartbeat.rest, None)
         elif on:
             self.states.happens(
-                Happening.TRIPS, f"the output is on after being switched off: {said}"
+                Happening.TRIPS, f"the output is on after being switched off: {evidence}"
             )
-        self.states.happens(Happening.SHOWN_OFF if shown else Happening.NOT_SHOWN_OFF, said)
+        self.states.happens(
+            Happening.SHOWN_OFF if shown else Happening.NOT_SHOWN_OFF, str(evidence)
+        )

@@ -477,6 +477,11 @@ class Hand:
         self._concluded.wait(max(0.0, until_s - time.monotonic()))
         return self._off
 
+    def __str__(self) -> str:
+        """What its instrument said last."""
+        word = {True: "off", False: "ON", None: "nothing"}[self._off]
+        return f"{self._instrument.resource} says {word}"
+
     def _work(self) -> None:
         while True:
             until_s = self._asked.get()
@@ -562,7 +567,8 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
         outcome = switch_off(hands, settings)
         _say(DONE)
         if hands:
-            _log.info("%s; output %s", reason, outcome.name.lower())
+            said = ", ".join(map(str, hands))
+            _log.info("%s; output %s (%s)", reason, outcome.name.lower(), said)
         if reason == CLOSED or outcome is not Outcome.OFF:
             lifter.end()
             log.flush()
