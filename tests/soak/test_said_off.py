@@ -108,6 +108,8 @@ class Daemon:
             assert process.stdin is not None
             process.stdin.close()
             process.wait(60.0)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
         self.client.close()
 
 
