@@ -7,7 +7,6 @@ then the instrument as it names itself: one may have several addresses.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import re
@@ -118,6 +117,8 @@ class Claims:
         """BlockingIOError where another program has it; nothing is locked where there is no such
         memory.
         """
+        import fcntl  # noqa: PLC0415 - Linux has it
+
         path = _SHARED / f"haptic-driver-{_hash(name)}"
         flags = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
         try:

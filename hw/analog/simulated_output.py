@@ -7,7 +7,6 @@ at the memory.
 
 from __future__ import annotations
 
-import fcntl
 import mmap
 import os
 import struct
@@ -89,6 +88,8 @@ class CardMemory:
         """Keep other programs from it; CardReserved where one has it, even one that hangs."""
         if self._path is None or self._reserved is not None:
             return
+        import fcntl  # noqa: PLC0415 - Linux has it
+
         descriptor = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

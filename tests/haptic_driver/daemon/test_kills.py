@@ -8,7 +8,7 @@ from signal import SIGKILL, SIGSTOP
 
 import pytest
 
-from tests.haptic_driver.daemon.killing import LEASE_S
+from tests.haptic_driver.daemon.killing import LEASE_S, SCHEDULING_S
 from tests.waiting import exists, until
 
 pytestmark = pytest.mark.realtime
@@ -40,3 +40,16 @@ def test_output_is_zero_within_the_lease_after_each_process_is_killed_or_stopped
     assert daemon.time_to_zero_s("control", SIGKILL) <= LEASE_S
     others = [pid for pid in pids.values() if pid != daemon.process.pid]
     until(lambda: not any(map(exists, others)), lambda: "processes outlive control")
+
+
+@pytest.mark.realtime
+@pytest.mark.soak
+@pytest.mark.timeout(600)
+def test_a_stopped_control_keeps_its_card_and_the_electrode_comes_to_zero(killable_daemon):
+    """The card is reserved for a program that is stopped, and the watchdog resets it."""
+    daemon = killable_daemon("simulated-carrier")
+    daemon.await_output()
+    try:
+        assert daemon.time_to_zero_s("control", SIGSTOP) <= LEASE_S + SCHEDULING_S
+    finally:
+        daemon.process.kill()

@@ -144,7 +144,8 @@ def test_a_surface_a_point_and_a_demo(haptic, rig, tmp_path):
 def test_the_doctor_asks_the_packages_driver(haptic, rig):
     checks = {check["name"]: check for check in haptic("doctor", "--rig", rig)["checks"]}
     assert checks["waveform generator"]["status"] == "ok"
-    assert checks["waveform generator"]["message"] == "Our lab LAB1, serial number 7"
+    said = checks["waveform generator"]["message"]
+    assert said.startswith("Our lab LAB1, serial number ")
     assert checks["output"]["message"].startswith("off; programmed: ")
 
 
