@@ -155,8 +155,9 @@ def _pressed(
         devices, clock, sleep = simulated.devices, simulated.clock, simulated.sleep
     else:
         devices = connect_load(config)
-    section = config.load_stage
+    section, stage = config.load_stage, devices.load_stage
     assert isinstance(section, LoadStageSection)  # or there would be no devices
+    assert stage is not None
     try:
         settings = section.loop(newtons)
     except ValueError as error:
@@ -169,9 +170,9 @@ def _pressed(
         confirm_attended(config.name)
     with _unless_held(devices), status("load stage") as tell:
         tell("to where the finger is free: keep clear")
-        make_clear(devices.stage, section.mounting())
+        make_clear(stage, section.mounting())
         with LoadLoop(
-            devices.stage,
+            stage,
             devices.force_sensor.read,
             settings,
             section.mounting(),

@@ -47,26 +47,19 @@ UNNAMED = ("", "0", "none")  # serial numbers that name no instrument
 ATTEMPTS = 4  # at opening: nothing is on yet, and a busy machine may let nobody answer in time
 
 
-@dataclass(frozen=True)
-class Devices:
-    """Everything a rig has, closed; use `open` and `close`, or a `with` block.
+@dataclass(frozen=True, kw_only=True)
+class LoadDevices:
+    """Force sensor and load stage, closed; use `open` and `close`, or a `with` block.
 
-    Devices open in the order of `ROLES`, the watchdog first, so that each switch-off is in place
-    ahead of what it switches off. Sensors take their bias: leave the force sensor unloaded. Closing
-    switches off first. What was opened is closed again when something after it fails.
+    Opening takes the sensor's bias: leave it unloaded. What was opened is closed again when
+    something after it fails.
     """
 
-    rig: Rig
     force_sensor: ForceSensor
-    tracker: FingerTracker | None
-    stage: Lts150 | None
-    analog_output: AnalogOutput | None
-    watchdog: Watchdog | None
+    load_stage: LoadStage | None
+    watchdog: Watchdog | None = None
     opening: Sequence[Callable[[], object]]
     closing: Sequence[Callable[[], object]]
-    electrode_monitors: Sequence[ElectrodeMonitor] = ()
-    camera: Camera | None = None
-    load_stage: LoadStage | None = None
 
     def open(self) -> None:
         """Open everything; whoever answers late is asked again. Raises HapticError and
@@ -79,16 +72,13 @@ class Devices:
             self.close()
             raise
 
-    def close(self) -> KnownOutput:
-        """Switch off, close everything, and return what was known about the output when the
-        generator was hung up: nobody can look after that. Never raises.
-
-        A device that hangs keeps nobody from the next.
+    def close(self) -> object:
+        """Stop the stage and hang up; a device that hangs keeps nobody from the next. Never
+        raises.
         """
-        output = self.rig.close()
         for step in self.closing:
             done_within(CLOSE_S, partial(tried, step, None))
-        return output
+        return None
 
     def __enter__(self) -> Self:
         self.open()
@@ -96,6 +86,30 @@ class Devices:
 
     def __exit__(self, *reason: object) -> None:
         self.close()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Devices(LoadDevices):
+    """Everything a rig has.
+
+    Devices open in the order of `ROLES`, the watchdog first, so that each switch-off is in place
+    ahead of what it switches off. Closing switches off first.
+    """
+
+    rig: Rig
+    tracker: FingerTracker | None = None
+    stage: Lts150 | None = None
+    analog_output: AnalogOutput | None = None
+    electrode_monitors: Sequence[ElectrodeMonitor] = ()
+    camera: Camera | None = None
+
+    def close(self) -> KnownOutput:
+        """Switch off, close everything, and return what was known about the output when the
+        generator was hung up: nobody can look after that. Never raises.
+        """
+        output = self.rig.close()
+        super().close()
+        return output
 
 
 def _patiently(step: Callable[[], object]) -> None:
@@ -149,17 +163,13 @@ def connect_devices(
     )
     parts.asking.append(partial(_claim_itself, parts.claims, rig, port))
     return Devices(
-        rig,
-        parts.one("force_sensor"),
-        parts.one("finger_tracker"),
-        parts.one("stage"),
-        parts.one("analog_output"),
-        parts.watchdog,
-        parts.opening(rig.connect),
-        parts.closing,
-        parts.made["electrode_monitors"],
-        parts.one("camera"),
-        parts.one("load_stage"),
+        rig=rig,
+        tracker=parts.one("finger_tracker"),
+        stage=parts.one("stage"),
+        analog_output=parts.one("analog_output"),
+        electrode_monitors=parts.made["electrode_monitors"],
+        camera=parts.one("camera"),
+        **parts.holding(rig.connect),
     )
 
 
@@ -178,34 +188,6 @@ def _claim_itself(claims: Claims, rig: Rig, port: Transport | AnalogOutput) -> N
         raise
 
 
-@dataclass(frozen=True)
-class LoadDevices:
-    """Force sensor and load stage alone, open inside a `with` block; the generator is left alone.
-
-    Opening takes the sensor's bias: leave it unloaded. Raises HapticError and DeviceError.
-    """
-
-    force_sensor: ForceSensor
-    stage: LoadStage
-    opening: Sequence[Callable[[], object]]
-    closing: Sequence[Callable[[], object]]
-    watchdog: Watchdog | None = None
-
-    def __enter__(self) -> Self:
-        try:
-            for step in self.opening:
-                _patiently(step)
-        except BaseException:
-            self.__exit__()
-            raise
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Stop the stage and hang up."""
-        for step in self.closing:
-            done_within(CLOSE_S, partial(tried, step, None))
-
-
 def connect_load(config: RigConfig) -> LoadDevices:
     """What holds a load on the rig; BadInputError for one without a load stage."""
     if config.load_stage.kind == "none":
@@ -215,14 +197,7 @@ def connect_load(config: RigConfig) -> LoadDevices:
             "Add a section [load_stage] to its file",
         )
     addresses = [name for key in LOAD_ROLES for name in config.addresses_of(key)]
-    parts = Assembly(config, LOAD_ROLES, addresses)
-    return LoadDevices(
-        parts.one("force_sensor"),
-        parts.one("load_stage"),
-        parts.opening(),
-        parts.closing,
-        parts.watchdog,
-    )
+    return LoadDevices(**Assembly(config, LOAD_ROLES, addresses).holding())
 
 
 def build_rig(
@@ -386,6 +361,16 @@ class Assembly:
         steps = self._steps
         first, last = [self.claims.take, *self.asking], [*steps[AFTER], *self._zeroing]
         return [*first, *steps[FIRST], *steps[RIG], *rig, *last]
+
+    def holding(self, *rig: Callable[[], object]) -> dict[str, Any]:
+        """What `LoadDevices` have; `rig` as in `opening`."""
+        return {
+            "force_sensor": self.one("force_sensor"),
+            "load_stage": self.one("load_stage"),
+            "watchdog": self.watchdog,
+            "opening": self.opening(*rig),
+            "closing": self.closing,
+        }
 
     def _make(self, key: str, config: RigConfig, before: ForceSensor | None) -> None:
         self.made[key], role = [], ROLES[key]

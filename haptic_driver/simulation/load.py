@@ -35,10 +35,10 @@ class SimulatedLoad:
         assert stage is not None  # there is a section
         self.clock = stages.clock
         self.devices = LoadDevices(
-            self._rig.force_sensor,
-            stage,
-            [self._rig.__enter__, stage.connect],
-            [stage.close, self._rig.__exit__],
+            force_sensor=self._rig.force_sensor,
+            load_stage=stage,
+            opening=[self._rig.__enter__, stage.connect],
+            closing=[stage.close, self._rig.__exit__],
         )
 
     def sleep(self, duration_s: float) -> None:
