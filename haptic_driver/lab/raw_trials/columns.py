@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,8 @@ class Column:
     """A column as its file has it: the name as written, and the unit that the file itself says.
 
     `unit_from`: where it says that. `index` counts from 1 in a table of several columns under one
-    name. `read` gives the values [n], NaN where none stands.
+    name. `read` gives the values [n], NaN where none stands. `rate_hz` and `began`: of a waveform
+    whose file says them.
     """
 
     name: str
@@ -45,6 +46,8 @@ class Column:
     unit: str = ""
     unit_from: str = ""
     index: int | None = None
+    rate_hz: float | None = None
+    began: str = ""
 
     @property
     def bare(self) -> str:
@@ -268,4 +271,7 @@ def _of_tdms(path: Path) -> Iterator[Column]:
         for channel in group.channels():
             unit = _unit_of(channel.properties)
             unit_from = "its property" if unit else ""
-            yield from _columns(f"{group.name}/{channel.name}", channel[:], unit, unit_from)
+            step_s = float(channel.properties.get("wf_increment", 0.0))
+            began = str(channel.properties.get("wf_start_time", ""))
+            for column in _columns(f"{group.name}/{channel.name}", channel[:], unit, unit_from):
+                yield replace(column, rate_hz=1.0 / step_s if step_s else None, began=began)

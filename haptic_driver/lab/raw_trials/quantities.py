@@ -15,6 +15,7 @@ from haptic_driver.signals import Array
 from model.support.units import SI, same, suffix_unit, to_si, understood
 
 FEWEST = 10  # samples
+SAME_RATE = 1e-3  # two rates that are one
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,11 @@ def given_roles(said: TrialMap) -> dict[str, ColumnSaid]:
 def quantities(source: Source, said: TrialMap) -> Quantities:
     """The columns of a map in SI; BadInputError for what is not as it says."""
     columns, raw = dict[str, Array](), dict[str, Array]()
-    for role, wanted in given_roles(said).items():
-        column = _find(source, role, wanted)
+    given = given_roles(said)
+    used = {role: _find(source, role, wanted) for role, wanted in given.items()}
+    _check_waveforms(source.path, used, said.file.rate_hz)
+    for role, wanted in given.items():
+        column = used[role]
         where = f"{source.path}: columns.{role}"
         unit = _unit(role, wanted, column, where)
         raw[role] = values = column.read()
@@ -103,6 +107,21 @@ def _unit(role: str, wanted: ColumnSaid, column: Column, where: str) -> str:
         hint = f"Leave columns.{role}.unit out, or say overrides_file = true beside it"
         raise BadInputError("unit_conflict", told, hint)
     return wanted.unit
+
+
+def _check_waveforms(path: Path, used: Mapping[str, Column], rate_hz: float | None) -> None:
+    """BadInputError where channels began at different times, or at another rate than the map's."""
+    began = {column.began for column in used.values()}
+    if len(began) > 1:
+        said = f"{path}: its channels begin at different times: {', '.join(sorted(began))}"
+        raise BadInputError("bad_trial", said, "Save them from one time on, at one rate")
+    for role, column in used.items():
+        own_hz = column.rate_hz
+        if rate_hz and own_hz and abs(own_hz / rate_hz - 1.0) > SAME_RATE and "time" not in used:
+            said = (
+                f"{path}: {role} is at {own_hz:g} Hz by the file, and file.rate_hz is {rate_hz:g}"
+            )
+            raise BadInputError("unit_conflict", said, f"Say file.rate_hz = {own_hz:g}")
 
 
 def _check_sizes(path: Path, columns: Mapping[str, Array]) -> None:

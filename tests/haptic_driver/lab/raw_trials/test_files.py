@@ -157,6 +157,27 @@ def test_a_cell_array_of_columns_goes_by_index(tmp_path) -> None:
     assert rows(tmp_path / "t.mat", said)[0]["cof"] == pytest.approx(expected(), rel=1e-9)
 
 
+@pytest.mark.parametrize(("late_s", "step_s"), [(0, 0.004), (3, 0.004), (0, 0.001)])
+def test_waveforms_of_other_times_are_refused(tmp_path, late_s, step_s) -> None:
+    """Channels were put beside each other whenever they began, at the map's rate."""
+    nptdms = pytest.importorskip("nptdms")
+    path, began = tmp_path / "t.tdms", np.datetime64("2015-11-20T20:13:43")
+    with nptdms.TdmsWriter(path) as writer:
+        for name in NAMES[1:]:
+            start = began + np.timedelta64(late_s if name == "Fz" else 0, "s")
+            said = {"wf_increment": step_s, "wf_start_time": start}
+            writer.write_segment([nptdms.ChannelObject("g", name, SIGNALS[name], properties=said)])
+    said = with_keys(file={"rate_hz": 250.0})
+    del said["columns"]["time"]
+    for column in said["columns"].values():
+        column["name"] = f"g/{column['name']}"
+    if not late_s and step_s == 0.004:
+        assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-9)
+    else:
+        wanted = "begin at different times" if late_s else "is at 1000 Hz by the file"
+        assert wanted in refused(path, said).message
+
+
 def refused(path: Path, said: dict[str, Any]) -> BadInputError:
     with pytest.raises(BadInputError) as caught:
         rows(path, said)
