@@ -3,11 +3,15 @@ The other way it sends a byte for what came to it.
 
 This is what boxes of several makers do that need no setting up; none of them was tried. They
 answer nothing, so that nobody knows whether a byte has come out.
+
+A box with an Arduino begins anew when its port is opened: for a second or two it takes nothing, and
+then it may say so. `settle_s` after every opening it is left alone, and what it said is dropped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from hw.errors import DeviceError, DeviceTimeout
@@ -16,15 +20,29 @@ from hw.transport.contract import Transport
 PATIENCE_S = 0.002  # for a byte
 
 
+def open_settled(transport: Transport, settle_s: float, sleep: Callable[[float], None]) -> None:
+    """Open the port of a box; when this returns the box is ready, and what it said is dropped."""
+    transport.open()
+    if settle_s:
+        sleep(settle_s)
+        transport.clear()
+
+
 class TriggerBox:
     """Such a box; the transport gets one byte per code."""
 
-    def __init__(self, transport: Transport) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        settle_s: float = 0.0,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
         self.resource = transport.resource
         self._transport = transport
+        self._settle_s, self._sleep = settle_s, sleep
 
     def open(self) -> None:
-        self._transport.open()
+        open_settled(self._transport, self._settle_s, self._sleep)
         self.put(0)
 
     def put(self, code: int) -> None:
@@ -42,12 +60,19 @@ class TriggerBoxIn:
     is 0, any other byte counts.
     """
 
-    def __init__(self, transport: Transport, code: int = 0) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        code: int = 0,
+        settle_s: float = 0.0,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
         self.resource = transport.resource
         self._transport, self._code = transport, code
+        self._settle_s, self._sleep = settle_s, sleep
 
     def open(self) -> None:
-        self._transport.open()
+        open_settled(self._transport, self._settle_s, self._sleep)
 
     def levels(self) -> Sequence[bool]:
         codes = bytearray()

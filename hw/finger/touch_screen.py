@@ -9,9 +9,9 @@ import math
 import os
 import struct
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,9 +30,12 @@ _SYNC, _KEY, _ABSOLUTE = 0x00, 0x01, 0x03
 _SYNC_REPORT, _SYNC_DROPPED = 0, 3
 _KEY_TOUCH = 0x14A
 _PEN_KEYS = (0x140, 0x141, 0x142, 0x143, 0x144)  # BTN_TOOL_PEN to BTN_TOOL_AIRBRUSH
-_X, _Y, _DISTANCE = 0x00, 0x01, 0x19
+_X, _Y, _PRESSURE, _DISTANCE = 0x00, 0x01, 0x18, 0x19
 _SLOT, _SLOT_X, _SLOT_Y, _SLOT_CONTACT = 0x2F, 0x35, 0x36, 0x39
 _SLOT_TOOL, _SLOT_DISTANCE = 0x37, 0x3B
+_SLOT_MAJOR, _SLOT_PRESSURE = 0x30, 0x3A
+_SLOT_AXES = {_SLOT_CONTACT, _SLOT_X, _SLOT_Y, _SLOT_TOOL, _SLOT_DISTANCE, _SLOT_MAJOR}
+_SLOT_AXES |= {_SLOT_PRESSURE}
 _FINGER, _PEN = 0, 1  # MT_TOOL_FINGER, MT_TOOL_PEN; a palm is 2
 _SET_CLOCK = 0x400445A0  # EVIOCSCLOCKID, _IOW('E', 0xa0, int)
 _SLOT_VALUES = 0x8000450A  # EVIOCGMTSLOTS(0), to which the size of the answer is added at bit 16
@@ -109,11 +112,14 @@ def fit_calibration(raw: Array, position_m: Array, measured_on: datetime.date) -
 class Standing(NamedTuple):
     """What holds of each slot besides its place, from slot 0 on; the kernel repeats none of it.
 
-    `distance_raw` from the screen, 0 for a touch; `tool` as MT_TOOL_*.
+    `distance_raw` from the screen, 0 for a touch; `tool` as MT_TOOL_*. Pressure and the longer axis
+    of contact are 0 for what does not touch.
     """
 
     distance_raw: Sequence[int] = ()
     tool: Sequence[int] = ()
+    pressure_raw: Sequence[int] = ()
+    major_raw: Sequence[int] = ()
 
 
 @dataclass
@@ -129,11 +135,16 @@ class _Contact:
     tool: int = _FINGER
     lifted_by_key: bool = False  # its slot has not said so
     is_told: bool = False  # in this report
+    weightless: set[int] = field(default_factory=set)
+    telling: Set[int] = frozenset()
 
     @property
     def touching(self) -> bool:
-        """Whether it is a finger on the screen: one that hovers, a palm and a pen are none."""
-        return self.down and self.distance_raw <= 0 and self.tool == _FINGER
+        """Whether it is a finger on the screen: one that hovers, a palm and a pen are none. Nor is
+        what has no pressure or no area by an axis of `telling`.
+        """
+        is_near = self.distance_raw <= 0 and not self.weightless & self.telling
+        return self.down and is_near and self.tool == _FINGER
 
     def report(self, time_s: float) -> RawTouch | None:
         if self.x_raw is None or self.y_raw is None:
@@ -147,10 +158,12 @@ class TouchEvents:
     `current_slot` asks a screen with slots (protocol B) which one events belong to; None is for a
     screen that knows one finger only. Of several fingers it follows one until that one lifts, then
     reports the lift, then goes on with the next in slot order. What hovers, a palm and a pen are no
-    touch, and BTN_TOUCH 0 lifts every finger, whatever its slot says. After the kernel has dropped
-    events, only what the screen reports again is believed. A touch may be missed for a while (on a
-    screen without slots until the next one), but is never made up. `standing` then asks the screen
-    for what it would not repeat.
+    touch, and BTN_TOUCH 0 lifts every finger, whatever its slot says. Neither is what has no
+    pressure or no area, on a screen that has ever told some by that axis.
+
+    After the kernel has dropped events, only what the screen reports again is believed. A touch may
+    be missed for a while (on a screen without slots until the next one), but is never made up.
+    `standing` then asks the screen for what it would not repeat.
     """
 
     def __init__(
@@ -168,6 +181,7 @@ class TouchEvents:
         self._is_key_up = False  # BTN_TOUCH 0, on a screen with slots
         self._dropping = False
         self._unfinished = b""
+        self._telling: set[int] = set()  # axes of pressure and area that have been above 0
 
     def feed(self, data: bytes) -> RawTouch | None:
         """Take bytes of `struct input_event`, cut anywhere; return the last report with a known
@@ -196,6 +210,8 @@ class TouchEvents:
             finger.tool = _PEN if value else _FINGER
         elif (kind, code) == (_ABSOLUTE, _DISTANCE):
             finger.distance_raw = value
+        elif (kind, code) == (_ABSOLUTE, _PRESSURE):
+            self._weigh(finger, code, value)
         elif (kind, code) == (_ABSOLUTE, _X):
             finger.x_raw = value
         elif (kind, code) == (_ABSOLUTE, _Y):
@@ -208,7 +224,7 @@ class TouchEvents:
             return
         if code == _SLOT:
             self._slot = value
-        if code not in (_SLOT_CONTACT, _SLOT_X, _SLOT_Y, _SLOT_TOOL, _SLOT_DISTANCE):
+        if code not in _SLOT_AXES:
             return
         # Only a finger that is down has a place, so an unknown one that is given a place is down.
         finger = self._contact(down=code in (_SLOT_X, _SLOT_Y))
@@ -221,17 +237,33 @@ class TouchEvents:
             finger.y_raw = value
         elif code == _SLOT_TOOL:
             finger.tool = value
-        else:
+        elif code == _SLOT_DISTANCE:
             finger.distance_raw = value
+        else:
+            self._weigh(finger, code, value)
+
+    def _weigh(self, finger: _Contact, code: int, value: int) -> None:
+        """Take a pressure or an area. An axis that was never above 0 tells nothing."""
+        if value > 0:
+            self._telling.add(code)
+            finger.weightless.discard(code)
+        else:
+            finger.weightless.add(code)
 
     def _contact(self, *, down: bool) -> _Contact:
         """The finger that the events are of; `down` where it is not known yet."""
         if self._slot not in self._fingers:
-            distance_raw, tool = (
-                values[self._slot] if 0 <= self._slot < len(values) else 0
+            distance_raw, tool, pressure_raw, major_raw = (
+                values[self._slot] if 0 <= self._slot < len(values) else None
                 for values in self._standing
             )
-            self._fingers[self._slot] = _Contact(down, distance_raw=distance_raw, tool=tool)
+            finger = _Contact(down, distance_raw=distance_raw or 0, tool=tool or _FINGER)
+            finger.telling = self._telling
+            pressure = _PRESSURE if self._current_slot is None else _SLOT_PRESSURE
+            for code, value in ((pressure, pressure_raw), (_SLOT_MAJOR, major_raw)):
+                if value is not None:
+                    self._weigh(finger, code, value)
+            self._fingers[self._slot] = finger
         return self._fingers[self._slot]
 
     def _settle(self) -> None:
@@ -475,12 +507,13 @@ def _standing(device: Any, has_slots: bool) -> Standing:
     can = device.capabilities(absinfo=False)
     axes = set(can.get(_ABSOLUTE, []))
     if has_slots:
-        asked = _SLOT_DISTANCE, _SLOT_TOOL
+        asked = _SLOT_DISTANCE, _SLOT_TOOL, _SLOT_PRESSURE, _SLOT_MAJOR
         return Standing(*(_slot_values(device, c) if c in axes else () for c in asked))
     distance_raw = int(device.absinfo(_DISTANCE).value) if _DISTANCE in axes else 0
+    pressure_raw = [int(device.absinfo(_PRESSURE).value)] if _PRESSURE in axes else []
     pens = set(can.get(_KEY, [])) & set(_PEN_KEYS)
     has_pen = bool(pens and pens & set(device.active_keys()))
-    return Standing([distance_raw], [_PEN if has_pen else _FINGER])
+    return Standing([distance_raw], [_PEN if has_pen else _FINGER], pressure_raw)
 
 
 def _slot_values(device: Any, code: int) -> Sequence[int]:

@@ -23,6 +23,7 @@ from hw.analog.output import AnalogOutput, AnalogOutputSettings
 from hw.analog.simulated_output import CardMemory, SimulatedAnalogOutput
 from hw.analog.sound_card import SoundCardOutput, SoundSettings
 from hw.camera.contract import Camera
+from hw.camera.genicam import GenicamCamera, GenicamSettings
 from hw.errors import BadReply, DeviceError, InstrumentRejected, LimitExceeded
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.driver import GeneratorDriver
@@ -41,7 +42,7 @@ from hw.stage.simulated import SimulatedLts150
 from tests.clock import ManualClock
 from tests.hw.generator.analog_carrier.bench import Bench as CarrierBench
 from tests.hw.generator.kinds import KINDS, SETTINGS, Bench
-from tests.hw.testing import sound_card
+from tests.hw.testing import genicam, sound_card
 from tests.hw.testing.ni_card import constants, install
 from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
 from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
@@ -72,7 +73,6 @@ NOTHING_TO_COERCE = {
     "Watchdog": "a process with its own protocol, which answers",
     "NiCards": "hands on what its cards hold",
     "SimulatedCamera": "draws what it is asked for",
-    "GenicamCamera": "unverified; areas need the scale alone, not exposure or rate",
 }
 NO_DRIVERS = ("hw.transport", "hw.serving", "hw.generator.contract", "hw.generator.dialogue")
 NO_DEVICES = {"CardMemory", "NetFtServer", "ScpiLine"}
@@ -98,6 +98,7 @@ def test_every_driver_is_walked_or_says_why_not() -> None:
         "InfiniiVision",
         "E4980A",
         "Lts150",
+        "GenicamCamera",
         "Agilent33220A",
         "Keysight33500",
         "SiglentSdg",
@@ -405,6 +406,25 @@ def test_a_meter_at_another_frequency_or_level_gives_no_number(pattern: str, oth
 # -----------------------------------------------------------------------------------------
 
 STAGE = StageSettings(0.0, 0.150, 0.020, 0.020, 0.080, 0.080)
+
+
+OTHER = {"AcquisitionFrameRate": 12.4, "ExposureTime": 8000.0, "AcquisitionFrameCount": 3}
+
+
+def features_of() -> list[str]:
+    with pytest.MonkeyPatch.context() as patch:
+        genicam.install(patch)
+        return names_of(GenicamCamera(GenicamSettings("a.cti")))
+
+
+@pytest.mark.parametrize("name", features_of())
+def test_a_camera_that_makes_another_of_a_feature_is_refused(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = genicam.install(monkeypatch)
+    device.features[name] = genicam.Feature(lambda value: OTHER.get(name, "Continuous"))
+    with pytest.raises(InstrumentRejected, match=name):
+        GenicamCamera(GenicamSettings("a.cti")).open()
 
 
 @pytest.mark.parametrize("name", ["velocity_m_s", "acceleration_m_s2"])

@@ -65,14 +65,22 @@ def ppdev_there(at: Examination, device: str, look: str) -> Check:
     return at.failed(said, "load ppdev (modprobe ppdev), and join the device's group")
 
 
+SettleSeconds = Annotated[float, Within(0.0, 30.0, "no box takes longer to begin")]
+SETTLE = "after opening, and after each reopening, the box is left alone for so long"
+
+
 class TriggerBoxConfig(EventLineSection):
-    """A trigger box behind a serial port: one byte per code, then 0; unverified."""
+    """A trigger box behind a serial port: one byte per code, then 0; unverified.
+
+    One with an Arduino begins anew when its port is opened, and would swallow what comes first.
+    """
 
     kind: Literal["trigger_box"]
     resource: Resource = Field(description="its serial port")
     baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = Field(
         default=115200, description="of the port"
     )
+    settle_s: SettleSeconds = Field(default=2.0, description=SETTLE)
 
     def examine(self, at: Examination) -> Checks:
         """Open the port, and send nothing."""
@@ -86,7 +94,8 @@ class TriggerBoxConfig(EventLineSection):
         from hw.event_line.trigger_box import TriggerBox
         from hw.transport.resource import make_transport
 
-        return Part(TriggerBox(make_transport(self.resource, baud_rate=self.baud_rate)))
+        transport = make_transport(self.resource, baud_rate=self.baud_rate)
+        return Part(TriggerBox(transport, self.settle_s))
 
 
 class ModemLineConfig(EventLineSection):

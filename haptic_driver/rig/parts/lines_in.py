@@ -13,7 +13,7 @@ from pydantic import Field
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import Part, PartSection, Resource, Wiring
-from haptic_driver.rig.parts.event_lines import Code, ppdev_there
+from haptic_driver.rig.parts.event_lines import SETTLE, Code, SettleSeconds, ppdev_there
 
 if TYPE_CHECKING:
     from hw.event_line.contract import LineIn
@@ -63,7 +63,7 @@ class LineInSection(PartSection):
 
 
 class TriggerBoxInConfig(LineInSection):
-    """A byte that a trigger box sends; unverified."""
+    """A byte that a trigger box sends; unverified. What it says when it begins is no edge."""
 
     kind: Literal["trigger_box"]
     resource: Resource = Field(description="its serial port, of which this is the only user")
@@ -71,6 +71,7 @@ class TriggerBoxInConfig(LineInSection):
         default=115200, description="of the port"
     )
     code: Code = Field(default=0, description="the byte that is an edge; 0: each but 0")
+    settle_s: SettleSeconds = Field(default=2.0, description=SETTLE)
 
     def _examine_line(self, at: Examination) -> Checks:
         """Open the port, and send nothing."""
@@ -85,7 +86,7 @@ class TriggerBoxInConfig(LineInSection):
         from hw.transport.resource import make_transport
 
         transport = make_transport(self.resource, baud_rate=self.baud_rate)
-        return Part(TriggerBoxIn(transport, self.code))
+        return Part(TriggerBoxIn(transport, self.code, self.settle_s))
 
 
 class ModemLineInConfig(LineInSection):

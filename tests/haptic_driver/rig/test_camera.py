@@ -13,7 +13,6 @@ from haptic_driver.rig.check import Check, CheckStatus, Examination
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.cameras import GenicamCameraConfig
-from hw.camera.genicam import GenicamCamera, GenicamSettings
 from hw.camera.simulated import Burst, Finger, SimulatedCamera
 from hw.errors import DeviceError
 
@@ -58,31 +57,6 @@ def test_a_genicam_camera_that_is_not_there_says_so() -> None:
     with pytest.raises(DeviceError, match="not open"):
         part.device.start()
     part.device.close()
-
-
-def test_genicam_settings_reach_the_nodes() -> None:
-    """By the names of the Standard Features Naming Convention; what a camera lacks is named."""
-
-    class Node:
-        value: object = None
-
-    names = (
-        "AcquisitionMode",
-        "AcquisitionFrameCount",
-        "AcquisitionFrameRate",
-        "ExposureTime",
-        "TriggerSelector",
-        "TriggerSource",
-        "TriggerMode",
-    )
-    nodes = type("Nodes", (), {name: Node() for name in names})()
-    camera = GenicamCamera(GenicamSettings("a.cti", count=7, rate_hz=20.0, exposure_s=5e-4))
-    camera._set_up(nodes)
-    assert (nodes.AcquisitionFrameCount.value, nodes.AcquisitionFrameRate.value) == (7, 20.0)
-    assert nodes.ExposureTime.value == pytest.approx(500.0)  # microseconds
-    del type(nodes).TriggerMode
-    with pytest.raises(DeviceError, match="no TriggerMode"):
-        camera._set_up(nodes)
 
 
 class TestSimulated:

@@ -25,6 +25,7 @@ from hw.event_line.trigger_box import TriggerBox, TriggerBoxIn
 from hw.serving.memory import MemoryTransport
 from hw.serving.serial import SerialServer
 from hw.transport.serial import SerialTransport
+from tests.clock import ManualClock
 from tests.waiting import HANG_S, until
 
 pytestmark = pytest.mark.timeout(2 * HANG_S)
@@ -53,6 +54,65 @@ def test_a_trigger_box_gets_one_byte_per_code_and_0_at_either_end() -> None:
     assert wire.heard == b"\x00\x01\xff\x00\x0a\x00"
     with pytest.raises(DeviceError):
         box.put(1)
+
+
+class Arduino:
+    """Begins anew when its port is opened: what comes meanwhile is lost, then it says so."""
+
+    def __init__(self, clock: ManualClock, begins_s: float) -> None:
+        self._clock, self._ready_s = clock, clock() + begins_s
+        self.came_out = b""
+        self.says = b"Ready\r\n"
+
+    def handle(self, data: bytes) -> bytes:
+        if self._clock() >= self._ready_s:
+            self.came_out += data
+        return b""
+
+
+class ArduinoTransport(MemoryTransport):
+    """The port of one."""
+
+    def __init__(self, clock: ManualClock) -> None:
+        self.arduinos: list[Arduino] = []
+        self._now = clock
+        super().__init__(self)
+
+    def handle(self, data: bytes) -> bytes:
+        return self.arduinos[-1].handle(data)
+
+    def _connect(self, deadline_s: float) -> None:
+        super()._connect(deadline_s)
+        self.arduinos.append(Arduino(self._now, 1.6))
+        self._answers += self.arduinos[-1].says
+
+    def _reset(self, deadline_s: float) -> None:
+        """A line has no connection to drop."""
+        self._discard_input()
+
+
+def test_a_box_that_begins_anew_when_it_is_opened_swallows_no_code() -> None:
+    clock = ManualClock(0.0)
+    port = ArduinoTransport(clock)
+    box = TriggerBox(port, settle_s=2.0, sleep=clock.sleep)
+    for _ in range(2):  # reopened after a loss too
+        box.open()
+        for code in (1, 0, 2, 0):
+            box.put(code)
+        box.close()
+    assert [each.came_out for each in port.arduinos] == [b"\x00\x01\x00\x02\x00\x00"] * 2
+
+
+def test_what_a_box_says_when_it_begins_is_no_edge() -> None:
+    clock = ManualClock(0.0)
+    port = ArduinoTransport(clock)
+    line = TriggerBoxIn(port, settle_s=2.0, sleep=clock.sleep)
+    for _ in range(2):
+        line.open()
+        assert not line.levels()
+        port._answers += b"\x01"
+        assert line.levels() == (True, False)
+        line.close()
 
 
 @pytest.mark.parametrize("code", [-1, 256])

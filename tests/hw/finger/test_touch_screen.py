@@ -275,6 +275,7 @@ def test_events_may_be_cut_anywhere(cuts: list[int]) -> None:
 
 SLOT, CONTACT, PLACE_X, PLACE_Y = (3, 0x2F), (3, 0x39), (3, 0x35), (3, 0x36)
 TOOL, DISTANCE, ONE_DISTANCE = (3, 0x37), (3, 0x3B), (3, 0x19)
+MAJOR, PRESSURE, ONE_PRESSURE = (3, 0x30), (3, 0x3A), (3, 0x18)
 TOUCH, PEN, ONE_X, ONE_Y = (1, 0x14A), (1, 0x140), (3, 0x00), (3, 0x01)
 LANDS = [(CONTACT, 45), (PLACE_X, 100), (PLACE_Y, 200), (TOUCH, 1)]
 LANDS_ON_ONE = [(ONE_X, 100), (ONE_Y, 200), (TOUCH, 1)]
@@ -297,6 +298,37 @@ def test_a_finger_that_hovers_does_not_touch() -> None:
     assert told(one, *LANDS_ON_ONE) is True
     assert told(one, (ONE_DISTANCE, 1)) is False
     assert told(one, (ONE_DISTANCE, 0)) is True
+
+
+@pytest.mark.parametrize("axis", [PRESSURE, MAJOR], ids=["pressure", "touch major"])
+def test_a_finger_that_keeps_its_slot_without_weight_does_not_touch(axis: tuple[int, int]) -> None:
+    events = TouchEvents(lambda: 0)
+    assert told(events, *LANDS, (axis, 30)) is True
+    assert told(events, (axis, 0)) is False
+    assert told(events, (PLACE_X, 120)) is False
+    assert told(events, (axis, 4)) is True
+
+
+def test_pressure_lifts_the_finger_of_a_screen_for_one() -> None:
+    one = TouchEvents(None)
+    assert told(one, *LANDS_ON_ONE, (ONE_PRESSURE, 30)) is True
+    assert told(one, (ONE_PRESSURE, 0)) is False
+    assert told(one, (ONE_PRESSURE, 9)) is True
+
+
+def test_an_axis_that_has_never_told_anything_lifts_nobody() -> None:
+    events = TouchEvents(lambda: 0)
+    assert told(events, *LANDS, (PRESSURE, 0), (MAJOR, 0)) is True
+
+
+def test_after_lost_events_the_pressure_that_the_kernel_has_counts() -> None:
+    standing = Standing(pressure_raw=[30], major_raw=[5])
+    events = TouchEvents(lambda: 0, lambda: standing)
+    assert told(events, *LANDS) is True
+    standing = Standing(pressure_raw=[0], major_raw=[0])
+    told(events, ((0, 3), 0))
+    assert told(events, (PLACE_X, 140), (PLACE_Y, 150)) is False
+    assert told(events, (PRESSURE, 12), (MAJOR, 2)) is True
 
 
 @pytest.mark.parametrize("tool", [1, 2, 10], ids=["pen", "palm", "dial"])
@@ -426,6 +458,8 @@ def test_the_codes_are_those_of_evdev() -> None:
     )
     assert codes.ABS_MT_TRACKING_ID == 0x39
     assert (codes.ABS_MT_TOOL_TYPE, codes.ABS_MT_DISTANCE, codes.ABS_DISTANCE) == (0x37, 0x3B, 0x19)
+    weights = codes.ABS_MT_TOUCH_MAJOR, codes.ABS_MT_PRESSURE, codes.ABS_PRESSURE
+    assert weights == (0x30, 0x3A, 0x18)
     assert (codes.BTN_TOOL_PEN, codes.BTN_TOOL_AIRBRUSH) == (0x140, 0x144)
 
 

@@ -1,0 +1,113 @@
+"""A camera's features are read back, and of a burst all frames are kept that came whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hw.camera.genicam import OPTIONAL, GenicamCamera, GenicamSettings
+from hw.errors import DeviceError, DeviceTimeout, InstrumentRejected
+from tests.hw.testing.genicam import FEATURES, GenicamDevice, install
+
+SETTINGS = GenicamSettings("a.cti", count=4, rate_hz=20.0, exposure_s=5e-4)
+
+
+@pytest.fixture
+def device(monkeypatch: pytest.MonkeyPatch) -> GenicamDevice:
+    return install(monkeypatch)
+
+
+def opened() -> GenicamCamera:
+    camera = GenicamCamera(SETTINGS)
+    camera.open()
+    return camera
+
+
+def test_settings_reach_the_features_by_their_standard_names(device: GenicamDevice) -> None:
+    opened()
+    set_to = {name: feature.value for name, feature in device.features.items()}
+    assert (set_to["PixelFormat"], set_to["AcquisitionFrameCount"]) == ("Mono8", 4)
+    assert set_to["AcquisitionFrameRate"] == 20.0
+    # microseconds
+    assert set_to["ExposureTime"] == pytest.approx(500.0)
+    assert (set_to["ExposureAuto"], set_to["GainAuto"]) == ("Off", "Off")
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_a_feature_that_is_not_there_is_named_or_is_none_that_every_camera_has(
+    device: GenicamDevice, name: str
+) -> None:
+    del device.features[name]
+    if name in OPTIONAL:
+        assert name not in {one.name for one in opened().held()}
+    else:
+        with pytest.raises(InstrumentRejected, match=f"no {name}"):
+            opened()
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_a_feature_that_refuses_is_named(device: GenicamDevice, name: str) -> None:
+    def refuses(value: object) -> None:
+        raise RuntimeError("AccessException: Node is not writable.")
+
+    device.features[name]._makes = refuses
+    with pytest.raises(InstrumentRejected, match=rf"{name} .*not writable"):
+        opened()
+
+
+def test_an_exposure_of_whole_lines_is_taken_in(device: GenicamDevice) -> None:
+    device.features["ExposureTime"]._makes = lambda value: value + 6.0
+    held = {one.name: one.got for one in opened().held()}
+    assert held["ExposureTime"] == pytest.approx(506.0)
+
+
+def burst(camera: GenicamCamera) -> list[tuple[float, np.ndarray]]:
+    camera.start()
+    return [(frame.time_s, frame.image) for frame in camera.frames()]
+
+
+def test_a_burst_has_its_pictures_at_the_cameras_times(device: GenicamDevice) -> None:
+    found = burst(opened())
+    assert [time_s for time_s, _ in found] == pytest.approx([0.0, 0.02, 0.04, 0.06])
+    for number, (_, image) in enumerate(found):
+        assert np.array_equal(image, device.picture(number))
+
+
+def test_frames_that_came_incomplete_are_left_out(device: GenicamDevice) -> None:
+    device.incomplete = {1}
+    assert [time_s for time_s, _ in burst(opened())] == pytest.approx([0.0, 0.04, 0.06])
+
+
+def test_what_came_before_the_camera_fell_silent_is_kept(device: GenicamDevice) -> None:
+    device.frames_there = 2
+    assert len(burst(opened())) == 2
+    assert not device.is_acquiring()
+
+
+@pytest.mark.parametrize(("incomplete", "there"), [({0, 1, 2, 3}, 9), (set(), 0)])
+def test_a_burst_without_a_whole_frame_says_why(device, incomplete, there) -> None:
+    device.incomplete, device.frames_there = incomplete, there
+    with pytest.raises(DeviceTimeout, match=r"incomplete|time is up") as caught:
+        burst(opened())
+    assert caught.value.hint
+
+
+def test_a_producer_without_nanoseconds_has_ticks(device: GenicamDevice) -> None:
+    """250,000 ticks from frame to frame, at 10 MHz."""
+    device.in_nanoseconds = False
+    times_s = [time_s for time_s, _ in burst(opened())]
+    assert times_s == pytest.approx([0.0, 0.025, 0.05, 0.075])
+
+
+def test_rows_that_are_longer_than_what_is_seen_are_cut(device: GenicamDevice) -> None:
+    device.padding = 24
+    assert np.array_equal(burst(opened())[0][1], device.picture(0))
+
+
+@pytest.mark.parametrize("sends", ["Mono12p", None])
+def test_packed_pixels_are_named(device: GenicamDevice, sends: str | None) -> None:
+    device.sends = sends
+    with pytest.raises(DeviceError, match=sends or "not understood") as caught:
+        burst(opened())
+    assert "Mono8" in caught.value.hint
+    assert not device.is_acquiring()
