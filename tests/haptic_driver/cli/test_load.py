@@ -68,10 +68,10 @@ def test_a_stage_that_was_left_pressing_lifts_before_the_bias_is_taken(
 ) -> None:
     """A restarted daemon took it with 0.44 N on the finger, and held 0.91 N for 0.5."""
     with connect_load(load_rig(rig)) as killed:
-        killed.stage.home()
-        killed.stage.wait(60.0)
-        killed.stage.move_to(LOAD_STAGE.face_m + 1e-3)
-        killed.stage.wait(60.0)
+        killed.load_stage.home()
+        killed.load_stage.wait(60.0)
+        killed.load_stage.move_to(LOAD_STAGE.face_m + 1e-3)
+        killed.load_stage.wait(60.0)
     assert served.load_stage.position_mm > 1e3 * LOAD_STAGE.face_m
     with connect_load(load_rig(rig)) as restarted:
         assert served.load_stage.position_mm == pytest.approx(1e3 * LOAD_STAGE.clear_m, abs=0.01)
