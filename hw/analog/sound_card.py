@@ -12,7 +12,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from types import ModuleType
@@ -43,6 +43,10 @@ def load_sounddevice() -> ModuleType:
 
 
 RATE_TOLERANCE = 1e-3  # of a crystal that is off; another rate of the card's is farther away
+# Devices that are no card: a server or a mapper behind them chooses one, and mixes channels.
+SERVERS = {"default", "sysdefault", "pulse", "pipewire", "jack", "dmix"}
+SERVERS |= {"microsoft sound mapper - output", "primary sound driver"}
+SERVER_APIS = ("jack", "pulseaudio", "pipewire")
 
 
 class SoundSettings(NamedTuple):
@@ -61,8 +65,11 @@ class SoundCardOutput(AnalogOutput):
     """One channel of a sound card at a fixed sample rate; other channels stay silent.
 
     All channels of the device are opened, since a stream of fewer is played at sockets that nobody
-    named. Without DC coupling only 0 V can be held or be the zero level, and what is streamed
-    arrives without its slow part. Rate and latency are those that the open stream got: a rate that
+    named. A sound server's device is refused: it has channels that no socket has. A card that takes
+    no samples for as long as a gap may last is lost until it is opened again.
+
+    Without DC coupling only 0 V can be held or be the zero level, and what is streamed arrives
+    without its slow part. Rate and latency are those that the open stream got: a rate that
     is off by more than a share of RATE_TOLERANCE is refused.
     """
 
@@ -96,6 +103,8 @@ class SoundCardOutput(AnalogOutput):
         self._queue: deque[Array] = deque()
         self._rest_v = settings.zero_level_v
         self._late = False
+        self._waiting_since_s: float | None = None
+        self._stopped = False
 
     def hold(self, level_v: float) -> None:
         """Hold a level, as every analog output does; LimitExceeded for other than 0 V without DC
@@ -137,7 +146,9 @@ class SoundCardOutput(AnalogOutput):
 
     def _connect(self) -> None:
         with self._portaudio() as sounddevice:
-            there = int(sounddevice.query_devices(self._device, "output")["max_output_channels"])
+            about = sounddevice.query_devices(self._device, "output")
+            self._refuse_server(sounddevice, about)
+            there = int(about["max_output_channels"])
             if self._sound.channel >= there:
                 raise InstrumentRejected(
                     f"{self.resource} has {there} output channels, and channel"
@@ -153,6 +164,7 @@ class SoundCardOutput(AnalogOutput):
                 callback=self._play,
             )
             self._stream = stream
+            self._stopped, self._waiting_since_s = False, None
             asked_hz, got_hz = self._sound.sample_rate_hz, float(stream.samplerate)
             if abs(got_hz - asked_hz) > RATE_TOLERANCE * asked_hz:
                 raise InstrumentRejected(
@@ -160,6 +172,20 @@ class SoundCardOutput(AnalogOutput):
                     "write down a rate that the card has",
                 )
             stream.start()
+
+    def _refuse_server(self, sounddevice: ModuleType, about: Mapping[str, Any]) -> None:
+        """Raise InstrumentRejected for a device behind which others choose the card."""
+        names = {str(about["name"]).casefold(), str(self._device or "").casefold()}
+        is_server = any(each in SERVERS for each in names)
+        if not is_server and "hostapi" in about:
+            api = str(sounddevice.query_hostapis(about["hostapi"])["name"])
+            is_server = api.casefold().startswith(SERVER_APIS)
+        if is_server:
+            raise InstrumentRejected(
+                f"{self.resource} ({about['name']}) is no card but a sound server's device: which"
+                " socket plays its channels, nobody knows",
+                "name the card, as python -m sounddevice lists it, such as hw:1,0",
+            )
 
     def _disconnect(self) -> None:
         if self._stream is not None:
@@ -174,6 +200,7 @@ class SoundCardOutput(AnalogOutput):
             self._queue.clear()
             self._rest_v = level_v
             self._late = False
+            self._wait()
         self._check_running()
 
     def _start(self, block_v: Array, sample_rate_hz: float) -> None:
@@ -185,6 +212,12 @@ class SoundCardOutput(AnalogOutput):
         self._check_running()
         with self._queue_lock:
             self._queue.append(block_v)
+            self._wait()
+
+    def _wait(self) -> None:
+        """Something is to be taken by the card from now on."""
+        if self._waiting_since_s is None:
+            self._waiting_since_s = self._clock()
 
     def _buffered_samples(self) -> int:
         self._check_running()
@@ -192,6 +225,13 @@ class SoundCardOutput(AnalogOutput):
             return 0 if self._late else sum(block_v.size for block_v in self._queue)
 
     def _check_running(self) -> None:
+        since_s = self._waiting_since_s
+        if since_s is not None and self._clock() - since_s > self.settings.gap_s + self.latency_s:
+            self._stopped = True
+        if self._stopped:
+            raise DeviceDisconnected(
+                f"{self.resource} takes no samples", "check that it is plugged in, and reopen it"
+            )
         with self._portaudio():
             if self._stream is None or not self._stream.active:
                 raise DeviceDisconnected(
@@ -204,6 +244,7 @@ class SoundCardOutput(AnalogOutput):
             if status.output_underflow and self._queue:
                 self._late = True
                 self._queue.clear()
+            self._waiting_since_s = None
             samples_v = np.full(frames, self._rest_v)
             filled = 0
             while filled < frames and self._queue:
@@ -216,6 +257,8 @@ class SoundCardOutput(AnalogOutput):
             if filled:
                 self._rest_v = float(samples_v[filled - 1])  # where it stays when it runs dry
                 samples_v[filled:] = self._rest_v
+            if self._queue:
+                self._wait()
         outdata.fill(0.0)
         outdata[:, self._sound.channel] = samples_v / self._sound.full_scale_v
 

@@ -4,7 +4,7 @@ The other way it sends a byte for what came to it.
 This is what boxes of several makers do that need no setting up; none of them was tried. They
 answer nothing, so that nobody knows whether a byte has come out.
 
-A box with an Arduino begins anew when its port is opened: for a second or two it takes nothing, and
+A box with an Arduino begins anew when its port is opened. For a second or two it takes nothing, and
 then it may say so. `settle_s` after every opening it is left alone, and what it said is dropped.
 """
 

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import hw
+from hw.analog.lines import AnalogInputs
 from hw.analog.ni_daq import NiAnalogInputs, NiAnalogOutput, NiCards
 from hw.analog.output import AnalogOutput, AnalogOutputSettings
 from hw.analog.simulated_output import CardMemory, SimulatedAnalogOutput
@@ -103,7 +104,7 @@ def test_every_driver_is_walked_or_says_why_not() -> None:
         "Keysight33500",
         "SiglentSdg",
     }
-    unfinished = {AnalogOutput, Camera, GeneratorDriver, KeysightGenerator}
+    unfinished = {AnalogInputs, AnalogOutput, Camera, GeneratorDriver, KeysightGenerator}
     there = {
         name: kind
         for name, kind in drivers().items()

@@ -192,3 +192,62 @@ def test_latency_is_that_of_the_open_stream(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(OutputStream, "got_latency_s", 0.05)
     with card() as output:
         assert output.latency_s == 0.05
+
+
+@pytest.mark.parametrize(
+    ("device", "api"),
+    [
+        *((name, "ALSA") for name in ("pulse", "default", "pipewire", "dmix")),
+        ("Built-in Audio", "JACK Audio Connection Kit"),
+        ("Speakers", "PulseAudio"),
+        ("Primary Sound Driver", "Windows DirectSound"),
+    ],
+)
+@pytest.mark.parametrize("named", [True, False])
+def test_a_sound_servers_device_is_refused_by_name(
+    monkeypatch: pytest.MonkeyPatch, device: str, api: str, named: bool
+) -> None:
+    """It says that it has 32 channels, and mixes them to the sockets that there are."""
+    monkeypatch.setattr(OutputStream, "devices", (device,))
+    monkeypatch.setattr(OutputStream, "channels_there", (2, 32))
+    monkeypatch.setattr(OutputStream, "host_api", api)
+    sound = SoundSettings(48e3, 2.0, dc_coupled=True)
+    output = SoundCardOutput(device if named else None, SETTINGS, sound, watch=False)
+    with pytest.raises(InstrumentRejected, match=device):
+        output.open()
+
+
+def test_a_card_whose_callback_stopped_is_lost_and_never_said_to_be_at_zero() -> None:
+    now = [0.0]
+    output = card(clock=lambda: now[0])
+    output.open()
+    OutputStream.newest.pull(1)
+    output.write([0.5] * 2400, 48e3)
+    OutputStream.newest.pull(480)
+    # a gap and its latency are 30 and 20 ms
+    now[0] = 0.06
+    with pytest.raises(DeviceDisconnected, match=r"takes no samples.*NOT known to be at zero"):
+        output.check()
+    assert output.level_v is None
+    OutputStream.newest.pull(480)
+    with pytest.raises(DeviceDisconnected, match="takes no samples"):
+        output.zero()
+    with pytest.raises(DeviceDisconnected):
+        output.close()
+    output.open()
+    OutputStream.newest.pull(1)
+    assert output.level_v == 0.0
+    output.close()
+
+
+def test_a_level_that_no_callback_takes_is_not_held() -> None:
+    now = [0.0]
+    output = card(clock=lambda: now[0])
+    output.open()
+    OutputStream.newest.pull(1)
+    output.hold(1.0)
+    now[0] = 0.06
+    with pytest.raises(DeviceDisconnected, match="takes no samples"):
+        output.hold(1.0)
+    with pytest.raises(DeviceDisconnected):
+        output.close()

@@ -18,7 +18,8 @@ class OutputStream:
     """What is used of sounddevice.OutputStream; `pull` is what PortAudio's thread does."""
 
     __slots__ = ("_callback", "_channels", "device", "latency", "samplerate", "state")
-    devices = ("DAC",)
+    devices: tuple[str, ...] = ("DAC",)
+    host_api = "ALSA"
     channels_there = (2,)  # how many a stream may be opened with
     got_rate_hz, got_latency_s = 48e3, 0.02
     newest: OutputStream
@@ -66,7 +67,14 @@ def query_devices(device: Any = None, kind: str | None = None) -> dict[str, Any]
     if device not in (None, *OutputStream.devices):
         raise ValueError(f"No output device matching {device!r}")
     assert kind == "output"
-    return {"name": "DAC", "max_output_channels": OutputStream.channels_there[-1]}
+    name = OutputStream.devices[0] if device is None else device
+    channels = OutputStream.channels_there[-1]
+    return {"name": name, "max_output_channels": channels, "hostapi": 0}
+
+
+def query_hostapis(index: int) -> dict[str, Any]:
+    assert index == 0
+    return {"name": OutputStream.host_api}
 
 
 def install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,4 +82,5 @@ def install(monkeypatch: pytest.MonkeyPatch) -> None:
     fake = ModuleType("sounddevice")
     fake.OutputStream, fake.PortAudioError = OutputStream, PortAudioError  # type: ignore[attr-defined]
     fake.query_devices = query_devices  # type: ignore[attr-defined]
+    fake.query_hostapis = query_hostapis  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "sounddevice", fake)
