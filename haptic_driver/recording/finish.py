@@ -10,16 +10,19 @@ import io
 import json
 import logging
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from haptic_driver.config import Checked
 from haptic_driver.errors import shown
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording import records
@@ -101,6 +104,26 @@ class CheckedFile(io.FileIO):
             return 0
 
 
+Count = Annotated[int, Field(ge=0, le=2**53)]  # that a double holds
+
+
+class _Event(Checked):
+    """A row of a run's events; `data` is JSON."""
+
+    number: Count
+    time_s: float
+    kind: str
+    message: str
+    data: str
+
+
+class _Block(Checked):
+    """What a record says of its ticks: the number of the first, and the events meanwhile."""
+
+    first: Count
+    events: list[_Event]
+
+
 class _Told:
     """What records say of a run beside its ticks and events, once all are read."""
 
@@ -121,12 +144,18 @@ class _Told:
                     self.end = end
                 case {"run": _} as header, _:
                     self.header = header
-                case {"first": first, "events": events}, data:
-                    samples = np.frombuffer(data, SAMPLE)
-                    self.lost += first - self.ticks
-                    self.ticks = first + samples.size
-                    self.numbers |= {event["number"] for event in events}
-                    yield samples, events
+                case {"first": _, "events": _} as said, data:
+                    try:
+                        block, samples = _Block.model_validate(said), np.frombuffer(data, SAMPLE)
+                    except ValueError:  # ValidationError is one
+                        self.damage = "its records are damaged"
+                        continue
+                    if block.first < self.ticks:
+                        self.damage = "its records are damaged"
+                    self.lost += max(block.first - self.ticks, 0)
+                    self.ticks = block.first + samples.size
+                    self.numbers |= {event.number for event in block.events}
+                    yield samples, [event.model_dump() for event in block.events]
         self.lost += max(self.end["count"] - self.ticks, 0)
 
     @property
@@ -148,6 +177,8 @@ def _add_run(file: h5py.File, descriptor: int, path: Path) -> str | None:
         raise ValueError("the header of its records is damaged, or of another version")
     file.attrs["format"], file.attrs["format_version"] = FORMAT, FORMAT_VERSION
     said, name = told.header["attributes"], told.header["run"]
+    if not re.fullmatch(r"run_[0-9]{4,9}", name):
+        raise ValueError("the header of its records names no run")
     if name in file:
         if all(file[name].attrs[key] == said[key] for key in ("started_s", "started_at")):
             del file[name]  # put there by who was killed before the records were gone

@@ -17,6 +17,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import stat
 import struct
 import zlib
 from collections.abc import Iterator
@@ -38,28 +39,62 @@ def records_of(path: Path) -> Path:
     return Path(f"{path}.records")
 
 
+class TooLongError(ValueError):
+    """A record that no reader would take."""
+
+
 def records_in(descriptor: int) -> Iterator[tuple[dict[str, Any], bytes] | None]:
     """JSON and bytes of each record of an open file; None for a stretch that cannot be read."""
-    at = 0
-    while head := os.pread(descriptor, HEAD.size, at):
+    file, at = _Pieces(descriptor), 0
+    vain_bytes = os.fstat(descriptor).st_size + MOST_BYTES  # that may be read for damaged records
+    while head := file.read(at, HEAD.size):
         mark, size, crc = HEAD.unpack(head.ljust(HEAD.size))
-        body = os.pread(descriptor, min(size, MOST_BYTES), at + HEAD.size)
-        if mark == MARK and crc == zlib.crc32(body):
+        body = b""
+        if mark == MARK and size <= min(MOST_BYTES, vain_bytes):
+            body = os.pread(descriptor, size, at + HEAD.size)
+        if body and crc == zlib.crc32(body):
             line, _, data = body.partition(b"\n")
             yield json.loads(line), data
             at += HEAD.size + size
         else:
             yield None
-            searched = os.pread(descriptor, MOST_BYTES, at + 1)
-            found = searched.find(MARK)
-            at += 1 + (len(searched) if found < 0 else found)
+            vain_bytes -= len(body)
+            at = file.find(MARK, at + 1)
+
+
+class _Pieces:
+    """A file that is read in pieces, each kept until another is needed."""
+
+    PIECE_BYTES = 1 << 20
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor, self._at, self._piece = descriptor, 0, b""
+
+    def read(self, at: int, size: int) -> bytes:
+        """So many bytes, or what there is of them."""
+        if not self._at <= at <= at + size <= self._at + len(self._piece):
+            self._at, self._piece = at, os.pread(self._descriptor, self.PIECE_BYTES, at)
+        return self._piece[at - self._at : at - self._at + size]
+
+    def find(self, mark: bytes, at: int) -> int:
+        """Where the mark is next, or the end."""
+        while self.read(at, len(mark)):
+            found = self._piece.find(mark, at - self._at)
+            if found >= 0:
+                return self._at + found
+            at = max(self._at + len(self._piece) - len(mark) + 1, at + 1)
+        return at
 
 
 def add(descriptor: int, said: dict[str, Any], data: bytes = b"") -> None:
-    """Force a record onto the disk. OSError where that cannot be, and nothing stays of it."""
-    end = os.fstat(descriptor).st_size
+    """Force a record onto the disk. OSError where that cannot be, and nothing stays of it.
+    TooLongError for one that nobody would read.
+    """
+    packed, end = _packed(said, data), os.fstat(descriptor).st_size
+    if len(packed) > MOST_BYTES:
+        raise TooLongError(f"a record of {len(packed)} bytes is longer than {MOST_BYTES}")
     try:
-        write(descriptor, _packed(said, data), end)
+        write(descriptor, packed, end)
         os.fsync(descriptor)
     except OSError:
         os.ftruncate(descriptor, end)
@@ -76,13 +111,14 @@ def say(descriptor: int, why: str, count: int) -> None:
 def new_file(path: Path, *, replace: bool = False) -> Iterator[int]:
     """A private, locked file that gets its name at the end of the block, when it is on the disk.
 
-    It stays open. FileExistsError where there is another, unless that is to be replaced.
+    It stays open. FileExistsError where there is another, unless that is to be replaced, or where
+    somebody else has a file of the name that it has until then.
     """
     import fcntl  # noqa: PLC0415 - not on Windows
 
     part = path.with_name(f".{path.name}.part")
     path.parent.mkdir(parents=True, exist_ok=True)
-    part.unlink(missing_ok=True)  # of who was killed here
+    _unlink_left(part)
     made = os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, PRIVATE)
     try:
         fcntl.flock(made, fcntl.LOCK_EX)
@@ -96,6 +132,14 @@ def new_file(path: Path, *, replace: bool = False) -> Iterator[int]:
         raise
     finally:
         part.unlink(missing_ok=True)
+
+
+def _unlink_left(part: Path) -> None:
+    """Remove what somebody who was killed here has left; nothing that is another's."""
+    with suppress(FileNotFoundError):
+        there = part.lstat()
+        if stat.S_ISREG(there.st_mode) and there.st_uid == os.geteuid():
+            part.unlink()
 
 
 def remove(path: Path, descriptor: int) -> None:

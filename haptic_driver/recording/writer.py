@@ -101,7 +101,7 @@ class RunWriter:
             self._held = {left: made}
             if self.path.exists():
                 self._held[self.path] = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
-        except OSError as error:
+        except (OSError, records.TooLongError) as error:
             said = f"{path}: cannot be written ({error})"
             raise BadInputError("recording_not_made", said, what_to_do(error)) from error
 
@@ -109,10 +109,9 @@ class RunWriter:
         """Write one more piece through to the disk."""
         count = self.samples + self.lost
         events = [event.model_dump() | {"data": json.dumps(event.data)} for event in chunk.events]
-        told = {"first": count + chunk.lost, "events": events}
         try:
             self._put_back()
-            records.add(self._held[self._left], told, chunk.samples.tobytes())
+            self._add(count + chunk.lost, chunk.samples, events)
         except OSError as error:
             with suppress(OSError):
                 records.say(self._held[self._left], f"recording stopped: {error}", count)
@@ -121,6 +120,20 @@ class RunWriter:
             raise self._failed("recording stopped", error) from error
         self.samples += len(chunk.samples)
         self.lost += chunk.lost
+
+    def _add(self, first: int, samples: NDArray[np.void], events: list[dict[str, Any]]) -> None:
+        """As one record, or as more where one would be too long. The first half has all ticks,
+        or half of them where there is no event.
+        """
+        told = {"first": first, "events": events}
+        try:
+            records.add(self._held[self._left], told, samples.tobytes())
+        except records.TooLongError:
+            half, some = len(samples) // 2 if not events else len(samples), len(events) // 2
+            if half == 0 and some == 0:
+                raise
+            self._add(first, samples[:half], events[:some])
+            self._add(first + half, samples[half:], events[some:])
 
     def close(self) -> str | None:
         """Make HDF5 of the run, marked as complete or as what it lacks; that, in words."""

@@ -11,6 +11,7 @@ import stat
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -20,11 +21,12 @@ import pytest
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import RING_SAMPLES
+from haptic_driver.recording import records
 from haptic_driver.recording.clock import ClockOffsets
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.process import Recorder
 from haptic_driver.recording.read import read_run, run_names
-from haptic_driver.recording.records import records_of, say
+from haptic_driver.recording.records import records_in, records_of, say
 from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
 from tests.haptic_driver.daemon.ticks import made_tick
 from tests.waiting import until
@@ -378,6 +380,101 @@ def test_a_flipped_bit_costs_at_most_one_block_and_is_said(tmp_path, header, sam
         assert "damaged" in run.attributes["why_incomplete"]
         assert os.listdir(tmp_path) == ["run.h5"]
         path.unlink()
+
+
+def test_a_block_that_is_longer_than_a_record_may_be_is_read_back(
+    tmp_path, header, samples, monkeypatch
+):
+    """530 markers of 16 kB in one block cost 500 ticks at the end of a good run."""
+    monkeypatch.setattr(records, "MOST_BYTES", 1 << 17)
+    path, filler = tmp_path / "run.h5", "x" * 16_000
+    events = [EVENTS[0].model_copy(update={"number": n, "message": filler}) for n in range(53)]
+    record(path, header, Chunk(samples, 0, events), Chunk(samples, 0, []))
+    run = read_run(path)
+    assert run.samples.tobytes() == 2 * samples.tobytes()
+    assert [event.number for event in run.events] == list(range(53))
+    assert run.attributes["complete"] is True
+
+
+def test_a_header_that_nobody_could_read_begins_no_run(tmp_path, header, monkeypatch):
+    monkeypatch.setattr(records, "MOST_BYTES", 1 << 10)
+    with pytest.raises(BadInputError, match="longer than 1024"):
+        RunWriter(tmp_path / "run.h5", replace(header, config={"x": "x" * 2000}))
+    assert os.listdir(tmp_path) == []
+
+
+def crafted(path, header, changes, said=None):
+    """Records whose checksums are right, with other words in the header, or one more block."""
+    left_by_a_crash(path, header)
+    with records_of(path).open("rb") as file:
+        first = next(each for each, _ in filter(None, records_in(file.fileno())) if "run" in each)
+    with path.with_name("crafted").open("w+b") as file:
+        say(file.fileno(), "", 0)
+        records.add(file.fileno(), first | changes)
+        if said is not None:
+            records.add(file.fileno(), said)
+        file.seek(0)
+        records_of(path).write_bytes(file.read())
+    path.with_name("crafted").unlink()
+
+
+@pytest.mark.parametrize("name", ["../../x", "/x", "run_1/x", "run_", "run_0001\n"])
+def test_a_run_of_another_kind_of_name_is_put_nowhere(tmp_path, header, name):
+    path = tmp_path / "run.h5"
+    crafted(path, header, {"run": name})
+    with pytest.raises(BadInputError, match="names no run"):
+        read_run(path)
+    assert not path.exists()
+
+
+EDGE = {"number": 1, "time_s": 1.0, "kind": "marker", "message": "", "data": "{}"}
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"first": 10**30, "events": []},
+        {"first": -1, "events": []},
+        {"first": 0, "events": [EDGE | {"number": 10**30}]},
+        {"first": 0, "events": [EDGE | {"number": "x"}]},
+        {"first": 0, "events": [{"number": 1}]},
+        {"first": 0, "events": {}},
+    ],
+)
+def test_a_block_of_impossible_numbers_is_damage(tmp_path, header, said):
+    path = tmp_path / "run.h5"
+    crafted(path, header, {}, said)
+    run = read_run(path)
+    assert (run.samples.size, run.events) == (0, [])
+    assert "damaged" in run.attributes["why_incomplete"]
+
+
+@pytest.mark.parametrize("size", [0, 1 << 15, 1 << 30])
+def test_marks_by_the_thousand_take_no_time_by_their_square(
+    tmp_path, header, samples, monkeypatch, size
+):
+    """64 kB of marks took 2.3 s, ten times as many a hundred times as long."""
+    path = tmp_path / "run.h5"
+    left = left_by_a_crash(path, header, *blocks(samples))
+    marks = records.HEAD.pack(records.MARK, size, 1) * 20_000
+    records_of(path).write_bytes(left[:-1] + marks)
+    read, pread = [], os.pread
+    monkeypatch.setattr(os, "pread", lambda *given: read.append(pread(*given)) or read[-1])
+    run = read_run(path)
+    assert run.samples.tobytes() == samples[:900].tobytes()
+    assert sum(map(len, read)) < 4 * (len(left) + len(marks) + records.MOST_BYTES)
+
+
+def test_what_somebody_else_has_beside_a_recording_is_not_deleted(tmp_path, header, monkeypatch):
+    theirs = tmp_path / ".run.h5.records.part"
+    theirs.write_text("mine")
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    with pytest.raises(BadInputError, match="cannot be written"):
+        RunWriter(tmp_path / "run.h5", header)
+    assert theirs.read_text() == "mine"
+    monkeypatch.undo()
+    record(tmp_path / "run.h5", header)
+    assert os.listdir(tmp_path) == ["run.h5"]
 
 
 def test_records_without_a_header_stay_and_are_named(tmp_path, header, samples):
