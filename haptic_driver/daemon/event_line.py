@@ -2,8 +2,9 @@
 
 Markers wake it at once. Contact and output are looked at every `LOOK_S`, in the samples of render
 and at the pump. Each edge is an event of kind `edge`. Its time is when the line has taken it, and
-`late_s` is the delay after the instant that it stands for. A line that fails is reported and tried
-again, and costs nothing but its edges.
+`late_s` is the delay after the instant that it stands for, with `late` beyond `LATE_S`. One that
+would come `TOO_LATE_S` after its instant or later is left out, and counted. A line that fails is
+reported and tried again, and costs nothing but its edges.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from haptic_driver.rig.parts.event_lines import EventCodes
 from hw.event_line.contract import HIGHEST_CODE, EventLine
 
 LOOK_S = 0.001
+LATE_S = 0.1
+TOO_LATE_S = 1.0
 RETRY_S = 1.0
 END_S = 2.0
 KIND = "event_line"  # of reports on the line itself
@@ -69,6 +72,7 @@ class EventLineWriter:
         self._events, self._missed = events, missed
         self._due: queue.SimpleQueue[Due] = queue.SimpleQueue()
         self._waiting: deque[Due] = deque()  # in the order in which they happened
+        self._left_out = 0  # since the last edge
         self._position = 0  # in the ring
         self._touching, self._on = False, False
         self._ending = threading.Event()
@@ -123,14 +127,24 @@ class EventLineWriter:
                 self._put(self._due.get(timeout=LOOK_S))
 
     def _put(self, due: Due) -> None:
+        if time.monotonic() - due.since_s > TOO_LATE_S:
+            self._left_out += 1
+            self._missed()
+            return
         try:
             self.line.put(due.code)
         except BaseException:
             self._waiting.appendleft(due)  # to be counted
             raise
         time_s = time.monotonic()
-        data = {"code": due.code, "late_s": time_s - due.since_s, **due.data}
+        late_s = time_s - due.since_s
+        data = {"code": due.code, "late_s": late_s, **due.data}
+        data |= {"late": True} if late_s > LATE_S else {}
         self._events.add("edge", due.what, data, time_s)
+        if self._left_out:
+            said = f"{self._left_out} edges would have come too late, and are missing"
+            self._events.tell(KIND, said, missing=self._left_out)
+            self._left_out = 0
         time.sleep(self._pulse_s)
         self.line.put(0)
         time.sleep(self._pulse_s)

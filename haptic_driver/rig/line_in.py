@@ -31,9 +31,9 @@ class LineInReader:
     """Calls `heard` for each edge, between `start` and `close`, and `told` when the line is lost or
     back. Neither may take long.
 
-    A rise is an edge where the line had been low for `low_s` before. Other rises are bouncing, and
-    counted. A line that is high when it is opened has no edge. `lost` says why nothing is heard;
-    None while something is.
+    A rise is an edge where the line may have been low for `low_s` before; of several levels in one
+    look nobody knows when they were. Other rises are bouncing, and counted. A line that is high
+    when it is opened has no edge. `lost` says why nothing is heard; None while something is.
     """
 
     def __init__(
@@ -88,13 +88,15 @@ class LineInReader:
         before = bool(first) and first[-1]
         looked_s, high_s = self._clock(), -inf  # last looked; last seen high
         while not self._ending.is_set():
-            for high in self.line.levels():
-                now_s = self._clock()
+            levels = self.line.levels()
+            now_s = self._clock()
+            for number, high in enumerate(levels, 1):
                 if high and not before:
                     self._rose(now_s, now_s - looked_s, now_s - high_s)
-                high_s = now_s if high else high_s
+                if high:
+                    high_s = now_s if number == len(levels) else looked_s
                 before = high
-            looked_s = self._clock()
+            looked_s = now_s
             self._ending.wait(LOOK_S)
 
     def _rose(self, time_s: float, within_s: float, low_s: float) -> None:

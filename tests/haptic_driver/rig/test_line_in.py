@@ -166,3 +166,42 @@ def test_a_rise_is_an_edge_after_three_milliseconds_of_low(
     assert [edge.number for edge in heard] == list(range(1, len(edges_ms) + 1))
     assert (reader.edges, reader.bounces) == (len(edges_ms), bounces)
     assert all(edge.within_s == pytest.approx(1e-3) for edge in heard)
+
+
+class Looks(Levels):
+    """All the levels of one look at once, which came some time after the look before."""
+
+    def __init__(self, looks: list[tuple[float, str]]) -> None:
+        super().__init__("")
+        self._looks = iter([(0.001, "0"), *looks])
+
+    def levels(self) -> Sequence[bool]:
+        passed_s, levels = next(self._looks, (0.001, ""))
+        self.is_over = not levels
+        self.now_s += passed_s
+        return [level == "1" for level in levels]
+
+
+@pytest.mark.parametrize(
+    ("looks", "edges", "bounces"),
+    [
+        ([(0.050, "1010")], 2, 0),  # a late look: they may have been 50 ms apart
+        ([(0.002, "1010")], 1, 1),
+        ([(0.002, "10"), (0.002, "10")], 1, 1),
+        ([(0.002, "10"), (0.050, "10")], 2, 0),
+        ([(0.002, "1"), (0.050, "01")], 2, 0),
+        ([(0.050, "1"), (0.002, "01")], 1, 1),
+    ],
+)
+def test_two_edges_in_one_late_look_are_no_bounce(
+    looks: list[tuple[float, str]], edges: int, bounces: int
+) -> None:
+    line = Looks(looks)
+    heard: list[EdgeIn] = []
+    reader = LineInReader(line, 10e-3, heard.append, print, lambda: line.now_s)
+    reader.start()
+    until(lambda: line.is_over)
+    reader.close()
+    assert (reader.edges, reader.bounces) == (edges, bounces)
+    late_s = max(passed_s for passed_s, _ in looks)
+    assert all(edge.within_s <= late_s + 1e-9 for edge in heard)
