@@ -111,8 +111,8 @@ def say(descriptor: int, why: str, count: int) -> None:
 def new_file(path: Path, *, replace: bool = False) -> Iterator[int]:
     """A private, locked file that gets its name at the end of the block, when it is on the disk.
 
-    It stays open. FileExistsError where there is another, unless that is to be replaced, or where
-    somebody else has a file of the name that it has until then.
+    It stays open. FileExistsError where there is another, unless that is to be replaced. The same
+    where somebody else has a file of the name that it has until then.
     """
     import fcntl  # noqa: PLC0415 - not on Windows
 

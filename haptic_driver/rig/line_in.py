@@ -31,9 +31,9 @@ class LineInReader:
     """Calls `heard` for each edge, between `start` and `close`, and `told` when the line is lost or
     back. Neither may take long.
 
-    A rise is an edge where the line may have been low for `low_s` before; of several levels in one
-    look nobody knows when they were. Other rises are bouncing, and counted. A line that is high
-    when it is opened has no edge. `lost` says why nothing is heard; None while something is.
+    A rise is an edge where the line may have been low for `low_s` before. Nobody knows when several
+    levels in one look were. Other rises are bouncing, and counted. A line that is high when it is
+    opened has no edge. `lost` says why nothing is heard; None while something is.
     """
 
     def __init__(
