@@ -191,9 +191,8 @@ def _hint(file: Any, faults: list[Any]) -> str:
     key = ".".join(_written(file, loc))
     if key:
         return f"Correct key '{key}'"
-    known = _fields_at(
-        file, loc
-    )  # what is wrong is no single key, but how several of them go together
+    # what is wrong is no single key, but how several of them go together
+    known = _fields_at(file, loc)
     return (
         f"Change a key that it names; the keys are: {', '.join(known)}"
         if known

@@ -101,9 +101,8 @@ class OperatingLimits:
         f = worst.frequency_hz
         in_band = (f >= self.frequency_low_hz) & (f <= self.frequency_high_hz)
         allowed_v = np.minimum(reduce(np.minimum, by_limit), worst.voltage_v[-1])
-        return np.where(
-            in_band & np.isfinite(allowed_v), allowed_v, 0.0
-        )  # what nobody knows is not allowed
+        # what nobody knows is not allowed
+        return np.where(in_band & np.isfinite(allowed_v), allowed_v, 0.0)
 
     def highest_within_by_limit_v(self, worst: WorstCase) -> dict[str, Array]:
         """Largest voltage [f] up to which each limit allows every one; infinite where it has

@@ -17,9 +17,8 @@ from typing import Any
 def installed(group: str) -> dict[str, EntryPoint]:
     """The entry points of a group by name; none of them is loaded."""
     found = tuple(entry_points(group=group))
-    return {
-        point.name: point for point in reversed(found)
-    }  # as for imports, the first on the path wins
+    # as for imports, the first on the path wins
+    return {point.name: point for point in reversed(found)}
 
 
 def known(group: str, name: str, what: str) -> str:

@@ -151,9 +151,8 @@ def solve(description: ModelDescription, table: GapTable, drive: Drive) -> Attra
         pressure[here], negative[here], pulled_in[here] = _equilibria(
             sums[:, i], voltage[here], load[here], scale
         )
-    force = (
-        pressure * p.contact_area_m2 * area_ratio(table.shape, (load + pressure) / scale)
-    )  # (30)
+    # (30)
+    force = pressure * p.contact_area_m2 * area_ratio(table.shape, (load + pressure) / scale)
     lost = np.isnan(pressure) & ~negative
     diverged = (
         force >= load_n if description.friction_law == "total_load" else np.zeros(load.shape, bool)
@@ -201,9 +200,8 @@ def _stress_sums(
         gap_m[:, None],
         absolute=description.variant == "published_absolute",
     )
-    counted = np.clip(
-        np.log(gap_m / LEAK_CUT_OFF_M) / LOG_U_AXIS[2] + 0.5, 0.0, 1.0
-    )  # of each node's cell above a_c
+    # of each node's cell above a_c
+    counted = np.clip(np.log(gap_m / LEAK_CUT_OFF_M) / LOG_U_AXIS[2] + 0.5, 0.0, 1.0)
     leaking = table.mass * counted
     with np.errstate(invalid="ignore", over="ignore"):
         return np.stack(
@@ -241,9 +239,8 @@ def _equilibria(
     negative = inside & (square > 0.0) & ~(gain(np.where(inside, load_pa, nodes[0])) >= 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = np.nan_to_num((nodes - load_pa[:, None]) / gain(nodes), nan=0.0)  # V^2
-    closed = (
-        load_pa[:, None] + square[:, None] * gain(nodes) <= nodes
-    )  # attraction no longer outruns the pressure
+    # attraction no longer outruns the pressure
+    closed = load_pa[:, None] + square[:, None] * gain(nodes) <= nodes
     closed &= nodes >= load_pa[:, None]
     found, at = closed.any(axis=1) & inside & ~negative, np.argmax(closed, axis=1)
     low, high = np.maximum(nodes[np.maximum(at - 1, 0)], load_pa), nodes[at]

@@ -20,18 +20,16 @@ from model.support.arrays import Array, Mask
 from model.support.compiled import in_slices, kernel
 
 TOLERANCE = 1e-10  # of the total pressure
-CLOSE = (
-    1e-6  # of the attraction: what such a step of the secant method leaves is of the order of 1e-10
-)
+# of the attraction: what such a step of the secant method leaves is of the order of 1e-10
+CLOSE = 1e-6
 # Of the pressure per step, less than from row to row of the table: a turn that lies within one is
 # below 1e-3 of V^2.
 MOST_GROWTH = 1.15
 # A step much longer than what attraction exceeds the pressure by may pass a shallow turn of V(p_e);
 # none is shorter than this share of the pressure, or a turn would never be passed.
 STEEPEST, FINEST = 20.0, 1e-5
-MOST_STEPS = round(
-    (LOG_P_AXIS[1] - LOG_P_AXIS[0]) / FINEST
-)  # pass the whole table; about five are taken
+# pass the whole table; about five are taken
+MOST_STEPS = round((LOG_P_AXIS[1] - LOG_P_AXIS[0]) / FINEST)
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 SUMMIT_STEPS = 30  # leave 1e-7 of the pressure, where the summit is flat to 1e-13
 
@@ -213,9 +211,8 @@ def attraction(table: TableArrays, circuit: GapCircuit, i: int, p: float) -> flo
         if square != 0.0:
             _, per_a, z = divider(circuit, i, c, p)
             z_hat = z / h_rms
-            field_square = (
-                square * squared(per_a) / h_rms**2
-            )  # over |u + z|^2 in h_rms: the mean square field at u
+            # over |u + z|^2 in h_rms: the mean square field at u
+            field_square = square * squared(per_a) / h_rms**2
             pressure = 0.5 * EPS0 * field_square * k_hat(table, p_hat, z_hat)
             closest_square = (
                 circuit.crest_square[i, c] * field_square / circuit.field_limit_v_per_m[i] ** 2

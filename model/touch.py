@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from model.parameters import TouchParameters
 from model.support.arrays import Array, Values
 
-SPEED_REFERENCE_M_S = (
-    0.02  # of the paper's experiment; there effects of speed leave the base model as it is
-)
+# of the paper's experiment; there effects of speed leave the base model as it is
+SPEED_REFERENCE_M_S = 0.02
 LOAD_REFERENCE_N = 0.5  # of the paper's experiment; there effects of load do
 SINE_MEAN_SQUARE = 0.5  # of amplitude 1 V; square waves and direct voltages have 1
 

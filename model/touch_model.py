@@ -26,9 +26,8 @@ from model.parameters import FrictionLaw, TouchParameters
 from model.support.arrays import Array, ComplexArray, Mask, Values
 from model.touch import SPEED_REFERENCE_M_S, Attraction, Branch, Contact, Drive, Friction
 
-THEORY_PRESSURE_RATIO = (
-    10.0  # the contact theory asks for pressures not too high: p_e up to this many times p0
-)
+# the contact theory asks for pressures not too high: p_e up to this many times p0
+THEORY_PRESSURE_RATIO = 10.0
 
 
 @dataclass(frozen=True)

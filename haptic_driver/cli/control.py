@@ -282,9 +282,8 @@ def _raise_unless_disarmed(status: Status, lost_by: str) -> None:
             f"the daemon went into fault: {status.fault}",
             "remove the cause, then haptic reset",
         )
-    if (
-        lost_by == "lease_expired" or "lease_lost" in status.flags
-    ):  # the flag comes once the output has ramped down
+    # the flag comes once the output has ramped down
+    if lost_by == "lease_expired" or "lease_lost" in status.flags:
         raise HapticError(
             "lease_lost",
             "the lease ran out before it was renewed",

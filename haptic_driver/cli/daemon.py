@@ -112,9 +112,8 @@ def run(
     status = run_daemon(rig, place, model, allow_no_rt, port, links, announce, slide)
     handler.flush()
     start_thread("say", sys.stdout.flush).join(FLUSH_S)
-    os._exit(
-        status
-    )  # all is closed; what else Python does at its end may wait for a terminal that is stopped
+    # all is closed; what else Python does at its end may wait for a terminal that is stopped
+    os._exit(status)
 
 
 def _show(rig: str, socket: Path, page: str | None) -> None:

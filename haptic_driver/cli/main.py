@@ -219,12 +219,12 @@ def run(begin: Callable[[], None] = lambda: None) -> None:
 
     `begin` is called when all is imported and the command begins.
     """
-    gc.set_threshold(
-        50_000
-    )  # imports make many objects and no garbage; to look for it took a tenth of `haptic solve`,
+    # Imports make many objects and no garbage; to look for it took a tenth of `haptic solve`, and
+    # at the end a quarter.
+    gc.set_threshold(50_000)
     prepare_output()
     status = main(sys.argv[1:], begin)
-    gc.freeze()  # and at the end a quarter
+    gc.freeze()
     sys.exit(status)
 
 

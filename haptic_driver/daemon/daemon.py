@@ -118,7 +118,6 @@ class Daemon:
         self._threads: list[threading.Thread] = []
 
     # --- life
-    # --------------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Start everything; idle when it returns. Raises HapticError and DeviceError, with nothing
@@ -126,9 +125,8 @@ class Daemon:
         """
         try:
             self._orders.beat()
-            _current_a(
-                self.basis.settings, self.shared.output.read(), 0.0
-            )  # compiled before anybody can arm
+            # compiled before anybody can arm
+            _current_a(self.basis.settings, self.shared.output.read(), 0.0)
             self.supervisor.start()
             self._start_threads()
             if self.event_line is not None:
@@ -207,7 +205,6 @@ class Daemon:
             ending.wait(WATCH_PERIOD_S)
 
     # --- what the API asks
-    # -------------------------------------------------------------------------------------
 
     def status(self) -> Status:
         output, now_s, recording = self.shared.output.read(), self._clock(), self._recordings.path

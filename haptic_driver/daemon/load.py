@@ -117,7 +117,6 @@ class HeldLoad:
             return False
 
     # --- what the API asks
-    # -------------------------------------------------------------------------------------
 
     def hold(self, token: str, newtons: float) -> None:
         """Begin to press, and return; the status tells how far it is. Raises BadInputError for a
@@ -193,7 +192,6 @@ class HeldLoad:
         return wrong_load(settings, Seen(now_s, load_n, age_s, saturated, None, False))
 
     # --- the thread
-    # --------------------------------------------------------------------------------------------
 
     def _run(self, ending: threading.Event) -> None:
         tried_s = -math.inf

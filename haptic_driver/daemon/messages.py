@@ -155,9 +155,8 @@ class Status(Checked):
     texture: str | None
     target_cof: float | None
     measured_cof: float | None  # null without a force sensor
-    reachable_cof: Annotated[
-        list[float], Field(min_length=2, max_length=2)
-    ]  # lowest and highest, under the present load
+    # lowest and highest, under the present load
+    reachable_cof: Annotated[list[float], Field(min_length=2, max_length=2)]
     frequency_hz: float | None
     voltage_v: float | None
     current_rms_a: float | None  # into the sliding finger, as the surface says of what is commanded
@@ -191,9 +190,8 @@ class Status(Checked):
     current_a: float | None = None  # peak, into the electrode, as monitors read it last
     load: LoadStatus | None = None  # of the load stage; null without one
     feedback: bool = True  # friction is held by what is felt; else by the model alone
-    agreement: list[AgreementCell] = Field(
-        default=[]
-    )  # since arming, with what the surface expects of the finger
+    # since arming, with what the surface expects of the finger
+    agreement: list[AgreementCell] = Field(default=[])
     disagreement: str | None = None  # the last sentence about it
     adaptation: str | None = None  # the result of the last refit; null while there is none
     recording: str | None  # the file; None also while a recording waits for space

@@ -170,9 +170,8 @@ class OutputPump:
         except BaseException as error:  # the pump goes on, whatever a plug-in raises
             self._failed(error)
         if self.output.on and not was_on:
-            self._up_s = (
-                self._clock() + START_S
-            )  # after the dialogue, which takes as long as it likes
+            # after the dialogue, which takes as long as it likes
+            self._up_s = self._clock() + START_S
 
 
 def may_go_out(gate: int | None, output: Output, now_s: float) -> bool:

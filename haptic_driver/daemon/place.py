@@ -27,9 +27,8 @@ class Place:
         self._bound = path.with_name(f".{path.name}")  # a second name: the first may be deleted
         private_folder(path.parent)
         try:
-            flags = (
-                os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
-            )  # no link of somebody else's
+            # no link of somebody else's
+            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
             self._lock = os.open(path.with_name(path.name + ".lock"), flags, 0o600)
         except OSError as error:
             raise _no_socket(path, error) from error

@@ -297,14 +297,12 @@ class Renderer:
                 course_v2 = envelope.straight(course_v2.item(-1), voltage_v * voltage_v)
             if state.safety.rejections > kept.state.safety.rejections:
                 flags |= _REJECTED
-        if (
-            voltage_v < wanted_v
-        ):  # what was put out is where the next rise begins and what the finger has felt
+        # what was put out is where the next rise begins and what the finger has felt
+        if voltage_v < wanted_v:
             command = done.command._replace(voltage_v=voltage_v, output_on=voltage_v > 0.0)
             state = state._replace(drive=state.drive._replace(voltage_v=voltage_v), command=command)
-        if (
-            voltage_v > 0.0 and due.due_s < driven_since_s
-        ):  # on its way: what the finger feels of it teaches nothing
+        # on its way: what the finger feels of it teaches nothing
+        if voltage_v > 0.0 and due.due_s < driven_since_s:
             state = state._replace(command=state.command._replace(voltage_v=math.nan))
         output = Output(
             order.number,

@@ -222,7 +222,6 @@ class Supervisor:
         return output
 
     # --- starting
-    # --------------------------------------------------------------------------------------------
 
     def _start_render(self) -> None:
         child = Child(
@@ -296,7 +295,6 @@ class Supervisor:
             raise HapticError("silent", silent, "check the sensors; look at the log")
 
     # --- watching
-    # --------------------------------------------------------------------------------------------
 
     def _sense(self) -> None:
         """Sensors -> shared memory. What fails here is stale there, and render takes its output to
@@ -356,7 +354,6 @@ class Supervisor:
         return None
 
     # --- bringing back
-    # -------------------------------------------------------------------------------------------
 
     def _lose(self, name: str, why: str) -> None:
         """Say so, then bring it back in a thread of its own, one thing at a time; nobody can arm

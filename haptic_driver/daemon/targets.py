@@ -74,9 +74,8 @@ class Targets:
         """One friction everywhere. Raises BadInputError for one far out of reach, unless the
         nearest will do.
         """
-        self._orders.renew(
-            token
-        )  # without the right to ask there is no answer on what is reachable
+        # without the right to ask there is no answer on what is reachable
+        self._orders.renew(token)
         load_n, (low, high) = self.reach()
         if not (nearest or (1.0 - FAR) * low <= cof <= (1.0 + FAR) * high):
             raise _out_of_reach(f"friction {cof:g} is", load_n, low, high)

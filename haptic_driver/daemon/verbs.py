@@ -42,9 +42,8 @@ if TYPE_CHECKING:  # a client does not wait for what a daemon imports
 else:
     AnyPath = str
 
-MOST_SAMPLES = (
-    2000  # what turns into JSON in a few milliseconds, of which the set-point pump loses as many
-)
+# what turns into JSON in a few milliseconds, of which the set-point pump loses as many
+MOST_SAMPLES = 2000
 MOST_CHANGES = 1000  # of a scene at once
 MOST_TILE_CELLS = 256  # per side: a fraction of a second of a process that waits for all others
 
@@ -56,7 +55,6 @@ Nearest = Annotated[
 
 
 # --- how a client writes a value
-# ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -103,7 +101,6 @@ ModelName = Annotated[
 
 
 # --- what is said with a request
-# ----------------------------------------------------------------------------------
 
 
 @dataclass_transform(field_specifiers=(Field,))
@@ -247,7 +244,6 @@ class TileRequest(Query):
 
 
 # --- a verb
-# ----------------------------------------------------------------------------------
 
 Words = ParamSpec("Words")
 Said = TypeVar("Said", bound=Asked)

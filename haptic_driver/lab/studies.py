@@ -251,9 +251,8 @@ def run_study(
     done = _resume(study, out / TASKS)
     left = [task for task in range(study.plan.count) if task not in done]
     if left:
-        where = (
-            out.resolve() if cluster is None else None
-        )  # a cluster's workers need not see this disk
+        # a cluster's workers need not see this disk
+        where = out.resolve() if cluster is None else None
         with (
             _executor(cluster, workers, tell) as pool,
             (out / TASKS).open("a", encoding="utf-8") as file,

@@ -28,9 +28,8 @@ CORRECTION_FREQUENCIES = 25
 CORRECTION_SPEEDS_M_S = SPEED_REFERENCE_M_S * 25.0 ** np.linspace(-1.0, 1.0, 15)
 REFERENCE = CORRECTION_SPEEDS_M_S.size // 2  # the speed at which surfaces are solved
 CORRECTION_VOLTAGES = np.array([0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 1.0])  # of the highest
-LEAST_RISE = (
-    1e-9  # of friction without voltage: a smaller one is rounding, and there is nothing to correct
-)
+# of friction without voltage: a smaller one is rounding, and there is nothing to correct
+LEAST_RISE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -115,9 +114,8 @@ def axes_within(description: ModelDescription, axes: SurfaceAxes | None = None) 
     known_v, unknown_v = 0.0, within.voltage_high_v
     if not _outside(description, within):
         return within
-    for _ in range(
-        VOLTAGE_HALVINGS
-    ):  # an effect of the drive makes more of the voltage before the learned one sees it
+    # an effect of the drive makes more of the voltage before the learned one sees it
+    for _ in range(VOLTAGE_HALVINGS):
         middle_v = 0.5 * (known_v + unknown_v)
         if _outside(description, replace(within, voltage_high_v=middle_v)):
             unknown_v = middle_v

@@ -44,9 +44,8 @@ CORRECTION, COF = (
     "cof_",
 )  # before the names of a correction's datasets, and of an interval's
 SAME = 1e-6  # between two machines
-ROUNDING = (
-    1e-9  # kept clear of a limit, so that its own check by another path never fails by rounding
-)
+# kept clear of a limit, so that its own check by another path never fails by rounding
+ROUNDING = 1e-9
 FORCE_REFINEMENT = 4  # cells of the look-up per cell of the file along normal force
 FORCE_LEVELS = 5  # nearest, that a polynomial between them goes through
 
@@ -334,9 +333,8 @@ def _refined(values: Array, file: SurfaceFile, force: Array) -> Array:
     """`values` [f, v, n] on the finer normal forces: polynomials of log(values) over log force; 0
     at V = 0.
     """
-    with np.errstate(
-        divide="ignore", invalid="ignore"
-    ):  # where voltage does nothing, or less than that
+    # where voltage does nothing, or less than that
+    with np.errstate(divide="ignore", invalid="ignore"):
         scaled = np.log(values[:, 1:])
     known = np.asarray(np.isfinite(scaled).all(axis=2))
     weights = polynomial_weights(np.log(file.normal_force_n), np.log(force), FORCE_LEVELS)

@@ -12,9 +12,8 @@ from model.touch_model import TouchModel
 
 CORRECTION_TIMES_S = np.concatenate([[0.0], np.geomspace(0.1, 1e5, 60)])
 LOADS_N = np.geomspace(0.01, 50.0, 9)  # of any finger, wherever a surface's axis ends
-NEXT_TO_NOTHING = (
-    1e-3  # of the first step of voltage: stands for 0 V, where what is per volt has a limit
-)
+# of the first step of voltage: stands for 0 V, where what is per volt has a limit
+NEXT_TO_NOTHING = 1e-3
 
 WITHIN = (0.25, 0.5, 0.75)  # of a cell of voltage, where a learned term may have a hump
 

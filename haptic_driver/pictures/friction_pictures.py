@@ -119,9 +119,8 @@ def draw_surface(surface: SurfaceFile, normal_force_n: float, path: Path) -> Non
             f, v, cof, shading="gouraud", cmap="viridis", vmin=felt.min(), vmax=felt.max()
         )
         lines = axes.contour(f, v, cof, levels=10, colors="white", linewidths=0.6)
-        column = np.searchsorted(
-            f, f[cof.max(axis=0).argmax()] / 4.0
-        )  # beside the ridge, where nothing is hatched
+        # beside the ridge, where nothing is hatched
+        column = np.searchsorted(f, f[cof.max(axis=0).argmax()] / 4.0)
         at_v = np.interp(lines.levels, cof[:, column], v)
         places = [(f[column], volts) for volts in at_v if v[0] < volts < 0.97 * v[-1]]
         for label in axes.clabel(lines, fmt="%.2f", fontsize=8, inline=False, manual=places):

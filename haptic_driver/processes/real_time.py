@@ -82,9 +82,8 @@ def take_precedence() -> bool:
         os.setpriority(os.PRIO_PROCESS, 0, min(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
     except (OSError, AttributeError):
         return False
-    if (
-        os.getsid(0) == os.getpid()
-    ):  # as a service: Linux shares a busy processor among sessions first
+    # as a service: Linux shares a busy processor among sessions first
+    if os.getsid(0) == os.getpid():
         with suppress(OSError):
             Path("/proc/self/autogroup").write_text(str(NICENESS))
     return True

@@ -26,9 +26,8 @@ class Flag(IntFlag):
     UNDERRUN = 512
     CONTROL_SILENT = 1024
     FRICTION_FROM_CURRENT = 2048  # what is felt is estimated: no force sensor measures it
-    OUTSIDE_SURFACE = (
-        8192  # the finger pressed harder or slid faster than the surface was solved for
-    )
+    # the finger pressed harder or slid faster than the surface was solved for
+    OUTSIDE_SURFACE = 8192
     LATENCY = 4096  # friction is surely felt sooner or later than the rig's file says
     EVENT_LINE = 16384  # an edge of the event line is missing
 

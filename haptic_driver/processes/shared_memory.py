@@ -33,9 +33,8 @@ SHEET_BYTES = 1 << 17  # of a scene: 512 objects, and 3500 corners of polygons
 SHEET_COLUMNS = (17, 2)  # of its objects and of these corners
 RING_SAMPLES = 1 << 14  # 16 s at 1 kHz
 RING_COURSES = 1 << 6
-TARGET_BYTES = (
-    1 << 24
-)  # for each of two targets, e.g. a map of 2 million pixels; and for each of two surfaces
+# for each of two targets, e.g. a map of 2 million pixels; and for each of two surfaces
+TARGET_BYTES = 1 << 24
 SLOT_BYTES = 256
 _HEADER_BYTES = 16  # of a slot
 _RING_HEADER_BYTES = 64
@@ -325,9 +324,8 @@ class Ring:
         end = self.position
         start = max(position, end - self._length + 1)
         copy = self._samples.take(np.arange(start, end), mode="wrap")
-        overwritten = max(
-            self.position - self._length + 1 - start, 0
-        )  # while we copied; one more is being written
+        # while we copied; one more is being written
+        overwritten = max(self.position - self._length + 1 - start, 0)
         kept = copy[overwritten:]
         return Taken(kept, end - position - len(kept), end)
 
@@ -407,9 +405,8 @@ class SharedState:
     """
 
     def __init__(self, descriptor: int | None = None) -> None:
-        if (
-            descriptor is None
-        ):  # an anonymous file, not inherited by any process that is not given it
+        # an anonymous file, not inherited by any process that is not given it
+        if descriptor is None:
             descriptor = os.memfd_create("haptic-driver", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
             os.ftruncate(descriptor, _TOTAL_BYTES)
         if os.fstat(descriptor).st_size != _TOTAL_BYTES:

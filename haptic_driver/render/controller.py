@@ -115,9 +115,8 @@ class ControllerState(NamedTuple):
 
 
 INITIAL = ControllerState()
-Held = Sequence[
-    Control
-]  # numba's list of one: to hand over so many fields at each call costs more than the call does
+# numba's list of one: to hand over so many fields at each call costs more than the call does
+Held = Sequence[Control]
 Plain = tuple[Any, ...]  # the values of a record
 
 

@@ -33,9 +33,8 @@ def drive(
 ) -> tuple[DriveState, DriveCommand]:
     """The command for this instant; off for zero volts."""
     elapsed_s = time_s - state.time_s
-    if (
-        not 0.0 < elapsed_s < inf
-    ):  # the first command, a time that is none, or a clock that began again
+    # the first command, a time that is none, or a clock that began again
+    if not 0.0 < elapsed_s < inf:
         elapsed_s = 0.0
     voltage_v = min(point.voltage_v, state.voltage_v + settings.voltage_rise_v_per_s * elapsed_s)
     now_s = time_s if isfinite(time_s) else state.time_s

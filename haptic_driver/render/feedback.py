@@ -57,16 +57,14 @@ RAMP = 0.5  # of the change that commands make within the timing window: error o
 LEAST_PACE = 0.1  # slower is a standstill: the output ramps
 LONGEST_STEP_S = 0.010  # no reading teaches more than so much time would
 RATE_TIME_CONSTANT_S = 0.5
-CARRIER_MEMORY = (
-    1.0  # factors of e by which the carrier changes until most is forgotten of the rise
-)
+# factors of e by which the carrier changes until most is forgotten of the rise
+CARRIER_MEMORY = 1.0
 PATIENCE_S = 1.0  # without a reading for so long there is no feedback to be careful for
 SOME_FREQUENCY_HZ = 1e3  # for a look-up at zero voltage, where it does not matter
 NO_COMMANDS = np.full((COMMANDS_KEPT, 3), nan)
 
-Forces = tuple[
-    float, float
-]  # h of the law: lateral ones by the surface alone, without voltage and by attraction
+# h of the law: lateral ones by the surface alone, without voltage and by attraction
+Forces = tuple[float, float]
 
 
 class FeedbackSettings(NamedTuple):
@@ -204,9 +202,8 @@ def learnt(
     docstring has the law.
     """
     elapsed_s = finger.time_s - known.time_s
-    if (
-        not 0.0 <= elapsed_s < np.inf
-    ):  # the first sample, one without a time, or a clock that began again
+    # the first sample, one without a time, or a clock that began again
+    if not 0.0 <= elapsed_s < np.inf:
         elapsed_s = 0.0
     gains = any_finger(law) if np.isnan(known.time_s) else known.gains
     if not finger.in_contact:

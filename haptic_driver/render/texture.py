@@ -31,9 +31,8 @@ SHORTEST_LENGTH_M = 1e-6
 
 NO_TARGET = TargetFriction(cof=math.nan, active=False)
 
-Outside = Literal[
-    "nothing", "clamp", "tile"
-]  # beyond its ends a texture has nothing, its edge, or itself again
+# beyond its ends a texture has nothing, its edge, or itself again
+Outside = Literal["nothing", "clamp", "tile"]
 Interpolation = Literal["hold", "linear", "cosine"]
 
 
@@ -199,9 +198,8 @@ class Profile(Texture):
     position_m: Sequence[float]
     cof: Sequence[float]
     outside: Outside = "nothing"
-    _points: tuple[FloatArray, FloatArray] = field(
-        init=False, repr=False, compare=False
-    )  # for many places at once
+    # for many places at once
+    _points: tuple[FloatArray, FloatArray] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Keep the points as tuples of floats; refuse points out of order or not finite."""

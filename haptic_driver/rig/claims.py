@@ -39,9 +39,8 @@ def same_place(address: str) -> str:
     Names of hosts and links of devices lead to where they lead.
     """
     name = address.strip().removeprefix("visa:").removeprefix("card:ni:")
-    if (serial := _SERIAL.fullmatch(name)) and os.path.exists(
-        serial["port"]
-    ):  # else a channel of a card
+    # else a channel of a card
+    if (serial := _SERIAL.fullmatch(name)) and os.path.exists(serial["port"]):
         return os.path.realpath(serial["port"])
     if found := _VISA_HOST.fullmatch(name) or _PLAIN_HOST.fullmatch(name):
         host = _resolved(found["host"].strip("[]"))

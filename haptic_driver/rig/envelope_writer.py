@@ -133,9 +133,8 @@ class EnvelopeWriter:
         self._waiting_s = self.drained_s = 0.0
         if not self._resting:
             self._power_v2 = 0.0
-            with suppress(
-                DeviceError
-            ):  # it tries again by itself, and without a carrier it does nothing
+            # it tries again by itself, and without a carrier it does nothing
+            with suppress(DeviceError):
                 self._output.zero()
                 self._resting = True
 
@@ -154,9 +153,8 @@ class EnvelopeWriter:
             self._catching_up = bool(ends_v2[-1] < wanted_v2[-1])
         envelope_v = np.empty(samples)
         synthesise(np.concatenate(((begin_v2,), ends_v2)), envelope_v)
-        share = np.minimum(
-            envelope_v / full_scale_v, 1.0
-        )  # a root of a square may be larger by rounding
+        # a root of a square may be larger by rounding
+        share = np.minimum(envelope_v / full_scale_v, 1.0)
         self._resting = False
         self._output.write(self._modulation.full_scale_v * (2.0 * share - 1.0), self._rate_hz)
         self._power_v2 = float(ends_v2[-1])

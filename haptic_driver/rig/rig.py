@@ -233,9 +233,8 @@ class Rig:
         trips or the output cannot be shown to be off.
         """
         self._states.now_s = time_s
-        if (
-            self._switch.is_switching_off
-        ):  # another thread, which concludes; silent instruments answer no sooner twice
+        # another thread, which concludes; silent instruments answer no sooner twice
+        if self._switch.is_switching_off:
             return
         self._lapse(time_s)
         if not self._switch.may_be_on:
@@ -288,7 +287,6 @@ class Rig:
         return output
 
     # --- on
-    # --------------------------------------------------------------------------------------------
 
     def _check_limits(self, command: DriveCommand, voltage_offset_v: float, shape: Shape) -> None:
         """The rig's own limits for what was asked, before any ramp makes less of it; all are judged
@@ -351,7 +349,6 @@ class Rig:
                 heartbeat.beat()
 
     # --- off
-    # --------------------------------------------------------------------------------------------
 
     def _lapse(self, time_s: float) -> None:
         """Off when nobody refreshed the output for a lease; the next command starts again from the

@@ -202,9 +202,8 @@ class _SteppedForceSensor:
             if now_s - sent_s > RESEND_S:  # a busy machine loses datagrams, and is late with them
                 self._instruments.force_box.emit(1)
                 sent_s = now_s
-            with suppress(
-                DeviceTimeout
-            ):  # nothing yet, or stale by the machine's clock, not the simulation's
+            # nothing yet, or stale by the machine's clock, not the simulation's
+            with suppress(DeviceTimeout):
                 newest = self.box.read()
                 reading = newest if self.box.counters.accepted > heard else None
         return reading._replace(time_s=self._instruments.plant.time_s)

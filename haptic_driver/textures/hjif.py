@@ -129,9 +129,8 @@ def _curve(where: str, kind: Any, position_m: Array, amplitude: Array) -> tuple[
     """
     if kind not in CURVES:
         raise _refused(where, f"has a curve of type {kind}", SUPPORTED)
-    if (
-        kind == "Linear" or len(position_m) == 2
-    ):  # the reference software joins two keyframes by a line
+    # the reference software joins two keyframes by a line
+    if kind == "Linear" or len(position_m) == 2:
         return position_m, amplitude
     if not np.all(np.diff(position_m) > 0.0):
         raise _refused(

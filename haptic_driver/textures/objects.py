@@ -38,7 +38,6 @@ class _Said(Checked):
 
 
 # --- shapes
-# ----------------------------------------------------------------------------------
 
 
 class Rectangle(_Said):
@@ -104,7 +103,6 @@ Shape = Annotated[AnyShape, Field(discriminator="kind")]
 
 
 # --- objects and scenes
-# ----------------------------------------------------------------------------------
 
 
 class SceneObject(_Said):
@@ -188,7 +186,6 @@ class SceneDescription(_Said):
 
 
 # --- changes
-# ----------------------------------------------------------------------------------
 
 
 class Add(SceneObject):

@@ -142,9 +142,8 @@ def _mean_squares(described: SpectrumDescription, frequency_hz: Array) -> Array:
         a, b = described.beta
         place = np.log(frequency_hz / EDGES_HZ[0]) / math.log(EDGES_HZ[-1] / EDGES_HZ[0])
         place = np.clip(place, EDGE, 1.0 - EDGE)
-        weight = (
-            place ** (a - 1.0) * (1.0 - place) ** (b - 1.0) / frequency_hz
-        )  # over the logarithm of frequency
+        # over the logarithm of frequency
+        weight = place ** (a - 1.0) * (1.0 - place) ** (b - 1.0) / frequency_hz
     else:
         assert described.ar is not None
         assert described.rate_hz is not None

@@ -271,9 +271,8 @@ class NiAnalogInputs:
         within `timeout_s`.
         """
         deadline_s = self._clock() + self._timeout_s
-        stalled = (
-            self._clock() - self._advanced_s > self._timeout_s
-        )  # or nobody looked: what is there may be old
+        # or nobody looked: what is there may be old
+        stalled = self._clock() - self._advanced_s > self._timeout_s
         first = total = int(self._task.in_stream.total_samp_per_chan_acquired)
         while total < count or (stalled and total == first):
             if self._clock() >= deadline_s:

@@ -423,9 +423,8 @@ class AnalogOutput(ABC):
 
 
 def _checked(resource: str, settings: AnalogOutputSettings, values_v: ArrayLike) -> Array:
-    block_v = np.array(
-        values_v, dtype=np.float64
-    )  # a copy: the device may read it after the caller has moved on
+    # a copy: the device may read it after the caller has moved on
+    block_v = np.array(values_v, dtype=np.float64)
     if block_v.ndim != 1 or block_v.size == 0:
         raise LimitExceeded(
             f"{resource}: an envelope is one row of samples, not of shape {block_v.shape}",

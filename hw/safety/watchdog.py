@@ -57,13 +57,11 @@ READY = "ready"
 HEARD, SWITCHING, DONE = b"h", b"s", b"d"
 NOT_BEATEN = "it switched off, since it was not beaten in time"
 CLOSED = "the pipe is closed"
-FEWEST_UNANSWERED = (
-    3  # beats, before silence is its own and not that of a machine that let nobody run
-)
+# beats, before silence is its own and not that of a machine that let nobody run
+FEWEST_UNANSWERED = 3
 LAST_LOOK = 0.1  # of the period
-ASKED_AT_START = (
-    4  # times: nothing is on yet, and a busy machine's late answer is no reason to go without
-)
+# times: nothing is on yet, and a busy machine's late answer is no reason to go without
+ASKED_AT_START = 4
 PRIORITY = 1  # of SCHED_FIFO, where that is granted: before all that is not in real time
 STAGE_S = 10.0  # for a load stage, whose driver may still hold it for a moment
 # What ends the driver must not end it: a terminal, or a service manager that ends all of a unit,
@@ -231,9 +229,8 @@ class Watchdog(Running):
             self._went_off = False  # that it has switched off is no news any more
             with suppress(OSError):
                 os.write(_pipe(self._process), REST)
-                self._unanswered.append(
-                    time.monotonic()
-                )  # stopped while it rests, the next beats tell
+                # stopped while it rests, the next beats tell
+                self._unanswered.append(time.monotonic())
 
     def times_off(self) -> int:
         """How often it has switched off for want of beats."""
@@ -307,7 +304,6 @@ def _how_it_ended(status: int) -> str:
 
 
 # --- the process itself
-# ------------------------------------------------------------------------------------------
 
 
 class _Instrument:
@@ -546,9 +542,8 @@ def main(arguments: Sequence[str] | None = None) -> Outcome:
     if silent:
         print(f"{', '.join(silent)} does not answer", flush=True)
         return Outcome.NOT_STARTED
-    with suppress(
-        OSError, AttributeError
-    ):  # it has little to do, and must not wait for a machine that has too much
+    # it has little to do, and must not wait for a machine that has too much
+    with suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     hands = [Hand(instrument, settings.retry_s) for instrument in instruments]
     lifter = _Lifter(stage, settings)

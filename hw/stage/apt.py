@@ -23,9 +23,8 @@ _MOTION_STATUS = struct.Struct("<HiiI")  # channel, position, encoder, status bi
 _VELOCITY = struct.Struct("<Hiii")  # channel, minimum velocity, acceleration, maximum velocity
 _CHANNEL_AND_COUNTS = struct.Struct("<Hi")
 _CHANNEL_AND_BITS = struct.Struct("<HI")
-_INFO = struct.Struct(
-    "<I8sH4B60xHHH"
-)  # serial, model, type, firmware, hardware version, modification, channels
+# serial, model, type, firmware, hardware version, modification, channels
+_INFO = struct.Struct("<I8sH4B60xHHH")
 
 
 class Message(enum.IntEnum):

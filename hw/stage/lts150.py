@@ -15,9 +15,8 @@ from hw.stage import apt
 from hw.stage.apt import Message, StatusBit
 from hw.transport.contract import Transport
 
-_VELOCITY_TOLERANCE = (
-    1e-3  # share by which a velocity read back may differ, for what the instrument rounds
-)
+# share by which a velocity read back may differ, for what the instrument rounds
+_VELOCITY_TOLERANCE = 1e-3
 _LONGEST_COUNT = 2**31 - 1  # of the protocol's 32 bits
 _RESET_PULSE_S = 0.05  # RTS high at opening, then low (as pylablib's Kinesis back end does)
 _LOCK_TIMEOUT_S = 5.0  # longer than any one question with its answer

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
 
-CHUNK_BYTES = (
-    1 << 16
-)  # what is asked of a link at a time while the length of the answer is not known
+# what is asked of a link at a time while the length of the answer is not known
+CHUNK_BYTES = 1 << 16
 
 
 class Bounds(NamedTuple):

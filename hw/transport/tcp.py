@@ -53,9 +53,8 @@ class TcpTransport(Transport):
         match = _RESOURCE.fullmatch(resource.strip())
         if match is None:
             raise ValueError(f"{resource!r} is not of the form TCPIP::host::port::SOCKET")
-        if (
-            not 0 < int(match["port"]) < 1 << 16
-        ):  # the system would take it modulo 65536: another port
+        # the system would take it modulo 65536: another port
+        if not 0 < int(match["port"]) < 1 << 16:
             raise ValueError(
                 f"the port of {resource!r} must be 1..65535 in TCPIP::host::port::SOCKET"
             )

@@ -96,7 +96,6 @@ class UsbTmcTransport(Transport):
         return cls(int(match["vendor"], 0), int(match["product"], 0), match["serial"])
 
     # --- finding and claiming
-    # ------------------------------------------------------------------------------
 
     def _connect(self, deadline_s: float) -> None:
         device = _find(self._ids, self._serial_number, self._backend, self.resource)
@@ -149,7 +148,6 @@ class UsbTmcTransport(Transport):
         self._interrupted = None
 
     # --- messages
-    # ------------------------------------------------------------------------------------------
 
     def _send(self, data: bytes, deadline_s: float) -> None:
         for start in range(0, len(data), _MAX_PAYLOAD_BYTES):
@@ -229,7 +227,6 @@ class UsbTmcTransport(Transport):
         return reply[_HEADER.size : _HEADER.size + size], size, ended
 
     # --- starting again
-    # ------------------------------------------------------------------------------------
 
     def _reset(self, deadline_s: float) -> None:
         """Abort what was interrupted, then clear the device; a device that does not clear is
@@ -298,7 +295,6 @@ class UsbTmcTransport(Transport):
         raise self._bad("packets without end")
 
     # --- control requests
-    # ----------------------------------------------------------------------------------
 
     def _control(
         self, kind: int, request: int, value: int, target: Any, size: int, deadline_s: float
@@ -315,7 +311,6 @@ class UsbTmcTransport(Transport):
         return reply
 
     # --- errors
-    # --------------------------------------------------------------------------------------------
 
     def _check_connected(self) -> None:
         if self._device is None:

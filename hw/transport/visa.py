@@ -25,9 +25,8 @@ _SOCKET_BLOCK_BYTES = 4096
 # A read on a socket of pyvisa-py spins until its timeout when the peer has hung up, so it is given
 # short ones.
 _SOCKET_SLICE_S = 0.1
-_CLOSE_TIMEOUT_S = (
-    0.25  # a live link closes in milliseconds; pyvisa-py waits up to 14 s for a dead one of VXI-11
-)
+# a live link closes in milliseconds; pyvisa-py waits up to 14 s for a dead one of VXI-11
+_CLOSE_TIMEOUT_S = 0.25
 
 _HOST = re.compile(r"TCPIP\d*::(?P<host>[^:\[,]+)", re.IGNORECASE)
 
@@ -118,9 +117,8 @@ class VisaTransport(Transport):
                 ResourceAttribute.termchar: ord("\n"),
                 ResourceAttribute.termchar_enabled: True,
             }
-            if (
-                self._socket is not None
-            ):  # hand over what has come when nothing more does, instead of losing it
+            # hand over what has come when nothing more does, instead of losing it
+            if self._socket is not None:
                 attributes[ResourceAttribute.suppress_end_enabled] = False
                 self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         elif self._is_serial:
@@ -142,9 +140,8 @@ class VisaTransport(Transport):
         if self._session is not None and self._kind == "INSTR" and not self._is_serial:
             with suppress(Exception):  # a fresh session follows
                 self._session.timeout = self._remaining_ms(deadline_s)
-                in_time(
-                    self._session.clear, 0.5 * self._remaining_s(deadline_s)
-                )  # the rest is for opening
+                # the rest is for opening
+                in_time(self._session.clear, 0.5 * self._remaining_s(deadline_s))
         super()._reset(deadline_s)
         if self._resynchronise is not None:
             self._resynchronise(

@@ -49,9 +49,8 @@ LEAST_ROWS = 8
 STARTS = (0.0, 1.5, -1.5)  # prior units, of all parameters but friction without voltage
 CORRELATED = 0.9
 FAR = 3.0  # prior units
-BARELY_LEARNT = (
-    0.9  # posterior over prior standard deviation from which the data said next to nothing
-)
+# posterior over prior standard deviation from which the data said next to nothing
+BARELY_LEARNT = 0.9
 INTERVALS = {
     "68 %": float(ndtri(0.84)),
     "95 %": float(ndtri(0.975)),

@@ -122,13 +122,11 @@ def force_spectrum(model: TouchModel, tones: Tones, normal_force_n: float) -> Fo
     left = np.sqrt(
         circuit.mean_square_v2[0] / np.where(tones.mean_square_v2 > 0.0, tones.mean_square_v2, 1.0)
     )
-    field = (
-        field * (tones.amplitude_v * left)[:, None]
-    )  # `left`: of each amplitude, by effects on the drive
+    # `left`: of each amplitude, by effects on the drive
+    field = field * (tones.amplitude_v * left)[:, None]
     f = tones.frequency_hz
-    both = np.where(
-        f == 0.0, 1.0, 0.5
-    )  # cos^2 has mean 1/2; a steady field squared has no other line
+    # cos^2 has mean 1/2; a steady field squared has no other line
+    both = np.where(f == 0.0, 1.0, 0.5)
     half = 0.5 * EPS0 * float(touch.area_m2[0])
     lines = [(0.0, complex(half * np.sum(both * (np.abs(field) ** 2 @ mass))))]
     for i in range(f.size):
@@ -214,9 +212,8 @@ def steepness(
     solved = model.surface(frequency_hz, voltage_v, normal_force_n)
     with np.errstate(divide="ignore", invalid="ignore"):
         per_square = np.log(solved.electrostatic_force_n[:, 1:] / voltage_v[1:, None] ** 2)
-        slope = np.gradient(
-            per_square, np.log(voltage_v[1:]), axis=1
-        )  # of what is left when the square is taken out
+        # of what is left when the square is taken out
+        slope = np.gradient(per_square, np.log(voltage_v[1:]), axis=1)
     exponent = np.full(solved.cof.shape, np.nan)
     exponent[:, 1:] = 2.0 + slope
     pulled_in = solved.pulled_in

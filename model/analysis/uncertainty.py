@@ -32,9 +32,8 @@ INTERVAL = (0.16, 0.84)  # one standard deviation each way, were friction normal
 DRAWS = 64
 DRAWS_AT_ONE = 512  # condition; they cost little there
 SEED = 0
-MOST_FREQUENCIES = MOST_VOLTAGES = (
-    25  # at which draws are solved; the interval's width is smooth between them
-)
+# at which draws are solved; the interval's width is smooth between them
+MOST_FREQUENCIES = MOST_VOLTAGES = 25
 MOST_THEORY_ERROR = 0.6  # of the logarithm of pressure, either way
 SHAPE_OF_ROUGHNESS = (
     "hurst_exponent",
@@ -216,9 +215,8 @@ def _base_and_ends(
         len(numbers) + 1, draws, *[1] * base.cof.ndim
     )
     theory = theory_error(description, drive, base.electrostatic_force_n)
-    gain = np.exp(
-        np.clip(theory * x[-1], -MOST_THEORY_ERROR, MOST_THEORY_ERROR)
-    )  # of the pressure per squared volt
+    # of the pressure per squared volt
+    gain = np.exp(np.clip(theory * x[-1], -MOST_THEORY_ERROR, MOST_THEORY_ERROR))
     drawn = varied(description, numbers, x[:-1])
     drive = replace(drive, voltage_v=drive.voltage_v * np.ones_like(x[-1]))
     touch = prepare(drawn.values, drawn.dielectric, drawn.effects, drive)

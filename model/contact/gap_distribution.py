@@ -69,9 +69,8 @@ def gap_distribution(
         v[leaving] for v in (zeta, dzeta_dt, remaining, moment, y)
     )
     area = erf(y)
-    area_slope = (
-        -np.exp(-y * y) / sqrt(pi) * y * zeta ** (1.0 - 2.0 * shape.hurst) / moment
-    )  # A'(zeta) < 0
+    # A'(zeta) < 0
+    area_slope = -np.exp(-y * y) / sqrt(pi) * y * zeta ** (1.0 - 2.0 * shape.hurst) / moment
     two_h = 2.0 * shape.hurst
     spread = np.sqrt(zeta**-two_h * -np.expm1(two_h * np.log1p(-remaining / shape.zeta1)))
     return GapDistribution(

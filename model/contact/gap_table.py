@@ -121,9 +121,8 @@ def integrals_of(
     x, y = z_hat.real.ravel(), z_hat.imag.ravel()
     inverse_square = 1.0 / ((u + x[:, None]) ** 2 + (y * y)[:, None])
     k_hat = inverse_square @ mass
-    l_hat = (
-        inverse_square @ (mass * u) + z_hat.conj().ravel() * k_hat
-    )  # 1/(u+z) = (u + conj z)/|u+z|^2
+    # 1/(u+z) = (u + conj z)/|u+z|^2
+    l_hat = inverse_square @ (mass * u) + z_hat.conj().ravel() * k_hat
     return k_hat.reshape(z_hat.shape), l_hat.reshape(z_hat.shape)
 
 

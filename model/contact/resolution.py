@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 
-FORMAT = (
-    2  # of the cached file and of the quadrature behind it: raise it when either changes otherwise
-)
+# of the cached file and of the quadrature behind it: raise it when either changes otherwise
+FORMAT = 2
 LOG_P_AXIS = (
     math.log(1e-6),
     math.log(10.0),
@@ -21,9 +20,8 @@ ANGLE_AXIS = (0.0, math.pi / 2.0, 15)
 LOG_U_AXIS = (math.log(1e-13), math.log(60.0), 0.1)  # first, end and step; gaps, in h_rms
 
 ZETA_MINUS_ONE_LOW = 1e-14  # lowest magnification
-LOGISTIC_END = (
-    24.0  # of the magnification's logistic variable: zeta1 - zeta is e^-24 of zeta1 there
-)
+# of the magnification's logistic variable: zeta1 - zeta is e^-24 of zeta1 there
+LOGISTIC_END = 24.0
 MAGNIFICATION_STEP = 0.2  # of that variable for the table; against 0.05: 3e-8 in every integral
 X_NEGLIGIBLE = 6.5  # exp(-x^2) < 1e-18 beyond
 S_NODES = 64  # of the integral over scales

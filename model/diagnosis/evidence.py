@@ -118,9 +118,8 @@ def log_marginal(target: Array, spread: Array, noise: Noise) -> float:
 
 def _by_scale(target: Array, spread: Array, noise: Noise) -> Array:
     """log N(target; 0, s^2 + spread spread') + log prior weight of each noise scale s."""
-    square, directions = np.linalg.eigh(
-        spread.T @ spread
-    )  # of the singular values: half the work of a decomposition
+    # of the singular values: half the work of a decomposition
+    square, directions = np.linalg.eigh(spread.T @ spread)
     kept = square > ROUNDING * square[-1]
     square = square[kept]
     along = (directions[:, kept].T @ (spread.T @ target)) ** 2 / square

@@ -27,9 +27,8 @@ from model.effects.base import EffectParameter
 from model.support.arrays import Array
 
 STEP = 1e-3  # of an effect's strength
-MOST_BY_STRENGTH = (
-    2.0  # times the signature, as of a square: what sets in suddenly could else look like much
-)
+# times the signature, as of a square: what sets in suddenly could else look like much
+MOST_BY_STRENGTH = 2.0
 COMPLEX = (
     (CURRENT, CURRENT_PHASE),
     (VOLTAGE, VOLTAGE_PHASE),

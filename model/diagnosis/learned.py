@@ -50,9 +50,8 @@ FORM_ERROR = 0.02
 PREFERRED = "friction"  # of those: what reads friction has the most ways to be wrong
 OF_THE_SMOOTH = 0.9  # share of what the smooth term closes that a short formula must close
 FORMULA_STARTS = (0.0, -1.0, 1.0)
-ENOUGH_ITERATIONS = (
-    12  # of a smooth term, whose valleys are long; more gain less than another term must be worth
-)
+# of a smooth term, whose valleys are long; more gain less than another term must be worth
+ENOUGH_ITERATIONS = 12
 
 
 @dataclass(frozen=True)
@@ -248,9 +247,8 @@ def _slopes(problem: Problem, at: Fit, form: LearnedForm) -> Array:
     """Derivative of every observation with respect to the quantity's logarithm, and to its phase:
     [1 or 2, n].
     """
-    everywhere = (
-        Term(("voltage_v",), ((0.0, 1.0),)),
-    )  # equal values at both nodes shift all rows alike
+    # equal values at both nodes shift all rows alike
+    everywhere = (Term(("voltage_v",), ((0.0, 1.0),)),)
     probe = learned_kind(replace(form, terms=everywhere))
     steps = STEP * np.repeat(np.eye(2 if form.with_phase else 1), 2, axis=1)
     vectors = np.hstack(

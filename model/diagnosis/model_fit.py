@@ -159,13 +159,11 @@ class Problem:
         """Residuals [m, n] and Jacobians of the prediction [m, n, k] at vectors [m, k], whitened,
         in one call.
         """
-        steps = np.where(
-            vectors > 0.0, -STEP, STEP
-        )  # inwards: what lies beyond the farthest is flat
+        # inwards: what lies beyond the farthest is flat
+        steps = np.where(vectors > 0.0, -STEP, STEP)
         m, k = vectors.shape
-        stepped = (
-            vectors[:, None] + np.eye(k + 1, k, -1) * steps[:, None]
-        )  # as it is, then each parameter in turn
+        # as it is, then each parameter in turn
+        stepped = vectors[:, None] + np.eye(k + 1, k, -1) * steps[:, None]
         residuals = self.whitened(kinds, stepped.reshape(-1, k), k + 1).reshape(m, k + 1, -1)
         return residuals[:, 0], -np.swapaxes(
             (residuals[:, 1:] - residuals[:, :1]) / steps[:, :, None], 1, 2
@@ -208,9 +206,8 @@ class Problem:
         nu, n = self.noise.degrees, self.observed.size - self.noise.sure
         weight = (n + nu) / (nu + np.sum(residuals**2, axis=1))[:, None]
         gradient = weight * np.einsum("mnk,mn->mk", jacobians, residuals) - vectors
-        free = ~(
-            (np.abs(vectors) >= FARTHEST) & (gradient * vectors > 0.0)
-        )  # what is at its end stays there
+        # what is at its end stays there
+        free = ~((np.abs(vectors) >= FARTHEST) & (gradient * vectors > 0.0))
         jacobians = jacobians * free[:, None]
         normal = weight[..., None] * np.swapaxes(jacobians, 1, 2) @ jacobians + np.eye(
             vectors.shape[1]

@@ -25,9 +25,8 @@ from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, WITNESSES,
 from model.support.arrays import Array, ComplexArray
 
 SESSION_GAIN_STD = WITNESSES[FRICTION].gain_std
-LOOSE_DEGREES = (
-    6.0  # worth of the stated noise where no replicates check it: a scale known to about 30 %
-)
+# worth of the stated noise where no replicates check it: a scale known to about 30 %
+LOOSE_DEGREES = 6.0
 MOST_DEGREES = 200.0
 USUAL_STRAY_F = 300e-12  # where no open circuit tells
 AREA_STD = 0.03  # of the logarithm of the touch's area, from session to session

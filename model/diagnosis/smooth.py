@@ -20,9 +20,8 @@ from model.support.arrays import Array
 LENGTH = 0.8  # of the kernel, in standardised inputs
 MOST_DISTINCT = 220
 GRID = 0.05  # in standardised inputs
-FAINT = (
-    1e-3  # of the noise: what is smaller in a direction at the largest amplitude counts as nothing
-)
+# of the noise: what is smaller in a direction at the largest amplitude counts as nothing
+FAINT = 1e-3
 NEGLIGIBLE = 1e-7  # eigenvalues of a kernel below this share of the largest
 LOG_INPUTS = ("frequency_hz", "normal_force_n", "speed_m_s")
 INPUTS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")
@@ -114,9 +113,8 @@ def _terms(data: Measurements, shown: list[Array]) -> list[Array]:
 def roots(x: Array) -> Array:
     """F [n, m] with F F' = exp(-|x - x'|^2/(2 LENGTH^2)), from the distinct rows of `x` alone."""
     distinct, row = np.unique(np.round(x, 9), axis=0, return_inverse=True)
-    if (
-        len(distinct) > MOST_DISTINCT
-    ):  # e.g. a time of its own for every row: a grid represents a smooth function
+    # e.g. a time of its own for every row: a grid represents a smooth function
+    if len(distinct) > MOST_DISTINCT:
         distinct, row = np.unique(np.round(x / GRID) * GRID, axis=0, return_inverse=True)
     square = np.sum((distinct[:, None, :] - distinct[None, :, :]) ** 2, axis=2)
     values, vectors = np.linalg.eigh(np.exp(-0.5 * square / LENGTH**2))

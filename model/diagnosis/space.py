@@ -49,9 +49,8 @@ class Nuisance:
     log_std: float
     tail: float = 0.2
     farthest: float = 6.0  # prior units; seven and a half log_std with this tail
-    added: float | None = (
-        None  # median of what is added to the model's own value, for what is zero there
-    )
+    # median of what is added to the model's own value, for what is zero there
+    added: float | None = None
 
     def log_factor(self, x: Array) -> Array:
         """Log of the factor on the model's own value, at `x` in prior units."""
@@ -220,9 +219,8 @@ class Predictor:
         if not (kinds and self.data.has_effects_off):
             return self._solve(parameters, effects, len(vectors), group)
         on = np.array([self.data.with_effect(kind.name) for kind in kinds])
-        together = (
-            2 ** np.arange(len(kinds)) @ on
-        )  # a number for which effects are on together, per observation
+        # a number for which effects are on together, per observation
+        together = 2 ** np.arange(len(kinds)) @ on
         predicted = np.empty((len(vectors), self.data.count))
         for number in np.unique(together):
             here = together == number

@@ -66,12 +66,10 @@ def _factor(fixed: Values, growing: Values, voltage: Values) -> Values:
 
     A cubic that is convex from 1 up: Newton's steps from above stay above its one root there.
     """
-    weakest = (
-        voltage**2 / np.abs(fixed + growing) ** 2
-    )  # as if the voltage across the skin did not fall
-    strongest = np.cbrt(
-        (voltage / np.maximum(np.abs(growing), TINY)) ** 2
-    )  # as if nothing but that held it back
+    # as if the voltage across the skin did not fall
+    weakest = voltage**2 / np.abs(fixed + growing) ** 2
+    # as if nothing but that held it back
+    strongest = np.cbrt((voltage / np.maximum(np.abs(growing), TINY)) ** 2)
     factor = 1.0 + np.minimum(weakest, strongest)
     for _ in range(NEWTON_STEPS):
         hold = fixed + growing * factor

@@ -42,9 +42,8 @@ class SweatFilm(Effect):
 
     def stack(self, branch: Branch, parameters: TouchParameters, drive: Drive) -> Branch:
         sweat = 80.0 + self.sweat_conductivity_s_per_m / (1j * branch.omega * EPS0)
-        m = np.where(
-            np.abs(self.arrangement) < 1e-3, 1e-3, self.arrangement
-        )  # stands for the rule's limit at 0
+        # stands for the rule's limit at 0
+        m = np.where(np.abs(self.arrangement) < 1e-3, 1e-3, self.arrangement)
         air = branch.k_gap
         mixed = air * (1.0 + self.share * ((sweat / air) ** m - 1.0)) ** (1.0 / m)
         gain = (mixed / air) ** (0.5 * (1.0 - self.arrangement))

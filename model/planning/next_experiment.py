@@ -126,9 +126,8 @@ def _settings(data: Measurements, leaders: Sequence[Candidate]) -> Measurements:
     c = data.columns
     driven = data.driven
     needs = {need for candidate in leaders for kind in candidate.kinds for need in kind.needs}
-    present = np.unique(
-        c["frequency_hz"][driven & (c["frequency_hz"] > 0.0)]
-    )  # 0 where it is ignored
+    # 0 where it is ignored
+    present = np.unique(c["frequency_hz"][driven & (c["frequency_hz"] > 0.0)])
     frequencies = sorted({*STEPS_HZ, *(present.tolist() if present.size <= PRESENT_LEVELS else ())})
     voltages = [v for v in _levels(c["voltage_v"][driven]) if v > 0.0]
     axes: dict[str, list[float]] = {"normal_force_n": _beyond(_levels(c["normal_force_n"]), 1.5)}

@@ -25,9 +25,8 @@ from model.planning.separation import APART
 from model.support.arrays import Array
 from model.support.errors import ModelError
 
-FAR = (
-    10.0 * APART
-)  # an alternative that one step of its fit leaves farther than this does not come near
+# an alternative that one step of its fit leaves farther than this does not come near
+FAR = 10.0 * APART
 
 
 @dataclass(frozen=True)

@@ -265,9 +265,8 @@ def _before_after(content: Mapping[str, Any]) -> str:
         ]
         rows.append([p["name"], _plain(p["model"]), *fits, _unit(p)])
     for e in content["effects"]:
-        for name, p in (
-            e["parameters"].items() if e["name"] != LEARNED else ()
-        ):  # values at nodes: in model.toml
+        # values at nodes: in model.toml
+        for name, p in e["parameters"].items() if e["name"] != LEARNED else ():
             rows.append([f"{words(e['name'])}: {name}", "off", "", "", _measured(p), "", _unit(p)])
     head = [
         "parameter",

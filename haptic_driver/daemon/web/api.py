@@ -44,9 +44,8 @@ from model.support.errors import nearest
 FRAME_PERIOD_S = 0.05
 PERIODS_S = (0.02, 1.0)
 FRAME_SAMPLES = 1000
-FRAME_THREADS = (
-    2  # for all streams together: what switches off shares the interpreter with no more of them
-)
+# for all streams together: what switches off shares the interpreter with no more of them
+FRAME_THREADS = 2
 EVENT_PERIOD_S = 0.05
 PAGE = "/page"
 BEYOND = {"finite_number", "greater_than", "greater_than_equal", "less_than", "less_than_equal"}

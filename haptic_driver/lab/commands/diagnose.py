@@ -241,9 +241,8 @@ def _write_next_plan(steps: Sequence[Mapping[str, Any]], path: Path) -> Path | N
     """
     settings = []
     for step in steps:
-        speed_m_s = step.get(
-            "speed_m_s", SPEED_REFERENCE_M_S
-        )  # of data that do not say how fast they were
+        # of data that do not say how fast they were
+        speed_m_s = step.get("speed_m_s", SPEED_REFERENCE_M_S)
         if step["kind"] == "setting" and speed_m_s > 0.0:  # a held finger is no slide
             told = (
                 step["frequency_hz"] or 0.0,

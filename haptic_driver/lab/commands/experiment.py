@@ -342,9 +342,8 @@ def _recorded(
         path = files.table.with_name(
             files.table.stem.removesuffix("_beh") + "_recording.h5"
         ).absolute()
-        if client.status().recording == str(
-            path
-        ):  # what a killed run has left; this one is the file's next
+        # what a killed run has left; this one is the file's next
+        if client.status().recording == str(path):
             client.record(None)
         held.record(path)
     try:

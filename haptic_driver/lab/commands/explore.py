@@ -28,9 +28,8 @@ IMPEDANCE_HZ = np.geomspace(1.0, 1e6, 241)
 STEEP_HZ, STEEP_V = np.geomspace(1.0, 1e6, 121), np.linspace(0.0, 250.0, 126)
 LOADS_N, SPEEDS_M_S = np.geomspace(0.05, 5.0, 81), np.geomspace(1e-3, 0.3, 81)
 VOLTAGES = (0.5, 1.0, 1.5)  # of the asked one, over load
-SHOWN_DEVIATIONS = (
-    1.0  # above the prior's median: how strongly an effect of speed is switched on to be shown
-)
+# above the prior's median: how strongly an effect of speed is switched on to be shown
+SHOWN_DEVIATIONS = 1.0
 
 Rows = list[dict[str, str | float]]
 

@@ -35,9 +35,8 @@ class ClosedForm:
         k, t = self.coefficients, np.asarray(time_s)
         half = 0.5 * (k.a + k.e)
         theta = np.sqrt((0.5 * (k.a - k.e)) ** 2 + k.b * k.d)
-        slow = np.exp(
-            -t * (k.a * k.e - k.b * k.d) / (half + theta)
-        )  # e^(-t half) cosh, sinh would overflow
+        # e^(-t half) cosh, sinh would overflow
+        slow = np.exp(-t * (k.a * k.e - k.b * k.d) / (half + theta))
         fast = np.exp(-t * (half + theta))
         cosh, sinh_by_theta = 0.5 * (slow + fast), 0.5 * (slow - fast) / theta
         cos, sin = np.cos(self.omega * t), np.sin(self.omega * t)

@@ -51,9 +51,8 @@ class Fact:
 
 T = TypeVar("T")
 Answer = tuple[float, bool | np.bool_]  # the number, and whether the statement holds
-Row = tuple[
-    str, str, str, str, Callable[[T], Answer]
-]  # figure, statement, where, quantity, and how it is answered
+# figure, statement, where, quantity, and how it is answered
+Row = tuple[str, str, str, str, Callable[[T], Answer]]
 
 
 def _facts(rows: Sequence[Row[T]], both: Sequence[T]) -> list[Fact]:

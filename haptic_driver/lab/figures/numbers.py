@@ -90,9 +90,8 @@ def touching(
     conditions = Conditions(f.ravel(), v.ravel(), np.full(f.size, NORMAL_FORCE_N))
     found, p = model.predict(conditions), model.description.values
     pressure_pa = found.electrostatic_force_n / p.contact_area_m2
-    if (
-        model.description.is_published
-    ):  # whose force is not the pressure times the nominal area (30)
+    # whose force is not the pressure times the nominal area (30)
+    if model.description.is_published:
         pressure_pa = solve_published(
             model.description, model.table, conditions.drive()
         ).pressure_pa

@@ -184,9 +184,8 @@ class SimulatedBench:
         )
         self._session_gain = exp(self._scatter.session_gain * friction)
         self._session_area = exp(self._scatter.session_area * area)
-        self.simulated.instruments.ages_from_touch = (
-            False  # a data file counts from the start of its session
-        )
+        # a data file counts from the start of its session
+        self.simulated.instruments.ages_from_touch = False
         self.simulated.instruments.plant.time_s = time_s
 
     def begin_row(self, number: int, row: Row) -> None:

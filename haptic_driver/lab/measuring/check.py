@@ -74,9 +74,8 @@ def check(
     for i, setting in enumerate(settings):
         cof = float(answer.cof[i])
         currents = float(answer.current_rms_a[i]), float(answer.stuck_current_rms_a[i])
-        frequency_hz = (
-            setting.frequency_hz or config.limits.frequency_hz[0]
-        )  # of a direct voltage: the strictest
+        # of a direct voltage: the strictest
+        frequency_hz = setting.frequency_hz or config.limits.frequency_hz[0]
         point = OperatingPoint(frequency_hz, setting.peak_v, cof, *currents, True, cof, cof)
         worst = Worst(currents[1], electrode_v[i])
         reason = (

@@ -36,9 +36,8 @@ from model.reporting.report import write_report
 from model.touch_model import TouchModel
 
 MOST_BLOCKS = 10  # of a later one
-ENOUGH = (
-    4.0 * APART
-)  # chi^2 of a round, which ends once an effect is named: alternatives deviate more than expected
+# chi^2 of a round, which ends once an effect is named: alternatives deviate more than expected
+ENOUGH = 4.0 * APART
 AT_ONCE = 2  # of these; then it is looked whether the rest is needed
 ALIKE_HERE, SPENT = "cannot_be_told_apart", "budget_spent"
 NAMED, NOTHING_SEEN, NOTHING_MISSING = "effect_found", "no_discrepancy", "nothing_missing"

@@ -79,9 +79,8 @@ def choices(
     usable = {s for s in points if not s.by_meter}  # nobody is asked to wire the electrode anew
     kept = [tuple(allowed[s] for s in block if allowed[s] in usable) for block in blocks]
     nothing_new = {allowed[REFERENCE], allowed[SPECTRUM_REFERENCE], *known}
-    permitted = tuple(
-        dict.fromkeys(block for block in kept if not nothing_new.issuperset(block))
-    )  # limits make alike
+    # limits make alike
+    permitted = tuple(dict.fromkeys(block for block in kept if not nothing_new.issuperset(block)))
     cost_s = [REPEATS * len(block) * procedure.row_s + _besides_s(block) for block in permitted]
     return Choices(permitted, _pool(config, permitted, np.array(cost_s)))
 

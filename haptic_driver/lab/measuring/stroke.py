@@ -9,9 +9,8 @@ from haptic_driver.lab.measuring.plan import Plan, Setting
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.stages import StageSection
 
-SPARE_S = (
-    1.0  # for set points that take longer than the voltage may rise, and for the stage's own delays
-)
+# for set points that take longer than the voltage may rise, and for the stage's own delays
+SPARE_S = 1.0
 
 
 class Stroke(NamedTuple):

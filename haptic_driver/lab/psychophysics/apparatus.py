@@ -178,9 +178,8 @@ def _as_asked(cof: float, lasted_s: float) -> Felt:
 def _over(samples: NDArray[np.void], settings: TrialSettings) -> bool:
     lasted_s = float(samples["time_s"][-1] - samples["time_s"][0])
     if settings.strokes:
-        ended = strokes(samples) - int(
-            samples["in_contact"][-1]
-        )  # the last one goes on until it turns or lifts
+        # the last one goes on until it turns or lifts
+        ended = strokes(samples) - int(samples["in_contact"][-1])
         return ended >= settings.strokes or lasted_s >= settings.most_s
     return lasted_s >= settings.duration_s
 

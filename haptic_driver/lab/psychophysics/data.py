@@ -257,9 +257,8 @@ def _cell(value: object) -> str:
         return NOTHING
     if isinstance(value, bool):
         return str(int(value))
-    return (
-        f"{value:.12g}" if isinstance(value, float) else str(value).replace("\t", " ")
-    )  # microseconds after ten days
+    # microseconds after ten days
+    return f"{value:.12g}" if isinstance(value, float) else str(value).replace("\t", " ")
 
 
 def _value(cell: str, kind: Any) -> Any:

@@ -28,9 +28,8 @@ from haptic_driver.signals import Array
 
 HIGHEST_GUESS = 0.5  # where it is found
 SLOPES = (0.3, 15.0)  # of a Weibull; of a normal function in spans of the levels
-FURTHEST = (
-    4.0  # spans of the levels (in logarithms for a Weibull) beyond which no threshold is looked for
-)
+# spans of the levels (in logarithms for a Weibull) beyond which no threshold is looked for
+FURTHEST = 4.0
 USUAL_SLOPE = {"weibull": 3.0, "normal": 4.0}
 LEAST_TRIALS = 8
 SURE = 1e-9  # no answer is quite impossible

@@ -55,9 +55,8 @@ class QuestPlusMethod:
     def report(self, level: float, positive: bool) -> None:
         likelihood = self._likelihood(level)
         posterior = self._posterior * (likelihood if positive else 1.0 - likelihood)
-        if (
-            posterior.sum() > 0.0
-        ):  # else the answer is impossible by every function, and tells nothing
+        # else the answer is impossible by every function, and tells nothing
+        if posterior.sum() > 0.0:
             self._posterior = posterior / posterior.sum()
         self._trials += 1
         self._next = None

@@ -178,7 +178,6 @@ class KeysightGenerator(GeneratorDriver, ABC):
         return self._line.boolean(self._line.ask([*lowered, "OUTP 0", "OUTP?"], 1)[0])
 
     # --- what is read back
-    # -----------------------------------------------------------------------------------------
 
     def _queries(self, programmed: Programmed) -> list[str]:
         """What to ask at each set point; a constant voltage has no frequency."""

@@ -106,7 +106,6 @@ class SimulatedKeysight:
         self._terminals.put(self._state.signal)
 
     # --- the command tree
-    # ------------------------------------------------------------------------------------------
 
     def _add_function_and_levels(self) -> None:
         state, source = self._state, self._source
@@ -174,7 +173,6 @@ class SimulatedKeysight:
         source("BURSt:STATe", state.set_burst, lambda _: f"{state.settings.burst:d}")
 
     # --- answers and arguments
-    # -------------------------------------------------------------------------------------
 
     def _source(self, pattern: str, write: Callable[[str], None], query: Query) -> None:
         """Add a command below the optional SOURce node, with and without the channel's number."""

@@ -107,7 +107,6 @@ class GeneratorState:
         self.settings = _Settings()
 
     # --- function and frequency
-    # ----------------------------------------------------------------------------
 
     def set_function(self, text: str) -> None:
         """A frequency, amplitude, duty or modulation that the new function cannot have is moved
@@ -286,7 +285,6 @@ class GeneratorState:
         self.settings.limited = on
 
     # --- output, range, modulation
-    # -------------------------------------------------------------------------
 
     def set_output(self, on: bool) -> None:
         """`OUTP`."""
@@ -367,7 +365,6 @@ class GeneratorState:
         )
 
     # --- helpers
-    # -------------------------------------------------------------------------------------------
 
     def _change(self, **values: Any) -> None:
         self.settings.signal = replace(self.settings.signal, **values)

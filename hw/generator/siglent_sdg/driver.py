@@ -89,7 +89,6 @@ class SiglentSdg(GeneratorDriver):
         return self._switch(False)
 
     # --- what is read back
-    # -----------------------------------------------------------------------------------------
 
     def _output(self) -> tuple[bool, str, str]:
         """Whether the output is on, the load that levels are shown for, "HZ" for an open circuit,
