@@ -8,10 +8,13 @@ timeout.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from hw.analog.output import Array
 from hw.setting import Setting
+
+if TYPE_CHECKING:
+    from hw.monitor.lines import SampledInputs
 
 
 class DigitalInput(Protocol):
@@ -37,25 +40,6 @@ class AnalogInput(Protocol):
         """Return the voltage at the input, V; of an alternating voltage its peak."""
 
 
-class AnalogColumns(Protocol):
-    """Some inputs of one card, sampled together and for ever."""
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Of each, as the card got it."""
-
-    @property
-    def buffer_s(self) -> float:
-        """How far back the card remembers."""
-
-    @property
-    def lags_s(self) -> Sequence[float]:
-        """How much later than the card's first channel each is sampled."""
-
-    def latest_v(self, count: int) -> Array:
-        """The newest samples, shape (count, channels), V, oldest first."""
-
-
 class AnalogInputs(Protocol):
     """The inputs of one card or several."""
 
@@ -71,7 +55,7 @@ class AnalogInputs(Protocol):
     def latest_v(self, count: int) -> Array:
         """The newest samples of the only card. ValueError where there are several."""
 
-    def columns(self, channels: Sequence[str], conversion_interval_s: float = 0.0) -> AnalogColumns:
+    def columns(self, channels: Sequence[str], conversion_interval_s: float = 0.0) -> SampledInputs:
         """Channels of one card, by name; ValueError for those of several.
 
         `conversion_interval_s`: from one channel to the next, where the card does not say it.
