@@ -173,7 +173,9 @@ def _seen(column: Column, role: str) -> Seen:
     if values.size < 2:
         return Seen(column.name, column.unit, column.unit_from, nan, nan, nan, role)
     unit, unit_from = unit_said(role, column) if role else (column.unit, column.unit_from)
-    noise = 1.5 * float(np.median(np.abs(np.diff(values)))) / sqrt(2.0)
+    noise = (
+        1.5 * float(np.median(np.abs(np.diff(values, 2)))) / sqrt(6.0) if values.size > 2 else nan
+    )
     name = column.name if column.index is None else f"{column.name}, index {column.index}"
     return Seen(name, unit, unit_from, float(values.min()), float(values.max()), noise, role)
 
