@@ -56,7 +56,7 @@ def contact(
     for path in (out, outlines, areas):
         if path.exists() and not force:
             raise exists_already(path)
-    opened = read_film(film, times, rate)
+    opened = read_film(film, times, rate, [out, outlines, areas])
     bare = None if background is None else read_bare(background, opened)
     with progress("frames", opened.time_s.size) as advance:
         done = iter(range(1, opened.time_s.size + 1))

@@ -56,18 +56,24 @@ class Film:
             yield frame
 
 
-def read_film(path: Path, times: Path | None = None, rate_hz: float | None = None) -> Film:
+def read_film(
+    path: Path,
+    times: Path | None = None,
+    rate_hz: float | None = None,
+    own: Sequence[Path] = (),
+) -> Film:
     """A film, opened; BadInputError for one without frames or whose times do not fit.
 
     Times come from `times` (or the one CSV or TXT in a folder), else from `rate_hz`, else from the
-    file's own data. Otherwise each frame is a second, which is said.
+    file's own data. Otherwise each frame is a second, which is said. `own`: results that stand in
+    the folder and are no frames.
     """
     if not path.exists():
         raise BadInputError("no_film", f"{path}: is not there", GIVE)
-    places, own_s, said = _places(path)
+    places, own_s, said = _places(path, own)
     if not places:
         raise BadInputError("empty_film", f"{path}: has no frames", GIVE)
-    stamps = times or (_stamps_in(path) if path.is_dir() and rate_hz is None else None)
+    stamps = times or (_stamps_in(path, own) if path.is_dir() and rate_hz is None else None)
     if stamps is not None:
         time_s = read_times(stamps, len(places))
     elif rate_hz is not None:
@@ -142,11 +148,11 @@ def grey(images: Sequence[Any]) -> list[Array]:
     return [shares(pixels, full) for pixels in pictures]
 
 
-def _places(path: Path) -> tuple[tuple[Place, ...], Array | None, list[str]]:
+def _places(path: Path, own: Sequence[Path]) -> tuple[tuple[Place, ...], Array | None, list[str]]:
     """Where each frame is, its time in s if the file says it, and what was done to find it."""
     ending = path.suffix.lower()
     if path.is_dir():
-        files = listed(path, PICTURES)
+        files = listed(path, PICTURES, own)
         return tuple((file, 0) for file in sorted(files, key=_natural)), None, []
     if ending in VIDEOS:
         times = [frame.time for frame in _video(path)]
@@ -169,8 +175,8 @@ def _natural(path: Path) -> list[Any]:
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
 
-def _stamps_in(folder: Path) -> Path | None:
-    found = listed(folder, STAMPS)
+def _stamps_in(folder: Path, own: Sequence[Path]) -> Path | None:
+    found = listed(folder, STAMPS, own)
     if len(found) > 1:
         names = ", ".join(sorted(file.name for file in found))
         raise BadInputError("bad_times", f"{folder}: {names}: which has the times?", "Say --times")

@@ -30,6 +30,7 @@ KINDS = {
 MOST_LISTED = 40  # names in an error
 UNIT_ATTRIBUTES = ("units", "unit", "unit_string", "NI_UnitDescription")
 ITS_DATES = "its dates"
+NO_TABLES = "A MATLAB table cannot be read: save table2struct(T, 'ToScalar', true)"
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ class Source:
         names = list(dict.fromkeys(column.name for column in self.columns))
         listed = ", ".join(names[:MOST_LISTED]) or "none"
         hint = f"{did_you_mean(name, names)}See: haptic rows --inspect {self.path.name}"
+        hint += f". {NO_TABLES}" if self.path.suffix.lower() == ".mat" else ""
         told = f"{self.path}: there is no column '{name}'; found: {listed}"
         return BadInputError("missing_column", told, hint)
 
@@ -208,7 +210,8 @@ def _of_hdf5(path: Path, sign: str = "/") -> Iterator[Column]:
         datasets: dict[str, Any] = {}
         file.visititems(lambda key, item: datasets.update({key: item}))
         for key, dataset in datasets.items():
-            if not isinstance(dataset, h5py.Dataset) or key.startswith("#"):
+            is_object = "MATLAB_object_decode" in dataset.attrs
+            if not isinstance(dataset, h5py.Dataset) or key.startswith("#") or is_object:
                 continue
             name, values, unit = key.replace("/", sign), dataset[()], _unit_of(dataset.attrs)
             unit_from = "its attribute" if unit else ""

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.lab.raw_trials.columns import Column, Source, open_columns
+from haptic_driver.lab.raw_trials.columns import NO_TABLES, Column, Source, open_columns
 from haptic_driver.lab.raw_trials.cut import on_stretches
 from haptic_driver.lab.raw_trials.look import UNLOADED, Span
 from haptic_driver.lab.raw_trials.quantities import FEWEST, Quantities, unit_said
@@ -71,9 +71,10 @@ def proposed(path: Path, look: FileLook | None = None) -> Proposal:
     look = look or FileLook()
     source = open_columns(path, look)
     if not source.columns:
-        hint = "A MATLAB table cannot be read: save table2struct(T, 'ToScalar', true)"
         said = f"{path}: has no columns of numbers"
-        raise BadInputError("bad_trial", said, hint if path.suffix == ".mat" else "Is it whole?")
+        raise BadInputError(
+            "bad_trial", said, NO_TABLES if path.suffix == ".mat" else "Is it whole?"
+        )
     taken = _taken(source)
     drawn = {role: one.in_si() for role, one in taken.items()}
     stretches = _stretches(path, drawn, source)

@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.lab.contact.film import read_film
 from haptic_driver.lab.contact.times import read_times
 
 FRAMES_S = np.array([0.0, 0.0167, 0.0334, 0.0601, 0.0768])
@@ -79,3 +80,12 @@ def test_what_is_in_doubt_is_refused(tmp_path, text, said) -> None:
     with pytest.raises(BadInputError) as refused:
         read_times(tmp_path / "times.csv", 3)
     assert said in refused.value.message
+
+
+def test_own_results_in_the_folder_are_no_frames(tmp_path) -> None:
+    iio = pytest.importorskip("imageio.v3")
+    for name, side in (("f1.png", 60), ("f2.png", 60), ("c-outlines.png", 90), ("._f1.png", 60)):
+        iio.imwrite(tmp_path / name, np.zeros((side, side), np.uint8), extension=".png")
+    (tmp_path / "c.csv").write_text("frame,time_s\n0,0\n")
+    film = read_film(tmp_path, own=[tmp_path / "c.csv", tmp_path / "c-outlines.png"])
+    assert [frame.shape for frame in film.frames()] == [(60, 60), (60, 60)]

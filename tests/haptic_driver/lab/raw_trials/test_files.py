@@ -134,6 +134,16 @@ def test_a_file_of_another_kind(tmp_path, ending, units) -> None:
     assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
 
 
+def test_a_matlab_table_is_said_to_be_one(tmp_path) -> None:
+    with h5py.File(tmp_path / "t.mat", "w", userblock_size=512) as file:
+        kept = file.create_dataset("T", data=np.array([[3707764736, 2, 1, 1]], dtype=np.uint32))
+        kept.attrs["MATLAB_object_decode"] = 3
+    content = bytearray((tmp_path / "t.mat").read_bytes())
+    content[:19], content[124:128] = b"MATLAB 7.3 MAT-file", b"\x00\x02IM"
+    (tmp_path / "t.mat").write_bytes(content)
+    assert "table2struct" in refused(tmp_path / "t.mat", MAP).hint
+
+
 @pytest.mark.parametrize("transposed", [False, True])
 def test_a_matrix_is_read_along_its_longer_side(tmp_path, transposed) -> None:
     """MATLAB 7.3 stores a matrix transposed."""
