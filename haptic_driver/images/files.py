@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from haptic_driver.errors import BadInputError, HapticError, optional
-from haptic_driver.images.pixels import Pixels, of_array
+from haptic_driver.images.pixels import BYTE, Pixels, of_array
 from haptic_driver.images.tiff import TiffPictures
 from haptic_driver.signals import Array
 from model.support.reading import read_bytes
@@ -31,12 +31,12 @@ HINT = "Save it as PNG, or as TIFF without compression"
 class Pictures(Protocol):
     """The pictures of one file.
 
-    `said` is what a viewer would not expect of the file, `interval_s` from frame to frame if known.
+    `said` is what a viewer would not expect of the file, `times_s` when each was taken if known.
     """
 
     count: int
     in_planes: bool
-    interval_s: float | None
+    times_s: Array | None
     said: list[str]
 
     def read(self, number: int, /) -> Pixels: ...
@@ -60,6 +60,9 @@ def opened(path: Path) -> Iterator[Pictures]:
     except (Image.DecompressionBombWarning, Image.DecompressionBombError):
         said = f"{path} has too many pixels"
         raise BadInputError("map_too_large", said, "Scale it down first") from None
+    except UnidentifiedImageError:
+        said = f"{path} cannot be read as a picture: its format is not known"
+        raise BadInputError("bad_image", said, HINT) from None
     except Exception as error:  # each format has errors of its own
         said = f"{path} cannot be read as a picture: {error}"
         raise BadInputError("bad_image", said, HINT) from error
@@ -80,7 +83,7 @@ class RawPicture:
     """A camera's raw picture, as its sensor counted."""
 
     count, in_planes = 1, False
-    interval_s: float | None = None
+    times_s: Array | None = None
 
     def __init__(self, path: Path) -> None:
         self.said: list[str] = []
@@ -115,8 +118,7 @@ class PillowPictures:
         self.said: list[str] = []
         animated = self._image.format in ANIMATED
         self.count = int(getattr(self._image, "n_frames", 1)) if animated else 1
-        shown_ms = self._image.info.get("duration")
-        self.interval_s = 1e-3 * float(shown_ms) if shown_ms and self.count > 1 else None
+        self.times_s = self._times_s() if self.count > 1 else None
 
     def read(self, number: int) -> Pixels:
         """One picture, upright, on white where it is transparent."""
@@ -128,6 +130,15 @@ class PillowPictures:
         if turned:
             said.insert(0, "turned upright by its EXIF orientation")
         return Pixels(values, full, said=tuple(said))
+
+    def _times_s(self) -> Array | None:
+        """By how long each frame is shown; None where a frame does not say."""
+        shown_ms = [0.0]
+        for number in range(self.count):
+            self._image.seek(number)
+            self._image.load()
+            shown_ms.append(float(self._image.info.get("duration", 0.0)))
+        return 1e-3 * np.cumsum(shown_ms[:-1]) if all(shown_ms[1:]) else None
 
     def close(self) -> None:
         self._image.close()
@@ -142,9 +153,11 @@ def _grey(image: Any) -> tuple[Array, float | None, list[str]]:
     said = []
     if image.has_transparency_data:
         white = Image.new("RGBA", image.size, "white")
-        image = Image.alpha_composite(white, image.convert("RGBA"))
-        said.append("transparent parts on white")
+        coloured = image.convert("RGBA")
+        if coloured.getchannel("A").getextrema()[0] < BYTE:
+            said.append("transparent parts on white")
+        image = Image.alpha_composite(white, coloured)
     if image.mode not in ("L", "1"):
         said.append("colours as luminance")
-        return of_array(image.convert("RGB")).values, 255.0, said
-    return np.asarray(image.convert("L"), dtype=float), 255.0, said
+        return of_array(image.convert("RGB")).values, BYTE, said
+    return np.asarray(image.convert("L"), dtype=float), BYTE, said

@@ -17,6 +17,7 @@ SENSOR_BITS = (8, 10, 12, 14, 16)
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 # conventions of maps for a place without a number, where the lowest value stands apart by it
 NO_DATA = (-32768.0, -32767.0, -9999.0, -99999.0)
+BYTE = 255.0
 # larger floats are conventions too, of several programs
 LARGEST = 1e30
 
@@ -100,8 +101,22 @@ def told(pixels: Pixels, full: float) -> list[str]:
         said.append(f"{100.0 * missing:.2g} % of the pixels have no number: the nearest is taken")
     if pixels.white_is_zero:
         said.append("0 is white, as the file says")
+    if pixels.full is not None and pixels.full > BYTE:
+        said += _lonely_ends(pixels.values, pixels.full)
     if pixels.full is not None and full != pixels.full:
         said.append(f"full scale is {full:g} of the {pixels.full:g} that the file could hold")
+    return said
+
+
+def _lonely_ends(values: Array, full: float) -> list[str]:
+    """Whether an end of the format stands apart, as where heights are not known."""
+    said = []
+    for end in (0.0, full):
+        at_end = values == end
+        others = values[~at_end]
+        if at_end.any() and others.size and np.abs(others - end).min() > np.ptp(others) > 0.0:
+            share = f"{100.0 * at_end.mean():.2g} % of the pixels are {end:g}"
+            said.append(f"{share}, far from all others: if that means no number, cut them out")
     return said
 
 

@@ -49,8 +49,8 @@ class _Plane:
 class TiffPictures:
     """The pictures of a TIFF file, all but reduced copies; `read` takes one at a time.
 
-    `in_planes`: it is one picture in planes of colour, as grey frames are by mistake. `interval_s`
-    is from frame to frame where the file says so.
+    `in_planes`: it is one picture in planes of colour, as grey frames are by mistake. `times_s` is
+    when each was taken, where the file says so.
     """
 
     def __init__(self, path: Path) -> None:
@@ -72,7 +72,8 @@ class TiffPictures:
         self.count = len(self._planes)
         self.in_planes = self.count == 1 and self._planes[0].in_planes
         about = self._file.imagej_metadata or {}
-        self.interval_s = _interval_s(about)
+        step_s = _interval_s(about)
+        self.times_s = None if step_s is None else step_s * np.arange(float(self.count))
         self._offset = about.get("c0"), about.get("c1")
 
     def read(self, number: int) -> Pixels:

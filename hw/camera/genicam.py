@@ -148,7 +148,7 @@ class GenicamCamera:
             for number in range(self._settings.count):
                 try:
                     with acquirer.fetch(timeout=self._settings.timeout_s) as buffer:
-                        if buffer.is_complete():
+                        if buffer.is_complete() and not _is_empty(buffer):
                             found.append((self._time_s(buffer, number), _image(buffer)))
                         else:
                             lost = f"frame {number} came incomplete"
@@ -184,6 +184,12 @@ def _is_as_asked(asked: Value, got: Any) -> bool:
     if isinstance(asked, float):
         return math.isclose(asked, float(got), rel_tol=WHOLE_LINES)
     return bool(asked == got)
+
+
+def _is_empty(buffer: Any) -> bool:
+    """Whether a buffer has no pixels at all, which some producers call complete."""
+    components = buffer.payload.components
+    return bool(components and components[0] is not None and not components[0].height)
 
 
 def _image(buffer: Any) -> Image:

@@ -14,7 +14,7 @@ import numpy as np
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import listed
 from haptic_driver.images.files import EXTRA, opened
-from haptic_driver.images.pixels import Pixels, full_scale, of_array, shares, told
+from haptic_driver.images.pixels import BYTE, Pixels, full_scale, of_array, shares, told
 from haptic_driver.lab.contact.times import read_times
 from haptic_driver.signals import Array
 
@@ -22,7 +22,6 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".gif", ".webp", ".tif", ".
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 STAMPS = (".csv", ".txt")
 LEAST_SIDE = 48
-BYTE = 255.0
 GIVE = "Give a video, a stack of TIFF, or a folder of PNG, TIFF or DNG"
 SAVED_AS_COLOURS = "Three grey frames saved as one colour picture look the same: save them as pages"
 
@@ -165,9 +164,8 @@ def _places(path: Path, own: Sequence[Path]) -> tuple[tuple[Place, ...], Array |
         if pictures.in_planes:
             said = f"{path}: is one picture in planes of colour"
             raise BadInputError("one_picture", said, SAVED_AS_COLOURS)
-        count, step_s, words = pictures.count, pictures.interval_s, list(pictures.said)
-    own_s = None if step_s is None else step_s * np.arange(float(count))
-    return tuple((path, i) for i in range(count)), own_s, words
+        places = tuple((path, i) for i in range(pictures.count))
+        return places, pictures.times_s, list(pictures.said)
 
 
 def _natural(path: Path) -> list[Any]:

@@ -119,7 +119,7 @@ def watch(
         progress()
     others = max((one.seen.others for one in found if one.seen), default=0)
     if others:
-        said.append(f"{others} more touches in a frame: the largest is measured")
+        said.append(f"a frame has {1 + others} touches: the largest is measured")
     if not has_ridges(scale_m):
         said.append("pixels are too coarse for ridges, for blur and for motion")
     return Watched(_judged_together(found), contact, said)

@@ -60,11 +60,11 @@ def _draw_cut(mapped: Mapped, axis: Any) -> None:
     low, high = mapped.ends
     axis.hist(mapped.bright.ravel(), bins=128, color=LINE)
     for edge, beyond, side in (
-        (low, mapped.bright < low, "right"),
-        (high, mapped.bright > high, "left"),
+        (low, mapped.bright < low, "left"),
+        (high, mapped.bright > high, "right"),
     ):
         axis.axvline(edge, color=FELT, lw=1.4)
-        words = f" {beyond.mean():.2g} cut "
+        words = f" {100.0 * beyond.mean():.2g} % cut "
         at = axis.get_xaxis_transform()
         axis.text(edge, 0.97, words, transform=at, ha=side, va="top", fontsize=8, color=FELT)
     axis.set(title="brightness", xlabel="share of white", ylabel="pixels", yscale="log")

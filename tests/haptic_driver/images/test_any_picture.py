@@ -14,7 +14,7 @@ from PIL import Image
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.images.files import opened
-from haptic_driver.images.pixels import NO_DATA, full_scale, shares
+from haptic_driver.images.pixels import NO_DATA, full_scale, of_array, shares, told
 
 tifffile = pytest.importorskip("tifffile")
 # a byte's rounding, and that of a weighted sum of three
@@ -173,7 +173,11 @@ def test_a_stack_has_all_its_frames(tmp_path, made, imagej, compression) -> None
     )
     np.testing.assert_allclose(read_all(tmp_path / "a.tif"), made, atol=CLOSE)
     with opened(tmp_path / "a.tif") as pictures:
-        assert pictures.interval_s == (0.02 if imagej else None)
+        times_s = pictures.times_s
+    if imagej:
+        np.testing.assert_allclose(times_s, 0.02 * np.arange(len(made)))
+    else:
+        assert times_s is None
 
 
 @pytest.mark.parametrize(
@@ -200,12 +204,22 @@ def test_pillows_modes(tmp_path, name: str, mode: str) -> None:
 
 def test_frames_of_an_animation_are_pictures_and_a_phones_two_are_one(tmp_path) -> None:
     frames = [Image.fromarray(np.full((40, 60), 60 * i, np.uint8)) for i in range(1, 4)]
-    frames[0].save(tmp_path / "a.gif", save_all=True, append_images=frames[1:], duration=40)
+    frames[0].save(
+        tmp_path / "a.gif", save_all=True, append_images=frames[1:], duration=[40, 90, 20]
+    )
     frames[0].save(tmp_path / "a.jpg", format="MPO", save_all=True, append_images=frames[1:2])
     assert read_all(tmp_path / "a.gif").mean(axis=(1, 2)) * 255 == pytest.approx([60, 120, 180])
     with opened(tmp_path / "a.gif") as pictures:
-        assert pictures.interval_s == pytest.approx(0.04)
+        assert pictures.times_s == pytest.approx([0.0, 0.04, 0.13])
     assert read_all(tmp_path / "a.jpg").shape == (1, 40, 60)
+
+
+@pytest.mark.parametrize("end", [0, 65535])
+def test_an_end_of_16_bits_that_stands_apart_is_told(end: int) -> None:
+    heights = np.linspace(30000, 40000, 300).reshape(15, 20).astype("u2")
+    assert not told(of_array(heights), 65535.0)
+    heights[:3] = end
+    assert f"20 % of the pixels are {end}" in told(of_array(heights), 65535.0)[0]
 
 
 def test_channels_of_one_instant_are_not_frames(tmp_path) -> None:

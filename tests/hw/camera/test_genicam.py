@@ -78,6 +78,11 @@ def test_frames_that_came_incomplete_are_left_out(device: GenicamDevice) -> None
     assert [time_s for time_s, _ in burst(opened())] == pytest.approx([0.0, 0.04, 0.06])
 
 
+def test_a_buffer_without_pixels_is_left_out(device: GenicamDevice) -> None:
+    device.empty = {0}
+    assert [time_s for time_s, _ in burst(opened())] == pytest.approx([0.0, 0.02, 0.04])
+
+
 def test_what_came_before_the_camera_fell_silent_is_kept(device: GenicamDevice) -> None:
     device.frames_there = 2
     assert len(burst(opened())) == 2

@@ -42,8 +42,12 @@ class Buffer:
 
     def __init__(self, camera: GenicamDevice, number: int) -> None:
         self._camera, self._number = camera, number
+        height = 0 if number in camera.empty else HEIGHT
         part = SimpleNamespace(
-            data=camera.data(number), width=WIDTH, height=HEIGHT, data_format=camera.sends
+            data=camera.data(number)[: height * WIDTH * 2],
+            width=WIDTH,
+            height=height,
+            data_format=camera.sends,
         )
         self.payload = SimpleNamespace(components=[part if camera.sends else None])
         self.timestamp, self.timestamp_frequency = 5_000_000 + 250_000 * number, 10_000_000
@@ -65,6 +69,7 @@ class GenicamDevice:
         self.features = {name: Feature() for name in FEATURES}
         self.sends: str | None = "Mono8"
         self.incomplete: set[int] = set()
+        self.empty: set[int] = set()
         self.in_nanoseconds = True
         self.frames_there = 1000
         self.padding = 0

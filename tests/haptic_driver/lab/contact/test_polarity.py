@@ -56,7 +56,7 @@ def test_bright_discs_at_coarse_pixels_have_areas_and_no_ridges() -> None:
     # pixels are counted, of a circle of 75: half of a pixel on either side
     assert found.area_m2 == pytest.approx(np.pi * (12 * 0.6e-3) ** 2, rel=0.04)
     assert np.isnan(found.ridge_area_m2)
-    assert any("1 more touches" in words for words in watched.said)
+    assert any("has 2 touches" in words for words in watched.said)
     assert any("too coarse for ridges" in words for words in watched.said)
 
 
