@@ -100,8 +100,8 @@ def investigate(
 ) -> Investigation:
     """Rounds until there is an outcome; `investigation.json` and a folder per round are in `out`.
 
-    Raises HapticError for a rig that fails, with everything measured so far on the disk, and
-    BadInputError where the first plan wants something done that nobody did.
+    Raises HapticError for a rig that fails, with everything measured so far on the disk.
+    BadInputError: the first plan wants something done that nobody did.
     """
     model, found = TouchModel(subject.description), Investigation()
     doable = list(able(subject.config, subject.finger is not None))

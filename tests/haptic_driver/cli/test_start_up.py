@@ -90,6 +90,7 @@ def test_help_imports_no_command(command):
     assert not {name for name in found if name.startswith("haptic_driver.cli.")} - {
         "haptic_driver.cli.main",
         "haptic_driver.cli.output",
+        "haptic_driver.cli.start",
     }
 
 
