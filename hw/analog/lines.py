@@ -8,13 +8,10 @@ timeout.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from hw.analog.output import Array
 from hw.setting import Setting
-
-if TYPE_CHECKING:
-    from hw.monitor.lines import SampledInputs
 
 
 class DigitalInput(Protocol):
@@ -38,6 +35,27 @@ class AnalogInput(Protocol):
 
     def read_v(self) -> float:
         """Return the voltage at the input, V; of an alternating voltage its peak."""
+
+
+class SampledInputs(Protocol):
+    """Channels that are sampled all the time, at the rate and with the lags that the device got."""
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Samples of each channel per second."""
+
+    @property
+    def buffer_s(self) -> float:
+        """How far back samples are kept."""
+
+    @property
+    def lags_s(self) -> Sequence[float]:
+        """How much later each channel is sampled; raises DeviceError."""
+
+    def latest_v(self, count: int) -> Array:
+        """Return the newest `count` samples of all channels (count, channels), V; raises
+        DeviceError.
+        """
 
 
 class AnalogInputs(Protocol):

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf, pi, sqrt
-from typing import Protocol
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from hw.analog.demodulation import (
     highest_carrier_hz,
     whole_periods,
 )
+from hw.analog.lines import SampledInputs
 from hw.analog.output import Array
 from hw.errors import LimitExceeded
 from hw.monitor.contract import ElectrodeReading, nothing
@@ -88,27 +88,6 @@ def electrode_reading(record: Record, lines: MonitorLines, frequency_hz: float) 
         abs(electrode[2, 1]),
         referenced=channels > 2,
     )
-
-
-class SampledInputs(Protocol):
-    """Channels that are sampled all the time, at the rate and with the lags that the device got."""
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Samples of each channel per second."""
-
-    @property
-    def buffer_s(self) -> float:
-        """How far back samples are kept."""
-
-    @property
-    def lags_s(self) -> Sequence[float]:
-        """How much later each channel is sampled; raises DeviceError."""
-
-    def latest_v(self, count: int) -> Array:
-        """Return the newest `count` samples of all channels (count, channels), V; raises
-        DeviceError.
-        """
 
 
 @dataclass(frozen=True)
