@@ -291,7 +291,7 @@ def _finished(
 def _is_lost(error: Exception) -> bool:
     """Whether an error is of who runs the tasks, and not of a task."""
     of_dask = type(error).__module__.partition(".")[0] == "distributed"
-    return of_dask or isinstance(error, BrokenProcessPool | CancelledError | OSError)
+    return of_dask or isinstance(error, BrokenProcessPool | CancelledError)
 
 
 def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:

@@ -386,11 +386,6 @@ def _preamble(path: Path, line: int, wanted: str) -> ModelError:
 
 
 def _check_columns(path: Path, columns: list[str], required: Sequence[str], wanted: str) -> None:
-    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-        if len(columns) == 1 and separator in columns[0]:
-            raise ModelError(
-                f"{path}: its columns are separated by {name}", f"{COMMAS}. {wanted}", "bad_table"
-            )
     for column in required:
         _require(path, columns, column, wanted)
     for column, times in Counter(columns).items():

@@ -4,7 +4,7 @@ changes a number.
 
 import json
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -225,6 +225,52 @@ def test_without_dask_the_extra_is_named(few, tmp_path, monkeypatch):
         run_study(few, tmp_path / "out", cluster="tcp://127.0.0.1:1")
     assert failed.value.code == "missing_package"
     assert "haptic-driver[cluster]" in failed.value.hint
+
+
+@pytest.mark.filterwarnings("ignore")  # of Dask's own making
+@pytest.mark.process
+def test_a_scheduler_without_workers_is_waited_for_and_told(few, tmp_path, monkeypatch):
+    """Nothing was said for as long as it took."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(module, "ANSWER_S", 1.0)
+    told = []
+    nobody = {"n_workers": 0, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**nobody) as cluster:
+        where = cluster.scheduler_address
+        with pytest.raises(HapticError) as failed:
+            run_study(few, tmp_path / "out", cluster=where, tell=told.append)
+    assert failed.value.code == "no_workers"
+    assert told == [f"waiting for a worker at {where}: dask worker {where}"]
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("kind", ["KilledWorker", "CommClosedError", "CancelledError"])
+def test_a_lost_worker_is_no_traceback(few, tmp_path, monkeypatch, kind):
+    distributed = pytest.importorskip("distributed")
+    errors = {
+        "KilledWorker": distributed.KilledWorker("task", None, 3),
+        "CommClosedError": distributed.comm.CommClosedError("closed"),
+        "CancelledError": CancelledError(),
+    }
+
+    def lost(*_):
+        raise errors[kind]
+
+    monkeypatch.setattr(module.Study, "run", lost)
+    with pytest.raises(HapticError) as failed:
+        run_study(few, tmp_path / "out")
+    assert failed.value.code == "worker_lost"
+    assert kind in failed.value.message
+
+
+@pytest.mark.usefixtures("here")
+def test_a_full_disk_is_no_lost_worker(few, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module.Study, "run", full)
+    with pytest.raises(OSError, match="No space"):
+        run_study(few, tmp_path / "out")
 
 
 @pytest.fixture
