@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import pytest
 
 from haptic_driver.cli.main import main
@@ -56,3 +58,13 @@ def test_a_package_that_fails_is_left_out_and_no_verb_asks_for_it(install, capsy
     assert capsys.readouterr().err == ""
     assert main(["texture", "list", "--json"]) == 0
     assert "note: package of commands 'outside_broken'" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("install")
+def test_the_driver_answers_without_its_laboratory(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "haptic_driver.lab.commands", None)
+    for words in (["--help"], ["solve", "--help"], ["texture", "list", "--json"]):
+        assert main(words) == 0
+    said = capsys.readouterr()
+    assert "note: package of commands 'lab'" in said.err
+    assert "diagnose" not in said.out
