@@ -58,7 +58,7 @@ class SimulatedEventLine:
     def open(self) -> None:
         self._server = SerialServer(self.box, framed=False)
         self._server.start()
-        self._driver = TriggerBox(SerialTransport(self._server.path))
+        self._driver = TriggerBox(SerialTransport(self._server.path), settle_s=0.0)
         self._driver.open()
 
     def put(self, code: int) -> None:
@@ -92,7 +92,7 @@ class SimulatedLineIn:
     def open(self) -> None:
         self._server = SerialServer(SimulatedTriggerBox(self._clock), framed=False)
         self._server.start()
-        self._driver = TriggerBoxIn(SerialTransport(self._server.path), self._code)
+        self._driver = TriggerBoxIn(SerialTransport(self._server.path), self._code, 0.0)
         self._driver.open()
         self._due_s = self._clock() + self._every_s
 

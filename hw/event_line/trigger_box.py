@@ -18,6 +18,7 @@ from hw.errors import DeviceError, DeviceTimeout
 from hw.transport.contract import Transport
 
 PATIENCE_S = 0.002  # for a byte
+SETTLE_S = 2.0  # of an Arduino's boot loader, with some to spare
 
 
 def open_settled(transport: Transport, settle_s: float, sleep: Callable[[float], None]) -> None:
@@ -34,7 +35,7 @@ class TriggerBox:
     def __init__(
         self,
         transport: Transport,
-        settle_s: float = 0.0,
+        settle_s: float = SETTLE_S,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.resource = transport.resource
@@ -64,7 +65,7 @@ class TriggerBoxIn:
         self,
         transport: Transport,
         code: int = 0,
-        settle_s: float = 0.0,
+        settle_s: float = SETTLE_S,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.resource = transport.resource

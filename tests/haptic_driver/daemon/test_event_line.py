@@ -189,7 +189,7 @@ def test_a_line_that_fails_is_told_tried_again_and_leaves_out_what_was_due(bench
     monkeypatch.setattr(event_line, "RETRY_S", 0.05)
     box = FailsAt99()
     with SerialServer(box, framed=False) as server:
-        bench = bench_on(TriggerBox(SerialTransport(server.path)))
+        bench = bench_on(TriggerBox(SerialTransport(server.path), settle_s=0.0))
 
         def mark_until_it_fails():
             bench.events.tell("marker", "unplugged", code=99)

@@ -44,7 +44,7 @@ class Wire:
 
 def test_a_trigger_box_gets_one_byte_per_code_and_0_at_either_end() -> None:
     wire = Wire()
-    box = TriggerBox(MemoryTransport(wire))
+    box = TriggerBox(MemoryTransport(wire), settle_s=0.0)
     box.open()
     assert wire.heard == b"\x00"
     for code in (1, 255, 0, 10):
@@ -118,7 +118,7 @@ def test_what_a_box_says_when_it_begins_is_no_edge() -> None:
 @pytest.mark.parametrize("code", [-1, 256])
 def test_what_is_no_byte_is_not_sent(code: int) -> None:
     wire = Wire()
-    box = TriggerBox(MemoryTransport(wire))
+    box = TriggerBox(MemoryTransport(wire), settle_s=0.0)
     box.open()
     with pytest.raises(ValueError, match="range"):
         box.put(code)
@@ -128,7 +128,7 @@ def test_what_is_no_byte_is_not_sent(code: int) -> None:
 def test_over_a_serial_port_edges_come_in_order_with_times_that_rise() -> None:
     simulated = SimulatedTriggerBox()
     with SerialServer(simulated, framed=False) as server:
-        box = TriggerBox(SerialTransport(server.path))
+        box = TriggerBox(SerialTransport(server.path), settle_s=0.0)
         box.open()
         for code in (21, 0, 31, 0):
             box.put(code)
@@ -232,7 +232,7 @@ def levels_of(line: LineIn, count: int) -> list[bool]:
 )
 def test_a_byte_of_a_box_is_an_edge_where_it_is_the_one(code: int, sent: bytes, edges: int) -> None:
     with SerialServer(SimulatedTriggerBox(), framed=False) as server:
-        line = TriggerBoxIn(SerialTransport(server.path), code)
+        line = TriggerBoxIn(SerialTransport(server.path), code, 0.0)
         line.open()
         assert not line.levels()
         server.send(sent)
