@@ -147,7 +147,7 @@ def _names(kind: str) -> Callable[[], list[str]]:
 
 
 def _on_or_off(word: str) -> bool:
-    """What a word says that stands where a field is true or false."""
+    """True for `on` and False for `off`; typer.BadParameter for anything else."""
     if word not in ("on", "off"):
         raise BadParameter(f"{word!r} is neither on nor off")
     return word == "on"
