@@ -114,7 +114,7 @@ class Finger:
         )
         self.told.append((self.now_s, self.body.load_n))
 
-    def loop(self, settings: LoadSettings) -> LoadLoop:
+    def loop(self, settings: LoadSettings, last_m: float | None = None) -> LoadLoop:
         return LoadLoop(
             self.stage,
             self.read_force,
@@ -122,6 +122,7 @@ class Finger:
             MOUNTING,
             clock=lambda: self.now_s,
             sleep=self.sleep,
+            last_m=last_m,
         )
 
     def held(self, loop: LoadLoop, until_s: float) -> None:

@@ -7,9 +7,11 @@ import random
 import pytest
 
 from haptic_driver.rig.load_controller import LoadSettings, Phase
+from hw.finger.body import PowerLaw
 from tests.haptic_driver.rig.load_rig import Finger
 from tests.haptic_driver.rig.sensor_faults import (
     MOMENTS,
+    Sensor,
     Trial,
     dead,
     drawn,
@@ -90,3 +92,20 @@ def test_drawn_faults_of_the_sensor_never_press_beyond_the_signed_limit() -> Non
     shares = [(share, everyone[round(share * (DRAWS - 1))]) for share in (0.5, 0.9, 0.99, 1.0)]
     print("\n" + ", ".join(f"{share:.0%} at most {load_n:.2f} N" for share, load_n in shares))
     assert everyone[-1] < LIMIT_N
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+def test_the_way_to_a_finger_is_bounded_by_what_the_last_touch_needed(factor: float) -> None:
+    """The sensor dies in the air after a first touch, and the reach alone would give 34 N."""
+    law, sensor, settings = PowerLaw(), Sensor(dead()), LoadSettings(0.5, reach_m=10e-3)
+    finger = Finger(lambda depth_m: factor * law(depth_m), sensor=sensor, tilt_m_s=0.0)
+    with finger.loop(settings) as first:
+        first.settle(10.0)
+    sensor.since_s = finger.now_s
+    again = finger.loop(settings, first.touch_m)
+    with again:
+        finger.held(again, finger.now_s + 20.0)
+    assert "no finger is felt" in again.reason
+    highest_n = max(load_n for time_s, load_n in finger.told if time_s > sensor.since_s)
+    print(f"\nthe sensor dies before the second touch, {factor:g} x: {highest_n:.2f} N")
+    assert highest_n < LIMIT_N
