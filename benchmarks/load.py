@@ -25,7 +25,7 @@ TARGET_N = 0.5
 FACTORS = (1.0 / 3.0, 1.0, 3.0)
 EXPONENTS = (1.5, 1.75, 2.0)
 SECONDS = 12.0
-FIXED = LoadSettings(TARGET_N, depth_m=5e-3, softest_n_per_m=250.0)
+FIXED = LoadSettings(TARGET_N, depth_m=5e-3, softest_n_per_m=200.0)
 MASS_KG = TARGET_N / 9.81  # of the weights
 DAMPING = 0.2  # of their guide and the hand: assumed, as a share of the critical one
 

@@ -11,7 +11,7 @@ for a sphere on a plane (Hertz, load over indentation with exponent 1.5). How mu
 this finger is than the settings say shows while its load rises: by how far the stage had to go.
 
 The sensor is believed by its answers, for a dead one may say anything. While the load rises, the
-stage is never more than a step ahead of what the softest finger needs for the reading. Once it has
+stage is never deeper than the softest finger needs for the reading and `LACKING_N`. Once it has
 risen, the stage goes on by `drift_m` at most. In the air nothing answers, so the way to the first
 touch is bounded.
 """
@@ -30,6 +30,9 @@ RISEN = 0.8  # of the target: from then on the pulse tells more than the way
 MARGIN = 1.2
 STIFFER = 3.0  # times stiffer or softer than the settings say, at most
 LEAST_WAY_M = 0.15e-3  # ten times what a tremor moves
+# By so much an answer may lack on the softest finger. So a sensor that lost its gain brings no
+# finger of three times the stiffness to six times the load.
+LACKING_N = 0.2
 ROUNDING_M = 1e-6  # a stage stands within a few counts of where it was sent
 ARRIVED_M = 10e-6  # a stage so near is where it was sent
 STALLED_S = 0.5  # without a step on its way, which no stage needs to gather speed
@@ -283,13 +286,13 @@ def _hold(settings: LoadSettings, state: LoadState, seen: Seen, felt: Felt) -> S
 def _answered_m(settings: LoadSettings, state: LoadState, touch: Felt, felt: Felt) -> float:
     """So deep the stage may go on what the sensor has answered.
 
-    While the load rises: a step ahead of the softest finger. Then: as far as tissue and plate
+    While the load rises: a little ahead of the softest finger. Then: as far as tissue and plate
     drift, but not to where this finger would bear the limit.
     """
     if state.risen is None:
         softest = settings.softest_n_per_m / settings.stiffness_n_per_m
         needed_m = settings.way_m(touch.load_n, felt.load_n, softest)
-        return touch.depth_m + needed_m + settings.step_m
+        return touch.depth_m + needed_m + LACKING_N / settings.softest_n_per_m
     drift_m = settings.way_m(settings.target_n, settings.load_limit_n, state.stiffer)
     needed_m = settings.way_m(state.risen.load_n, felt.load_n, state.stiffer)
     return state.risen.depth_m + needed_m + min(settings.drift_m, drift_m)

@@ -100,7 +100,7 @@ def test_a_load_that_does_not_rise_tells_nothing_of_the_finger() -> None:
 
 
 def test_what_a_bound_takes_away_is_not_added_up() -> None:
-    state = replace(HOLDING, start_m=None, touch=Felt(0.0111, 0.0), risen=None)
+    state = replace(HOLDING, start_m=None, touch=Felt(0.0113, 0.0), risen=None)
     for i in range(100):
         depth_m = 0.011 + (i % 2) * 2e-6  # it moves, or the loop ends
         seen = QUIET._replace(time_s=1.0 + i, load_n=0.0, depth_m=depth_m)
@@ -152,7 +152,7 @@ def test_a_load_that_stays_where_the_finger_was_free_ends_it() -> None:
     assert "where the finger was free" in state.reason
 
 
-def test_the_stage_is_never_more_than_a_step_ahead_of_the_softest_finger() -> None:
+def test_the_stage_is_never_far_ahead_of_the_softest_finger() -> None:
     """A sphere on a plane of 700 N/m at 0.5 N: from 0.05 N, a depth of 1.5 F / slope."""
 
     def depth_m(load_n: float) -> float:
@@ -160,9 +160,9 @@ def test_the_stage_is_never_more_than_a_step_ahead_of_the_softest_finger() -> No
 
     rising = replace(HOLDING, risen=None)
     needed_m = depth_m(0.2) - depth_m(0.05)
-    seen = QUIET._replace(load_n=0.2, depth_m=0.010 + needed_m + 0.3e-3)
+    seen = QUIET._replace(load_n=0.2, depth_m=0.010 + needed_m + 0.25e-3)
     state, order = step(SETTINGS, rising, seen)
-    assert order.depth_m == pytest.approx(0.010 + needed_m + SETTINGS.step_m)
+    assert order.depth_m == pytest.approx(0.010 + needed_m + 0.2 / 700.0)
     at_bound = seen._replace(depth_m=order.depth_m, time_s=1.1)
     state, order = step(SETTINGS, state, at_bound)
     assert (state.phase, order) == (Phase.HOLD, NOTHING)

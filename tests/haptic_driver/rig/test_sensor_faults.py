@@ -59,7 +59,7 @@ def test_a_sensor_that_says_nothing_is_found_out(name: str) -> None:
 
 
 @pytest.mark.parametrize("target_n", [0.25, 0.5, 1.0])
-@pytest.mark.parametrize("factor", [0.7, 1.0, 3.0])
+@pytest.mark.parametrize("factor", [0.8, 1.0, 3.0])
 def test_a_finger_under_a_sensor_without_fault_is_held(target_n: float, factor: float) -> None:
     """For a minute, in which all tissue relaxes."""
     outcome = Trial(lambda: scaled(1.0), "held", factor, 60.0, LoadSettings(target_n)).run()
