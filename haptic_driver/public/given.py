@@ -32,12 +32,20 @@ def bad_given(code: str, what: str) -> Iterator[None]:
         raise BadInputError(code, f"{what}: {message_of(error)}", WANTED) from error
 
 
+def own_unit(name: str, value: Any) -> str:
+    """The unit that a quantity or a labelled array says itself; columns of a DataFrame have those
+    of all its columns.
+    """
+    said = getattr(value, "units", "") or getattr(value, "attrs", {}).get("units", "")
+    return str(said.get(name, "") if isinstance(said, Mapping) else said)
+
+
 def in_si(name: str, value: Any) -> NDArray[Any]:
     """A column of ours [...] in its own unit; words as texts. BadInputError names what is wrong."""
     with bad_given("bad_input", name):
         if name in TEXTS:
             return np.asarray(value, dtype=str)
-        unit = str(getattr(value, "units", "") or getattr(value, "attrs", {}).get("units", ""))
+        unit = own_unit(name, value)
         found = _plain(name, value)
         factor = to_column(name, unit, name) if unit else 1.0
         return np.asarray(found * factor, dtype=np.float64)

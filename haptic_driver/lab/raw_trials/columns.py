@@ -12,6 +12,7 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError, optional
 from haptic_driver.lab.raw_trials.trial_map import ColumnSaid, FileLook
+from haptic_driver.public.given import own_unit
 from haptic_driver.signals import Array
 from model.support.errors import did_you_mean
 from model.support.layout import TextTable, text_table
@@ -128,11 +129,9 @@ def open_columns(path: Path, look: FileLook, wanted: Sequence[str] = ()) -> Sour
 def given_columns(given: Mapping[str, Any], where: str) -> Source:
     """The columns of a table in memory: a dict of arrays, a DataFrame, quantities with units."""
     found = list[Column]()
-    units = getattr(given, "attrs", {}).get("units", {})
     for name in given:
         values = given[name]
-        own = getattr(values, "attrs", {}).get("units", "")
-        unit = str(getattr(values, "units", "") or own or units.get(name, ""))
+        unit = own_unit(str(name), values)
         values = np.asarray(getattr(values, "magnitude", values))
         from_name = named_unit(str(name)).unit
         said_by = "its own unit" if unit else "its name"

@@ -141,6 +141,17 @@ def test_trials_are_the_same_rows_from_files_and_from_memory(tmp_path) -> None:
     assert hd.diagnose(found).verdict == "not_testable"
 
 
+@pytest.mark.parametrize("kind", ["rows", "frame", "file"])
+def test_what_a_trial_leaves_in_doubt_stands_beside_the_verdict(tmp_path, kind) -> None:
+    columns = signals()
+    columns["U"][50:53] = 500.0
+    found = hd.read_rows(write_csv(tmp_path / "t.csv", columns), map=MAP)
+    assert found.doubts == ["a spike of the voltage was passed over, in 1 files (t.csv)"]
+    data = {"rows": found, "frame": found.to_frame(), "file": found.save(tmp_path / "rows.csv")}
+    assert "1 of 1 rows are in doubt" in str(hd.diagnose(data[kind]))
+    assert "a spike at 0.2 s" in str(hd.diagnose(data[kind]))
+
+
 def test_trials_that_cannot_be_used_are_refused_or_left_out(tmp_path) -> None:
     columns = signals()
     write_csv(tmp_path / "a.csv", columns)
