@@ -1,4 +1,4 @@
-"""Entry point of the `haptic` script: Ctrl-C ends it with a word while it still imports.
+"""Entry point of the `haptic` script: Ctrl-C ends it with a message while it still imports.
 
 Until a command begins nothing is open, so that the process can simply go. From then on an
 interrupt is a KeyboardInterrupt, by which everything that is open is closed.
