@@ -14,6 +14,7 @@ import socket
 import struct
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from haptic_driver.errors import HapticError
@@ -79,7 +80,7 @@ class Claims:
     def __init__(self, addresses: Iterable[str]) -> None:
         self._addresses = sorted(set(map(same_place, addresses)))
         self._held: list[socket.socket] = []
-        self._locked: list[int] = []
+        self._locked: list[tuple[int, Path]] = []
 
     def take(self) -> None:
         """All or none; HapticError says who has one."""
@@ -110,7 +111,11 @@ class Claims:
         while self._held:
             self._held.pop().close()
         while self._locked:
-            os.close(self._locked.pop())
+            descriptor, path = self._locked.pop()
+            with suppress(OSError):  # another user's
+                if path.stat().st_ino == os.fstat(descriptor).st_ino:
+                    path.unlink()
+            os.close(descriptor)
 
     def _lock(self, name: str) -> None:
         """BlockingIOError where another program has it; nothing is locked where there is no such
@@ -125,8 +130,14 @@ class Claims:
             descriptor = os.open(path, flags | (0 if path.exists() else os.O_CREAT), 0o444)
         except OSError:
             return
-        self._locked.append(descriptor)
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            raise
+        self._locked.append((descriptor, path))
+        if not path.exists() or path.stat().st_ino != os.fstat(descriptor).st_ino:
+            self._lock(name)  # its last holder let go, and took the file away, in between
 
 
 def _hash(name: str) -> str:
