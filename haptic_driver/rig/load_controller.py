@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 STIFFNESS_AT_N = 0.5  # the load at which a finger's stiffness is given
@@ -167,6 +167,8 @@ class LoadState:
     doubted_s: float | None = None  # since when the stage rests where it wants an answer
     followed_m: float = math.nan  # where the stage was when it last went on, or had arrived
     followed_s: float = math.nan  # and when
+    # When anybody last looked, which decides nothing by itself.
+    seen_s: float | None = field(default=None, compare=False)
 
 
 Step = tuple[LoadState, Order]
@@ -176,6 +178,7 @@ def step(settings: LoadSettings, state: LoadState, seen: Seen) -> Step:
     """One look at sensor and stage: the new state, and the order to the stage."""
     if state.phase is Phase.ENDED:
         return state, NOTHING
+    state = _looked(settings, state, seen)
     if wrong := wrong_load(settings, seen) or _wrong_place(settings, state, seen):
         return _ended(settings, state, wrong)
     assert seen.load_n is not None  # or something is wrong
@@ -185,6 +188,13 @@ def step(settings: LoadSettings, state: LoadState, seen: Seen) -> Step:
         return state, NOTHING
     follow = _approach if state.phase is Phase.APPROACH else _hold
     return follow(settings, state, seen, Felt(seen.depth_m, seen.load_n))
+
+
+def _looked(settings: LoadSettings, state: LoadState, seen: Seen) -> LoadState:
+    """Time in which a late machine let nobody look tells nothing of the stage."""
+    since_s = 0.0 if state.seen_s is None else seen.time_s - state.seen_s
+    unseen_s = max(since_s - settings.silent_s, 0.0)
+    return replace(state, seen_s=seen.time_s, followed_s=state.followed_s + unseen_s)
 
 
 def _ended(settings: LoadSettings, state: LoadState, wrong: str) -> Step:

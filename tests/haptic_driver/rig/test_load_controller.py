@@ -45,17 +45,30 @@ def test_a_stage_that_only_says_that_it_moves_is_let_go() -> None:
     seen, order = QUIET._replace(load_n=0.3), NOTHING
     state, order = step(SETTINGS, HOLDING, seen)
     assert order.act is Act.MOVE
-    for time_s in (1.1, 1.45):
+    for time_s in (1.1, 1.2, 1.3, 1.4, 1.45):
         state, order = step(SETTINGS, state, seen._replace(time_s=time_s, moving=True))
         assert (state.phase, order) == (Phase.HOLD, NOTHING)
     state, order = step(SETTINGS, state, seen._replace(time_s=1.51, moving=True))
     assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
 
 
+def test_a_late_machine_is_no_stalled_stage_but_looks_that_follow_tell() -> None:
+    """A load was let go 0.02 mm from its target, since nobody had looked for half a second."""
+    state, order = step(SETTINGS, HOLDING, QUIET._replace(load_n=0.3))
+    assert order.act is Act.MOVE
+    times_s = [1.9 + 0.09 * k for k in range(6)]
+    phases = []
+    for time_s in times_s:
+        seen = QUIET._replace(load_n=0.3, time_s=time_s, moving=True)
+        state, order = step(SETTINGS, state, seen)
+        phases.append(state.phase)
+    assert phases == [*[Phase.HOLD] * 5, Phase.ENDED]
+
+
 def test_a_moving_bit_that_stays_set_at_the_target_is_let_go() -> None:
     """A load of 0.12 N of 0.5 was said to be held."""
     state = replace(HOLDING, sent_m=0.011)
-    for time_s in (1.0, 1.49, 1.51):
+    for time_s in (1.0, 1.1, 1.2, 1.3, 1.4, 1.49, 1.51):
         seen = QUIET._replace(load_n=0.12, time_s=time_s, moving=True)
         state, order = step(SETTINGS, state, seen)
     assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
