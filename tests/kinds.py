@@ -17,14 +17,14 @@ from tests.machine import EmptyLoop
 
 MARKED = ("process", "realtime", "soak")
 STARTS = ("subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty")
-# Started by ctypes where somebody looks for a library.
-LIBRARY_SEARCH = ("ldconfig", "gcc", "cc", "ld", "objdump")
+# Started by the standard library where somebody looks for a library, or asks what machine this is.
+LOOKS = ("ldconfig", "gcc", "cc", "ld", "objdump", "uname")
 
 _started: list[str] = []
 
 
 def _note_starts(event: str, arguments: tuple) -> None:
-    if event in STARTS and not str(arguments[0]).endswith(LIBRARY_SEARCH):
+    if event in STARTS and not str(arguments[0]).endswith(LOOKS):
         _started.append(str(arguments[:2]))
 
 

@@ -1,8 +1,8 @@
 """The right to an instrument: one program of this machine at a time, whoever runs it.
 
 Two daemons on one rig would each know of its own commands alone, and one would call dead what the
-other holds at 95 V. So who opens a rig claims the address of each of its instruments first, and
-then the instrument as it names itself: one may have several addresses.
+other holds at 95 V. So who opens a rig claims the address of each of its instruments first. Then
+it claims the instrument as it names itself, since one may have several addresses.
 """
 
 from __future__ import annotations

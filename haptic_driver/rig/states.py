@@ -103,7 +103,7 @@ class OutputStates:
     """Where the output is. A (state, event) pair outside the table leaves the state unchanged.
 
     Every change that `RigState` shows is logged, kept in `events` (the last 1000), and passed to
-    `on_event`; so is, as UNKNOWN, that a tripped output is not shown to be off any more. Starting
+    `on_event`. A tripped output that is not shown to be off any more counts as UNKNOWN. Starting
     is reported when it is over. `now_s` is the time of the caller's newest command.
     """
 

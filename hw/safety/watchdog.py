@@ -125,7 +125,7 @@ class WatchdogSettings:
 class Watchdog(Running):
     """The driver's side: starts the process and beats it; a heartbeat for `Rig`.
 
-    The process is in a group of its own and ignores the signals that ask a program to end, so it
+    The process is in a group of its own and ignores the signals that ask a program to end. So it
     survives what ends the driver. It stays in the driver's session, since Linux shares a busy
     processor among sessions first. `beat` never waits.
     """

@@ -379,6 +379,7 @@ def test_a_notebook_runs_to_its_end_and_is_kept_without_its_outputs(path: Path) 
     assert expected[path.stem]()
 
 
+@pytest.mark.process
 @pytest.mark.usefixtures("lab")
 def test_ten_lines_of_python_render_linen(capsys: pytest.CaptureFixture[str]) -> None:
     script = ROOT / "examples" / "0_first_touch.py"
@@ -389,6 +390,7 @@ def test_ten_lines_of_python_render_linen(capsys: pytest.CaptureFixture[str]) ->
     assert len([line for line in body.splitlines() if line]) <= 10
 
 
+@pytest.mark.process
 @pytest.mark.usefixtures("lab")
 def test_the_recipe_for_psychopy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Against a made PsychoPy: a window that shows nothing and a participant who says yes."""
@@ -425,6 +427,7 @@ def test_the_recipe_for_javascript(lab: dict[str, str]) -> None:
     assert re.fullmatch(r"(\w+ 0\.6 \S+\n){10}", done.stdout)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("mark", ["matlab", "csharp"])
 def test_what_other_languages_send_is_what_the_daemon_takes(lab: dict[str, str], mark: str) -> None:
     """Neither runs here; their requests do, in the order in which they stand."""
