@@ -9,10 +9,13 @@ ELECTRODE? f          an electrode monitor  at f Hz: real, imaginary part and 1 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from hw.errors import BadReply
 from hw.monitor.contract import ElectrodeReading, nothing
-from hw.transport.contract import Transport
+
+if TYPE_CHECKING:
+    from hw.transport.contract import Transport
 
 REPLY_TIMEOUT_S = 1.0
 
