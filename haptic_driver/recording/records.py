@@ -25,6 +25,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from haptic_driver.errors import HapticError
+
 HEAD = struct.Struct("<8sII")
 MARK = b"\x93haptic\n"
 MOST_BYTES = 1 << 24  # of a record
@@ -39,7 +41,7 @@ def records_of(path: Path) -> Path:
     return Path(f"{path}.records")
 
 
-class TooLongError(ValueError):
+class TooLongError(HapticError):
     """A record that no reader would take."""
 
 
@@ -92,7 +94,8 @@ def add(descriptor: int, said: dict[str, Any], data: bytes = b"") -> None:
     """
     packed, end = _packed(said, data), os.fstat(descriptor).st_size
     if len(packed) > MOST_BYTES:
-        raise TooLongError(f"a record of {len(packed)} bytes is longer than {MOST_BYTES}")
+        said = f"a record of {len(packed)} bytes is longer than {MOST_BYTES}"
+        raise TooLongError("too_long", said)
     try:
         write(descriptor, packed, end)
         os.fsync(descriptor)

@@ -193,6 +193,7 @@ class SimulatedBench:
         self._wobble = float(self._random.standard_normal())
         self.places = [Place(self._time_s, 0.0)]
         if row.setting.finger == "sliding":
+            self.rig.watch(self.simulated.instruments.time_s)
             self.await_start(f"row {number + 1}", lambda duration_s: None)
 
     def up_to_speed(self) -> None:

