@@ -10,7 +10,6 @@ import zlib
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import RefusedError
@@ -38,24 +37,18 @@ def running():
     loader.close()
 
 
-@pytest.fixture(scope="module")
-def usual_bytes(running, tmp_path_factory):
-    """Of one that has read a picture and a table, for which it loads what reads them."""
-    folder = tmp_path_factory.mktemp("usual")
-    Image.new("L", (40, 40), 128).save(folder / "a.png")
-    (folder / "a.csv").write_text("0.5,0.6\n0.6,0.5\n")
-    for name in ("a.png", "a.csv"):
-        (folder / "texture.toml").write_text(MAP.format(name))
-        running.texture(str(folder / "texture.toml"), REACHABLE_COF)
-    return peak_bytes(running)
-
-
 @pytest.fixture
-def loader(running, usual_bytes):
+def loader(running):
     """One that is there, whatever the test before did to it; its peak counts from now."""
     running.texture("linen", REACHABLE_COF)
     Path(f"/proc/{running.pids['loader']}/clear_refs").write_text("5")
     return running
+
+
+@pytest.fixture
+def usual_bytes(loader):
+    """What it has before; libraries that earlier files made it load stay with it."""
+    return peak_bytes(loader)
 
 
 def peak_bytes(loader):
