@@ -126,4 +126,4 @@ def test_a_file_is_all_that_a_real_rig_needs(simulated, daemon):
     process.send_signal(signal.SIGTERM)
     said = process.stderr.read()
     assert process.wait(HANG_S) == 1
-    assert "the output is UNKNOWN" in said
+    assert "the output was UNKNOWN" in said

@@ -104,7 +104,7 @@ def _near(config: RigConfig) -> RigConfig:
     """The finger half a millimetre away, and a stage that is quick: a moment is in a row."""
     assert config.stage is not None
     quick = {"velocity_m_s": 0.05, "acceleration_m_s2": 0.05}
-    near = {"face_m": 8.5e-3}
+    near = {"face_m": config.load_stage.clear_m + 0.5e-3}
     return config.model_copy(
         update={
             "stage": config.stage.model_copy(update=quick),
