@@ -94,8 +94,8 @@ def add(descriptor: int, said: dict[str, Any], data: bytes = b"") -> None:
     """
     packed, end = _packed(said, data), os.fstat(descriptor).st_size
     if len(packed) > MOST_BYTES:
-        said = f"a record of {len(packed)} bytes is longer than {MOST_BYTES}"
-        raise TooLongError("too_long", said)
+        why = f"a record of {len(packed)} bytes is longer than {MOST_BYTES}"
+        raise TooLongError("too_long", why)
     try:
         write(descriptor, packed, end)
         os.fsync(descriptor)
