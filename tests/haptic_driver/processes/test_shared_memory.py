@@ -215,4 +215,7 @@ def test_a_target_that_does_not_fit_is_refused(shared, monkeypatch):
 
 def test_the_memory_has_no_name_and_is_not_inherited(shared):
     assert not os.get_inheritable(shared.descriptor)
+    # Claims of instruments have names there, and nothing else of ours.
+    ours = [name for name in os.listdir("/dev/shm") if name.startswith("haptic")]
+    assert all(name.startswith("haptic-driver-") for name in ours)
     assert os.readlink(f"/proc/self/fd/{shared.descriptor}").startswith("/memfd:")
