@@ -28,12 +28,8 @@ from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.errors import HapticError
 from haptic_driver.fidelity.measure import Fidelity
 from haptic_driver.fidelity.perception import load_perception
-from haptic_driver.fidelity.samples import (
-    AFTER_TOUCH_S,
-    fidelity_of_samples,
-    since_touch_s,
-    sliding,
-)
+from haptic_driver.fidelity.samples import fidelity_of_samples
+from haptic_driver.fidelity.sliding import AFTER_TOUCH_S, since_touch_s, sliding
 from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.models import load_model
 from haptic_driver.recording.read import read_run

@@ -29,7 +29,7 @@ from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.fidelity.said import said
-from haptic_driver.fidelity.samples import AFTER_TOUCH_S
+from haptic_driver.fidelity.sliding import AFTER_TOUCH_S
 from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.file import SurfaceFile, read_surface
 from haptic_driver.lookup.models import load_model

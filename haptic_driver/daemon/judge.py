@@ -16,13 +16,8 @@ from haptic_driver.fidelity.lag import Latency, latency_of
 from haptic_driver.fidelity.measure import Fidelity
 from haptic_driver.fidelity.perception import Perception
 from haptic_driver.fidelity.said import said
-from haptic_driver.fidelity.samples import (
-    AFTER_TOUCH_S,
-    fidelity_of_samples,
-    since_touch_s,
-    sliding,
-    tick_s,
-)
+from haptic_driver.fidelity.samples import fidelity_of_samples, tick_s
+from haptic_driver.fidelity.sliding import AFTER_TOUCH_S, since_touch_s, sliding
 from haptic_driver.processes.shared_memory import SharedState
 
 PERIOD_S = 1.0  # between looks

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft, signal
 
-from haptic_driver.fidelity.strokes import runs, without_line
+from haptic_driver.fidelity.sliding import runs
+from haptic_driver.fidelity.strokes import without_line
 from haptic_driver.signals import Array
 from haptic_driver.textures.bands import LEAST_COF
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from haptic_driver.fidelity.sliding import runs
 from haptic_driver.signals import Array, Mask
 
 
@@ -49,12 +50,6 @@ def known_pieces(strokes: Sequence[Stroke]) -> list[Stroke]:
         known &= (stroke.asked_cof > 0.0) & (stroke.normal_n > 0.0) & np.isfinite(stroke.normal_n)
         pieces += [stroke.part(start, end) for start, end in runs(known)]
     return pieces
-
-
-def runs(mask: Mask) -> list[tuple[int, int]]:
-    """Start and end of each run of True, the end not included."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def moving_average(values: Array, ticks: int) -> Array:

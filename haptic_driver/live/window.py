@@ -8,7 +8,6 @@ trials; after a pause a session begins.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import pairwise
 from math import inf
 from typing import NamedTuple
 
@@ -16,21 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.fidelity.average import WINDOW_COLUMNS, average, standard_error
+from haptic_driver.fidelity.sliding import gaps, runs, sliding, turns
 from haptic_driver.live.drive import NO_POWER_V2, SETTLING_S, Felt, felt
 from haptic_driver.processes.samples import Flag
-from haptic_driver.signals import SETTLED_M, Mask
+from haptic_driver.signals import SETTLED_M
 
 # samples that are averaged before it is asked whether a condition is steady: sensors are noisy
 BLOCK = 10
 SHORTEST_S = 0.1  # enough samples to tell how they remember one another
 LONGEST_S = 1.0
-SLOWEST_M_S = 0.003
 LARGEST_CHANGE = np.array([[0.10], [0.30], [1e-6]])  # of load, speed, carrier, within one stretch
 BINS = 5  # windows of a stretch, evenly spaced in the voltage squared, besides that without voltage
 # of a stretch's highest voltage squared: where timing matters more, a sample says little
 UNSURE = 0.16
 UNNOTICED_S = 0.2  # so long may an output have been without voltage before that is noticed
-GAP_S = 0.005  # without a sample, or longer: another stroke
+GAP_TICKS = 5  # without a sample, or more: another stroke
 PAUSE_S = 5.0  # between strokes, or longer: another session
 
 
@@ -118,27 +117,20 @@ def _strokes(samples: NDArray[np.void], settling_s: float) -> Iterator[slice]:
     """
     unmeasured = int(Flag.SATURATED_SENSOR | Flag.FRICTION_FROM_CURRENT)  # up until the next arming
     time_s, speed_m_s = samples["time_s"], samples["speed_m_s"]
-    usable = np.isfinite(samples["measured_cof"]) & (samples["flags"] & unmeasured == 0)
-    usable &= (samples["in_contact"] > 0) & (speed_m_s >= SLOWEST_M_S)
+    usable = sliding(samples) & (samples["flags"] & unmeasured == 0)
     usable &= time_s >= time_s[0] + settling_s
     lost_s = time_s[(samples["voltage_v"] > 0.0) & (samples["output_on"] == 0)]
     usable &= np.searchsorted(lost_s, time_s - settling_s) == np.searchsorted(
         lost_s, time_s + UNNOTICED_S
     )
-    gap = np.diff(time_s, prepend=time_s[0]) > GAP_S
-    turn = np.diff(np.sign(samples["lateral_force_n"]), prepend=0.0) != 0.0
-    for piece in _pieces(usable, gap | turn):
-        way_m = np.cumsum(speed_m_s[piece] * np.gradient(time_s[piece]))
-        start = piece.start + int(np.searchsorted(way_m, SETTLED_M))
-        if piece.stop - start >= BLOCK:
-            yield slice(start, piece.stop)
-
-
-def _pieces(usable: Mask, breaks: Mask) -> list[slice]:
-    """Runs of at least two usable places, none with a break after its first."""
-    begins = np.flatnonzero(breaks | np.diff(usable, prepend=False)).tolist()
-    ends = pairwise([*begins, usable.size])
-    return [slice(start, stop) for start, stop in ends if usable[start] and stop - start > 1]
+    breaks = gaps(samples, GAP_TICKS) | turns(samples["lateral_force_n"])
+    for begin, end in runs(usable, breaks):
+        if end - begin < BLOCK:
+            continue
+        way_m = np.cumsum(speed_m_s[begin:end] * np.gradient(time_s[begin:end]))
+        start = begin + int(np.searchsorted(way_m, SETTLED_M))
+        if end - start >= BLOCK:
+            yield slice(start, end)
 
 
 def _even(stroke: Felt) -> Iterator[slice]:

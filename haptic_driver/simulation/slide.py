@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from haptic_driver.fidelity.measure import Fidelity
 from haptic_driver.fidelity.perception import Perception, load_perception
-from haptic_driver.fidelity.samples import fidelity_of_samples, sliding
-from haptic_driver.fidelity.strokes import moving_average, runs
+from haptic_driver.fidelity.samples import fidelity_of_samples
+from haptic_driver.fidelity.sliding import runs, sliding
+from haptic_driver.fidelity.strokes import moving_average
 from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.slide import TICK_S, Slide
 from haptic_driver.signals import Array, Mask

@@ -14,7 +14,8 @@ from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.set_up import daemon_settings, reach_hz, render_settings
 from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.fidelity.perception import load_perception
-from haptic_driver.fidelity.samples import fidelity_of_samples, sliding
+from haptic_driver.fidelity.samples import fidelity_of_samples
+from haptic_driver.fidelity.sliding import sliding
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.real_time import take_precedence
 from haptic_driver.simulation.rig import SimulatedRig

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.fidelity.sliding import since, turns
 from haptic_driver.files import bad_input
 from haptic_driver.signals import SETTLED_M, SLIDING_M_S, Array
 from haptic_driver.textures.description import LONGEST_TABLE_ROWS
@@ -150,10 +151,8 @@ def _settled(strokes: Strokes, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Rows [n] that lie a little beyond where the finger set out or turned, as the lateral force
     shows.
     """
-    side = np.where(usable, np.sign(strokes.lateral_force_n), 0.0)
-    begins = np.where(np.diff(side, prepend=0.0) != 0.0, np.arange(side.size), 0)
-    way_m = np.abs(strokes.position_m - strokes.position_m[np.maximum.accumulate(begins)])
-    return np.asarray(way_m >= SETTLED_M)
+    begins = turns(np.where(usable, strokes.lateral_force_n, 0.0))
+    return np.asarray(since(strokes.position_m, begins) >= SETTLED_M)
 
 
 def _places(position_m: Array, pitch_m: float, said: str) -> NDArray[np.intp]:

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from haptic_driver.fidelity.samples import sliding
-from haptic_driver.fidelity.strokes import runs
+from haptic_driver.fidelity.samples import tick_s
+from haptic_driver.fidelity.sliding import AFTER_TOUCH_S, runs, since, sliding, turns
 from haptic_driver.lab.papers.sheet_passes import EDGE_M, HALF_M, LINE_S, LINES_HZ, REST_S
 from haptic_driver.signals import Array, Mask
 
 CONFIDENCE = 0.95
-SETTLED_S = 0.15  # after touch and turn, until friction is that of the speed
 BLOCK_S = 0.1  # over which friction is averaged to tell how much it wanders
 BEFORE_S, AFTER_S = 0.04, 0.12  # of a step, that are looked at
 PLATEAU_S = 0.03  # at both ends of that
@@ -79,8 +78,8 @@ def deviation_of(values: Sequence[float] | Array) -> Number:
 def settled(samples: NDArray[np.void]) -> Mask:
     """Where a finger has been sliding for a while since it touched or turned [n]."""
     moves = sliding(samples)
-    turns = np.diff(np.sign(np.gradient(samples["output_x_m"])), prepend=0.0) != 0.0
-    return np.asarray(moves & (_since_s(samples["time_s"], turns | ~moves) >= SETTLED_S))
+    begins = turns(np.gradient(samples["output_x_m"])) | ~moves
+    return np.asarray(moves & (since(samples["time_s"], begins) >= AFTER_TOUCH_S))
 
 
 def cof_in_blocks(samples: NDArray[np.void]) -> Array:
@@ -88,7 +87,7 @@ def cof_in_blocks(samples: NDArray[np.void]) -> Array:
     lateral, normal = np.abs(samples["lateral_force_n"]), samples["normal_force_n"]
     found = []
     for start, stop in runs(settled(samples)):
-        ticks = max(round(BLOCK_S / _tick_s(samples)), 1)
+        ticks = max(round(BLOCK_S / tick_s(samples)), 1)
         for i in range(start, stop - ticks + 1, ticks):
             part = slice(i, i + ticks)
             found.append(lateral[part].sum() / normal[part].sum())
@@ -238,11 +237,6 @@ def _felt(samples: NDArray[np.void]) -> tuple[Array, Array]:
     return samples["felt_time_s"], samples["measured_cof"]
 
 
-def _since_s(time_s: Array, events: Mask) -> Array:
-    last = np.maximum.accumulate(np.where(events, time_s, -np.inf))
-    return np.asarray(np.where(np.isfinite(last), time_s - last, time_s - time_s[0]))
-
-
 def _crossing(x: Array, share: Array, level: float) -> float:
     """Where `share` first stays above `level`, between two points; NaN where it never does."""
     below = np.flatnonzero(share < level)
@@ -275,7 +269,3 @@ def _resampled(courses: Array, number: Callable[[Array], float]) -> Number:
     drawn = [number(courses[rng.integers(0, n, n)].mean(axis=0)) for _ in range(RESAMPLED)]
     low, high = np.nanquantile(drawn, [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE])
     return Number(float(number(courses.mean(axis=0))), float(low), float(high))
-
-
-def _tick_s(samples: NDArray[np.void]) -> float:
-    return float(np.median(np.diff(samples["time_s"])))

@@ -8,15 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.fidelity.measure import errors_of
-from haptic_driver.fidelity.samples import (
-    AFTER_TOUCH_S,
-    since_touch_s,
-    sliding,
-    strokes_of,
-    tick_s,
-)
+from haptic_driver.fidelity.samples import strokes_of, tick_s
+from haptic_driver.fidelity.sliding import AFTER_TOUCH_S, gaps, since_touch_s, slides, sliding
 from haptic_driver.lab.psychophysics.description import Delivery
-from haptic_driver.signals import SLIDING_M_S, WITHIN, Array, Mask
+from haptic_driver.signals import WITHIN, Array, Mask
 
 STROKE_M = 0.003  # a finger that goes this far one way makes a stroke
 
@@ -121,12 +116,12 @@ class Onsets(NamedTuple):
 def onsets(samples: NDArray[np.void]) -> Onsets:
     """Of the samples of one interval, of dtype SAMPLE [n]."""
     touching, on = samples["in_contact"] == 1, samples["output_on"] == 1
-    slides = touching & (samples["speed_m_s"] >= SLIDING_M_S)
+    moves = slides(samples)
     return Onsets(
         _first_s(samples, touching),
-        _first_s(samples, slides),
+        _first_s(samples, moves),
         _first_s(samples, on),
-        _first_s(samples, slides & on),
+        _first_s(samples, moves & on),
     )
 
 
@@ -142,8 +137,8 @@ def strokes(samples: NDArray[np.void]) -> int:
         return 0
     places: list[Array] = [touching["position_x_m"], touching["position_y_m"]]
     along = max(places, key=lambda x: float(np.ptp(x)))
-    gone = np.flatnonzero(np.diff(touching["tick"].astype(np.int64)) > 1) + 1  # lifted meanwhile
-    return sum(_turns(part) for part in np.split(along, gone))
+    lifted = np.flatnonzero(gaps(touching))
+    return sum(_turns(part) for part in np.split(along, lifted))
 
 
 def _turns(position_m: Array) -> int:

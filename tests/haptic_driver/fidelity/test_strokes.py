@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_driver.fidelity.strokes import Stroke, known_pieces, moving_average, runs, without_line
+from haptic_driver.fidelity.sliding import runs
+from haptic_driver.fidelity.strokes import Stroke, known_pieces, moving_average, without_line
 from tests.haptic_driver.fidelity.strokes_of import stroke_of
 
 FRICTIONS = st.lists(st.floats(0.2, 2.0), min_size=1, max_size=60)
