@@ -9,10 +9,12 @@ import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TextIO
 
 from haptic_driver.errors import BadInputError, HapticError
 from model.support.cells import written_cells
 from model.support.errors import ModelError
+from model.support.reading import as_text, read_bytes
 
 
 @contextmanager
@@ -69,9 +71,38 @@ def listed(folder: Path, endings: Collection[str], apart: Collection[Path] = ())
 
 
 def write_text(path: Path, text: str) -> None:
-    """A whole file of UTF-8; the names of files that are none are escaped in it."""
-    with replacing(path) as part:
-        part.write_text(text, encoding="utf-8", errors="backslashreplace")
+    """A whole file of UTF-8, on the disk; the names of files that are none are escaped in it."""
+    with (
+        replacing(path) as part,
+        part.open("w", encoding="utf-8", errors="backslashreplace") as file,
+    ):
+        write_through(file, text)
+
+
+def write_through(file: TextIO, text: str) -> None:
+    """Write text, and wait until the disk has it."""
+    file.write(text)
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def whole_lines(path: Path) -> str:
+    """The lines of a file that only grows, without what a crash left of the last; empty where there
+    is no file.
+    """
+    content = read_bytes(path) if path.exists() else b""
+    return as_text(path, content[: content.rfind(b"\n") + 1])
+
+
+def open_to_add(path: Path) -> TextIO:
+    """A file of lines to add to, new where there is none; what a crash left of the last is cut off.
+
+    OSError where it cannot be opened.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.exists():
+        os.truncate(path, path.read_bytes().rfind(b"\n") + 1)
+    return path.open("a", encoding="utf-8", newline="")
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, str | float]]) -> None:

@@ -26,7 +26,7 @@ from pydantic import Field, FiniteFloat
 
 from haptic_driver.config import Checked, find_config, parse
 from haptic_driver.errors import BadInputError, HapticError, optional
-from haptic_driver.files import write_rows, write_text
+from haptic_driver.files import open_to_add, whole_lines, write_rows, write_text, write_through
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.lookup.build import SurfaceAxes, build_surface
 from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup
@@ -255,11 +255,10 @@ def run_study(
         where = out.resolve() if cluster is None else None
         with (
             _executor(cluster, workers, tell) as pool,
-            (out / TASKS).open("a", encoding="utf-8") as file,
+            open_to_add(out / TASKS) as file,
         ):
             for found in _finished(pool, study, left, where):
-                file.write(json.dumps(found) + "\n")
-                file.flush()
+                write_through(file, json.dumps(found) + "\n")
                 done[found["task"]] = found
                 advance(len(done))
     results = [done[task] for task in range(study.plan.count)]
@@ -299,8 +298,7 @@ def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
     off.
     """
     head = json.dumps({"study": study.plan.name, "hash": study.content_hash})
-    whole = path.read_bytes().rpartition(b"\n")[0] if path.exists() else b""
-    lines = whole.decode("utf-8", "replace").split("\n") if whole else []
+    lines = whole_lines(path).splitlines()
     if lines and lines[0] != head:
         said = f"{path}: holds another study, or the plan or model has changed"
         raise BadInputError("other_study", said, "Choose another --out")
@@ -310,7 +308,8 @@ def _resume(study: Study, path: Path) -> dict[int, dict[str, Any]]:
         raise BadInputError(
             "bad_study", f"{path}: is damaged ({error})", "Remove it to begin again"
         ) from error
-    write_text(path, "\n".join([head, *lines[1:], ""]))
+    if not lines:
+        write_text(path, head + "\n")
     return done
 
 

@@ -12,7 +12,6 @@ import csv
 import hashlib
 import io
 import json
-import os
 import secrets
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -24,7 +23,7 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.fidelity.average import WINDOW_COLUMNS, Measured
-from haptic_driver.files import replacing, writing
+from haptic_driver.files import open_to_add, whole_lines, write_text, write_through, writing
 from haptic_driver.lab.measuring.contact_area import ContactArea
 from haptic_driver.lab.measuring.plan import Row
 from haptic_driver.lookup import labelled
@@ -124,12 +123,11 @@ class DataFile:
                 "file_exists", f"{path}: exists already", "Give --resume, --force or another --out"
             )
         with writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
             path.unlink(missing_ok=True)
-            _write_whole(
+            write_text(
                 meta_path(path), json.dumps(identity.meta(secrets.token_hex(16)), indent=1) + "\n"
             )
-            data = cls(path.open("x", encoding="utf-8", newline=""), identity.simulated)
+            data = cls(open_to_add(path), identity.simulated)
             data._write(COLUMNS)
         return data
 
@@ -142,15 +140,12 @@ class DataFile:
             return cls.create(path, identity)
         _check_identity(path, identity)
         try:
-            content = path.read_bytes()
-            whole = content[: content.rfind(b"\n") + 1]
-            reader = csv.DictReader(io.StringIO(whole.decode("utf-8")))
+            whole = whole_lines(path)
+            reader = csv.DictReader(io.StringIO(whole))
             table = list(reader)
             _check_rows(path, reader.fieldnames, table, rows)
-            if len(whole) < len(content):
-                os.truncate(path, len(whole))
-            file = path.open("a", encoding="utf-8", newline="")
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            file = open_to_add(path)
+        except (OSError, csv.Error) as error:
             raise BadInputError(
                 "file_unreadable", f"{path}: cannot be continued ({error})", HINT
             ) from error
@@ -176,9 +171,7 @@ class DataFile:
         self.last_time_s = measured.time_s
 
     def _write(self, texts: Sequence[str]) -> None:
-        self._file.write(",".join(texts) + "\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        write_through(self._file, ",".join(texts) + "\n")
 
     def __enter__(self) -> Self:
         return self
@@ -237,7 +230,7 @@ def note(path: Path, said: dict[str, Any]) -> None:
     """Say more in the sidecar of a data file, such as a calibration that came with it."""
     with writing(meta_path(path)):
         found = json.loads(meta_path(path).read_text(encoding="utf-8"))
-        _write_whole(meta_path(path), json.dumps(found | said, indent=1) + "\n")
+        write_text(meta_path(path), json.dumps(found | said, indent=1) + "\n")
 
 
 def _setting_texts(row: Row) -> list[str]:
@@ -325,11 +318,3 @@ def _check_rows(
             raise BadInputError(
                 "not_resumable", f"{path}, line {line}: is not the plan's row {line - 1}", HINT
             )
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """All or nothing, and on the disk."""
-    with replacing(path) as part, part.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())

@@ -20,20 +20,25 @@ import hashlib
 import io
 import json
 import math
-import os
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import write_rows, write_text, writing
+from haptic_driver.files import (
+    open_to_add,
+    whole_lines,
+    write_rows,
+    write_text,
+    write_through,
+    writing,
+)
 from haptic_driver.lab.psychophysics.delivery import Felt
 from model.support.cells import read_cell, written_cell
 from model.support.reading import read_text
 
 NOTHING = "n/a"
-LARGEST_TABLE_BYTES = 64 << 20
 
 FELT_COLUMNS = {
     "asked_cof": ("friction that was asked for", "1"),
@@ -144,27 +149,19 @@ class SessionFiles:
         self.table, self.sidecar = self.beh / f"{stem}.tsv", self.beh / f"{stem}.json"
 
     def rows(self) -> list[Row]:
-        """Those of every whole line; what a crash left of the last one is cut off."""
-        if not self.table.exists():
-            return []
-        text = read_text(self.table, LARGEST_TABLE_BYTES)
-        whole = text[: text.rfind("\n") + 1]
-        if whole != text:
-            write_text(self.table, whole)
+        """Those of every whole line."""
+        whole = whole_lines(self.table)
         return list(_rows(whole, self.table)) if whole else []
 
     def append(self, row: Row) -> None:
         """Add one, through to the disk."""
-        is_new = not self.table.exists() or not self.table.stat().st_size
-        with writing(self.table):
-            self.beh.mkdir(parents=True, exist_ok=True)
-            with self.table.open("a", encoding="utf-8", newline="") as file:
-                writer = csv.DictWriter(file, list(COLUMNS), delimiter="\t", lineterminator="\n")
-                if is_new:
-                    writer.writeheader()
-                writer.writerow({name: written_cell(cell) for name, cell in row.cells().items()})
-                file.flush()
-                os.fsync(file.fileno())
+        line = io.StringIO()
+        writer = csv.DictWriter(line, list(COLUMNS), delimiter="\t", lineterminator="\n")
+        with writing(self.table), open_to_add(self.table) as file:
+            if not file.tell():
+                writer.writeheader()
+            writer.writerow({name: written_cell(cell) for name, cell in row.cells().items()})
+            write_through(file, line.getvalue())
 
     def describe(self, about: Mapping[str, Any]) -> None:
         """Write the sidecar, and what the folder says of itself."""
