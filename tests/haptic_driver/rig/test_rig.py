@@ -128,6 +128,14 @@ def test_a_command_brings_its_peak_voltage_and_frequency_to_the_electrode(bench)
     assert bench.amplifier.read() is True
 
 
+def test_a_command_does_not_walk_through_the_rigs_file(bench, monkeypatch):
+    """It cost half a millisecond of each, a thousand times a second."""
+    walked = property(lambda config: pytest.fail("the file was walked"))
+    monkeypatch.setattr(RigConfig, "signed_sections", walked)
+    bench.rig.command(0.0, on(87.5, 333.0))
+    assert bench.voltage_v > 80.0
+
+
 @pytest.mark.parametrize("frequency_hz", [10e3, 20e3, 40e3, 100e3])
 def test_a_carrier_that_the_monitors_alias_is_refused_but_for_a_voltage_that_reads_as_quiet_anyway(
     rig_config, frequency_hz
