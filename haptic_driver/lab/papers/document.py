@@ -150,13 +150,19 @@ def _text(text: str) -> str:
 
 
 def _svg(figure: Figure) -> str:
+    text = picture(figure, "svg").decode()
+    return text[text.index("<svg") :]
+
+
+def picture(figure: Figure, kind: str) -> bytes:
+    """A figure as the content of a file of that kind, such as png."""
     plt = pyplot()
     size = (7.0, figure.height_mm / 25.4)
     drawn, axes = plt.subplots(1, figure.panels, figsize=size, squeeze=False, layout="constrained")
     try:
         figure.draw(axes[0])
-        written = io.StringIO()
-        drawn.savefig(written, format="svg")
+        written = io.BytesIO()
+        drawn.savefig(written, format=kind, dpi=300)
     finally:
         plt.close(drawn)
-    return written.getvalue()[written.getvalue().index("<svg") :]
+    return written.getvalue()
