@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import queue
 import re
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -19,10 +18,8 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.errors import message_of
-from haptic_driver.processes.patience import join_within
+from haptic_driver.processes.kept import Kept
 from haptic_driver.processes.shared_memory import Ring
-from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.parts.event_lines import EventCodes
@@ -31,8 +28,6 @@ from hw.event_line.contract import HIGHEST_CODE, EventLine
 LOOK_S = 0.001
 LATE_S = 0.1
 TOO_LATE_S = 1.0
-RETRY_S = 1.0
-END_S = 2.0
 KIND = "event_line"  # of reports on the line itself
 # What an experiment says for its own sake.
 WITHOUT_EDGE = {"answer", "told", "experiment", "session begins", "session goes on"}
@@ -75,51 +70,37 @@ class EventLineWriter:
         self._left_out = 0  # since the last edge
         self._position = 0  # in the ring
         self._touching, self._on = False, False
-        self._ending = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._missing = 0  # while the line is lost
+        self._kept = Kept("event_line", line, self._serve, self._tell, self._miss)
+        self.close = self._kept.close
 
     def start(self) -> None:
         """Begin; what happens from here on has its edges."""
         self._position = self._ring.position
         self._events.listeners.append(self._hear)
-        self._thread = start_thread("event_line", self._run)
-
-    def close(self) -> None:
-        """The line at 0, and let go."""
-        self._ending.set()
-        if self._thread is not None:
-            join_within(END_S, [self._thread])
+        self._kept.start()
 
     def _hear(self, event: Event) -> None:
         if code := self._coded.of(event):
             self._due.put(Due(event.message, code, event.time_s, {"event": event.number}))
 
-    def _run(self) -> None:
-        failure, missing = "", 0
-        while not self._ending.is_set():
-            try:
-                self.line.open()
-                if failure:
-                    said = f"{self.line.resource} is back; {missing} edges are missing"
-                    self._events.tell(KIND, said, missing=missing)
-                    failure, missing = "", 0
-                self._serve()
-            except BaseException as error:  # whatever a driver raises, rendering goes on
-                self.line.close()
-                said = message_of(error)
-                if said != failure:  # one thing once
-                    failure = said
-                    self._events.tell(KIND, f"no edges: {said}; it is tried again")
-                if self._ending.wait(RETRY_S):
-                    return
-                for _ in (*self._waiting, *self._happened()):
-                    self._missed()
-                    missing += 1
-                self._waiting.clear()
-        self.line.close()
+    def _tell(self, lost: str | None) -> None:
+        if lost is not None:
+            self._events.tell(KIND, f"no edges: {lost}; it is tried again")
+            return
+        said = f"{self.line.resource} is back; {self._missing} edges are missing"
+        self._events.tell(KIND, said, missing=self._missing)
+        self._missing = 0
+
+    def _miss(self) -> None:
+        """All that is due now comes to nothing."""
+        for _ in (*self._waiting, *self._happened()):
+            self._missed()
+            self._missing += 1
+        self._waiting.clear()
 
     def _serve(self) -> None:
-        while not self._ending.is_set():
+        while not self._kept.ending.is_set():
             self._waiting += self._happened()
             while self._waiting:
                 self._put(self._waiting.popleft())

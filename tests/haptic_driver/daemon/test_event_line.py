@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from haptic_driver.daemon import event_line
 from haptic_driver.daemon.event_line import Codes, EventLineWriter
 from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.processes import kept
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.recording.event import Event
@@ -186,7 +186,7 @@ class FailsAt99(SimulatedTriggerBox):
 
 
 def test_a_line_that_fails_is_told_tried_again_and_leaves_out_what_was_due(bench_on, monkeypatch):
-    monkeypatch.setattr(event_line, "RETRY_S", 0.05)
+    monkeypatch.setattr(kept, "RETRY_S", 0.05)
     box = FailsAt99()
     with SerialServer(box, framed=False) as server:
         bench = bench_on(TriggerBox(SerialTransport(server.path), settle_s=0.0))
@@ -205,7 +205,7 @@ def test_a_line_that_fails_is_told_tried_again_and_leaves_out_what_was_due(bench
 
 
 def test_a_line_that_is_not_there_is_told_once(bench_on, monkeypatch):
-    monkeypatch.setattr(event_line, "RETRY_S", 0.01)
+    monkeypatch.setattr(kept, "RETRY_S", 0.01)
     bench = bench_on(TriggerBox(SerialTransport("/dev/no-such-port")))
     until(lambda: bench.told("event_line"))
     for _ in range(3):

@@ -14,8 +14,8 @@ from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.line_in import LineInWatch
 from haptic_driver.daemon.messages import DaemonState
+from haptic_driver.processes import kept
 from haptic_driver.recording.read import read_run
-from haptic_driver.rig import line_in as reading
 from haptic_driver.rig.line_in import LineInReader
 from haptic_driver.rig.part import Part
 from haptic_driver.rig.parts.lines_in import SimulatedLineInConfig
@@ -41,7 +41,7 @@ def running(settings, line, tmp_path_factory):
     config = settings.config.model_copy(update={"line_in": section})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SimulatedLineInConfig, "make", lambda section, wiring: Part(line))
-        patch.setattr(reading, "RETRY_S", 0.05)
+        patch.setattr(kept, "RETRY_S", 0.05)
         with Daemon(replace(settings, config=config)) as daemon:
             yield daemon
 
@@ -220,7 +220,7 @@ def test_a_line_that_stays_high_has_one_edge_at_most(monkeypatch):
 
 
 def test_a_line_whose_driver_fails_in_closing_too_is_opened_again(monkeypatch):
-    monkeypatch.setattr(reading, "RETRY_S", 0.01)
+    monkeypatch.setattr(kept, "RETRY_S", 0.01)
     line, told = SimulatedLineIn(), []
     close, fails = line.close, iter([True])
 
@@ -241,7 +241,7 @@ def test_a_line_whose_driver_fails_in_closing_too_is_opened_again(monkeypatch):
 
 def test_a_line_that_is_not_there_is_said_in_the_status(tmp_path, monkeypatch):
     """And one whose edges are for strokes begins no recording."""
-    monkeypatch.setattr(reading, "RETRY_S", 0.01)
+    monkeypatch.setattr(kept, "RETRY_S", 0.01)
     events, recorded = EventLog(), []
     section = SimulatedLineInConfig(kind="simulated", start="stroke", low_s=1e-3)
     line = SimulatedLineIn()
