@@ -18,7 +18,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.processes.kept import Kept
+from haptic_driver.processes.kept import KeptOpen
 from haptic_driver.processes.shared_memory import Ring
 from haptic_driver.recording.event import Event
 from haptic_driver.rig.evidence import KnownOutput
@@ -71,7 +71,7 @@ class EventLineWriter:
         self._position = 0  # in the ring
         self._touching, self._on = False, False
         self._missing = 0  # while the line is lost
-        self._kept = Kept("event_line", line, self._serve, self._tell, self._miss)
+        self._kept = KeptOpen("event_line", line, self._serve, self._tell, self._miss)
         self.close = self._kept.close
 
     def start(self) -> None:

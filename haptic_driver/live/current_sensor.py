@@ -11,7 +11,7 @@ from math import inf
 from typing import NamedTuple
 
 from haptic_driver.errors import HapticError, message_of
-from haptic_driver.live.touch_by_current import Felt, TouchByCurrent
+from haptic_driver.live.touch_by_current import CurrentTouch, TouchByCurrent
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.patience import join_within
 from haptic_driver.processes.started import start_thread
@@ -40,7 +40,7 @@ class Seen(NamedTuple):
 
     time_s: float = -inf
     reading: ElectrodeReading | None = None
-    felt: Felt | None = None
+    felt: CurrentTouch | None = None
 
 
 NOTHING_SEEN = Seen()
@@ -61,7 +61,7 @@ class TouchEstimate:
 
     def of(
         self, now_s: float, carrier: Carried | None, reading: ElectrodeReading | None
-    ) -> Felt | None:
+    ) -> CurrentTouch | None:
         """What a reading adds. Only of a finger that slides: a resting one is another touch.
 
         Raises BadInputError where the model cannot be loaded.

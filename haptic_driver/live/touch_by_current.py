@@ -37,7 +37,7 @@ LEVEL_STD = FeedbackSettings(0.0).deviation  # of friction without voltage, from
 TOLD = 0.5  # of what is unknown of the rise beforehand; more teaches nothing
 
 
-class Felt(NamedTuple):
+class CurrentTouch(NamedTuple):
     """Load in N, and friction at the voltage of the reading with its standard deviation.
 
     `tells`: the current has told enough of what attraction makes of friction to learn from it.
@@ -65,7 +65,9 @@ class TouchByCurrent:
         self._own, self._load_n = description.with_values(stray_capacitance_f=stray_f), load_n
         self._off, self._covariance = np.zeros(SPREAD.size), np.diag(SPREAD**2)
 
-    def felt(self, frequency_hz: float, reading: ElectrodeReading, elapsed_s: float) -> Felt:
+    def felt(
+        self, frequency_hz: float, reading: ElectrodeReading, elapsed_s: float
+    ) -> CurrentTouch:
         """What is known with one more reading, so long after the last; next to no voltage teaches
         nothing.
         """
@@ -77,7 +79,7 @@ class TouchByCurrent:
         voltage_v = abs(reading.voltage_v)
         if voltage_v < LEAST_V or reading.current_a == 0.0:
             quiet = self._expected(frequency_hz, max(voltage_v, QUIET_V), self._off)
-            return Felt(quiet.load_n, quiet.cof, LEVEL_STD * quiet.off_cof, False)
+            return CurrentTouch(quiet.load_n, quiet.cof, LEVEL_STD * quiet.off_cof, False)
         moved = self._off + STEP * np.eye(SPREAD.size)[SHAPED]
         told, *beside = (
             self._expected(frequency_hz, voltage_v, off) for off in (self._off, *moved)
@@ -100,7 +102,7 @@ class TouchByCurrent:
         before = float(np.sqrt(rises @ np.diag(SPREAD[SHAPED] ** 2) @ rises))
         felt = self._expected(frequency_hz, voltage_v, self._off)
         std = float(np.hypot(known, LEVEL_STD * felt.off_cof))
-        return Felt(felt.load_n, felt.cof, std, known < TOLD * before)
+        return CurrentTouch(felt.load_n, felt.cof, std, known < TOLD * before)
 
     def _expected(self, frequency_hz: float, voltage_v: float, off: Array) -> _Expected:
         """What such a finger feels, and its current per volt."""

@@ -23,7 +23,7 @@ class Opened(Protocol):
     def close(self) -> object: ...
 
 
-class Kept:
+class KeptOpen:
     """Serves a thing between `start` and `close`, from the thread of that name.
 
     `serve` ends when `ending` is set, or raises what the thing is lost by. `told` hears why it is,

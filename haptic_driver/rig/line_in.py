@@ -7,7 +7,7 @@ from collections.abc import Callable
 from math import inf
 from typing import NamedTuple
 
-from haptic_driver.processes.kept import Kept
+from haptic_driver.processes.kept import KeptOpen
 from hw.event_line.contract import LineIn
 
 LOOK_S = 0.001
@@ -42,7 +42,7 @@ class LineInReader:
         self.edges = self.bounces = 0
         self._low_s, self._clock = low_s, clock
         self._heard, self._told = heard, told
-        self._kept = Kept("line_in", line, self._serve, self._tell)
+        self._kept = KeptOpen("line_in", line, self._serve, self._tell)
         self.start, self.close = self._kept.start, self._kept.close
 
     @property

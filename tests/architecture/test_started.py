@@ -23,7 +23,7 @@ STARTERS = {
     *("run_in_executor", "create_subprocess_exec", "create_subprocess_shell"),
 }
 MODULES = {"threading", "_thread", "subprocess", "multiprocessing", "concurrent", "asyncio", "os"}
-OURS = {"start_thread", "Kept", "start_process", "start_workers", "Child", "Watchdog", "Loader"}
+OURS = {"start_thread", "KeptOpen", "start_process", "start_workers", "Child", "Watchdog", "Loader"}
 
 
 def starts(source: str) -> Iterator[str]:

@@ -48,7 +48,7 @@ class Strokes(NamedTuple):
     speed_m_s: Array | None
 
 
-class Felt(NamedTuple):
+class FrictionAlong(NamedTuple):
     """Friction [n] over increasing positions.
 
     `share_used`: of the rows, those that slide in contact; `widest_gap_m`: the longest way without
@@ -100,7 +100,7 @@ def speed_over(time_s: Array, position_m: Array) -> Array:
     return way_m / np.maximum(after_s - before_s, 1e-9)
 
 
-def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Felt:
+def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> FrictionAlong:
     """Friction of sliding contact in places `pitch_m` wide: the sum of lateral forces over the sum
     of loads.
 
@@ -134,7 +134,9 @@ def friction_over_position(strokes: Strokes, pitch_m: float, where: str) -> Felt
     speed_m_s = (
         np.nan if strokes.speed_m_s is None else float(np.median(np.abs(strokes.speed_m_s[usable])))
     )
-    return Felt(along_m, cof, float(usable.mean()), float(np.diff(along_m).max()), speed_m_s)
+    return FrictionAlong(
+        along_m, cof, float(usable.mean()), float(np.diff(along_m).max()), speed_m_s
+    )
 
 
 def _check_sign(load_n: Array, where: str) -> None:

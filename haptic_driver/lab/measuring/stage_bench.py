@@ -17,7 +17,7 @@ from typing import Self
 from haptic_driver.errors import HapticError
 from haptic_driver.lab.measuring.bench import AwaitStart, Place, at_once
 from haptic_driver.lab.measuring.plan import Plan, Row, Setting
-from haptic_driver.lab.measuring.stroke import SPARE_S, Stroke, stage_of, stroke
+from haptic_driver.lab.measuring.stroke import SPARE_S, StageMove, stage_of, stroke
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, connect_devices
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
@@ -78,7 +78,7 @@ class StageBench:
         # its speed, and the stage's status when it had been reached; None while the finger does not
         # slide
         self._stroke: tuple[float, StageStatus] | None = None
-        self._path: Stroke | None = None  # from its start until the finger is lifted
+        self._path: StageMove | None = None  # from its start until the finger is lifted
         self.places: list[Place] = []
 
     @property

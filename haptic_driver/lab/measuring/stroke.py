@@ -13,7 +13,7 @@ from haptic_driver.rig.parts.stages import StageSection
 SPARE_S = 1.0
 
 
-class Stroke(NamedTuple):
+class StageMove(NamedTuple):
     """One slide in the middle of the travel, towards higher positions; at full speed after
     `accelerate_s`.
     """
@@ -39,7 +39,7 @@ def stage_of(config: RigConfig) -> StageSection:
     return config.stage
 
 
-def stroke(setting: Setting, plan: Plan, config: RigConfig) -> Stroke:
+def stroke(setting: Setting, plan: Plan, config: RigConfig) -> StageMove:
     """The slide that a row at `setting` takes: the voltage rises, friction settles and is averaged
     at full speed.
     """
@@ -48,7 +48,7 @@ def stroke(setting: Setting, plan: Plan, config: RigConfig) -> Stroke:
     rise_s = setting.voltage_v / config.output.voltage_rise_v_per_s
     length_m = speed_m_s * (accelerate_s + rise_s + plan.settle_s + plan.average_s + SPARE_S)
     middle_m = 0.5 * (stage.travel_m[0] + stage.travel_m[1])
-    return Stroke(middle_m - 0.5 * length_m, middle_m + 0.5 * length_m, speed_m_s, accelerate_s)
+    return StageMove(middle_m - 0.5 * length_m, middle_m + 0.5 * length_m, speed_m_s, accelerate_s)
 
 
 def beyond_stage(setting: Setting, plan: Plan, config: RigConfig) -> str | None:

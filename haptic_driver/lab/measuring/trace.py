@@ -10,7 +10,7 @@ import numpy as np
 
 from haptic_driver.lab.measuring.bench import Bench, Place
 from haptic_driver.lab.measuring.plan import Row
-from haptic_driver.lab.strokes.file import SAMPLE, Stroke, StrokeRow
+from haptic_driver.lab.strokes.file import SAMPLE, KeptStroke, StrokeRow
 from haptic_driver.signals import Array
 from hw.force.sensor import ForceReading
 
@@ -54,7 +54,7 @@ class Trace:
         """The steady window begins; it lasts until the end."""
         self._steady_s = self._bench.time_s
 
-    def stroke(self, number: int, row: Row) -> Stroke:
+    def stroke(self, number: int, row: Row) -> KeptStroke:
         """All of it, of the row that is the data file's line `number` below its header."""
         looks = np.array(self._looks)
         samples = np.zeros(len(looks), SAMPLE)
@@ -81,7 +81,7 @@ class Trace:
             begin_m - zero_m,
             end_m - zero_m,
         )
-        return Stroke(told, samples)
+        return KeptStroke(told, samples)
 
 
 def _slide(time_s: Array, places: Sequence[Place]) -> tuple[Array, Array]:

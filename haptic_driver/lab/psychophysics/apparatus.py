@@ -17,7 +17,7 @@ from haptic_driver.client import new_samples
 from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import write_text
-from haptic_driver.lab.psychophysics.delivery import Felt, felt, onsets, strokes
+from haptic_driver.lab.psychophysics.delivery import Delivered, felt, onsets, strokes
 from haptic_driver.lab.psychophysics.description import Experiment, Stimulus, TrialSettings
 from haptic_driver.textures.description import FINEST_MM
 from haptic_driver.textures.library import load
@@ -42,7 +42,7 @@ class Apparatus(Protocol):
 
     def present(
         self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
-    ) -> list[Felt]:
+    ) -> list[Delivered]:
         """What was felt in each; the output is off afterwards."""
 
     def mark(self, label: str, data: dict[str, Any]) -> float:
@@ -77,7 +77,7 @@ class DaemonApparatus:
 
     def present(
         self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
-    ) -> list[Felt]:
+    ) -> list[Delivered]:
         """One after the other, or both at once. HapticError when the output went away meanwhile."""
         if settings.place == "regions":
             return self._regions(stimuli, settings, settle_s)
@@ -92,7 +92,7 @@ class DaemonApparatus:
 
     def _regions(
         self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
-    ) -> list[Felt]:
+    ) -> list[Delivered]:
         left, right = (s.cof for s in stimuli)
         assert left is not None  # regions are of frictions alone
         assert right is not None
@@ -156,15 +156,15 @@ class AssumedApparatus:
 
     def present(
         self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
-    ) -> list[Felt]:
+    ) -> list[Delivered]:
         """As asked; of a texture nothing is known."""
         return [
             _as_asked(s.cof if s.cof is not None else np.nan, settings.duration_s) for s in stimuli
         ]
 
 
-def _as_asked(cof: float, lasted_s: float) -> Felt:
-    return Felt(
+def _as_asked(cof: float, lasted_s: float) -> Delivered:
+    return Delivered(
         cof,
         cof,
         cof,

@@ -34,7 +34,7 @@ from haptic_driver.files import (
     write_through,
     writing,
 )
-from haptic_driver.lab.psychophysics.delivery import Felt
+from haptic_driver.lab.psychophysics.delivery import Delivered
 from model.support.cells import read_cell, written_cell
 from model.support.reading import read_text
 
@@ -85,7 +85,7 @@ COLUMNS = {
 }
 
 
-NOT_FELT = Felt(sliding_s=math.nan, strokes=math.nan)
+NOT_FELT = Delivered(sliding_s=math.nan, strokes=math.nan)
 
 
 class Row(NamedTuple):
@@ -107,8 +107,8 @@ class Row(NamedTuple):
     delivered: bool
     why_not_delivered: str
     time_s: float
-    standard: Felt | None
-    comparison: Felt
+    standard: Delivered | None
+    comparison: Delivered
 
     def cells(self) -> dict[str, str]:
         """As text, by column."""
@@ -130,7 +130,12 @@ def row_of(cells: Mapping[str, str]) -> Row:
     """The row that `cells` says. ValueError where it is none."""
     plain = {name: _value(cells[name], kind) for name, kind in PLAIN.items()}
     standard, comparison = (
-        Felt(**{n: _value(cells[f"{role}_{n}"], kind) for n, kind in get_type_hints(Felt).items()})
+        Delivered(
+            **{
+                n: _value(cells[f"{role}_{n}"], kind)
+                for n, kind in get_type_hints(Delivered).items()
+            }
+        )
         for role in ("standard", "comparison")
     )
     return Row(**plain, standard=standard, comparison=comparison)
@@ -266,8 +271,8 @@ def _value(cell: str, kind: Any) -> Any:
     return kind(cell)
 
 
-def mean_of(felts: Sequence[Felt]) -> Felt | None:
+def mean_of(felts: Sequence[Delivered]) -> Delivered | None:
     """Of the intervals that had the standard; None without one."""
     if not felts:
         return None
-    return Felt(*(sum(values) / len(felts) for values in zip(*felts, strict=True)))
+    return Delivered(*(sum(values) / len(felts) for values in zip(*felts, strict=True)))

@@ -16,7 +16,7 @@ from haptic_driver.signals import WITHIN, Array, Mask
 STROKE_M = 0.003  # a finger that goes this far one way makes a stroke
 
 
-class Felt(NamedTuple):
+class Delivered(NamedTuple):
     """What the measure of fidelity says of an interval, by felt against asked friction.
 
     Means and shares are over the time that the finger slid, NaN where it did not; all of that time
@@ -36,13 +36,13 @@ class Felt(NamedTuple):
     normal_force_n: float = np.nan
 
 
-def felt(samples: NDArray[np.void], where: Mask | None = None, settle_s: float = 0.0) -> Felt:
+def felt(samples: NDArray[np.void], where: Mask | None = None, settle_s: float = 0.0) -> Delivered:
     """What samples of one interval, of dtype SAMPLE [n], say; of those at `where` alone, if given.
 
     They are judged from `settle_s` after the first on, and from 0.1 s after each touch on.
     """
     if not samples.size:
-        return Felt()
+        return Delivered()
     judged = samples["time_s"] >= samples["time_s"][0] + settle_s
     judged &= since_touch_s(samples) >= AFTER_TOUCH_S
     if where is not None:
@@ -50,9 +50,9 @@ def felt(samples: NDArray[np.void], where: Mask | None = None, settle_s: float =
     step_s = tick_s(samples)
     errors = errors_of(strokes_of(samples, judged), step_s)
     if not errors.asked.size:
-        return Felt(strokes=strokes(samples))
+        return Delivered(strokes=strokes(samples))
     slid = samples[judged & sliding(samples) & np.isfinite(samples["target_cof"])]
-    return Felt(
+    return Delivered(
         asked_cof=float(errors.asked.mean()),
         reachable_cof=float(slid["expected_cof"].mean()),
         felt_cof=float(errors.felt.mean()),
@@ -66,7 +66,7 @@ def felt(samples: NDArray[np.void], where: Mask | None = None, settle_s: float =
     )
 
 
-def why_not_delivered(intervals: list[Felt], settings: Delivery) -> str:
+def why_not_delivered(intervals: list[Delivered], settings: Delivery) -> str:
     """Why a trial cannot be judged, by its first interval for which that is so; empty otherwise."""
     for number, one in enumerate(intervals, start=1):
         if one.sliding_s < max(settings.least_sliding_s, 1e-9):
@@ -77,7 +77,7 @@ def why_not_delivered(intervals: list[Felt], settings: Delivery) -> str:
     return ""
 
 
-def _limit(one: Felt) -> str:
+def _limit(one: Delivered) -> str:
     """What kept friction from being as asked, where that was most of it. It is the reach under this
     load, feedback's caution, or what the finger made of a correct command.
     """

@@ -85,7 +85,7 @@ class StrokeRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Stroke:
+class KeptStroke:
     """One stroke; `samples` [n] of dtype SAMPLE."""
 
     row: StrokeRow
@@ -93,11 +93,11 @@ class Stroke:
 
 
 @dataclass(frozen=True)
-class Strokes:
+class KeptStrokes:
     """All strokes of a file by their rows, and its attributes."""
 
     about: dict[str, Any]
-    strokes: tuple[Stroke, ...]
+    strokes: tuple[KeptStroke, ...]
 
     def to_frame(self) -> Any:
         """A pandas DataFrame, one line per sample; HapticError where pandas is not installed."""
@@ -147,7 +147,7 @@ class StrokesFile:
             records.add(made, {"format": FORMAT, "about": dict(about)})
         return cls(path, made)
 
-    def append(self, stroke: Stroke) -> None:
+    def append(self, stroke: KeptStroke) -> None:
         """Write a stroke through to the disk."""
         with writing(self._path):
             records.add(self._descriptor, stroke.row._asdict(), stroke.samples.tobytes())
@@ -177,7 +177,7 @@ def is_strokes(path: Path) -> bool:
     return not path.exists() and _begun(records.records_of(path))
 
 
-def read_strokes(path: Path) -> Strokes:
+def read_strokes(path: Path) -> KeptStrokes:
     """The strokes of a file, with those that are being measured or that a kill has left as records.
 
     BadInputError for a missing, damaged, foreign or newer file.
@@ -200,7 +200,7 @@ def read_strokes(path: Path) -> Strokes:
     except (OSError, KeyError, ValueError, RuntimeError, TypeError) as error:
         said = f"{path}: is no file of strokes, or damaged ({error})"
         raise BadInputError("strokes_unreadable", said, "Give a file of haptic measure") from error
-    return Strokes(about, tuple(found[row] for row in sorted(found)))
+    return KeptStrokes(about, tuple(found[row] for row in sorted(found)))
 
 
 def export_strokes(
@@ -225,7 +225,7 @@ def sample_count(path: Path) -> int:
     return sum(stroke.samples.size for stroke in read_strokes(path).strokes)
 
 
-def _blocks(strokes: Sequence[Stroke], progress: Callable[[int], None]) -> Blocks:
+def _blocks(strokes: Sequence[KeptStroke], progress: Callable[[int], None]) -> Blocks:
     done = 0
     if not strokes:
         yield _table(strokes)
@@ -235,30 +235,30 @@ def _blocks(strokes: Sequence[Stroke], progress: Callable[[int], None]) -> Block
         progress(done)
 
 
-def _table(strokes: Sequence[Stroke]) -> list[NDArray[Any]]:
+def _table(strokes: Sequence[KeptStroke]) -> list[NDArray[Any]]:
     sizes = [stroke.samples.size for stroke in strokes]
     said = [np.repeat(_row_column(strokes, name), sizes) for name in StrokeRow._fields[:-2]]
     samples = _joined(strokes)
     return said + [samples[name] for name in SAMPLE_FIELDS]
 
 
-def _row_column(strokes: Sequence[Stroke], name: str) -> NDArray[Any]:
+def _row_column(strokes: Sequence[KeptStroke], name: str) -> NDArray[Any]:
     kind = ROW_FIELDS[name]
     is_text = h5py.check_string_dtype(np.dtype(kind)) is not None
     return np.array([getattr(stroke.row, name) for stroke in strokes], object if is_text else kind)
 
 
-def _joined(strokes: Sequence[Stroke]) -> NDArray[np.void]:
+def _joined(strokes: Sequence[KeptStroke]) -> NDArray[np.void]:
     return np.concatenate([np.empty(0, SAMPLE), *(stroke.samples for stroke in strokes)])
 
 
-Found = tuple[dict[str, Any], dict[int, Stroke]]
+Found = tuple[dict[str, Any], dict[int, KeptStroke]]
 
 
 def _from_records(descriptor: int) -> Found:
     """What is whole in records; of a row that was measured again, the last."""
     about: dict[str, Any] = {}
-    found: dict[int, Stroke] = {}
+    found: dict[int, KeptStroke] = {}
     for record in records.records_in(descriptor):
         match record:
             case None:
@@ -267,7 +267,7 @@ def _from_records(descriptor: int) -> Found:
                 about = dict(said)
             case said, data:
                 row = StrokeRow(**said)
-                found[row.row] = Stroke(row, np.frombuffer(data, SAMPLE))
+                found[row.row] = KeptStroke(row, np.frombuffer(data, SAMPLE))
     return about, found
 
 
@@ -297,14 +297,14 @@ def _from_hdf5(path: Path) -> Found:
     return about, dict(_split(rows, samples))
 
 
-def _split(rows: Mapping[str, Any], samples: NDArray[np.void]) -> Iterator[tuple[int, Stroke]]:
+def _split(rows: Mapping[str, Any], samples: NDArray[np.void]) -> Iterator[tuple[int, KeptStroke]]:
     lists = [rows[name].tolist() for name in StrokeRow._fields]
     first, count = rows["first_sample"].tolist(), rows["samples"].tolist()
     for i, said in enumerate(zip(*lists, strict=True)):
         if not 0 <= first[i] <= first[i] + count[i] <= samples.size:
             raise ValueError(f"row {said[0]} claims samples that are not there")
         row = StrokeRow(*said)
-        yield row.row, Stroke(row, samples[first[i] : first[i] + count[i]])
+        yield row.row, KeptStroke(row, samples[first[i] : first[i] + count[i]])
 
 
 def _columns(file: h5py.File, table: str, kinds: Mapping[str, Any], bytes_: int) -> dict[str, Any]:
@@ -358,7 +358,9 @@ def _finish(path: Path, left: Path, descriptor: int) -> None:
     records.remove(left, descriptor)
 
 
-def _write(file: h5py.File, about: Mapping[str, str | float], strokes: Sequence[Stroke]) -> None:
+def _write(
+    file: h5py.File, about: Mapping[str, str | float], strokes: Sequence[KeptStroke]
+) -> None:
     file.attrs.update({**about, "format": FORMAT, "format_version": FORMAT_VERSION})
     counts = np.array([stroke.samples.size for stroke in strokes], "i8")
     told = {name: _row_column(strokes, name) for name in StrokeRow._fields}

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.lab.strokes.file import Stroke, StrokeRow, read_strokes, strokes_path
+from haptic_driver.lab.strokes.file import KeptStroke, StrokeRow, read_strokes, strokes_path
 from haptic_driver.signals import Array
 from model.friction import electrostatic_force_n
 from model.support.reading import read_text
@@ -109,7 +109,7 @@ class _Trial(NamedTuple):
     condition: Condition
     cof: float
     normal_force_n: float
-    stroke: Stroke
+    stroke: KeptStroke
 
 
 def stroke_means(data: Path, wanted: Mapping[str, float]) -> StrokeMeans:
@@ -205,11 +205,11 @@ def _condition_of(row: Mapping[str, str]) -> Condition:
 def _trials(
     rows: Sequence[Mapping[str, str]],
     condition: Condition,
-    strokes: Sequence[Stroke],
+    strokes: Sequence[KeptStroke],
     path: Path,
 ) -> list[_Trial]:
     """The rows under a condition, and those without voltage beside them, with their strokes."""
-    by_row: dict[tuple[float, ...], list[Stroke]] = {}
+    by_row: dict[tuple[float, ...], list[KeptStroke]] = {}
     for stroke in strokes:
         by_row.setdefault(_key(stroke.row), []).append(stroke)
     trials = []
@@ -235,7 +235,7 @@ def _key(row: StrokeRow) -> tuple[float, ...]:
     return (row.session, row.trial, frequency_hz, *told)
 
 
-def _time_s(stroke: Stroke) -> float:
+def _time_s(stroke: KeptStroke) -> float:
     steady = stroke.samples["steady"] == 1
     return float(np.mean(stroke.samples["time_s"][steady])) if steady.any() else nan
 

@@ -19,7 +19,7 @@ from haptic_driver.lab.measuring.data_file import DataFile
 from haptic_driver.lab.measuring.plan import Plan, Setting
 from haptic_driver.lab.measuring.run import READING_S, prepare, run
 from haptic_driver.lab.measuring.stroke import stroke
-from haptic_driver.lab.strokes.file import Stroke, StrokesFile, read_strokes, strokes_path
+from haptic_driver.lab.strokes.file import KeptStroke, StrokesFile, read_strokes, strokes_path
 from haptic_driver.recording import records
 from haptic_driver.rig.config import RigConfig, load_rig
 from hw.force.sensor import ForceReading
@@ -61,7 +61,7 @@ class Watched(SimulatedBench):
 
 def kept(
     config: RigConfig, model: TouchModel, given: Plan, out: Path
-) -> tuple[Watched, tuple[Stroke, ...]]:
+) -> tuple[Watched, tuple[KeptStroke, ...]]:
     experiment = prepare(config, model, given)
     bench = Watched(config, model, seed=1)
     with (

@@ -7,7 +7,7 @@ import pytest
 
 from haptic_driver.lab.psychophysics.apparatus import _halves
 from haptic_driver.lab.psychophysics.delivery import (
-    Felt,
+    Delivered,
     Onsets,
     felt,
     onsets,
@@ -18,7 +18,7 @@ from haptic_driver.lab.psychophysics.description import Delivery
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.textures.library import load_texture
 
-GOOD = Felt(0.5, 0.5, 0.51, 0.02, 0.95, 1.0, 1.0, 2, 0.05, 0.5)
+GOOD = Delivered(0.5, 0.5, 0.51, 0.02, 0.95, 1.0, 1.0, 2, 0.05, 0.5)
 
 
 def made(count=1000, cof=0.6, noise=0.0, asked=0.6):
@@ -89,7 +89,7 @@ def test_what_is_no_sliding_contact_or_comes_too_early_is_not_judged():
     assert found.sliding_s == pytest.approx(0.35, abs=0.002)
     only = felt(samples, samples["position_x_m"] > 0.03, 0.2)
     assert 0.0 < only.sliding_s < found.sliding_s
-    assert felt(samples[:0]) == Felt()
+    assert felt(samples[:0]) == Delivered()
     assert np.isnan(felt(samples[400:600]).felt_cof)
 
 

@@ -21,7 +21,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.lab.psychophysics.analysis import analyse
 from haptic_driver.lab.psychophysics.apparatus import AssumedApparatus
 from haptic_driver.lab.psychophysics.data import COLUMNS, SessionFiles, label_of
-from haptic_driver.lab.psychophysics.delivery import Felt
+from haptic_driver.lab.psychophysics.delivery import Delivered
 from haptic_driver.lab.psychophysics.description import Stimulus, load_experiment
 from haptic_driver.lab.psychophysics.functions import Psychometric
 from haptic_driver.lab.psychophysics.rehearsal import pretended, reached, try_design
@@ -176,7 +176,7 @@ class NoFinger(AssumedApparatus):
     def present(self, stimuli, settings, settle_s):
         self.presented += 1
         there = super().present(stimuli, settings, settle_s)
-        return there if self.presented < self.since else [Felt()] * len(stimuli)
+        return there if self.presented < self.since else [Delivered()] * len(stimuli)
 
 
 def session_of(experiment, folder, participant=None, apparatus=None, model="reference"):

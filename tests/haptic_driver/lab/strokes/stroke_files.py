@@ -10,7 +10,7 @@ import numpy as np
 
 from haptic_driver.lab.strokes.file import (
     SAMPLE,
-    Stroke,
+    KeptStroke,
     StrokeRow,
     StrokesFile,
     strokes_path,
@@ -40,7 +40,7 @@ def stroke(
     trial: int = 1,
     window_m: tuple[float, float] = (0.015, 0.035),
     load_n: float = LOAD_N,
-) -> Stroke:
+) -> KeptStroke:
     """35 mm at 20 mm/s; friction is 0.5 until the window, `cof` in it."""
     time_s = 0.0025 + 0.005 * np.arange(350)
     samples = np.zeros(time_s.size, SAMPLE)
@@ -53,17 +53,17 @@ def stroke(
     samples["lateral_force_n"] = load_n * np.where(samples["steady"], cof, 0.5)
     samples["monitor_voltage_v"], samples["monitor_current_a"] = voltage_v, np.nan
     told = (row, 1, trial, frequency_hz, voltage_v, LOAD_N, SPEED_M_S, 0.0, "sine", *window_m)
-    return Stroke(StrokeRow(*told), samples)
+    return KeptStroke(StrokeRow(*told), samples)
 
 
-def written(path: Path, strokes: Sequence[Stroke]) -> Path:
+def written(path: Path, strokes: Sequence[KeptStroke]) -> Path:
     with StrokesFile.create(path, ABOUT) as file:
         for one in strokes:
             file.append(one)
     return path
 
 
-def data_file(data: Path, strokes: Sequence[Stroke]) -> Path:
+def data_file(data: Path, strokes: Sequence[KeptStroke]) -> Path:
     """A CSV whose frictions are those of the strokes in their windows, which lie beside it."""
     with data.open("w", newline="") as file:
         writer = csv.writer(file)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.lab.strokes.file import Stroke, strokes_path
+from haptic_driver.lab.strokes.file import KeptStroke, strokes_path
 from haptic_driver.lab.strokes.means import mean_and_error, stroke_means
 from tests.haptic_driver.lab.strokes.stroke_files import data_file, stroke, written
 
@@ -18,7 +18,7 @@ OFF = (0.50, 0.52, 0.51)
 ON = {50.0: (0.56, 0.60, 0.61), 250.0: (0.60, 0.62, 0.70)}
 
 
-def trials(**changes: float) -> list[Stroke]:
+def trials(**changes: float) -> list[KeptStroke]:
     made = [
         {"cof": cof, "frequency_hz": 0.0, "voltage_v": 0.0, "trial": i}
         for i, cof in enumerate(OFF, start=1)
