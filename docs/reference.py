@@ -21,6 +21,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any, cast
 
+import errors
 from pydantic import TypeAdapter
 
 import haptic_driver
@@ -85,6 +86,7 @@ def texts() -> dict[Path, str]:
         "python.md": {"names": public_names(), "examples": examples()},
         "investigation.md": {"interventions": interventions()},
         "processes.md": processes(),
+        "errors.md": {"codes": errors.table()},
     }
     found = {DOCS / name: filled((DOCS / name).read_text("utf-8"), p) for name, p in parts.items()}
     return found | {TEMPLATE: commented(TEMPLATE.read_text("utf-8"), RigConfig.model_json_schema())}

@@ -1,0 +1,29 @@
+"""Codes of errors: one table, and it holds every code at every place of the source."""
+
+import importlib
+import re
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+sys.path.insert(0, str(DOCS))
+errors = importlib.import_module("errors")
+PAGE = (DOCS / "errors.md").read_text("utf-8")
+WORD = r"[a-z0-9]+(_[a-z0-9]+)*(_…)?"
+
+
+def test_the_table_has_each_code_that_is_raised_and_no_other() -> None:
+    listed = re.findall(r"^\| `(.+?)` \|", PAGE, re.MULTILINE)
+    assert listed == sorted({one.code for one in errors.raised()})
+
+
+def test_a_code_is_a_word_that_a_program_can_compare() -> None:
+    odd = [one for one in errors.raised() if not re.fullmatch(WORD, one.code)]
+    assert odd == []
+
+
+def test_codes_are_found_however_they_are_given() -> None:
+    """As an argument, a name, by keyword, to a helper, and as that of a class."""
+    found = {one.code for one in errors.raised()}
+    ways = {"out_of_range", "scene_too_large", "bad_toml", "bad_strokes", "device_timeout"}
+    assert ways | {"unknown_…"} <= found
