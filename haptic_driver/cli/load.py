@@ -173,7 +173,7 @@ def _pressed(
         make_clear(stage, section.mounting())
         with LoadLoop(
             stage,
-            devices.force_sensor.read,
+            devices.force_sensor,
             settings,
             section.mounting(),
             clock=clock,

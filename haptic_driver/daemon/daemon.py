@@ -27,8 +27,8 @@ from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import (
     SOMEBODY,
     DaemonState,
+    InstrumentStatus,
     Lease,
-    LoadStatus,
     Marked,
     RefusedError,
     Status,
@@ -60,7 +60,6 @@ from haptic_driver.textures.library import script_names, texture_names
 WATCH_PERIOD_S = 0.02
 ARM_PATIENCE_S = 2.0
 MEASURED_SAMPLES = 100
-SILENT_S = 0.1  # a load that nobody has measured for so long is not known
 TIMED_SAMPLES = 1000
 
 
@@ -99,7 +98,13 @@ class Daemon:
         )
         self.targets: Targets = targets
         self._recordings = Recordings(
-            shared, events, lambda: basis.settings, identified, orders.machine.is_held_by, clock
+            shared,
+            events,
+            lambda: basis.settings,
+            identified,
+            orders.machine.is_held_by,
+            self._instruments,
+            clock,
         )
         self.supervisor = Supervisor(settings, shared, orders, events, clock, ended)
         basis.among(orders, targets, self._recordings, self.supervisor)
@@ -253,7 +258,7 @@ class Daemon:
                 latency_why=latency.why,
                 fidelity=judged.fidelity,
                 surface_hash=settings.surface.content_hash,
-                load=self._load(newest, now_s),
+                load=self.supervisor.load.status(_mean(newest, "normal_force_n")),
                 feedback=settings.feedback,
                 agreement=self.basis.observer.cells,
                 disagreement=self.basis.observer.said,
@@ -261,11 +266,12 @@ class Daemon:
                 recording=str(recording) if recording is not None else None,
                 recording_fault=self._recordings.fault,
                 line_in=None if self.line_in is None else self.line_in.status(),
+                instruments=self._instruments(),
             )
 
-    def _load(self, newest: NDArray[np.void], now_s: float) -> LoadStatus | None:
-        silent = now_s - self.shared.sensed.read().force_time_s > SILENT_S
-        return self.supervisor.load.status(None if silent else _mean(newest, "normal_force_n"))
+    def _instruments(self) -> list[InstrumentStatus]:
+        now_s = self._clock()
+        return [InstrumentStatus.of(one, now_s) for one in self.supervisor.health]
 
     def _judged(self) -> Judged:
         """What was found since arming."""

@@ -19,9 +19,9 @@ from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, connect_devices
 from haptic_driver.rig.evidence import KnownOutput
+from haptic_driver.rig.load_loop import LoadSensor
 from haptic_driver.rig.states import RigEvent
 from hw.finger.tracker import FingerTracker
-from hw.force.sensor import ForceSensor
 from hw.monitor.contract import ElectrodeReading
 
 SENSOR_PERIOD_S = 0.001
@@ -87,7 +87,7 @@ class Instruments:
 
 
 def connect(
-    config: RigConfig, on_event: Callable[[RigEvent], None], before: ForceSensor | None = None
+    config: RigConfig, on_event: Callable[[RigEvent], None], before: LoadSensor | None = None
 ) -> Instruments:
     """The devices that a rig's file names, open. Raises HapticError and DeviceError.
 

@@ -19,15 +19,24 @@ from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.messages import LoadPhase, LoadStatus
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.errors import BadInputError, message_of
-from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.processes.shared_memory import Sensed, SharedState
 from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices
 from haptic_driver.rig.load_controller import LoadSettings, Phase, Seen, wrong_load
-from haptic_driver.rig.load_loop import Guard, LoadLoop, LoadStage, is_clear, lift, make_clear
+from haptic_driver.rig.load_loop import (
+    Guard,
+    LoadLoop,
+    LoadSensor,
+    LoadStage,
+    is_clear,
+    lift,
+    make_clear,
+)
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from hw.errors import DeviceError, DeviceTimeout
 from hw.force.sensor import ForceReading
+from hw.health import Health
 
 IDLE_S = 0.02  # between looks for somebody who wants a load
 AGAIN_S = 0.5  # between attempts to let go of a stage that took no order
@@ -49,6 +58,43 @@ class Wanted(NamedTuple):
     withdrawn: int
 
 
+class SensedForce:
+    """The force sensor as its one reader, `Instruments.read`, hears and believes it."""
+
+    def __init__(self, shared: SharedState, clock: Callable[[], float]) -> None:
+        self.read_by: LoadSensor | None = None  # of the devices that are connected
+        self._shared, self._clock = shared, clock
+
+    @property
+    def newest(self) -> Sensed:
+        """What was believed last."""
+        return self._shared.sensed.read()
+
+    @property
+    def health(self) -> Health:
+        """That of the sensor; a reading that nobody believed was not heard."""
+        known = Health("force_sensor") if self.read_by is None else self.read_by.health
+        return known._replace(heard_s=self.newest.force_time_s)
+
+    @property
+    def silent(self) -> str:
+        """For how long too long; empty while it is heard."""
+        age_s = self.health.age_s(self._clock())
+        return "" if age_s <= LoadSettings.silent_s else f"its newest reading is {age_s:.2f} s old"
+
+    def read(self) -> ForceReading:
+        """The newest reading. DeviceTimeout for one that is stale."""
+        sensed = self.newest
+        if silent := self.silent:
+            raise DeviceTimeout(silent)
+        return ForceReading(
+            sensed.force_time_s,
+            sensed.normal_force_n,
+            sensed.lateral_force_n,
+            sensed.saturated,
+        )
+
+
 class HeldLoad:
     """Holds a load while it is wanted; thread-safe. `exchange` gives it the devices.
 
@@ -68,6 +114,7 @@ class HeldLoad:
         self._rig, self._simulated = config.name, config.simulated
         self._shared, self._orders, self._events, self._clock = shared, orders, events, clock
         self._stage: LoadStage | None = None
+        self._sensor = SensedForce(shared, clock)
         self._guard: Guard | None = None
         self._using = threading.Lock()
         self._wanted: Wanted | None = None
@@ -100,6 +147,7 @@ class HeldLoad:
         free = self._using.acquire(timeout=EXCHANGE_S)
         try:
             self._stage = None if devices is None else devices.load_stage
+            self._sensor.read_by = None if devices is None else devices.force_sensor
             self._guard = None if devices is None else devices.watchdog
             if self._stage is not None:
                 # a new simulated stage stands clear, whether or not it knows where
@@ -165,7 +213,7 @@ class HeldLoad:
         return LoadStatus(
             phase=phase,
             target_n=wanted.settings.target_n if wanted is not None and is_wanted else None,
-            load_n=load_n,
+            load_n=None if self._sensor.silent else load_n,
             depth_m=depth_m if math.isfinite(depth_m) else None,
         )
 
@@ -186,10 +234,12 @@ class HeldLoad:
 
     def _wrong(self, settings: LoadSettings) -> str:
         """Why the load that is measured now has to be let go; empty while it has not."""
-        sensed, now_s = self._shared.sensed.read(), self._clock()
-        age_s = now_s - sensed.force_time_s
-        load_n, saturated = sensed.normal_force_n, sensed.saturated
-        return wrong_load(settings, Seen(now_s, load_n, age_s, saturated, None, False))
+        sensor, now_s = self._sensor, self._clock()
+        health, load_n = sensor.health, sensor.newest.normal_force_n
+        age_s, same_s = health.age_s(now_s), health.same_s
+        return wrong_load(
+            settings, Seen(now_s, load_n, age_s, health.saturated, None, False, same_s)
+        )
 
     # --- the thread
 
@@ -236,7 +286,7 @@ class HeldLoad:
                 self._unsure = False
                 loop = LoadLoop(
                     stage,
-                    self._read,
+                    self._sensor,
                     wanted.settings,
                     mounting,
                     clock=self._clock,
@@ -293,16 +343,3 @@ class HeldLoad:
                 return
             self._phase, self._unsure = self._rest, False
         self._events.tell("load", f"the load stage {SAID[self._phase]}")
-
-    def _read(self) -> ForceReading:
-        """The newest reading of the one who reads. DeviceTimeout for one that is stale."""
-        sensed = self._shared.sensed.read()
-        age_s = self._clock() - sensed.force_time_s
-        if not age_s <= LoadSettings.silent_s:
-            raise DeviceTimeout(f"its newest reading is {age_s:.2f} s old")
-        return ForceReading(
-            sensed.force_time_s,
-            sensed.normal_force_n,
-            sensed.lateral_force_n,
-            sensed.saturated,
-        )

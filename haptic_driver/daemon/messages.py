@@ -5,6 +5,8 @@ Without numpy, which `haptic status` does not wait for.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import Annotated, Literal
 
@@ -15,6 +17,7 @@ from haptic_driver.errors import HapticError
 from haptic_driver.recording.clock import ClockOffsets
 from haptic_driver.recording.event import Event
 from haptic_driver.textures.objects import SceneDescription
+from hw.health import Health
 
 LEASE_HEADER = "X-Haptic-Lease"
 SOMEBODY = "somebody"  # who holds a lease and did not say
@@ -140,6 +143,68 @@ class LoadStatus(Checked):
         return f"{said}{asked}, {number(self.load_n, '.2f')} N measured"
 
 
+class InstrumentStatus(Checked):
+    """How well an instrument answers; see `hw.health.Health`. Null is what nobody knows yet, or
+    what the instrument has not.
+
+    `age_s`: since something new was heard of it. `read_s`: for so long the last question lasted.
+    `unchanged_s`: for so long it has repeated what noise should move. `ordered` and `got`: what it
+    is to become, and what it is. `zero_age_s`: since its zero was taken. `wrong`: why its newest
+    reading is not to be believed.
+    """
+
+    name: str
+    age_s: float | None
+    read_s: float | None
+    asked: int
+    missed: int
+    saturated: bool
+    unchanged_s: float | None
+    ordered: float | None
+    got: float | None
+    zero: list[float]
+    zero_age_s: float | None
+    wrong: str | None
+
+    @classmethod
+    def of(cls, health: Health, now_s: float) -> InstrumentStatus:
+        """The record as it is now."""
+        return cls(
+            name=health.name,
+            age_s=known(health.age_s(now_s)),
+            read_s=known(health.took_s),
+            asked=health.asked,
+            missed=health.missed,
+            saturated=health.saturated,
+            unchanged_s=health.same_s if math.isfinite(health.same_since_s) else None,
+            ordered=health.ordered,
+            got=health.got,
+            zero=list(health.zero),
+            zero_age_s=known(now_s - health.zero_s),
+            wrong=health.wrong or None,
+        )
+
+    @property
+    def row(self) -> tuple[str, str, str, str, str]:
+        """Name, age, time of a reading, missed and what is wrong, for a person."""
+        name = self.name.replace("_", " ").replace(".", " ")
+        read = "-" if self.read_s is None else f"{1e3 * self.read_s:.2g} ms"
+        missed = f"{self.missed} of {self.asked}"
+        return name, spell(self.age_s), read, missed, self.wrong or ""
+
+
+def known(value: float) -> float | None:
+    """A number, or None in place of what is none."""
+    return value if math.isfinite(value) else None
+
+
+def spell(seconds: float | None) -> str:
+    """A time for a person."""
+    if seconds is None:
+        return "never"
+    return f"{1e3 * seconds:.0f} ms" if seconds < 1.0 else f"{seconds:.1f} s"
+
+
 class Status(Checked):
     """`haptic status`; `output_on` is None where nobody knows, also where what instruments said is
     too old. `output_said` has it in words, with who said so and when.
@@ -197,6 +262,7 @@ class Status(Checked):
     recording: str | None  # the file; None also while a recording waits for space
     recording_fault: str | None  # what is missing of the present recording, and why
     line_in: LineInStatus | None = None  # null where the rig has none
+    instruments: list[InstrumentStatus] = Field(default=[])  # those that are asked
 
     def __str__(self) -> str:
         asked = self._asked_said()
@@ -234,9 +300,8 @@ class Status(Checked):
         }
         said |= {"recording fault:": self.recording_fault, "adapting:": self.adaptation}
         said |= {"line in:": None if self.line_in is None else str(self.line_in)}
-        return "\n  ".join(
-            [*lines, *(f"{what} {it}" for what, it in said.items() if it is not None)]
-        )
+        lines += [f"{what} {it}" for what, it in said.items() if it is not None]
+        return "\n  ".join([*lines, *_columns([one.row for one in self.instruments])])
 
     __repr__ = __str__  # what a notebook shows
 
@@ -261,6 +326,15 @@ class Status(Checked):
         if self.latency_measured_s is None:
             return f"{budget}; not measured: {self.latency_why}"
         return f"{1e3 * self.latency_measured_s:.1f} ms measured, {budget}"
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Instruments below a heading; nothing without any."""
+    if not rows:
+        return []
+    table = [("instrument", "age", "read in", "missed", ""), *rows]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in table]
 
 
 class Lease(Checked):

@@ -13,7 +13,7 @@ from itertools import count
 from pathlib import Path
 
 from haptic_driver.daemon.event_log import EventLog
-from haptic_driver.daemon.messages import RefusedError
+from haptic_driver.daemon.messages import InstrumentStatus, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.shared_memory import SharedState
@@ -36,8 +36,8 @@ class Recordings:
     A recording that ends by itself goes on in another file as soon as there is space. `fault` then
     says why it had to, or which ticks are missing, until it is stopped, which fails with the same.
     One that was begun with a lease ends `AFTER_LEASE_S` after it: nobody else would end it when its
-    owner is killed. `holds` is whether a token is that of the present lease; `settings` are those
-    of the moment; `calibration_ids` by device.
+    owner is killed. `holds` is whether a token is that of the present lease; `settings` and
+    `instruments` are those of the moment; `calibration_ids` by device.
     """
 
     def __init__(
@@ -47,6 +47,7 @@ class Recordings:
         settings: Callable[[], DaemonSettings],
         calibration_ids: dict[str, str],
         holds: Callable[[str], bool],
+        instruments: Callable[[], list[InstrumentStatus]],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.lock = threading.Lock()
@@ -56,6 +57,7 @@ class Recordings:
         self._settings = settings
         self._calibration_ids = calibration_ids
         self._holds = holds
+        self._instruments = instruments
         self._clock = clock
         self._lease: str | None = None  # with which the present one ends
         self._held_s = 0.0  # when it was last there
@@ -123,6 +125,8 @@ class Recordings:
             if lease is not None and lease != self._lease:
                 return
             self._stopped.set()
+            if self._recorder is not None:
+                self._tell_instruments("as it ends")
             recorder, self._recorder = self._recorder, None
             fault, self._fault, self._asked, self._lease = self._fault, None, None, None
             restarted = fault is not None
@@ -190,6 +194,14 @@ class Recordings:
         recorder = Recorder(path, self._header(), self._shared)
         self._recorder = recorder
         self._events.tell("recording", f"into {recorder.path}")
+        self._tell_instruments("as it begins")
+
+    def _tell_instruments(self, when: str) -> None:
+        """How well each instrument answers, among the recording's events."""
+        told = [one.model_dump(mode="json") for one in self._instruments()]
+        wrong = [f"{one['name']}: {one['wrong']}" for one in told if one["wrong"]]
+        said = "; ".join(wrong) or "nothing speaks against their readings"
+        self._events.tell("instruments", f"{when}: {said}", instruments=told)
 
     def _note(self, event: Event) -> None:
         if self._recorder is not None:

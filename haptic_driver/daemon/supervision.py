@@ -32,13 +32,14 @@ from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.devices import modulation_input
 from haptic_driver.rig.evidence import KnownOutput
+from haptic_driver.rig.load_loop import LoadSensor
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import SLIDING_M_S
 from haptic_driver.simulation.served import reached
 from hw.errors import DeviceError, NotBelieved
-from hw.force.sensor import ForceSensor
+from hw.health import Health
 
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
 END_S = 5.0  # at most for threads in which a device may hang, with the output off
@@ -79,7 +80,7 @@ class Supervisor:
         self.instruments: Instruments | None = None
         self.load = HeldLoad(settings.config, shared, orders, events, clock)
         self.endpoints: dict[str, str] = {}  # of simulated instruments
-        self._force_sensor: ForceSensor | None = None  # the last one: the next keeps its bias
+        self._force_sensor: LoadSensor | None = None  # the last one: the next keeps its bias
         self.real_time = False
         self.settings = settings  # of what is started next
         self._reached = settings.config  # as its drivers reach the rig's devices
@@ -101,6 +102,12 @@ class Supervisor:
         found = {name: child.pid for name, child in self._children.items()}
         watchdog = self.instruments.watchdog_pid if self.instruments is not None else None
         return found | ({WATCHDOG: watchdog} if watchdog is not None else {})
+
+    @property
+    def health(self) -> list[Health]:
+        """A record an instrument that is asked; none while they are not connected."""
+        instruments = self.instruments
+        return [] if instruments is None else instruments.devices.health
 
     def start(self) -> None:
         """Start and connect everything. Raises HapticError and DeviceError; `close` then ends what

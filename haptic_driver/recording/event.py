@@ -15,7 +15,7 @@ class Event(Checked):
     number: int
     time_s: float
     # state | flag | target | texture | model | lease | trip | fault | marker | drift | timing |
-    # recording...
+    # recording | instruments...
     kind: str
     message: str
     data: dict[str, Any] = Field({})

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import datetime
 import enum
+import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from haptic_driver.errors import HapticError
+from hw.health import REPEATS_S, Asking, Health, watched
 from hw.setting import Setting
 
 if TYPE_CHECKING:
     from haptic_driver.rig.config import RigConfig
 
+ASK_S = 0.01  # between questions
 OLD_AFTER = datetime.timedelta(days=365)
 
 
@@ -75,6 +78,18 @@ class Examination(NamedTuple):
             return self.warning(f"{said}, which is still to come", f"correct the date{by}")
         if self.today - on > OLD_AFTER:
             return self.warning(f"{said}, {(self.today - on).days} days ago", f"measure again{by}")
+        return self.ok(said)
+
+    def heard(self, device: Any, asking: Asking, for_s: float = 2.0 * REPEATS_S) -> Check:
+        """How well a device answers that is open: asked for so long by the first of its methods."""
+        sensor, until_s = watched(device, self.name, asking), time.monotonic() + for_s
+        while time.monotonic() < until_s:
+            getattr(sensor, asking.by[0])()
+            time.sleep(ASK_S)
+        health: Health = sensor.health
+        said = f"asked {health.asked} times, the last reading took {1e3 * health.took_s:.2g} ms"
+        if health.wrong:
+            return self.failed(f"{said}; {health.wrong}", "look at the sensor and its cable")
         return self.ok(said)
 
     def told(self, examine: Callable[[Examination], Checks]) -> Checks:

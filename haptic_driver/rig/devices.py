@@ -17,12 +17,20 @@ from haptic_driver.processes.patience import done_within
 from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import REAL_TIME, Clock, KnownOutput, tried
-from haptic_driver.rig.load_loop import LoadStage, clear_for_bias
-from haptic_driver.rig.part import NO_WATCHDOG, NoPart, Wiring
+from haptic_driver.rig.load_loop import LoadSensor, LoadStage, clear_for_bias
+from haptic_driver.rig.part import NO_WATCHDOG, NONE, DeviceSection, NoPart, Wiring
 from haptic_driver.rig.parts.generators import CarrierConfig
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.rig import Rig
-from haptic_driver.rig.roles import AFTER, APART, FIRST, RIG, ROLES, Opens
+from haptic_driver.rig.roles import (
+    AFTER,
+    APART,
+    FIRST,
+    RIG,
+    ROLES,
+    KindRole,
+    Opens,
+)
 from haptic_driver.rig.states import RigEvent
 from hw.analog.cards import make_card
 from hw.analog.lines import Heartbeat
@@ -34,6 +42,7 @@ from hw.force.sensor import ForceSensor
 from hw.generator.analog_carrier.driver import CarrierSettings
 from hw.generator.contract import Generator
 from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolicy
+from hw.health import LINE, MONITOR, UNASKED, Health, Watched, watched
 from hw.monitor.contract import ElectrodeMonitor
 from hw.safety.watchdog import Watchdog, WatchdogSettings
 from hw.stage.lts150 import Lts150
@@ -43,6 +52,7 @@ from hw.transport.resource import make_transport
 
 CLOSE_S = 10.0  # for one device, with the output off
 LOAD_ROLES = {"analog_inputs", "force_sensor", "load_stage"}
+LINES = {"voltage_monitor": MONITOR, "current_monitor": MONITOR, "fault": LINE}
 UNNAMED = ("", "0", "none")  # serial numbers that name no instrument
 ATTEMPTS = 4  # at opening: nothing is on yet, and a busy machine may let nobody answer in time
 
@@ -52,14 +62,20 @@ class LoadDevices:
     """Force sensor and load stage, closed; use `open` and `close`, or a `with` block.
 
     Opening takes the sensor's bias: leave it unloaded. What was opened is closed again when
-    something after it fails.
+    something after it fails. `heard`: whose health is kept.
     """
 
-    force_sensor: ForceSensor
+    force_sensor: LoadSensor
     load_stage: LoadStage | None
     watchdog: Watchdog | None = None
     opening: Sequence[Callable[[], object]]
     closing: Sequence[Callable[[], object]]
+    heard: Sequence[Watched] = ()
+
+    @property
+    def health(self) -> list[Health]:
+        """A record an instrument that is asked."""
+        return [one.health for one in self.heard]
 
     def open(self) -> None:
         """Open everything; whoever answers late is asked again. Raises HapticError and
@@ -126,7 +142,7 @@ def connect_devices(
     config: RigConfig,
     *,
     on_event: Callable[[RigEvent], None] = lambda event: None,
-    before: ForceSensor | None = None,
+    before: LoadSensor | None = None,
     envelope: bool = True,
     load_stage: bool = False,
 ) -> Devices:
@@ -169,7 +185,7 @@ def connect_devices(
         analog_output=parts.one("analog_output"),
         electrode_monitors=parts.made["electrode_monitors"],
         camera=parts.one("camera"),
-        **parts.holding(rig.connect),
+        **parts.holding(rig.connect) | {"heard": [rig.generator, *parts.heard]},
     )
 
 
@@ -214,7 +230,8 @@ def build_rig(
     """The devices of `config`, its generator behind `port` and its amplifier on `lines`; nothing is
     opened yet.
     """
-    generator = make_generator(config, port)
+    key = "waveform_generator"
+    generator = watched(make_generator(config, port), key, ROLES[key].asking, clock.now_s)
     amplifier = config.amplifier.make(lines)
     if amplifier is None:
         raise BadInputError(
@@ -328,11 +345,12 @@ class Assembly:
         config: RigConfig,
         roles: Set[str],
         addresses: Sequence[str],
-        before: ForceSensor | None = None,
+        before: LoadSensor | None = None,
     ) -> None:
         channels = [channel for _, section in config.devices for channel in section.channels]
         self.wiring = Wiring(channels=channels)
         self.made: dict[str, list[Any]] = {}
+        self.heard: list[Watched] = []
         self.heartbeats: list[Heartbeat] = []
         self.asking: list[Callable[[], object]] = []  # before anything can switch off
         self._steps: dict[Opens, list[Callable[[], object]]] = {FIRST: [], RIG: [], AFTER: []}
@@ -347,6 +365,11 @@ class Assembly:
         for key, role in ROLES.items():
             if key in roles and role.opens is not APART:
                 self._make(key, config, before)
+        for name, asking in LINES.items():
+            if (line := getattr(self.wiring, name)) is not None:
+                heard = watched(line, name, asking)
+                self.heard.append(heard)
+                self.wiring = replace(self.wiring, **{name: heard})
         if self.watchdog is not None and self.watchdog.settings.generator:
             self.heartbeats.append(self.watchdog)
 
@@ -368,11 +391,12 @@ class Assembly:
             "force_sensor": self.one("force_sensor"),
             "load_stage": self.one("load_stage"),
             "watchdog": self.watchdog,
+            "heard": self.heard,
             "opening": self.opening(*rig),
             "closing": self.closing,
         }
 
-    def _make(self, key: str, config: RigConfig, before: ForceSensor | None) -> None:
+    def _make(self, key: str, config: RigConfig, before: LoadSensor | None) -> None:
         self.made[key], role = [], ROLES[key]
         for section in config.sections_of(key):
             self.wiring = section.wire(self.wiring)
@@ -380,15 +404,30 @@ class Assembly:
             if part is None:
                 continue
             self._steps[role.opens] += part.opening
+            device = self._heard(key, section, part.device)
             if before is not None and part.zeroing:
-                self._zeroing.append(partial(part.device.keep_bias, before))
+                keep = partial(part.device.keep_bias, before)
+                self._zeroing.append(partial(device.watcher.keep_zero, keep, before.health))
             elif part.zeroing:
-                self._zeroing += [self._clear, *part.zeroing]
+                zeroing = [partial(device.watcher.take_zero, step) for step in part.zeroing]
+                self._zeroing += [self._clear, *zeroing]
             self.closing[:0] = part.closing
             self.heartbeats += part.heartbeats
-            self.made[key].append(part.device)
+            self.made[key].append(device)
             if role.wired:
-                self.wiring = replace(self.wiring, **{role.wired: part.device})
+                self.wiring = replace(self.wiring, **{role.wired: device})
+
+    def _heard(self, key: str, section: DeviceSection, device: Any) -> Any:
+        """The device, whose health is kept from here on; nothing that says so has none to show."""
+        role = ROLES[key]
+        if role.asking == UNASKED:
+            return device
+        number = len(self.made[key])
+        many = isinstance(role, KindRole) and role.many
+        heard = watched(device, f"{key}.{number}" if many else key, role.asking)
+        if getattr(section, "kind", "") != NONE:
+            self.heard.append(heard)
+        return heard
 
     def _clear(self) -> None:
         section, stage = self._load_stage, self.one("load_stage")

@@ -23,6 +23,8 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from hw.health import REPEATS_S
+
 STIFFNESS_AT_N = 0.5  # the load at which a finger's stiffness is given
 OVERLOAD = 1.5  # times the target
 RISEN = 0.8  # of the target: from then on the pulse tells more than the way
@@ -83,7 +85,7 @@ class LoadSettings:
     touch_n: float = 0.05
     load_limit_n: float = 3.0
     silent_s: float = 0.1
-    repeats_s: float = 0.2
+    repeats_s: float = REPEATS_S
     retracts: bool = True
 
     def __post_init__(self) -> None:

@@ -27,7 +27,8 @@ from haptic_driver.rig.load_controller import (
     step,
 )
 from hw.errors import DeviceError, DeviceTimeout
-from hw.force.sensor import ForceReading
+from hw.force.sensor import ForceSensor
+from hw.health import Health
 from hw.stage.letting_go import Mounting, let_go
 
 if TYPE_CHECKING:  # who reads a rig's file does not wait for devices
@@ -63,6 +64,14 @@ class LoadStage(Protocol):
 
     def stop(self) -> StageStatus:
         """Stop and return the status at rest."""
+
+
+class LoadSensor(ForceSensor, Protocol):
+    """A force sensor and how well it answers, by the clock of whoever asks it."""
+
+    @property
+    def health(self) -> Health:
+        """Of its newest reading."""
 
 
 class Guard(Protocol):
@@ -157,7 +166,7 @@ class LoadLoop:
     def __init__(
         self,
         stage: LoadStage,
-        read_force: Callable[[], ForceReading],
+        sensor: LoadSensor,
         settings: LoadSettings,
         mounting: Mounting,
         *,
@@ -171,7 +180,7 @@ class LoadLoop:
         self.load_n = math.nan  # the newest
         self.depth_m = math.nan
         self._stage = stage
-        self._read_force = read_force
+        self._sensor = sensor
         self._mounting = mounting
         self._clock = clock
         self._sleep = sleep
@@ -180,8 +189,6 @@ class LoadLoop:
         self.rests = True  # shown: the stage has let go and rests, or has not begun
         self._released = True  # the stage took the order to let go
         self._speed_m_s = math.nan  # of the stage's moves, as set
-        self._told_s = (math.nan, clock())  # the sensor's time of the newest reading, and ours
-        self._same_s = clock()  # since when the load has been the same
         self._due_s = -math.inf
 
     def look(self) -> LoadState:
@@ -282,7 +289,7 @@ class LoadLoop:
         loads = []
         for _ in range(LEFT_LOOKS):
             self._sleep(PERIOD_S)
-            loads.append(self._read_force().normal_force_n)
+            loads.append(self._sensor.read().normal_force_n)
         left_n = sum(loads) / len(loads)
         if abs(left_n) < self.settings.touch_n:
             return ""
@@ -307,16 +314,12 @@ class LoadLoop:
             self.rests = True
 
     def _see(self) -> Seen:
-        load_n, saturated = None, False
+        load_n = None
         with self._noted():
-            reading = self._read_force()
-            load_n, saturated = reading.normal_force_n, reading.saturated
-            if load_n != self.load_n:
-                self.load_n, self._same_s = load_n, self._clock()
-            if reading.time_s != self._told_s[0]:
-                self._told_s = reading.time_s, self._clock()
-        heard_s = self._clock()  # before the stage is asked, whose answer may take its time
-        age_s, same_s = heard_s - self._told_s[1], heard_s - self._same_s
+            load_n = self.load_n = self._sensor.read().normal_force_n
+        # before the stage is asked, whose answer may take its time
+        health = self._sensor.health
+        age_s = health.age_s(self._clock())
         depth_m, moving = None, False
         with self._noted():
             status = self._stage.read_status()
@@ -325,7 +328,8 @@ class LoadLoop:
                 self._trouble = "it is not homed any more, or reports a motion error"
             else:
                 depth_m = self.depth_m = self._mounting.depth_m(status.position_m)
-        return Seen(self._clock(), load_n, age_s, saturated, depth_m, moving, same_s)
+        now_s = self._clock()
+        return Seen(now_s, load_n, age_s, health.saturated, depth_m, moving, health.same_s)
 
     @contextmanager
     def _noted(self) -> Iterator[None]:

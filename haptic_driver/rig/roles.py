@@ -38,6 +38,7 @@ from haptic_driver.rig.parts.lines_in import LineInSection
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.parts.stages import StageSection
 from hw import plugins
+from hw.health import FORCE, GENERATOR, LINE, READ, STAGE, UNASKED, Asking
 
 
 class Opens(enum.Enum):
@@ -53,7 +54,8 @@ class Role:
     """What a device is to a rig.
 
     `wired`: the field of `Wiring` that the device becomes for those after it. `unsaid`: what stands
-    for a section that is not in the file, for the doctor.
+    for a section that is not in the file, for the doctor. `asking`: how it is asked, by which its
+    health is kept.
     """
 
     def __init__(
@@ -63,8 +65,10 @@ class Role:
         *,
         wired: str = "",
         unsaid: DeviceSection | None = None,
+        asking: Asking = UNASKED,
     ) -> None:
         self.name, self.opens, self.wired, self.unsaid = name, opens, wired, unsaid
+        self.asking = asking
 
 
 class KindRole(Role, Kinds):
@@ -85,9 +89,10 @@ class KindRole(Role, Kinds):
         unsaid: DeviceSection | None = None,
         usual: str | None = None,
         many: bool = False,
+        asking: Asking = UNASKED,
     ) -> None:
         what = group.removesuffix("s").replace("lines_in", "line_in").replace("_", " ")
-        super().__init__(name or what, opens, wired=wired, unsaid=unsaid)
+        super().__init__(name or what, opens, wired=wired, unsaid=unsaid, asking=asking)
         self.group, self.usual, self.many = f"haptic_driver.{group}", usual, many
         self._what = what
 
@@ -174,32 +179,36 @@ class RigParts(Section):
     ] = None
     interlock: Annotated[
         PartSection | None,
-        KindRole("interlocks", FIRST, wired="enable", unsaid=NoInterlock()),
+        KindRole("interlocks", FIRST, wired="enable", unsaid=NoInterlock(), asking=LINE),
     ] = None
     analog_output: Annotated[
         NoAnalogOutput | SomeAnalogOutput,
         KindRole("analog_outputs", FIRST, name="envelope"),
     ] = NoAnalogOutput()
-    waveform_generator: Annotated[GeneratorConfig, Role("waveform generator", RIG)]
+    waveform_generator: Annotated[
+        GeneratorConfig, Role("waveform generator", RIG, asking=GENERATOR)
+    ]
     amplifier: Annotated[AmplifierConfig, KindRole("amplifiers", RIG, usual="analog")]
     force_sensor: Annotated[
         PartSection | None,
-        KindRole("force_sensors", AFTER, unsaid=UnsaidForceSensor()),
+        KindRole("force_sensors", AFTER, unsaid=UnsaidForceSensor(), asking=FORCE),
     ] = None
     stage: Annotated[
         StageSection | None,
-        KindRole("stages", AFTER, wired="stage", usual="lts150"),
+        KindRole("stages", AFTER, wired="stage", usual="lts150", asking=STAGE),
     ] = None
     finger_tracker: Annotated[
         PartSection,
-        KindRole("finger_trackers", AFTER),
+        KindRole("finger_trackers", AFTER, asking=READ),
     ] = NoFingerTracker()
     electrode_monitors: Annotated[
         list[SomeElectrodeMonitor],
-        KindRole("electrode_monitors", AFTER, many=True),
+        KindRole("electrode_monitors", AFTER, many=True, asking=READ),
     ] = Field(default=[])
     camera: Annotated[NoPart | CameraSection, KindRole("cameras", AFTER)] = NoPart()
-    load_stage: Annotated[NoPart | LoadStageSection, KindRole("load_stages", AFTER)] = NoPart()
+    load_stage: Annotated[
+        NoPart | LoadStageSection, KindRole("load_stages", AFTER, asking=STAGE)
+    ] = NoPart()
     event_line: Annotated[NoPart | EventLineSection, KindRole("event_lines", APART)] = NoPart()
     line_in: Annotated[NoPart | LineInSection, KindRole("lines_in", APART)] = NoPart()
 

@@ -11,6 +11,7 @@ from haptic_driver.rig.devices import LoadDevices
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.stages import SimulatedStages
+from hw.health import FORCE, watched
 from model.touch_model import TouchModel
 
 
@@ -35,7 +36,7 @@ class SimulatedLoad:
         assert stage is not None  # there is a section
         self.clock = stages.clock
         self.devices = LoadDevices(
-            force_sensor=self._rig.force_sensor,
+            force_sensor=watched(self._rig.force_sensor, "force_sensor", FORCE, self.clock),
             load_stage=stage,
             opening=[self._rig.__enter__, stage.connect],
             closing=[stage.close, self._rig.__exit__],

@@ -10,6 +10,7 @@ from haptic_driver.rig.devices import Devices
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.simulation.stages import SimulatedStages
+from hw.health import FORCE, watched
 from hw.monitor.contract import ElectrodeReading
 
 
@@ -62,7 +63,7 @@ def _devices(world: SimulatedBench, stages: SimulatedStages) -> Devices:
     drivers = [driver for driver in (stages.stage, stages.load_stage) if driver is not None]
     return Devices(
         rig=world.rig,
-        force_sensor=world.simulated.force_sensor,
+        force_sensor=watched(world.simulated.force_sensor, "force_sensor", FORCE, stages.clock),
         tracker=None,
         stage=stages.stage,
         analog_output=None,

@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from types import SimpleNamespace
 from typing import Self
 
 from haptic_driver.errors import HapticError
@@ -20,12 +21,13 @@ from haptic_driver.lab.measuring.plan import Plan, Row, Setting
 from haptic_driver.lab.measuring.stroke import SPARE_S, StageMove, stage_of, stroke
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.devices import Devices, connect_devices
-from haptic_driver.rig.load_loop import LoadLoop, make_clear
+from haptic_driver.rig.load_loop import LoadLoop, LoadSensor, make_clear
 from haptic_driver.rig.parts.analog_outputs import NoAnalogOutput
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.rig import Rig
 from hw.camera.contract import Camera
 from hw.force.sensor import ForceReading
+from hw.health import FORCE, watched
 from hw.monitor.contract import ElectrodeReading
 from hw.stage.lts150 import Lts150, StageStatus
 
@@ -262,7 +264,7 @@ class StageBench:
             raise HapticError("load_refused", str(error), "Change the plan's loads") from error
         load = LoadLoop(
             stage,
-            self.rig.read_force,
+            self._sensor(),
             settings,
             section.mounting(),
             clock=self._clock,
@@ -272,6 +274,12 @@ class StageBench:
         )
         self._load = self._pressing.enter_context(load)
         self._load.settle(LOAD_WAIT_S)
+
+    def _sensor(self) -> LoadSensor:
+        """The force sensor as the rig reads it, which switches off where it fails."""
+        read = SimpleNamespace(read=self.rig.read_force)
+        sensor: LoadSensor = watched(read, "force_sensor", FORCE, self._clock)
+        return sensor
 
     def _lift(self) -> None:
         """Have the load stage let go, and forget its loop."""

@@ -23,6 +23,7 @@ from haptic_driver.rig.part import (
     ServedSection,
     Wiring,
 )
+from hw.health import FORCE
 
 if TYPE_CHECKING:
     from hw.force.net_ft import NetFt, NetFtSettings
@@ -239,6 +240,7 @@ class NetFtForceSensorConfig(ForceSensorSection):
             )
             held = self.untold("counts_per_n", "counts_per_n_m")
             yield at.failed(said, held=held) if reading.saturated else at.ok(said, held)
+            yield at.called("force readings").heard(box, FORCE)
             yield at.called("force scale").unverified(
                 "counts and axes", "hang a known weight on it"
             )

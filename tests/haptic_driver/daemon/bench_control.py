@@ -88,6 +88,7 @@ class BenchControl:
         self.overruns = 0
         self.fidelity = None
         self.load = None
+        self.instruments = []
         self.latency = {"latency_why": "nobody has looked yet"}
         self.inquiry = SimpleNamespace(
             answer=Why(state="not_asked", said="nobody has asked yet"), page=lambda: "<h1>Why</h1>"
@@ -151,6 +152,7 @@ class BenchControl:
                 latency_budget_s={"tick": 0.0005, "total": 0.01},
                 fidelity=self.fidelity,
                 load=self.load,
+                instruments=self.instruments,
                 **self.latency,
                 surface_hash="0" * 8,
                 agreement=self.agreement,

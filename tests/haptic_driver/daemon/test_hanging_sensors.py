@@ -110,3 +110,30 @@ def test_a_tracker_that_hangs_does_not_keep_the_daemon_from_ending(start, tmp_pa
     assert process.returncode == 0, said
     assert "the output was off" in said
     assert "hangs and is left alone" in said
+
+
+@pytest.mark.timeout(600)
+def test_the_status_has_a_row_for_each_instrument_and_for_a_driver_of_ones_own(
+    start, tmp_path, haptic
+):
+    """What the driver from outside is asked is known of it for nothing; so is that it hangs."""
+    place = ["--socket", tmp_path / "daemon.sock"]
+    until_ready(start())
+
+    def rows():
+        said = haptic("status", *place, "--json").said["instruments"]
+        return {row["name"]: row for row in said}
+
+    found = rows()
+    assert {"waveform_generator", "interlock", "force_sensor", "finger_tracker"} <= set(found)
+    for row in found.values():
+        assert row["asked"] > 0, row
+        assert row["age_s"] is not None, row
+        assert row["read_s"] is not None, row
+    assert found["force_sensor"]["zero_age_s"] is not None
+    shown = haptic("status", *place).out.splitlines()
+    head = next(number for number, line in enumerate(shown) if "instrument" in line)
+    names = [line.strip().partition("  ")[0] for line in shown[head + 1 :][: len(found)]]
+    assert names == [name.replace("_", " ") for name in found]
+    (tmp_path / "hang").touch()
+    until(lambda: rows()["finger_tracker"]["age_s"] > 1.0, rows)

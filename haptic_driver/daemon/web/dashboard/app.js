@@ -6,6 +6,7 @@ import { Controls } from "./controls.js";
 import { allWords, latencyWords, scoreWords, showBands } from "./fidelity.js";
 import { Happened } from "./flags.js";
 import { History } from "./history.js";
+import { showInstruments } from "./instruments.js";
 import { SCALE, levelOf, readTheme } from "./palette.js";
 import { rippleWords } from "./ripple.js";
 import { SceneObjects } from "./scene.js";
@@ -380,6 +381,7 @@ function showFigures(status, newest) {
     "surface_hash",
     `${status.model.split("/").at(-1)}, surface ${status.surface_hash.slice(0, 12)}`,
   );
+  showInstruments($("instruments"), status.instruments);
   happened.showFlags(status.flags);
   showAgreement($("agreement"), status.agreement);
   why.show(status);

@@ -7,10 +7,16 @@ from datetime import datetime
 
 import pytest
 
-from haptic_driver.daemon.messages import AgreementCell, LoadPhase, LoadStatus
+from haptic_driver.daemon.messages import (
+    AgreementCell,
+    InstrumentStatus,
+    LoadPhase,
+    LoadStatus,
+)
 from haptic_driver.processes.samples import Flag
 from haptic_driver.textures.bands import EDGES_HZ
 from haptic_driver.textures.ripple import ripple
+from hw.health import Health
 from tests.haptic_driver.daemon.bench_control import FIDELITY
 from tests.haptic_driver.daemon.web.served_page import (
     BrowserError,
@@ -486,6 +492,22 @@ def test_the_other_pages_of_a_browser_cannot_use_the_api(browser, served):
             f" {served.token}'}}}})"
         )
     context.close()
+
+
+def test_it_shows_a_row_an_instrument_and_in_red_what_is_wrong(page, control):
+    heard = Health("force_sensor", asked=200, missed=3, heard_s=99.5, took_s=2e-3)
+    lost = heard._replace(name="finger_tracker", failed="the screen is gone")
+    expect(page.locator("#instruments")).to_be_hidden()
+    control.instruments = [InstrumentStatus.of(one, 100.0) for one in (heard, lost)]
+    rows = page.locator("#instruments tr")
+    expect(rows).to_have_text(
+        [
+            "force sensor500 ms2 ms3 of 200",
+            "finger tracker500 ms2 ms3 of 200",
+            "the screen is gone",
+        ]
+    )
+    expect(page.locator("#instruments .some")).to_have_count(1)
 
 
 def test_it_shows_agreement_mends_at_a_click_and_says_why(page, control):

@@ -1,0 +1,199 @@
+"""How well an instrument answers: one record with every reading, kept by whoever asks.
+
+`watched` stands in a device's place and keeps it, whatever the device's make; a driver knows
+nothing of it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from math import inf, nan
+from typing import Any, NamedTuple, TypeVar
+
+Answer = TypeVar("Answer")
+
+REPEATS_S = 0.2  # what noise moves never rests for so long
+
+
+class Asking(NamedTuple):
+    """How one asks a kind of device: by which of its methods, and what there is to a reading.
+
+    `noise`: the field of a reading that its noise moves all the time. `order`: the method whose
+    first argument says what the reading's field `got` is to become.
+    """
+
+    by: tuple[str, ...] = ()
+    noise: str = ""
+    order: str = ""
+    got: str = ""
+
+
+UNASKED = Asking()
+READ = Asking(("read",))
+FORCE = Asking(("read",), noise="normal_force_n")
+STAGE = Asking(("read_status",), order="move_to", got="position_m")
+GENERATOR = Asking(("is_on", "set_output", "set_point", "off"))
+LINE = Asking(("read", "write"))
+MONITOR = Asking(("read_v",))
+
+
+class Health(NamedTuple):
+    """What is known of an instrument by its readings so far; times are those of one clock.
+
+    `asked` counts questions, `missed` those without an answer; `failed` says why the last one had
+    none. `taken_s`: when the newest reading was true, by its own stamp. `heard_s`: when it came;
+    one that comes again with its stamp is no news. `took_s`: for so long the last question lasted.
+    `same_since_s`: since when what noise should move has been one number. `ordered` and `got`: what
+    it is to become, and what it is. `zero`: what was taken for zero at `zero_s`, where it says so.
+    """
+
+    name: str
+    asked: int = 0
+    missed: int = 0
+    failed: str = ""
+    taken_s: float = -inf
+    heard_s: float = -inf
+    took_s: float = nan
+    same_since_s: float = inf
+    saturated: bool = False
+    ordered: float | None = None
+    got: float | None = None
+    zero: tuple[float, ...] = ()
+    zero_s: float = -inf
+
+    def age_s(self, now_s: float) -> float:
+        """For so long nothing new has been heard; inf where nothing ever was."""
+        return now_s - self.heard_s
+
+    @property
+    def same_s(self) -> float:
+        """For so long new readings have repeated what noise should move."""
+        return max(self.heard_s - self.same_since_s, 0.0)
+
+    @property
+    def wrong(self) -> str:
+        """Why its newest reading is not to be believed; empty where nothing speaks against it."""
+        if self.failed:
+            return self.failed
+        if self.saturated:
+            return "saturated"
+        if self.same_s >= REPEATS_S:
+            return f"frozen: it has repeated itself for {self.same_s:.1f} s"
+        return ""
+
+
+class Watcher:
+    """Asks one device, and keeps its health. Thread-safe; nobody waits for another's question."""
+
+    def __init__(self, name: str, asking: Asking, clock: Callable[[], float]) -> None:
+        self.health = Health(name)
+        self._asking, self._clock = asking, clock
+        self._noting = threading.Lock()
+        self._last: tuple[object, object] = (None, None)  # stamp, and what noise moves
+
+    def ask(self, question: Callable[..., Answer], *args: Any, **named: Any) -> Answer:
+        """Pass the question on, with whatever it answers or raises."""
+        began_s = self._clock()
+        try:
+            answer = question(*args, **named)
+        except BaseException as error:
+            said = str(getattr(error, "message", error)) or type(error).__name__
+            self._note(began_s, missed=1, failed=said)
+            raise
+        self._hear(began_s, answer)
+        return answer
+
+    def order(self, act: Callable[..., Answer], *args: Any, **named: Any) -> Answer:
+        """Pass an order on, and remember what was asked for."""
+        with self._noting:
+            self.health = self.health._replace(ordered=_number(*args[:1]))
+        return act(*args, **named)
+
+    def take_zero(self, step: Callable[[], object]) -> None:
+        """Have the device take what it reads for zero."""
+        zero = step()
+        values = [_number(one) for one in zero] if isinstance(zero, Iterable) else []
+        known = tuple(value for value in values if value is not None)
+        with self._noting:
+            self.health = self.health._replace(zero=known, zero_s=self._clock())
+
+    def keep_zero(self, step: Callable[[], object], before: Health) -> None:
+        """Have it go on with the zero of the one before it."""
+        step()
+        with self._noting:
+            self.health = self.health._replace(zero=before.zero, zero_s=before.zero_s)
+
+    def _hear(self, began_s: float, reading: Any) -> None:
+        asking, now_s = self._asking, self._clock()
+        taken_s = getattr(reading, "time_s", now_s)
+        moved = getattr(reading, asking.noise, None) if asking.noise else None
+        news: dict[str, Any] = {"saturated": bool(getattr(reading, "saturated", False))}
+        with self._noting:
+            (stamp, value), self._last = self._last, (taken_s, moved)
+        if taken_s != stamp:
+            news |= {"taken_s": taken_s, "heard_s": now_s}
+            # of one who was not asked meanwhile, nobody knows whether it moved
+            if moved is not None and (moved != value or self.health.age_s(now_s) > REPEATS_S):
+                news["same_since_s"] = now_s
+        if asking.got:
+            news["got"] = _number(getattr(reading, asking.got, None))
+        self._note(began_s, **news)
+
+    def _note(self, began_s: float, missed: int = 0, failed: str = "", **news: Any) -> None:
+        took_s = self._clock() - began_s
+        with self._noting:
+            before = self.health
+            self.health = before._replace(
+                asked=before.asked + 1,
+                missed=before.missed + missed,
+                failed=failed,
+                took_s=took_s,
+                **news,
+            )
+
+
+class Watched:
+    """A device as it is, but that some of its methods pass by a `watcher`."""
+
+    def __init__(self, device: Any, watcher: Watcher, asking: Asking) -> None:
+        self.watched_device, self.watcher = device, watcher
+        for pass_on, methods in ((watcher.ask, asking.by), (watcher.order, (asking.order,))):
+            for name in methods:
+                if hasattr(device, name):
+                    setattr(self, name, _passing(pass_on, device, name))
+
+    @property
+    def health(self) -> Health:
+        """Of its newest reading."""
+        return self.watcher.health
+
+    @property  # type: ignore[misc]
+    def __class__(self) -> type:
+        """As whom it passes: who looks for a kind of device finds it."""
+        return type(self.watched_device)
+
+    def __getattr__(self, name: str) -> Any:
+        """Whatever else the device has."""
+        return getattr(self.__dict__["watched_device"], name)
+
+
+def watched(
+    device: Any, name: str, asking: Asking, clock: Callable[[], float] = time.monotonic
+) -> Any:
+    """The device in whose place `health` says how it answers, by `name` and as it is `asking`."""
+    return Watched(device, Watcher(name, asking, clock), asking)
+
+
+def _number(value: object = None) -> float | None:
+    return float(value) if isinstance(value, float | int) else None
+
+
+def _passing(pass_on: Callable[..., Any], device: Any, name: str) -> Callable[..., Any]:
+    """A method that is looked for when it is called, as any other is."""
+
+    def method(*args: Any, **named: Any) -> Any:
+        return pass_on(getattr(device, name), *args, **named)
+
+    return method
