@@ -30,7 +30,7 @@ def phase(load: HeldLoad) -> LoadPhase:
 
 
 def devices(finger: Finger) -> Any:
-    return SimpleNamespace(load_stage=finger.stage, watchdog=None)
+    return SimpleNamespace(load_stage=finger.stage, watchdog=None, force_sensor=None)
 
 
 @pytest.mark.parametrize(("way_m", "is_free"), [(-2e-3, True), (-0.5e-3, False), (1e-3, False)])
