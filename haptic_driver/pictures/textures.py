@@ -5,7 +5,6 @@ take.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +24,6 @@ HEIGHT = 0.6  # of the width
 MOST_HIGH_IN = 7.0
 PIXELS = 960
 ALONG = 4000  # places of the line
-COLUMNS = 4
 LINE = "#1b6ca8"
 NOWHERE = "#dddddd"
 
@@ -69,23 +67,6 @@ def preview_figure(
     bar = at(edge_in + width_in + 0.1, 0.9 + line_in, bar_in, high_in)
     figure.colorbar(mesh, cax=bar, label="coefficient of friction")
     return figure
-
-
-def contact_sheet(targets: Mapping[str, Target], path: Path) -> None:
-    """Draw several on one sheet, their names above them."""
-    rows = math.ceil(len(targets) / COLUMNS)
-    figure = pyplot().figure(figsize=(3.1 * COLUMNS, 3.2 * rows), layout="constrained")
-    with saved(figure, path):
-        cells = figure.subfigures(rows, COLUMNS, squeeze=False).ravel()
-        for cell, (name, target) in zip(cells, targets.items(), strict=False):
-            plane, line = cell.subplots(2, 1, height_ratios=(3, 2))
-            if isinstance(target, Texture):
-                width_m = _window_m(target)
-                _draw(target, plane, line, (width_m, HEIGHT * width_m))
-            elif isinstance(target, Script):
-                _draw_script(target, _ready(target, line))
-                plane.remove()
-            cell.suptitle(name, fontweight="bold")
 
 
 def _ready(target: Target, line: Any) -> Any:

@@ -7,7 +7,6 @@ import pytest
 from haptic_driver.errors import HapticError
 from haptic_driver.pictures.textures import (
     _window_m,
-    contact_sheet,
     preview,
     preview_figure,
 )
@@ -62,13 +61,6 @@ def test_map_and_line_of_the_whole_screen_have_one_x_axis():
     np.testing.assert_allclose(friction, 0.6 + 0.1 * np.sin(2 * np.pi * x_mm / 10.0), atol=1e-9)
     pixels = plane.get_window_extent()
     assert pixels.width / 100.0 == pytest.approx(pixels.height / 60.0, rel=1e-3)  # true to scale
-
-
-def test_contact_sheet_grows_with_what_it_holds(tmp_path):
-    contact_sheet({str(i): Uniform(0.6) for i in range(2)}, tmp_path / "two.png")
-    contact_sheet({str(i): Uniform(0.6) for i in range(5)}, tmp_path / "five.png")
-    two, five = (matplotlib.image.imread(tmp_path / f"{n}.png").shape[:2] for n in ("two", "five"))
-    assert five == (2 * two[0], two[1])
 
 
 @pytest.mark.parametrize(
