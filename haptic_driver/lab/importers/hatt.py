@@ -14,9 +14,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.lab.importers import NOT_MEASURED, Asked, Made, needs_scale
 from haptic_driver.signals import Array
+from haptic_driver.textures import description
 from haptic_driver.textures.bands import EDGES_HZ
 from haptic_driver.textures.process import power
+from haptic_driver.textures.spectrum import spectrum
 from model.support.cells import number
 from model.support.reading import read_text
 
@@ -66,6 +69,39 @@ class Models(NamedTuple):
             | {name: side.tolist() for name, side in (("ar", one.ar), ("ma", one.ma)) if side.size}
             for one, share in zip(self.processes, shares, strict=True)
         ]
+
+
+def made(source: Path, asked: Asked) -> Made:
+    """See `importers`; all models of a file as processes."""
+    if asked.cof_rms is None:
+        said = f"{source} holds vibrations: it does not say how much friction they are"
+        raise needs_scale(said, "--cof-rms 0.02")
+    models = read(source)
+    head = {
+        "kind": "spectrum",
+        "description": NOT_MEASURED,
+        "mean_cof": models.mu if asked.mean_cof is None else asked.mean_cof,
+        "rate_hz": models.rate_hz,
+    }
+    tables = models.described(asked.cof_rms)
+    described = description.parse(head | {"process": tables}, source)
+    assert isinstance(described, description.SpectrumDescription)
+    low, high = spectrum(described, str(source)).bounds()
+    speeds_m_s = sorted(1e-3 * one.speed_mm_s for one in models.processes)
+    loads_n = sorted(one.normal_force_n for one in models.processes)
+    found = {
+        "processes": len(tables),
+        "speed_m_s": [speeds_m_s[0], speeds_m_s[-1]],
+        "normal_force_n": [loads_n[0], loads_n[-1]],
+        "cof": [low, high],
+    }
+    shown = [
+        f"{len(tables)} processes for {speeds_m_s[0]:.3g} to {speeds_m_s[-1]:.3g} m/s"
+        f" and {loads_n[0]:.3g} to {loads_n[-1]:.3g} N",
+        f"friction {low:.4g} to {high:.4g}",
+        NOT_MEASURED,
+    ]
+    return Made(head, found, shown, processes=tables)
 
 
 def read(path: Path) -> Models:

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.fidelity.sliding import since, turns
 from haptic_driver.files import bad_input
+from haptic_driver.lab.importers import Asked, Made, profiled
 from haptic_driver.signals import SETTLED_M, SLIDING_M_S, Array
 from haptic_driver.textures.description import LONGEST_TABLE_ROWS
 from haptic_driver.textures.objects import TEXTURE_COF
@@ -22,6 +23,7 @@ from model.support.tables import NO_NAMES, Named, Table, read_table
 LONGEST_STROKE_ROWS = 300_000  # five minutes at 1 kHz
 LEAST_LOAD_N = 0.02  # below, friction would be the ratio of two noises
 LEAST_PLACES = 10
+PITCH_MM = (0.02, 10.0)
 SPEED_WINDOW_S = 0.020  # as wide as a touch screen's two samples
 POSITIONS_M = {
     "position_m": 1.0,
@@ -80,6 +82,29 @@ def read_strokes(path: Path, named: Mapping[str, Named] = NO_NAMES) -> Strokes:
     with bad_input("bad_strokes"):
         table.require_rising("time_s", time_s, SEVERAL)
     return Strokes(position_m, normal_n, lateral_n, speed_over(time_s, position_m))
+
+
+def made(source: Path, asked: Asked) -> Made:
+    """See `importers`."""
+    return over_position(read_strokes(source, asked.named), source, asked)
+
+
+def over_position(strokes: Strokes, source: Path, asked: Asked, direction_deg: float = 0.0) -> Made:
+    """The texture of strokes along a direction; raises as `friction_over_position`."""
+    require_range("--pitch-mm", 1e3 * asked.pitch_m, *PITCH_MM, unit=" mm")
+    felt = friction_over_position(strokes, asked.pitch_m, str(source))
+    found = {
+        "share_used": felt.share_used,
+        "widest_gap_mm": 1e3 * felt.widest_gap_m,
+        "speed_m_s": felt.speed_m_s,
+        "length_mm": 1e3 * float(felt.position_m[-1] - felt.position_m[0]),
+    }
+    words = (
+        f"{felt.share_used:.1%} of the rows count: they slide in contact; longest way without any"
+        f" {found['widest_gap_mm']:.3g} mm"
+    )
+    how = {"direction_deg": direction_deg, "outside": "nothing"}
+    return profiled(felt.position_m, felt.cof, words, found, **how)
 
 
 def _column(table: Table, column: str) -> Array:

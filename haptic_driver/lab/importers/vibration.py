@@ -13,11 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, require_range
+from haptic_driver.lab.importers import NOT_MEASURED, Asked, Made, needs_scale, profiled
 from haptic_driver.signals import Array
-from haptic_driver.textures.description import FINEST_MM
+from haptic_driver.textures.description import FINEST_MM, require_swing
 from model.support.reading import read_bytes
 
+SPEED_M_S = (0.005, 1.0)  # of the surface
 LARGEST_WAV_BYTES = 64 << 20
 LONGEST_M = 0.5  # of the surface; it repeats after that
 LEAST_PERIODS = 4  # of the lowest frequency kept, in the whole
@@ -39,6 +41,30 @@ class Vibration(NamedTuple):
 
     samples: Array
     rate_hz: float
+
+
+def made(source: Path, asked: Asked) -> Made:
+    """See `importers`."""
+    speed_m_s, mean_cof, amplitude_cof = asked.speed_m_s, asked.mean_cof, asked.amplitude_cof
+    if speed_m_s is None or amplitude_cof is None or mean_cof is None:
+        said = (
+            f"{source} holds a vibration: it does not say which friction that is, nor how long the"
+            " surface"
+        )
+        raise needs_scale(said, "--speed 0.05 --mean-cof 0.65 --amplitude-cof 0.1")
+    require_range("--speed", speed_m_s, *SPEED_M_S, unit=" m/s")
+    try:
+        require_swing(mean_cof, amplitude_cof)
+    except ValueError as error:
+        raise BadInputError(
+            "out_of_range", str(error), "Give another --mean-cof or --amplitude-cof"
+        ) from None
+    found = read_wav(source)
+    position_m, cof = along_the_way(found, speed_m_s, mean_cof, amplitude_cof, str(source))
+    length_mm = 1e3 * float(np.ptp(position_m))
+    told = {"length_mm": length_mm, "speed_m_s": speed_m_s, "rate_hz": found.rate_hz}
+    words = f"the vibration's shape at that speed; {NOT_MEASURED}"
+    return profiled(position_m, cof, words, told, direction_deg=0.0, outside="tile")
 
 
 def read_wav(path: Path) -> Vibration:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.lab.importers.strokes import Strokes
+from haptic_driver.lab.importers import Asked, Made
+from haptic_driver.lab.importers.strokes import Strokes, over_position
 from haptic_driver.lab.raw_trials.cut import BASELINE, Trial, inside, load_of, speed_of
 from haptic_driver.lab.raw_trials.folder import TrialFolder
 from haptic_driver.signals import Array, Mask
@@ -30,6 +31,12 @@ def strokes_of(path: Path, map_file: Path) -> Strokes:
     speed_m_s = _speed_m_s(trial)
     lateral_n = np.where(_counts(trial), trial.columns["lateral_force"], np.nan)
     return Strokes(_position_m(trial, speed_m_s), load_of(trial), lateral_n, speed_m_s)
+
+
+def made(source: Path, asked: Asked) -> Made:
+    """See `importers`."""
+    assert asked.map_file is not None
+    return over_position(strokes_of(source, asked.map_file), source, asked)
 
 
 def _counts(trial: Trial) -> Mask:
