@@ -94,7 +94,7 @@ def _finger(config: RigConfig, description: ModelDescription, yes: bool) -> Iter
         if status.rig != config.name or status.model != description.name:
             said = f"the daemon has rig {status.rig} and model {status.model}"
             hint = f"Start it with rig {config.name}, then: haptic use {description.name}"
-            raise BadInputError("other_rig", said, hint)
+            raise BadInputError("another_rig", said, hint)
         stderr.print(
             f"rig {config.name} is real: a person slides, up to {config.limits.voltage_v:g} V peak."
         )
