@@ -18,6 +18,7 @@ import numba
 import numpy as np
 
 from haptic_driver.cli.main import main as haptic
+from tests import kinds
 
 CORES = len(os.sched_getaffinity(0))
 KINDS = {
@@ -40,6 +41,8 @@ class Counts(NamedTuple):
 def ran(kind: str, arguments: list[str]) -> tuple[int, Counts]:
     """Run the tests of a kind."""
     chosen, workers = KINDS[kind]
+    if not any(Path(word.partition("::")[0]).exists() for word in arguments):
+        arguments = [*arguments, *files_of(kind)]
     print(f"\n{kind}: {workers} at a time", flush=True)
     command = [sys.executable, "-m", "pytest", "-m", chosen, *arguments]
     if workers > 1:
@@ -54,6 +57,14 @@ def ran(kind: str, arguments: list[str]) -> tuple[int, Counts]:
     skipped = [f"{c.get('classname')}::{c.get('name')}: {_why(c)}" for c in cases if _why(c)]
     passed = len(cases) - failed - len(skipped)
     return 0 if status == NOTHING_COLLECTED else status, Counts(passed, failed, skipped, took_s)
+
+
+def files_of(kind: str) -> list[str]:
+    """The files with tests of a kind, told by their text: to import all of them takes long."""
+    if kind == "pure":
+        return []
+    paths = sorted(Path("tests").rglob("test_*.py"))
+    return [str(path) for path in paths if kinds.names(path, kind)]
 
 
 def _why(case: ET.Element) -> str:
@@ -90,14 +101,14 @@ def compile_kernels() -> None:
 
 
 def main(arguments: list[str]) -> int:
-    kinds = list(KINDS)
+    wanted = list(KINDS)
     if "--quick" in arguments:
         arguments.remove("--quick")
-        kinds = kinds[:1]
+        wanted = wanted[:1]
     print(f"this machine: {speed()}", flush=True)
     compile_kernels()
     worst, results = 0, {}
-    for kind in kinds:
+    for kind in wanted:
         status, results[kind] = ran(kind, arguments)
         worst = max(worst, status)
     print()

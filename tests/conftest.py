@@ -22,6 +22,7 @@ from tests import kinds
 
 pytest_runtest_setup = kinds.pytest_runtest_setup
 pytest_runtest_call = kinds.pytest_runtest_call
+pytest_collection_modifyitems = kinds.pytest_collection_modifyitems
 
 settings.register_profile(
     "project",

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import sys
 import time
+from functools import cache
+from pathlib import Path
 
 import pytest
 from _pytest.runner import runtestprotocol
@@ -23,12 +25,26 @@ LOOKS = ("ldconfig", "gcc", "cc", "ld", "objdump", "uname")
 _started: list[str] = []
 
 
-def _note_starts(event: str, arguments: tuple) -> None:
-    if event in STARTS and not str(arguments[0]).endswith(LOOKS):
+def _note_starts(event: str, arguments: tuple, starts: tuple = STARTS) -> None:
+    # `starts` is there too when the interpreter has taken its modules apart
+    if event in starts and not str(arguments[0]).endswith(LOOKS):
         _started.append(str(arguments[:2]))
 
 
 sys.addaudithook(_note_starts)
+
+
+@cache
+def names(path: Path, kind: str) -> bool:
+    """Whether a file names a kind, which tells where its tests are without importing all."""
+    return f"mark.{kind}" in path.read_text(encoding="utf-8")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        for kind in filter(item.get_closest_marker, MARKED):
+            if not names(item.path, kind):
+                raise pytest.UsageError(f"{item.path}: its text has to name pytest.mark.{kind}")
 
 
 def is_pure(item: pytest.Item) -> bool:

@@ -30,10 +30,10 @@ def runs(mask: Mask, breaks: Mask | None = None) -> list[tuple[int, int]]:
     return [(start, end) for start, end in pairwise([*edges, mask.size]) if mask[start]]
 
 
-def gaps(samples: NDArray[np.void], most_ticks: int = 1) -> Mask:
-    """Which samples [n] come later than `most_ticks` after the one before."""
+def gaps(samples: NDArray[np.void]) -> Mask:
+    """Which samples [n] come later than a tick after the one before."""
     ticks = samples["tick"].astype(np.int64)
-    return np.asarray(np.diff(ticks, prepend=ticks[:1]) > most_ticks)
+    return np.asarray(np.diff(ticks, prepend=ticks[:1]) > 1)
 
 
 def turns(side: Array) -> Mask:

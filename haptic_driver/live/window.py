@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.fidelity.average import WINDOW_COLUMNS, average, standard_error
-from haptic_driver.fidelity.sliding import gaps, runs, sliding, turns
+from haptic_driver.fidelity.sliding import runs, sliding, turns
 from haptic_driver.live.drive import NO_POWER_V2, SETTLING_S, Felt, felt
 from haptic_driver.processes.samples import Flag
 from haptic_driver.signals import SETTLED_M
@@ -29,7 +29,7 @@ BINS = 5  # windows of a stretch, evenly spaced in the voltage squared, besides 
 # of a stretch's highest voltage squared: where timing matters more, a sample says little
 UNSURE = 0.16
 UNNOTICED_S = 0.2  # so long may an output have been without voltage before that is noticed
-GAP_TICKS = 5  # without a sample, or more: another stroke
+GAP_S = 0.005  # without a sample, or longer: another stroke
 PAUSE_S = 5.0  # between strokes, or longer: another session
 
 
@@ -123,7 +123,8 @@ def _strokes(samples: NDArray[np.void], settling_s: float) -> Iterator[slice]:
     usable &= np.searchsorted(lost_s, time_s - settling_s) == np.searchsorted(
         lost_s, time_s + UNNOTICED_S
     )
-    breaks = gaps(samples, GAP_TICKS) | turns(samples["lateral_force_n"])
+    gap = np.diff(time_s, prepend=time_s[0]) > GAP_S
+    breaks = gap | turns(samples["lateral_force_n"])
     for begin, end in runs(usable, breaks):
         if end - begin < BLOCK:
             continue

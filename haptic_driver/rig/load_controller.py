@@ -126,8 +126,8 @@ class LoadSettings:
     def unanswered_m(self) -> float:
         """How far the stage may be ahead of the softest finger's answers.
 
-        So far that the stiffest finger bears the limit just when a sensor shows `SHOWN` of it, and
-        no less than the least way that tells something.
+        So far that the stiffest finger bears the limit when a sensor shows `SHOWN` of it. But no
+        less than the least way that tells something.
         """
         pressed_m = self.way_m(self.touch_n / SHOWN, self.load_limit_n, STIFFER)
         answered_m = self.way_m(self.touch_n, SHOWN * self.load_limit_n, self.softest)

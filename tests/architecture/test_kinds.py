@@ -20,6 +20,7 @@ from tests import kinds
 
 pytest_runtest_setup = kinds.pytest_runtest_setup
 pytest_runtest_call = kinds.pytest_runtest_call
+pytest_collection_modifyitems = kinds.pytest_collection_modifyitems
 
 
 def pytest_configure(config):
@@ -47,6 +48,15 @@ def test_it():
 """
 
 
+UNNAMED = """
+import pytest
+pytestmark = getattr(pytest.mark, "process")
+
+def test_it():
+    pass
+"""
+
+
 def said(folder, test, late_s=0.0):
     """The last lines of a run of one test beside a loop that was so late."""
     (folder / "conftest.py").write_text(CONFTEST.replace("{late_s}", str(late_s)))
@@ -56,7 +66,7 @@ def said(folder, test, late_s=0.0):
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False
     )
-    return done.stdout
+    return done.stdout + done.stderr
 
 
 def test_what_fails_twice_beside_a_late_loop_is_skipped_with_the_figure(tmp_path):
@@ -93,3 +103,8 @@ def test_the_loop_notices_that_it_was_kept_waiting():
         until(lambda: stopped(loop) or loop.longest_wait_s(began_s) > 0.2)
     finally:
         loop.close()
+
+
+def test_a_kind_stands_in_its_files_text(tmp_path):
+    """A run of one kind imports the files that name it alone."""
+    assert "its text has to name pytest.mark.process" in said(tmp_path, UNNAMED)

@@ -116,7 +116,7 @@ def test_a_box_that_answers_late_at_the_start_is_asked_again(rig_config, served,
     monkeypatch.setattr(served.interlock, "handle", late)
     config = as_real(rig_config, served.endpoints)
     patient = InterlockBox.model_construct(
-        kind="box", resource=config.interlock.resource, reply_timeout_s=1.0
+        kind="box", resource=config.interlock.resource, reply_timeout_s=0.1
     )
     with connect_devices(config.model_copy(update={"interlock": patient})) as devices:
         assert devices.rig.state is RigState.OFF

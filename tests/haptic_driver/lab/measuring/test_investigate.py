@@ -114,6 +114,8 @@ def test_a_plan_that_sees_nothing_is_not_the_end(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.soak
+@pytest.mark.timeout(600)
 def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> None:
     investigation, out = found
     for number in range(1, investigation.rounds + 1):
@@ -172,6 +174,10 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     now = (folder / "data.csv").read_text().splitlines(keepends=True)
     assert now[:4] == kept
     assert again.rows == len(now) - 1 == len(lines) - 1
+    assert (folder / "report.html").is_file()
+    said = json.loads((tmp_path / "again" / "investigation.json").read_text())
+    assert (said["rounds"], said["rows"]) == (1, again.rows)
+    assert said["diagnosis"]["verdict"] == again.diagnosis["verdict"]
 
 
 def test_nothing_is_proposed_that_the_rig_refuses(short: Plan) -> None:
