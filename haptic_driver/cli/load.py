@@ -34,7 +34,7 @@ from haptic_driver.rig.load_gains import LoadGains
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
 from haptic_driver.rig.load_tuning import tune as find
 from haptic_driver.rig.parts.load_stages import LoadStageSection
-from haptic_driver.simulation.load import SimulatedLoad
+from haptic_driver.simulation.rig import SimulatedRig
 from model.touch_model import TouchModel
 
 app = typer.Typer(no_args_is_help=True)
@@ -149,10 +149,18 @@ def _pressed(
     """The loop of a rig's load stage at its load; it lets go at the end, whatever ends it."""
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], object] = time.sleep
-    if config.simulated:
+    if config.load_stage.kind != "none" and config.simulated:
         model = TouchModel(load_model(config.simulation.model or "reference"))
-        simulated = SimulatedLoad(config, model, in_real_time=in_real_time)
-        devices, clock, sleep = simulated.devices, simulated.clock, simulated.sleep
+        simulated = SimulatedRig(config, model, friction=lambda *condition: 0.0)  # nothing slides
+        devices: LoadDevices = simulated.devices
+        clock = simulated.clock
+
+        def pass_time(duration_s: float) -> None:
+            if in_real_time:
+                time.sleep(duration_s)
+            simulated.sleep(duration_s)
+
+        sleep = pass_time
     else:
         devices = connect_load(config)
     section, stage = config.load_stage, devices.load_stage

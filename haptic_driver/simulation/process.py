@@ -46,7 +46,7 @@ from haptic_driver.simulation.finger_model import (
 )
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.lines import LinesServer
-from haptic_driver.simulation.pressed_finger import PressedFinger
+from haptic_driver.simulation.world import World
 from hw.analog.simulated_output import CardMemory
 from hw.finger.simulated_touch_screen import PANEL, SimulatedTouchScreen
 from hw.monitor.simulated import ElectrodeState
@@ -98,13 +98,13 @@ class SlidingFinger(RunningTogether):
         self._electrode = SimulatedElectrode(config, self.instruments, _there(electrode))
         self._by_samples = config.generator_kind().by_samples
         section = config.load_stage
-        self._pressed: PressedFinger | None = None
+        pressing = section if isinstance(section, SimulatedLoadStageConfig) else None
+        self.world = World(self.instruments, pressing, step=self._pass)
+        pressed = self.world.pressed
         self._stage_server: SerialServer | None = None
-        if isinstance(section, SimulatedLoadStageConfig):
-            self._pressed = PressedFinger(section, lambda: self.instruments.time_s)
-            wire = self._up_to_date(self._pressed.stage)
-            self._stage_server = SerialServer(wire, framed=False)
-        lines = LinesServer(self.instruments, self._electrode.read, self._pressed)
+        if pressed is not None:
+            self._stage_server = SerialServer(self._up_to_date(pressed.stage), framed=False)
+        lines = LinesServer(self.instruments, self._electrode.read, pressed)
         self._lines_server = TcpServer(self._up_to_date(lines))
         self._touch_server = _TouchServer(self._screen)
         super().__init__(
@@ -155,15 +155,15 @@ class SlidingFinger(RunningTogether):
         slide = self._slide
         place = round((self.instruments.time_s + dt_s - self._began_s) / TICK_S) % slide.time_s.size
         force_n, x_m = float(slide.normal_force_n[place]), float(slide.position_m[place])
-        if self._pressed is not None and self._pressed.taken:
-            touch_n = self.instruments.plant.lateral_force_n, self.instruments.attraction_n()
-            force_n = self._pressed.step(dt_s, *touch_n)
-        for _ in range(PARTS):
-            self.instruments.step(dt_s / PARTS, force_n, float(self._speed_m_s[place]))
-        if force_n >= TOUCH_N:
+        self.world.advance(dt_s, force_n, float(self._speed_m_s[place]))
+        if self.world.load_n >= TOUCH_N:
             self._screen.put(x_m, FINGER_Y_M)
         else:
             self._screen.lift()
+
+    def _pass(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        for _ in range(PARTS):
+            self.instruments.step(dt_s / PARTS, normal_force_n, speed_m_s)
 
 
 def _there(law: ElectrodeLaw | None) -> ElectrodeLaw:

@@ -12,10 +12,13 @@ from math import ceil
 from typing import Self
 
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.devices import build_rig, carrier_output
+from haptic_driver.rig.devices import Devices, build_rig, carrier_output
 from haptic_driver.rig.evidence import Clock
+from haptic_driver.rig.load_loop import LoadSensor
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
+from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig, lts150_settings
+from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.simulation.electrode import SimulatedElectrode
 from haptic_driver.simulation.finger_model import (
     ElectrodeLaw,
@@ -26,18 +29,30 @@ from haptic_driver.simulation.finger_model import (
     with_hidden,
 )
 from haptic_driver.simulation.instruments import SimulatedInstruments
+from haptic_driver.simulation.world import World
 from hw.analog.output import AnalogOutput
 from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
 from hw.force.net_ft_server import SCALE
-from hw.force.sensor import ForceAxes, ForceReading, ForceSensor, NoForceSensor
+from hw.force.sensor import ForceAxes, ForceReading, NoForceSensor
 from hw.generator.analog_carrier.driver import AnalogCarrier
+from hw.health import FORCE, watched
+from hw.serving.memory import MemoryTransport
 from hw.serving.responder import Responder
+from hw.stage.lts150 import Lts150, StageSettings
+from hw.stage.simulated import SimulatedLts150
 from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 from model.touch_model import TouchModel
 
+STEP_S = 1e-3  # in which a pressed finger lives
+FREE_STEP_S = 5e-3  # and one in the air
+INSTANT_S = 1e-12
+NEAR_M = 0.5e-3  # as near as this it may touch within a step
+BYTE_S = 10.0 / 115_200.0
+REPLY_S = 2e-3  # which a USB interface with the shortest latency adds to an answer
+STAGE_MM = 40.0  # of the stage that carries the finger, as it begins
 RESEND_S = 0.05
 PUMPED_S = 0.002  # of simulated time, between two looks at a carrier's samples
 # of instruments that are there: simulated time stands still meanwhile, whatever the machine does
@@ -55,6 +70,10 @@ class SimulatedRig:
     driver waits for the generator, in place of the configuration's, which is meant for real time.
     With `envelope` the generator's amplitude follows the analog output of a rig that has one;
     `analog_output` is its driver's end.
+
+    Stages are LTS150s behind their own drivers. Time passes as their wires answer, and as whoever
+    waits sleeps. Until one has moved, the finger presses with `asked_n`, as a person does who is
+    asked to. `varies` is told of each step before it is made.
     """
 
     def __init__(
@@ -95,9 +114,8 @@ class SimulatedRig:
         )
         self._force = _SteppedForceSensor(self.instruments)
         given = config.without_force
-        self._sensor: ForceSensor = (
-            self._force if given is None else NoForceSensor(given.load_n, lambda: self.time_s)
-        )
+        sensor = self._force if given is None else NoForceSensor(given.load_n, self.clock)
+        self._sensor: LoadSensor = watched(sensor, "force_sensor", FORCE, self.clock)
         lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
         self.rig = build_rig(
             config,
@@ -105,11 +123,49 @@ class SimulatedRig:
             self._sensor,
             lines,
             modulated=self.analog_output is not None,
-            clock=Clock(lambda: self.time_s),
+            clock=Clock(self.clock),
+        )
+        self.asked_n = 0.0
+        self.varies: Callable[[float], object] = lambda dt_s: None
+        pressing, sliding = config.load_stage, config.stage
+        section = pressing if isinstance(pressing, SimulatedLoadStageConfig) else None
+        stage_mm = STAGE_MM if isinstance(sliding, Lts150StageConfig) else None
+        self.world = World(self.instruments, section, stage_mm=stage_mm, step=self._pass)
+        self.stage = self.load_stage = None
+        if isinstance(sliding, Lts150StageConfig) and self.world.sliding is not None:
+            self.stage = self._driver(self.world.sliding, sliding.settings())
+        if section is not None and self.world.pressed is not None:
+            self.load_stage = self._driver(self.world.pressed.stage, lts150_settings(section))
+
+    @property
+    def devices(self) -> Devices:
+        """Its drivers as those of a real rig, closed."""
+        drivers = [driver for driver in (self.stage, self.load_stage) if driver is not None]
+        return Devices(
+            rig=self.rig,
+            force_sensor=self._sensor,
+            stage=self.stage,
+            load_stage=self.load_stage,
+            opening=[self.__enter__, self.rig.connect, *(driver.connect for driver in drivers)],
+            closing=[*(driver.close for driver in drivers), self.__exit__],
         )
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
-        """Let `dt_s` pass with the finger pressing and sliding so; the rig's outputs act on it."""
+        """Let `dt_s` pass with the finger pressing and sliding so, where no stage has moved it; the
+        rig's outputs act on it.
+        """
+        self.world.advance(dt_s, normal_force_n, speed_m_s)
+
+    def sleep(self, duration_s: float) -> None:
+        """Let time pass: the finger slides and is pressed as the stages move."""
+        end_s, pressed = self.time_s + duration_s, self.world.pressed
+        while (left_s := end_s - self.time_s) > INSTANT_S:
+            may_touch = self.asked_n > 0.0 if pressed is None else pressed.depth_m > -NEAR_M
+            hand_n = self.asked_n if pressed is None else 0.0
+            self.step(min(STEP_S if may_touch else FREE_STEP_S, left_s), hand_n, 0.0)
+
+    def _pass(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        self.varies(dt_s)
         generator = self.rig.generator
         parts = ceil(dt_s / PUMPED_S) if isinstance(generator, AnalogCarrier) else 1
         for _ in range(parts):
@@ -117,15 +173,23 @@ class SimulatedRig:
             if isinstance(generator, AnalogCarrier):
                 generator.pump()
 
+    def _driver(self, instrument: SimulatedLts150, settings: StageSettings) -> Lts150:
+        wire = MemoryTransport(_Wire(instrument, self.sleep), clock=self.clock)
+        return Lts150(wire, settings, clock=self.clock, sleep=self.sleep)
+
     @property
-    def force_sensor(self) -> ForceSensor:
+    def force_sensor(self) -> LoadSensor:
         """Its driver's end; open inside the `with` block."""
         return self._sensor
 
     @property
     def time_s(self) -> float:
         """Simulated time, by which forces are stamped."""
-        return self.instruments.plant.time_s
+        return self.instruments.time_s
+
+    def clock(self) -> float:
+        """The same, for whoever calls a clock."""
+        return self.time_s
 
     def read_force(self) -> ForceReading:
         """What the force sensor says now."""
@@ -143,7 +207,7 @@ class SimulatedRig:
         if not isinstance(section, SimulatedAnalogOutputConfig) or card is None:
             return None
         return SimulatedAnalogOutput(
-            lambda: card, section.settings(), clock=lambda: self.instruments.time_s, watch=False
+            lambda: card, section.settings(), clock=self.clock, watch=False
         )
 
     def _carrier_output(self) -> AnalogOutput | None:
@@ -154,7 +218,7 @@ class SimulatedRig:
         return SimulatedAnalogOutput(
             lambda: card,
             carrier_output(carrier),
-            clock=lambda: self.instruments.time_s,
+            clock=self.clock,
             watch=False,
         )
 
@@ -206,4 +270,16 @@ class _SteppedForceSensor:
             with suppress(DeviceTimeout):
                 newest = self.box.read()
                 reading = newest if self.box.counters.accepted > heard else None
-        return reading._replace(time_s=self._instruments.plant.time_s)
+        return reading._replace(time_s=self._instruments.time_s)
+
+
+class _Wire:
+    """An instrument whose answers take the time of their bytes and of the interface."""
+
+    def __init__(self, instrument: SimulatedLts150, sleep: Callable[[float], None]) -> None:
+        self._instrument, self._sleep = instrument, sleep
+
+    def handle(self, data: bytes) -> bytes:
+        answer = self._instrument.handle(data)
+        self._sleep(BYTE_S * (len(data) + len(answer)) + (REPLY_S if answer else 0.0))
+        return answer

@@ -26,21 +26,19 @@ from haptic_driver.rig.parts.interlocks import InterlockBox
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
 from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.rig.roles import APART, ROLES
-from haptic_driver.simulation.finger_model import friction_of, with_hidden
+from haptic_driver.simulation.finger_model import between_loads, with_hidden
 from haptic_driver.simulation.instruments import SimulatedInstruments
-from haptic_driver.simulation.pressed_finger import PressedFinger
+from haptic_driver.simulation.world import World
 from hw.analog.simulated_output import CardMemory
 from hw.force.net_ft_server import SCALE
 from hw.generator.analog_carrier.simulator import SimulatedCarrier
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.serial import SerialServer
 from hw.serving.tcp import TcpServer
-from hw.stage.simulated import SimulatedLts150
 from hw.transport.running import RunningTogether
 from model.touch_model import TouchModel
 
 NORMAL_FORCE_N = 0.5  # of the finger on the screen
-SPEED_STEP_M_S = 1e-3  # the model is asked about whole millimetres per second: answers are kept
 FORCE_RATE_HZ = 1000.0
 START_MM = 5.0  # of the stage: homing takes a second
 LOAD_STAGE = SimulatedLoadStageConfig(kind="simulated")
@@ -63,7 +61,7 @@ class ServedRig(RunningTogether):
         card, self._card = CardMemory.create()
         self.instruments = SimulatedInstruments(
             config,
-            friction_of(with_hidden(model, config.simulation.hide)),
+            between_loads(with_hidden(model, config.simulation.hide)),
             contact=lambda: self.interlock.closed,
             force_rate_hz=FORCE_RATE_HZ,
             generator_port=generator_port,
@@ -72,11 +70,11 @@ class ServedRig(RunningTogether):
         self.instruments.time_s = time.monotonic()  # by which a card plays
         self.amplifier, self.generator = self.instruments.amplifier, self.instruments.generator
         self.amplifier.write(True)
-        self.stage = SimulatedLts150(time.monotonic, start_mm=START_MM)
-        self._position_mm = self.stage.position_mm
+        self.world = World(self.instruments, LOAD_STAGE, stage_mm=START_MM, clock=time.monotonic)
+        assert self.world.sliding is not None  # both were asked for
+        assert self.world.pressed is not None
+        self.stage, self.load_stage = self.world.sliding, self.world.pressed.stage
         self._pressing = False
-        self._pressed = PressedFinger(LOAD_STAGE, time.monotonic)
-        self.load_stage = self._pressed.stage
         self._load_serial = SerialServer(self.load_stage, framed=False)
         self._generator_serial = SerialServer(self.generator)
         self._interlock_tcp = TcpServer(self.interlock)
@@ -113,16 +111,8 @@ class ServedRig(RunningTogether):
         """Let `dt_s` pass: settings reach the terminals, the stage has moved the finger, friction
         follows.
         """
-        before_mm, self._position_mm = self._position_mm, self.stage.position_mm
-        speed_m_s = abs(self._position_mm - before_mm) * 1e-3 / dt_s
-        speed_m_s = SPEED_STEP_M_S * round(speed_m_s / SPEED_STEP_M_S)
         self._pressing = self._pressing or self.stage.moving
-        self.instruments.step(dt_s, self._load_n(dt_s), speed_m_s)
-
-    def _load_n(self, dt_s: float) -> float:
-        if self._pressed.taken:
-            return self._pressed.step(dt_s, self.instruments.plant.lateral_force_n, 0.0)
-        return NORMAL_FORCE_N if self._pressing else 0.0
+        self.world.advance(dt_s, NORMAL_FORCE_N if self._pressing else 0.0)
 
 
 def reached(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:

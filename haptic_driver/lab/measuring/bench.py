@@ -146,7 +146,7 @@ class SimulatedBench:
         simulation = config.simulation.model_copy(update={"seed": noise_seed})
         config = config.model_copy(update={"simulation": simulation})
         self.simulated = SimulatedRig(config, model, friction=friction, electrode=electrode)
-        self._time_s = 0.0
+        self.simulated.varies = self._vary
         self.await_start: AwaitStart = at_once
         self.run_up_s = 0.0  # it slides at once
         self.places: list[Place] = []
@@ -172,11 +172,11 @@ class SimulatedBench:
 
     def _seen_finger(self) -> Finger:
         area_m2 = self.simulated.touch_area_m2() * self.simulated.electrode.touch_gain
-        return Finger(self._time_s, area_m2, self.simulated.instruments.speed_m_s)
+        return Finger(self.time_s, area_m2, self.simulated.instruments.speed_m_s)
 
     @property
     def time_s(self) -> float:
-        return self._time_s
+        return self.simulated.time_s
 
     def begin_session(self, session: int, time_s: float) -> None:
         friction, area = (
@@ -191,15 +191,22 @@ class SimulatedBench:
     def begin_row(self, number: int, row: Row) -> None:
         self._random = np.random.default_rng([*self._seed, 2, number])
         self._wobble = float(self._random.standard_normal())
-        self.places = [Place(self._time_s, 0.0)]
+        self.places = [Place(self.time_s, 0.0)]
         if row.setting.finger == "sliding":
-            self.rig.watch(self.simulated.instruments.time_s)
+            self.rig.watch(self.time_s)
             self.await_start(f"row {number + 1}", lambda duration_s: None)
 
     def up_to_speed(self) -> None:
         """See `Bench`."""
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
+        self.simulated.step(dt_s, normal_force_n, speed_m_s)
+        if self.places and normal_force_n > 0.0:
+            slid_m = self.places[-1].position_m + speed_m_s * dt_s
+            self.places.append(Place(self.time_s, slid_m))
+
+    def _vary(self, dt_s: float) -> None:
+        """The finger of the next step is a little another one."""
         kept = exp(-dt_s / self._scatter.wobble_s)
         self._wobble = kept * self._wobble + sqrt(1.0 - kept * kept) * float(
             self._random.standard_normal()
@@ -210,14 +217,11 @@ class SimulatedBench:
         self.simulated.electrode.touch_gain = self._session_area * (
             1.0 + self._scatter.area_wobble * self._wobble
         )
-        self.simulated.step(dt_s, normal_force_n, speed_m_s)
-        self._time_s += dt_s
-        if self.places and normal_force_n > 0.0:
-            slid_m = self.places[-1].position_m + speed_m_s * dt_s
-            self.places.append(Place(self._time_s, slid_m))
 
     def read_force(self) -> ForceReading:
-        return self.rig.read_force()
+        """See `Bench`; the finger's own time is the session's."""
+        reading = self.rig.read_force()
+        return reading._replace(time_s=self.simulated.instruments.plant.time_s)
 
     def forces(self, newest: ForceReading) -> Sequence[ForceReading]:
         return [newest]  # it sends when it is read

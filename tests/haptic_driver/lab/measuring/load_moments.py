@@ -144,26 +144,27 @@ def failed(model: TouchModel, out: Path, what: str, moment_s: float) -> Moment:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pressed_finger, "SimulatedLts150", FaultyLts150)
         bench = SimulatedStageBench(config, one_row(), SimulatedBench(config, model, seed=1))
-    sensor, pressed = _Failing(bench, what), bench.stages.pressed
+    simulated = bench.world.simulated
+    sensor, pressed = _Failing(bench, what), simulated.world.pressed
     assert pressed is not None
     pressing = pressed.stage
     assert isinstance(pressing, FaultyLts150)
-    live, loads, begun = bench.stages._live, [0.0], list[float]()
+    vary, loads, begun = simulated.varies, [0.0], list[float]()
 
     def lived(dt_s: float) -> None:
         if bench._load is not None and not begun:
-            begun.append(bench.stages.now_s)
-        ago_s = bench.stages.now_s - begun[0] - moment_s if begun else -1.0
+            begun.append(simulated.time_s)
+        ago_s = simulated.time_s - begun[0] - moment_s if begun else -1.0
         if ago_s >= 0.0 and not sensor.failed:
             sensor.failed = sensor.failing = True
         pressing.faults.hung_up = what == "pulled" and ago_s >= 0.0
         pressing.faults.silent = what == "deaf" and ago_s >= 0.0
         if what == "thrust" and 0.0 <= ago_s < THRUST_M / THRUST_M_S:
             pressed.thrust_m += THRUST_M_S * dt_s
-        live(dt_s)
-        loads.append(bench.stages.load_n)
+        vary(dt_s)
+        loads.append(simulated.world.load_n)
 
-    bench.stages._live = lived  # type: ignore[method-assign]
+    simulated.varies = lived
     experiment = prepare(config, model, one_row())
     said = "measured"
     try:
@@ -171,8 +172,7 @@ def failed(model: TouchModel, out: Path, what: str, moment_s: float) -> Moment:
             run(experiment, bench, data)
     except (HapticError, KeyboardInterrupt) as error:
         said = str(error) or type(error).__name__
-    bench.stages.sleep(AFTER_S)
-    simulated = bench.world.simulated
+    simulated.sleep(AFTER_S)
     is_off = simulated.amplifier.voltage_v == 0.0
     is_off &= not simulated.instruments.generator.output().on
     return Moment(what, moment_s, max(loads), loads[-1], is_off, said)

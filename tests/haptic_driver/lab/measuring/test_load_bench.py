@@ -126,7 +126,7 @@ def test_a_simulated_rig_with_stages_measures_at_the_loads_of_a_plan(
     with bench, DataFile.create(tmp_path / "data.csv", experiment.identity()) as data:
         run(experiment, bench, data)
     assert isinstance(bench, SimulatedStageBench)
-    assert bench.stages.load_n == 0.0
+    assert bench.world.simulated.world.load_n == 0.0
     found = table(tmp_path / "data.csv")
     assert len(found) == 4
     for row in found:
