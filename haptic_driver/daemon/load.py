@@ -111,7 +111,7 @@ class HeldLoad:
     ) -> None:
         section = config.load_stage
         self._section = section if isinstance(section, LoadStageSection) else None
-        self._rig, self._simulated = config.name, config.simulated
+        self._rig = config.name
         self._shared, self._orders, self._events, self._clock = shared, orders, events, clock
         self._stage: LoadStage | None = None
         self._sensor = SensedForce(shared, clock)
@@ -150,8 +150,7 @@ class HeldLoad:
             self._sensor.read_by = None if devices is None else devices.force_sensor
             self._guard = None if devices is None else devices.watchdog
             if self._stage is not None:
-                # a new simulated stage stands clear, whether or not it knows where
-                self._unsure = not (self._simulated or self._stands_clear(self._stage))
+                self._unsure = not self._stands_clear(self._stage)
                 self._phase = LoadPhase.MAY_PRESS if self._unsure else LoadPhase.FREE
         finally:
             if free:

@@ -18,7 +18,7 @@ from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import REAL_TIME, Clock, KnownOutput, tried
 from haptic_driver.rig.load_loop import LoadSensor, LoadStage, clear_for_bias
-from haptic_driver.rig.part import NO_WATCHDOG, NONE, DeviceSection, NoPart, Wiring
+from haptic_driver.rig.part import NO_WATCHDOG, NONE, DeviceSection, NoPart, Part, Wiring
 from haptic_driver.rig.parts.generators import CarrierConfig
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.rig import Rig
@@ -227,20 +227,20 @@ def build_rig(
     on_event: Callable[[RigEvent], None] = lambda event: None,
     clock: Clock = REAL_TIME,
 ) -> Rig:
-    """The devices of `config`, its generator behind `port` and its amplifier on `lines`; nothing is
-    opened yet.
+    """The devices of `config`, its generator behind `port`; nothing is opened yet. The amplifier is
+    that of `lines`, or is made on them.
     """
     key = "waveform_generator"
     generator = watched(make_generator(config, port), key, ROLES[key].asking, clock.now_s)
-    amplifier = config.amplifier.make(lines)
-    if amplifier is None:
+    made = config.amplifier.make(lines) if lines.amplifier is None else Part(lines.amplifier)
+    if made is None:
         raise BadInputError(
             "no_amplifier", f"rig {config.name} names no amplifier", "correct amplifier.kind"
         )
     return Rig(
         config,
         generator,
-        amplifier.device,
+        made.device,
         force_sensor,
         modulated=modulated,
         heartbeats=heartbeats,
@@ -365,11 +365,6 @@ class Assembly:
         for key, role in ROLES.items():
             if key in roles and role.opens is not APART:
                 self._make(key, config, before)
-        for name, asking in LINES.items():
-            if (line := getattr(self.wiring, name)) is not None:
-                heard = watched(line, name, asking)
-                self.heard.append(heard)
-                self.wiring = replace(self.wiring, **{name: heard})
         if self.watchdog is not None and self.watchdog.settings.generator:
             self.heartbeats.append(self.watchdog)
 
@@ -399,7 +394,7 @@ class Assembly:
     def _make(self, key: str, config: RigConfig, before: LoadSensor | None) -> None:
         self.made[key], role = [], ROLES[key]
         for section in config.sections_of(key):
-            self.wiring = section.wire(self.wiring)
+            self.wiring = self._lines_heard(section.wire(self.wiring))
             part = section.make(self.wiring)
             if part is None:
                 continue
@@ -428,6 +423,15 @@ class Assembly:
         if getattr(section, "kind", "") != NONE:
             self.heard.append(heard)
         return heard
+
+    def _lines_heard(self, wiring: Wiring) -> Wiring:
+        for name, asking in LINES.items():
+            line = getattr(wiring, name)
+            if line is not None and line is not getattr(self.wiring, name):
+                line = watched(line, name, asking)
+                self.heard.append(line)
+                wiring = replace(wiring, **{name: line})
+        return wiring
 
     def _clear(self) -> None:
         section, stage = self._load_stage, self.one("load_stage")

@@ -18,6 +18,7 @@ from hw.analog.cards import check_name
 from hw.setting import Setting
 
 if TYPE_CHECKING:
+    from hw.amplifier.analog import AnalogAmplifier
     from hw.analog.lines import (
         AnalogInput,
         AnalogInputs,
@@ -95,7 +96,7 @@ class Wiring:
 
     `channels` are those of the card that the rig's file names. A monitor reports its peak over
     `monitor_window_s`. `monitor_lines` says what the amplifier's monitors do, `monitor_channels`
-    where on the card voltage and current are.
+    where on the card voltage and current are. `amplifier` is the one on these lines.
     """
 
     channels: Sequence[str] = ()
@@ -106,6 +107,7 @@ class Wiring:
     voltage_monitor: AnalogInput | None = None
     current_monitor: AnalogInput | None = None
     fault: DigitalInput | None = None
+    amplifier: AnalogAmplifier | None = None
     monitor_lines: MonitorLines | None = None
     monitor_channels: Sequence[str] = ()
 

@@ -188,7 +188,9 @@ class RigParts(Section):
     waveform_generator: Annotated[
         GeneratorConfig, Role("waveform generator", RIG, asking=GENERATOR)
     ]
-    amplifier: Annotated[AmplifierConfig, KindRole("amplifiers", RIG, usual="analog")]
+    amplifier: Annotated[
+        AmplifierConfig, KindRole("amplifiers", RIG, wired="amplifier", usual="analog")
+    ]
     force_sensor: Annotated[
         PartSection | None,
         KindRole("force_sensors", AFTER, unsaid=UnsaidForceSensor(), asking=FORCE),

@@ -14,8 +14,7 @@ SERIAL_NUMBER = 45_000_002
 class PressedFinger:
     """A finger whose load follows from where the stage is; `stage` answers on any wire.
 
-    `thrust_m` is by how much the finger has come to meet the stage. `taken` from when the stage
-    moves for the first time on: the finger is in its holder then, and nobody else presses it.
+    `thrust_m` is by how much the finger has come to meet the stage.
     """
 
     def __init__(self, section: SimulatedLoadStageConfig, clock: Callable[[], float]) -> None:
@@ -25,13 +24,6 @@ class PressedFinger:
         self.body = FingerBody(lambda depth_m: section.stiffness_factor * soft(depth_m))
         self.thrust_m = 0.0
         self._face_m, self._mounting = section.face_m, section.mounting()
-        self._taken = False
-
-    @property
-    def taken(self) -> bool:
-        """Whether the stage has moved."""
-        self._taken = self._taken or self.stage.moving
-        return self._taken
 
     @property
     def depth_m(self) -> float:

@@ -103,6 +103,7 @@ class SlidingFinger(RunningTogether):
         pressed = self.world.pressed
         self._stage_server: SerialServer | None = None
         if pressed is not None:
+            pressed.stage.know_place()
             self._stage_server = SerialServer(self._up_to_date(pressed.stage), framed=False)
         lines = LinesServer(self.instruments, self._electrode.read, pressed)
         self._lines_server = TcpServer(self._up_to_date(lines))

@@ -74,7 +74,6 @@ class ServedRig(RunningTogether):
         assert self.world.sliding is not None  # both were asked for
         assert self.world.pressed is not None
         self.stage, self.load_stage = self.world.sliding, self.world.pressed.stage
-        self._pressing = False
         self._load_serial = SerialServer(self.load_stage, framed=False)
         self._generator_serial = SerialServer(self.generator)
         self._interlock_tcp = TcpServer(self.interlock)
@@ -111,8 +110,7 @@ class ServedRig(RunningTogether):
         """Let `dt_s` pass: settings reach the terminals, the stage has moved the finger, friction
         follows.
         """
-        self._pressing = self._pressing or self.stage.moving
-        self.world.advance(dt_s, NORMAL_FORCE_N if self._pressing else 0.0)
+        self.world.advance(dt_s, NORMAL_FORCE_N if self.stage.has_moved else 0.0)
 
 
 def reached(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:

@@ -44,14 +44,13 @@ class World:
             self.sliding = SimulatedLts150(self._clock, start_mm=stage_mm)
         self._slid = self._clock(), stage_mm or 0.0
         self._speed_m_s = 0.0
-        self._carried = False
 
     def advance(self, dt_s: float, hand_n: float, hand_m_s: float = 0.0) -> None:
         """Let `dt_s` pass: stages move the finger, outputs act on it, sensors feel it."""
         plant, pressed = self.instruments.plant, self.pressed
         speed_m_s = self._carried_m_s(hand_m_s)
         self.load_n = hand_n
-        if pressed is not None and pressed.taken:
+        if pressed is not None and pressed.stage.has_moved:
             attraction_n = self.instruments.attraction_n()
             self.load_n = pressed.step(dt_s, plant.lateral_force_n, attraction_n)
         self._step(dt_s, self.load_n, speed_m_s)
@@ -61,9 +60,8 @@ class World:
         stage, (before_s, before_mm) = self.sliding, self._slid
         if stage is None:
             return hand_m_s
-        self._carried = self._carried or stage.moving
         now_s, here_mm = self._slid = self._clock(), stage.position_mm
         if now_s > before_s:
             speed_m_s = abs(here_mm - before_mm) * 1e-3 / (now_s - before_s)
             self._speed_m_s = SPEED_STEP_M_S * round(speed_m_s / SPEED_STEP_M_S)
-        return self._speed_m_s if self._carried else hand_m_s
+        return self._speed_m_s if stage.has_moved else hand_m_s

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hw.stage import apt
@@ -79,13 +79,14 @@ class SimulatedLts150:
     It starts somewhere on its travel, not homed, with its counter at 0 there and automatic status
     messages on, as after power-up. Moves beyond the travel end at the travel; velocity and
     acceleration are clipped to the table. A responder cannot speak first, so messages that it sends
-    unasked come ahead of the next answer.
+    unasked come ahead of the next answer. `has_moved` once it was ordered to.
     """
 
     clock: Callable[[], float]
     start_mm: float = 40.0
     serial_number: int = 45_000_001
     model: str = "LTS150"
+    has_moved: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         self._lock = threading.Lock()
@@ -109,6 +110,12 @@ class SimulatedLts150:
         with self._lock:
             self._advance()
             return self._motion is not None
+
+    def know_place(self) -> None:
+        """Be homed already, as one is that never lost its power."""
+        with self._lock:
+            self._counter_zero_mm = 0.0
+            self._set_bits(StatusBit.HOMED, True)
 
     def handle(self, data: bytes) -> bytes:
         """Carry out what is complete, and return unasked messages and answers."""
@@ -162,6 +169,7 @@ class SimulatedLts150:
     def _move(self, target_mm: float, speed: _Speed, announce: Message) -> None:
         if self._motion is not None or not self._bits & StatusBit.ENABLED or min(speed) <= 0.0:
             return
+        self.has_moved = True
         target_mm = min(max(target_mm, 0.0), TRAVEL_MM)
         self._set_bits(StatusBit.MOTION_ERROR, False)
         if announce is Message.HOMED:

@@ -91,6 +91,28 @@ def test_without_a_force_sensor_the_load_is_held_and_friction_unknown(tmp_path):
     assert not config.friction_from_current
 
 
+def test_the_amplifier_that_is_opened_is_the_one_that_is_switched(tmp_path, monkeypatch):
+    """A second one had been made, whose fault line nobody opened or closed."""
+    made = []
+
+    class Line:
+        def __init__(self, name):
+            made.append(name)
+
+        def open(self):
+            pass
+
+        close = open
+
+    monkeypatch.setattr("hw.analog.ni_daq.NiDigitalInput", Line)
+    path = tmp_path / "fault.toml"
+    said = '\n[force_sensor]\nkind = "none"\n[watchdog]\ngenerator = "none"\n'
+    text = as_real_rig("TCPIP::127.0.0.1::1::SOCKET") + said
+    path.write_text(changed(text, ("[amplifier]", '[amplifier]\nfault_line = "Dev1/port0/line3"')))
+    connect_devices(load_rig(str(path)))
+    assert made == ["Dev1/port0/line3"]
+
+
 def test_what_fails_on_the_way_closes_what_was_opened(rig_config, served):
     config = as_real(rig_config, served.endpoints)
     config = config.model_copy(

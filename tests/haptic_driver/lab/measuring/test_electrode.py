@@ -293,7 +293,7 @@ class SlowlyRead(SimulatedBench):
     """Its monitor takes a second."""
 
     def read_electrode(self, setting: Setting) -> ElectrodeReading | None:
-        self._time_s += 1.0
+        self.simulated.instruments.time_s += 1.0
         return super().read_electrode(setting)
 
 

@@ -494,7 +494,7 @@ def test_a_sensor_too_slow_for_the_window_is_named(
 ) -> None:
     class Slow(SimulatedBench):
         def read_force(self) -> ForceReading:
-            self._time_s += 0.1
+            self.simulated.instruments.time_s += 0.1
             return super().read_force()
 
     experiment = prepare(config, model, small_plan())
@@ -526,7 +526,7 @@ class Dozing(SimulatedBench):
         super().step(dt_s, normal_force_n, speed_m_s)
         if self.rig.state is RigState.ON and not self.dozed:
             self.dozed = True
-            self._time_s += 1.0
+            self.simulated.instruments.time_s += 1.0
 
 
 def test_a_row_whose_output_went_off_once_is_measured_again(
@@ -548,7 +548,7 @@ class Jumping(SimulatedBench):
 
     def step(self, dt_s: float, normal_force_n: float, speed_m_s: float) -> None:
         super().step(dt_s, normal_force_n, speed_m_s)
-        self._time_s += 1.0 if dt_s > READING_S else 0.0
+        self.simulated.instruments.time_s += 1.0 if dt_s > READING_S else 0.0
 
 
 def test_the_output_is_held_through_settling_and_averaging(
