@@ -1,6 +1,6 @@
 """How well an instrument answers: one record with every reading, kept by whoever asks.
 
-`watched` stands in a device's place and keeps it, whatever the device's make; a driver knows
+`with_health` stands in a device's place and keeps it, whatever the device's make; a driver knows
 nothing of it.
 """
 
@@ -37,6 +37,8 @@ STAGE = Asking(("read_status",), order="move_to", got="position_m")
 GENERATOR = Asking(("is_on", "set_output", "set_point", "off"))
 LINE = Asking(("read", "write"))
 MONITOR = Asking(("read_v",))
+EVENT_LINE = Asking(("put",))
+LINE_IN = Asking(("levels",))
 
 
 class Health(NamedTuple):
@@ -84,13 +86,13 @@ class Health(NamedTuple):
         return ""
 
 
-class Watcher:
+class HealthKeeper:
     """Asks one device, and keeps its health. Thread-safe; nobody waits for another's question."""
 
     def __init__(self, name: str, asking: Asking, clock: Callable[[], float]) -> None:
         self.health = Health(name)
         self._asking, self._clock = asking, clock
-        self._noting = threading.Lock()
+        self._noting = threading.RLock()  # whoever is interrupted while noting may switch off
         self._last: tuple[object, object] = (None, None)  # stamp, and what noise moves
 
     def ask(self, question: Callable[..., Answer], *args: Any, **named: Any) -> Answer:
@@ -154,12 +156,12 @@ class Watcher:
             )
 
 
-class Watched:
-    """A device as it is, but that some of its methods pass by a `watcher`."""
+class WithHealth:
+    """A device as it is, but that some of its methods pass by a `keeper`."""
 
-    def __init__(self, device: Any, watcher: Watcher, asking: Asking) -> None:
-        self.watched_device, self.watcher = device, watcher
-        for pass_on, methods in ((watcher.ask, asking.by), (watcher.order, (asking.order,))):
+    def __init__(self, device: Any, keeper: HealthKeeper, asking: Asking) -> None:
+        self.device_itself, self.keeper = device, keeper
+        for pass_on, methods in ((keeper.ask, asking.by), (keeper.order, (asking.order,))):
             for name in methods:
                 if hasattr(device, name):
                     setattr(self, name, _passing(pass_on, device, name))
@@ -167,23 +169,23 @@ class Watched:
     @property
     def health(self) -> Health:
         """Of its newest reading."""
-        return self.watcher.health
+        return self.keeper.health
 
     @property  # type: ignore[misc]
     def __class__(self) -> type:
         """As whom it passes: who looks for a kind of device finds it."""
-        return type(self.watched_device)
+        return type(self.device_itself)
 
     def __getattr__(self, name: str) -> Any:
         """Whatever else the device has."""
-        return getattr(self.__dict__["watched_device"], name)
+        return getattr(self.__dict__["device_itself"], name)
 
 
-def watched(
+def with_health(
     device: Any, name: str, asking: Asking, clock: Callable[[], float] = time.monotonic
 ) -> Any:
     """The device in whose place `health` says how it answers, by `name` and as it is `asking`."""
-    return Watched(device, Watcher(name, asking, clock), asking)
+    return WithHealth(device, HealthKeeper(name, asking, clock), asking)
 
 
 def _number(value: object = None) -> float | None:

@@ -54,8 +54,13 @@ from haptic_driver.rig.actuator import actuator_name
 from haptic_driver.rig.devices import calibration_ids
 from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.part import NoPart, Wiring
+from haptic_driver.rig.parts.event_lines import EventLineSection
+from haptic_driver.rig.parts.lines_in import LineInSection
+from haptic_driver.rig.roles import ROLES
 from haptic_driver.rig.states import RigState
 from haptic_driver.textures.library import script_names, texture_names
+from hw.event_line.contract import EventLine, LineIn
+from hw.health import WithHealth, with_health
 
 WATCH_PERIOD_S = 0.02
 ARM_PATIENCE_S = 2.0
@@ -117,7 +122,8 @@ class Daemon:
             lambda: advice(self.supervisor.real_time),
             lambda: self._latency(self._judged()),
         )
-        self.event_line = _event_line(settings, shared, orders, events)
+        self._apart: list[WithHealth] = []  # devices that are none of the rig's
+        self.event_line = self._event_line(settings)
         self.line_in = self._line_in(settings)
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -188,8 +194,30 @@ class Daemon:
         section = settings.config.line_in
         if isinstance(section, NoPart):
             return None
-        line, recordings = section.make(Wiring()).device, self._recordings
+        line: LineIn = self._alone("line_in", section)
+        recordings = self._recordings
         return LineInWatch(line, section, self.record, lambda: recordings.asked, self.event_log)
+
+    def _event_line(self, settings: DaemonSettings) -> EventLineWriter | None:
+        """What writes to the rig's event line, if it has one."""
+        section, orders = settings.config.event_line, self._orders
+        if isinstance(section, NoPart):
+            return None
+        line: EventLine = self._alone("event_line", section)
+        return EventLineWriter(
+            line,
+            section.pulse_s,
+            settings.config.event_codes,
+            self.shared.ring,
+            lambda: orders.pump.output,
+            self.event_log,
+            lambda: orders.raise_flag(Flag.EVENT_LINE),
+        )
+
+    def _alone(self, key: str, section: EventLineSection | LineInSection) -> Any:
+        """A device that is wired to no other, and has a thread of its own."""
+        self._apart.append(with_health(section.make(Wiring()).device, key, ROLES[key].asking))
+        return self._apart[-1]
 
     def _start_threads(self) -> None:
         pump = self._orders.pump
@@ -271,7 +299,8 @@ class Daemon:
 
     def _instruments(self) -> list[InstrumentStatus]:
         now_s = self._clock()
-        return [InstrumentStatus.of(one, now_s) for one in self.supervisor.health]
+        known = [*self.supervisor.health, *(one.health for one in self._apart)]
+        return [InstrumentStatus.of(health, now_s) for health in known]
 
     def _judged(self) -> Judged:
         """What was found since arming."""
@@ -411,24 +440,6 @@ class Daemon:
     def tile(self, asked: TileRequest) -> Tile:
         """A part of a texture of the library, as a picture."""
         return drawings.tile(self._painter, asked)
-
-
-def _event_line(
-    settings: DaemonSettings, shared: SharedState, orders: Orders, events: EventLog
-) -> EventLineWriter | None:
-    """What writes to the rig's event line, if it has one."""
-    section = settings.config.event_line
-    if isinstance(section, NoPart):
-        return None
-    return EventLineWriter(
-        section.make(Wiring()).device,
-        section.pulse_s,
-        settings.config.event_codes,
-        shared.ring,
-        lambda: orders.pump.output,
-        events,
-        lambda: orders.raise_flag(Flag.EVENT_LINE),
-    )
 
 
 def _reachable(basis: Basis, normal_force_n: float) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from pydantic import Field, RootModel
 
 from haptic_driver.config import Checked
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import HapticError, shown
 from haptic_driver.recording.clock import ClockOffsets
 from haptic_driver.recording.event import Event
 from haptic_driver.textures.objects import SceneDescription
@@ -181,7 +181,7 @@ class InstrumentStatus(Checked):
             got=health.got,
             zero=list(health.zero),
             zero_age_s=known(now_s - health.zero_s),
-            wrong=health.wrong or None,
+            wrong=shown(health.wrong) or None,
         )
 
     @property

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from haptic_driver.errors import HapticError
-from hw.health import REPEATS_S, Asking, Health, watched
+from hw.health import REPEATS_S, Asking, Health, with_health
 from hw.setting import Setting
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Examination(NamedTuple):
 
     def heard(self, device: Any, asking: Asking, for_s: float = 2.0 * REPEATS_S) -> Check:
         """How well a device answers that is open: asked for so long by the first of its methods."""
-        sensor, until_s = watched(device, self.name, asking), time.monotonic() + for_s
+        sensor, until_s = with_health(device, self.name, asking), time.monotonic() + for_s
         while time.monotonic() < until_s:
             getattr(sensor, asking.by[0])()
             time.sleep(ASK_S)

@@ -42,7 +42,7 @@ from hw.force.sensor import ForceSensor
 from hw.generator.analog_carrier.driver import CarrierSettings
 from hw.generator.contract import Generator
 from hw.generator.settings import GeneratorSettings, ModulationInput, RangePolicy
-from hw.health import LINE, MONITOR, UNASKED, Health, Watched, watched
+from hw.health import LINE, MONITOR, UNASKED, Health, WithHealth, with_health
 from hw.monitor.contract import ElectrodeMonitor
 from hw.safety.watchdog import Watchdog, WatchdogSettings
 from hw.stage.lts150 import Lts150
@@ -70,7 +70,7 @@ class LoadDevices:
     watchdog: Watchdog | None = None
     opening: Sequence[Callable[[], object]]
     closing: Sequence[Callable[[], object]]
-    heard: Sequence[Watched] = ()
+    heard: Sequence[WithHealth] = ()
 
     @property
     def health(self) -> list[Health]:
@@ -231,7 +231,7 @@ def build_rig(
     that of `lines`, or is made on them.
     """
     key = "waveform_generator"
-    generator = watched(make_generator(config, port), key, ROLES[key].asking, clock.now_s)
+    generator = with_health(make_generator(config, port), key, ROLES[key].asking, clock.now_s)
     made = config.amplifier.make(lines) if lines.amplifier is None else Part(lines.amplifier)
     if made is None:
         raise BadInputError(
@@ -350,7 +350,7 @@ class Assembly:
         channels = [channel for _, section in config.devices for channel in section.channels]
         self.wiring = Wiring(channels=channels)
         self.made: dict[str, list[Any]] = {}
-        self.heard: list[Watched] = []
+        self.heard: list[WithHealth] = []
         self.heartbeats: list[Heartbeat] = []
         self.asking: list[Callable[[], object]] = []  # before anything can switch off
         self._steps: dict[Opens, list[Callable[[], object]]] = {FIRST: [], RIG: [], AFTER: []}
@@ -402,9 +402,9 @@ class Assembly:
             device = self._heard(key, section, part.device)
             if before is not None and part.zeroing:
                 keep = partial(part.device.keep_bias, before)
-                self._zeroing.append(partial(device.watcher.keep_zero, keep, before.health))
+                self._zeroing.append(partial(device.keeper.keep_zero, keep, before.health))
             elif part.zeroing:
-                zeroing = [partial(device.watcher.take_zero, step) for step in part.zeroing]
+                zeroing = [partial(device.keeper.take_zero, step) for step in part.zeroing]
                 self._zeroing += [self._clear, *zeroing]
             self.closing[:0] = part.closing
             self.heartbeats += part.heartbeats
@@ -419,7 +419,7 @@ class Assembly:
             return device
         number = len(self.made[key])
         many = isinstance(role, KindRole) and role.many
-        heard = watched(device, f"{key}.{number}" if many else key, role.asking)
+        heard = with_health(device, f"{key}.{number}" if many else key, role.asking)
         if getattr(section, "kind", "") != NONE:
             self.heard.append(heard)
         return heard
@@ -428,7 +428,7 @@ class Assembly:
         for name, asking in LINES.items():
             line = getattr(wiring, name)
             if line is not None and line is not getattr(self.wiring, name):
-                line = watched(line, name, asking)
+                line = with_health(line, name, asking)
                 self.heard.append(line)
                 wiring = replace(wiring, **{name: line})
         return wiring

@@ -38,7 +38,17 @@ from haptic_driver.rig.parts.lines_in import LineInSection
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.parts.stages import StageSection
 from hw import plugins
-from hw.health import FORCE, GENERATOR, LINE, READ, STAGE, UNASKED, Asking
+from hw.health import (
+    EVENT_LINE,
+    FORCE,
+    GENERATOR,
+    LINE,
+    LINE_IN,
+    READ,
+    STAGE,
+    UNASKED,
+    Asking,
+)
 
 
 class Opens(enum.Enum):
@@ -211,8 +221,12 @@ class RigParts(Section):
     load_stage: Annotated[
         NoPart | LoadStageSection, KindRole("load_stages", AFTER, asking=STAGE)
     ] = NoPart()
-    event_line: Annotated[NoPart | EventLineSection, KindRole("event_lines", APART)] = NoPart()
-    line_in: Annotated[NoPart | LineInSection, KindRole("lines_in", APART)] = NoPart()
+    event_line: Annotated[
+        NoPart | EventLineSection, KindRole("event_lines", APART, asking=EVENT_LINE)
+    ] = NoPart()
+    line_in: Annotated[NoPart | LineInSection, KindRole("lines_in", APART, asking=LINE_IN)] = (
+        NoPart()
+    )
 
     def sections_of(self, key: str) -> list[DeviceSection]:
         """What the file says for a role."""

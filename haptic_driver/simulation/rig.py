@@ -37,7 +37,7 @@ from hw.force.net_ft import NetFt, NetFtSettings
 from hw.force.net_ft_server import SCALE
 from hw.force.sensor import ForceAxes, ForceReading, NoForceSensor
 from hw.generator.analog_carrier.driver import AnalogCarrier
-from hw.health import FORCE, watched
+from hw.health import FORCE, with_health
 from hw.serving.memory import MemoryTransport
 from hw.serving.responder import Responder
 from hw.stage.lts150 import Lts150, StageSettings
@@ -115,7 +115,7 @@ class SimulatedRig:
         self._force = _SteppedForceSensor(self.instruments)
         given = config.without_force
         sensor = self._force if given is None else NoForceSensor(given.load_n, self.clock)
-        self._sensor: LoadSensor = watched(sensor, "force_sensor", FORCE, self.clock)
+        self._sensor: LoadSensor = with_health(sensor, "force_sensor", FORCE, self.clock)
         lines = Wiring(enable=self.amplifier, voltage_monitor=self.amplifier)
         self.rig = build_rig(
             config,

@@ -9,7 +9,7 @@ import pytest
 
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading, KeepsReadings
-from hw.health import FORCE, REPEATS_S, STAGE, watched
+from hw.health import FORCE, REPEATS_S, STAGE, with_health
 from tests.clock import ManualClock
 
 TOOK_S = 0.003
@@ -36,12 +36,12 @@ class Sensor:
 
 
 class Bench:
-    """The sensor, watched, on a clock that is stepped."""
+    """The sensor, with its health, on a clock that is stepped."""
 
     def __init__(self):
         self.clock = ManualClock(100.0)
         self.own = Sensor(self.clock)
-        self.sensor = watched(self.own, "force_sensor", FORCE, self.clock)
+        self.sensor = with_health(self.own, "force_sensor", FORCE, self.clock)
 
     def reads(self, load_n, after_s=0.01, time_s=None, saturated=False):
         """The health after one more reading, stamped as it is taken unless its time is said."""
@@ -109,17 +109,17 @@ def test_saturation_and_the_mending_of_it(bench):
 
 
 def test_the_zero_is_kept_with_its_time_and_by_the_next_connection(bench):
-    bench.sensor.watcher.take_zero(bench.own.take_bias)
+    bench.sensor.keeper.take_zero(bench.own.take_bias)
     taken = bench.sensor.health
     assert (taken.zero, taken.zero_s) == ((0.25, -0.5), 100.0)
     bench.clock.now_s += 60.0
     after = Bench()
-    after.sensor.watcher.keep_zero(lambda: None, taken)
+    after.sensor.keeper.keep_zero(lambda: None, taken)
     assert (after.sensor.health.zero, after.sensor.health.zero_s) == ((0.25, -0.5), 100.0)
 
 
 def test_a_zero_of_which_nothing_is_said_has_its_time_alone(bench):
-    bench.sensor.watcher.take_zero(lambda: None)
+    bench.sensor.keeper.take_zero(lambda: None)
     assert (bench.sensor.health.zero, bench.sensor.health.zero_s) == ((), 100.0)
 
 
@@ -127,7 +127,7 @@ def test_a_stage_shows_where_it_was_sent_and_where_it_is():
     moves = []
     status = SimpleNamespace(time_s=1.0, position_m=0.0101)
     stage = SimpleNamespace(move_to=moves.append, read_status=lambda: status)
-    heard = watched(stage, "stage", STAGE, ManualClock())
+    heard = with_health(stage, "stage", STAGE, ManualClock())
     heard.move_to(0.010)
     heard.read_status()
     assert moves == [0.010]

@@ -27,7 +27,7 @@ from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.rig import Rig
 from hw.camera.contract import Camera
 from hw.force.sensor import ForceReading
-from hw.health import FORCE, watched
+from hw.health import FORCE, with_health
 from hw.monitor.contract import ElectrodeReading
 from hw.stage.lts150 import Lts150, StageStatus
 
@@ -278,7 +278,7 @@ class StageBench:
     def _sensor(self) -> LoadSensor:
         """The force sensor as the rig reads it, which switches off where it fails."""
         read = SimpleNamespace(read=self.rig.read_force)
-        sensor: LoadSensor = watched(read, "force_sensor", FORCE, self._clock)
+        sensor: LoadSensor = with_health(read, "force_sensor", FORCE, self._clock)
         return sensor
 
     def _lift(self) -> None:

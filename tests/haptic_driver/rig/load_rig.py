@@ -14,7 +14,7 @@ from haptic_driver.rig.load_loop import LoadLoop
 from hw.errors import DeviceTimeout
 from hw.finger.body import BodySettings, Elastic, FingerBody
 from hw.force.sensor import ForceReading
-from hw.health import FORCE, watched
+from hw.health import FORCE, with_health
 from hw.serving.memory import MemoryTransport
 from hw.stage.letting_go import Mounting
 from hw.stage.lts150 import Lts150, StageSettings
@@ -119,7 +119,7 @@ class Finger:
     def loop(self, settings: LoadSettings, last_m: float | None = None) -> LoadLoop:
         return LoadLoop(
             self.stage,
-            watched(SimpleNamespace(read=self.read_force), "sensor", FORCE, lambda: self.now_s),
+            with_health(SimpleNamespace(read=self.read_force), "sensor", FORCE, lambda: self.now_s),
             settings,
             MOUNTING,
             clock=lambda: self.now_s,
