@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal
+from scipy import fft
 
 from haptic_driver.fidelity.strokes import Stroke, without_line
 from haptic_driver.signals import Array
@@ -81,7 +81,7 @@ def band_spectra(pieces: Sequence[Stroke], tick_s: float) -> BandSpectra:
 
 def _transformed(values: Array, length: int, size: int) -> Array:
     """Spectra [segments, frequencies] whose squares are power per hertz, one-sided but for 2."""
-    window = signal.get_window("hann", length)
+    window = np.hanning(length + 1)[:-1]
     step = max(length // 2, 1)
     parts = np.lib.stride_tricks.sliding_window_view(values, length)[::step]
     spectra = fft.rfft(without_line(parts) * window, size)

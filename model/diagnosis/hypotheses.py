@@ -13,8 +13,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
-from scipy.stats import norm, qmc
+from scipy.special import logsumexp, ndtri
 
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import Evidence, evidence, evidence_beside, explained, log_marginal
@@ -269,8 +268,10 @@ def _drawn(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array
     In standard deviations of the noise. What the finger and the gains would take up does not count
     as visible, unless they are at their ends already.
     """
+    from scipy.stats import qmc  # noqa: PLC0415  (slow to import, and the daemon does without)
+
     fit, count = base.fit, len(kind.parameters())
-    draws = norm.ppf(qmc.Sobol(count, seed=0).random(DRAWS))
+    draws = ndtri(qmc.Sobol(count, seed=0).random(DRAWS))
     shared = np.broadcast_to(fit.vector, (DRAWS, fit.vector.size))
     vectors = np.concatenate([shared, draws], axis=1)
     scale = np.sqrt(fit.scale2)

@@ -40,7 +40,8 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("factor", [1.0, 3.0])
+# A usual finger gets less: its loads are printed for docs/load.md.
+@pytest.mark.parametrize("factor", [pytest.param(1.0, marks=pytest.mark.soak), 3.0])
 @pytest.mark.parametrize("name", KINDS)
 def test_no_fault_of_the_sensor_presses_beyond_the_signed_limit(name: str, factor: float) -> None:
     drifts = "mN/s" in name
