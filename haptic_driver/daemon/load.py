@@ -39,7 +39,7 @@ from hw.force.sensor import ForceReading
 from hw.health import Health
 
 IDLE_S = 0.02  # between looks for somebody who wants a load
-AGAIN_S = 0.5  # between attempts to let go of a stage that took no order
+AGAIN_S = 0.5  # between looks at a stage that rests, and attempts to lift one that took no order
 GUARDED_S = 1.0  # between looks whether somebody would lift the finger if this process died
 EXCHANGE_S = 15.0  # for the thread to let go of a stage, by its own timeouts
 
@@ -248,8 +248,11 @@ class HeldLoad:
             wanted = self._wanted
             if wanted is not None and self._is_wanted(wanted):
                 self._press(wanted, ending)
-            elif self._unsure and self._clock() - tried_s >= AGAIN_S:
-                self._lift()
+            elif self._clock() - tried_s >= AGAIN_S:
+                if self._unsure:
+                    self._lift()
+                else:
+                    self._look()
                 tried_s = self._clock()
             ending.wait(IDLE_S)
 
@@ -320,6 +323,13 @@ class HeldLoad:
                     self._guard.press()
                     guarded_s = self._clock()
             self._phase = LoadPhase.LETTING_GO
+
+    def _look(self) -> None:
+        """Say free only of a stage that stands clear now, whoever moved it; it is left there."""
+        with self._using:
+            if self._stage is not None and self._phase is not LoadPhase.STOPPED:
+                clear = self._stands_clear(self._stage)
+                self._phase = LoadPhase.FREE if clear else LoadPhase.MAY_PRESS
 
     def _lift(self) -> None:
         """Try again to let go, until the stage stands clear. One that does not know where it is

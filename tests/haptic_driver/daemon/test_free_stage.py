@@ -50,6 +50,22 @@ def test_a_stage_that_stands_elsewhere_at_the_start_may_press(
     assert finger.stage.read_status().position_m <= max(FACE_M + way_m, FACE_M - 1e-3)
 
 
+def test_a_stage_that_somebody_moves_is_free_only_while_it_shows_so(shared: Any) -> None:
+    """It was "free" by a look of 86 s before."""
+    finger = Finger()
+    load = held_load(shared, finger)
+    load.exchange(devices(finger))
+    for way_m, told in ((1e-3, LoadPhase.MAY_PRESS), (-2e-3, LoadPhase.FREE)):
+        finger.stage.move_to(FACE_M + way_m)
+        finger.stage.wait(60.0)
+        load._look()
+        assert phase(load) is told
+        assert finger.stage.read_status().position_m == pytest.approx(FACE_M + way_m, abs=1e-6)
+    finger.instrument.faults.silent = True
+    load._look()
+    assert phase(load) is LoadPhase.MAY_PRESS
+
+
 def test_a_stage_that_lifts_too_little_is_lifted_until_it_stands_clear(shared: Any) -> None:
     finger = Finger()
     finger.stage.move_to(FACE_M + 1e-3)
