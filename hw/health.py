@@ -44,11 +44,12 @@ LINE_IN = Asking(("levels",))
 class Health(NamedTuple):
     """What is known of an instrument by its readings so far; times are those of one clock.
 
-    `asked` counts questions, `missed` those without an answer; `failed` says why the last one had
-    none. `taken_s`: when the newest reading was true, by its own stamp. `heard_s`: when it came;
-    one that comes again with its stamp is no news. `took_s`: for so long the last question lasted.
-    `same_since_s`: since when what noise should move has been one number. `ordered` and `got`: what
-    it is to become, and what it is. `zero`: what was taken for zero at `zero_s`, where it says so.
+    `asked` counts questions, `missed` those without an answer that can be true; `failed` says why
+    the last one had none. `taken_s`: when the newest reading was true, by its own stamp. `heard_s`:
+    when it came; one that comes again with its stamp is no news. `took_s`: for so long the last
+    question lasted. `same_since_s`: since when what noise should move has been one number.
+    `ordered` and `got`: what it is to become, and what it is. `zero`: what was taken for zero at
+    `zero_s`, where it says so.
     """
 
     name: str
@@ -126,6 +127,11 @@ class HealthKeeper:
         step()
         with self._noting:
             self.health = self.health._replace(zero=before.zero, zero_s=before.zero_s)
+
+    def disown(self, said: str) -> None:
+        """Its newest reading cannot be true."""
+        with self._noting:
+            self.health = self.health._replace(missed=self.health.missed + 1, failed=said)
 
     def _hear(self, began_s: float, reading: Any) -> None:
         asking, now_s = self._asking, self._clock()

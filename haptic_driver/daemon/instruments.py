@@ -41,7 +41,9 @@ class Instruments:
         self.rig = devices.rig
         self.actuator = make_actuator(config, devices.rig)
         self.sensor_period_s = SENSOR_PERIOD_S
-        self._readings = Readings(config, tracker.read, devices.force_sensor.read)
+        self._readings = Readings(
+            config, tracker.read, devices.force_sensor.read, disown=devices.disown
+        )
 
     def read(self) -> Sensed:
         """What the sensors say now. Raises DeviceError; NotBelieved for what cannot be true."""

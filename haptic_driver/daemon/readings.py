@@ -13,6 +13,7 @@ import cmath
 import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from haptic_driver.live.current_sensor import Seen, TouchEstimate
 from haptic_driver.processes.shared_memory import Sensed
@@ -31,7 +32,8 @@ STAMPS = "its driver has to stamp readings with the time of CLOCK_MONOTONIC (tim
 
 class Readings:
     """Asks both, and believes what can be true on this rig. `clock` is the one by which readings
-    are stamped.
+    are stamped; `disown` is told whose reading is not believed, by its key in the rig's file, and
+    why.
     """
 
     def __init__(
@@ -40,11 +42,12 @@ class Readings:
         read_finger: Callable[[], FingerReading],
         read_force: Callable[[], ForceReading],
         clock: Callable[[], float] = time.monotonic,
+        disown: Callable[[str, str], object] = lambda key, said: None,
     ) -> None:
         section = config.force_sensor
         self.read_force = read_force
         self._read_finger = read_finger
-        self._clock = clock
+        self._clock, self._disown = clock, disown
         self._screen = config.screen
         self._force = (
             section if isinstance(section, ForceSensorSection) else ForceSensorSection(kind="")
@@ -60,10 +63,12 @@ class Readings:
         """
         finger, force = self._read_finger(), self.read_force()
         now_s = self._clock()
-        self._finger_s = _believed_time_s(self._tracker, finger.time_s, self._finger_s, now_s)
-        self._force_s = _believed_time_s(self._sensor, force.time_s, self._force_s, now_s)
-        for said, hint in (*self._not_on_screen(finger), *self._not_measured(force)):
-            raise NotBelieved(said, hint)
+        with self._of("finger_tracker"):
+            self._finger_s = _believed_time_s(self._tracker, finger.time_s, self._finger_s, now_s)
+            _refuse(self._not_on_screen(finger))
+        with self._of("force_sensor"):
+            self._force_s = _believed_time_s(self._sensor, force.time_s, self._force_s, now_s)
+            _refuse(self._not_measured(force))
         return Sensed(
             self._finger_s,
             finger.position_x_m,
@@ -74,6 +79,14 @@ class Readings:
             force.lateral_force_n,
             force.saturated,
         )
+
+    @contextmanager
+    def _of(self, key: str) -> Iterator[None]:
+        try:
+            yield
+        except NotBelieved as error:
+            self._disown(key, error.message)
+            raise
 
     def _not_on_screen(self, finger: FingerReading) -> Iterator[tuple[str, str]]:
         """What is wrong with the place of a finger that touches; of another it says nothing."""
@@ -110,6 +123,11 @@ class Readings:
                         " in the rig's file"
                     ),
                 )
+
+
+def _refuse(wrong: Iterator[tuple[str, str]]) -> None:
+    for said, hint in wrong:
+        raise NotBelieved(said, hint)
 
 
 def touch_estimate(config: RigConfig, model: Callable[[], str]) -> TouchEstimate | None:

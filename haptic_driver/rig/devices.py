@@ -77,6 +77,12 @@ class LoadDevices:
         """A record an instrument that is asked."""
         return [one.health for one in self.heard]
 
+    def disown(self, name: str, said: str) -> None:
+        """The newest reading of an instrument cannot be true."""
+        for one in self.heard:
+            if one.health.name == name:
+                one.keeper.disown(said)
+
     def open(self) -> None:
         """Open everything; whoever answers late is asked again. Raises HapticError and
         DeviceError.
