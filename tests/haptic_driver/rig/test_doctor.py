@@ -1,8 +1,11 @@
 """The doctor asks only questions, and says what it could not verify."""
 
 import datetime
+import itertools
 import json
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,7 +17,9 @@ from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
 from haptic_driver.rig.parts.interlocks import NoInterlock
 from haptic_driver.simulation.served import ServedRig, as_real
 from hw.errors import DeviceError
+from hw.force.sensor import ForceReading
 from hw.generator.agilent_33220a.simulator import Simulated33220A
+from hw.health import FORCE
 from hw.monitor.lines import MonitorLines
 from hw.monitor.simulated import SimulatedLines
 from hw.serving.tcp import TcpServer
@@ -303,3 +308,13 @@ def test_the_command_on_a_rig_that_is_not_there(haptic, tmp_path):
     failed = [check for check in said["checks"] if check["status"] == "failed"]
     assert any("limits.measured_by" in check["message"] for check in failed)
     assert {"waveform generator", "force sensor", "stage"} <= {check["name"] for check in failed}
+
+
+@pytest.mark.parametrize(("noise_n", "status"), [(0.0, "failed"), (1e-3, "ok")])
+def test_a_force_that_its_noise_does_not_move_is_told(rig_config, noise_n, status):
+    count = itertools.count()
+    sensor = SimpleNamespace(
+        read=lambda: ForceReading(time.monotonic(), 0.5 + noise_n * next(count), 0.0, False)
+    )
+    check = Examination("force readings", rig_config, TODAY).heard(sensor, FORCE)
+    assert (check.status.value, "frozen" in check.message) == (status, status == "failed")
