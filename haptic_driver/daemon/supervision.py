@@ -285,7 +285,7 @@ class Supervisor:
 
     def _connect_instruments(self) -> None:
         config = self._reached = self.settings.config
-        if config.simulated:
+        if INSTRUMENTS in self._children:
             self.endpoints = self._children[INSTRUMENTS].ready(START_TIMEOUT_S)["endpoints"]
             config = self._reached = reached(config, self.endpoints)
         self._start_envelope()  # at zero before there is a carrier

@@ -362,7 +362,7 @@ class RigConfig(RigParts):
             for name, section in self.signed_sections.items()
             if not section.verified
         ]
-        if self.watchdog is None and not self.simulated:
+        if self.watchdog is None and not self.waveform_generator.is_simulated:
             missing.append('watchdog.generator (a resource, or "none")')
         if self.interlock is None:
             missing.append('interlock.kind ("none" where there is none)')

@@ -104,7 +104,7 @@ def investigate(
     BadInputError: the first plan wants something done that nobody did.
     """
     model, found = TouchModel(subject.description), Investigation()
-    doable = list(able(subject.config, subject.finger is not None))
+    doable = list(able(subject.finger is not None))
     plans, files, asked = [subject.plan], list[Path](), ""
     while not found.outcome:
         found.rounds += 1

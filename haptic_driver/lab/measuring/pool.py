@@ -85,9 +85,9 @@ def choices(
     return Choices(permitted, _pool(config, permitted, np.array(cost_s)))
 
 
-def able(config: RigConfig, has_function: bool) -> tuple[str, ...]:
+def able(has_function: bool) -> tuple[str, ...]:
     """The interventions that somebody can do here; nobody can wipe a finger that is a function."""
-    return () if config.simulated and has_function else tuple(known.name for known in INTERVENTIONS)
+    return () if has_function else tuple(known.name for known in INTERVENTIONS)
 
 
 def _settings(config: RigConfig) -> list[Setting]:
