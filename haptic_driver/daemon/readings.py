@@ -31,9 +31,10 @@ STAMPS = "its driver has to stamp readings with the time of CLOCK_MONOTONIC (tim
 
 
 class Readings:
-    """Asks both, and believes what can be true on this rig. `clock` is the one by which readings
-    are stamped; `disown` is told whose reading is not believed, by its key in the rig's file, and
-    why.
+    """Asks both, and believes what can be true on this rig.
+
+    `clock` is the one by which readings are stamped. `disown` is told whose reading is not
+    believed, by its key in the rig's file, and why.
     """
 
     def __init__(
