@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from haptic_driver.errors import BadInputError, HapticError, optional
-from haptic_driver.images.pixels import BYTE, Pixels, of_array
+from haptic_driver.images.pixels import BYTE, Pixels, aspect_told, of_array
 from haptic_driver.images.tiff import TiffPictures
 from haptic_driver.signals import Array
 from model.support.reading import read_bytes
@@ -115,7 +115,10 @@ class PillowPictures:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             self._image = Image.open(content)
-        self.said: list[str] = []
+        about = self._image.info
+        along = (about[k] for k in ("dpi", "aspect", "jfif_density") if k in about)
+        per_x, per_y = next(along, (1, 1))
+        self.said = aspect_told(float(per_y), float(per_x))
         animated = self._image.format in ANIMATED
         self.count = int(getattr(self._image, "n_frames", 1)) if animated else 1
         self.times_s = self._times_s() if self.count > 1 else None

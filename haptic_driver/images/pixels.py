@@ -18,6 +18,8 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 # conventions of maps for a place without a number, where the lowest value stands apart by it
 NO_DATA = (-32768.0, -32767.0, -9999.0, -99999.0)
 BYTE = 255.0
+# of a pixel's sides: resolutions in whole dots per inch or metre differ by less
+LEAST_ASPECT = 0.01
 # larger floats are conventions too, of several programs
 LARGEST = 1e30
 
@@ -106,6 +108,13 @@ def told(pixels: Pixels, full: float) -> list[str]:
     if pixels.full is not None and full != pixels.full:
         said.append(f"full scale is {full:g} of the {pixels.full:g} that the file could hold")
     return said
+
+
+def aspect_told(wide: float, high: float) -> list[str]:
+    """That pixels are not square, where a file says how wide and how high one is."""
+    if not (wide > 0.0 and high > 0.0) or abs(wide / high - 1.0) < LEAST_ASPECT:
+        return []
+    return [f"a pixel is {wide / high:.3g} times as wide as high by the file: taken as square"]
 
 
 def _lonely_ends(values: Array, full: float) -> list[str]:

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.images.pixels import LUMINANCE, Pixels, of_array
+from haptic_driver.images.pixels import LUMINANCE, Pixels, aspect_told, of_array
 from haptic_driver.signals import Array
 
 REDUCED = 1
 PHOTOMETRIC, ORIENTATION, NO_DATA = 262, 274, 42113
+RESOLUTIONS = (282, 283)
 WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, SEPARATED, YCBCR, LAB = 0, 1, 2, 3, 5, 6, 8
 JPEG = (6, 7)
 COMPLEX = (5, 6)
@@ -71,6 +72,10 @@ class TiffPictures:
             self.said.append(f"{left} of its pages passed over: reduced, or not described")
         self.count = len(self._planes)
         self.in_planes = self.count == 1 and self._planes[0].in_planes
+        if self._planes:
+            along = (_tag(self._planes[0].page, number) or (1, 1) for number in RESOLUTIONS)
+            per_x, per_y = (n / d if d else 0.0 for n, d in along)
+            self.said += aspect_told(per_y, per_x)
         about = self._file.imagej_metadata or {}
         step_s = _interval_s(about)
         self.times_s = None if step_s is None else step_s * np.arange(float(self.count))

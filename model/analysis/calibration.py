@@ -151,7 +151,12 @@ def calibrate(
         model=_model(description, data, free, fit),
         parameters=parameters,
         correlated=correlated,
-        warnings=(*noise.warnings, *_warnings(data, parameters, correlated, fit), *ends.values()),
+        warnings=(
+            *data.notes,
+            *noise.warnings,
+            *_warnings(data, parameters, correlated, fit),
+            *ends.values(),
+        ),
         at_an_end=tuple(ends),
         data=data,
         noise=noise,

@@ -309,15 +309,7 @@ def read_measurements(
             raise table.bad_rows()
         said += table.said_wrong()
         table, found = kept, _measurements(kept)
-    return replace(found, bad_rows=said, notes=(*table.notes, *_doubts(table)))
-
-
-def _doubts(table: Table) -> tuple[str, ...]:
-    """What the rows of raw trials say that their signals leave in doubt."""
-    told = [said for said in table.text("doubts") if said] if "doubts" in table.columns else []
-    if not told:
-        return ()
-    return (f"{len(told)} of {len(table.rows)} rows are in doubt, the first: {told[0]}",)
+    return replace(found, bad_rows=said, notes=(*table.notes, *table.doubted()))
 
 
 def _measurements(table: Table) -> Measurements:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from model.support.cells import is_number
@@ -21,13 +21,14 @@ COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 @dataclass(frozen=True)
 class Layout:
-    """What a person says of a text; what is None is found."""
+    """What a person says of a text; what is None is found. `table`: which of several, from 1."""
 
     separator: str | None = None
     decimal: Decimal | None = None
     header_line: int | None = None
     units_row: bool | None = None
     encoding: str | None = None
+    table: int | None = None
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,9 @@ def text_table(
     """
     text = decoded(path, content, said.encoding)
     if labview or text.startswith(LABVIEW):
-        table = _labview(path, text)
+        table = _labview(path, text, said.table)
     else:
-        table = _found(path, text, said, wanted)
-    _check_one_table(table)
+        table = _one_table(_found(path, text, said, wanted), said.table)
     _check_widths(table)
     if not table.rows:
         raise ModelError(f"{path}: no numbers stand below its header", "Is it whole?", "bad_table")
@@ -102,6 +102,8 @@ def _found(path: Path, text: str, said: Layout, wanted: Sequence[str]) -> TextTa
 def _header(lines: Sequence[Line], said: Layout, wanted: Sequence[str]) -> int | None:
     """Which of the lines has the names, -1 where none has any; None where no table is found."""
     if said.header_line is not None:
+        if not said.separator and _first_row(lines) is None:
+            return None
         numbers = [line.number for line in lines]
         return numbers.index(said.header_line) if said.header_line in numbers else -1
     for i, line in enumerate(lines):
@@ -160,8 +162,8 @@ def _table(path: Path, lines: list[Line], separator: str, at: int, said: Layout)
         rows = rows[_first_row(lines) or 0 :]
     rows = [line for line in rows if any(line.cells)]
     has_units = said.units_row
-    if has_units is None:
-        has_units = bool(names and rows and _is_units(rows[0].cells))
+    if has_units is None:  # a column of units in each row is none below the names
+        has_units = bool(names) and [_is_units(row.cells) for row in rows[:2]] == [True, False]
     units = [cell.strip("[]() ") for cell in rows[0].cells] if has_units and rows else []
     header_line = lines[at].number if at >= 0 else 0
     kept = rows[1:] if has_units else rows
@@ -170,8 +172,8 @@ def _table(path: Path, lines: list[Line], separator: str, at: int, said: Layout)
     )
 
 
-def _labview(path: Path, text: str) -> TextTable:
-    """The table of a LabVIEW measurement file, whose header says how it is written."""
+def _labview(path: Path, text: str, number: int | None) -> TextTable:
+    """A table of a LabVIEW measurement file, whose header says how it is written."""
     head = text[: text.find(LABVIEW_END)]
     said = dict(line.split(None, 1) for line in head.splitlines() if len(line.split(None, 1)) > 1)
     separator = "," if said.get("Separator", "Tab").strip() == "Comma" else "tab"
@@ -180,13 +182,19 @@ def _labview(path: Path, text: str) -> TextTable:
     ends = [i for i, line in enumerate(lines) if line.cells[:1] == [LABVIEW_END]]
     if not ends or ends[-1] + 1 >= len(lines):
         raise ModelError(f"{path}: has no {LABVIEW_END}, as LabVIEW writes it", "", "bad_table")
-    if len(ends) > 2:
-        raise _several(path, [lines[i].number + 1 for i in ends[1:]])
-    about = {line.cells[0]: line.cells[1:] for line in lines[ends[0] : ends[-1]] if line.cells}
-    names = lines[ends[-1] + 1].cells
+    starts = [i + 1 for i in ends[1:] or ends]
+    channels = [i for i, line in enumerate(lines) if line.cells[:1] == ["Channels"]]
+    heads = [max((i for i in channels if i < start), default=ends[0]) for start in starts]
+    stops = [*heads[1:], len(lines)]
+    parts = [[x for x in lines[i:j] if any(x.cells)] for i, j in zip(starts, stops, strict=True)]
+    spans = [(part[0].number, part[-1].number) for part in parts]
+    place = _chosen(path, spans, number)
+    head_lines = lines[heads[place] : starts[place]]
+    about = {line.cells[0]: line.cells[1:] for line in head_lines if line.cells}
+    header, *rows = parts[place]
+    names = header.cells
     units = _labview_units(names, about)
-    rows = [line for line in lines[ends[-1] + 2 :] if any(line.cells)]
-    header_line = lines[ends[-1] + 1].number
+    header_line = header.number
     return TextTable(path, separator, decimal, names, units, rows, header_line, False, True)
 
 
@@ -198,17 +206,31 @@ def _labview_units(names: Sequence[str], about: dict[str, list[str]]) -> list[st
     return [x_unit if name in ("X_Value", "") else next(of_channels, "") for name in names]
 
 
-def _check_one_table(table: TextTable) -> None:
-    """ModelError where the header stands again: several tables in one file."""
-    again = [row.number for row in table.rows if table.names and row.cells == table.names]
-    if again:
-        raise _several(table.path, [table.header_line, *again])
+def _one_table(table: TextTable, number: int | None) -> TextTable:
+    """A text's only table, or that of a number from 1 where the header stands again; ModelError."""
+    again = [i for i, row in enumerate(table.rows) if table.names and row.cells == table.names]
+    stops = [*again, len(table.rows)]
+    headers = [table.header_line, *(table.rows[i].number for i in again)]
+    if again:  # a title above a header is no row
+        numeric = [2 * sum(map(is_value, row.cells)) >= len(table.names) for row in table.rows]
+        stops = [max((i + 1 for i in range(stop) if numeric[i]), default=0) for stop in stops]
+    ends = [table.rows[stop - 1].number if stop else 0 for stop in stops]
+    place = _chosen(table.path, list(zip(headers, ends, strict=True)), number)
+    first = again[place - 1] + 1 + table.units_row if place else 0
+    return replace(table, rows=table.rows[first : stops[place]], header_line=headers[place])
 
 
-def _several(path: Path, lines: Sequence[int]) -> ModelError:
-    listed = ", ".join(map(str, lines[:10]))
-    said = f"{path}: holds {len(lines)} tables, with headers in lines {listed}"
-    return ModelError(said, "Save each as a file of its own", "several_tables")
+def _chosen(path: Path, spans: Sequence[tuple[int, int]], number: int | None) -> int:
+    """Which of the tables in these lines is meant, from 0; ModelError where nobody says it."""
+    if number is None and len(spans) == 1:
+        return 0
+    if number is not None and number <= len(spans):
+        return number - 1
+    listed = ", ".join(f"{first} to {last}" for first, last in spans[:10])
+    count = f"{len(spans)} tables" if len(spans) > 1 else "one table"
+    said = f"{path}: holds {count}, in lines {listed}"
+    hint = "To take one: file.table = 1, 2, ...; or save each as a file of its own"
+    raise ModelError(said, hint, "several_tables")
 
 
 def _check_widths(table: TextTable) -> None:

@@ -74,7 +74,13 @@ def as_text(path: Path, content: bytes) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        said, hint = f"{path} is not UTF-8 text (byte {error.start})", "save it as UTF-8"
         if b"\0" in content and not content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            hint = "it is a binary file: export what it holds as text"
-        raise ModelError(said, hint, "file_unreadable") from None
+            raise not_text(path, f"UTF-8 text (byte {error.start})") from None
+        said = f"{path} is not UTF-8 text (byte {error.start})"
+        raise ModelError(said, "save it as UTF-8", "file_unreadable") from None
+
+
+def not_text(path: Path, kind: str = "text") -> ModelError:
+    """What to raise for a binary file where text is needed."""
+    hint = "it is a binary file: export what it holds as text"
+    return ModelError(f"{path} is not {kind}", hint, "file_unreadable")

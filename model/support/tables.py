@@ -114,6 +114,13 @@ class Table:
         """One column as it is written."""
         return [row[column] for row in self.rows]
 
+    def doubted(self) -> tuple[str, ...]:
+        """What the rows say in a column `doubts`, as those of raw trials do."""
+        told = [said for said in self.text("doubts") if said] if "doubts" in self.columns else []
+        if not told:
+            return ()
+        return (f"{len(told)} of {len(self.rows)} rows are in doubt, the first: {told[0]}",)
+
     def number(self, row: int, column: str) -> float:
         """One cell; ModelError where it is no finite number."""
         text = self.rows[row][column]

@@ -6,6 +6,7 @@ import codecs
 import csv
 import io
 import re
+import unicodedata
 from collections.abc import Sequence
 from datetime import datetime
 from math import nan
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from model.support.cells import is_number, number
 from model.support.errors import ModelError
-from model.support.reading import as_text
+from model.support.reading import as_text, not_text
 
 Decimal = Literal[".", ","]
 BINARY = re.compile(rb"[\x00-\x08\x0e-\x1f]")
@@ -30,6 +31,8 @@ BOMS = {
     codecs.BOM_UTF16_BE: "utf-16",
 }
 THOUSANDS = {mark: re.compile(rf"[-+]?[1-9]\d{{0,2}}(?:\{mark}\d{{3}})+") for mark in ".,"}
+APOSTROPHE = re.compile(r"(?<=\d)['\u2019](?=\d{3})")  # Swiss thousands
+MINUS = "\u2212"
 
 
 class Line(NamedTuple):
@@ -48,7 +51,7 @@ def decoded(path: Path, content: bytes, encoding: str | None = None) -> str:
     if found is None and b"\0" in content:
         found = _wide(content)
     try:
-        return content.decode(found) if found else as_text(path, content)
+        text = content.decode(found) if found else as_text(path, content)
     except (UnicodeDecodeError, LookupError) as error:
         said = f"{path} is not text in {found} ({error})"
         raise ModelError(said, "Give file.encoding as it was saved", "file_unreadable") from error
@@ -56,6 +59,18 @@ def decoded(path: Path, content: bytes, encoding: str | None = None) -> str:
         if BINARY.search(content[:1000]):
             raise
         return content.decode("cp1252", errors="replace")
+    if found and _is_noise(text[:1000]):
+        raise not_text(path)
+    return text
+
+
+def _is_noise(letters: str) -> bool:
+    """Whether letters of two bytes or more are those of no table: numbers and ends of lines are
+    ASCII, and no letter is unassigned, private or a control.
+    """
+    controls = {"Cc", "Cn", "Co", "Cs"}
+    odd = (c not in "\t\r\n\f" and unicodedata.category(c) in controls for c in letters)
+    return any(odd) or (bool(letters) and not any(map(str.isascii, letters)))
 
 
 def _wide(content: bytes) -> str | None:
@@ -95,6 +110,7 @@ def numbers(
 
 def plain(where: str, cells: Sequence[str], decimal: Decimal | None = None) -> Sequence[str]:
     """Cells with points alone, as Python writes numbers; ModelError as `numbers` has it."""
+    cells = [APOSTROPHE.sub("", cell.replace(MINUS, "-")) for cell in cells]
     commas = [cell for cell in cells if "," in cell]
     points = [cell for cell in cells if "." in cell]
     both = next((cell for cell in commas if "." in cell), None)

@@ -69,7 +69,8 @@ def contact(
             lambda: advance(next(done)),
         )
     told = summary(watched.found)
-    write_rows(out, [_row(i, one) for i, one in enumerate(watched.found)])
+    said = [*scale_said, *opened.said, *watched.said]
+    write_rows(out, [_row(i, one, said) for i, one in enumerate(watched.found)])
     _draw(opened, watched, mm, (outlines, areas))
     payload: dict[str, Any] = {
         "film": str(film),
@@ -77,17 +78,17 @@ def contact(
         "pictures": [str(outlines), str(areas)],
         "mm_per_pixel": mm,
         "contact": watched.contact,
-        "said": [*scale_said, *opened.said, *watched.said],
+        "said": said,
         **{
             k: v if not isinstance(v, float) or isfinite(v) else None
             for k, v in asdict(told).items()
         },
     }
-    report(as_json, payload, lambda: _show(told, out, payload["said"]))
+    report(as_json, payload, lambda: _show(told, out, said))
     if not told.counted:
-        said = f"{film}: no frame of {told.frames} counts ({_words(told)})"
+        none = f"{film}: no frame of {told.frames} counts ({_words(told)})"
         raise HapticError(
-            "no_contact", said, f"Look at {outlines}; are --scale and --contact right?"
+            "no_contact", none, f"Look at {outlines}; are --scale and --contact right?"
         )
 
 
@@ -107,8 +108,10 @@ def _mm_per_pixel(
     return mm, said_of_it
 
 
-def _row(number: int, one: FrameSeen) -> dict[str, str | float]:
-    """A line of the CSV; a frame that does not count has no numbers, and says why."""
+def _row(number: int, one: FrameSeen, said: Sequence[str]) -> dict[str, str | float]:
+    """A line of the CSV, with what is to be `said` of the film; a frame that does not count has no
+    numbers, and says why.
+    """
     row: dict[str, str | float] = {"frame": number, "time_s": f"{one.time_s:.9g}"}
     seen = one.seen if one.counts else None
     values = {
@@ -122,7 +125,7 @@ def _row(number: int, one: FrameSeen) -> dict[str, str | float]:
         "blur_m": seen.blur_m if seen else float("nan"),
     }
     row |= {name: f"{v:.6g}" if isfinite(v) else "" for name, v in values.items()}
-    return row | {"bad": one.bad}
+    return row | {"bad": one.bad, "doubts": "; ".join(said)}
 
 
 def _draw(film: Film, watched: Watched, mm: float, paths: tuple[Path, Path]) -> None:

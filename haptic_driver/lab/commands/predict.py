@@ -105,7 +105,8 @@ def predict(
                 f"note: column {theirs} of {table} is kept as {name}; {theirs} is now the model's"
                 " answer"
             )
-    for note in (*given.notes, *answer.notes):
+    notes = [*given.notes, *given.doubted(), *answer.notes]
+    for note in notes:
         stderr.print(f"note: {note}")
     count, outside = len(given.rows), int(np.sum(~answer.within_theory))
     if outside:
@@ -113,7 +114,13 @@ def predict(
             f"warning: {outside} of {count} rows lie outside the theory's pressures (p_e above"
             " 10 p0)"
         )
-    payload = {"rows": count, "out": str(out), "model": description.name, "outside_theory": outside}
+    payload = {
+        "rows": count,
+        "out": str(out),
+        "model": description.name,
+        "outside_theory": outside,
+        "notes": notes,
+    }
     report(
         as_json,
         payload,

@@ -14,7 +14,15 @@ import numpy as np
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import listed
 from haptic_driver.images.files import EXTRA, opened
-from haptic_driver.images.pixels import BYTE, Pixels, full_scale, of_array, shares, told
+from haptic_driver.images.pixels import (
+    BYTE,
+    Pixels,
+    aspect_told,
+    full_scale,
+    of_array,
+    shares,
+    told,
+)
 from haptic_driver.lab.contact.times import read_times
 from haptic_driver.signals import Array
 
@@ -130,6 +138,36 @@ def _video(path: Path) -> Iterator[Any]:
         raise BadInputError("bad_film", f"{path}: cannot be read: {error}", GIVE) from error
 
 
+def _video_told(path: Path) -> list[str]:
+    """What a video says of its pixels that a viewer would not expect."""
+    av = optional("av", EXTRA, "a video")
+    with av.open(str(path)) as container:
+        aspect = container.streams.video[0].sample_aspect_ratio
+    return aspect_told(float(aspect or 1), 1.0)
+
+
+def _numbers_told(files: Sequence[Path]) -> list[str]:
+    """What the last numbers in the names of frames say: some missing, or several alike."""
+    found = [re.findall(r"\d+", file.stem) for file in files]
+    if len(files) < 2 or not all(found):
+        return []
+    names: dict[int, list[str]] = {}
+    for file, of_name in zip(files, found, strict=True):
+        names.setdefault(int(of_name[-1]), []).append(file.name)
+    alike = [number for number, several in names.items() if len(several) > 1]
+    if alike:
+        several = " and ".join(names[alike[0]][:3])
+        return [f"{len(alike)} numbers stand for several frames, as {several}: is it one film?"]
+    numbers = np.array(sorted(names))
+    steps = np.diff(numbers)
+    usual = int(np.median(steps))
+    missing = int(np.sum(steps // usual - 1))
+    if not missing or steps.min() < usual:
+        return []
+    after = names[int(numbers[np.argmax(steps > usual)])][0]
+    return [f"{missing} frames are missing by the numbers in their names, the first after {after}"]
+
+
 def read_bare(path: Path, film: Film | None = None) -> Array:
     """A single picture, grey [y, x] in 0 to 1 of what white is in `film`; BadInputError."""
     with opened(path) as pictures:
@@ -151,13 +189,17 @@ def _places(path: Path, own: Sequence[Path]) -> tuple[tuple[Place, ...], Array |
     """Where each frame is, its time in s if the file says it, and what was done to find it."""
     ending = path.suffix.lower()
     if path.is_dir():
-        files = listed(path, PICTURES, own)
-        return tuple((file, 0) for file in sorted(files, key=_natural)), None, []
+        files = sorted(listed(path, PICTURES, own), key=_natural)
+        notes = _numbers_told(files)
+        if files:
+            with opened(files[0]) as pictures:
+                notes += pictures.said
+        return tuple((file, 0) for file in files), None, notes
     if ending in VIDEOS:
         times = [frame.time for frame in _video(path)]
         known = times and None not in times and bool((np.diff(times) > 0.0).all())
         own_s = np.array(times) - times[0] if known else None
-        return tuple((path, i) for i in range(len(times))), own_s, []
+        return tuple((path, i) for i in range(len(times))), own_s, _video_told(path)
     if ending not in PICTURES:
         raise BadInputError("bad_film", f"{path}: is no film of a kind that is known", GIVE)
     with opened(path) as pictures:

@@ -24,6 +24,10 @@ NO_FINGER, OUTSIDE, GLARE, MOTION, BLURRED = (
     "motion",
     "blurred",
 )
+ODD = (
+    "every other line or column differs, as of interlaced video, a colour sensor's mosaic, or"
+    " numbers of two bytes taken for pixels"
+)
 WHITE = 0.995  # of the most that a camera gives
 GUESSED_BY = 8  # frames of a film
 MOST_GLARE = 2e-3  # of the touch's surroundings
@@ -132,21 +136,36 @@ def _guessed(
     pixel.
     """
     clear: dict[Contact, list[float]] = {"dark": [], "bright": []}
-    top = 0.0
+    top, repeats, odd, before = 0.0, 0, False, None
     for number, frame in enumerate(frames):
         top = max(top, float(frame.max()))
+        repeats += before is not None and np.array_equal(frame, before)
+        before = frame
         if number % step:
             continue
+        odd = odd or _alternates(frame)
         for contact, found in clear.items():
             bare = None if background is None else _as_dark(background, contact)
             seen = _touch(_as_dark(frame, contact), scale_m, bare)
             found.append(seen.clarity if seen else 0.0)
     dark, bright = (float(np.mean(found)) if found else 0.0 for found in clear.values())
     better: Contact = "bright" if bright > dark else "dark"
-    if not max(dark, bright):
-        return better, top, []
-    words = f"{max(dark, bright):.1f} times the unevenness, {min(dark, bright):.1f} the other way"
-    return better, top, [f"contact is {better}: it stands out by {words}"]
+    said = [f"{repeats} frames repeat the one before: they count again"] if repeats else []
+    said += [ODD] if odd else []
+    if max(dark, bright):
+        words = (
+            f"{max(dark, bright):.1f} times the unevenness, {min(dark, bright):.1f} the other way"
+        )
+        said.append(f"contact is {better}: it stands out by {words}")
+    return better, top, said
+
+
+def _alternates(frame: Array) -> bool:
+    """Whether lines or columns two apart are more than twice as alike as neighbours."""
+    return any(
+        np.mean((image[1:] - image[:-1]) ** 2) > 2.0 * np.mean((image[2:] - image[:-2]) ** 2)
+        for image in (frame, frame.T)
+    )
 
 
 def _as_dark(image: Array, contact: Contact) -> Array:

@@ -22,6 +22,7 @@ def made(source: Path, asked: Asked) -> Made:
     axis, direction_deg = max(
         (("x", 0.0), ("y", 90.0)), key=lambda a: float(np.ptp(touching[f"position_{a[0]}_m"]))
     )
-    columns = (f"position_{axis}_m", "normal_force_n", "lateral_force_n", "speed_m_s")
-    strokes = Strokes(*(np.asarray(touching[name], float) for name in columns))
+    names = (f"position_{axis}_m", "normal_force_n", "lateral_force_n", "speed_m_s")
+    position_m, normal_n, lateral_n, speed_m_s = (np.asarray(touching[n], float) for n in names)
+    strokes = Strokes(position_m, normal_n, lateral_n, speed_m_s)
     return over_position(strokes, source, asked, direction_deg)

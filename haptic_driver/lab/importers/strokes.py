@@ -41,13 +41,14 @@ WANTED = (
 
 class Strokes(NamedTuple):
     """A finger's strokes: arrays [n]. `lateral_force_n` of either sign, NaN where unknown;
-    `speed_m_s` if known.
+    `speed_m_s` if known. `doubts`: what the file leaves in doubt.
     """
 
     position_m: Array
     normal_force_n: Array
     lateral_force_n: Array
     speed_m_s: Array | None
+    doubts: tuple[str, ...] = ()
 
 
 class FrictionAlong(NamedTuple):
@@ -98,11 +99,13 @@ def over_position(strokes: Strokes, source: Path, asked: Asked, direction_deg: f
         "widest_gap_mm": 1e3 * felt.widest_gap_m,
         "speed_m_s": felt.speed_m_s,
         "length_mm": 1e3 * float(felt.position_m[-1] - felt.position_m[0]),
+        "doubts": list(strokes.doubts),
     }
-    words = (
+    used = (
         f"{felt.share_used:.1%} of the rows count: they slide in contact; longest way without any"
         f" {found['widest_gap_mm']:.3g} mm"
     )
+    words = "; ".join([used, *strokes.doubts])
     how = {"direction_deg": direction_deg, "outside": "nothing"}
     return profiled(felt.position_m, felt.cof, words, found, **how)
 

@@ -16,10 +16,11 @@ METHOD_STD = 0.01  # of the area: what a method that is within 3 % is off, and a
 
 
 class ContactArea(NamedTuple):
-    """Apparent area of a row's touch, and its standard deviation."""
+    """Apparent area of a row's touch, its standard deviation, and what leaves it in doubt."""
 
     area_m2: float
     std_m2: float
+    doubts: str = ""
 
 
 def contact_area(frames: Sequence[Frame], camera: PartSection) -> ContactArea | None:
@@ -31,8 +32,11 @@ def contact_area(frames: Sequence[Frame], camera: PartSection) -> ContactArea | 
 
     pictures = grey([frame.image for frame in frames])
     time_s = np.array([frame.time_s for frame in frames])
-    told = summary(watch(lambda: pictures, time_s, camera.scale_m_per_pixel).found)
+    scale_m, contact = camera.scale_m_per_pixel, camera.contact
+    watched = watch(lambda: pictures, time_s, scale_m, contact=contact)
+    told = summary(watched.found)
     if not told.counted:
         return None
     scatter = told.area_std_m2 / sqrt(told.counted) if isfinite(told.area_std_m2) else 0.0
-    return ContactArea(told.area_m2, hypot(scatter, METHOD_STD * told.area_m2))
+    std_m2 = hypot(scatter, METHOD_STD * told.area_m2)
+    return ContactArea(told.area_m2, std_m2, "; ".join(watched.said))

@@ -66,6 +66,7 @@ COLUMNS = (
     "contact_area_std_m2",
     "measured_normal_force_n",
     "simulated",
+    "doubts",
 )
 FINEST = 1e-5  # of an amount, or rad: no monitor's figures are known better
 UNKNOWN_PHASE_RAD = pi / sqrt(3.0)  # standard deviation of a phase of which nothing is known
@@ -171,7 +172,10 @@ class DataFile:
         self.last_time_s = measured.time_s
 
     def _write(self, texts: Sequence[str]) -> None:
-        write_through(self._file, ",".join(texts) + "\n")
+        line = io.StringIO()
+        csv.writer(line, lineterminator="
+").writerow(texts)
+        write_through(self._file, line.getvalue())
 
     def __enter__(self) -> Self:
         return self
@@ -197,6 +201,7 @@ def row_texts(
     if area is not None:
         texts["contact_area_m2"] = _text(area.area_m2)
         texts["contact_area_std_m2"] = _text(area.std_m2, digits=4)
+        texts["doubts"] = area.doubts
     return texts | {
         "cof": _text(measured.cof),
         "cof_std": _text(measured.cof_std, digits=4),

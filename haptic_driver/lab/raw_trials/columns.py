@@ -40,7 +40,7 @@ class Column:
 
     `unit_from`: where it says that. `index` counts from 1 in a table of several columns under one
     name. `read` gives the values [n], NaN where none stands. `rate_hz` and `began`: of a waveform
-    whose file says them.
+    whose file says them. `place`: the number of a text's column, from 1.
     """
 
     name: str
@@ -50,6 +50,7 @@ class Column:
     index: int | None = None
     rate_hz: float | None = None
     began: str = ""
+    place: int | None = None
 
     @property
     def bare(self) -> str:
@@ -69,9 +70,10 @@ class Source:
     def find(self, said: ColumnSaid) -> Column:
         """The column that a map names; BadInputError where it is none, or not one alone."""
         if isinstance(said.name, int):
-            if not 1 <= said.name <= len(self.columns):
+            places = [column.place or i for i, column in enumerate(self.columns, start=1)]
+            if said.name not in places:
                 raise self._missing(str(said.name))
-            return self.columns[said.name - 1]
+            return self.columns[places.index(said.name)]
         for key in ("name", "bare"):
             found = [c for c in self.columns if getattr(c, key) == said.name]
             if said.index is not None:
@@ -157,7 +159,9 @@ def _text(path: Path, look: FileLook, wanted: Sequence[str], *, labview: bool) -
         if times(cells[:1]) is not None and not cells[0].isdigit():
             unit, unit_from = "s", ITS_DATES
         read = partial(_numbers, f"{path}: {name or f'column {place + 1}'}", cells, table.decimal)
-        columns.append(Column(name or str(place + 1), read, unit, unit_from))
+        columns.append(
+            Column(name or str(place + 1), read, unit, unit_from, place=place + 1),
+        )
     return Source(path, columns, [row.number for row in table.rows], table)
 
 
@@ -192,13 +196,20 @@ def _of_numpy(path: Path) -> Iterator[Column]:
     if not isinstance(loaded, np.ndarray):
         with loaded:
             for name in loaded.files:
-                yield from _columns(name, loaded[name])
+                yield from _records(name, loaded[name], ".")
     elif loaded.dtype.names is None:
         for column in _columns("", loaded):
             yield Column(str(column.index or 1), column.read)
     else:
-        for name in loaded.dtype.names:
-            yield from _columns(name, loaded[name])
+        yield from _records("", loaded, "")
+
+
+def _records(name: str, values: Any, sign: str) -> Iterator[Column]:
+    """An array as columns; of records each field, by its name behind that of the array."""
+    for field_name in values.dtype.names or ():
+        yield from _columns(f"{name}{sign}{field_name}", values[field_name])
+    if not values.dtype.names:
+        yield from _columns(name, values)
 
 
 def _of_hdf5(path: Path, sign: str = "/") -> Iterator[Column]:
@@ -218,10 +229,22 @@ def _of_hdf5(path: Path, sign: str = "/") -> Iterator[Column]:
                 for index, reference in enumerate(np.ravel(values), start=1):
                     yield from _cell(name, file[reference][()], index)
             elif dataset.dtype.names:
-                for field_name in dataset.dtype.names:
-                    yield from _columns(f"{name}:{field_name}", values[field_name])
+                yield from _records(name, values, ":")
             else:
-                yield from _columns(name, np.asarray(values), unit, unit_from)
+                values = _unpacked(np.asarray(values), dataset.attrs)
+                yield from _columns(name, values, unit, unit_from)
+
+
+def _unpacked(values: Any, attributes: Mapping[str, Any]) -> Any:
+    """Numbers as the attributes of the CF conventions say that they are packed (section 8.1)."""
+    packing = {"_FillValue", "scale_factor", "add_offset"} & set(attributes)
+    if not packing or values.dtype.kind not in "iuf":
+        return values
+    blank, scale, offset = (
+        float(np.ravel(attributes.get(key, default))[0])
+        for key, default in (("_FillValue", np.nan), ("scale_factor", 1.0), ("add_offset", 0.0))
+    )
+    return np.where(values == blank, np.nan, scale * values.astype(np.float64) + offset)
 
 
 def _cell(name: str, values: Any, index: int) -> Iterator[Column]:

@@ -81,8 +81,10 @@ def _refused(found: Quantities, said: str, hint: str) -> BadInputError:
 # --- samples that are none of the signal
 
 
-def outliers(values: Array) -> Mask:
+def outliers(values: Array, step: float) -> Mask:
     """Samples [n] of a steady stretch far outside its own noise, or without a number.
+
+    No noise is finer than `step`, the least by which the signal ever changes.
 
     A short one stands alone by FAR times the noise; a long one is also far beyond all the rest.
     """
@@ -93,7 +95,7 @@ def outliers(values: Array) -> Mask:
     middle = float(np.median(filled))
     off = np.abs(filled - middle)
     residual = np.abs(filled - median_filter(filled, 5, mode="nearest"))
-    least = 1e-9 * abs(middle)
+    least = max(step, 1e-9 * abs(middle))
     spread = max(1.5 * float(np.median(off)), least)
     noise = max(1.5 * float(np.median(residual)), least)
     alone = (residual > FAR * noise) & (off > FAR * spread)
@@ -105,7 +107,9 @@ def _without_outliers(
     found: Quantities, role: str, inside: Mask, said: TrialMap, doubts: list[Doubt]
 ) -> Mask:
     wrong = np.zeros(inside.size, bool)
-    wrong[inside] = outliers(found.columns[role][inside])
+    whole = found.columns[role]
+    steps = np.diff(np.unique(whole[np.isfinite(whole)]))
+    wrong[inside] = outliers(whole[inside], float(steps.min()) if steps.size else 0.0)
     if not wrong.any():
         return ~wrong
     at = int(np.argmax(wrong))

@@ -54,6 +54,8 @@ def quantities(source: Source, said: TrialMap) -> Quantities:
         where = f"{source.path}: columns.{role}"
         unit = _unit(role, wanted, column, where)
         raw[role] = values = column.read()
+        if not np.isfinite(values).any():
+            raise _no_numbers(where, source, column)
         if wanted.unwrap is not None:
             values = np.unwrap(values, period=wanted.unwrap)
         factor = to_si(role, unit, where, wanted.gain_unit) * wanted.gain * wanted.sign
@@ -70,6 +72,14 @@ def quantities(source: Source, said: TrialMap) -> Quantities:
             said_no = f"{source.path}: {role} is no number at {found.place(at)}"
             raise BadInputError("bad_trial", said_no, "Is the file whole?")
     return found
+
+
+def _no_numbers(where: str, source: Source, column: Column) -> BadInputError:
+    """What to raise for a column of texts: 0x2f, 3.0D-01, 0.3 N."""
+    said = f"{where}: column {column.name} has no number"
+    if source.text is not None and column.place is not None:
+        said += f"; its first cell is '{source.text.cells(column.place - 1)[0]}'"
+    return BadInputError("bad_trial", said, "Save plain numbers, such as 0.3 or 3e-1")
 
 
 def _find(source: Source, role: str, wanted: ColumnSaid) -> Column:
@@ -139,7 +149,8 @@ def _check_time(found: Quantities) -> None:
         at = int(np.argmin(np.isfinite(time_s)))
         line = f" (line {found.lines[at]})" if found.lines else ""
         said = f"{found.path}: time is no number at sample {at + 1}{line}"
-        raise BadInputError("bad_trial", said, "Is the file whole?")
+        hint = "Is the file whole, or does something else stand there, as another table?"
+        raise BadInputError("bad_trial", said, hint)
     steps_s = np.diff(time_s)
     if (steps_s > 0.0).all():
         return

@@ -30,7 +30,8 @@ def strokes_of(path: Path, map_file: Path) -> Strokes:
     (trial,) = trials
     speed_m_s = _speed_m_s(trial)
     lateral_n = np.where(_counts(trial), trial.columns["lateral_force"], np.nan)
-    return Strokes(_position_m(trial, speed_m_s), load_of(trial), lateral_n, speed_m_s)
+    position_m, doubts = _position_m(trial, speed_m_s), tuple(d.said for d in trial.doubts)
+    return Strokes(position_m, load_of(trial), lateral_n, speed_m_s, doubts)
 
 
 def made(source: Path, asked: Asked) -> Made:

@@ -28,6 +28,7 @@ class FileLook(Section):
     header_line: int | None = Field(default=None, ge=0, le=1000)
     units_row: bool | None = None
     encoding: str | None = None
+    table: int | None = Field(default=None, ge=1)
     rate_hz: float | None = Field(default=None, gt=0.0, le=1e9)
 
     @model_validator(mode="after")
@@ -38,7 +39,14 @@ class FileLook(Section):
 
     def layout(self) -> Layout:
         """What it says of a text."""
-        return Layout(self.separator, self.decimal, self.header_line, self.units_row, self.encoding)
+        return Layout(
+            self.separator,
+            self.decimal,
+            self.header_line,
+            self.units_row,
+            self.encoding,
+            self.table,
+        )
 
 
 class ColumnSaid(Section):

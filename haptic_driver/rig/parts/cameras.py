@@ -35,6 +35,9 @@ class CameraSection(PartSection):
         default=5, description="taken after each trigger, at a row's start"
     )
     interval_s: Seconds = Field(default=0.1, description="from one to the next")
+    contact: Literal["dark", "bright"] | None = Field(
+        default=None, description="what it looks like; guessed, and said in each row, if left out"
+    )
 
     def examine(self, at: Examination) -> Checks:
         """Open it, which sets it up; a burst is not taken."""

@@ -244,12 +244,118 @@ def test_a_comma_that_can_be_either_is_asked_about(tmp_path) -> None:
         assert rows(path, said)[0]["normal_force_n"] == load_n
 
 
-def test_the_header_stands_again(tmp_path) -> None:
-    path = write_csv(tmp_path / "t.csv", SIGNALS)
-    path.write_text(2 * f"Trial\n{path.read_text()}")
+def lvm_segment(columns: dict[str, np.ndarray]) -> str:
+    rows = ["\t".join(f"{v:.9g}" for v in row) for row in zip(*columns.values(), strict=True)]
+    head = f"Channels\t{len(columns)}\n***End_of_Header***\n"
+    return f"{head}{chr(9).join(['X_Value', *columns])}\n" + "".join(f"\t{r}\n" for r in rows)
+
+
+@FILE
+@given(
+    cofs=st.lists(st.floats(0.2, 1.5), min_size=2, max_size=4),
+    title=st.booleans(),
+    units=st.booleans(),
+    labview=st.booleans(),
+)
+def test_of_several_tables_one_is_taken(tmp_path, cofs, title, units, labview) -> None:
+    tables = [signals(cof, 0.001) for cof in cofs]
+    path = tmp_path / ("t.lvm" if labview else "t.csv")
+    if labview:
+        head = "LabVIEW Measurement\nSeparator\tTab\n***End_of_Header***\n"
+        path.write_text(head + "\n".join(map(lvm_segment, tables)))
+    else:
+        texts = [write_csv(path, table).read_text() for table in tables]
+        below = "t,Fx,Fz,U,x\n" + "s,N,N,V,mm\n" * units
+        text = "".join(("Trial\n" * title) + t.replace("t,Fx,Fz,U,x\n", below) for t in texts)
+        path.write_text(text)
+    refusal = refused(path, MAP)
+    assert refusal.code == "several_tables"
+    assert f"holds {len(cofs)} tables, in lines " in refusal.message
+    lines = path.read_text().splitlines()
+    spans = [span.split(" to ") for span in refusal.message.split("in lines ")[1].split(", ")]
+    for number, ((first, last), cof) in enumerate(zip(spans, cofs, strict=True), start=1):
+        assert "Fx" in lines[int(first) - 1]
+        assert lines[int(last) - 1].strip().startswith(f"{TIME_S[-1]:.3f}")
+        found = rows(path, with_keys(file={"table": number}))
+        # five standard errors of 250 samples with 1 mN of noise, over 0.5 N
+        assert found[0]["cof"] == pytest.approx(cof, abs=5e-3 / 0.5 / 250**0.5 * (1 + cof))
+    assert "tables" in refused(path, with_keys(file={"table": len(cofs) + 1})).message
+
+
+@FILE
+@given(
+    content=st.binary(min_size=2, max_size=400), mark=st.sampled_from([b"\xff\xfe", b"\xfe\xff"])
+)
+def test_what_only_begins_like_a_text_is_no_text(tmp_path, content, mark) -> None:
+    path = tmp_path / "t.csv"
+    path.write_bytes(mark + bytes(byte | 0x80 for byte in content))
     error = refused(path, MAP)
-    assert error.code == "several_tables"
-    assert "headers in lines 2, 654" in error.message
+    assert error.code == "file_unreadable"
+    assert "is not text" in error.message
+
+
+@pytest.mark.parametrize("separator", [",", "\t"])
+def test_a_column_is_counted_as_it_stands_in_the_file(tmp_path, separator) -> None:
+    """Columns of words were not counted: of a unit beside each number, the next was taken."""
+    names = {1: "time", 3: "lateral_force", 5: "normal_force", 7: "voltage", 9: "position"}
+    said = with_keys(file={"header_line": 0}, **{role: {"name": n} for n, role in names.items()})
+    cells = zip(*SIGNALS.values(), strict=True)
+    lines = [separator.join(f"{v:.9g}{separator}V" for v in row) for row in cells]
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join(lines))
+    assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("column", "written"),
+    [("t", lambda v: f"{1e6 * v:,.3f}".replace(",", "'")), ("Fx", lambda v: f"\u2212{v:.9g}")],
+)
+def test_numbers_with_swiss_thousands_or_a_minus_of_print(tmp_path, column, written) -> None:
+    path = write_csv(tmp_path / "t.csv", SIGNALS)
+    head, *lines = (line.split(",") for line in path.read_text().splitlines())
+    at = head.index(column)
+    for line, value in zip(lines, SIGNALS[column], strict=True):
+        line[at] = written(value)
+    path.write_text("\n".join(map(",".join, [head, *lines])))
+    said = with_keys(lateral_force={"sign": -1} if column == "Fx" else {})
+    said["columns"]["time"]["unit"] = "us" if column == "t" else "s"
+    assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-5)
+
+
+@pytest.mark.parametrize("text", ["0x2f", "3.0D-01", "0.3 mN"])
+def test_a_column_of_words_is_named_with_its_first_cell(tmp_path, text) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("t,Fx,Fz,U,x\n" + "".join(f"{t:.3f},{text},1,75,1\n" for t in TIME_S))
+    assert f"column Fx has no number; its first cell is '{text}'" in refused(path, MAP).message
+
+
+@FILE
+@given(scale=st.floats(1e-4, 1e-1), offset=st.floats(-1.0, 1.0))
+def test_what_a_file_packs_is_unpacked(tmp_path, scale, offset) -> None:
+    """The counts of a force with scale_factor and add_offset were taken as newtons."""
+    path = tmp_path / "t.h5"
+    counts = np.round((SIGNALS["Fx"] - offset) / scale).astype(np.int32)
+    with h5py.File(path, "w") as file:
+        for name in NAMES:
+            file[name] = SIGNALS[name]
+        del file["Fx"]
+        file["Fx"] = counts
+        file["Fx"].attrs.update(scale_factor=scale, add_offset=offset, _FillValue=np.int32(1 << 30))
+    # a count is a step of `scale`
+    assert rows(path, MAP)[0]["cof"] == pytest.approx(expected(), abs=scale)
+    with h5py.File(path, "a") as file:
+        file["Fx"][int(np.argmax(TIME_S > 1.8))] = 1 << 30
+    assert "lateral_force is no number at 1.804 s" in refused(path, MAP).message
+
+
+def test_records_in_an_archive_of_arrays(tmp_path) -> None:
+    path = tmp_path / "t.npz"
+    records = np.rec.fromarrays(list(SIGNALS.values()), names=",".join(NAMES))
+    np.savez(path, data=records)
+    said = with_keys()
+    for column in said["columns"].values():
+        column["name"] = f"data.{column['name']}"
+    assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
 
 
 def test_a_header_of_more_names_than_cells_is_refused(tmp_path) -> None:
