@@ -18,7 +18,6 @@ from haptic_driver.signals import Array, Mask
 SLIDES = 0.8  # of a window; the rest may be missing
 FAR = 20.0  # of a signal's own spread, beyond which a sample is none of it
 TURNED = 0.05  # of the way
-UNLOADED = 0.1  # of the load
 ZERO = 0.01  # of the lateral force: a zero that is told
 FORCES = ("lateral_force", "normal_force")
 
@@ -230,12 +229,17 @@ def _turn_by_force(lateral_n: Array, places: NDArray[np.intp]) -> int | None:
 # --- zero
 
 
+def without_load(load_n: Array) -> Mask:
+    """Samples [n] at which the load is nearer to none than to that of the touch."""
+    return np.asarray(load_n < 0.5 * np.nanpercentile(load_n, 95.0))
+
+
 def _zero(found: Quantities, spans: tuple[Span, ...]) -> Iterator[Doubt]:
     """What the lateral force reads before and after the touch, where the load tells that."""
     if "normal_force" not in found.columns or not spans:
         return
     load_n, lateral_n = (found.columns[role] for role in ("normal_force", "lateral_force"))
-    touches = np.flatnonzero(load_n > UNLOADED * np.nanpercentile(load_n, 95.0))
+    touches = np.flatnonzero(~without_load(load_n))
     if not touches.size:
         return
     before, after = lateral_n[: touches[0]], lateral_n[touches[-1] + 1 :]

@@ -13,7 +13,7 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.lab.raw_trials.columns import NO_TABLES, Column, Source, open_columns
 from haptic_driver.lab.raw_trials.cut import on_stretches
-from haptic_driver.lab.raw_trials.look import UNLOADED, Span
+from haptic_driver.lab.raw_trials.look import Span, without_load
 from haptic_driver.lab.raw_trials.quantities import FEWEST, Quantities, unit_said
 from haptic_driver.lab.raw_trials.trial_map import FileLook, VoltageMark
 from haptic_driver.signals import Array
@@ -218,10 +218,9 @@ def _said(taken: Mapping[str, _Taken], drawn: Mapping[str, Array]) -> list[str]:
     said = [f"{role}: column {one.column.name}" for role, one in taken.items()]
     said += [f"sign of {role}: -1, most is negative" for role, one in taken.items() if one.sign < 0]
     if {"normal_force", "lateral_force"} <= set(drawn):
-        load = drawn["normal_force"]
-        free = load < UNLOADED * np.nanpercentile(load, 95.0)
+        free = without_load(drawn["normal_force"])
         if free.sum() >= FEWEST:
-            zero = float(np.nanmean(drawn["lateral_force"][free]))
+            zero = float(np.nanmedian(drawn["lateral_force"][free]))
             said.append(f"zero of lateral_force: {zero:.3g} without load")
     return said
 

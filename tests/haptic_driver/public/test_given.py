@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pandas as pd
 import pint
 import pytest
 import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
 
 import haptic_driver as hd
 from haptic_driver.lab.measured import measurements_of
@@ -57,6 +60,21 @@ def test_a_value_in_its_own_unit(name, value, si) -> None:
 def test_what_is_no_value_is_refused(name, value) -> None:
     with pytest.raises(hd.BadInputError, match=name):
         in_si(name, value)
+
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(max_size=5) | st.binary(max_size=3),
+    lambda inside: (
+        st.lists(inside, max_size=4) | st.dictionaries(st.text(max_size=2), inside, max_size=2)
+    ),
+    max_leaves=8,
+)
+
+
+@given(name=st.sampled_from(["frequency_hz", "voltage_v", "cof"]), value=ANYTHING)
+def test_whatever_is_given_is_numbers_or_refused(name, value) -> None:
+    with suppress(hd.BadInputError):
+        assert in_si(name, value).dtype == np.float64
 
 
 LAB = {

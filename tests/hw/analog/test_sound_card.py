@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hw.analog.output import AnalogOutputSettings, OutputUnderrun
 from hw.analog.sound_card import SoundCardOutput, SoundSettings
@@ -161,6 +163,24 @@ def test_only_the_named_socket_plays_and_a_card_that_is_stereo_only_opens() -> N
     assert played.shape == (2, 2)
     assert played[:, 0].tolist() == pytest.approx([0.2, 0.4])
     assert played[:, 1].tolist() == [0.0, 0.0]
+
+
+@settings(deadline=None, max_examples=40)
+@given(count=st.integers(1, 12), channel=st.integers(0, 12), volts=st.floats(-1.0, 1.0))
+def test_of_any_card_one_channel_plays_or_it_is_refused(count, channel, volts) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(OutputStream, "channels_there", (1, count))
+        output = card(channel=channel)
+        if channel >= count:
+            with pytest.raises(InstrumentRejected, match=f"has {count} output"):
+                output.open()
+            return
+        with output:
+            output.write([volts], 48e3)
+            (played,) = OutputStream.newest.pull(1)
+    # of 2 V
+    assert played[channel] == pytest.approx(0.5 * volts)
+    assert not np.delete(played, channel).any()
 
 
 def test_a_channel_that_the_card_lacks_is_refused_with_what_it_has() -> None:

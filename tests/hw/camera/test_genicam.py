@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from hw.camera.genicam import OPTIONAL, GenicamCamera, GenicamSettings
 from hw.errors import DeviceError, DeviceTimeout, InstrumentRejected
@@ -116,3 +118,28 @@ def test_packed_pixels_are_named(device: GenicamDevice, sends: str | None) -> No
         burst(opened())
     assert "Mono8" in caught.value.hint
     assert not device.is_acquiring()
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    lost=st.sets(st.integers(0, 3)),
+    empty=st.sets(st.integers(0, 3)),
+    there=st.integers(0, 5),
+    padding=st.integers(0, 40),
+    in_nanoseconds=st.booleans(),
+)
+def test_of_any_burst_the_whole_frames_are_kept(
+    device, lost, empty, there, padding, in_nanoseconds
+) -> None:
+    device.incomplete, device.empty, device.frames_there = lost, empty, there
+    device.padding, device.in_nanoseconds = padding, in_nanoseconds
+    whole = [i for i in range(min(there, SETTINGS.count)) if i not in lost | empty]
+    if not whole:
+        with pytest.raises(DeviceError):
+            burst(opened())
+        return
+    found = burst(opened())
+    step_s = 0.02 if in_nanoseconds else 0.025
+    assert [t for t, _ in found] == pytest.approx([step_s * (i - whole[0]) for i in whole])
+    for number, (_, image) in zip(whole, found, strict=True):
+        assert np.array_equal(image, device.picture(number))

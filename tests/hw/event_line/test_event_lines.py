@@ -7,6 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from hw.errors import DeviceDisconnected, DeviceError
 from hw.event_line.contract import EventLine, LineIn
@@ -113,6 +115,26 @@ def test_what_a_box_says_when_it_begins_is_no_edge() -> None:
         port._answers += b"\x01"
         assert line.levels() == (True, False)
         line.close()
+
+
+@settings(deadline=None)
+@given(codes=st.lists(st.integers(0, 255), max_size=30), edge=st.integers(0, 255))
+def test_any_codes_come_out_and_any_bytes_are_edges_where_they_are_the_one(codes, edge) -> None:
+    """Sent to a box that begins anew when it is opened, and heard from one."""
+    clock = ManualClock(0.0)
+    port = ArduinoTransport(clock)
+    box = TriggerBox(port, settle_s=2.0, sleep=clock.sleep)
+    box.open()
+    for code in codes:
+        box.put(code)
+    box.close()
+    assert port.arduinos[-1].came_out == bytes([0, *codes, 0])
+    line = TriggerBoxIn(port, edge, settle_s=2.0, sleep=clock.sleep)
+    line.open()
+    port._answers += bytes(codes)
+    edges = sum(code == edge if edge else code > 0 for code in codes)
+    assert list(line.levels()) == [True, False] * edges
+    line.close()
 
 
 @pytest.mark.parametrize("code", [-1, 256])

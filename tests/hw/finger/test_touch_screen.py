@@ -309,6 +309,17 @@ def test_a_finger_that_keeps_its_slot_without_weight_does_not_touch(axis: tuple[
     assert told(events, (axis, 4)) is True
 
 
+@given(st.lists(st.tuples(st.sampled_from([PRESSURE, MAJOR, DISTANCE]), st.integers(0, 3))))
+def test_a_finger_touches_while_every_axis_that_can_tell_says_so(script) -> None:
+    events, now, weighs = TouchEvents(lambda: 0), {DISTANCE: 0}, set()
+    assert told(events, *LANDS) is True
+    for x, (axis, value) in enumerate(script, start=101):
+        now[axis] = value
+        weighs |= {axis} if value and axis != DISTANCE else set()
+        wanted = not now[DISTANCE] and all(now[each] for each in weighs)
+        assert told(events, (PLACE_X, x), (axis, value)) is wanted
+
+
 def test_pressure_lifts_the_finger_of_a_screen_for_one() -> None:
     one = TouchEvents(None)
     assert told(one, *LANDS_ON_ONE, (ONE_PRESSURE, 30)) is True

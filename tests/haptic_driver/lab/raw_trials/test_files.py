@@ -35,6 +35,7 @@ SIGNALS = signals(seed=3)
 FILE = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
+FEW = settings(FILE, max_examples=8)
 # how many of the unit is one in SI, for time, both forces, voltage and position
 UNITS = {
     "t": {"s": 1.0, "ms": 1e3, "us": 1e6, "min": 1 / 60},
@@ -250,7 +251,7 @@ def lvm_segment(columns: dict[str, np.ndarray]) -> str:
     return f"{head}{chr(9).join(['X_Value', *columns])}\n" + "".join(f"\t{r}\n" for r in rows)
 
 
-@FILE
+@FEW
 @given(
     cofs=st.lists(st.floats(0.2, 1.5), min_size=2, max_size=4),
     title=st.booleans(),
@@ -389,11 +390,17 @@ def test_dates_and_times_of_day_are_times(tmp_path, stamp) -> None:
     assert rows(path, MAP)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
 
 
-def test_hidden_files_and_own_results_are_no_trials(tmp_path) -> None:
-    for name in ("t2.csv", "t1.csv", "._t1.csv", ".hidden.csv", "data.csv", "note.md"):
-        (tmp_path / name).write_text("x")
-    found = listed(tmp_path, {".csv"}, [tmp_path / "data.csv"])
-    assert [path.name for path in found] == ["t1.csv", "t2.csv"]
+@given(
+    trials=st.sets(st.from_regex(r"[a-z0-9][a-z0-9_]{0,6}\.(csv|CSV)", fullmatch=True), max_size=4),
+    others=st.sets(st.sampled_from(["note.md", "Thumbs.db", "csv"]), max_size=3),
+)
+def test_hidden_files_and_own_results_are_no_trials(tmp_path_factory, trials, others) -> None:
+    folder = tmp_path_factory.mktemp("trials")
+    beside = {f"._{name}" for name in trials} | {".hidden.csv", "own-data.csv"}
+    for name in (*trials, *others, *beside):
+        (folder / name).write_text("x")
+    found = listed(folder, {".csv"}, [folder / "own-data.csv"])
+    assert [path.name for path in found] == sorted(trials)
 
 
 def test_a_file_that_stands_twice_among_the_conditions_is_refused(tmp_path) -> None:
