@@ -104,10 +104,12 @@ def watch(
 
     A bright contact is sought as a dark one in the negative; glare is not told from it.
     """
-    guess, top, said = _guessed(frames(), scale_m, background, max(1, len(time_s) // GUESSED_BY))
-    contact = contact or guess
+    every = max(1, len(time_s) // GUESSED_BY)
+    guess, why, top, said = _guessed(frames(), scale_m, background, every)
     if contact != guess:
-        said.append(f"told to be {contact}: look at the outlines")
+        said += [f"contact is {guess}: {why}"] if why else []
+        said += [f"told to be {contact}: look at the outlines"] if contact else []
+        contact = contact or guess
 
     def as_dark() -> Iterator[Array]:
         return (_as_dark(frame, contact) for frame in frames())
@@ -131,9 +133,9 @@ def watch(
 
 def _guessed(
     frames: Iterable[Array], scale_m: float, background: Array | None, step: int
-) -> tuple[Contact, float, list[str]]:
-    """Whether contact is dark or bright: as which it stands out more clearly. And the brightest
-    pixel.
+) -> tuple[Contact, str, float, list[str]]:
+    """Whether contact is dark or bright: as which it stands out more clearly, and by how much, if
+    at all. The brightest pixel, and what is to be said of the frames.
     """
     clear: dict[Contact, list[float]] = {"dark": [], "bright": []}
     top, repeats, odd, before = 0.0, 0, False, None
@@ -152,12 +154,9 @@ def _guessed(
     better: Contact = "bright" if bright > dark else "dark"
     said = [f"{repeats} frames repeat the one before: they count again"] if repeats else []
     said += [ODD] if odd else []
-    if max(dark, bright):
-        words = (
-            f"{max(dark, bright):.1f} times the unevenness, {min(dark, bright):.1f} the other way"
-        )
-        said.append(f"contact is {better}: it stands out by {words}")
-    return better, top, said
+    times = f"{max(dark, bright):.1f} times the unevenness, {min(dark, bright):.1f} the other way"
+    why = f"it stands out by {times}" if max(dark, bright) else ""
+    return better, why, top, said
 
 
 def _alternates(frame: Array) -> bool:

@@ -18,6 +18,7 @@ from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.cameras import SimulatedCameraConfig
 from hw.camera.contract import Frame
+from hw.camera.fingerprint import Optics, Touch, drawn
 from model.diagnosis.data import read_measurements
 
 CAMERA = SimulatedCameraConfig(kind="simulated", frames=4, interval_s=0.12)
@@ -46,6 +47,7 @@ def measured(out: Path, model, **changes: Any) -> list[dict[str, str]]:
 def test_a_rig_with_a_camera_writes_the_area(tmp_path, model) -> None:
     pytest.importorskip("skimage")
     rows = measured(tmp_path / "data.csv", model, camera=CAMERA)
+    assert all("contact is dark: it stands out by" in row["doubts"] for row in rows)
     for row in rows:
         wanted_m2 = 1e-4 * (float(row["normal_force_n"]) / 0.5) ** 0.5
         assert float(row["contact_area_m2"]) == pytest.approx(wanted_m2, rel=0.03)
@@ -58,6 +60,22 @@ def test_a_rig_without_one_leaves_it_empty(tmp_path, model) -> None:
     rows = measured(tmp_path / "data.csv", model)
     assert {row["contact_area_m2"] for row in rows} == {""}
     assert not read_measurements(tmp_path / "data.csv").has_area
+
+
+def test_what_contact_looks_like_is_guessed_or_as_the_rig_says() -> None:
+    pytest.importorskip("skimage")
+    optics = Optics(width=230, height=290, scale_m=45e-6, blur_m=15e-6)
+    touch = drawn(Touch(5e-5), optics, np.random.default_rng(2))
+    frames = [Frame(0.1, 255 - touch.image)]
+    area = contact_area(frames, CAMERA)
+    assert area is not None
+    assert area.doubts.startswith("contact is bright: it stands out by")
+    assert area.area_m2 == pytest.approx(touch.area_m2, rel=0.03)
+    said = contact_area(frames, CAMERA.model_copy(update={"contact": "bright"}))
+    assert said is not None
+    assert (said.doubts, said.area_m2) == ("", area.area_m2)
+    wrong = contact_area(frames, CAMERA.model_copy(update={"contact": "dark"}))
+    assert wrong is None or "told to be dark: look at the outlines" in wrong.doubts
 
 
 def test_frames_that_show_no_touch_give_no_area() -> None:

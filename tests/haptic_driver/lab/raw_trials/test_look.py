@@ -105,6 +105,19 @@ def test_a_clipped_force_is_refused(tmp_path, name) -> None:
     assert "is clipped at" in refusal(write_csv(tmp_path / "t.csv", columns), MAP)
 
 
+@FILE
+@given(count_n=st.floats(0.001, 0.2), seed=st.integers(0, 10**6))
+def test_the_counts_of_a_coarse_converter_are_no_outliers(tmp_path, count_n, seed) -> None:
+    """Most samples of a window were one count, and its neighbours far outside of no noise."""
+    columns = signals(noise_n=0.1 * count_n, seed=seed)
+    columns["Fx"] = count_n * np.round(columns["Fx"] / count_n)
+    found = cut(write_npz(tmp_path / "t.npz", columns), MAP)
+    assert not any("outside its own noise" in bad.error.message for bad in found.bad)
+    if not found.bad:
+        # half a count, and what noise turns of it
+        assert found.rows[0]["cof"] == pytest.approx(0.6, abs=0.6 * count_n / LOAD_N + 0.01)
+
+
 @pytest.mark.parametrize("held", [1, 10, 50])
 def test_a_sensor_slower_than_the_card_is_not_clipped(tmp_path, held) -> None:
     columns = signals(noise_n=0.01)
