@@ -83,7 +83,7 @@ def _refused(found: Quantities, said: str, hint: str) -> BadInputError:
 def outliers(values: Array, step: float) -> Mask:
     """Samples [n] of a steady stretch far outside its own noise, or without a number.
 
-    No noise is finer than `step`, the least by which the signal ever changes.
+    No noise is finer than `step`, a count of its converter.
 
     A short one stands alone by FAR times the noise; a long one is also far beyond all the rest.
     """
@@ -102,13 +102,21 @@ def outliers(values: Array, step: float) -> Mask:
     return np.asarray(~finite | alone | beyond)
 
 
+def _count(values: Array) -> float:
+    """The step of a converter, of which all values are multiples; 0 where they are of none."""
+    steps = np.diff(np.unique(values[np.isfinite(values)]))
+    if steps.size < 2:
+        return 0.0
+    counts = steps / steps.min()
+    return float(steps.min()) if np.allclose(counts, np.rint(counts), atol=1e-3) else 0.0
+
+
 def _without_outliers(
     found: Quantities, role: str, inside: Mask, said: TrialMap, doubts: list[Doubt]
 ) -> Mask:
     wrong = np.zeros(inside.size, bool)
     whole = found.columns[role]
-    steps = np.diff(np.unique(whole[np.isfinite(whole)]))
-    wrong[inside] = outliers(whole[inside], float(steps.min()) if steps.size else 0.0)
+    wrong[inside] = outliers(whole[inside], _count(whole))
     if not wrong.any():
         return ~wrong
     at = int(np.argmax(wrong))

@@ -3,6 +3,7 @@ table.
 """
 
 import csv
+import json
 import re
 from pathlib import Path
 
@@ -62,12 +63,13 @@ def test_reference_conditions(predict):
 
 def test_what_json_says(predict, tmp_path):
     _, said, _ = predict(f"{BASE}\n250,75,0.5\n", "--model", "table1")
-    assert set(said) == {"rows", "out", "model", "outside_theory"}
+    assert set(said) == {"rows", "out", "model", "outside_theory", "notes"}
     assert said == {
         "rows": 1,
         "out": str(tmp_path / "out.csv"),
         "model": "table1",
         "outside_theory": 0,
+        "notes": [],
     }
 
 
@@ -141,7 +143,7 @@ def test_what_the_printed_equations_cannot_answer_is_said(haptic, tmp_path):
         "predict", "--table", table, "--out", tmp_path / "out.csv", "--model", "published", "--json"
     )
     assert "note: 1 of 2 conditions: (31) as printed diverges" in done.err
-    assert "note" not in done.out
+    assert "(31) as printed diverges" in json.loads(done.out)["notes"][0]
 
 
 def test_a_table_is_replaced_whole_or_not_at_all(haptic, tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from hw.camera.fingerprint import Optics, Touch, drawn
 
 tifffile = pytest.importorskip("tifffile")
 pytest.importorskip("skimage")
-OPTICS = Optics(width=230, height=290, scale_m=50e-6, blur_m=15e-6)
+OPTICS = Optics(width=115, height=145, scale_m=100e-6, blur_m=15e-6)
 SMALL = np.full((60, 64), 200, np.uint8)
 
 

@@ -106,7 +106,7 @@ def test_a_clipped_force_is_refused(tmp_path, name) -> None:
 
 
 @FILE
-@given(count_n=st.floats(0.001, 0.2), seed=st.integers(0, 10**6))
+@given(count_n=st.floats(0.001, 0.05), seed=st.integers(0, 10**6))
 def test_the_counts_of_a_coarse_converter_are_no_outliers(tmp_path, count_n, seed) -> None:
     """Most samples of a window were one count, and its neighbours far outside of no noise."""
     columns = signals(noise_n=0.1 * count_n, seed=seed)
