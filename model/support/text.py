@@ -65,8 +65,9 @@ def decoded(path: Path, content: bytes, encoding: str | None = None) -> str:
 
 
 def _is_noise(letters: str) -> bool:
-    """Whether letters of two bytes or more are those of no table: numbers and ends of lines are
-    ASCII, and no letter is unassigned, private or a control.
+    """Whether letters of two bytes or more are those of no table.
+
+    Its numbers and ends of lines are ASCII, and no letter is unassigned, private or a control.
     """
     controls = {"Cc", "Cn", "Co", "Cs"}
     odd = (c not in "\t\r\n\f" and unicodedata.category(c) in controls for c in letters)

@@ -109,7 +109,7 @@ def _mm_per_pixel(
 
 
 def _row(number: int, one: FrameSeen, said: Sequence[str]) -> dict[str, str | float]:
-    """A line of the CSV, with what is to be `said` of the film; a frame that does not count has no
+    """A line of the CSV, with what is `said` of the film. A frame that does not count has no
     numbers, and says why.
     """
     row: dict[str, str | float] = {"frame": number, "time_s": f"{one.time_s:.9g}"}
