@@ -173,8 +173,7 @@ class DataFile:
 
     def _write(self, texts: Sequence[str]) -> None:
         line = io.StringIO()
-        csv.writer(line, lineterminator="
-").writerow(texts)
+        csv.writer(line, lineterminator="\n").writerow(texts)
         write_through(self._file, line.getvalue())
 
     def __enter__(self) -> Self:
