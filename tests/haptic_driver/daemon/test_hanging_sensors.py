@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from haptic_driver.recording.read import read_run
 from tests.haptic_driver.config_texts import changed, served_rig_text
 from tests.haptic_driver.daemon.waiting import until_ready
 from tests.waiting import HANG_S, until
@@ -135,5 +136,12 @@ def test_the_status_has_a_row_for_each_instrument_and_for_a_driver_of_ones_own(
     head = next(number for number, line in enumerate(shown) if "instrument" in line)
     names = [line.strip().partition("  ")[0] for line in shown[head + 1 :][: len(found)]]
     assert names == [name.replace("_", " ") for name in found]
+    recording = tmp_path / "run.h5"
+    for what in (recording, "--stop"):
+        assert haptic("record", what, *place).status == 0
+    recorded = [event for event in read_run(recording).events if event.kind == "instruments"]
+    assert [[row["name"] for row in event.data["instruments"]] for event in recorded] == [
+        list(found)
+    ] * 2
     (tmp_path / "hang").touch()
     until(lambda: rows()["finger_tracker"]["age_s"] > 1.0, rows)

@@ -10,8 +10,9 @@ export function showInstruments(body, instruments) {
 
 function rows({ name, age_s, read_s, missed, asked, wrong }) {
   const row = document.createElement("tr"),
-    words = [name.replace(/[_.]/g, " "), time(age_s), time(read_s), `${missed} of ${asked}`];
+    words = [name.replace(/[_.]/g, " "), time(age_s), time(read_s), `${missed}`];
   for (const said of words) row.insertCell().textContent = said;
+  row.lastChild.title = `of ${asked} questions`;
   if (!wrong) return [row];
   const below = document.createElement("tr"),
     cell = below.insertCell();
