@@ -151,11 +151,8 @@ def test_off_without_evidence_is_an_error(client, control):
     [
         (lambda c: c.set("token", 0.6), RefusedError, "not_armed"),
         (lambda c: c.reset(), RefusedError, "no_fault"),
-        (lambda c: c.set("token", -1.0), BadInputError, "out_of_range"),
         (lambda c: c.set("token", float("nan")), BadInputError, "out_of_range"),
-        (lambda c: c.arm(1e-3), BadInputError, "out_of_range"),
         (lambda c: c.play("token", "linnen"), BadInputError, "unknown_texture"),
-        (lambda c: c.samples(most=0), BadInputError, "out_of_range"),
         (lambda c: c.mark("here", {"this": object()}), BadInputError, "bad_request"),
     ],
 )

@@ -130,7 +130,6 @@ def test_check_shows_the_carriers_ripple_beside_the_bands(haptic, surface_path):
     ("arguments", "status", "code", "words"),
     [
         (["preview", "linnen"], 2, "unknown_texture", "Did you mean 'linen'?"),
-        (["check", "linnen"], 2, "unknown_texture", "Did you mean 'linen'?"),
         (["check", "linen", "--normal-force", "99"], 2, "out_of_range", "Give 0.1 to 2 N"),
         (["check", "linen", "--speed", "50"], 2, "out_of_range", "Give 0.002 to 1 m/s"),
         (["preview", "linen", "--out", "a.unknown"], 2, "bad_ending", ".png"),

@@ -341,10 +341,6 @@ class TestProfiles:
         assert words in error.message
         assert error.hint
 
-    def test_a_field_beyond_all_measure_is_no_csv(self, folder):
-        error = refused(folder, "position_m,cof\n0,0.5\n1," + "9" * 200_000, "profile.csv")
-        assert error.code == "bad_table"
-
     def test_fault_through_toml_names_both_files(self, folder):
         error = refused(folder, 'kind = "profile"\nfile = "p.csv"')
         assert error.code == "file_not_found"

@@ -498,14 +498,6 @@ REFUSED = [
     ),
     (
         "a.csv",
-        f"# time_s,{ROW}" + "".join(f"{i},{i},0.5,0.3\n" for i in range(30)),
-        [],
-        "bad_table",
-        "its header is commented out, in line 1",
-        "Remove the #",
-    ),
-    (
-        "a.csv",
         f"Rig 3\nFinger; left\n{ROW}" + "".join(f"{i},0.5,0.3\n" for i in range(30)),
         [],
         "bad_table",

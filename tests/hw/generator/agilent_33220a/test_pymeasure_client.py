@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,7 +9,7 @@ import pytest
 
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.serving.tcp import TcpServer
-from tests.hw.instruments import IMMEDIATE
+from tests.hw.instruments import IMMEDIATE, pymeasure_client
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -22,20 +21,11 @@ def simulated() -> Simulated33220A:
 
 @pytest.fixture
 def client(simulated: Simulated33220A) -> Iterator[Any]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # pymeasure's own, at class construction
-        from pymeasure.instruments.agilent import Agilent33220A
-
-        with TcpServer(simulated) as server:
-            client = Agilent33220A(
-                server.resource,
-                visa_library="@py",
-                read_termination="\n",
-                write_termination="\n",
-                timeout=3000,
-            )
-            yield client
-            client.adapter.close()
+    with (
+        TcpServer(simulated) as server,
+        pymeasure_client("agilent", "Agilent33220A", server.resource) as client,
+    ):
+        yield client
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ TCP.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,7 +14,7 @@ from hw.generator.keysight_33500.simulator import Simulated33500
 from hw.generator.settings import GeneratorSettings
 from hw.serving.tcp import TcpServer
 from hw.transport.tcp import TcpTransport
-from tests.hw.instruments import IMMEDIATE
+from tests.hw.instruments import IMMEDIATE, pymeasure_client
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -33,19 +32,8 @@ def server(simulated: Simulated33500) -> Iterator[TcpServer]:
 
 @pytest.fixture
 def client(server: TcpServer) -> Iterator[Any]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # pymeasure's own, at class construction
-        from pymeasure.instruments.agilent import Agilent33500
-
-        client = Agilent33500(
-            server.resource,
-            visa_library="@py",
-            read_termination="\n",
-            write_termination="\n",
-            timeout=3000,
-        )
+    with pymeasure_client("agilent", "Agilent33500", server.resource) as client:
         yield client
-        client.adapter.close()
 
 
 @pytest.mark.parametrize("channel", [False, True])

@@ -4,7 +4,6 @@ simulated SDG.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 
 from hw.generator.siglent_sdg.simulator import SimulatedSdg
 from hw.serving.tcp import TcpServer
-from tests.hw.instruments import IMMEDIATE
+from tests.hw.instruments import IMMEDIATE, pymeasure_client
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -24,17 +23,11 @@ def simulated() -> SimulatedSdg:
 
 @pytest.fixture
 def client(simulated: SimulatedSdg) -> Iterator[Any]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # pymeasure's own, at class construction
-        from pymeasure.instruments.teledyne import TeledyneT3AFG
-
-        with TcpServer(simulated) as server:
-            client = TeledyneT3AFG(
-                server.resource, visa_library="@py", write_termination="\n", timeout=3000
-            )
-            client.adapter.connection.read_termination = "\n"
-            yield client
-            client.adapter.close()
+    with (
+        TcpServer(simulated) as server,
+        pymeasure_client("teledyne", "TeledyneT3AFG", server.resource) as client,
+    ):
+        yield client
 
 
 @pytest.mark.parametrize(
