@@ -114,9 +114,19 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, str | float]]) -> None:
         writer.writerows(written_cells(row[name] for name in names) for row in rows)
 
 
-def exists_already(path: Path) -> BadInputError:
-    """What to raise where `path` would be overwritten unasked."""
-    return BadInputError("file_exists", f"{path}: exists already", "Give --force or another --out")
+def require_free(path: Path, force: bool | None = None, option: str = "--out") -> None:
+    """BadInputError where `path` would be overwritten unasked; `force` is None where nobody can."""
+    if path.exists() and not force:
+        hint = f"Give {'' if force is None else '--force or '}another {option}"
+        raise BadInputError("file_exists", f"{path}: exists already", hint)
+
+
+def require_ending(path: Path, endings: Collection[str]) -> None:
+    """BadInputError for a name that ends otherwise."""
+    if path.suffix.lower() not in endings:
+        known = ", ".join(endings)
+        said = f"{path}: its ending is none of {known}"
+        raise BadInputError("bad_ending", said, f"Give a name that ends in {known}")
 
 
 def not_written(path: Path, error: OSError) -> HapticError:

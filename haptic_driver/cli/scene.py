@@ -24,7 +24,7 @@ from haptic_driver.daemon.scene import (
 )
 from haptic_driver.daemon.verbs import Verbs
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import exists_already, write_text
+from haptic_driver.files import require_free, write_text
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -247,8 +247,7 @@ def replay(
     from haptic_driver.recording.read import read_run  # noqa: PLC0415  (slow to import)
     from haptic_driver.recording.scenes import SceneReplay  # noqa: PLC0415
 
-    if out.exists() and not force:
-        raise exists_already(out)
+    require_free(out, force)
     replayed = SceneReplay(read_run(recording, run))
     times_s = replayed.run.samples["time_s"]
     moment_s = float(times_s[-1]) if at is None else float(times_s[0]) + at

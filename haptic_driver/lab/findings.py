@@ -11,7 +11,7 @@ from typing import Any, cast, get_args
 import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.files import bad_input, writing
+from haptic_driver.files import bad_input, require_ending, writing
 from haptic_driver.lab.measured import measurements_of
 from haptic_driver.lab.measuring import recordings
 from haptic_driver.lab.measuring.investigate import Budget, Investigation, Subject
@@ -92,8 +92,7 @@ class Diagnosis:
 
 
 def _save_svg(content: bytes, path: Path) -> None:
-    if path.suffix != ".svg":
-        raise BadInputError("bad_ending", f"{path}: this picture is SVG", "Give a name with .svg")
+    require_ending(path, [".svg"])
     with writing(path):
         path.write_bytes(content)
 

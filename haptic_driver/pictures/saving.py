@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from haptic_driver.errors import BadInputError, shown
-from haptic_driver.files import replacing
+from haptic_driver.errors import shown
+from haptic_driver.files import replacing, require_ending
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,15 +53,10 @@ def saved(figure: Figure, path: Path, dpi: int = 110) -> Iterator[None]:
     block ends.
     """
     try:
-        ending = path.suffix.lower()
-        if ending not in ENDINGS:
-            said = f"{path}: is no name of a picture"
-            raise BadInputError(
-                "bad_ending", said, f"Give a name that ends in {', '.join(ENDINGS)}"
-            )
+        require_ending(path, ENDINGS)
         yield
         _show_as_it_stands(figure)
         with replacing(path) as part:
-            figure.savefig(part, dpi=dpi, format=ending.removeprefix("."))
+            figure.savefig(part, dpi=dpi, format=path.suffix[1:].lower())
     finally:
         pyplot().close(figure)

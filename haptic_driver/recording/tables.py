@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.errors import BadInputError, optional
-from haptic_driver.files import exists_already
+from haptic_driver.errors import optional
+from haptic_driver.files import require_ending, require_free
 from model.support.cells import written_cells
 
 Blocks = Iterator[list[NDArray[Any]]]
@@ -27,13 +27,9 @@ def writer_of(out: Path, force: bool) -> Writer:
     BadInputError for an unknown ending, and a file that exists, unless `force`.
     """
     known = {".csv": write_csv, ".parquet": write_parquet, ".mat": write_mat}
-    write = known.get(out.suffix.lower())
-    if write is None:
-        said = f"{out}: ends in none of {', '.join(known)}"
-        raise BadInputError("bad_ending", said, "Give --out run.csv")
-    if out.exists() and not force:
-        raise exists_already(out)
-    return write
+    require_ending(out, known)
+    require_free(out, force)
+    return known[out.suffix.lower()]
 
 
 def write_csv(path: Path, fields: Sequence[str], blocks: Blocks, about: dict[str, Any]) -> None:

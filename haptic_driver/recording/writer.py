@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.files import require_ending
 from haptic_driver.processes.shared_memory import Taken
 from haptic_driver.recording import records
 from haptic_driver.recording.clock import ClockOffsets, clock_offsets
@@ -205,10 +206,7 @@ def record(
 
 def where(path: Path) -> Path:
     """Where to record: absolute, ending in .h5 or .hdf5. BadInputError otherwise."""
-    if path.suffix.lower() not in (".h5", ".hdf5"):
-        raise BadInputError(
-            "bad_ending", f"{path}: a recording's name ends in .h5", "Give a name such as run.h5"
-        )
+    require_ending(path, [".h5", ".hdf5"])
     if not path.is_absolute():
         raise BadInputError(
             "relative_path", f"{path}: the daemon works in another folder", "Give an absolute path"

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, ModelOption, RowsOption, report, status, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import bad_input, writing
+from haptic_driver.files import bad_input, require_ending, require_free, writing
 from haptic_driver.lab.commands.columns import (
     ColumnOption,
     MapOption,
@@ -77,8 +77,7 @@ def calibrate(
 
 def _of_trials(trials: Path, map_file: Path, rows: Path) -> Measurements:
     """The rows of raw trials, which are kept in `rows`."""
-    if rows.exists():
-        raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
+    require_free(rows, option="--rows")
     tell_doubts(write_trials([trials], map_file, rows))
     return read_data([rows])
 
@@ -91,10 +90,7 @@ def _check(also: list[str], out: Path) -> None:
         if name not in names:
             hint = f"{nearest(name, names)}; fitted in any case: {', '.join(always)}"
             raise BadInputError("bad_parameter", f"--also {name}: there is no such parameter", hint)
-    if out.suffix != ".toml":  # or no command would find the model
-        raise BadInputError(
-            "bad_ending", f"{out}: is no name of a model file", "Give a name that ends in .toml"
-        )
+    require_ending(out, [".toml"])  # or no command would find the model
 
 
 def _payload(found: Calibration, out: Path, picture: Path) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, progress, report, stdout
 from haptic_driver.errors import BadInputError, HapticError, require_range
-from haptic_driver.files import exists_already, write_rows
+from haptic_driver.files import require_free, write_rows
 from haptic_driver.lab.contact.film import Film, read_bare, read_film
 from haptic_driver.lab.contact.judge import Contact, FrameSeen, Summary, Watched, summary, watch
 from haptic_driver.lab.contact.scale import MM_PER_PIXEL, scale_from_ruler
@@ -54,8 +54,7 @@ def contact(
         require_range("--rate", rate, 1e-3, 1e6, unit=" frames per second")
     outlines, areas = (out.with_name(f"{out.stem}-{name}") for name in (OUTLINES, AREAS))
     for path in (out, outlines, areas):
-        if path.exists() and not force:
-            raise exists_already(path)
+        require_free(path, force)
     opened = read_film(film, times, rate, [out, outlines, areas])
     bare = None if background is None else read_bare(background, opened)
     with progress("frames", opened.time_s.size) as advance:

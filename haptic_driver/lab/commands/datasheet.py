@@ -23,7 +23,8 @@ from haptic_driver.cli.output import (
     stdout,
 )
 from haptic_driver.errors import BadInputError
-from haptic_driver.lab.papers.document import check_ending, write
+from haptic_driver.files import require_ending
+from haptic_driver.lab.papers.document import ENDINGS, write
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
 from model.description import ModelDescription
@@ -51,7 +52,7 @@ def datasheet(
 
     Example: `haptic datasheet --rig simulated --out sheet.pdf`
     """
-    check_ending(out)
+    require_ending(out, ENDINGS)
     config, description = load_rig(rig), load_model(model)
     from haptic_driver.lab.papers.data_sheet import (  # noqa: PLC0415  (slow to import)
         data_sheet,

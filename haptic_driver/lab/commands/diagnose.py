@@ -24,7 +24,7 @@ from haptic_driver.cli.output import (
     stdout,
 )
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import bad_input, writing
+from haptic_driver.files import bad_input, require_free, writing
 from haptic_driver.lab.commands.columns import (
     ColumnOption,
     MapOption,
@@ -152,8 +152,8 @@ def _rows_of_trials(
     given: Sequence[Path], map_file: Path, rows: Path | None, out: Path, leave_out_bad: bool
 ) -> tuple[list[Path], list[Bad]]:
     """A file with the rows of raw trials, and the trials that were left out of it."""
-    if rows is not None and rows.exists():
-        raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
+    if rows is not None:
+        require_free(rows, option="--rows")
     kept = rows or out / "rows.csv"
     found = write_trials(given, map_file, kept, leave_out_bad=leave_out_bad)
     tell_doubts(found)

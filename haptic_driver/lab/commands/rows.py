@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, progress, report, stderr, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import exists_already, write_rows, write_text
+from haptic_driver.files import require_free, write_rows, write_text
 from haptic_driver.lab.raw_trials.cut import Trial
 from haptic_driver.lab.raw_trials.folder import Cut, TrialFolder, refuse_bad, tidied
 from haptic_driver.lab.raw_trials.propose import Proposal, proposed
@@ -54,8 +54,8 @@ def rows(
             "give trial files and --map",
             "haptic rows --inspect FILE --map map.toml proposes a map",
         )
-    if out.exists() and not force and not look:
-        raise exists_already(out)
+    if not look:
+        require_free(out, force)
     picture = out.with_name(f"{out.stem}-trial.png")
     folder = TrialFolder.of(files, map_file, [out, picture])
     drawn: list[Trial] = []
@@ -79,9 +79,8 @@ def rows(
 
 
 def _propose(path: Path, map_file: Path | None, out: Path, force: bool, as_json: bool) -> None:
-    if map_file is not None and map_file.exists() and not force:
-        said = f"{map_file}: exists already"
-        raise BadInputError("file_exists", said, "Give --force or another --map")
+    if map_file is not None:
+        require_free(map_file, force, "--map")
     found = proposed(path)
     picture = _draw_proposed(path, found, map_file or out)
     if map_file is not None:

@@ -9,7 +9,8 @@ from typing import Annotated
 from typer import Option
 
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
-from haptic_driver.lab.papers.document import check_ending, write
+from haptic_driver.files import require_ending
+from haptic_driver.lab.papers.document import ENDINGS, write
 
 
 def safety(
@@ -25,7 +26,7 @@ def safety(
 
     Example: `haptic safety --rig paper --out safety.pdf`
     """
-    check_ending(out)
+    require_ending(out, ENDINGS)
     from haptic_driver.lab.papers.safety import safety_file  # noqa: PLC0415  (slow to import)
     from haptic_driver.lab.papers.safety_facts import inspect  # noqa: PLC0415
 

@@ -12,7 +12,7 @@ from typer import Argument, Option
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 from haptic_driver.cli.output import status as shown_status
 from haptic_driver.errors import BadInputError, require_range
-from haptic_driver.files import exists_already, write_text
+from haptic_driver.files import require_ending, require_free, write_text
 from haptic_driver.lab.importers.image import PERCENTILES, Method
 from haptic_driver.textures.objects import TEXTURE_COF
 from model.support.toml import toml_lines
@@ -131,9 +131,7 @@ def _require_usable(
     *,
     force: bool,
 ) -> None:
-    if target.suffix.lower() != ".toml":
-        hint = f"Give --out {target.with_suffix('.toml')}"
-        raise BadInputError("bad_ending", f"{target}: does not end in .toml", hint)
+    require_ending(target, [".toml"])
     if not TEXTURE_COF[0] <= cof[0] < cof[1] <= TEXTURE_COF[1]:
         said = f"--cof {cof[0]:g} {cof[1]:g} is no range of friction"
         raise BadInputError("out_of_range", said, "Give the lower first: --cof 0.55 0.80")
@@ -141,8 +139,7 @@ def _require_usable(
         said = f"--percentiles {percentiles[0]:g} {percentiles[1]:g} is no range"
         raise BadInputError("out_of_range", said, "Give for example: --percentiles 2 98")
     for path in written:
-        if path.exists() and not force:
-            raise exists_already(path)
+        require_free(path, force)
 
 
 def _look(

@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, report, stdout
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import exists_already, write_rows, write_text
+from haptic_driver.files import require_ending, require_free, write_rows, write_text
 from haptic_driver.lab.commands.columns import ColumnOption, MapOption, columns_named, refuse_both
 from model.support.toml import toml_lines
 
@@ -67,10 +67,7 @@ def texture_import(
     Example: `haptic texture import strokes.csv --out mine.toml`
     """
     refuse_both(map_file, column)
-    if out.suffix.lower() != ".toml":
-        raise BadInputError(
-            "bad_ending", f"{out}: does not end in .toml", f"Give --out {out.with_suffix('.toml')}"
-        )
+    require_ending(out, [".toml"])
     from haptic_driver.lab.importers import Asked, importer_of  # noqa: PLC0415  (slow, as strokes)
     from haptic_driver.lab.importers.strokes import COLUMNS  # noqa: PLC0415
 
@@ -80,18 +77,17 @@ def texture_import(
     made = importer_of(source, map_file)(source, asked)
     points = out.with_suffix(".csv")
     written = [out] if made.profile is None else [out, points]
-    _require_free([source] if map_file is None else [source, map_file], written, force)
+    _require_apart([source] if map_file is None else [source, map_file], written, force)
     payload = _write(made, source, out, points)
     report(as_json, payload, lambda: _show(made, payload))
 
 
-def _require_free(read: list[Path], written: list[Path], force: bool) -> None:
+def _require_apart(read: list[Path], written: list[Path], force: bool) -> None:
     for path in written:
         if path.exists() and any(path.samefile(source) for source in read):
             said = f"{path}: is read, and would be overwritten"
             raise BadInputError("file_exists", said, "Give another --out")
-        if path.exists() and not force:
-            raise exists_already(path)
+        require_free(path, force)
 
 
 def _write(made: Made, source: Path, out: Path, points: Path) -> dict[str, Any]:

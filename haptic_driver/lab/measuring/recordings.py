@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import bad_input, write_rows
+from haptic_driver.files import bad_input, require_free, write_rows
 from haptic_driver.live.window import NONE_YET, SHORTEST_S, row, windows
 from haptic_driver.recording.read import read_run, run_names
 from model.diagnosis.data import Measurements, read_measurements, together
@@ -34,8 +34,8 @@ def read_data(
     if rows is not None and not recordings:
         said = "--rows is for what a recording was cut into, and no recording is given"
         raise BadInputError("usage", said, "Leave it out, or give a file that haptic record wrote")
-    if rows is not None and rows.exists():
-        raise BadInputError("file_exists", f"{rows}: exists already", "Give another --rows")
+    if rows is not None:
+        require_free(rows, option="--rows")
     with TemporaryDirectory() as folder, bad_input("bad_data"):
         parts = list[tuple[str, Measurements]]()
         if recordings:

@@ -14,8 +14,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from haptic_driver.errors import BadInputError, shown
-from haptic_driver.files import write_text
+from haptic_driver.errors import shown
+from haptic_driver.files import require_ending, write_text
 from haptic_driver.pictures.saving import pyplot
 
 if TYPE_CHECKING:
@@ -85,16 +85,9 @@ class Document:
     facts: Mapping[str, Any]
 
 
-def check_ending(path: Path) -> None:
-    """BadInputError where the name's ending is none that papers are written with."""
-    if path.suffix.lower() not in ENDINGS:
-        said = f"{path}: is no name of a paper"
-        raise BadInputError("bad_ending", said, f"Give a name that ends in {', '.join(ENDINGS)}")
-
-
 def write(document: Document, path: Path) -> None:
     """Write the whole paper, or nothing; HapticError says why not."""
-    check_ending(path)
+    require_ending(path, ENDINGS)
     match path.suffix.lower():
         case ".pdf":
             from haptic_driver.lab.papers.pdf import write_pdf  # noqa: PLC0415  (matplotlib is slow)

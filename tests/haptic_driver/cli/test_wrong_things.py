@@ -203,7 +203,7 @@ WRONG = [
         ["texture", "preview", "linen", "--out", "linen"],
         2,
         "bad_ending",
-        "linen: is no name of a picture",
+        "linen: its ending is none of .png, .pdf, .svg",
         ".png",
     ),
     # files of the program's own

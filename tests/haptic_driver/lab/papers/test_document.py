@@ -87,7 +87,7 @@ def test_json_is_the_facts(tmp_path) -> None:
 
 
 def test_another_ending_is_refused(tmp_path) -> None:
-    with pytest.raises(BadInputError, match="no name of a paper"):
+    with pytest.raises(BadInputError, match=r"its ending is none of \.pdf, \.html"):
         write(document(), tmp_path / "paper.docx")
 
 
