@@ -133,8 +133,8 @@ class SceneObject(_Said):
         return self
 
 
-class Background(_Said):
-    """What is there where no object is: a friction, a texture, or nothing."""
+class _Filled(_Said):
+    """A friction, a texture, or neither."""
 
     cof: Cof | None = Field(default=None, description="friction; this or `texture`")
     texture: FileName | None = Field(default=None, description="name of a texture, or a file")
@@ -142,8 +142,12 @@ class Background(_Said):
     @model_validator(mode="after")
     def _is_one(self) -> Self:
         if self.cof is not None and self.texture is not None:
-            raise ValueError("a background has either a cof or a texture")
+            raise ValueError("it has either a cof or a texture")
         return self
+
+
+class Background(_Filled):
+    """What is there where no object is: a friction, a texture, or nothing."""
 
 
 class SceneDescription(_Said):
@@ -216,23 +220,15 @@ class Turn(_Said):
     rotation_deg: Degrees
 
 
-class Set(_Said):
+class Set(_Filled):
     """What else an object is; what is left out stays."""
 
     do: Literal["set"]
     id: Id
     shape: Shape | None = None
-    cof: Cof | None = None
-    texture: FileName | None = None
     order: Order | None = None
     soft_edge_mm: EdgeMm | None = None
     enabled: bool | None = None
-
-    @model_validator(mode="after")
-    def _is_one(self) -> Self:
-        if self.cof is not None and self.texture is not None:
-            raise ValueError("an object has either a cof or a texture")
-        return self
 
 
 class Remove(_Said):
@@ -248,18 +244,10 @@ class Clear(_Said):
     do: Literal["clear"]
 
 
-class SetBackground(_Said):
+class SetBackground(_Filled):
     """Another background; without `cof` and `texture` none."""
 
     do: Literal["background"]
-    cof: Cof | None = None
-    texture: FileName | None = None
-
-    @model_validator(mode="after")
-    def _is_one(self) -> Self:
-        if self.cof is not None and self.texture is not None:
-            raise ValueError("a background has either a cof or a texture")
-        return self
 
 
 Change = Annotated[
