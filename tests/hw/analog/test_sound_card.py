@@ -260,6 +260,25 @@ def test_a_card_whose_callback_stopped_is_lost_and_never_said_to_be_at_zero() ->
     output.close()
 
 
+@settings(max_examples=30)
+@given(pulls=st.lists(st.tuples(st.integers(1, 480), st.floats(0.0, 0.049)), max_size=6))
+def test_a_card_is_lost_when_it_takes_nothing_for_longer_than_it_may(pulls) -> None:
+    now = [0.0]
+    output = card(clock=lambda: now[0])
+    output.open()
+    OutputStream.newest.pull(1)
+    output.write([0.5] * 4700, 48e3)
+    for count, gap_s in pulls:
+        now[0] += gap_s
+        output.check()
+        OutputStream.newest.pull(count)
+    now[0] += 0.051
+    with pytest.raises(DeviceDisconnected, match="takes no samples"):
+        output.check()
+    with pytest.raises(DeviceDisconnected):
+        output.close()
+
+
 def test_a_level_that_no_callback_takes_is_not_held() -> None:
     now = [0.0]
     output = card(clock=lambda: now[0])
