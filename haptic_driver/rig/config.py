@@ -378,6 +378,11 @@ class RigConfig(RigParts):
         return [address for key in ROLES for address in self.addresses_of(key)]
 
     @property
+    def monitors(self) -> dict[str, str]:
+        """Which lines of the amplifier are read, and where."""
+        return {name: at for _, section in self.devices for name, at in section.monitors.items()}
+
+    @property
     def monitor_reach_hz(self) -> float:
         """The highest carrier that the amplifier's monitors show; a card would alias a higher
         one.

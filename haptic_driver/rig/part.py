@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from hw.stage.lts150 import Lts150
 
 SIMULATED = "simulated"
+MONITORS = "voltage monitor", "current monitor", "fault line"
 NONE = NO_WATCHDOG = "none"
 
 Device = TypeVar("Device")
@@ -169,6 +170,11 @@ class DeviceSection(Section):
     def channels(self) -> list[str]:
         """What it reads of the card of `[analog_inputs]`."""
         return []
+
+    @property
+    def monitors(self) -> dict[str, str]:
+        """Which lines of the amplifier are read, by `MONITORS`, and where."""
+        return {}
 
     def given_for(self, record: type[Any]) -> dict[str, Any]:
         """What it says for the fields of the same name of a driver's settings, a dataclass."""

@@ -66,16 +66,16 @@ def _interlock(rig: RigConfig) -> str:
 def _voltage_monitor(rig: RigConfig) -> str:
     safety = rig.safety
     said = f"{100 * safety.monitor_tolerance:g} % or {safety.monitor_tolerance_v:g} V"
-    return said if rig.simulated or rig.amplifier.voltage_monitor else ""
+    return said if "voltage monitor" in rig.monitors else ""
 
 
 def _current_monitor(rig: RigConfig) -> str:
     said = f"trips at {1e3 * rig.amplifier.current_limit_a:g} mA peak"
-    return said if rig.simulated or rig.amplifier.current_monitor else ""
+    return said if "current monitor" in rig.monitors else ""
 
 
 def _fault_line(rig: RigConfig) -> str:
-    return "fault line" if rig.simulated or rig.amplifier.fault_line else ""
+    return "fault line" if "fault line" in rig.monitors else ""
 
 
 def _envelope(rig: RigConfig) -> str:

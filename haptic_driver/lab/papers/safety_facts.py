@@ -24,6 +24,7 @@ from haptic_driver.lab.papers.mechanisms import MECHANISMS
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.check import OLD_AFTER
 from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.part import MONITORS
 from haptic_driver.rig.parts.interlocks import InterlockBox
 from model.description import ModelDescription
 from model.support.reading import read_bytes
@@ -146,13 +147,8 @@ def _devices(rig: RigConfig) -> Iterator[tuple[str, str]]:
         f"gain {amplifier.gain_v_per_v:g} V/V, at most {amplifier.voltage_limit_v:g} V and"
         f" {1e3 * amplifier.current_limit_a:g} mA peak, {amplifier.slew_limit_v_per_s:.3g} V/s",
     )
-    lines = {
-        "voltage monitor": amplifier.voltage_monitor,
-        "current monitor": amplifier.current_monitor,
-        "fault line": amplifier.fault_line,
-    }
-    wired = ", ".join(f"{name} {line or 'none'}" for name, line in lines.items())
-    yield "amplifier's lines", f"simulated: {', '.join(lines)}" if rig.simulated else wired
+    lines = [f"{name} {rig.monitors.get(name, 'none')}" for name in MONITORS]
+    yield "amplifier's lines", ", ".join(lines)
     watchdog = rig.watchdog
     yield (
         "watchdog",

@@ -12,6 +12,7 @@ from pydantic import Field
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
+    MONITORS,
     MonitorHertz,
     MonitorNoise,
     Part,
@@ -99,6 +100,11 @@ class AmplifierConfig(SignedFigures, PartSection):
     @property
     def channels(self) -> list[str]:
         return [channel for channel in (self.voltage_monitor, self.current_monitor) if channel]
+
+    @property
+    def monitors(self) -> dict[str, str]:
+        said = self.voltage_monitor, self.current_monitor, self.fault_line
+        return {name: where for name, where in zip(MONITORS, said, strict=True) if where}
 
     def monitor_lines(self) -> MonitorLines:
         """What the monitors do to voltage and current."""

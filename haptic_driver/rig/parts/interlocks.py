@@ -11,6 +11,7 @@ from pydantic import AliasChoices, Field
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
+    SIMULATED,
     NoPart,
     Part,
     PartSection,
@@ -115,6 +116,10 @@ class SimulatedInterlockConfig(ServedSection):
     """The enable line of a simulated amplifier, and with it its voltage monitor."""
 
     kind: Literal["simulated"] = "simulated"
+
+    @property
+    def monitors(self) -> dict[str, str]:
+        return {"voltage monitor": SIMULATED}
 
     def wire(self, wiring: Wiring) -> Wiring:
         """Both lines of the amplifier are on one connection."""

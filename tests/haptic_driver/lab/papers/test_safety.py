@@ -15,6 +15,7 @@ from haptic_driver.lab.papers.mechanisms import MECHANISMS
 from haptic_driver.lab.papers.safety import safety_file
 from haptic_driver.lab.papers.safety_facts import inspect
 from haptic_driver.lookup.models import load_model
+from haptic_driver.rig.config import load_rig
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 
@@ -140,6 +141,16 @@ def test_a_rig_with_and_without_what_protects_it(paper, tmp_path: Path) -> None:
     facts = safety_file(inspect(rig_file(tmp_path, box), "reference", TODAY)).facts
     assert here(facts)["interlock"] == "heartbeat box"
     assert any("cable pulled" in item for item in facts["checklist"])
+
+
+def test_no_line_is_claimed_that_nobody_reads() -> None:
+    """A simulated rig has a voltage monitor, and neither current monitor nor fault line."""
+    rig = load_rig("simulated")
+    assert rig.monitors == {"voltage monitor": "simulated"}
+    configured = {one.name: one.here(rig) for one in MECHANISMS}
+    assert configured["voltage monitor"]
+    assert not configured["current monitor"]
+    assert not configured["amplifier"]
 
 
 def test_it_claims_nothing_and_says_whom_the_curve_is_not_for(haptic, tmp_path: Path) -> None:
