@@ -2,13 +2,15 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.waiting import exists, until
+from tests.haptic_driver.daemon.waiting import until_ready
+from tests.waiting import HANG_S, exists, until
 
 HAPTIC = "from haptic_driver.cli.main import run; run()"
 # Starts a command, says its process id and first line, and waits to be killed.
@@ -53,6 +55,36 @@ def test_nohup_keeps_simulated_instruments():
     finally:
         os.kill(pid, signal.SIGTERM)
     until(lambda: not exists(pid))
+
+
+@pytest.mark.process
+def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_path):
+    path = tmp_path / "run" / "daemon.sock"
+    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--socket", str(path)]
+
+    def start():
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        until_ready(process)
+        return process
+
+    killed = start()
+    killed.kill()
+    killed.wait()
+    killed.stderr.close()
+    assert path.exists()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(HANG_S)
+        command += ["--osc", f"127.0.0.1:{receiver.getsockname()[1]}"]
+        process = start()
+        assert receiver.recv(2048).startswith(b"/haptic/sample\0")
+    assert oct(path.stat().st_mode & 0o777) == "0o600"
+    os.kill(process.pid, signal.SIGHUP)  # as a closed terminal does; SIGTERM and Ctrl-C do the same
+    said = process.stderr.read()
+    process.stderr.close()
+    assert process.wait(HANG_S) == 0
+    assert "the output was off" in said
+    assert not path.exists()
 
 
 @pytest.mark.realtime

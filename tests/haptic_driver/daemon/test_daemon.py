@@ -10,14 +10,12 @@ import re
 import resource
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
 from base64 import b64decode
 from contextlib import suppress
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,7 +33,7 @@ from haptic_driver.recording.read import read_run
 from hw.amplifier.served_lines import ServedLines
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.daemon.refusal import refusal
-from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, until_ready
+from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client
 from tests.waiting import HANG_S, exists, until
 
 pytestmark = pytest.mark.realtime
@@ -47,36 +45,6 @@ RIG = "simulated"
 def electrode_v(history):
     """The voltage at the electrode now."""
     return lambda: history()[-1][1]
-
-
-# First, before the module's own daemon runs beside it.
-def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_path):
-    path = tmp_path / "run" / "daemon.sock"
-    command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--socket", str(path)]
-
-    def start():
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        until_ready(process)
-        return process
-
-    killed = start()
-    killed.kill()
-    killed.wait()
-    killed.stderr.close()
-    assert path.exists()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
-        receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(HANG_S)
-        command += ["--osc", f"127.0.0.1:{receiver.getsockname()[1]}"]
-        process = start()
-        assert receiver.recv(2048).startswith(b"/haptic/sample\0")
-    assert oct(path.stat().st_mode & 0o777) == "0o600"
-    os.kill(process.pid, signal.SIGHUP)  # as a closed terminal does; SIGTERM and Ctrl-C do the same
-    said = process.stderr.read()
-    process.stderr.close()
-    assert process.wait(HANG_S) == 0
-    assert "the output was off" in said
-    assert not path.exists()
 
 
 def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v):
