@@ -130,11 +130,6 @@ def reached(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
     return config.model_copy(update=changed)
 
 
-def with_load_stage(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
-    """A real rig, and the load stage that is served at `endpoints`."""
-    return config.model_copy(update={"load_stage": LOAD_STAGE.served_at(endpoints["load_stage"])})
-
-
 def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
     """`config` as the file of a real rig would say it whose devices are those served at
     `endpoints`.
@@ -158,9 +153,7 @@ def as_real(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:
             "electrode_monitors": [] if none is None else config.electrode_monitors,
             "camera": NoPart(),
             "load_stage": NoPart(),
-            "waveform_generator": config.waveform_generator.model_copy(
-                update={"resource": generator}
-            ),
+            "waveform_generator": config.waveform_generator.served_at(generator),
             "interlock": InterlockBox(
                 kind="box", resource=endpoints["interlock"], reply_timeout_s=REPLY_S
             ),

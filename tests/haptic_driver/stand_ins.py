@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from haptic_driver.simulation.served import ServedRig
+from haptic_driver.simulation.served import LOAD_STAGE, ServedRig
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
 from hw.safety import interlock, simulated_interlock
@@ -68,6 +68,11 @@ def living_rig(rig_config, touch):
         finally:
             ended.set()
             world.join()
+
+
+def with_load_stage(config, endpoints):
+    """A real rig, and the load stage that is served at `endpoints`."""
+    return config.model_copy(update={"load_stage": LOAD_STAGE.served_at(endpoints["load_stage"])})
 
 
 def _patient_box(transport, *, reply_timeout_s):

@@ -26,7 +26,7 @@ from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import HapticError
 from haptic_driver.public.connection import Rig
 from haptic_driver.rig.config import load_rig
-from haptic_driver.simulation.served import LOAD_STAGE, as_real, with_load_stage
+from haptic_driver.simulation.served import LOAD_STAGE, as_real
 from hw.amplifier.served_lines import ServedLines
 from hw.errors import DeviceError
 from hw.force.net_ft import NetFt, NetFtSettings
@@ -36,7 +36,7 @@ from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.config_texts import changed
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import STOOD_STILL, reset
-from tests.haptic_driver.stand_ins import living_rig
+from tests.haptic_driver.stand_ins import living_rig, with_load_stage
 from tests.waiting import HANG_S, until
 
 pytestmark = pytest.mark.realtime

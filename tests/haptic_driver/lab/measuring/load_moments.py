@@ -184,14 +184,15 @@ class Served:
     def __init__(self, rig: ServedRig, folder: Path) -> None:
         self.rig, self._folder = rig, folder
         self.highest_n = 0.0
-        load_n = rig._load_n
+        assert rig.world.pressed is not None
+        lives = rig.world.pressed.step
 
-        def noted(dt_s: float) -> float:
-            now_n = load_n(dt_s)
+        def noted(dt_s: float, friction_n: float, attraction_n: float) -> float:
+            now_n = lives(dt_s, friction_n, attraction_n)
             self.highest_n = max(self.highest_n, now_n)
             return now_n
 
-        rig._load_n = noted  # type: ignore[method-assign]
+        rig.world.pressed.step = noted  # type: ignore[method-assign]
         patient = ('kind = "box"', 'kind = "box"\nreply_timeout_s = 0.1')  # as long as it may
         text = changed(served_rig_text(rig.endpoints), patient) + STAGES.format(**rig.endpoints)
         (folder / "mine.toml").write_text(text)

@@ -17,12 +17,12 @@ from haptic_driver.lab.measuring.run import prepare, run
 from haptic_driver.lab.measuring.simulated_stages import SimulatedStageBench
 from haptic_driver.lab.measuring.stroke import stage_of
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.simulation.served import LOAD_STAGE, ServedRig, as_real, with_load_stage
+from haptic_driver.simulation.served import LOAD_STAGE, ServedRig, as_real
 from hw.force.sensor import ForceReading
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.lab.measuring.test_stage_bench import SPEED_M_S, measured, off, plan, table
-from tests.haptic_driver.stand_ins import living_rig
+from tests.haptic_driver.stand_ins import living_rig, with_load_stage
 
 pytestmark = [pytest.mark.timeout(300), pytest.mark.realtime]
 
@@ -72,14 +72,15 @@ def test_an_overload_in_a_row_lifts_the_finger_with_the_output_off(
 ) -> None:
     """Once the voltage is there the body is three times as stiff."""
     loads: list[float] = []
-    original = ServedRig._load_n
+    assert served.world.pressed is not None
+    soft = served.world.pressed.step
 
-    def stiff(self: ServedRig, dt_s: float) -> float:
-        load_n = original(self, dt_s) * (3.0 if self.instruments.voltage_v > 50.0 else 1.0)
-        loads.append(load_n)
-        return load_n
+    def stiff(dt_s: float, friction_n: float, attraction_n: float) -> float:
+        load_n = soft(dt_s, friction_n, attraction_n)
+        loads.append(load_n * (3.0 if served.instruments.voltage_v > 50.0 else 1.0))
+        return loads[-1]
 
-    monkeypatch.setattr(ServedRig, "_load_n", stiff)
+    monkeypatch.setattr(served.world.pressed, "step", stiff)
     given = plan(Setting(250.0, 75.0, 0.5, SPEED_M_S), voltage_off_every=0)
     with pytest.raises(HapticError, match="let go"):
         measured(real, model, given, tmp_path / "data.csv", lambda what: None)
