@@ -17,6 +17,7 @@ from haptic_driver.rig.evidence import Clock
 from haptic_driver.rig.load_loop import LoadSensor
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SimulatedAnalogOutputConfig
+from haptic_driver.rig.parts.cameras import SimulatedCameraConfig
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig, lts150_settings
 from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.simulation.electrode import SimulatedElectrode
@@ -32,6 +33,8 @@ from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.world import World
 from hw.analog.output import AnalogOutput
 from hw.analog.simulated_output import SimulatedAnalogOutput
+from hw.camera.fingerprint import Optics
+from hw.camera.simulated import Burst, Finger, SimulatedCamera
 from hw.errors import DeviceTimeout
 from hw.force.net_ft import NetFt, NetFtSettings
 from hw.force.net_ft_server import SCALE
@@ -131,6 +134,7 @@ class SimulatedRig:
         section = pressing if isinstance(pressing, SimulatedLoadStageConfig) else None
         stage_mm = STAGE_MM if isinstance(sliding, Lts150StageConfig) else None
         self.world = World(self.instruments, section, stage_mm=stage_mm, step=self._pass)
+        self.camera = self._camera()
         self.stage = self.load_stage = None
         if isinstance(sliding, Lts150StageConfig) and self.world.sliding is not None:
             self.stage = self._driver(self.world.sliding, sliding.settings())
@@ -146,6 +150,7 @@ class SimulatedRig:
             force_sensor=self._sensor,
             stage=self.stage,
             load_stage=self.load_stage,
+            camera=self.camera,
             opening=[self.__enter__, self.rig.connect, *(driver.connect for driver in drivers)],
             closing=[*(driver.close for driver in drivers), self.__exit__],
         )
@@ -195,12 +200,26 @@ class SimulatedRig:
         """What the force sensor says now."""
         return self._sensor.read()
 
-    def touch_area_m2(self) -> float:
-        """Apparent contact area of the model's finger under the present load; 0 where it is
-        lifted.
-        """
+    def _camera(self) -> SimulatedCamera | None:
+        section = self.config.camera
+        if not isinstance(section, SimulatedCameraConfig):
+            return None
+        optics = Optics(
+            section.width,
+            section.height,
+            section.scale_m_per_pixel,
+            section.blur_m,
+            noise=section.noise,
+        )
+        burst = Burst(section.frames, section.interval_s)
+        return SimulatedCamera(self._touch, optics, burst, seed=self.config.simulation.seed)
+
+    def _touch(self) -> Finger:
+        """What there is to see: the model's area under the present load, whatever friction is."""
         load_n = self.instruments.plant.normal_force_n
-        return self._finger.contact_area_m2(load_n) if load_n > 0.0 else 0.0
+        area_m2 = self._finger.contact_area_m2(load_n) if load_n > 0.0 else 0.0
+        area_m2 *= self.electrode.touch_gain
+        return Finger(self.time_s, area_m2, self.instruments.speed_m_s)
 
     def _analog_output(self) -> AnalogOutput | None:
         section, card = self.config.analog_output, self.instruments.card

@@ -7,7 +7,7 @@ The real one is `haptic_driver.lab.measuring.stage_bench`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp, sqrt
 from typing import NamedTuple, Protocol, Self
 
@@ -15,13 +15,10 @@ import numpy as np
 
 from haptic_driver.lab.measuring.plan import Row, Setting
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.parts.cameras import SimulatedCameraConfig
 from haptic_driver.rig.rig import Rig
 from haptic_driver.simulation.finger_model import ElectrodeLaw, FrictionLaw
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.camera.contract import Camera
-from hw.camera.fingerprint import Optics
-from hw.camera.simulated import Burst, Finger, SimulatedCamera
 from hw.force.sensor import ForceReading
 from hw.monitor.contract import ElectrodeReading
 from model.touch_model import TouchModel
@@ -153,26 +150,14 @@ class SimulatedBench:
         self._session_gain = self._session_area = 1.0
         self._wobble = 0.0
         self._random = np.random.default_rng(self._seed)
-        self.camera = self._camera(config)
 
     @property
     def rig(self) -> Rig:
         return self.simulated.rig
 
-    def _camera(self, config: RigConfig) -> Camera | None:
-        """What draws the touch; its area is the model's, the finger being whatever it is."""
-        told = config.camera
-        if not isinstance(told, SimulatedCameraConfig):
-            return None
-        optics = Optics(told.width, told.height, told.scale_m_per_pixel, told.blur_m)
-        burst = Burst(told.frames, told.interval_s)
-        seed = self._seed[0] + self._seed[1]
-        optics = replace(optics, noise=told.noise)
-        return SimulatedCamera(self._seen_finger, optics, burst, seed=seed)
-
-    def _seen_finger(self) -> Finger:
-        area_m2 = self.simulated.touch_area_m2() * self.simulated.electrode.touch_gain
-        return Finger(self.time_s, area_m2, self.simulated.instruments.speed_m_s)
+    @property
+    def camera(self) -> Camera | None:
+        return self.simulated.camera
 
     @property
     def time_s(self) -> float:

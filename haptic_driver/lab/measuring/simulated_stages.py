@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from haptic_driver.lab.measuring.bench import SimulatedBench
 from haptic_driver.lab.measuring.plan import Plan, Row, Setting
 from haptic_driver.lab.measuring.stage_bench import StageBench, Tell
@@ -22,8 +20,7 @@ class SimulatedStageBench(StageBench):
         tell: Tell = lambda what: None,
     ) -> None:
         self.world, simulated = world, world.simulated
-        devices = replace(simulated.devices, camera=world.camera)
-        clock, sleep = simulated.clock, simulated.sleep
+        devices, clock, sleep = simulated.devices, simulated.clock, simulated.sleep
         super().__init__(config, plan, tell, devices=devices, clock=clock, sleep=sleep)
 
     def begin_session(self, session: int, time_s: float) -> None:
