@@ -149,7 +149,7 @@ def _pressed(
     """The loop of a rig's load stage at its load; it lets go at the end, whatever ends it."""
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], object] = time.sleep
-    if config.load_stage.kind != "none" and config.simulated:
+    if config.load_stage.is_simulated:
         model = TouchModel(load_model(config.simulation.model or "reference"))
         simulated = SimulatedRig(config, model, friction=lambda *condition: 0.0)  # nothing slides
         devices: LoadDevices = simulated.devices

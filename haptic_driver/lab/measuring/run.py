@@ -21,7 +21,7 @@ from haptic_driver.lab.measuring.contact_area import ContactArea, contact_area
 from haptic_driver.lab.measuring.data_file import DataFile, Identity
 from haptic_driver.lab.measuring.electrode import mean_reading
 from haptic_driver.lab.measuring.plan import Plan, Row, Setting
-from haptic_driver.lab.measuring.stroke import stage_of
+from haptic_driver.lab.measuring.stroke import sliding_stage
 from haptic_driver.lab.measuring.trace import Trace
 from haptic_driver.lab.strokes.file import StrokesFile
 from haptic_driver.limits import OperatingLimits
@@ -109,8 +109,7 @@ def prepare(
     Finger currents are those that `model` predicts. HapticError for a rig that may not come on,
     BadInputError when nothing is left to measure.
     """
-    if not config.simulated or config.load_stage.kind != "none":
-        stage_of(config)
+    sliding_stage(config)
     require_verified(config)
     _require_force(config)
     settings = resolved(plan.settings, config, model)
@@ -135,7 +134,7 @@ def _require_force(config: RigConfig) -> None:
     if config.without_force is None:
         return
     said = f"rig {config.name} has no force sensor"
-    if not config.simulated or config.load_stage.kind != "none":
+    if config.stage is not None:
         hint = "Add a section [force_sensor]; haptic record keeps current and voltage without one"
         raise BadInputError("no_force_sensor", f"{said}: nobody tells when a finger presses", hint)
     if all(monitor.drives for monitor in config.electrode_monitors):

@@ -39,6 +39,12 @@ def stage_of(config: RigConfig) -> StageSection:
     return config.stage
 
 
+def sliding_stage(config: RigConfig) -> StageSection | None:
+    """The same; None where a simulated finger slides as it is ordered."""
+    by_hand = config.stage is None and config.load_stage.kind == "none"
+    return None if config.simulated and by_hand else stage_of(config)
+
+
 def stroke(setting: Setting, plan: Plan, config: RigConfig) -> StageMove:
     """The slide that a row at `setting` takes: the voltage rises, friction settles and is averaged
     at full speed.
@@ -52,12 +58,10 @@ def stroke(setting: Setting, plan: Plan, config: RigConfig) -> StageMove:
 
 
 def beyond_stage(setting: Setting, plan: Plan, config: RigConfig) -> str | None:
-    """Why the stage cannot slide so; None when it can. Without a stage a simulated finger slides as
-    far as it is ordered.
-    """
-    if (config.simulated and config.stage is None) or setting.finger != "sliding":
+    """Why the stage cannot slide so; None when it can."""
+    stage = sliding_stage(config)
+    if stage is None or setting.finger != "sliding":
         return None
-    stage = stage_of(config)
     if setting.speed_m_s > stage.velocity_limit_m_s:
         fastest = f"{1e3 * stage.velocity_limit_m_s:g} mm/s"
         return f"{1e3 * setting.speed_m_s:g} mm/s is faster than the stage may move, {fastest}"

@@ -10,11 +10,16 @@ import pytest
 from haptic_driver.config import find_config, texture_dirs
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
+from haptic_driver.errors import BadInputError
+from haptic_driver.lab.measuring.plan import load_plan
+from haptic_driver.lab.measuring.run import prepare
 from haptic_driver.live.touch_by_current import LEVEL_STD
 from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.friction_pictures import draw_slide
 from haptic_driver.render import feedback
 from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.part import NoPart
+from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from haptic_driver.rig.slide import synthetic_slide
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.textures.library import load_texture
@@ -122,3 +127,11 @@ def test_measuring_keeps_current_and_voltage_which_diagnose_takes(haptic, tmp_pa
     assert again.status == 2
     assert again.said["error"]["code"] == "no_force_sensor"
     assert "[[electrode_monitors]]" in again.said["error"]["hint"]
+
+
+def test_a_stage_whose_finger_nobody_feels_measures_nothing() -> None:
+    """It would wait for a touch for ever."""
+    stage = load_rig("simulated-paper").model_copy(update={"load_stage": NoPart()})
+    blind = stage.model_copy(update={"force_sensor": NoForceSensorConfig(kind="none")})
+    with pytest.raises(BadInputError, match="nobody tells when a finger presses"):
+        prepare(blind, TouchModel(load_model("reference")), load_plan("witnesses"))
