@@ -42,6 +42,7 @@ from hw.errors import DeviceError, NotBelieved
 from hw.health import Health
 
 START_TIMEOUT_S = 240.0  # compiling all kernels, on a busy machine
+HEARD_S = 30.0  # from ready until readings and ticks come, on a busy machine
 END_S = 5.0  # at most for threads in which a device may hang, with the output off
 LOOK_PERIOD_S = 0.2  # between looks at the rig and its watchdog
 SENSOR_RETRY_S = 0.02
@@ -143,7 +144,8 @@ class Supervisor:
                 for who, time_s in last_s.items()
                 if now_s - time_s > OUTPUT_STALE_S
             )
-            if not silent or now_s >= until_s or self._ending.wait(SILENCE_POLL_S):
+            hopeless = now_s >= until_s or any(map(_has_ended, list(self._children.values())))
+            if not silent or hopeless or self._ending.wait(SILENCE_POLL_S):
                 failed = self._sensors_failed
                 return f"{silent} ({failed[1]})" if silent and failed is not None else silent
 
@@ -170,13 +172,7 @@ class Supervisor:
         for name, child in list(self._children.items()):
             if (ended := child.ended) is not None and not self._ending.is_set():
                 self._lose(name, ended)
-        said_s = {
-            RENDER: self._shared.output.read().time_s,
-            ENVELOPE: self._shared.played.read().time_s,
-        }
-        for name in said_s.keys() & self._children.keys():
-            silent_s = self._clock() - said_s[name]
-            if not self.missing and silent_s > LOST_S:  # stopped, or hanging
+            elif not self.missing and (silent_s := self._silent_s(name)) > LOST_S:
                 self._lose(name, f"{name} has said nothing for {silent_s:.2g} s")
         if now_s - self._looked_s >= LOOK_PERIOD_S:
             self._looked_s = now_s
@@ -298,7 +294,7 @@ class Supervisor:
         self._orders.pump.exchange(self.instruments.actuator)
 
     def _await_heard(self) -> None:
-        if (silent := self.silent(START_TIMEOUT_S)) and not self._ending.is_set():
+        if (silent := self.silent(HEARD_S)) and not self._ending.is_set():
             raise HapticError("silent", silent, "check the sensors; look at the log")
 
     # --- watching
@@ -381,6 +377,20 @@ class Supervisor:
             self.missing = ""
             raise
 
+    def _silent_s(self, name: str) -> float:
+        """For how long a process has said nothing, since it was stopped or hangs."""
+        said = {RENDER: self._shared.output, ENVELOPE: self._shared.played}.get(name)
+        return 0.0 if said is None else self._clock() - said.read().time_s
+
+    def _gone(self, name: str) -> list[str]:
+        """That, and each process that has ended or fallen silent meanwhile."""
+        others = [
+            other
+            for other, child in self._children.items()
+            if other != name and (_has_ended(child) or self._silent_s(other) > LOST_S)
+        ]
+        return [name, *others]
+
     def _bring_back(self, name: str) -> None:
         """Try for ever, more and more seldom, whatever is in the way: descriptors or memory may be
         short.
@@ -388,7 +398,8 @@ class Supervisor:
         pause_s = RETRY_S
         while not self._ending.is_set():
             try:
-                self._restart(name)
+                for gone in self._gone(name):
+                    self._restart(gone)
                 self._await_heard()
             except BaseException as error:
                 said, before = f"{name}: cannot be started again: {message_of(error)}", self.missing
@@ -423,6 +434,10 @@ class Supervisor:
 
     def _begin_to_bring_back(self, name: str) -> None:
         self._threads.append(start_thread("bring_back", self._bring_back, name))
+
+
+def _has_ended(child: Child) -> bool:
+    return child.ended is not None
 
 
 def carried(shared: SharedState) -> Carried | None:

@@ -33,7 +33,7 @@ from haptic_driver.recording.read import read_run
 from hw.amplifier.served_lines import ServedLines
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.daemon.refusal import refusal
-from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client
+from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, reset
 from tests.waiting import HANG_S, exists, until
 
 pytestmark = pytest.mark.realtime
@@ -242,6 +242,22 @@ def test_running_out_of_file_descriptors_is_survived(daemon, monkeypatch):
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     until(lambda: not daemon.supervisor.missing)
     assert daemon.reset().state is DaemonState.IDLE
+
+
+@pytest.mark.parametrize(
+    "how", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.soak)]
+)
+def test_render_that_goes_while_the_instruments_come_back_comes_back_too(daemon, monkeypatch, how):
+    """Each waited for the other for as long as the daemon lived."""
+    monkeypatch.setattr(supervision, "RETRY_S", 0.1)
+    monkeypatch.setattr(supervision, "HEARD_S", 3.0)
+    os.kill(daemon.pids["instruments"], signal.SIGKILL)
+    until(lambda: daemon.supervisor.missing)
+    render = daemon.pids["render"]
+    os.kill(render, how)
+    until(lambda: not daemon.supervisor.missing, lambda: daemon.supervisor.missing)
+    assert daemon.pids["render"] != render
+    reset(daemon)
 
 
 def test_a_marker_stands_in_the_recording_with_the_way_to_wall_time(daemon, tmp_path):
