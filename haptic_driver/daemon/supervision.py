@@ -379,8 +379,11 @@ class Supervisor:
 
     def _silent_s(self, name: str) -> float:
         """For how long a process has said nothing, since it was stopped or hangs."""
-        said = {RENDER: self._shared.output, ENVELOPE: self._shared.played}.get(name)
-        return 0.0 if said is None else self._clock() - said.read().time_s
+        if name == RENDER:
+            return self._clock() - self._shared.output.read().time_s
+        if name == ENVELOPE:
+            return self._clock() - self._shared.played.read().time_s
+        return 0.0
 
     def _gone(self, name: str) -> list[str]:
         """That, and each process that has ended or fallen silent meanwhile."""
