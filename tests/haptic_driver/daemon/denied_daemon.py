@@ -20,8 +20,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from haptic_driver.cli import daemon as command
-from haptic_driver.daemon import instruments, run
+from haptic_driver.daemon import run
 from haptic_driver.daemon.set_up import daemon_settings
+from hw.transport import resource as transports
+from hw.transport import tcp
 from hw.transport.tcp import TcpTransport
 
 NAMED: list[TcpTransport] = []
@@ -40,6 +42,8 @@ def refuse(*_: object, **__: object) -> NoReturn:
 
 
 def deny(what: list[str]) -> None:
+    reached = [one._socket for one in NAMED if one._socket is not None]
+    assert reached or "names" not in what, "nothing is reached by a name"
     if "threads" in what:
         _thread.start_new_thread = threading._start_new_thread = refuse
         resource.setrlimit(resource.RLIMIT_NPROC, (0, 0))
@@ -52,8 +56,8 @@ def deny(what: list[str]) -> None:
     if "names" in what:
         socket.getaddrinfo = lambda *_, **__: threading.Event().wait()
         # and every connection is lost; without memory none could be made anew, by any address
-        for transport in () if "memory" in what else NAMED:
-            transport._socket.shutdown(socket.SHUT_RDWR)
+        for connection in () if "memory" in what else reached:
+            connection.shutdown(socket.SHUT_RDWR)
 
 
 def main() -> None:
@@ -72,7 +76,7 @@ def main() -> None:
         return daemon_settings(rig, model, amplifier_record=record)
 
     if "names" in what:
-        instruments.TcpTransport = Named
+        tcp.TcpTransport = transports.TcpTransport = Named
     signal.signal(signal.SIGUSR1, denying)
     run.daemon_settings = settings
     command.report = lambda *_: os.write(descriptor, b"r")
