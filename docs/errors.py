@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ class Raised(NamedTuple):
     place: str
 
 
+@cache
 def raised() -> list[Raised]:
     """Every code at every place, in order of the codes."""
     trees = {

@@ -32,7 +32,7 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import LoadDevices, connect_load
 from haptic_driver.rig.load_gains import LoadGains
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
-from haptic_driver.rig.load_tuning import tune as find
+from haptic_driver.rig.load_tuning import tune as tuned
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.simulation.rig import SimulatedRig
 from model.touch_model import TouchModel
@@ -120,10 +120,7 @@ def tune(
     named = section.gains_file if isinstance(section, LoadStageSection) else ""
     path = out or (Path(named) if named else None)
     with _pressed(config, newtons, yes) as loop:
-        try:
-            found = find(loop)
-        except ValueError as error:
-            raise HapticError("not_tuned", str(error), "Then tune again") from error
+        found = tuned(loop)
     gains = LoadGains(**found._asdict(), tuned_by=by.strip(), tuned_at=datetime.date.today())
     if path is not None:
         gains.write(path)
@@ -166,10 +163,7 @@ def _pressed(
     section, stage = config.load_stage, devices.load_stage
     assert isinstance(section, LoadStageSection)  # or there would be no devices
     assert stage is not None
-    try:
-        settings = section.loop(newtons)
-    except ValueError as error:
-        raise BadInputError("bad_load", str(error), "Ask for another load") from error
+    settings = section.loop(newtons)
     if not (yes or config.simulated):
         stderr.print(
             f"rig {config.name}: the load stage will move, and press with {newtons:g} N. Take the"

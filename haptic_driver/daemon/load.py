@@ -175,10 +175,7 @@ class HeldLoad:
                 f"rig {self._rig} has no load stage: the load is the finger's own",
                 "Take rig simulated-paper, or add a section [load_stage] to the rig's file",
             )
-        try:
-            settings = self._section.loop(newtons)
-        except ValueError as error:
-            raise BadInputError("bad_load", str(error), "Ask for another load") from error
+        settings = self._section.loop(newtons)
         orders = self._orders
         with orders.lock:
             orders.renew(token)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from statistics import median, pstdev
 from typing import NamedTuple
 
+from haptic_driver.errors import HapticError
 from haptic_driver.rig.load_controller import STIFFNESS_AT_N
 from haptic_driver.rig.load_loop import LoadLoop
 
@@ -27,8 +28,7 @@ def tune(loop: LoadLoop) -> Tuned:
     target.
 
     Each step is compared with its two neighbours, so that tissue that relaxes counts little.
-    HapticError when the stage lets go. Raises ValueError where the stage does not move with the
-    load.
+    HapticError when the stage lets go, and where it does not move with the load.
     """
     settings = loop.settings
     seen: list[tuple[float, float]] = []
@@ -43,6 +43,7 @@ def tune(loop: LoadLoop) -> Tuned:
         for before, here, after in zip(seen, seen[1:], seen[2:], strict=False)
     ]
     if min(slopes) <= 0.0:
-        raise ValueError("the load falls where the stage presses: look at higher_presses")
+        said = "the load falls where the stage presses: look at higher_presses"
+        raise HapticError("not_tuned", said, "Then tune again")
     scale = (STIFFNESS_AT_N / settings.target_n) ** (1.0 / 3.0)
     return Tuned(scale * median(slopes), scale * pstdev(slopes))

@@ -17,6 +17,16 @@ def test_the_table_has_each_code_that_is_raised_and_no_other() -> None:
     assert listed == sorted({one.code for one in errors.raised()})
 
 
+def test_each_code_is_named_by_a_test() -> None:
+    """A code that is made up of a word and more, `unknown_…`, by one that begins so."""
+    tests = Path(__file__).resolve().parents[1].rglob("*.py")
+    named = set(re.findall(r"""["']([a-z0-9_]+)["']""", "".join(map(Path.read_text, tests))))
+    codes = {one.code for one in errors.raised()}
+    made_up = {code for code in codes if code.endswith("_…")}
+    assert sorted(codes - made_up - named) == []
+    assert all(any(name.startswith(code[:-1]) for name in named) for code in made_up)
+
+
 def test_a_code_is_a_word_that_a_program_can_compare() -> None:
     odd = [one for one in errors.raised() if not re.fullmatch(WORD, one.code)]
     assert odd == []

@@ -181,8 +181,9 @@ def test_a_card_is_taken_at_its_word_or_refused(name: str, monkeypatch: pytest.M
         ["Dev1/ai0"], sample_rate_hz=48e3, clock=lambda: card.now_s, sleep=card.advance
     )
     if name not in TAKEN_IN:
-        with pytest.raises(InstrumentRejected, match=name):
+        with pytest.raises(InstrumentRejected, match=name) as refused:
             inputs.open()
+        assert refused.value.code == "instrument_rejected"
         return
     inputs.open()
     held = {one.name: one for one in inputs.held()}

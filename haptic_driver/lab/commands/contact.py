@@ -83,7 +83,8 @@ def contact(
             for k, v in asdict(told).items()
         },
     }
-    report(as_json, payload, lambda: _show(told, out, said))
+    if told.counted or not as_json:
+        report(as_json, payload, lambda: _show(told, out, said))
     if not told.counted:
         none = f"{film}: no frame of {told.frames} counts ({_words(told)})"
         raise HapticError(

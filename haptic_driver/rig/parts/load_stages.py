@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from haptic_driver.config import Within
+from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.load_controller import LoadSettings
 from haptic_driver.rig.load_gains import LoadGains, Stiffness, read_gains
@@ -100,27 +101,19 @@ class LoadStageSection(PartSection):
         return read_gains(Path(self.gains_file)) if self.gains_file else None
 
     def loop(self, target_n: float) -> LoadSettings:
-        """How `target_n` is held; ValueError for a load that is not held, BadInputError as
-        `gains`.
-        """
+        """How `target_n` is held; BadInputError for a load that cannot be, and as `gains`."""
         gains = self.gains
-        return LoadSettings(
-            target_n,
-            retracts=self.when_wrong == "retract",
-            stiffness_n_per_m=self.stiffness_n_per_m if gains is None else gains.stiffness_n_per_m,
-            softest_n_per_m=self.softest_n_per_m or self.stiffness_n_per_m,
-            **self.model_dump(
-                include={
-                    "load_limit_n",
-                    "reach_m",
-                    "depth_m",
-                    "drift_m",
-                    "rate_m_s",
-                    "gain",
-                    "drift_per_s",
-                }
-            ),
-        )
+        names = ("load_limit_n", "reach_m", "depth_m", "drift_m", "rate_m_s", "gain", "drift_per_s")
+        try:
+            return LoadSettings(
+                target_n,
+                retracts=self.when_wrong == "retract",
+                stiffness_n_per_m=(gains or self).stiffness_n_per_m,
+                softest_n_per_m=self.softest_n_per_m or self.stiffness_n_per_m,
+                **self.model_dump(include=set(names)),
+            )
+        except ValueError as error:
+            raise BadInputError("bad_load", str(error), "Ask for another load") from error
 
     def guarded(self) -> GuardedStage | None:
         """The watchdog's arguments for letting go when the driver dies; None for a kind that it

@@ -15,8 +15,11 @@ import pytest
 from haptic_driver.rig.claims import Claims
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import connect_load
+from haptic_driver.rig.load_loop import LoadLoop
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.simulation.served import LOAD_STAGE
+from hw.force.net_ft import NetFt
+from hw.force.sensor import ForceReading
 from tests.haptic_driver.config_texts import served_rig_text
 from tests.haptic_driver.stand_ins import living_rig
 
@@ -139,6 +142,25 @@ def test_a_load_beyond_the_limits_moves_nothing(
         "bad_load"
     )
     assert served.load_stage.position_mm == 1e3 * LOAD_STAGE.clear_m
+
+
+def test_a_load_whose_zero_moved_meanwhile_is_in_doubt(
+    haptic: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settle, read, off_n = LoadLoop.settle, NetFt.read, []
+
+    def moved(sensor: NetFt) -> ForceReading:
+        reading = read(sensor)
+        return reading._replace(normal_force_n=reading.normal_force_n - sum(off_n))
+
+    def settled(loop: LoadLoop, timeout_s: float) -> None:
+        settle(loop, timeout_s)
+        off_n.append(0.2)
+
+    monkeypatch.setattr(NetFt, "read", moved)
+    monkeypatch.setattr(LoadLoop, "settle", settled)
+    told = said(haptic("load", "hold", "0.5", "--seconds", "2", "--json"))
+    assert told["error"]["code"] == "load_in_doubt", told
 
 
 def test_a_simulated_rig_holds_by_its_file_alone(haptic: Any) -> None:

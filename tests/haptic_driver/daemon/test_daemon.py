@@ -78,15 +78,17 @@ def test_friction_follows_its_target_through_bytes_and_back(daemon, electrode_v)
 
 
 def test_arming_waits_for_sensors_that_a_busy_machine_keeps_silent_for_a_moment(
-    daemon, monkeypatch
+    daemon, settings, monkeypatch
 ):
-    read, silent = daemon.shared.sensed.read, iter([True] * 4)
+    read, silent = daemon.shared.sensed.read, iter([True] * 5)
     monkeypatch.setattr(
         daemon.shared.sensed,
         "read",
         lambda: read()._replace(force_time_s=0.0) if next(silent, False) else read(),
     )
     assert daemon.supervisor.silent() == "the force sensor is silent"
+    ready = daemon.supervisor.refuse_unless_ready
+    assert refusal(ready, settings, DaemonState.IDLE).code == "not_ready"
     daemon.arm(LEASE_S)
     assert daemon.status().state is DaemonState.ARMED
 

@@ -286,8 +286,9 @@ def test_who_comes_meanwhile_is_told_and_does_not_wait(loader):
     first = threading.Thread(target=lambda: found.append(loader.texture("linen", REACHABLE_COF)))
     first.start()
     until(loader._lock.locked)
-    with pytest.raises(RefusedError, match="something else is being loaded"):
+    with pytest.raises(RefusedError, match="something else is being loaded") as refused:
         loader.texture("linen", REACHABLE_COF)
+    assert refused.value.code == "loading"
     os.kill(pid, signal.SIGCONT)
     first.join()
     assert found[0][1].cof_low > 0.0

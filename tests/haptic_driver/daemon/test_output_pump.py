@@ -14,7 +14,7 @@ from haptic_driver.daemon.output_pump import OUTPUT_STALE_S, START_S, OutputPump
 from haptic_driver.daemon.render_process import Renderer
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.processes.real_time import Due
-from haptic_driver.processes.shared_memory import NO_ORDER, Sensed, SharedState
+from haptic_driver.processes.shared_memory import NO_ORDER, NOT_PLAYED, Sensed, SharedState
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.config import load_rig
@@ -223,6 +223,18 @@ def test_gaps_of_an_envelope_are_counted_and_teach_nothing(surface_file):
         2 <= np.count_nonzero(after["output_on"] == 0) <= 5
     )  # what was commanded there is no row's
     loop.close()
+
+
+def test_an_envelope_that_cannot_be_played_is_a_failure(surface_file):
+    loop = Loop("simulated-envelope", surface_file, 1.0)
+    loop.run(0.1)
+    loop.envelope = None
+    loop.shared.played.write(NOT_PLAYED._replace(failure="the card is gone"))
+    loop.run(0.01)
+    loop.close()
+    assert {(told.code, told.message) for told in loop.failures} == {
+        ("envelope_failed", "the card is gone")
+    }
 
 
 def test_a_texture_faster_than_half_the_ticks_reaches_the_electrode(surface_file):

@@ -51,6 +51,7 @@ class Bench:
     def fault(self, **said):
         with pytest.raises(NotBelieved) as error:
             self.says(**said)
+        assert error.value.code == "not_believed"
         assert error.value.hint
         return error.value.message
 

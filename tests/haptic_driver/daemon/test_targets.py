@@ -9,6 +9,7 @@ import pytest
 
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.loader import Loader
+from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import NO_OUTPUT
@@ -21,6 +22,14 @@ def targets(shared):
     orders, clock = SimpleNamespace(order=SimpleNamespace(target=2)), ManualClock(0.0)
     reachable, screen_m = (lambda load_n: (0.5, 1.3)), (0.1, 0.06)
     return Targets(shared, orders, EventLog(), clock, reachable, Loader(), screen_m)
+
+
+def test_a_target_that_render_does_not_take_up_is_told(targets):
+    looks = []
+    with pytest.raises(RefusedError) as refused:
+        targets.await_taken(lambda output: looks.append(targets._clock.sleep(0.1)))
+    assert refused.value.code == "render_stalls"
+    assert len(looks) == 6
 
 
 def samples(target_cof, measured_cof):

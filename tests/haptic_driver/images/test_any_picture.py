@@ -152,8 +152,9 @@ def test_a_picture_mostly_without_numbers_is_refused(tmp_path) -> None:
     holes = np.full((20, 30), np.nan, "f4")
     holes[:5] = 1.0
     tifffile.imwrite(tmp_path / "a.tif", holes, photometric="minisblack")
-    with pytest.raises(BadInputError, match="75% of a picture's pixels"):
+    with pytest.raises(BadInputError, match="75% of a picture's pixels") as refused:
         read_all(tmp_path / "a.tif")
+    assert refused.value.code == "no_numbers"
 
 
 @quick
@@ -225,8 +226,9 @@ def test_an_end_of_16_bits_that_stands_apart_is_told(end: int) -> None:
 def test_channels_of_one_instant_are_not_frames(tmp_path) -> None:
     both = np.zeros((3, 2, 20, 30), "u2")
     tifffile.imwrite(tmp_path / "a.tif", both, imagej=True, metadata={"axes": "TCYX"})
-    with pytest.raises(BadInputError, match=r"a\.tif: 2 channels"), opened(tmp_path / "a.tif"):
-        pass
+    with pytest.raises(BadInputError, match=r"a\.tif: 2 channels") as refused:
+        opened(tmp_path / "a.tif").__enter__()
+    assert refused.value.code == "several_channels"
 
 
 @pytest.mark.parametrize(

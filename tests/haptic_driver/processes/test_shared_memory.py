@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes import shared_memory
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.processes.shared_memory import (
@@ -145,8 +145,17 @@ def test_a_table_with_one_wrong_byte_is_not_believed(at, other):
 
 
 def test_a_table_that_does_not_fit_is_refused(shared):
-    with pytest.raises(BadInputError, match="too many corners"):
+    with pytest.raises(BadInputError, match="too many corners") as refused:
         shared.scene.write(1, (np.ones((500, 17)), np.ones((5000, 2))))
+    assert refused.value.code == "scene_too_large"
+
+
+def test_memory_of_another_version_is_refused():
+    descriptor = os.memfd_create("small")
+    with pytest.raises(HapticError) as refused:
+        SharedState(descriptor)
+    os.close(descriptor)
+    assert refused.value.code == "bad_memory"
 
 
 def test_a_writer_killed_in_the_middle_leaves_the_record_before(shared):

@@ -119,6 +119,9 @@ def test_a_name_without_its_unit_is_no_condition() -> None:
 def test_a_diagnosis_takes_a_table() -> None:
     found = hd.diagnose(pd.DataFrame(TABLE))
     assert found.verdict == "not_testable"
+    with pytest.raises(hd.BadInputError, match="no picture") as refused:
+        found.plot("probabilitys")
+    assert refused.value.code == "bad_picture"
 
 
 @pytest.mark.parametrize(

@@ -396,6 +396,16 @@ def test_a_block_that_is_longer_than_a_record_may_be_is_read_back(
     assert run.attributes["complete"] is True
 
 
+def test_an_event_that_no_record_holds_is_refused(tmp_path, header, monkeypatch):
+    monkeypatch.setattr(records, "MOST_BYTES", 1 << 17)
+    writer = RunWriter(tmp_path / "run.h5", header)
+    event = EVENTS[0].model_copy(update={"message": "x" * (1 << 17)})
+    with pytest.raises(HapticError) as refused:
+        writer.append(Chunk(np.zeros(0, SAMPLE), 0, [event]))
+    assert refused.value.code == "too_long"
+    assert writer.close() is None
+
+
 def test_a_header_that_nobody_could_read_begins_no_run(tmp_path, header, monkeypatch):
     monkeypatch.setattr(records, "MOST_BYTES", 1 << 10)
     with pytest.raises(BadInputError, match="longer than 1024"):

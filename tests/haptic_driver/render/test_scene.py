@@ -219,8 +219,9 @@ def test_one_place_and_many_and_a_pickle_say_the_same():
 
 
 def test_a_scene_in_a_scene_is_refused():
-    with pytest.raises(BadInputError, match="a scene itself"):
+    with pytest.raises(BadInputError, match="a scene itself") as refused:
         materials_of([scene_of([]).scene()])
+    assert refused.value.code == "nested_scene"
 
 
 def test_a_moved_scene_is_the_scene_made_anew():

@@ -7,6 +7,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import cycle
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -230,6 +233,18 @@ def test_a_stage_that_is_pulled_ends_the_loop_and_is_said() -> None:
     held = loop.state
     assert loop.look() == replace(held, phase=Phase.ENDED, reason="the load stage does not answer")
     assert not loop.let_go()
+    with pytest.raises(HapticError, match="may still press") as told:
+        loop.hold(0.0)
+    assert told.value.code == "load_presses"
+
+
+def test_a_finger_that_is_felt_less_the_deeper_it_is_pressed_has_no_stiffness() -> None:
+    felt_n, depths_m = cycle([0.45, 0.55]), cycle([1.1e-3, 1.0e-3])
+    loop: Any = SimpleNamespace(settings=SETTINGS, hold=lambda duration_s: None)
+    loop.average = lambda duration_s: (next(felt_n), next(depths_m))
+    with pytest.raises(HapticError, match="the load falls") as refused:
+        tune(loop)
+    assert refused.value.code == "not_tuned"
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
@@ -267,8 +282,9 @@ def test_a_load_that_settles_is_told_and_one_that_cannot_is_refused() -> None:
 def test_a_load_that_is_not_wanted_any_more_ends_the_way_to_where_the_finger_is_free() -> None:
     finger = Finger()
     until_s = finger.now_s + 0.2
-    with pytest.raises(HapticError, match="no load is wanted"):
+    with pytest.raises(HapticError, match="no load is wanted") as refused:
         make_clear(finger.stage, MOUNTING, lambda: finger.now_s < until_s)
+    assert refused.value.code == "load_let_go"
     assert not finger.instrument.moving
     assert 0.0 < finger.instrument.position_mm < 1e3 * FACE_M - 2.0
 
@@ -284,8 +300,9 @@ def test_a_stage_that_moves_for_ever_is_not_awaited(monkeypatch: pytest.MonkeyPa
 def test_a_stage_whose_homing_would_press_is_not_homed() -> None:
     finger = Finger()
     finger.stage.stop()
-    with pytest.raises(HapticError, match="would press"):
+    with pytest.raises(HapticError, match="would press") as refused:
         make_clear(Unhomed(finger.stage), Mounting(towards=-1, clear_m=0.02))
+    assert refused.value.code == "not_homed"
 
 
 class Unhomed:
@@ -308,8 +325,9 @@ def test_no_bias_is_taken_while_the_stage_may_press(depth_mm: float) -> None:
     assert (finger.body.load_n > 0.0) == (depth_mm > 0.0)
     stands_m = finger.stage.read_status().position_m
     if depth_mm > -1.0:
-        with pytest.raises(HapticError, match="bias would hide it"):
+        with pytest.raises(HapticError, match="bias would hide it") as refused:
             clear_for_bias(finger.stage, mounting, retract=False)
+        assert refused.value.code == "may_press"
     clear_for_bias(finger.stage, mounting, retract=True)
     assert finger.body.load_n == 0.0
     assert finger.stage.read_status().position_m == pytest.approx(min(stands_m, mounting.clear_m))

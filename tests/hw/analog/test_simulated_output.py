@@ -114,8 +114,9 @@ def test_a_card_is_one_programs_at_a_time_and_one_that_hangs_is_taken_from_it():
     kept, other = (make_output(where, SETTINGS) for _ in range(2))
     kept.open()
     kept.hold(2.0)
-    with pytest.raises(CardReserved):
+    with pytest.raises(CardReserved) as refused:
         other.open()
+    assert refused.value.code == "card_reserved"
     other.reset()
     assert memory.terminal_v(0.0, 0.0) == 0.0
     kept.close()

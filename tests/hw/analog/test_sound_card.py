@@ -57,8 +57,9 @@ def test_running_dry_keeps_the_last_sample_for_a_moment_then_gives_zero_and_is_r
         assert OutputStream.newest.pull(2)[:, 0].tolist() == pytest.approx([0.3, 0.3])
         assert output.gaps == 1
         now[0] = 0.1
-        with pytest.raises(OutputUnderrun):
+        with pytest.raises(OutputUnderrun) as refused:
             output.write([1.0], 48e3)
+        assert refused.value.code == "output_underrun"
         assert OutputStream.newest.pull(1)[0, 0] == 0.0
 
 

@@ -174,5 +174,6 @@ def test_wrong_files_say_what_is_wrong_and_where(xml: bytes, says: str) -> None:
 
 
 def test_a_missing_file_says_so(tmp_path: Path) -> None:
-    with pytest.raises(BadCalibration, match="cannot be read"):
+    with pytest.raises(BadCalibration, match="cannot be read") as refused:
         AtiCalibration.from_file(tmp_path / "none.cal")
+    assert refused.value.code == "bad_calibration"

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from haptic_driver.errors import HapticError
 from haptic_driver.lab.measuring.plan import Plan, Setting
 from haptic_driver.lab.measuring.resolving import ways
 from haptic_driver.lookup.models import load_model
@@ -53,6 +54,13 @@ def few() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def by_way() -> dict[str, Resolution]:
     return {name: resolution(load_model("reference"), data) for name, data in sets(0.01).items()}
+
+
+def test_a_plan_of_which_nothing_may_be_measured_is_refused() -> None:
+    beyond = PLAN.model_copy(update={"settings": (Setting(100.0, 1e4, 0.5, 0.02),)})
+    with pytest.raises(HapticError) as refused:
+        ways(load_rig("simulated"), TouchModel(load_model("reference")), beyond, 0.01)
+    assert refused.value.code == "bad_plan"
 
 
 def test_no_rival_leaves_more_than_no_effect_at_all(by_way: dict[str, Resolution]) -> None:

@@ -105,6 +105,24 @@ def test_arm_set_off_disarm(unix, control):
     assert control.machine.state is DaemonState.IDLE
 
 
+@pytest.mark.parametrize(("method", "verb"), [("GET", "status"), ("POST", "off")])
+def test_what_the_program_gets_wrong_is_answered(unix, control, monkeypatch, method, verb):
+    def broken(*arguments):
+        raise RuntimeError("nobody foresaw it")
+
+    monkeypatch.setattr(control, verb, broken)
+    answer = unix.request(method, f"/{verb}")
+    assert error_of(answer) == (500, "internal")
+    assert "nobody foresaw it" in answer.json()["error"]["message"]
+
+
+def test_an_api_that_does_not_start_is_told(control, tmp_path, monkeypatch):
+    monkeypatch.setattr(server, "START_TIMEOUT_S", -1.0)
+    with pytest.raises(HapticError) as refused, serving(control, tmp_path):
+        pass
+    assert refused.value.code == "no_api"
+
+
 def test_how_the_carriers_ripple_is_judged(unix):
     said = unix.get("/carrier").json()
     assert said["quiet_above_hz"] == 600.0

@@ -11,6 +11,7 @@ from haptic_driver.config import find_config, texture_dirs
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
 from haptic_driver.errors import BadInputError
+from haptic_driver.lab.measuring.bench import SimulatedBench
 from haptic_driver.lab.measuring.plan import load_plan
 from haptic_driver.lab.measuring.run import prepare
 from haptic_driver.live.touch_by_current import LEVEL_STD
@@ -23,6 +24,7 @@ from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from haptic_driver.rig.slide import synthetic_slide
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.textures.library import load_texture
+from hw.monitor.contract import ElectrodeReading
 from model.diagnosis.data import read_measurements
 from model.touch_model import TouchModel
 
@@ -112,7 +114,9 @@ def test_the_demo_says_that_nothing_was_measured(haptic, tmp_path) -> None:
     assert done.said["estimated_cof_std"] == pytest.approx(LEVEL_STD * done.said["estimated_cof"])
 
 
-def test_measuring_keeps_current_and_voltage_which_diagnose_takes(haptic, tmp_path) -> None:
+def test_measuring_keeps_current_and_voltage_which_diagnose_takes(
+    haptic, tmp_path, monkeypatch
+) -> None:
     (tmp_path / "plan.toml").write_text(PLAN, encoding="utf-8")
     command = ["measure", "--plan", tmp_path / "plan.toml", "--out", tmp_path / "data.csv"]
     done = haptic(*command, "--rig", rig(tmp_path, monitors=True), "--json")
@@ -123,6 +127,10 @@ def test_measuring_keeps_current_and_voltage_which_diagnose_takes(haptic, tmp_pa
     assert data.has_current
     assert not data.of(0).any()
     assert data.columns["normal_force_n"].tolist() == [0.5] * data.count
+    nothing = ElectrodeReading(0j, 0.0, 0j, 0.0)
+    monkeypatch.setattr(SimulatedBench, "read_electrode", lambda bench, setting: nothing)
+    silent = haptic(*command, "--force", "--rig", rig(tmp_path, monitors=True), "--json")
+    assert silent.said["error"]["code"] == "no_current"
     again = haptic(*command, "--force", "--rig", rig(tmp_path, monitors=False), "--json")
     assert again.status == 2
     assert again.said["error"]["code"] == "no_force_sensor"

@@ -141,6 +141,14 @@ def test_a_background_has_to_be_a_picture_of_the_same_size(films, tmp_path, caps
         assert (status, said["code"]) == (2, code)
 
 
+def test_a_film_without_a_touch_is_said(images, tmp_path, capsys) -> None:
+    film = tmp_path / "film.tif"
+    tifffile.imwrite(film, np.stack(images[:1] * 3), photometric="minisblack")
+    words = (str(film), "--scale", "0.042", "--out", str(tmp_path / "x.csv"), "--rate", "50")
+    status, said = error(capsys, *words, "--contact", "dark")
+    assert (status, said["code"]) == (1, "no_contact")
+
+
 def test_a_background_takes_the_place_of_frames_without_a_finger(films, tmp_path, capsys) -> None:
     (tmp_path / "touches").mkdir()
     for number in (9, 10):
@@ -156,8 +164,9 @@ def test_a_background_takes_the_place_of_frames_without_a_finger(films, tmp_path
 def test_time_stamps_have_to_fit(films, tmp_path) -> None:
     short = tmp_path / "short.txt"
     short.write_text("0.1\n0.2\n", encoding="utf-8")
-    with pytest.raises(BadInputError, match="2 time stamps for 3 frames"):
+    with pytest.raises(BadInputError, match="2 time stamps for 3 frames") as refused:
         read_film(films / "frames", short)
+    assert refused.value.code == "bad_times"
     short.write_text("0.1\n0.3\n0.2\n", encoding="utf-8")
     with pytest.raises(BadInputError, match="do not rise"):
         read_film(films / "frames", short)

@@ -97,8 +97,9 @@ def test_glare_of_floats_is_where_the_brightest_value_is_shared(tmp_path, clippe
 
 def test_three_frames_saved_as_one_colour_picture_are_refused(tmp_path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((3, 80, 90), "u1"), photometric="rgb")
-    with pytest.raises(BadInputError, match="planes of colour"):
+    with pytest.raises(BadInputError, match="planes of colour") as refused:
         read_film(tmp_path / "a.tif")
+    assert refused.value.code == "one_picture"
 
 
 def test_frames_of_two_depths_are_refused(tmp_path) -> None:

@@ -188,11 +188,12 @@ def test_refusals_are_told_in_a_line_for_each_frequency_voltage_and_reason() -> 
 
 def test_a_plan_refused_throughout_is_an_error(config: RigConfig, model: TouchModel) -> None:
     plan = small_plan()
-    refused = plan.model_copy(
+    without = plan.model_copy(
         update={"settings": tuple(s for s in plan.settings if s.frequency_hz > 1e3)}
     )
-    with pytest.raises(BadInputError, match="refuses every point"):
-        prepare(config, model, refused)
+    with pytest.raises(BadInputError, match="refuses every point") as refused:
+        prepare(config, model, without)
+    assert refused.value.code == "all_refused"
 
 
 def test_a_plan_without_voltage_energises_nothing(

@@ -299,6 +299,25 @@ def test_a_stage_that_is_stopped_during_a_row_makes_no_row(
     assert off(served)
 
 
+def test_a_stage_that_rests_when_it_should_slide_makes_no_row(
+    served: ServedRig,
+    real: RigConfig,
+    model: TouchModel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slides = StageBench.up_to_speed
+
+    def stopped(bench: StageBench) -> None:
+        served.stage.handle(apt.encode(apt.on_channel(apt.Message.STOP, apt.StopMode.IMMEDIATE)))
+        slides(bench)
+
+    monkeypatch.setattr(StageBench, "up_to_speed", stopped)
+    error = refused(real, model, plan(DRIVEN, voltage_off_every=0), tmp_path / "data.csv")
+    assert error.code == "stage_rests"
+    assert off(served)
+
+
 def test_what_the_stage_cannot_do_is_refused_before_anything_moves(
     config: RigConfig, model: TouchModel
 ) -> None:

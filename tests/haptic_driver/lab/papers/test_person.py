@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from haptic_driver.daemon.stepped import UP_TICKS, SteppedDaemon
 from haptic_driver.errors import HapticError
 from haptic_driver.lab.papers.sheet_numbers import cof_in_blocks, mean_of, responses
 from haptic_driver.lab.papers.sheet_passes import ALWAYS, Pass, edges, steps
-from haptic_driver.lab.papers.sheet_person import GuidedSlider
+from haptic_driver.lab.papers.sheet_person import TRIES, GuidedSlider
+from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.render.texture import Script, Uniform
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.textures.library import load
@@ -108,11 +110,22 @@ def test_a_script_and_a_profile_go_to_the_daemon_as_files(person, tmp_path):
     assert person.played[1].position_m == pytest.approx(pattern.position_m)
 
 
+def test_who_slides_otherwise_each_time_is_told_how_and_the_output_is_off(tmp_path):
+    offs, tried = [], []
+    slider = GuidedSlider(None, SimpleNamespace(off=lambda: offs.append(1)), tmp_path, print)
+    slider._once = lambda asked: tried.append(asked) or np.zeros(9, SAMPLE)
+    with pytest.raises(HapticError, match="load or speed") as told:
+        slider.slide(Pass("low", Uniform(0.01), 0.5, 0.05, 0.5))
+    assert told.value.code == "not_as_asked"
+    assert (len(tried), len(offs)) == (TRIES, 1)
+
+
 @pytest.mark.soak  # some ten seconds
 def test_a_finger_that_never_does_so_is_told_and_the_output_is_off(
     rig_config, touch, surface_file, tmp_path
 ):
     with Person(rig_config, touch, surface_file, clumsiness=2.0) as person:
-        with pytest.raises(HapticError, match="the finger did not do so"):
+        with pytest.raises(HapticError, match="the finger did not do so") as refused:
             guided(person, tmp_path).slide(Pass("low", Uniform(0.01), 0.5, 0.05, 0.5))
+        assert refused.value.code == "finger_missed"
         assert person.switched_off == 2  # at the beginning and at the end

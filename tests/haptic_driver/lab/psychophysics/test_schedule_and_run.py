@@ -273,17 +273,20 @@ def test_a_session_does_not_go_on_with_another_model(tmp_path):
     experiment = made(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         session_of(experiment, tmp_path / "out", Leaves(pretended(experiment, "P1", "01"), 3))
-    with pytest.raises(BadInputError, match="begun with model reference, now another"):
+    with pytest.raises(BadInputError, match="begun with model reference, now another") as refused:
         session_of(experiment, tmp_path / "out", model="another")
+    assert refused.value.code == "another_rig"
 
 
 def test_a_session_that_is_over_or_of_another_file_is_refused(tmp_path):
     experiment = made(tmp_path)
     session_of(experiment, tmp_path / "out")
-    with pytest.raises(BadInputError, match="is complete"):
+    with pytest.raises(BadInputError, match="is complete") as refused:
         session_of(experiment, tmp_path / "out")
-    with pytest.raises(BadInputError, match="is not one of"):
+    assert refused.value.code == "session_complete"
+    with pytest.raises(BadInputError, match="is not one of") as refused:
         session_of(made(tmp_path, "seed = 9"), tmp_path / "out")
+    assert refused.value.code == "another_experiment"
 
 
 def test_what_the_rig_did_not_do_is_marked_left_out_and_ends_it_when_it_goes_on(tmp_path):

@@ -178,6 +178,7 @@ def test_a_counter_that_wraps_is_unwrapped(tmp_path, bits, start, back) -> None:
 def refusal_hint(path) -> str:
     with pytest.raises(BadInputError) as refused:
         rows(path, MAP)
+    assert refused.value.code == "doubtful_trial"
     assert "position jumps by" in refused.value.message
     return refused.value.hint
 

@@ -134,6 +134,10 @@ def no_data(data: Path) -> None:
     data.write_text("time,force\n1,2\n")
 
 
+def no_rows(data: Path) -> None:
+    data.write_text(data.read_text().splitlines()[0])
+
+
 def no_number(data: Path) -> None:
     data.write_text(data.read_text().replace(",0.02,", ",fast,"))
 
@@ -147,6 +151,7 @@ def no_number(data: Path) -> None:
         (single, "one_trial", "no frequency was measured twice at 75 V"),
         (no_window, "no_steady_window", "only 20 to 20 mm"),
         (no_data, "not_measured_data", "no column frequency_hz"),
+        (no_rows, "no_friction", "no friction of a sliding finger"),
         (no_number, "bad_number", "speed_m_s 'fast' is no number"),
     ],
 )
