@@ -34,7 +34,7 @@ from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.file import SurfaceFile, read_surface
 from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.friction_pictures import draw_slide
-from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.config import load_simulated_rig
 from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
 from haptic_driver.signals import WITHIN
 from haptic_driver.simulation.rig import SimulatedRig
@@ -73,13 +73,7 @@ def demo(
 
     Example: `haptic demo --texture grating --out out/demo`
     """
-    config = load_rig(rig)
-    if not config.simulated:
-        raise BadInputError(
-            "not_simulated",
-            f"rig {config.name} is not simulated",
-            "haptic demo energises no hardware",
-        )
+    config = load_simulated_rig(rig, "haptic demo energises no hardware")
     description = load_model(model)
     slide = read_slide(trace) if trace is not None else synthetic_slide()
     wanted = load_texture(texture, texture_dirs())

@@ -19,10 +19,10 @@ from haptic_driver.cli.output import (
     signals_to,
     stdout,
 )
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import HapticError
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.parent import outlived
-from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.config import RigConfig, load_simulated_rig
 from haptic_driver.simulation.served import ServedRig
 from model.touch_model import TouchModel
 
@@ -48,13 +48,7 @@ def simulate(
     Example: `haptic simulate --rig simulated --port 5025`
     """
     alone = outlived()
-    config = load_rig(rig)
-    if not config.simulated:
-        raise BadInputError(
-            "not_simulated",
-            f"rig {config.name} is not simulated",
-            "Name one that is, e.g. simulated",
-        )
+    config = load_simulated_rig(rig, "Name one that is, e.g. simulated")
     touch = TouchModel(load_model(config.simulation.model or model))
     ended = threading.Event()
     ending = signals_to(lambda number, frame: ended.set())

@@ -10,7 +10,7 @@ import numpy as np
 from haptic_driver.config import texture_dirs
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import render_slide
-from haptic_driver.errors import BadInputError, require_range
+from haptic_driver.errors import require_range
 from haptic_driver.fidelity.measure import Fidelity
 from haptic_driver.fidelity.said import said
 from haptic_driver.lookup import labelled
@@ -19,7 +19,7 @@ from haptic_driver.pictures.friction_pictures import draw_slide
 from haptic_driver.public.picture import Picture
 from haptic_driver.public.surfaces import Surface, surface
 from haptic_driver.render.texture import Texture, Uniform
-from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.config import load_simulated_rig
 from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.slide import TICK_S, Slide
 from haptic_driver.simulation.rig import SimulatedRig as Bench
@@ -108,9 +108,7 @@ def simulated_rig(
     Without `finger` it follows what the rig's file says, else the same model. BadInputError for a
     rig that is real.
     """
-    config = load_rig(rig)
-    if not config.simulated:
-        raise BadInputError("not_simulated", f"rig {config.name} is not simulated", "Use connect()")
+    config = load_simulated_rig(rig, "Use connect()")
     description = load_model(model) if isinstance(model, str) else model
     follows = finger or config.simulation.model or description
     return SimulatedRig(
