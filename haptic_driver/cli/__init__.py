@@ -8,6 +8,8 @@ JSON object or text goes to stdout, errors go to stderr.
 One rule holds: every failure becomes a message and an exit status (`main.py`).
 """
 
+__all__ = ["control", "daemon", "main", "output", "texture"]
+
 import os
 
 # Small matrices: several BLAS threads cost more than they bring, and fight over the cores. Set

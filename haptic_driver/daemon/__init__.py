@@ -11,3 +11,16 @@ permits.
 Two rules hold. Any failure takes the output to zero first, and is a fault that somebody has to
 reset. Only the holder of the lease may ask for output, and output ends with the lease.
 """
+
+__all__ = [
+    "address",
+    "messages",
+    "private_file",
+    "quiet_log",
+    "run",
+    "scene",
+    "set_up",
+    "stepped",
+    "verbs",
+    "web",
+]

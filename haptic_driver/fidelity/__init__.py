@@ -8,3 +8,5 @@ defines each number. The daemon, recordings and experiments use the same measure
 One rule holds: a number that the data cannot support is None, with the reason where there is room
 for one.
 """
+
+__all__ = ["average", "lag", "measure", "perception", "said", "samples", "sliding", "strokes"]

@@ -2,3 +2,5 @@
 
 Read in this order: `pixels`, `tiff`, `files`.
 """
+
+__all__ = ["files", "pixels"]

@@ -15,3 +15,5 @@ Samples come from a running daemon (`follow.py`) or from recordings, and the sam
 `why.py` diagnoses them. Without a force sensor `touch_by_current.py` estimates friction
 from the current that `current_sensor.py` reads. Processes, answers and orders belong to the daemon.
 """
+
+__all__ = ["agreement", "current_sensor", "follow", "swap", "touch_by_current", "why", "window"]

@@ -1,1 +1,3 @@
 """Every picture that a command or the page shows."""
+
+__all__ = ["friction_pictures", "saving", "textures"]

@@ -7,3 +7,15 @@ slots that are swapped as a whole, and samples in a ring. `real_time.py` keeps t
 Two rules hold. A child ends when its parent is gone. No reader of the shared memory can make a
 writer wait.
 """
+
+__all__ = [
+    "child",
+    "compilation",
+    "kept",
+    "parent",
+    "patience",
+    "real_time",
+    "samples",
+    "shared_memory",
+    "started",
+]

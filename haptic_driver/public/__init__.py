@@ -8,3 +8,5 @@
 What data mean is said by `lab/findings.py`. Each function calls what the commands call, with plain
 arguments and results. One rule holds: nothing else of the driver imports this room.
 """
+
+__all__ = ["commands", "connection", "given", "picture", "predictions", "rigs", "surfaces"]

@@ -7,3 +7,16 @@ group per run, which MATLAB reads too. Out come arrays, CSV and Parquet (`read.p
 Two rules hold. A crash or a full disk costs at most the records that were not yet forced to the
 disk. A run says itself whether it is complete, and if not, why.
 """
+
+__all__ = [
+    "clock",
+    "event",
+    "finish",
+    "process",
+    "read",
+    "records",
+    "scenes",
+    "structure",
+    "tables",
+    "writer",
+]

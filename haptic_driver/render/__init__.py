@@ -10,3 +10,19 @@ shows the order and is the place to start reading.
 Two rules hold. A stage does no I/O and reads no clock, and only the controller reads the surface.
 The last gate (`safety.py`) turns every operating point outside a limit into zero volts.
 """
+
+__all__ = [
+    "compiled",
+    "controller",
+    "correction",
+    "drive",
+    "envelope",
+    "feedback",
+    "finger",
+    "policies",
+    "safety",
+    "scene",
+    "surface",
+    "texture",
+    "tick",
+]

@@ -11,3 +11,25 @@ decide when the output may come on. `monitor.py` compares the amplifier with the
 Two rules hold. The rig reports "off" only with evidence from an instrument. A figure that decides
 about safety needs the name of who measured it, or the rig stays off.
 """
+
+__all__ = [
+    "actuator",
+    "check",
+    "config",
+    "devices",
+    "doctor",
+    "envelope_writer",
+    "evidence",
+    "line_in",
+    "load_controller",
+    "load_gains",
+    "load_loop",
+    "load_tuning",
+    "part",
+    "parts",
+    "rig",
+    "roles",
+    "slide",
+    "states",
+    "tick_settings",
+]

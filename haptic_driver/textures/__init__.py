@@ -9,3 +9,17 @@ Two modules say what of a texture arrives. `reach.py` gives the share within rea
 
 One rule holds: files are read here, never in a tick.
 """
+
+__all__ = [
+    "bands",
+    "description",
+    "library",
+    "objects",
+    "process",
+    "reach",
+    "ripple",
+    "scene",
+    "spectrum",
+    "tile",
+    "toml",
+]

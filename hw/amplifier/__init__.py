@@ -1,1 +1,3 @@
 """High-voltage amplifiers."""
+
+__all__ = ["analog", "served_lines", "simulated"]

@@ -7,3 +7,5 @@
 One rule holds for outputs (`output.py`): a level or a stream lasts only while somebody refreshes
 it, and then goes to its zero level.
 """
+
+__all__ = ["cards", "demodulation", "lines", "ni_daq", "output", "simulated_output", "sound_card"]

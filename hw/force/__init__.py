@@ -7,3 +7,5 @@ reading with its time and a flag for saturation.
 Two rules hold. A saturated reading is marked, and its numbers are not to be trusted. An unknown
 force is NaN, never zero.
 """
+
+__all__ = ["ati_calibration", "net_ft", "net_ft_server", "sensor"]

@@ -7,3 +7,5 @@ what all drivers share. Each instrument has a room with its driver and a simulat
 Two rules hold. Every message passes a last gate (`gate.py`), which reads what is about to be sent
 and refuses too much voltage. Settings of an instrument are read back.
 """
+
+__all__ = ["analog_carrier", "contract", "dialogue", "driver", "gate", "settings", "terminals"]

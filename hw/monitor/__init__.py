@@ -1,1 +1,3 @@
 """What reads the electrode's own voltage and current."""
+
+__all__ = ["contract", "lines", "scpi_line", "simulated"]

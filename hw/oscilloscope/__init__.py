@@ -1,1 +1,3 @@
 """Oscilloscopes, which sample what a card cannot."""
+
+__all__ = ["infiniivision"]

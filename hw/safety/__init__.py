@@ -8,3 +8,5 @@ watchdog covers a driver that crashes or hangs, the box also a computer that fai
 
 One rule holds: silence means off.
 """
+
+__all__ = ["guarded_stage", "interlock", "simulated_interlock", "watchdog"]

@@ -6,3 +6,5 @@ presses a finger, by the stage's own answers.
 
 One rule holds: an error or interrupt during a move stops the stage first.
 """
+
+__all__ = ["letting_go", "lts150", "simulated"]

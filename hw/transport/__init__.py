@@ -7,3 +7,5 @@ time limit.
 Two rules hold. A late answer never goes to the next question: after a failure the line is cleared
 first. Every failure is one of the few errors of `hw.errors`.
 """
+
+__all__ = ["contract", "marker", "resource", "running", "serial", "tcp"]

@@ -8,3 +8,12 @@ roughness shape, in dimensionless units, so one table serves all fingers of that
 Outside the table its limits hold, and `theory_error.py` states how far the theory is from a
 boundary-element solution.
 """
+
+__all__ = [
+    "gap_distribution",
+    "gap_integrals",
+    "gap_table",
+    "resolution",
+    "roughness",
+    "theory_error",
+]

@@ -10,3 +10,19 @@ of unknown shape, so the catalogue need not hold the true effect.
 Two rules hold. An effect is named only if it also predicts data that no fit has seen. The numbers
 that a person sets stand in `priors.py` with their reasons.
 """
+
+__all__ = [
+    "data",
+    "ends",
+    "hypotheses",
+    "learned",
+    "model_fit",
+    "noise",
+    "priors",
+    "proof",
+    "smooth",
+    "space",
+    "where",
+    "witness",
+    "workflow",
+]

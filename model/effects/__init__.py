@@ -60,4 +60,14 @@ CATALOGUE: tuple[type[Effect], ...] = (
 )
 BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in CATALOGUE}
 
-__all__ = ["BY_NAME", "CATALOGUE", "Effect", "EffectParameter"]
+__all__ = [
+    "BY_NAME",
+    "CATALOGUE",
+    "Effect",
+    "EffectParameter",
+    "base",
+    "drive_gain_error",
+    "interventions",
+    "learned",
+    "skin_hydration",
+]

@@ -8,3 +8,5 @@ over time.
 
 Phasors are complex peak values.
 """
+
+__all__ = ["charges", "circuit", "current", "dielectrics", "layers"]

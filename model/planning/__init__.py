@@ -10,3 +10,5 @@ been fitted to hide the difference.
 
 `told.py` holds the arithmetic on arrays alone.
 """
+
+__all__ = ["design", "discrimination", "next_experiment", "resolution", "separation"]

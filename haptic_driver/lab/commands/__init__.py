@@ -4,6 +4,8 @@ They join the command line as those of any installed package do: an entry point 
 `haptic_driver.commands` names this table.
 """
 
+__all__ = []
+
 PANELS = {
     "Without a rig": {
         "predict": "Predict force, friction and current for a table.",

@@ -2,3 +2,5 @@
 
 Read in this order: `film`, `light`, `touch`, `judge`.
 """
+
+__all__ = ["film", "judge", "scale"]

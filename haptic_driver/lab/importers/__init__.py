@@ -5,6 +5,8 @@ An importer is a module with a function `made` that takes a source and what is `
 
 from __future__ import annotations
 
+__all__ = ["image", "strokes"]
+
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path

@@ -8,3 +8,17 @@ settings. `recordings.py` makes such rows of what the daemon recorded.
 Two rules hold. A plan is checked against the rig's limits before anything is energised
 (`check.py`). A row is on the disk before the next one is measured.
 """
+
+__all__ = [
+    "benches",
+    "check",
+    "data_file",
+    "investigate",
+    "plan",
+    "recordings",
+    "resolving",
+    "run",
+    "spectra",
+    "start_line",
+    "touched_places",
+]

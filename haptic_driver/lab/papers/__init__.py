@@ -1,1 +1,3 @@
 """Papers that a laboratory hands in: what stands on them, and how they are laid out."""
+
+__all__ = ["data_sheet", "document", "safety", "safety_facts", "sheet_passes", "sheet_person"]

@@ -1,1 +1,3 @@
 """The pictures of the laboratory's commands."""
+
+__all__ = ["contact", "from_image", "model", "psychometric", "trials"]

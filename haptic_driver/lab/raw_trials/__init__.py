@@ -8,3 +8,5 @@ Read the modules in this order:
 - `strokes`: windows of a trial as strokes over a surface;
 - `propose`: a map from the look of a file.
 """
+
+__all__ = ["columns", "cut", "folder", "propose", "trial_map"]
