@@ -182,7 +182,7 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
 
 def test_nothing_is_proposed_that_the_rig_refuses(short: Plan) -> None:
     config, model = load_rig("simulated"), TouchModel(load_model("reference"))
-    possible = pool.choices(config, model, short, pool.able(config, has_function=False))
+    possible = pool.choices(config, model, short, pool.able(has_function=False))
     settings = [setting for block in possible.blocks for setting in block]
     points, refusals = check(settings, short, config, model)
     assert refusals == []
@@ -251,7 +251,7 @@ def test_a_round_ends_as_soon_as_it_has_its_answer(asked: str, now: str, answere
 
 
 def test_a_function_is_a_finger_that_nobody_can_wipe() -> None:
-    assert pool.able(load_rig("simulated"), has_function=True) == ()
+    assert pool.able(has_function=True) == ()
 
 
 def test_an_intervention_takes_its_effects_away_and_no_others() -> None:
