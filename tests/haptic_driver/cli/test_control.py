@@ -121,7 +121,6 @@ def test_set_play_off_disarm(haptic, armed, control):
     ("command", "status", "code"),
     [
         (["set", "-0.5e1"], 2, "out_of_range"),
-        (["set", "nan"], 2, "out_of_range"),
         (["texture", "play", "linnen"], 2, "unknown_texture"),
         (["reset"], 1, "no_fault"),
         (["record"], 2, "usage"),

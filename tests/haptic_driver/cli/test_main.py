@@ -71,7 +71,6 @@ WRONG = [
     (["solve", "--friction", "0.6", "--rig", "simulatd"], "unknown_rig", "simulatd"),
     (["surface", "info", "none.h5"], "surface_not_found", "none.h5"),
     (["predict", "--table", "none.csv", "--out", "out.csv"], "file_not_found", "none.csv"),
-    (["demo", "--texture", "gratin"], "unknown_texture", "gratin"),
 ]
 
 
