@@ -14,7 +14,7 @@ from haptic_driver.errors import BadInputError, HapticError, message_of
 from model.diagnosis.data import WORDS
 from model.support.tables import read_table
 from model.support.text import numbers
-from model.support.units import is_rms, near, to_column, unit_of
+from model.support.units import Near, by_other_names, differ, is_rms, near, to_column, unit_of
 
 TEXTS = (*WORDS, "doubts")
 WANTED = "Give columns by our names, such as frequency_hz, voltage_v and normal_force_n"
@@ -53,6 +53,10 @@ def in_si(name: str, value: Any) -> NDArray[Any]:
 
 def _plain(name: str, value: Any) -> NDArray[Any]:
     values: Any = np.ma.asarray(getattr(value, "magnitude", value))
+    if values.dtype.kind == "m" and unit_of(name) == "s" and values.dtype != "m8":
+        values = values / np.timedelta64(1, "s")
+    if values.dtype.kind not in "iufUSO":
+        raise BadInputError("not_a_number", f"{name} is of {values.dtype}, no number", WANTED)
     if values.dtype.kind not in "USO":
         return np.asarray(values.astype(np.float64).filled(np.nan))
     texts = ["" if cell is None else str(cell) for cell in values.ravel()]
@@ -70,16 +74,53 @@ def columns_of(table: Any, known: Sequence[str]) -> dict[str, NDArray[Any]]:
         table = {name: read.text(name) for name in read.columns}
     with bad_given("bad_input", "the table"):
         names = [str(name) for name in table]
+        require_one_index(table)
         found = {name: in_si(name, table[name]) for name in known if name in names}
-        others = near([name for name in names if name not in known], known)
+        others = near(names, known)
+    wanted = [*found, *(other.column for other in others.values())]
+    for name in wanted:
+        if names.count(name) > 1:
+            raise BadInputError("bad_table", f"column {name} stands more than once", "Keep one")
     for ours, other in others.items():
         if not other.unit:
             said = f"column {other.column} may be {ours}, and its name has no unit"
             raise BadInputError("near_name", said, f"Call it {ours}, in {unit_of(ours)}")
         if is_rms(other.unit) and "waveform" in names:
             raise BadInputError("bad_input", f"{other.column} is {other.unit}", WAVEFORM)
-        found[ours] = to_column(ours, other.unit, other.column) * in_si(ours, table[other.column])
+        found[ours] = _of_near(ours, other, table)
+    for ours, values in found.items():
+        _check_agree(ours, values, table, names)
     return found
+
+
+def _of_near(ours: str, other: Near, table: Any) -> NDArray[Any]:
+    return to_column(ours, other.unit, other.column) * in_si(ours, table[other.column])
+
+
+def _check_agree(ours: str, values: NDArray[Any], table: Any, names: list[str]) -> None:
+    """BadInputError where a column says in another unit what one of ours says otherwise."""
+    for other in by_other_names(names, ours):
+        of_wave = is_rms(other.unit) and "waveform" in names
+        if of_wave or not other.unit or names.count(other.column) > 1:
+            continue
+        pairs = zip(values.ravel(), _of_near(ours, other, table).ravel(), strict=False)
+        if any(differ(*pair) for pair in pairs):
+            said = f"{ours} and {other.column} say one quantity twice, and differ"
+            raise BadInputError("bad_table", said, "Keep one, or rename it")
+
+
+def require_one_index(columns: Any) -> None:
+    """BadInputError where pandas Series of one table have their rows in different order."""
+    first = ""
+    seen: Any = None
+    for name in columns:
+        index = getattr(columns[name], "index", None)
+        if not hasattr(index, "equals"):
+            continue
+        if seen is not None and not seen.equals(index):
+            said = f"the rows of {first} and {name} have different labels or order"
+            raise BadInputError("bad_table", said, "Give one DataFrame, or arrays by to_numpy()")
+        first, seen = first or str(name), index
 
 
 def is_table(data: Any) -> bool:

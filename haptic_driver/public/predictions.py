@@ -12,7 +12,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
 from haptic_driver.lookup import labelled
 from haptic_driver.lookup.models import load_model
-from haptic_driver.public.given import bad_given, columns_of, in_si
+from haptic_driver.public.given import bad_given, columns_of, in_si, require_one_index
 from model.conditions import Conditions
 from model.description import ModelDescription
 from model.support.errors import nearest
@@ -73,6 +73,7 @@ def predict(model: ModelDescription | str, table: Any = None, **conditions: Any)
                 "bad_condition", f"{name} is no condition", nearest(name, list(ASKED))
             )
     given = {} if table is None else columns_of(table, ASKED)
+    require_one_index(conditions)
     given |= {name: in_si(name, value) for name, value in conditions.items()}
     for name in ASKED[:3]:
         if name not in given:

@@ -25,7 +25,17 @@ from model.support.errors import ModelError
 from model.support.layout import is_value
 from model.support.reading import LARGEST_FILE_BYTES, read_bytes
 from model.support.text import decoded, plain
-from model.support.units import PEAK_OF_RMS, is_rms, near, to_column, unit_of
+from model.support.units import (
+    PEAK_OF_RMS,
+    by_other_names,
+    contradicts,
+    differ,
+    is_rms,
+    near,
+    to_column,
+    unit_in_name,
+    unit_of,
+)
 
 MOST_LISTED = 200  # cells that an error names
 ROW_BYTES = 100  # where rows are limited
@@ -36,16 +46,14 @@ ONE_NAME = "Give each column one name in the header, and each number a point: 0.
 
 
 class Named(NamedTuple):
-    """A column as a file calls it, and the factor from its unit to ours.
+    """A column as a file calls it, and its unit, empty where only its own name may say it.
 
-    Unless `needed`, a file without that column is read under our own name. `is_rms`: the factor is
-    that of a sine, and a column `waveform` says where it is another.
+    Unless `needed`, a file without that column is read under our own name.
     """
 
     column: str
-    factor: float = 1.0
+    unit: str = ""
     needed: bool = True
-    is_rms: bool = False
 
 
 NO_NAMES: Mapping[str, Named] = MappingProxyType({})
@@ -257,7 +265,22 @@ def read_table(
             table.refuse(len(table.rows), error)
             table.rows.append(dict.fromkeys(columns, ""))
     table = table if separator == "," else _with_points(table)
-    return _under_our_names(table, used) if used else table
+    table = _under_our_names(table, used) if used else table
+    taken = {one.column for one in used.values()}
+    _check_agree(table, [name for name in names if name in table.columns], taken)
+    return table
+
+
+def _check_agree(table: Table, names: Sequence[str], taken: set[str]) -> None:
+    """ModelError where a column says in another unit what one of ours says otherwise."""
+    for ours in names:
+        rest = [name for name in table.columns if name not in taken]
+        for other in by_other_names(rest, ours):
+            cells = _in_ours(table, ours, Named(*other)) if other.unit else []
+            wrong = [i for i, cell in enumerate(cells) if differ(table.rows[i][ours], cell)]
+            if wrong:
+                said = f"{table.where(wrong[0])}: {ours} and {other.column} say one quantity twice"
+                raise ModelError(f"{said}, and differ", "Keep one, or rename it", "bad_table")
 
 
 def _separator(text: str) -> str:
@@ -279,6 +302,16 @@ def _with_near(
     """
     taken = {one.column for one in named.values()}
     found, notes = dict(named), []
+    for ours, one in named.items():
+        own = unit_in_name(one.column, ours) if one.column in columns else ""
+        if own and one.unit and contradicts(one.unit, own):
+            said = f"{path}: column {one.column} is in {own} by its name, and {one.unit} is said"
+            hint = f"Say --column {ours}={one.column}, or rename the column"
+            raise ModelError(said, hint, "bad_column")
+        if own and not one.unit:
+            found[ours] = one._replace(unit=own)
+            factor = to_column(ours, own, f"{path}: {one.column}")
+            notes.append(f"column {one.column} counts as {ours}, times {factor:g}")
     asked = [name for name in names if name not in named]
     for ours, other in near([c for c in columns if c not in taken], asked).items():
         if not other.unit:
@@ -286,7 +319,7 @@ def _with_near(
             hint = f"Call it {ours}, or say --column {ours}={other.column}:{unit_of(ours)}"
             raise ModelError(said, hint, "near_name")
         factor = to_column(ours, other.unit, f"{path}: {other.column}")
-        found[ours] = Named(other.column, factor, is_rms=is_rms(other.unit))
+        found[ours] = Named(other.column, other.unit)
         notes.append(f"column {other.column} counts as {ours}, times {factor:g}")
     return found, tuple(notes)
 
@@ -307,19 +340,26 @@ def _is_used(ours: str, one: Named, columns: Sequence[str]) -> bool:
 
 
 def _under_our_names(table: Table, named: Mapping[str, Named]) -> Table:
-    rows = [
-        row | {ours: _times(row[one.column], _factor(one, row)) for ours, one in named.items()}
-        for row in table.rows
-    ]
+    columns = {ours: _in_ours(table, ours, one) for ours, one in named.items()}
+    rows = [row | {ours: columns[ours][i] for ours in named} for i, row in enumerate(table.rows)]
     added = [ours for ours in named if ours not in table.columns]
     return replace(table, columns=[*table.columns, *added], rows=rows)
 
 
-def _factor(one: Named, row: Mapping[str, str]) -> float:
-    waveform = row.get("waveform", "").lower() or "sine"
-    if not one.is_rms or waveform not in PEAK_OF_RMS:
-        return one.factor
-    return one.factor * PEAK_OF_RMS[waveform] / PEAK_OF_RMS["sine"]
+def _in_ours(table: Table, ours: str, one: Named) -> list[str]:
+    """A column's cells in the unit of our name.
+
+    Root mean squares are those of a sine, unless a column `waveform` says another.
+    """
+    factor = to_column(ours, one.unit, one.column) if one.unit else 1.0
+    cells = []
+    for row in table.rows:
+        waveform = row.get("waveform", "").lower() or "sine"
+        of_wave = 1.0
+        if waveform in PEAK_OF_RMS and is_rms(one.unit):
+            of_wave = PEAK_OF_RMS[waveform] / PEAK_OF_RMS["sine"]
+        cells.append(_times(row[one.column], factor * of_wave))
+    return cells
 
 
 def _times(cell: str, factor: float) -> str:

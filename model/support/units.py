@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import cache
-from math import isfinite, sqrt
+from math import isclose, isfinite, sqrt
 from typing import Any, NamedTuple
 
 from model.support.errors import ModelError
@@ -44,10 +44,12 @@ DEFINED = (f"{PP} = 0.5 * volt = Vpp", f"{RMS} = {sqrt(2.0)!r} * volt = Vrms")
 SPELLED = {  # ways to write how a voltage counts, and small letters that are sure
     r"^(k?)hz$": r"\1Hz",
     r"^kv$": "kV",
+    r"^([km]?)v(?=[ _-]?(?:pp|pk|peak|rms))": r"\1V",
     r"(?<=V)[ _-]?p(?:ea)?k?[ _-]?(?:to)?[ _-]?p(?:ea)?k?$": "pp",
     r"(?<=V)[ _-]?rms$": "rms",
     r"(?<=V)[ _-]?(?:peak|pk|p)$": "",
 }
+ROUNDED = 1e-3  # relative: a number that was converted and written with few digits
 LONGEST = 40  # letters of a unit
 UNREASONABLE = re.compile(r"(\*\*|\^)\s*-?\d{2}|(\*\*|\^).*(\*\*|\^)|\d{10}")
 BRACKETED = re.compile(
@@ -149,15 +151,53 @@ def near(columns: Sequence[str], known: Sequence[str]) -> dict[str, Near]:
     found: dict[str, Near] = {}
     there = set(columns)
     for ours in known:
-        unit, stem = unit_of(ours), stem_of(ours).casefold()
-        if ours in there or unit is None:
+        if ours in there:
             continue
-        for column in columns:
-            if ours not in found and column.casefold().startswith(stem):
-                said = _said_unit(column, ours, unit)
-                if said is not None:
-                    found[ours] = Near(column, said)
+        others = by_other_names(columns, ours)
+        if others:
+            found[ours] = others[0]
     return found
+
+
+def by_other_names(columns: Sequence[str], ours: str) -> list[Near]:
+    """The columns that are one of ours by another name."""
+    unit, stem = unit_of(ours), stem_of(ours).casefold()
+    if unit is None:
+        return []
+    return [
+        Near(column, said)
+        for column in columns
+        if column != ours and column.casefold().startswith(stem)
+        if (said := _said_unit(column, ours, unit)) is not None
+    ]
+
+
+def unit_in_name(column: str, ours: str) -> str:
+    """The unit that a column's name says of itself, where it stands for one of ours."""
+    unit = unit_of(ours)
+    if unit is None or column == ours:
+        return ""
+    return named_unit(column).unit or suffix_unit(column, unit, ours).unit
+
+
+def contradicts(said: str, own: str) -> bool:
+    """Whether a unit that a person says cannot be that of a name; a factor before it is a gain."""
+    first, second = understood(said), understood(own)
+    if first is None or second is None or same(said, own):
+        return False
+    if first.magnitude == 1.0:
+        return True
+    return first.is_compatible_with(second) and not same(str(first.units), own)
+
+
+def differ(one: str | float, other: str | float) -> bool:
+    """Whether two numbers of one quantity are more than rounding apart; texts that are none are
+    not.
+    """
+    try:
+        return not isclose(float(one), float(other), rel_tol=ROUNDED) and one != other
+    except ValueError:
+        return False
 
 
 def _said_unit(column: str, ours: str, unit: str) -> str | None:

@@ -47,12 +47,12 @@ def columns_named(
 ) -> Mapping[str, Named]:
     """What the options say, by our names.
 
-    The unit is what follows the last colon. BadInputError for a name that is not among `known`, and
-    for a unit that is not one of that column.
+    The unit is what follows the last colon, else what the column's own name says. BadInputError
+    for a name that is not among `known`, and for a unit that is not one of that column.
     """
     from model.support.errors import nearest  # noqa: PLC0415
     from model.support.tables import Named  # noqa: PLC0415
-    from model.support.units import is_rms, to_column  # noqa: PLC0415
+    from model.support.units import to_column  # noqa: PLC0415
 
     found: dict[str, Named] = {}
     for said in given or ():
@@ -67,8 +67,8 @@ def columns_named(
             raise BadInputError("bad_column", f"--column {ours}=... is given twice", "Give it once")
         column, colon, unit = theirs.rpartition(":")
         if colon:
-            factor = to_column(ours, unit, f"--column {said}")
-            found[ours] = Named(column, factor, is_rms=is_rms(unit))
+            to_column(ours, unit, f"--column {said}")
+            found[ours] = Named(column, unit)
         else:
             found[ours] = Named(theirs)
     return found

@@ -12,7 +12,7 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError, optional
 from haptic_driver.lab.raw_trials.trial_map import ColumnSaid, FileLook
-from haptic_driver.public.given import own_unit
+from haptic_driver.public.given import own_unit, require_one_index
 from haptic_driver.signals import Array
 from model.support.errors import did_you_mean
 from model.support.layout import TextTable, text_table
@@ -131,6 +131,7 @@ def open_columns(path: Path, look: FileLook, wanted: Sequence[str] = ()) -> Sour
 def given_columns(given: Mapping[str, Any], where: str) -> Source:
     """The columns of a table in memory: a dict of arrays, a DataFrame, quantities with units."""
     found = list[Column]()
+    require_one_index(given)
     for name in given:
         values = given[name]
         unit = own_unit(str(name), values)

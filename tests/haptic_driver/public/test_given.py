@@ -41,6 +41,8 @@ TABLE = {
         ("voltage_v", "100,5", 100.5),
         ("voltage_v", [75, None], [75.0, np.nan]),
         ("frequency_hz", pd.array([100, None], dtype="Int64"), [100.0, np.nan]),
+        ("time_s", pd.to_timedelta(["1s", None]), [1.0, np.nan]),
+        ("time_s", np.array([1500], "timedelta64[ms]"), [1.5]),
     ],
 )
 def test_a_value_in_its_own_unit(name, value, si) -> None:
@@ -55,11 +57,46 @@ def test_a_value_in_its_own_unit(name, value, si) -> None:
         ("voltage_v", "much"),
         ("voltage_v", [1.0, [2.0]]),
         ("voltage_v", {"a": 1}),
+        ("voltage_v", True),
+        ("voltage_v", 75.0 + 10.0j),
+        ("voltage_v", pd.to_timedelta(["1s"])),
+        ("time_s", np.array([1], "timedelta64")),
+        ("time_s", pd.to_datetime(["2026-01-01"])),
     ],
 )
 def test_what_is_no_value_is_refused(name, value) -> None:
     with pytest.raises(hd.BadInputError, match=name):
         in_si(name, value)
+
+
+CONDITIONS = {"frequency_hz": [250.0], "voltage_v": [75.0], "normal_force_n": [0.5]}
+
+
+@pytest.mark.parametrize(
+    ("table", "match"),
+    [
+        (pd.DataFrame({**CONDITIONS, "voltage_kv": [0.1]}), "voltage_v and voltage_kv"),
+        (pd.concat(2 * [pd.DataFrame(CONDITIONS)], axis=1), "frequency_hz stands more than once"),
+        (
+            {
+                **{name: 2 * values for name, values in CONDITIONS.items()},
+                "speed_m_s": pd.Series([0.01, 0.02], index=[0, 1]),
+                "time_s": pd.Series([1.0, 2.0], index=[1, 0]),
+            },
+            "rows of speed_m_s and time_s have different labels",
+        ),
+    ],
+    ids=["two units", "twice", "two orders"],
+)
+def test_a_table_that_says_two_things_is_refused(table, match) -> None:
+    with pytest.raises(hd.BadInputError, match=match):
+        hd.predict("reference", table)
+
+
+def test_a_table_in_peak_to_peak_by_name() -> None:
+    table = {**CONDITIONS, "voltage_vpp": [150.0]}
+    del table["voltage_v"]
+    assert hd.predict("reference", table).conditions["voltage_v"] == [75.0]
 
 
 ANYTHING = st.recursive(

@@ -12,6 +12,7 @@ from haptic_driver.lab.commands.columns import columns_named
 from haptic_driver.lab.measuring.recordings import read_data
 from model.diagnosis.data import COLUMNS, read_measurements
 from model.support.errors import ModelError
+from model.support.tables import read_table
 from tests.docs import own_data
 
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "own-data.md"
@@ -137,9 +138,39 @@ def test_what_cannot_be_is_refused(said, code, words) -> None:
         ("current_phase_rad=p:deg", 0.017453292519943295),
     ],
 )
-def test_units_become_those_of_the_columns_name(said, factor) -> None:
-    (one,) = named(said).values()
-    assert one.factor == pytest.approx(factor, rel=1e-12)
+def test_units_become_those_of_the_columns_name(said, factor, tmp_path) -> None:
+    ((ours, one),) = named(said).items()
+    read = read_table(table(tmp_path, f"{one.column}\n8\n"), (), "", named={ours: one})
+    assert read.number(0, ours) == pytest.approx(8.0 * factor, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("header", "said", "wanted"),
+    [
+        ("U (Vpp)", "voltage_v=U (Vpp)", 4.0),
+        ("U_Vrms", "voltage_v=U_Vrms", 8.0 * 2**0.5),
+        ("F (mN)", "normal_force_n=F (mN)", 8e-3),
+        ("U (V)", "voltage_v=U (V):100 V", 800.0),
+        ("Fz_V", "normal_force_n=Fz_V:0.5 N", 4.0),
+    ],
+)
+def test_a_named_column_says_its_own_unit(header, said, wanted, tmp_path) -> None:
+    path = table(tmp_path, f"{header}\n8\n")
+    (ours,) = found = named(said)
+    assert read_table(path, (), "", named=found).number(0, ours) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("said", ["voltage_v=U (Vpp):V", "voltage_v=U (Vpp):100 V"])
+def test_a_unit_that_the_columns_own_name_denies_is_refused(said, tmp_path) -> None:
+    path = table(tmp_path, "U (Vpp)\n8\n")
+    with pytest.raises(ModelError, match="is in Vpp by its name"):
+        read_table(path, (), "", named=named(said))
+
+
+def test_one_quantity_twice_is_refused_where_it_differs(tmp_path) -> None:
+    path = table(tmp_path, "voltage_v,voltage_kv\n75,0.075\n75,0.1\n")
+    with pytest.raises(ModelError, match="line 3: voltage_v and voltage_kv say one quantity twice"):
+        read_table(path, ["voltage_v"], "")
 
 
 def test_no_column_of_a_table_is_lost_beside_one_that_gets_its_name(haptic, tmp_path) -> None:
