@@ -62,12 +62,14 @@ Row = dict[str, str | float]
 class Trial:
     """A trial: its quantities, what was set, and when voltage and motion were there.
 
-    `usable` [n]: samples that count. `doubts`: what a look at its signals leaves to be told.
+    `bursts`: all stretches with voltage, of which `voltage` is this trial's. `usable` [n]: samples
+    that count. `doubts`: what a look at its signals leaves to be told.
     """
 
     found: Quantities
     conditions: Mapping[str, str | float]
     voltage: Span | None
+    bursts: tuple[Span, ...]
     moving: Mask
     motion: Span
     spans: tuple[Span, ...]
@@ -179,10 +181,11 @@ def read_trials(
     motion = Span("motion", float(time_s[moving][0]), float(time_s[moving][-1]))
     if said.motion is not None and said.motion.turns == "sign":
         found = _against_the_way(found)
-    trial = Trial(found, conditions, None, moving, motion, (), moving, ())
+    trial = Trial(found, conditions, None, (), moving, motion, (), moving, ())
     if said.voltage_on is None or not conditions["voltage"]:
         return [_looked_at(trial, said, may_turn)]
     bursts = _bursts(found, said.voltage_on, conditions, whole)
+    trial = replace(trial, bursts=tuple(burst["voltage"] for burst in bursts))
     return [_looked_at(replace(trial, **burst), said, may_turn) for burst in bursts]
 
 
@@ -278,6 +281,9 @@ def on_stretches(
         raise BadInputError("bad_trial", said, "Is threshold_v right, and gain?")
     places = [found.place(int(known[part[0]])) for part in spikes]
     doubts = [Doubt("spike", f"{mark.column} has a spike at {at}: passed over") for at in places]
+    if long[0][0] == 0:
+        told = f"{mark.column} is above {threshold_v:.3g} V from the first sample on"
+        doubts.append(Doubt("from_start", f"{told}: when it came on is not known"))
     spans = [Span("voltage", float(time_s[p[0]]), float(time_s[p[-1]])) for p in long]
     return spans, [float(np.sqrt(np.mean(amount[p] ** 2))) for p in long], tuple(doubts)
 
@@ -332,11 +338,11 @@ def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
     """A row for each window; BadInputError where one holds too little, or no friction."""
     before, rows = None, list[Row]()
     for span in trial.spans:
-        row = _row(trial, span, _within(trial, span), number)
+        is_on, row = _is_on(trial, span), _row(trial, span, _within(trial, span), number)
         if span.name == BASELINE and said.baseline is not None and said.baseline.use != "row":
             before = row
             continue
-        if not _is_on(trial, span):
+        if not is_on:
             offset: Row = {"voltage_offset_v": 0.0} if row["voltage_offset_v"] != "" else {}
             row |= {"voltage_v": 0.0, "electrode_voltage_v": "", **offset}
         if before is not None and said.baseline is not None:
@@ -351,20 +357,24 @@ def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
 
 
 def _is_on(trial: Trial, span: Span) -> bool:
-    """Whether the voltage is on throughout a stretch, or not at all; BadInputError for a part."""
-    if span.name == BASELINE and trial.voltage is None:
-        return False
+    """Whether the voltage is on throughout a stretch, or not at all; BadInputError for a part, and
+    for a baseline with voltage.
+    """
     if trial.voltage is None:
-        return True
+        return span.name != BASELINE
     late_s = 1.5 * float(np.median(np.diff(trial.columns["time"])))
-    on = trial.voltage
-    if span.start_s >= on.start_s - late_s and span.end_s <= on.end_s + late_s:
-        return True
-    if span.end_s <= on.start_s + late_s or span.start_s >= on.end_s - late_s:
-        return False
-    said = f"{_place_of(trial, span)} has voltage in a part: on from {on.start_s:.4g}"
-    hint = "Choose a window in which it is on or off throughout"
-    raise BadInputError("doubtful_trial", f"{said} to {on.end_s:.4g} s", hint)
+    for on in trial.bursts:
+        if span.end_s <= on.start_s + late_s or span.start_s >= on.end_s - late_s:
+            continue
+        is_all = span.start_s >= on.start_s - late_s and span.end_s <= on.end_s + late_s
+        if is_all and span.name != BASELINE:
+            return True
+        part = "has voltage" if is_all else "has voltage in a part"
+        said = f"{_place_of(trial, span)} {part}: on from {on.start_s:.4g} to {on.end_s:.4g} s"
+        hint = "Choose a window in which it is on or off throughout"
+        hint = "Choose one before the voltage" if span.name == BASELINE else hint
+        raise BadInputError("doubtful_trial", said, hint)
+    return False
 
 
 def _against(row: Row, before: Row, said: Baseline) -> Row:

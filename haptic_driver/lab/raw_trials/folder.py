@@ -29,6 +29,9 @@ MOST_LISTED = 200  # files that an error names
 MOST_NAMED = 3  # files that a line of doubts names
 DONE = {
     "burst": "the voltage comes on several times: a trial for each",
+    "clipped": "a force has hardly any noise at an end of its range: is it clipped?",
+    "flat": "a force is the same number throughout a window",
+    "from_start": "the voltage is on from the first sample: an offset, or a window too late",
     "gap": "samples are missing in a window",
     "outliers": "samples far outside the noise were left out",
     "spike": "a spike of the voltage was passed over",

@@ -59,7 +59,7 @@ def look_at(
         for role in FORCES:
             if role in found.columns:
                 usable &= _without_outliers(found, role, inside, said, doubts)
-                _refuse_clipped(found, role, inside & usable, span)
+                doubts += _clipped(found, role, inside & usable, span)
         doubts += _gaps(found, span)
         _refuse_jump(found, inside, span)
         doubts += [] if may_turn else _turns(found, inside & usable, span, said)
@@ -131,21 +131,43 @@ def _without_outliers(
     return ~wrong
 
 
-def _refuse_clipped(found: Quantities, role: str, chosen: Mask, span: Span) -> None:
-    """BadInputError where a signal is at the least or greatest number that it ever has more often
-    than at any other.
+def _clipped(found: Quantities, role: str, chosen: Mask, span: Span) -> Iterator[Doubt]:
+    """What a signal that rests leaves in doubt.
+
+    BadInputError where it is at the least or greatest number that it ever has more often than at
+    any other, and noise elsewhere is of several counts of its converter.
     """
-    whole, values = found.columns[role], found.columns[role][chosen]
-    each, times = np.unique(whole[np.isfinite(whole)], return_counts=True)
-    for end in (each[0], each[-1]):
-        count = int((values == end).sum())
-        others = times[each != end]
-        if others.size < FEWEST or count < max(FEWEST, 2 * int(others.max())):
-            continue
-        at = int(np.flatnonzero(chosen & (whole == end))[0])
-        told = f"{role} is clipped at {end:.4g} N for {count / values.size:.0%} of {span.name}"
+    whole = found.raw[role]
+    values = whole[chosen]
+    if values.size < FEWEST:
+        return
+    noise, elsewhere = _noise(values), _noise(whole[~chosen])
+    each, times = np.unique(values, return_counts=True)
+    most = int(np.argmax(times))
+    ends = np.array([np.nanmin(whole), np.nanmax(whole)])
+    at = int(np.flatnonzero(chosen & (whole == each[most]))[0])
+    others = np.delete(times, most).max(initial=0)
+    is_most = times[most] >= max(FEWEST, 2 * int(others))
+    if is_most and each[most] in ends and elsewhere > 1.5 * _count(whole):
+        level, share = f"{found.columns[role][at]:.4g} N", times[most] / values.size
+        told = f"{role} is clipped at {level} for {share:.0%} of {span.name}"
         hint = "Measure again in a wider range, or choose another window"
         raise _refused(found, f"{told}, from {found.place(at)}", hint)
+    told = f"{role} is {found.columns[role][at]:.4g} N"
+    if each.size == 1:
+        yield Doubt("flat", f"{told} throughout {span.name}: is it measured, or clipped?")
+    elif noise < elsewhere / FAR and float(np.abs(ends - np.median(values)).min()) < 5.0 * noise:
+        yield Doubt("clipped", f"{told} in {span.name}, with less than 1/{FAR:g} of its noise")
+
+
+def _noise(values: Array) -> float:
+    """What three of four steps from sample to sample keep within, of those that are any.
+
+    0 where these are FEWEST, as where a coarse signal rises once.
+    """
+    steps = np.abs(np.diff(values))
+    steps = steps[np.isfinite(steps) & (steps > 0.0)]
+    return float(np.percentile(steps, 75.0)) if steps.size > FEWEST else 0.0
 
 
 # --- samples that are not there

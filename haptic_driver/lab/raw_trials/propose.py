@@ -202,12 +202,17 @@ def _stretches(path: Path, drawn: Mapping[str, Array], source: Source) -> tuple[
 
 
 def _spans(drawn: Mapping[str, Array], stretches: Sequence[Span]) -> tuple[Span, ...]:
-    """Stretches before and while the voltage is on first, away from where it changes."""
+    """Stretches before and while the voltage is on, away from where it changes.
+
+    They hold for each time that it is on: by the shortest of them and of the pauses before.
+    """
     if not stretches:
         return ()
     on = stretches[0]
-    before_s, on_s = on.start_s - float(drawn["time"][0]), on.end_s - on.start_s
-    window = Span("window 1", on.start_s + 0.3 * on_s, on.end_s - 0.1 * on_s)
+    begins_s = [float(drawn["time"][0]), *(each.end_s for each in stretches)]
+    before_s = min(s.start_s - at for s, at in zip(stretches, begins_s, strict=False))
+    on_s = min(each.end_s - each.start_s for each in stretches)
+    window = Span("window 1", on.start_s + 0.3 * on_s, on.start_s + 0.9 * on_s)
     if before_s <= 0.0:
         return (window,)
     return (Span("baseline", on.start_s - 0.7 * before_s, on.start_s - 0.1 * before_s), window)

@@ -106,6 +106,28 @@ def test_a_clipped_force_is_refused(tmp_path, name) -> None:
 
 
 @FILE
+@given(count_n=st.floats(1e-4, 5e-3), rail=st.floats(0.2, 0.99), seed=st.integers(0, 10**6))
+def test_a_force_that_is_clipped_in_whole_counts_is_refused(tmp_path, count_n, rail, seed) -> None:
+    """The rail was as frequent as a count of the noise elsewhere."""
+    columns = signals(noise_n=3.0 * count_n, seed=seed)
+    columns["Fx"] = count_n * np.round(columns["Fx"] / count_n)
+    top = np.quantile(columns["Fx"][INSIDE], 1.0 - rail)
+    columns["Fx"] = np.minimum(columns["Fx"], top)
+    path = write_npz(tmp_path / "t.npz", columns)
+    share = np.mean(columns["Fx"][INSIDE] == top)
+    if share > 0.5:
+        assert cut(path, MAP).bad
+
+
+def test_a_force_at_rest_at_an_end_of_its_range_is_told(tmp_path) -> None:
+    columns, random = signals(noise_n=0.01), np.random.default_rng(1)
+    columns["Fx"] = np.minimum(columns["Fx"], 0.25) + 1e-4 * random.standard_normal(TIME_S.size)
+    columns["Fz"] = np.minimum(columns["Fz"], 0.4)
+    found = cut(write_npz(tmp_path / "t.npz", columns), MAP)
+    assert [doubt.kind for _, doubt in found.doubted] == ["clipped", "flat"]
+
+
+@FILE
 @given(count_n=st.floats(0.001, 0.05), seed=st.integers(0, 10**6))
 def test_the_counts_of_a_coarse_converter_are_no_outliers(tmp_path, count_n, seed) -> None:
     """Most samples of a window were one count, and its neighbours far outside of no noise."""
@@ -206,6 +228,34 @@ def test_a_window_with_voltage_in_a_part_is_refused(tmp_path, end_s) -> None:
     path = write_csv(tmp_path / "t.csv", signals())
     wanted = "has voltage in a part" if end_s < 1.6 else "the record goes from"
     assert wanted in refusal(path, said)
+
+
+@FILE
+@given(ahead_s=st.floats(0.1, 2.3), use=st.sampled_from(["row", "offset", "gain"]))
+def test_a_baseline_that_reaches_into_a_burst_before_is_refused(tmp_path, ahead_s, use) -> None:
+    """It is free before the first burst, and stood in the voltage of the one before the second."""
+    columns = {name: np.tile(values, 2) for name, values in signals().items()}
+    columns["t"] = np.arange(columns["t"].size) / RATE_HZ
+    columns["x"] = 20.0 * columns["t"]
+    said = with_keys(voltage_on={"bursts": "each"}, motion={})
+    said["baseline"] = {"use": use, "start_s": -ahead_s, "end_s": -ahead_s + 0.08}
+    said["baseline"] |= {} if use == "row" else {"cof": 0.4}
+    path = write_npz(tmp_path / "t.npz", columns)
+    found = cut(path, said)
+    # the pause is 1.2 s less a sample; the record begins 1 s before the first
+    if ahead_s < 0.99:
+        # five standard errors of 20 samples before and 250 after, each of 0.6 % of friction
+        cofs = [row["cof"] for row in found.rows if row["voltage_v"]]
+        assert cofs == pytest.approx([0.6, 0.6], rel=5 * 1.5 * 0.006 * (1 / 20) ** 0.5)
+    elif ahead_s > 1.01:
+        assert found.bad
+
+
+def test_voltage_from_the_first_sample_on_is_told(tmp_path) -> None:
+    columns = signals()
+    columns["U"] = columns["U"] + 30.0
+    found = cut(write_csv(tmp_path / "t.csv", columns), MAP)
+    assert [doubt.kind for _, doubt in found.doubted] == ["from_start"]
 
 
 def test_friction_after_the_voltage_is_a_row_without_it(tmp_path) -> None:
