@@ -31,12 +31,14 @@ HINT = "Save it as PNG, or as TIFF without compression"
 class Pictures(Protocol):
     """The pictures of one file.
 
-    `said` is what a viewer would not expect of the file, `times_s` when each was taken if known.
+    `said` is what a viewer would not expect of the file, `times_s` when each was taken if known,
+    `pixel_m` how wide a pixel is by a file that counts it in a length.
     """
 
     count: int
     in_planes: bool
     times_s: Array | None
+    pixel_m: float | None
     said: list[str]
 
     def read(self, number: int, /) -> Pixels: ...
@@ -84,6 +86,7 @@ class RawPicture:
 
     count, in_planes = 1, False
     times_s: Array | None = None
+    pixel_m: float | None = None
 
     def __init__(self, path: Path) -> None:
         self.said: list[str] = []
@@ -109,6 +112,7 @@ class PillowPictures:
     """What Pillow reads; the frames of an animation are pictures."""
 
     in_planes = False
+    pixel_m: float | None = None
 
     def __init__(self, path: Path) -> None:
         content = io.BytesIO(read_bytes(path, MOST_PICTURE_BYTES))

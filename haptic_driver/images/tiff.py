@@ -6,24 +6,29 @@ Numbers of tags and their values: TIFF 6.0; 42113 is GDAL's, 32803 and 34892 are
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.images.pixels import LUMINANCE, Pixels, aspect_told, of_array
 from haptic_driver.signals import Array
+from model.support.errors import ModelError
+from model.support.units import to_si
 
 REDUCED = 1
 PHOTOMETRIC, ORIENTATION, NO_DATA = 262, 274, 42113
-RESOLUTIONS = (282, 283)
+RESOLUTIONS, RESOLUTION_UNIT = (282, 283), 296
 WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, SEPARATED, YCBCR, LAB = 0, 1, 2, 3, 5, 6, 8
 JPEG = (6, 7)
+BESIDE_TIME = {"C": "channel", "Z": "plane"}
+CENTIMETRE = 3
 COMPLEX = (5, 6)
 ASSOCIATED, UNASSOCIATED = 1, 2
 # from stored to upright, by the value of the tag
@@ -76,8 +81,9 @@ class TiffPictures:
             along = (_tag(self._planes[0].page, number) or (1, 1) for number in RESOLUTIONS)
             per_x, per_y = (n / d if d else 0.0 for n, d in along)
             self.said += aspect_told(per_y, per_x)
+        self.pixel_m = _pixel_m(self._file, self._planes)
         about = self._file.imagej_metadata or {}
-        step_s = _interval_s(about)
+        step_s = _interval_s(about, _ome(self._file))
         self.times_s = None if step_s is None else step_s * np.arange(float(self.count))
         self._offset = about.get("c0"), about.get("c1")
 
@@ -105,17 +111,22 @@ def _planes(series: Any, said: list[str]) -> list[_Plane]:
     own = set("YXS") if series.keyframe.samplesperpixel > 1 else set("YX")
     sizes = dict(zip(series.axes, series.shape, strict=True))
     others = {axis: size for axis, size in sizes.items() if axis not in own and size > 1}
-    channels = others.get("C", 1)
-    if channels > 1 and len(others) > 1:
-        hint = "Save the channel that shows the touch as a file of its own"
-        raise BadInputError("several_channels", f"{channels} channels in each frame", hint)
-    if channels > 1:
-        said.append(f"{channels} channels taken as frames")
+    for axis, what in BESIDE_TIME.items():
+        count = others.get(axis, 1)
+        if count > 1 and len(others) > 1:
+            hint = f"Save the {what} that shows the touch as a file of its own"
+            raise BadInputError("several_channels", f"{count} {what}s in each frame", hint)
+        if count > 1:
+            said.append(f"{count} {what}s taken as frames")
     in_planes = series.axes.endswith("YX") and "S" in own
     count = math.prod(others.values())
     pages = series.pages
     if count == len(pages):
-        return [_Plane(page, page.asarray, in_planes) for page in pages]
+        # tags of a series stand with its first page, as in OME
+        return [
+            _Plane(page if hasattr(page, "tags") else series.keyframe, page.asarray, in_planes)
+            for page in pages
+        ]
     picture = [size for axis, size in sizes.items() if axis in own]
     whole: list[Any] = []
 
@@ -183,9 +194,44 @@ def _tag(page: Any, number: int) -> Any:
     return None if tag is None else tag.value
 
 
-def _interval_s(about: dict[str, Any]) -> float | None:
-    """From frame to frame by ImageJ's metadata."""
-    interval_s, rate_hz = about.get("finterval"), about.get("fps")
+def _ome(file: Any) -> Any:
+    """What OME says of the pixels, by attribute; nothing where the file has none."""
+    try:
+        found = ElementTree.fromstring(file.ome_metadata or "<OME/>").find(".//{*}Pixels")
+    except ElementTree.ParseError:
+        return {}
+    return {} if found is None else found.attrib
+
+
+def _pixel_m(file: Any, planes: Sequence[_Plane]) -> float | None:
+    """How wide a pixel is by OME, by ImageJ's unit, or by a resolution; those in inches are of
+    print.
+    """
+    about = _ome(file)
+    if size := about.get("PhysicalSizeX"):
+        return _in_si("position", float(size), about.get("PhysicalSizeXUnit", "µm"))
+    per, over = (_tag(planes[0].page, RESOLUTIONS[0]) if planes else None) or (0, 0)
+    if not per or not over:
+        return None
+    if file.imagej_metadata:
+        return _in_si("position", over / per, str(file.imagej_metadata.get("unit", "")))
+    is_cm = int(_tag(planes[0].page, RESOLUTION_UNIT) or 0) == CENTIMETRE
+    return 0.01 * over / per if is_cm else None
+
+
+def _in_si(quantity: str, value: float, unit: str) -> float | None:
+    """None where the unit is not one; ImageJ writes a micrometre in an escape."""
+    try:
+        return value * to_si(quantity, unit.replace("\\u00B5", "µ"), "a pixel")
+    except ModelError:
+        return None
+
+
+def _interval_s(imagej: Mapping[str, Any], ome: Mapping[str, str]) -> float | None:
+    """From frame to frame by the metadata of ImageJ, or of OME."""
+    interval_s, rate_hz = imagej.get("finterval"), imagej.get("fps")
     if interval_s:
         return float(interval_s)
+    if step := ome.get("TimeIncrement"):
+        return _in_si("time", float(step), ome.get("TimeIncrementUnit", "s"))
     return 1.0 / float(rate_hz) if rate_hz else None

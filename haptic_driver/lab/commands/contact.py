@@ -15,7 +15,7 @@ from haptic_driver.errors import BadInputError, HapticError, require_range
 from haptic_driver.files import require_free, write_rows
 from haptic_driver.lab.contact.film import Film, read_bare, read_film
 from haptic_driver.lab.contact.judge import Contact, FrameSeen, Summary, Watched, summary, watch
-from haptic_driver.lab.contact.scale import MM_PER_PIXEL, scale_from_ruler
+from haptic_driver.lab.contact.scale import MM_PER_PIXEL, scale_from_ruler, scale_told
 from haptic_driver.signals import Array
 
 OUTLINES, AREAS = "outlines.png", "areas.png"
@@ -68,6 +68,7 @@ def contact(
             lambda: advance(next(done)),
         )
     told = summary(watched.found)
+    scale_said += scale_told(mm, opened, scale_from)
     said = [*scale_said, *opened.said, *watched.said]
     write_rows(out, [_row(i, one, said) for i, one in enumerate(watched.found)])
     _draw(opened, watched, mm, (outlines, areas))

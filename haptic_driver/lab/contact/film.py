@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,8 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".gif", ".webp", ".tif", ".
 VIDEOS = (".avi", ".mp4", ".mov", ".mkv")
 STAMPS = (".csv", ".txt")
 LEAST_SIDE = 48
+ALIKE = 0.02  # relative: what a file says and what a person says of one thing
+NUMBERED = re.compile(r"(.*?)(-?\d+)")
 GIVE = "Give a video, a stack of TIFF, or a folder of PNG, TIFF or DNG"
 SAVED_AS_COLOURS = "Three grey frames saved as one colour picture look the same: save them as pages"
 
@@ -40,6 +42,8 @@ Place = tuple[Path, int]
 class Film:
     """Frames and when each was taken, in s. `frames` reads them one at a time, grey [y, x] in 0 to
     1, white being the most that the camera gives. `said` is what was done to read them.
+
+    `shape` [y, x] is that of the first, `pixel_m` how wide a pixel is where the file says it.
     """
 
     path: Path
@@ -47,6 +51,8 @@ class Film:
     places: tuple[Place, ...]
     full: float
     said: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()
+    pixel_m: float | None = None
 
     def frames(self) -> Iterator[Array]:
         """One after the other; BadInputError for one that cannot be read or is of another size."""
@@ -77,7 +83,7 @@ def read_film(
     """
     if not path.exists():
         raise BadInputError("no_film", f"{path}: is not there", GIVE)
-    places, own_s, said = _places(path, own)
+    places, own_s, said, pixel_m = _places(path, own)
     if not places:
         raise BadInputError("empty_film", f"{path}: has no frames", GIVE)
     stamps = times or (_stamps_in(path, own) if path.is_dir() and rate_hz is None else None)
@@ -85,21 +91,32 @@ def read_film(
         time_s = read_times(stamps, len(places))
     elif rate_hz is not None:
         time_s = np.arange(len(places)) / rate_hz
+        said += _rate_told(rate_hz, own_s)
     elif own_s is not None:
         time_s = own_s
     else:
         time_s = np.arange(float(len(places)))
         said.append("nothing says when frames were taken: one a second is counted")
-    full, words = _depth(path, places)
-    return Film(path, time_s, places, full, (*said, *words))
+    frames = _pixels(places)
+    first = next(frames)
+    full, words = _depth(path, first, frames)
+    return Film(path, time_s, places, full, (*said, *words), first.values.shape, pixel_m)
 
 
-def _depth(path: Path, places: tuple[Place, ...]) -> tuple[float, list[str]]:
+def _rate_told(rate_hz: float, own_s: Array | None) -> list[str]:
+    """That a rate is not the one of the file."""
+    if own_s is None or own_s.size < 2:
+        return []
+    own_hz = (own_s.size - 1) / float(own_s[-1] - own_s[0])
+    if abs(own_hz / rate_hz - 1.0) < ALIKE:
+        return []
+    return [f"the file says {own_hz:.4g} frames a second: --rate {rate_hz:g} is taken"]
+
+
+def _depth(path: Path, first: Pixels, frames: Iterator[Pixels]) -> tuple[float, list[str]]:
     """What white is in all frames, and what was done to read the first; films of more than 8 bits
     are looked through.
     """
-    frames = _pixels(places)
-    first = next(frames)
     if first.full is not None and first.full <= BYTE:
         return first.full, told(first, first.full)
 
@@ -185,21 +202,33 @@ def grey(images: Sequence[Any]) -> list[Array]:
     return [shares(pixels, full) for pixels in pictures]
 
 
-def _places(path: Path, own: Sequence[Path]) -> tuple[tuple[Place, ...], Array | None, list[str]]:
-    """Where each frame is, its time in s if the file says it, and what was done to find it."""
+class _Frames(NamedTuple):
+    """Where each frame is, its time and the width of a pixel if the file says them, and what was
+    done to find it.
+    """
+
+    places: tuple[Place, ...]
+    time_s: Array | None
+    said: list[str]
+    pixel_m: float | None = None
+
+
+def _places(path: Path, own: Sequence[Path]) -> _Frames:
     ending = path.suffix.lower()
     if path.is_dir():
-        files = sorted(listed(path, PICTURES, own), key=_natural)
-        notes = _numbers_told(files)
+        files, notes = _in_order(listed(path, PICTURES, own))
+        notes = notes or _numbers_told(files)
+        pixel_m = None
         if files:
             with opened(files[0]) as pictures:
                 notes += pictures.said
-        return tuple((file, 0) for file in files), None, notes
+                pixel_m = pictures.pixel_m
+        return _Frames(tuple((file, 0) for file in files), None, notes, pixel_m)
     if ending in VIDEOS:
         times = [frame.time for frame in _video(path)]
         known = times and None not in times and bool((np.diff(times) > 0.0).all())
         own_s = np.array(times) - times[0] if known else None
-        return tuple((path, i) for i in range(len(times))), own_s, _video_told(path)
+        return _Frames(tuple((path, i) for i in range(len(times))), own_s, _video_told(path))
     if ending not in PICTURES:
         raise BadInputError("bad_film", f"{path}: is no film of a kind that is known", GIVE)
     with opened(path) as pictures:
@@ -207,12 +236,31 @@ def _places(path: Path, own: Sequence[Path]) -> tuple[tuple[Place, ...], Array |
             said = f"{path}: is one picture in planes of colour"
             raise BadInputError("one_picture", said, SAVED_AS_COLOURS)
         places = tuple((path, i) for i in range(pictures.count))
-        return places, pictures.times_s, list(pictures.said)
+        return _Frames(places, pictures.times_s, list(pictures.said), pictures.pixel_m)
 
 
-def _natural(path: Path) -> list[Any]:
-    """So that frame 10 comes after frame 9."""
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
+def _in_order(files: Sequence[Path]) -> tuple[list[Path], list[str]]:
+    """So that frame 10 comes after frame 9; and whether a minus counts as a sign.
+
+    It does where others of the same name have none: f-2, f-1, f0.
+    """
+    parts = {file: NUMBERED.fullmatch(file.stem) for file in files}
+    ends = [(found[1], found[2]) for found in parts.values() if found]
+    signed = {bare for bare, number in ends if number.startswith("-")}
+    signed &= {bare for bare, number in ends if not number.startswith("-")}
+
+    def key(file: Path) -> list[Any]:
+        found = parts[file]
+        if found is None or found[1] not in signed:
+            return _natural(file.name)
+        return [*_natural(found[1]), int(found[2]), file.suffix]
+
+    told = ["a minus before a frame's number counts as its sign: frames stand in that order"]
+    return sorted(files, key=key), told if signed else []
+
+
+def _natural(name: str) -> list[Any]:
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
 
 
 def _stamps_in(folder: Path, own: Sequence[Path]) -> Path | None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.errors import BadInputError, require_range
-from haptic_driver.lab.contact.film import read_bare
+from haptic_driver.lab.contact.film import ALIKE, Film, read_bare
 from haptic_driver.signals import Array, Mask
 
 MM_PER_PIXEL = (1e-4, 1.0)
@@ -20,7 +20,6 @@ LEAST_LINES = 4
 CLEAR = 6.0  # times the usual strength of any other frequency
 HARMONIC = 0.5  # of the strongest line, from which on a slower one is the pitch itself
 NEGATIVE = -0.5  # correlation with itself; that of a grid of thin lines is -0.2
-ALIKE = 0.02  # pitches of two directions: a camera that looks aslant changes one of them
 
 
 class Wave(NamedTuple):
@@ -33,6 +32,18 @@ class Wave(NamedTuple):
     @property
     def pitch_px(self) -> float:
         return 1.0 / float(np.hypot(self.y, self.x))
+
+
+def scale_told(mm: float, film: Film, ruler: Path | None) -> list[str]:
+    """What speaks against a scale in mm per pixel: the film's file, or a ruler of another size."""
+    said = []
+    if film.pixel_m and abs(1e3 * film.pixel_m / mm - 1.0) > ALIKE:
+        said.append(f"the file says {1e3 * film.pixel_m:.4g} mm per pixel: {mm:.4g} is taken")
+    shape = film.shape if ruler is None else read_bare(ruler).shape
+    if shape != film.shape:
+        sizes = f"{shape[1]} x {shape[0]} pixels, a frame {film.shape[1]} x {film.shape[0]}"
+        said.append(f"the ruler's picture is {sizes}: the scale is wrong if either was resized")
+    return said
 
 
 def scale_from_ruler(path: Path, pitch_mm: float) -> tuple[float, str]:
@@ -57,6 +68,10 @@ def scale_from_ruler(path: Path, pitch_mm: float) -> tuple[float, str]:
         raise BadInputError("two_rulers", said, "Cut out the lines that are --pitch apart")
     pitch_px = 0.5 * (first.pitch_px + second.pitch_px)
     if _is_checkerboard(picture - picture.mean(), first, second):
+        sides = [1.0 / float(np.hypot(*along)) for along in _sides(first, second)]
+        if abs(sides[1] / sides[0] - 1.0) > ALIKE:
+            said = f"{path}: squares of a checkerboard, {sides[0]:.4g} by {sides[1]:.4g} pixels"
+            raise BadInputError("two_rulers", said, "Look at it straight, with square pixels")
         side_px = pitch_px / np.sqrt(2.0)
         return pitch_mm / side_px, f"squares of a checkerboard, {side_px:.4g} pixels wide"
     return pitch_mm / pitch_px, f"lines in two directions, {pitch_px:.4g} pixels apart"
@@ -116,6 +131,14 @@ def _between(power: Array, y: int, x: int) -> tuple[float, float]:
 
     here = at(0, 0)
     return vertex(at(-1, 0), here, at(1, 0)), vertex(at(0, -1), here, at(0, 1))
+
+
+def _sides(first: Wave, second: Wave) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Along which squares lie that two diagonal waves make, in squares per pixel."""
+    return (
+        (first.y + second.y, first.x + second.x),
+        (first.y - second.y, first.x - second.x),
+    )
 
 
 def _is_checkerboard(picture: Array, first: Wave, second: Wave) -> bool:
