@@ -31,8 +31,8 @@ HINT = "Save it as PNG, or as TIFF without compression"
 class Pictures(Protocol):
     """The pictures of one file.
 
-    `said` is what a viewer would not expect of the file, `times_s` when each was taken if known,
-    `pixel_m` how wide a pixel is by a file that counts it in a length.
+    `said` is what a viewer would not expect of the file, `times_s` when each was taken if known.
+    `pixel_m` is how wide a pixel is, by a file that counts it in a length.
     """
 
     count: int
