@@ -30,6 +30,8 @@ KINDS = {
 }
 MOST_LISTED = 40  # names in an error
 UNIT_ATTRIBUTES = ("units", "unit", "unit_string", "NI_UnitDescription")
+PACKED = (("scale_factor", "add_offset"), ("conversion", "offset"))  # of CF, and of NWB
+SCALES = ("scale", "scaling", "gain")
 ITS_DATES = "its dates"
 NO_TABLES = "A MATLAB table cannot be read: save table2struct(T, 'ToScalar', true)"
 
@@ -37,6 +39,8 @@ NO_TABLES = "A MATLAB table cannot be read: save table2struct(T, 'ToScalar', tru
 @dataclass(frozen=True)
 class Column:
     """A column as its file has it: the name as written, and the unit that the file itself says.
+
+    `scaled`: what its attributes say of a scale that no convention defines.
 
     `unit_from`: where it says that. `index` counts from 1 in a table of several columns under one
     name. `read` gives the values [n], NaN where none stands. `rate_hz` and `began`: of a waveform
@@ -51,6 +55,7 @@ class Column:
     rate_hz: float | None = None
     began: str = ""
     place: int | None = None
+    scaled: str = ""
 
     @property
     def bare(self) -> str:
@@ -232,20 +237,32 @@ def _of_hdf5(path: Path, sign: str = "/") -> Iterator[Column]:
             elif dataset.dtype.names:
                 yield from _records(name, values, ":")
             else:
+                scaled = _scaled(dataset.attrs)
                 values = _unpacked(np.asarray(values), dataset.attrs)
-                yield from _columns(name, values, unit, unit_from)
+                for column in _columns(name, values, unit, unit_from):
+                    yield replace(column, scaled=scaled)
 
 
 def _unpacked(values: Any, attributes: Mapping[str, Any]) -> Any:
-    """Numbers as the attributes of the CF conventions say that they are packed (section 8.1)."""
-    packing = {"_FillValue", "scale_factor", "add_offset"} & set(attributes)
-    if not packing or values.dtype.kind not in "iuf":
+    """Numbers as attributes of the CF conventions (section 8.1) or of NWB say they are packed."""
+    names = next((pair for pair in PACKED if set(pair) & set(attributes)), PACKED[0])
+    if values.dtype.kind not in "iuf" or not {"_FillValue", *names} & set(attributes):
         return values
     blank, scale, offset = (
         float(np.ravel(attributes.get(key, default))[0])
-        for key, default in (("_FillValue", np.nan), ("scale_factor", 1.0), ("add_offset", 0.0))
+        for key, default in zip(("_FillValue", *names), (np.nan, 1.0, 0.0), strict=True)
     )
     return np.where(values == blank, np.nan, scale * values.astype(np.float64) + offset)
+
+
+def _scaled(attributes: Mapping[str, Any]) -> str:
+    """Attributes of a scale that `_unpacked` does not know, as gain = 2."""
+    said = []
+    for name in SCALES:
+        value = np.ravel(attributes.get(name, 1.0))
+        if not (value.size == 1 and value.dtype.kind in "iuf" and value[0] == 1.0):
+            said.append(f"{name} = {attributes[name]}")
+    return ", ".join(said)
 
 
 def _cell(name: str, values: Any, index: int) -> Iterator[Column]:

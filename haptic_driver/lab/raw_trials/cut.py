@@ -198,7 +198,18 @@ def opened(path: Path, said: TrialMap) -> Source:
 def _looked_at(trial: Trial, said: TrialMap, may_turn: bool) -> Trial:
     spans = _spans(trial, said)
     usable, doubts = look_at(trial.found, spans, trial.moving, said, may_turn=may_turn)
-    return replace(trial, spans=spans, usable=usable, doubts=(*trial.doubts, *doubts))
+    doubts = (*trial.doubts, *_aliased(trial), *doubts)
+    return replace(trial, spans=spans, usable=usable, doubts=doubts)
+
+
+def _aliased(trial: Trial) -> list[Doubt]:
+    """A doubt where the electrode's voltage is sampled too slowly for its frequency."""
+    set_hz = float(trial.conditions.get("frequency", 0.0)) if trial.voltage is not None else 0.0
+    rate_hz = 1.0 / float(np.median(np.diff(trial.columns["time"])))
+    if "electrode_voltage" not in trial.columns or rate_hz > 2.0 * set_hz:
+        return []
+    told = f"electrode_voltage of {set_hz:g} Hz is sampled at {rate_hz:.6g} Hz"
+    return [Doubt("aliased", f"{told}: its amplitude is not known")]
 
 
 def _with_zero(found: Quantities, said: TrialMap) -> Quantities:

@@ -21,6 +21,7 @@ from haptic_driver.lab.raw_trials.cut import (
     tabled,
 )
 from haptic_driver.lab.raw_trials.look import Doubt
+from haptic_driver.lab.raw_trials.plausible import doubts_of
 from haptic_driver.lab.raw_trials.quantities import given_roles
 from haptic_driver.lab.raw_trials.trial_map import TrialMap, made_map, read_map
 from model.support.units import to_si
@@ -28,11 +29,14 @@ from model.support.units import to_si
 MOST_LISTED = 200  # files that an error names
 MOST_NAMED = 3  # files that a line of doubts names
 DONE = {
+    "aliased": "the electrode's voltage is sampled below twice its frequency",
     "burst": "the voltage comes on several times: a trial for each",
     "clipped": "a force has hardly any noise at an end of its range: is it clipped?",
     "flat": "a force is the same number throughout a window",
     "from_start": "the voltage is on from the first sample: an offset, or a window too late",
     "gap": "samples are missing in a window",
+    "impossible": "a number is outside of what a touch can have: is a unit or a gain wrong?",
+    "not_as_set": "what was measured is far from what was set: is a unit or a gain wrong?",
     "outliers": "samples far outside the noise were left out",
     "spike": "a spike of the voltage was passed over",
     "turn": "the finger turns in a window: lateral force counts against its way",
@@ -137,8 +141,12 @@ def cut_given(source: Source, map_values: Mapping[str, Any]) -> Cut:
 def _add(found: Cut, path: Path, trials: Sequence[Trial], said: TrialMap) -> None:
     number = len({row["trial"] for row in found.rows}) + len(found.bad)
     rows = [rows_of(trial, said, number + i) for i, trial in enumerate(trials, start=1)]
-    found.rows.extend(row for each in rows for row in each)
     found.doubted.extend(Doubted(path, doubt) for trial in trials for doubt in trial.doubts)
+    for row in (row for each in rows for row in each):
+        doubts = list(doubts_of(row))
+        row["doubts"] = "; ".join(filter(None, [str(row["doubts"]), *(d.said for d in doubts)]))
+        found.doubted.extend(Doubted(path, doubt) for doubt in doubts)
+        found.rows.append(row)
 
 
 def write_trials(

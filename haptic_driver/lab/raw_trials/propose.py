@@ -155,7 +155,8 @@ def roles_of(names: Sequence[str], units: Sequence[str]) -> dict[str, int]:
 def in_name(path: Path) -> dict[str, tuple[str, str]]:
     """Patterns and units of the quantities in a file's name, as 120V or 0p5N."""
     found: dict[str, tuple[str, str]] = {}
-    number = r"\d+(?:[.,p]\d+)?"
+    # no tail of another number, as in 1e3Hz, 1e-3Hz, 1k5Hz or 2-5kHz
+    number = r"(?<!\d)(?<!\d[A-Za-z.,-])(?<!\d[eE][-+])\d+(?:[.,p]\d+)?"
     for match in re.finditer(rf"({number})([A-Za-zµ]+)(?=[_\-. ]|$)", path.stem):
         kinds = [kind for kind in of_kind(match[2]) if kind in IN_NAMES and kind not in found]
         if kinds:

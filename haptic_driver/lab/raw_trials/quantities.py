@@ -12,7 +12,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.lab.raw_trials.columns import ITS_DATES, Column, Source
 from haptic_driver.lab.raw_trials.trial_map import ColumnSaid, TrialMap
 from haptic_driver.signals import Array
-from model.support.units import SI, same, suffix_unit, to_si, understood
+from model.support.units import SI, named_unit, of_kind, same, suffix_unit, to_si, understood
 
 FEWEST = 10  # samples
 SAME_RATE = 1e-3  # two rates that are one
@@ -53,6 +53,7 @@ def quantities(source: Source, said: TrialMap) -> Quantities:
         column = used[role]
         where = f"{source.path}: columns.{role}"
         unit = _unit(role, wanted, column, where)
+        _refuse_scaled(role, wanted, column, where)
         raw[role] = values = column.read()
         if not np.isfinite(values).any():
             raise _no_numbers(where, source, column)
@@ -109,14 +110,31 @@ def _unit(role: str, wanted: ColumnSaid, column: Column, where: str) -> str:
     if wanted.unit is None and not own:
         hint = f"Give columns.{role}.unit"
         raise BadInputError("unknown_unit", f"{where} has no unit", hint)
-    if wanted.unit is None or own_from == ITS_DATES:
+    if own_from == ITS_DATES:
         return own
-    is_known = own and understood(own) is not None and not wanted.overrides_file
+    named = named_unit(column.name).unit or suffix_unit(column.name, SI[role]).unit
+    if wanted.overrides_file and wanted.unit is not None:
+        return wanted.unit
+    if role in of_kind(named) and understood(own) is not None and not same(own, named):
+        told = f"{where} is in {named} by its name, and in {own} by {own_from}"
+        hint = f"Give columns.{role}.unit, and say overrides_file = true beside it"
+        raise BadInputError("unit_conflict", told, hint)
+    if wanted.unit is None:
+        return own
+    is_known = own and understood(own) is not None
     if is_known and not same(own, wanted.unit):
         told = f"{where} is in {wanted.unit} by the map, and in {own} by {own_from}"
         hint = f"Leave columns.{role}.unit out, or say overrides_file = true beside it"
         raise BadInputError("unit_conflict", told, hint)
     return wanted.unit
+
+
+def _refuse_scaled(role: str, wanted: ColumnSaid, column: Column, where: str) -> None:
+    """BadInputError for an attribute that may be in the numbers already, or not."""
+    if column.scaled and wanted.gain == 1.0 and not wanted.overrides_file:
+        told = f"{where}: its attribute says {column.scaled}, and nothing says whether it counts"
+        hint = f"Give columns.{role}.gain; or overrides_file = true where the numbers hold it"
+        raise BadInputError("unit_conflict", told, hint)
 
 
 def _check_waveforms(path: Path, used: Mapping[str, Column], rate_hz: float | None) -> None:

@@ -19,6 +19,7 @@ from scipy.io import savemat
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import listed
 from haptic_driver.lab.raw_trials.cut import tabled
+from haptic_driver.lab.raw_trials.propose import in_name
 from haptic_driver.lab.raw_trials.trial_map import Conditions
 from tests.haptic_driver.lab.raw_trials.made import (
     MAP,
@@ -347,6 +348,35 @@ def test_what_a_file_packs_is_unpacked(tmp_path, scale, offset) -> None:
     with h5py.File(path, "a") as file:
         file["Fx"][int(np.argmax(TIME_S > 1.8))] = 1 << 30
     assert "lateral_force is no number at 1.804 s" in refused(path, MAP).message
+
+
+@pytest.mark.parametrize("name", ["conversion", "scale", "gain"])
+def test_a_scale_beside_the_numbers_is_applied_or_refused(tmp_path, name) -> None:
+    path = tmp_path / "t.h5"
+    with h5py.File(path, "w") as file:
+        for key in NAMES:
+            file[key] = SIGNALS[key] / (0.002 if key == "Fx" else 1.0)
+        file["Fx"].attrs[name] = 0.002
+    if name != "conversion":
+        assert f"its attribute says {name} = 0.002" in refused(path, MAP).message
+    gain = {} if name == "conversion" else {"gain": 0.002}
+    assert rows(path, with_keys(lateral_force=gain))[0]["cof"] == pytest.approx(expected())
+
+
+def test_a_name_and_a_row_of_units_that_differ_are_refused(tmp_path) -> None:
+    path = write_csv(tmp_path / "t.csv", SIGNALS, ["t_s", "Fx_mN", "Fz_N", "U_V", "x_mm"])
+    head, body = path.read_text().split("\n", 1)
+    path.write_text(f"{head}\ns,N,N,V,mm\n{body}")
+    names = zip(MAP["columns"], ("t_s", "Fx_mN", "Fz_N", "U_V", "x_mm"), strict=True)
+    said = with_keys()
+    said["columns"] = {role: {"name": name} for role, name in names}
+    assert "is in mN by its name, and in N by the row of units" in refused(path, said).message
+
+
+@pytest.mark.parametrize("text", ["1e3Hz", "1e-3Hz", "1k5Hz", "2-5kHz", "2.5-7Hz"])
+def test_the_tail_of_a_number_is_none(text) -> None:
+    assert set(in_name(Path(f"slide_{text}_100V.csv"))) == {"voltage"}
+    assert set(in_name(Path(f"slide_f0p5Hz_{text}.csv"))) == {"frequency"}
 
 
 def test_records_in_an_archive_of_arrays(tmp_path) -> None:

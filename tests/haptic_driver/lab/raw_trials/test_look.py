@@ -258,6 +258,37 @@ def test_voltage_from_the_first_sample_on_is_told(tmp_path) -> None:
     assert [doubt.kind for _, doubt in found.doubted] == ["from_start"]
 
 
+@pytest.mark.parametrize("frequency_hz", [100.0, 125.0, 1000.0])
+def test_a_carrier_that_is_sampled_too_slowly_is_told(tmp_path, frequency_hz) -> None:
+    said = with_keys(voltage_on={"column": "electrode_voltage"})
+    said["columns"]["electrode_voltage"] = said["columns"].pop("voltage")
+    values = {"voltage": 75.0 * 2**0.5, "frequency": frequency_hz}
+    said["conditions"] = {**MAP["conditions"], "values": values}
+    found = cut(write_npz(tmp_path / "t.npz", signals()), said)
+    told = [doubt.kind for _, doubt in found.doubted]
+    assert told == (["aliased"] if frequency_hz >= RATE_HZ / 2 else [])
+
+
+@FILE
+@given(gain=st.floats(0.01, 0.66) | st.floats(0.67, 1.49) | st.floats(1.51, 100.0))
+def test_a_monitor_far_from_what_was_set_is_told(tmp_path, gain) -> None:
+    columns = signals()
+    columns["U"] = columns["U"] * gain * 0.5**0.5
+    said = with_keys(voltage_on={"column": "electrode_voltage"})
+    said["columns"]["electrode_voltage"] = said["columns"].pop("voltage")
+    found = cut(write_npz(tmp_path / "t.npz", columns), said)
+    told = {doubt.kind for _, doubt in found.doubted}
+    assert ("not_as_set" in told) == (not 1 / 1.5 <= gain <= 1.5)
+
+
+def test_forces_that_no_finger_has_are_told(tmp_path) -> None:
+    columns = signals()
+    columns["Fx"], columns["Fz"] = 1e3 * columns["Fx"], 1e3 * columns["Fz"]
+    columns["x"] = 1e3 * columns["x"]
+    found = cut(write_npz(tmp_path / "t.npz", columns), MAP)
+    assert [doubt.kind for _, doubt in found.doubted] == ["impossible", "impossible"]
+
+
 def test_friction_after_the_voltage_is_a_row_without_it(tmp_path) -> None:
     said = with_keys()
     said["windows"] = [{"after": "off", "start_s": 0.02, "end_s": 0.18}]
