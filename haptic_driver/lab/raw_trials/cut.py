@@ -349,7 +349,7 @@ def rows_of(trial: Trial, said: TrialMap, number: int) -> list[Row]:
     """A row for each window; BadInputError where one holds too little, or no friction."""
     before, rows = None, list[Row]()
     for span in trial.spans:
-        is_on, row = _is_on(trial, span), _row(trial, span, _within(trial, span), number)
+        row, is_on = _row(trial, span, _within(trial, span), number), _is_on(trial, span)
         if span.name == BASELINE and said.baseline is not None and said.baseline.use != "row":
             before = row
             continue
