@@ -58,6 +58,7 @@ RANGES = {
     **SPREADS,
     **{witness.column: witness.range for witness in WITNESSES},
 }
+SAME_FRICTION = 0.1  # relative: a mean of ratios is not the ratio of means
 LATERAL, LATERAL_STD = "lateral_force_n", "lateral_force_std_n"  # in place of friction
 RANGES |= {LATERAL: (-100.0, 100.0, "N"), LATERAL_STD: (1e-9, 100.0, "N")}
 WORDS = ("session", "trial", "setting", "waveform", "finger", "intervention", "kramers_kronig")
@@ -309,7 +310,32 @@ def read_measurements(
             raise table.bad_rows()
         said += table.said_wrong()
         table, found = kept, _measurements(kept)
-    return replace(found, bad_rows=said, notes=(*table.notes, *table.doubted()))
+    notes = (*table.notes, *table.doubted(), *_friction_told(table), *_repeats_told(table))
+    return replace(found, bad_rows=said, notes=notes)
+
+
+def _repeats_told(table: Table) -> tuple[str, ...]:
+    """That rows are alike in every cell, as where one was copied."""
+    same = len(table.rows) - len({tuple(row.values()) for row in table.rows})
+    if not same:
+        return ()
+    return (f"{same} of {len(table.rows)} rows repeat another in every cell: each counts",)
+
+
+def _friction_told(table: Table) -> tuple[str, ...]:
+    """That friction is not the lateral force over the load, where all three are there."""
+    if not all(_says(table, name) for name in ("cof", LATERAL)):
+        return ()
+    asked = ("cof", LATERAL, "normal_force_n")
+    cof, lateral_n, load_n = (_column(table, name, where_empty=np.nan) for name in asked)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wrong = np.flatnonzero(np.abs(np.abs(lateral_n) / load_n / cof - 1.0) > SAME_FRICTION)
+    if not wrong.size:
+        return ()
+    row = int(wrong[0])
+    by_force = abs(lateral_n[row]) / load_n[row]
+    said = f"{table.where(row)}: cof is {cof[row]:.3g}, lateral force over load {by_force:.3g}"
+    return (f"{said}; so in {wrong.size} of {cof.size} rows: cof counts",)
 
 
 def _measurements(table: Table) -> Measurements:

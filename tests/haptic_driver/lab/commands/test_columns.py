@@ -202,3 +202,13 @@ def test_trials_go_straight_into_a_prediction_and_a_diagnosis(haptic, tmp_path) 
     assert haptic("calibrate", trials, *mapped, "--out", finger).status == 0
     assert (tmp_path / "finger.rows.csv").read_text() == data.read_text()
     assert haptic("calibrate", trials, *mapped, "--out", finger, "--json").status == 2
+
+
+def test_rows_that_repeat_and_forces_that_deny_friction_are_told(tmp_path) -> None:
+    head = "frequency_hz,voltage_v,normal_force_n,cof,lateral_force_n\n"
+    alike, other = "100,125,0.5,0.6,0.3\n", "100,125,0.5,0.6,0.6\n"
+    assert read_measurements(table(tmp_path, head + alike)).notes == ()
+    (repeated,) = read_measurements(table(tmp_path, head + 3 * alike)).notes
+    assert repeated.startswith("2 of 3 rows repeat")
+    (denied,) = read_measurements(table(tmp_path, head + alike + other)).notes
+    assert "line 3: cof is 0.6, lateral force over load 1.2; so in 1 of 2 rows" in denied
