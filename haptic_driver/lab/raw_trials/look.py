@@ -134,8 +134,8 @@ def _without_outliers(
 def _clipped(found: Quantities, role: str, chosen: Mask, span: Span) -> Iterator[Doubt]:
     """What a signal that rests leaves in doubt.
 
-    BadInputError where it is at the least or greatest number that it ever has more often than at
-    any other, and noise elsewhere is of several counts of its converter.
+    BadInputError where it is most often at the least or greatest number that it ever has. Noise
+    elsewhere must be of several counts of its converter.
     """
     whole = found.raw[role]
     values = whole[chosen]
