@@ -110,17 +110,22 @@ def _check_agree(ours: str, values: NDArray[Any], table: Any, names: list[str]) 
 
 
 def require_one_index(columns: Any) -> None:
-    """BadInputError where pandas Series of one table have their rows in different order."""
-    first = ""
-    seen: Any = None
+    """BadInputError where pandas Series have their rows in another order than the other columns."""
+    indices: dict[Any, Any] = {}
+    alone = False
     for name in columns:
         index = getattr(columns[name], "index", None)
-        if not hasattr(index, "equals"):
-            continue
-        if seen is not None and not seen.equals(index):
-            said = f"the rows of {first} and {name} have different labels or order"
+        if hasattr(index, "equals"):
+            indices[name] = index
+        else:
+            is_list = isinstance(columns[name], list | tuple)
+            alone |= len(columns[name]) > 1 if is_list else getattr(columns[name], "size", 1) > 1
+    first = next(iter(indices.values()), None)
+    for name, index in indices.items():
+        rises = getattr(index, "is_monotonic_increasing", True)
+        if not index.equals(first) or (alone and not rises):
+            said = f"the rows of {name} and of other columns have different labels or order"
             raise BadInputError("bad_table", said, "Give one DataFrame, or arrays by to_numpy()")
-        first, seen = first or str(name), index
 
 
 def is_table(data: Any) -> bool:

@@ -83,10 +83,17 @@ CONDITIONS = {"frequency_hz": [250.0], "voltage_v": [75.0], "normal_force_n": [0
                 "speed_m_s": pd.Series([0.01, 0.02], index=[0, 1]),
                 "time_s": pd.Series([1.0, 2.0], index=[1, 0]),
             },
-            "rows of speed_m_s and time_s have different labels",
+            "rows of time_s and of other columns have different labels",
+        ),
+        (
+            {
+                **{name: 2 * values for name, values in CONDITIONS.items()},
+                "speed_m_s": pd.Series([0.01, 0.02], index=[1, 0]),
+            },
+            "rows of speed_m_s and of other columns have different labels",
         ),
     ],
-    ids=["two units", "twice", "two orders"],
+    ids=["two units", "twice", "two orders", "beside arrays"],
 )
 def test_a_table_that_says_two_things_is_refused(table, match) -> None:
     with pytest.raises(hd.BadInputError, match=match):
