@@ -21,7 +21,7 @@ def test_a_picture_is_what_its_name_says(tmp_path, ending):
 
 def test_a_picture_that_cannot_be_named_is_refused_before_it_is_drawn(tmp_path):
     with (
-        pytest.raises(BadInputError, match="no name of a picture"),
+        pytest.raises(BadInputError, match=r"its ending is none of \.png, \.pdf, \.svg"),
         saved(plt.figure(), tmp_path / "x.gif"),
     ):
         pytest.fail("drawn")

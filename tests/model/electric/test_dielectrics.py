@@ -181,7 +181,7 @@ class TestTable:
             read_csv(tmp_path / "none.csv")
         binary = tmp_path / "binary.csv"
         binary.write_bytes(b"\xff\xfe\x00\x81")
-        with pytest.raises(ModelError, match="column frequency_hz is missing"):
+        with pytest.raises(ModelError, match=r"binary\.csv is not text"):
             read_csv(binary)
 
     def test_line_number_counts_blank_lines(self, tmp_path) -> None:

@@ -116,8 +116,11 @@ def test_what_the_program_gets_wrong_is_answered(unix, control, monkeypatch, met
     assert "nobody foresaw it" in answer.json()["error"]["message"]
 
 
-def test_an_api_that_does_not_start_is_told(control, tmp_path, monkeypatch):
-    monkeypatch.setattr(server, "START_TIMEOUT_S", -1.0)
+@pytest.mark.parametrize("hangs", [True, False])
+def test_an_api_that_does_not_start_is_told(control, tmp_path, monkeypatch, hangs):
+    monkeypatch.setattr(server, "START_TIMEOUT_S", 0.0 if hangs else HANG_S)
+    answer = (lambda one: until(lambda: one.server.should_exit)) if hangs else lambda one: None
+    monkeypatch.setattr(server._Served, "answer", answer)
     with pytest.raises(HapticError) as refused, serving(control, tmp_path):
         pass
     assert refused.value.code == "no_api"
