@@ -129,7 +129,7 @@ def main() -> None:
     rate_hz = output.plays_at(section.envelope_rate_hz)
     writer = EnvelopeWriter(output, settings.modulation, rate_hz, settings.rise_v_per_s)
     granted = real_time.enter(PRIORITY + 1)  # its turn is short, and render waits awake
-    real_time.settle_memory()
+    real_time.never_collect()
     lead = Lead(section.lead_s, section.buffer_s)
     loop = EnvelopeLoop(shared, writer, lead, shared.played.read().underruns)
     loop.turn(time.monotonic())

@@ -468,7 +468,7 @@ def main() -> None:
         renderer.warm_up()
     refuse_to_compile()
     granted = real_time.enter()
-    real_time.settle_memory()
+    real_time.never_collect()
     parent.tell(granted._asdict())
     metronome = granted.metronome(settings.period_s, shared.output.read().tick)
     try:

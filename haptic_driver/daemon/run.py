@@ -19,7 +19,7 @@ from haptic_driver.daemon.service import as_service
 from haptic_driver.daemon.set_up import DaemonSettings, daemon_settings
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.processes.compilation import compilation_said
-from haptic_driver.processes.real_time import take_precedence
+from haptic_driver.processes.real_time import settle_memory, take_precedence
 from haptic_driver.rig.evidence import KnownOutput
 
 KEEP_PERIOD_S = 1.0  # between looks at the socket's name
@@ -93,6 +93,7 @@ def _serve_until(
                 )
             if partners.inlet is not None:
                 running.enter_context(hearing(partners.inlet, daemon.event_log.add, failed))
+            settle_memory()
             _log.info("ready at %s; processes %s", place.path, daemon.pids)
             announce(place.path, page)
             while not ended.wait(KEEP_PERIOD_S):

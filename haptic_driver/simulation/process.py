@@ -30,7 +30,7 @@ from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes import parent
 from haptic_driver.processes.compilation import compilation_said
-from haptic_driver.processes.real_time import Metronome
+from haptic_driver.processes.real_time import Metronome, settle_memory
 from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.load_stages import SimulatedLoadStageConfig
@@ -264,6 +264,7 @@ def main() -> None:
     with SlidingFinger(config, friction, slide, given.record, electrode) as served:
         parent.tell({"endpoints": served.endpoints})
         start_thread("linger", _linger, ended)
+        settle_memory()
         metronome = Metronome(STEP_S, began_s=served.instruments.time_s)
         while not ended.is_set():
             metronome.wait()

@@ -10,6 +10,7 @@ SIGTERM, as the command does.
 from __future__ import annotations
 
 import _thread
+import gc
 import os
 import resource
 import signal
@@ -26,6 +27,7 @@ from hw.transport import resource as transports
 from hw.transport import tcp
 from hw.transport.tcp import TcpTransport
 
+A_SEARCH = 50_000  # objects: it takes about 0.03 s, and every thread waits
 NAMED: list[TcpTransport] = []
 
 
@@ -42,6 +44,8 @@ def refuse(*_: object, **__: object) -> NoReturn:
 
 
 def deny(what: list[str]) -> None:
+    if "garbage" in what:
+        assert len(gc.get_objects()) < A_SEARCH
     reached = [one._socket for one in NAMED if one._socket is not None]
     assert reached or "names" not in what, "nothing is reached by a name"
     if "threads" in what:

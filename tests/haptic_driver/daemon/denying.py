@@ -47,6 +47,7 @@ class DeniedDaemon:
             stdout=self._log if "stdout" in what else subprocess.DEVNULL,
             stderr=self._log if "stderr" in what else None,
         )
+        os.close(self._saying)  # what has ended says nothing more
 
     def render(self) -> None:
         """Wait until it is there, and until there is voltage."""
@@ -77,7 +78,7 @@ class DeniedDaemon:
     def close(self) -> None:
         self.process.kill()
         self.process.wait()
-        for descriptor in (self._said, self._saying, self._unread, self._log):
+        for descriptor in (self._said, self._unread, self._log):
             os.close(descriptor)
 
 

@@ -56,6 +56,12 @@ def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
     assert history(daemon.record)[-1][1] == 0.0
 
 
+@pytest.mark.process
+def test_a_search_for_garbage_does_not_keep_off_waiting(denied_daemon):
+    """One of all that a daemon imports took 0.2 to 0.5 s, at any moment."""
+    denied_daemon("garbage").deny()
+
+
 STOP = b"\x13"  # Ctrl-S
 
 
