@@ -58,7 +58,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
-def test_the_wheel_holds_every_module_config_and_page(wheel: Path) -> None:
+def test_the_wheel_holds_every_module_config_and_page(wheel):
     held = set(zipfile.ZipFile(wheel).namelist())
     wanted = {
         path.relative_to(ROOT).as_posix()
@@ -82,12 +82,12 @@ def test_the_wheel_holds_every_module_config_and_page(wheel: Path) -> None:
     assert wanted <= held, sorted(wanted - held)
 
 
-def test_the_wheel_installs_only_its_packages(wheel: Path) -> None:
+def test_the_wheel_installs_only_its_packages(wheel):
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     assert {top for top in tops if not top.endswith(".dist-info")} == set(PACKAGES)
 
 
-def test_a_checkout_says_its_commit(tmp_path: Path) -> None:
+def test_a_checkout_says_its_commit(tmp_path):
     if not (ROOT / ".git").exists():
         pytest.skip("not a git checkout")
     commit = run("git", "rev-parse", "HEAD", folder=ROOT).strip()
@@ -99,9 +99,7 @@ def test_a_checkout_says_its_commit(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 @pytest.mark.timeout(600)
-def test_installed_in_an_empty_environment_the_demo_runs_from_any_folder(
-    wheel: Path, tmp_path: Path
-) -> None:
+def test_installed_in_an_empty_environment_the_demo_runs_from_any_folder(wheel, tmp_path):
     """The libraries are those of this environment: only this project is installed."""
     home, elsewhere = tmp_path / "venv", tmp_path / "elsewhere"
     venv.create(home, with_pip=True)
@@ -158,9 +156,7 @@ def pythons() -> list[str]:
 @pytest.mark.soak
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("python", pythons(), ids=lambda path: Path(path).name)
-def test_the_wheel_installs_with_its_libraries_and_runs(
-    python: str, wheel: Path, tmp_path: Path
-) -> None:
+def test_the_wheel_installs_with_its_libraries_and_runs(python, wheel, tmp_path):
     """The libraries come from the package index, in the versions that fit this Python."""
     home, elsewhere = tmp_path / "venv", tmp_path / "elsewhere"
     run(python, "-m", "venv", home, folder=tmp_path)

@@ -150,7 +150,7 @@ def copy(folder: Path) -> Path:
     return folder
 
 
-def test_the_sources_keep_every_rule(tmp_path: Path) -> None:
+def test_the_sources_keep_every_rule(tmp_path):
     result = lint(copy(tmp_path))
     assert result.returncode == 0, result.stdout
     assert " 0 broken" in result.stdout
@@ -171,9 +171,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.mark.parametrize(("rule", "file", "statement"), FORBIDDEN)
-def test_a_forbidden_import_breaks_its_rule(
-    broken: str, rule: str, file: str, statement: str
-) -> None:
+def test_a_forbidden_import_breaks_its_rule(broken, rule, file, statement):
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
         "contracts"
     ]
@@ -195,18 +193,18 @@ def unlisted(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.mark.parametrize("container", EXHAUSTIVE)
-def test_a_room_that_is_not_listed_breaks_its_rule(unlisted: str, container: str) -> None:
+def test_a_room_that_is_not_listed_breaks_its_rule(unlisted, container):
     assert f"{container}.unlisted" in unlisted
 
 
-def test_every_rule_has_an_import_that_breaks_it() -> None:
+def test_every_rule_has_an_import_that_breaks_it():
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
         "contracts"
     ]
     assert {c["id"] for c in contracts} == {rule for rule, _, _ in FORBIDDEN}
 
 
-def test_the_render_stages_load_neither_physics_nor_devices() -> None:
+def test_the_render_stages_load_neither_physics_nor_devices():
     program = (
         "import sys, haptic_driver.render.tick\nprint(sorted(m for m in sys.modules if"
         " m.split('.')[0] in ('model', 'hw', 'h5py', 'matplotlib')))"

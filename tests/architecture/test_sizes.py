@@ -52,7 +52,7 @@ def crowded(source: str) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_nothing_that_is_shipped_is_crowded(package: str) -> None:
+def test_nothing_that_is_shipped_is_crowded(package):
     files = sorted((ROOT / package).rglob("*.py"))
     assert files
     found = {}
@@ -63,12 +63,12 @@ def test_nothing_that_is_shipped_is_crowded(package: str) -> None:
 
 
 @pytest.mark.parametrize("source", TOO_MANY)
-def test_a_function_with_nine_parameters_breaks_the_rule(source: str) -> None:
+def test_a_function_with_nine_parameters_breaks_the_rule(source):
     assert len(list(crowded(source))) == 1
 
 
 @pytest.mark.parametrize("source", ENOUGH)
-def test_as_much_as_is_allowed_keeps_it(source: str) -> None:
+def test_as_much_as_is_allowed_keeps_it(source):
     assert list(crowded(source)) == []
 
 

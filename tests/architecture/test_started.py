@@ -58,13 +58,13 @@ def sources() -> dict[str, str]:
     return {file.relative_to(PACKAGE).as_posix(): file.read_text() for file in FILES}
 
 
-def test_one_file_alone_starts_processes_and_threads() -> None:
+def test_one_file_alone_starts_processes_and_threads():
     found = {file: list(starts(source)) for file, source in sources().items()}
     assert {file for file, what in found.items() if what} == {STARTED, ASKS_GIT}
     assert found[ASKS_GIT] == ["subprocess.run"]
 
 
-def test_one_file_alone_says_how_python_is_started() -> None:
+def test_one_file_alone_says_how_python_is_started():
     """Elsewhere `-m` and `-c` would import from the folder in which somebody typed a command."""
     root = PACKAGE.parent
     files = (
@@ -90,15 +90,15 @@ def test_one_file_alone_says_how_python_is_started() -> None:
         "import os\nos.fork()",
     ],
 )
-def test_another_way_to_start_one_is_found(source: str) -> None:
+def test_another_way_to_start_one_is_found(source):
     assert list(starts(source))
 
 
-def test_what_only_looks_like_it_is_not() -> None:
+def test_what_only_looks_like_it_is_not():
     assert not list(starts("import threading\nthreading.Event()\nclass Process: ...\nProcess()"))
 
 
-def test_each_is_started_by_the_file_that_the_table_names() -> None:
+def test_each_is_started_by_the_file_that_the_table_names():
     for part in (*PROCESSES, *THREADS):
         if part.name in BY_OTHERS:
             continue
@@ -109,7 +109,7 @@ def test_each_is_started_by_the_file_that_the_table_names() -> None:
         assert called & OURS, part
 
 
-def test_each_name_stands_for_one_part_in_the_file_that_starts_it() -> None:
+def test_each_name_stands_for_one_part_in_the_file_that_starts_it():
     owners = {part.name: part.owner for part in THREADS}
     assert len(owners) == len(THREADS)
     for file, source in sources().items():
@@ -119,14 +119,14 @@ def test_each_name_stands_for_one_part_in_the_file_that_starts_it() -> None:
                 assert owners[name.value] == file
 
 
-def test_what_the_tables_do_not_know_is_not_started() -> None:
+def test_what_the_tables_do_not_know_is_not_started():
     with pytest.raises(ValueError, match="idle"):
         start_thread("idle", print)
     with pytest.raises(ValueError, match="idle"):
         start_process("idle", ["true"])
 
 
-def test_each_record_of_the_shared_memory_has_the_writer_that_the_table_names() -> None:
+def test_each_record_of_the_shared_memory_has_the_writer_that_the_table_names():
     found = {
         (name, file)
         for file, source in sources().items()
@@ -136,6 +136,6 @@ def test_each_record_of_the_shared_memory_has_the_writer_that_the_table_names() 
     assert found == {(memory.name, memory.file) for memory in MEMORY}
 
 
-def test_another_writer_is_found() -> None:
+def test_another_writer_is_found():
     assert list(writes("def f(self): self._shared.order.write(1)")) == ["order"]
     assert not list(writes("def f(self): self._shared.order.read(); file.write(1)"))

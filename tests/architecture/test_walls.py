@@ -47,11 +47,11 @@ def through_walls(graph: grimp.ImportGraph) -> list[str]:
     ]
 
 
-def test_nothing_is_imported_that_its_room_does_not_name(graph: grimp.ImportGraph) -> None:
+def test_nothing_is_imported_that_its_room_does_not_name(graph):
     assert through_walls(graph) == []
 
 
-def test_what_a_room_names_is_there(graph: grimp.ImportGraph) -> None:
+def test_what_a_room_names_is_there(graph):
     for room in rooms(graph):
         inner = {child.removeprefix(f"{room}.") for child in graph.find_children(room)}
         own = {name for name in named(room) if hasattr(import_module(room), name)}
@@ -67,9 +67,7 @@ def test_what_a_room_names_is_there(graph: grimp.ImportGraph) -> None:
         ("model.reporting.report", "model.diagnosis.decide"),
     ],
 )
-def test_an_import_through_a_wall_is_found(
-    graph: grimp.ImportGraph, importer: str, imported: str
-) -> None:
+def test_an_import_through_a_wall_is_found(graph, importer, imported):
     graph.add_import(importer=importer, imported=imported)
     found = through_walls(graph)
     graph.remove_import(importer=importer, imported=imported)

@@ -52,20 +52,20 @@ def names(label: dict) -> set[str]:
 
 
 @pytest.mark.timeout(600)
-def test_no_set_fails(outcome) -> None:
+def test_no_set_fails(outcome):
     answers, _ = outcome
     assert len(answers) == 5
     assert [got.error for got in answers.values() if got.error] == []
 
 
-def test_nothing_hidden_is_never_given_a_name(outcome) -> None:
+def test_nothing_hidden_is_never_given_a_name(outcome):
     """A list may be given where `none` has half of the probability: it says so."""
     null = pick(outcome, lambda label: not label["effects"])
     assert len(null) == 2
     assert [got.names for _, got in null if got.verdict == "effect_found"] == []
 
 
-def test_a_clearly_visible_effect_is_found_or_its_group(outcome) -> None:
+def test_a_clearly_visible_effect_is_found_or_its_group(outcome):
     clear = pick(
         outcome,
         lambda label: (
@@ -81,7 +81,7 @@ def test_a_clearly_visible_effect_is_found_or_its_group(outcome) -> None:
     assert missed == []
 
 
-def test_no_wrong_name_is_given(outcome) -> None:
+def test_no_wrong_name_is_given(outcome):
     wrong = [
         (names(label), got.names)
         for label, got in pick(outcome, lambda _: True)
@@ -90,13 +90,13 @@ def test_no_wrong_name_is_given(outcome) -> None:
     assert wrong == []
 
 
-def test_strangers_are_unexplained(outcome) -> None:
+def test_strangers_are_unexplained(outcome):
     strangers = pick(outcome, lambda label: any(effect["stranger"] for effect in label["effects"]))
     assert len(strangers) == 1
     assert {got.verdict for _, got in strangers} == {"unexplained"}
 
 
-def test_every_set_has_a_row_with_what_was_hidden_and_said(outcome, tmp_path: Path) -> None:
+def test_every_set_has_a_row_with_what_was_hidden_and_said(outcome, tmp_path):
     answers, labels = outcome
     write_csv(tmp_path / "sets.csv", answers, labels, {})
     with (tmp_path / "sets.csv").open(newline="") as file:

@@ -22,7 +22,7 @@ def few(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 
 @pytest.mark.soak
-def test_an_open_circuit_one_percent_off_is_no_discrepancy(few: Plan) -> None:
+def test_an_open_circuit_one_percent_off_is_no_discrepancy(few):
     """It was unexplained: current is read to 0.01 %, and the open circuit holds more than a touch
     has beside it.
     """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ def sets():
     return generate(SPECS, seed=3)
 
 
-def test_twins_share_finger_plan_effect_and_lambda(sets) -> None:
+def test_twins_share_finger_plan_effect_and_lambda(sets):
     assert len(sets) == 4
     for made, twin in ((sets[0], sets[1]), (sets[2], sets[3])):
         assert ("trials" in made.label, "trials" in twin.label) == (True, False)
@@ -41,7 +40,7 @@ def test_twins_share_finger_plan_effect_and_lambda(sets) -> None:
         assert made.label["effects"] == twin.label["effects"]
 
 
-def test_rows_of_a_twin_scatter_as_means_of_trials_do() -> None:
+def test_rows_of_a_twin_scatter_as_means_of_trials_do():
     spec = as_measured(Spec("F0", 0, design="voltage_frequency"))
     made, twin = generate([spec], seed=3)
     gain, sigma = made.label["trials"]["gain"], made.label["relative_sigma"]
@@ -50,7 +49,7 @@ def test_rows_of_a_twin_scatter_as_means_of_trials_do() -> None:
     assert np.median(stated) == pytest.approx(twin.label["relative_sigma"], rel=0.2)
 
 
-def test_twins_follow_one_another_and_files_of_another_run_go(sets, tmp_path: Path) -> None:
+def test_twins_follow_one_another_and_files_of_another_run_go(sets, tmp_path):
     (tmp_path / "sets").mkdir()
     (tmp_path / "sets" / "9.csv").write_text("left over")
     write(sets, tmp_path, 3)
@@ -94,7 +93,7 @@ ANSWERS = {
 }
 
 
-def test_what_is_counted_is_of_both_twins() -> None:
+def test_what_is_counted_is_of_both_twins():
     """Names of two pairs with effects of the catalogue, wrong names of all four; one has no twin
     yet.
     """
@@ -115,7 +114,7 @@ def test_what_is_counted_is_of_both_twins() -> None:
 
 
 @pytest.mark.process
-def test_answers_are_kept_by_content_and_told_one_by_one(tmp_path: Path) -> None:
+def test_answers_are_kept_by_content_and_told_one_by_one(tmp_path):
     """A greater scale renumbers the files, and asks only about what is new."""
     folder = tmp_path / "sets"
     folder.mkdir()

@@ -30,18 +30,18 @@ def rows(heading: str) -> list[list[str]]:
     return [line.split(" | ") for line in lines[1:]]
 
 
-def test_every_policy_is_described_as_it_describes_itself() -> None:
+def test_every_policy_is_described_as_it_describes_itself():
     assert rows("Policies") == [[f"`{name}`", description(name)] for name in POLICIES]
 
 
-def test_the_default_is_said() -> None:
+def test_the_default_is_said():
     settings = ControllerConfig()
     assert f"`{settings.policy}` is the default" in PAGE
     assert f"**{settings.quiet_above_hz / 1e3:g} kHz**" in PAGE
 
 
 @pytest.mark.parametrize("row", rows("What `quiet` costs"), ids=lambda row: row[0])
-def test_what_quiet_costs_is_what_the_program_says(row: list[str]) -> None:
+def test_what_quiet_costs_is_what_the_program_says(row):
     words, any_carrier, quiet, left = row
     config = load_rig(re.findall(r"`(.+)`", words)[0])
     limits, model = config.operating_limits(), load_model("reference")
@@ -60,8 +60,8 @@ def test_what_quiet_costs_is_what_the_program_says(row: list[str]) -> None:
 
 
 def test_the_ripple_under_linen_is_stronger_than_the_texture(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    capsys,
+):
     assert "haptic texture check linen --speed 0.05" in PAGE
     assert main(["texture", "check", "linen", "--speed", "0.05", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
@@ -69,6 +69,6 @@ def test_the_ripple_under_linen_is_stronger_than_the_texture(
     assert said["ripple"]["cof_rms"] * said["ripple"]["finger_gain"] > max(asked)
 
 
-def test_every_shipped_rig_has_its_row() -> None:
+def test_every_shipped_rig_has_its_row():
     shipped = {path.stem for path in (ROOT / "configs" / "rigs").glob("*.toml")} - {"template"}
     assert {re.findall(r"`(.+)`", row[0])[0] for row in rows("What `quiet` costs")} == shipped

@@ -32,9 +32,7 @@ def dry_film(tmp_path_factory: pytest.TempPathFactory) -> Iterator[type[Effect]]
     del sys.modules["dry_film"]
 
 
-def test_half_of_the_area_carries_between_half_and_all_of_the_current(
-    dry_film: type[Effect], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_half_of_the_area_carries_between_half_and_all_of_the_current(dry_film, monkeypatch):
     """Half the area under the same load is pressed twice as hard: its gap is narrower, not open."""
     monkeypatch.setitem(BY_NAME, dry_film.name, dry_film)
     bare = load_model("reference")
@@ -47,5 +45,5 @@ def test_half_of_the_area_carries_between_half_and_all_of_the_current(
     assert 0.5 < covered_a / bare_a < 1.0
 
 
-def test_its_name_is_not_taken(dry_film: type[Effect]) -> None:
+def test_its_name_is_not_taken(dry_film):
     assert dry_film.name not in {kind.name for kind in CATALOGUE}

@@ -157,9 +157,7 @@ def done() -> set[str]:
     [pytest.param(p, marks=pytest.mark.soak if p in LONG else ()) for p in PAGES],
     ids=name_of,
 )
-def test_commands_run_as_shown(
-    page: Path, reader: Path, done: set[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_run_as_shown(page, reader, done, capsys):
     for command in commands(page, "sh"):
         if command not in done:
             status = main(shlex.split(command)[1:])
@@ -167,9 +165,7 @@ def test_commands_run_as_shown(
             done.add(command)
 
 
-def test_the_page_on_own_data_tells_what_comes_out(
-    reader: Path, done: set[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_page_on_own_data_tells_what_comes_out(reader, done, capsys):
     test_commands_run_as_shown(OWN_DATA, reader, done, capsys)
     page = OWN_DATA.read_text(encoding="utf-8")
     trial = (reader / "trials" / "day1_60V_10Hz_0p3N_t01.csv").read_text(encoding="cp1252")
@@ -184,9 +180,7 @@ def test_the_page_on_own_data_tells_what_comes_out(
     assert abs(found["value"] - own_data.HUMID_S_PER_M) < 3.0 * found["std"]
 
 
-def test_the_page_on_own_data_shows_what_is_printed(
-    reader: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_page_on_own_data_shows_what_is_printed(reader, capsys):
     """A broken file is told as on the page."""
     make = next(c for c in commands(OWN_DATA, "sh") if "--leave-out-bad" in c)
     assert main(shlex.split(make.replace("data.csv", "again.csv"))[1:]) == 0
@@ -196,7 +190,7 @@ def test_the_page_on_own_data_shows_what_is_printed(
 
 
 @pytest.mark.soak
-def test_with_the_baseline_as_a_row_the_name_on_own_data_is_the_same(reader: Path) -> None:
+def test_with_the_baseline_as_a_row_the_name_on_own_data_is_the_same(reader):
     make = next(c for c in commands(OWN_DATA, "sh") if "--leave-out-bad" in c)
     as_rows = (reader / "map.toml").read_text().replace('use = "gain"\ncof = 0.512', 'use = "row"')
     (reader / "rows.toml").write_text(as_rows)
@@ -207,12 +201,12 @@ def test_with_the_baseline_as_a_row_the_name_on_own_data_is_the_same(reader: Pat
     assert [effect["name"] for effect in said["effects"]] == ["humid_gap_conduction"]
 
 
-def test_the_readme_shows_commands_at_all() -> None:
+def test_the_readme_shows_commands_at_all():
     assert len(commands(ROOT / "README.md", "sh")) >= 5
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_no_command_hides_in_a_block_without_a_mark(page: Path) -> None:
+def test_no_command_hides_in_a_block_without_a_mark(page):
     assert commands(page, "") == []
     assert not re.search(r"^ {4}haptic [a-z]", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
 
@@ -248,7 +242,7 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]
         assert process.wait(HANG_S) == 0, (home / "log").read_text()
 
 
-def test_the_readme_begins_its_session_like_this() -> None:
+def test_the_readme_begins_its_session_like_this():
     assert SERVED in commands(ROOT / "README.md", "text")
 
 
@@ -267,13 +261,13 @@ def asks_daemon(line: str) -> bool:
     ids=name_of,
 )
 def test_a_session_with_the_daemon_runs_as_shown(
-    page: Path,
-    daemon: dict[str, str],
-    reader: Path,
-    done: set[str],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    page,
+    daemon,
+    reader,
+    done,
+    monkeypatch,
+    capsys,
+):
     """One terminal for each command that runs until Ctrl-C, one for all others; no experiment is
     run twice.
     """
@@ -313,7 +307,7 @@ def test_a_session_with_the_daemon_runs_as_shown(
 
 
 @pytest.mark.realtime
-def test_requests_by_curl_run_as_shown(daemon: dict[str, str]) -> None:
+def test_requests_by_curl_run_as_shown(daemon):
     """The block of `docs/daemon.md`, by a shell, with the token that `/arm` gave for TOKEN."""
     if shutil.which("curl") is None:
         pytest.skip("no curl")
@@ -366,7 +360,7 @@ def lab(
 @pytest.mark.process
 @pytest.mark.usefixtures("lab")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs_to_its_end_and_is_kept_without_its_outputs(path: Path) -> None:
+def test_a_notebook_runs_to_its_end_and_is_kept_without_its_outputs(path):
     said: dict[str, Any] = {}
     for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
         if cell["cell_type"] == "code":
@@ -386,7 +380,7 @@ def test_a_notebook_runs_to_its_end_and_is_kept_without_its_outputs(path: Path) 
 
 @pytest.mark.process
 @pytest.mark.usefixtures("lab")
-def test_ten_lines_of_python_render_linen(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ten_lines_of_python_render_linen(capsys):
     script = ROOT / "examples" / "0_first_touch.py"
     runpy.run_path(str(script))
     assert re.fullmatch(r"friction 0\.\d{3}\n", capsys.readouterr().out)
@@ -397,7 +391,7 @@ def test_ten_lines_of_python_render_linen(capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.process
 @pytest.mark.usefixtures("lab")
-def test_the_recipe_for_psychopy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_recipe_for_psychopy(monkeypatch):
     """Against a made PsychoPy: a window that shows nothing and a participant who says yes."""
     psychopy = MagicMock()
     psychopy.core.wait = time.sleep
@@ -412,7 +406,7 @@ def test_the_recipe_for_psychopy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.process
-def test_the_recipe_for_javascript(lab: dict[str, str]) -> None:
+def test_the_recipe_for_javascript(lab):
     if (node := shutil.which("node")) is None:
         pytest.skip("no node")
     (code,) = blocks_as_they_are("js")
@@ -434,7 +428,7 @@ def test_the_recipe_for_javascript(lab: dict[str, str]) -> None:
 
 @pytest.mark.process
 @pytest.mark.parametrize("mark", ["matlab", "csharp"])
-def test_what_other_languages_send_is_what_the_daemon_takes(lab: dict[str, str], mark: str) -> None:
+def test_what_other_languages_send_is_what_the_daemon_takes(lab, mark):
     """Neither runs here; their requests do, in the order in which they stand."""
     (code,) = blocks_as_they_are(mark)
     asked = matlab_requests(code) if mark == "matlab" else csharp_requests(code)
@@ -524,14 +518,14 @@ def understood(program: Any, line: str) -> bool:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_that_are_only_shown_are_understood(page: Path, program: Any) -> None:
+def test_commands_that_are_only_shown_are_understood(page, program):
     for line in [*commands(page, "text"), *(commands(page, "sh") if page in LONG else [])]:
         assert understood(program, line), line
 
 
 def test_the_container_file_copies_what_is_there_and_runs_a_command_that_is_understood(
-    program: Any,
-) -> None:
+    program,
+):
     text = (ROOT / "deploy" / "Containerfile").read_text(encoding="utf-8")
     copied = [
         word
@@ -546,7 +540,7 @@ def test_the_container_file_copies_what_is_there_and_runs_a_command_that_is_unde
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_commands_in_running_text_are_understood(page: Path, program: Any) -> None:
+def test_commands_in_running_text_are_understood(page, program):
     """One that is only named must be there; one with options or arguments must be right to the
     end.
     """
@@ -566,7 +560,7 @@ def is_there(program: Any, words: list[str]) -> bool:
     return True
 
 
-def test_an_option_that_is_not_there_would_be_found(program: Any) -> None:
+def test_an_option_that_is_not_there_would_be_found(program):
     for line in (
         "haptic solve --frction 0.6",
         "haptic daemon start",
@@ -578,7 +572,7 @@ def test_an_option_that_is_not_there_would_be_found(program: Any) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_targets_of_make_and_extras_of_pip_exist(page: Path) -> None:
+def test_targets_of_make_and_extras_of_pip_exist(page):
     text = page.read_text(encoding="utf-8")
     targets = re.findall(
         r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE
@@ -593,14 +587,14 @@ def test_targets_of_make_and_extras_of_pip_exist(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_and_pictures_exist(page: Path) -> None:
+def test_links_and_pictures_exist(page):
     for target in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
         if not target.startswith("http"):
             assert (page.parent / target).exists(), f"{page.name} points to {target}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_files_of_code_that_a_page_names_are_there(page: Path) -> None:
+def test_files_of_code_that_a_page_names_are_there(page):
     there = [f"/{path.relative_to(ROOT)}" for room in CODE for path in (ROOT / room).rglob("*.py")]
     for name in re.findall(r"`([\w/]+\.py)`", page.read_text(encoding="utf-8")):
         assert any(path.endswith(f"/{name}") for path in there), name

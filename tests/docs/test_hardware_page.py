@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
-
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "hardware.md"
 
 
-def test_the_made_up_sdk_drives_a_carrier(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_made_up_sdk_drives_a_carrier(capsys):
     blocks = re.findall(
         r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
     )

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from pathlib import Path
 
 import pytest
 
@@ -23,12 +21,12 @@ def sentences(request: pytest.FixtureRequest) -> list[Sentence]:
     return list(request.param())
 
 
-def test_no_sentence_is_longer_than_a_reader_can_hold(sentences: Iterable[Sentence]) -> None:
+def test_no_sentence_is_longer_than_a_reader_can_hold(sentences):
     long = [f"{s.where}: {s.text}" for s in sentences if s.words > LONGEST_WORDS]
     assert not long, "\n".join(long)
 
 
-def test_words_are_those_of_the_field(sentences: Iterable[Sentence]) -> None:
+def test_words_are_those_of_the_field(sentences):
     found = [
         (s.where, word, s.text)
         for s in sentences
@@ -41,13 +39,13 @@ def test_words_are_those_of_the_field(sentences: Iterable[Sentence]) -> None:
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if page.parent.name == "docs"], ids=lambda page: page.name
 )
-def test_the_first_line_says_for_whom_the_page_is(page: Path) -> None:
+def test_the_first_line_says_for_whom_the_page_is(page):
     title, first = page.read_text(encoding="utf-8").split("\n\n")[:2]
     assert title.startswith("# ")
     assert re.match(r"For (people|programmers|every reader)\b", first), first
 
 
-def test_every_term_of_the_glossary_is_defined_once() -> None:
+def test_every_term_of_the_glossary_is_defined_once():
     (page,) = [page for page in PAGES if page.name == "glossary.md"]
     terms = re.findall(r"^\| ([^|]+) \|", page.read_text(encoding="utf-8"), re.MULTILINE)[1:]
     assert len(terms) == len(set(terms)) >= 30

@@ -23,11 +23,11 @@ reference = importlib.import_module("reference")
 
 
 @pytest.mark.parametrize("path", reference.texts(), ids=lambda path: path.name)
-def test_what_is_generated_is_up_to_date(path: Path) -> None:
+def test_what_is_generated_is_up_to_date(path):
     assert reference.texts()[path] == path.read_text("utf-8"), "run: python docs/reference.py"
 
 
-def test_the_page_of_processes_lists_those_that_there_are() -> None:
+def test_the_page_of_processes_lists_those_that_there_are():
     page = (DOCS / "processes.md").read_text(encoding="utf-8")
     for title, parts in (("Processes", PROCESSES), ("Threads", THREADS), ("Memory", MEMORY)):
         section = page.split(f"## {title}\n")[1].split("\n## ")[0]
@@ -35,13 +35,13 @@ def test_the_page_of_processes_lists_those_that_there_are() -> None:
         assert listed == [part.name for part in parts]
 
 
-def test_every_key_that_a_rig_may_have_is_on_the_page() -> None:
+def test_every_key_that_a_rig_may_have_is_on_the_page():
     page = (DOCS / "configuration.md").read_text(encoding="utf-8")
     for key in RigConfig.model_fields:
         assert f"`{key}`" in page or re.search(rf"### `\[+{key}\]+`", page), key
 
 
-def test_a_row_says_type_range_unit_default_and_meaning() -> None:
+def test_a_row_says_type_range_unit_default_and_meaning():
     page = (DOCS / "configuration.md").read_text(encoding="utf-8")
     safety = page.split("### `[safety]`")[1].split("###")[0]
     row = (
@@ -64,7 +64,7 @@ class SledgeFile(Section):
     sledge: Sledge
 
 
-def test_one_field_is_a_row_of_the_reference() -> None:
+def test_one_field_is_a_row_of_the_reference():
     *_, table = reference.sections(SledgeFile.model_json_schema())
     assert table.splitlines()[2:] == [
         "| `speed_m_s` | number, ≥ 0 | m/s | required | how fast |",
@@ -73,7 +73,7 @@ def test_one_field_is_a_row_of_the_reference() -> None:
 
 
 @pytest.mark.parametrize("said", ["", "  # how slow, and\n      # much more"])
-def test_one_field_is_a_line_of_the_template(said: str) -> None:
+def test_one_field_is_a_line_of_the_template(said):
     template = f"# By hand.\n\n[sledge]  # by hand\nspeed_m_s = 0.1{said}\n"
     assert reference.commented(template, SledgeFile.model_json_schema()).splitlines() == [
         "# By hand.",
@@ -84,7 +84,7 @@ def test_one_field_is_a_line_of_the_template(said: str) -> None:
     ]
 
 
-def test_a_key_without_a_meaning_is_refused() -> None:
+def test_a_key_without_a_meaning_is_refused():
     class Made(Section):
         speed_m_s: float = Field(ge=0.0)
 
@@ -92,12 +92,12 @@ def test_a_key_without_a_meaning_is_refused() -> None:
         list(reference.sections(Made.model_json_schema()))
 
 
-def test_a_page_without_a_place_for_a_part_is_refused() -> None:
+def test_a_page_without_a_place_for_a_part_is_refused():
     with pytest.raises(ValueError, match="no place for rows"):
         reference.filled("<!-- rows: by `python docs/reference.py` -->", {"rows": "a"})
 
 
-def test_every_example_stands_word_for_word_on_the_page_about_python() -> None:
+def test_every_example_stands_word_for_word_on_the_page_about_python():
     page = (DOCS / "python.md").read_text(encoding="utf-8")
     shown = re.findall(r"```python\n(.*?)\n```", page, flags=re.DOTALL)
     files = [
@@ -108,14 +108,14 @@ def test_every_example_stands_word_for_word_on_the_page_about_python() -> None:
         assert source.endswith(code + "\n")
 
 
-def test_the_menu_of_the_site_shows_every_page_once() -> None:
+def test_the_menu_of_the_site_shows_every_page_once():
     listed = re.findall(
         r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), flags=re.MULTILINE
     )
     assert sorted(listed) == sorted(path.name for path in DOCS.glob("*.md"))
 
 
-def test_the_site_loads_nothing_from_elsewhere() -> None:
+def test_the_site_loads_nothing_from_elsewhere():
     menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     assert re.search(r"^  font: false", menu, flags=re.MULTILINE)
     assert "http" not in menu

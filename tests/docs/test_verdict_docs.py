@@ -57,20 +57,20 @@ def rows() -> dict[str, str]:
         ("APART", f"{APART:.1f}"),
     ],
 )
-def test_the_table_has_the_numbers_of_the_program(name: str, value: str) -> None:
+def test_the_table_has_the_numbers_of_the_program(name, value):
     assert rows()[name] == value
 
 
-def test_the_odds_against_something_unknown_are_said() -> None:
+def test_the_odds_against_something_unknown_are_said():
     assert f"by {(1.0 - PRIOR_UNKNOWN) / PRIOR_UNKNOWN:.1f} or more" in PAGE
 
 
-def test_the_threshold_of_a_plan_is_said() -> None:
+def test_the_threshold_of_a_plan_is_said():
     how_to = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
     assert re.search(rf"\*lambda\*\s+of \[{APART:.1f}\]\(verdict.md#planning\)", how_to)
 
 
-def test_the_figure_is_up_to_date(tmp_path: Path) -> None:
+def test_the_figure_is_up_to_date(tmp_path):
     """Its texts, which hold every name and number; how they are drawn is matplotlib's."""
     figure.write(tmp_path / "verdict.svg")
     today, kept = (

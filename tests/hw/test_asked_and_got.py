@@ -92,7 +92,7 @@ def drivers() -> dict[str, type[Any]]:
     return found
 
 
-def test_every_driver_is_walked_or_says_why_not() -> None:
+def test_every_driver_is_walked_or_says_why_not():
     walked = {"SimulatedAnalogOutput", "NiAnalogInputs", "NiAnalogOutput", "SoundCardOutput"}
     walked |= {
         "AnalogCarrier",
@@ -165,7 +165,7 @@ CARD: dict[str, Callable[[Any], None]] = {
 TAKEN_IN = {"sample_rate_hz", "buffer_s"}
 
 
-def test_the_cases_of_a_card_are_its_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cases_of_a_card_are_its_settings(monkeypatch):
     install(monkeypatch)
     inputs = NiCards([NiAnalogInputs(["Dev1/ai0"], sample_rate_hz=48e3)])
     inputs.open()
@@ -174,7 +174,7 @@ def test_the_cases_of_a_card_are_its_settings(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("name", CARD)
-def test_a_card_is_taken_at_its_word_or_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_card_is_taken_at_its_word_or_refused(name, monkeypatch):
     card = install(monkeypatch)
     CARD[name](card)
     inputs = NiAnalogInputs(
@@ -193,7 +193,7 @@ def test_a_card_is_taken_at_its_word_or_refused(name: str, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("kind", ["NiAnalogOutput", "SoundCardOutput", "SimulatedAnalogOutput"])
-def test_an_output_plays_at_its_own_rate(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_output_plays_at_its_own_rate(kind, monkeypatch):
     install(monkeypatch)
     sound_card.install(monkeypatch)
     monkeypatch.setattr(sound_card.OutputStream, "got_rate_hz", 47_990.0)
@@ -218,7 +218,7 @@ def test_an_output_plays_at_its_own_rate(kind: str, monkeypatch: pytest.MonkeyPa
             output.write(np.full(240, -5.0), asked_hz)
 
 
-def test_a_sound_cards_latency_is_that_of_its_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sound_cards_latency_is_that_of_its_stream(monkeypatch):
     sound_card.install(monkeypatch)
     monkeypatch.setattr(sound_card.OutputStream, "got_latency_s", 0.06)
     settings = SoundSettings(48e3, 5.0, dc_coupled=True)
@@ -227,7 +227,7 @@ def test_a_sound_cards_latency_is_that_of_its_stream(monkeypatch: pytest.MonkeyP
         assert output.latency_s == 0.06
 
 
-def test_the_rate_that_the_card_got_makes_the_frequency() -> None:
+def test_the_rate_that_the_card_got_makes_the_frequency():
     """At 48 kS/s the simulated card plays 20 MHz / 417."""
     settings = GeneratorSettings(100.0, 150.0, 100.0, 2e3)
     bench = CarrierBench(settings, 48e3)
@@ -285,9 +285,7 @@ def settings_of(kind: str) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "name"), [(kind, name) for kind in KINDS for name in settings_of(kind)]
 )
-def test_a_generator_that_makes_another_of_a_setting_is_off_and_refused(
-    kind: str, name: str
-) -> None:
+def test_a_generator_that_makes_another_of_a_setting_is_off_and_refused(kind, name):
     bench = Bench(kind)
     driver = bench.kind.make(MemoryTransport(coerced(name, bench.generator)), SETTINGS)
     with pytest.raises(DeviceError):
@@ -307,9 +305,7 @@ def test_a_generator_that_makes_another_of_a_setting_is_off_and_refused(
         (r"OFST,0\.5", "OFST,0.51"),
     ],
 )
-def test_a_level_or_frequency_beyond_rounding_is_off_and_refused(
-    kind: str, pattern: str, other: str
-) -> None:
+def test_a_level_or_frequency_beyond_rounding_is_off_and_refused(kind, pattern, other):
     bench = Bench(kind)
     coercing = Coercing(bench.generator, heard={pattern: other})
     driver = bench.kind.make(MemoryTransport(coercing), SETTINGS)
@@ -357,16 +353,14 @@ class _Answering:
 
 
 @pytest.mark.parametrize("name", names_of(scope_on(simulated_scope())))
-def test_an_oscilloscope_that_makes_another_of_a_setting_is_refused(name: str) -> None:
+def test_an_oscilloscope_that_makes_another_of_a_setting_is_refused(name):
     with pytest.raises(InstrumentRejected, match=re.escape(name)):
         scope_on(other_than(simulated_scope(), name)).open()
 
 
 @pytest.mark.parametrize("frequency_hz", [700.0, 3300.0, 17e3])
 @pytest.mark.parametrize("scale", [0.5, 3.0])
-def test_a_reading_is_of_the_time_base_and_the_range_that_were_got(
-    frequency_hz: float, scale: float
-) -> None:
+def test_a_reading_is_of_the_time_base_and_the_range_that_were_got(frequency_hz, scale):
     """The simulator's go in steps of 1, 2, 5; here they are off by more."""
     voltage_v, current_a = 4.9 * np.exp(-0.3j), 2e-5j
     core = simulated_scope(ElectrodeState(frequency_hz, voltage_v, current_a))
@@ -385,7 +379,7 @@ def test_a_reading_is_of_the_time_base_and_the_range_that_were_got(
 @pytest.mark.parametrize(
     "name", names_of(E4980A(MemoryTransport(SimulatedE4980A(lambda f: 1e4 + 0j)), LcrMeter()))
 )
-def test_a_meter_that_makes_another_of_a_setting_is_refused(name: str) -> None:
+def test_a_meter_that_makes_another_of_a_setting_is_refused(name):
     core = other_than(SimulatedE4980A(lambda f: 1e4 + 0j), name)
     with pytest.raises((InstrumentRejected, BadReply), match=re.escape(name) + r"|holds 7\.5 V"):
         E4980A(MemoryTransport(core), LcrMeter()).open()
@@ -395,7 +389,7 @@ def test_a_meter_that_makes_another_of_a_setting_is_refused(name: str) -> None:
     ("pattern", "other"),
     [(r":FREQ:CW 1000", ":FREQ:CW 1010"), (r":VOLT:LEV 1\.4\d+", ":VOLT:LEV 2")],
 )
-def test_a_meter_at_another_frequency_or_level_gives_no_number(pattern: str, other: str) -> None:
+def test_a_meter_at_another_frequency_or_level_gives_no_number(pattern, other):
     core = SimulatedE4980A(lambda f: 1 / (2j * np.pi * f * 1e-9))
     meter = E4980A(MemoryTransport(Coercing(core, heard={pattern: other})), LcrMeter())
     meter.open()
@@ -420,9 +414,7 @@ def features_of() -> list[str]:
 
 
 @pytest.mark.parametrize("name", features_of())
-def test_a_camera_that_makes_another_of_a_feature_is_refused(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_camera_that_makes_another_of_a_feature_is_refused(name, monkeypatch):
     device = genicam.install(monkeypatch)
     device.features[name] = genicam.Feature(lambda value: OTHER.get(name, "Continuous"))
     with pytest.raises(InstrumentRejected, match=name):
@@ -430,7 +422,7 @@ def test_a_camera_that_makes_another_of_a_feature_is_refused(
 
 
 @pytest.mark.parametrize("name", ["velocity_m_s", "acceleration_m_s2"])
-def test_a_stage_that_is_slower_than_asked_is_refused(name: str) -> None:
+def test_a_stage_that_is_slower_than_asked_is_refused(name):
     """It clips at 50 mm/s and 50 mm/s2 and says so."""
     clock = ManualClock(0.0)
     settings = replace(STAGE, **{name: 0.07})  # type: ignore[arg-type]

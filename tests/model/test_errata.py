@@ -70,7 +70,7 @@ D2_DENOMINATOR = D2 + E2P * (D1 / E1P + U / EGP)
 
 
 class TestInterfaceCharge:
-    def test_14_is_right_as_printed(self, charging) -> None:
+    def test_14_is_right_as_printed(self, charging):
         d1 = D1 + E1P * (U / EGP + D2 / E2P)
         printed = {
             RHO1: S1 * (U / EGP + D2 / E2P) / d1 + SG * (D1 / E1P) / DG,
@@ -80,18 +80,18 @@ class TestInterfaceCharge:
         for symbol, term in printed.items():
             assert sp.simplify(coefficient(charging[0], symbol) - term) == 0
 
-    def test_15_rho2(self, charging) -> None:
+    def test_15_rho2(self, charging):
         skin = S2 * (D1 / E1P + U / EGP) / D2_DENOMINATOR
         found = coefficient(charging[1], RHO2)
         assert sp.simplify(found - (skin + SG * (D2 / E2P) / DG)) == 0
         assert sp.simplify(found - (skin - SG * (D2 / E2P) / DG)) != 0
 
-    def test_15_voltage(self, charging) -> None:
+    def test_15_voltage(self, charging):
         found = coefficient(charging[1], VOLT)
         assert sp.simplify(found - (S2 / D2_DENOMINATOR - SG / DG)) == 0
         assert sp.simplify(found - (S2 / D2_DENOMINATOR - SG * (D2 / E1P) / DG)) != 0
 
-    def test_the_code_has_the_right_ones_and_the_printed_ones(self, charging) -> None:
+    def test_the_code_has_the_right_ones_and_the_printed_ones(self, charging):
         values = {D1: 1.3, D2: 0.7, U: 0.4, E1P: 2.1, EGP: 1.1, E2P: 3.7, S1: 0.3, SG: 0.9, S2: 1.7}
         layers = Layers(1.3, 2.1, 0.3, 1.1, 0.9, 0.7, 3.7, 1.7)
         right = coefficients(layers, 0.4)
@@ -136,7 +136,7 @@ class TestAppendixB:
         - C * A * D * E**2
     ) / PSI
 
-    def test_the_other_coefficients_are_right(self) -> None:
+    def test_the_other_coefficients_are_right(self):
         """alpha_1 - j alpha_2 with alpha_1 = -eta is (18) at s = j w, and so for (19)."""
         s = sp.I * self.W
         determinant = (s + self.E) * (s + self.A) - self.D * self.B
@@ -149,7 +149,7 @@ class TestAppendixB:
         """d rho/dt at t = 0 of (34), per volt, for neutral layers."""
         return self.W * steady - (self.A + self.E) * eta + lambda_
 
-    def test_lambda(self) -> None:
+    def test_lambda(self):
         missing = (
             self.B
             * self.D
@@ -164,7 +164,7 @@ class TestAppendixB:
         assert sp.simplify(self.start(self.ALPHA2, self.ETA, self.LAMBDA + missing) + self.C) == 0
         assert sp.simplify(self.start(self.ALPHA2, self.ETA, self.LAMBDA) + self.C) != 0
 
-    def test_delta(self) -> None:
+    def test_delta(self):
         missing = (
             self.B
             * self.D
@@ -180,7 +180,7 @@ class TestAppendixB:
         assert sp.simplify(self.start(self.BETA2, self.KAPPA, self.DELTA) + self.F) != 0
 
 
-def test_conduction_of_the_skin_is_counted_once() -> None:
+def test_conduction_of_the_skin_is_counted_once():
     """With eps2 real and sigma2 in (7), E_g is V/(u + eps_g h), k2 = eps2' + sigma2/s; with (1) in
     (7) it is not.
     """
@@ -203,7 +203,7 @@ def test_conduction_of_the_skin_is_counted_once() -> None:
     assert sp.cancel(gap_field(once) - stack_field(twice)) == 0
 
 
-def test_relaxation_times_need_absolute_permittivities(models) -> None:
+def test_relaxation_times_need_absolute_permittivities(models):
     """(4)-(7) with absolute permittivities give the RC time of a layer by itself: R C = eps0
     eps_r/sigma.
     """
@@ -219,7 +219,7 @@ def test_relaxation_times_need_absolute_permittivities(models) -> None:
     assert 1.0 / relative.relaxation_rates_per_s(0.0)[2].real[0] > 1e10 * resistance * capacitance
 
 
-def test_constants_that_follow_the_drive_break_superposition(models) -> None:
+def test_constants_that_follow_the_drive_break_superposition(models):
     """Two sines together are not the sum of each with its own constants, and no choice of constants
     serves a step.
     """
@@ -239,7 +239,7 @@ def test_constants_that_follow_the_drive_break_superposition(models) -> None:
     assert np.abs(each_its_own - one_system).max() > 0.01 * np.abs(one_system).max()
 
 
-def test_the_leak_lies_beside_the_gap() -> None:
+def test_the_leak_lies_beside_the_gap():
     """One current (s k_g/u + alpha) u E crosses gap and stack (eps0 = 1); alpha -> inf leaves no
     field.
     """
@@ -250,7 +250,7 @@ def test_the_leak_lies_beside_the_gap() -> None:
     assert sp.limit(found.subs({k_gap: 1, VOLT: 1}), alpha, sp.oo) == 0
 
 
-def test_the_printed_leak_does_not_short_the_gap(at) -> None:
+def test_the_printed_leak_does_not_short_the_gap(at):
     """(26) as printed grows where the leak is smaller: E_L ~ 1/alpha. A leak that vanishes must not
     matter.
     """
@@ -259,7 +259,7 @@ def test_the_printed_leak_does_not_short_the_gap(at) -> None:
     assert leaks[1] == pytest.approx(10.0 * leaks[0], rel=1e-12)
 
 
-def test_stress_is_the_mean_of_the_square() -> None:
+def test_stress_is_the_mean_of_the_square():
     """<(Re E e^jwt)^2> = |E|^2/2, whatever the phase of E; E^2 as printed is complex and depends on
     it.
     """
@@ -272,7 +272,7 @@ def test_stress_is_the_mean_of_the_square() -> None:
     assert sp.simplify(sp.re(square) - size**2 * sp.cos(2 * phase)) == 0
 
 
-def test_pressure_is_already_an_average_over_the_nominal_area(at, stack_of) -> None:
+def test_pressure_is_already_an_average_over_the_nominal_area(at, stack_of):
     """P(u) is a share of A0: the force is A0 int P sigma du, by quadrature; with A_real/A0 it would
     be 2e-4 of that.
     """
@@ -289,7 +289,7 @@ def test_pressure_is_already_an_average_over_the_nominal_area(at, stack_of) -> N
     assert float(area_ratio(at.model.table.shape, pressure_pa / at.scale_pa)) < 3e-4
 
 
-def test_friction_that_a_sensor_under_the_screen_reads() -> None:
+def test_friction_that_a_sensor_under_the_screen_reads():
     """F_t = mu_off (F_n + F_e) by Coulomb; mu_on = F_t/F_n with F_n applied."""
     off, on, load, force = sp.symbols("mu_off mu_on F_n F_e", positive=True)
     found = sp.solve(sp.Eq(on * load, off * (load + force)), force)[0]
@@ -301,7 +301,7 @@ def test_friction_that_a_sensor_under_the_screen_reads() -> None:
     )  # (31) holds for a load that contains F_e
 
 
-def test_conductance_of_the_contact_is_the_skins(models) -> None:
+def test_conductance_of_the_contact_is_the_skins(models):
     """Spots of the insulator's surface charged through the skin: its conductivity limits, the
     insulator's does not.
     """
@@ -314,7 +314,7 @@ def test_conductance_of_the_contact_is_the_skins(models) -> None:
     assert ours[0] > 1e9 * printed[0]
 
 
-def test_the_exponent_that_converges() -> None:
+def test_the_exponent_that_converges():
     for hurst in (0.71, 0.86):
         s = hurst / (2.0 * (1.0 - hurst))
         value, _ = quad(
@@ -339,7 +339,7 @@ def literal_partial_integrals() -> list[float]:
     ]
 
 
-def test_whether_alpha_depends_on_frequency(models) -> None:
+def test_whether_alpha_depends_on_frequency(models):
     v = models["table1"].description.values
     f = np.array([1.0, 1e6])
     sigma = total_conductivity_s_per_m(models["table1"].description.dielectric.permittivity(f), f)
@@ -486,7 +486,7 @@ class TestPage:
         "The text on alpha",
     )
 
-    def test_every_slip_has_its_section_in_order(self) -> None:
+    def test_every_slip_has_its_section_in_order(self):
         titles = re.findall(r"^## \d+\. (.+)$", self.TEXT, re.M)
         assert titles == list(self.SLIPS)
         sections = re.split(r"^## \d+\. .+$", self.TEXT, flags=re.M)[1:]
@@ -494,7 +494,7 @@ class TestPage:
             for part in ("**Printed.**", "**Corrected.**", "**Why.**", "**Consequence.**"):
                 assert section.count(part) == 1
 
-    def test_every_quoted_number_is_computed_and_every_computed_one_quoted(self, numbers) -> None:
+    def test_every_quoted_number_is_computed_and_every_computed_one_quoted(self, numbers):
         quoted = QUOTED.findall(self.TEXT)
         assert {name for name, _ in quoted} == set(numbers)
         for name, text in quoted:

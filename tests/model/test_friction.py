@@ -16,7 +16,7 @@ def one(value: float) -> np.ndarray:
     return np.array([value])
 
 
-def test_values_by_hand() -> None:
+def test_values_by_hand():
     assert cof("applied_load", 0.5, one(0.1), one(0.5)) == pytest.approx(
         [0.6], rel=1e-14
     )  # rounding
@@ -29,7 +29,7 @@ def test_values_by_hand() -> None:
     )
 
 
-def test_a_load_exponent_bends_it_with_the_whole_load() -> None:
+def test_a_load_exponent_bends_it_with_the_whole_load():
     """Hertz's 2/3 by hand: 0.5 N and eight times that, of which 3.5 N is attraction; 8 * 8^(-1/3) =
     4.
     """
@@ -41,7 +41,7 @@ def test_a_load_exponent_bends_it_with_the_whole_load() -> None:
 
 @pytest.mark.parametrize("law", FRICTION_LAWS)
 @given(mu=off, load=loads, ratio=ratios)
-def test_inverse_gives_the_force_back(law, mu: float, load: float, ratio: float) -> None:
+def test_inverse_gives_the_force_back(law, mu, load, ratio):
     back = electrostatic_force_n(law, mu, cof(law, mu, one(ratio * load), one(load)), one(load))
     assert back == pytest.approx(
         [ratio * load], rel=1e-12, abs=1e-14 * load
@@ -50,12 +50,12 @@ def test_inverse_gives_the_force_back(law, mu: float, load: float, ratio: float)
 
 @pytest.mark.parametrize("law", FRICTION_LAWS)
 @given(mu=off, load=loads)
-def test_without_attraction_nothing_changes(law, mu: float, load: float) -> None:
+def test_without_attraction_nothing_changes(law, mu, load):
     assert cof(law, mu, one(0.0), one(load))[0] == mu
 
 
 @given(mu=off, load=loads, ratio=st.floats(1e-3, 0.95))
-def test_total_load_reads_higher(mu: float, load: float, ratio: float) -> None:
+def test_total_load_reads_higher(mu, load, ratio):
     """1/(1 - r) > 1 + r; the two agree to r^2 for a light attraction."""
     applied, total = (
         cof(law, mu, one(ratio * load), one(load))[0] for law in ("applied_load", "total_load")
@@ -67,18 +67,18 @@ def test_total_load_reads_higher(mu: float, load: float, ratio: float) -> None:
 
 
 @pytest.mark.parametrize("force_n", [0.5, 0.6, 100.0, np.inf])
-def test_total_load_diverges_where_attraction_reaches_the_load(force_n: float) -> None:
+def test_total_load_diverges_where_attraction_reaches_the_load(force_n):
     assert np.isnan(cof("total_load", 0.5, one(force_n), one(0.5)))[0]
     assert cof("total_load", 0.5, one(0.5 - 1e-9), one(0.5))[0] > 1e8
 
 
 @pytest.mark.parametrize("law", FRICTION_LAWS)
-def test_no_equilibrium_no_friction(law) -> None:
+def test_no_equilibrium_no_friction(law):
     assert np.isnan(cof(law, 0.5, one(np.nan), one(0.5)))[0]
 
 
 @pytest.mark.parametrize("law", FRICTION_LAWS)
-def test_loads_broadcast_over_a_grid(law) -> None:
+def test_loads_broadcast_over_a_grid(law):
     force = np.linspace(0.0, 0.2, 12).reshape(2, 3, 2)
     result = cof(law, 0.5, force, np.array([0.5, 1.0]))
     assert result.shape == (2, 3, 2)

@@ -164,11 +164,11 @@ def check(variant, slow_pressure, touch: Touch) -> None:
 
 
 @pytest.mark.parametrize("touch", touches(1, SHAPES, POINTS))
-def test_pressure_at_random_touches(variant, slow_pressure, touch: Touch) -> None:
+def test_pressure_at_random_touches(variant, slow_pressure, touch):
     check(variant, slow_pressure, touch)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("touch", touches(2, 12, MORE_POINTS))
-def test_pressure_at_more_random_touches(variant, slow_pressure, touch: Touch) -> None:
+def test_pressure_at_more_random_touches(variant, slow_pressure, touch):
     check(variant, slow_pressure, touch)

@@ -27,7 +27,7 @@ def at(frequency_hz, voltage_v=V, normal_force_n=LOAD_N) -> Conditions:
     return Conditions(*(np.array(c) for c in np.broadcast_arrays(*columns)))
 
 
-def test_largest_current_of_a_stuck_finger(models) -> None:
+def test_largest_current_of_a_stuck_finger(models):
     """914 mA at 1 MHz, 75 V, 1 cm2; below, the skin conducts and the current is not in proportion
     to f.
     """
@@ -38,7 +38,7 @@ def test_largest_current_of_a_stuck_finger(models) -> None:
     assert (stuck[:2] > stuck[2] * np.array([250.0, 1e4]) / 1e6).all()
 
 
-def test_a_stuck_finger_is_a_sliding_one_without_gap(models) -> None:
+def test_a_stuck_finger_is_a_sliding_one_without_gap(models):
     """u -> 0 in the network of layers: the worst case of the current."""
     d = models["reference"].description
     f = 1e4
@@ -60,7 +60,7 @@ def test_a_stuck_finger_is_a_sliding_one_without_gap(models) -> None:
     )  # a gap of 1e-15 m beside 0.4 um
 
 
-def test_leakage_lies_in_parallel_with_the_stack(models, stack_of) -> None:
+def test_leakage_lies_in_parallel_with_the_stack(models, stack_of):
     """1/z = 1/(k_g h) + alpha/(j w eps0 k_g): what lets one table serve every finger."""
     s = stack_of(models["reference"], np.array([1.0, 250.0, 1e5]))
     beta = s.leak_per_m_pa * 5e3
@@ -70,7 +70,7 @@ def test_leakage_lies_in_parallel_with_the_stack(models, stack_of) -> None:
     )  # rounding
 
 
-def test_a_thick_insulator_leaves_no_force(variant) -> None:
+def test_a_thick_insulator_leaves_no_force(variant):
     """Far thicker than every gap, the field is V/(d1/eps1) and the force falls as its square."""
     forces = [
         variant(leak_scale=0.0, insulator_thickness_m=d).predict(at(250.0)).electrostatic_force_n[0]
@@ -81,7 +81,7 @@ def test_a_thick_insulator_leaves_no_force(variant) -> None:
     assert forces[2] == pytest.approx(1e-4 * EPS0 / 4.0 * field**2, rel=0.1)
 
 
-def test_wide_gaps_are_a_plate_capacitor(models, scales_of) -> None:
+def test_wide_gaps_are_a_plate_capacitor(models, scales_of):
     """A stack far thicker than the roughness sees the mean gap only: K -> 1/z^2."""
     model = models["reference"]
     z = 1e3 * np.ones(1, complex)  # in h_rms
@@ -93,7 +93,7 @@ def test_wide_gaps_are_a_plate_capacitor(models, scales_of) -> None:
     )  # mass 2e-4, mean 1 % of 2e-3, spread (1/1e3)^2
 
 
-def test_force_without_load_or_voltage_vanishes(models) -> None:
+def test_force_without_load_or_voltage_vanishes(models):
     got = models["reference"].predict(at(250.0, [0.0, 1e-3, 1e-2])).electrostatic_force_n
     assert got[0] == 0.0
     assert got[2] / got[1] == pytest.approx(

@@ -40,7 +40,7 @@ def with_dielectric(table: str) -> str:
     return head + table + "\n[parameters]" + rest.split("[parameters]")[1]
 
 
-def test_shipped_reference_holds_table_one() -> None:
+def test_shipped_reference_holds_table_one():
     """Table I and section IV.A of AliAbbasi et al. 2022, typed from the paper; roughness of the
     public code.
     """
@@ -63,7 +63,7 @@ def test_shipped_reference_holds_table_one() -> None:
     )
 
 
-def test_table1_differs_from_reference_by_its_roughness_only() -> None:
+def test_table1_differs_from_reference_by_its_roughness_only():
     one, other = (asdict(read_model(MODELS / f"{n}.toml").values) for n in ("table1", "reference"))
     different = {k: v for k, v in one.items() if other[k] != v}
     assert different == {
@@ -73,7 +73,7 @@ def test_table1_differs_from_reference_by_its_roughness_only() -> None:
     }
 
 
-def test_effective_modulus(reference) -> None:
+def test_effective_modulus(reference):
     for name in ("reference", "table1"):
         modulus = read_model(MODELS / f"{name}.toml").values.effective_modulus_pa
         assert modulus == pytest.approx(
@@ -83,7 +83,7 @@ def test_effective_modulus(reference) -> None:
 
 
 @given(st.floats(1e4, 1e9), st.floats(0.0, 0.5))
-def test_effective_modulus_on_a_rigid_screen_is_the_skins(modulus: float, poisson: float) -> None:
+def test_effective_modulus_on_a_rigid_screen_is_the_skins(modulus, poisson):
     v = replace(read_model(MODELS / "reference.toml").values, screen_modulus_pa=1e30)
     v = replace(v, skin_modulus_pa=modulus, skin_poisson_ratio=poisson)
     assert v.effective_modulus_pa == pytest.approx(
@@ -92,13 +92,13 @@ def test_effective_modulus_on_a_rigid_screen_is_the_skins(modulus: float, poisso
 
 
 @pytest.mark.parametrize("name", ["reference", "table1"])
-def test_every_shipped_number_has_a_source(name: str) -> None:
+def test_every_shipped_number_has_a_source(name):
     for parameter in read_model(MODELS / f"{name}.toml").parameters.values():
         assert parameter.source
         assert parameter.std is None or parameter.std > 0.0
 
 
-def test_every_parameter_says_unit_range_and_meaning() -> None:
+def test_every_parameter_says_unit_range_and_meaning():
     assert list(SPECIFICATION) == NAMES
     for name, spec in SPECIFICATION.items():
         assert spec["low"] < spec["high"], name
@@ -106,7 +106,7 @@ def test_every_parameter_says_unit_range_and_meaning() -> None:
         assert spec["about"], name
 
 
-def test_a_bare_number_is_enough_and_texts_have_defaults(write) -> None:
+def test_a_bare_number_is_enough_and_texts_have_defaults(write):
     text = "[parameters]\n" + "\n".join(
         f"{n} = {v!r}" for n, v in asdict(read_model(write(SHIPPED)).values).items()
     )
@@ -121,7 +121,7 @@ def test_a_bare_number_is_enough_and_texts_have_defaults(write) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_range_of_each_parameter_is_enforced(write, name: str) -> None:
+def test_the_range_of_each_parameter_is_enforced(write, name):
     low, high = SPECIFICATION[name]["low"], SPECIFICATION[name]["high"]
     for wrong in (low - 0.01 * abs(low) - 1e-30, 1.01 * high):
         with pytest.raises(ModelError, match="out of range") as caught:
@@ -134,12 +134,12 @@ def test_the_range_of_each_parameter_is_enforced(write, name: str) -> None:
 @pytest.mark.parametrize(
     "name", sorted(set(NAMES) - {"roll_off_wavenumber_per_m", "cut_off_wavenumber_per_m"})
 )
-def test_the_ends_of_each_range_are_allowed(write, name: str) -> None:
+def test_the_ends_of_each_range_are_allowed(write, name):
     for end in (SPECIFICATION[name]["low"], SPECIFICATION[name]["high"]):
         assert getattr(read_model(write(with_parameter(name, repr(end)))).values, name) == end
 
 
-def test_a_file_that_is_silent_about_a_gap_offset_has_none(write) -> None:
+def test_a_file_that_is_silent_about_a_gap_offset_has_none(write):
     text = "\n".join(line for line in SHIPPED.splitlines() if not line.startswith("gap_offset_m"))
     assert read_model(write(text)).values.gap_offset_m == 0.0
 
@@ -148,7 +148,7 @@ HAS_A_USUAL_VALUE = {"gap_offset_m", "stray_capacitance_f", "open_circuit", "res
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - HAS_A_USUAL_VALUE))
-def test_each_parameter_must_be_given(write, name: str) -> None:
+def test_each_parameter_must_be_given(write, name):
     text = "\n".join(line for line in SHIPPED.splitlines() if not line.startswith(name))
     with pytest.raises(ModelError, match=f"{name} is missing") as caught:
         read_model(write(text))
@@ -158,23 +158,23 @@ def test_each_parameter_must_be_given(write, name: str) -> None:
 @pytest.mark.parametrize(
     "wrong", ["true", "nan", "inf", "-inf", '"0.5"', "[0.5]", "{ std = 0.1 }", "{ value = false }"]
 )
-def test_what_is_no_finite_number_is_refused(write, wrong: str) -> None:
+def test_what_is_no_finite_number_is_refused(write, wrong):
     with pytest.raises(ModelError, match=r"cof_off: .* is not a finite number"):
         read_model(write(with_parameter("cof_off", wrong)))
 
 
 @pytest.mark.parametrize("wrong", ["nan", "true", '"0.1"'])
-def test_a_standard_deviation_is_a_number_too(write, wrong: str) -> None:
+def test_a_standard_deviation_is_a_number_too(write, wrong):
     with pytest.raises(ModelError, match=r"cof_off\.std"):
         read_model(write(with_parameter("cof_off", f"{{ value = 0.5, std = {wrong} }}")))
 
 
-def test_a_negative_standard_deviation_is_refused(write) -> None:
+def test_a_negative_standard_deviation_is_refused(write):
     with pytest.raises(ModelError, match=r"cof_off\.std = -0\.1 is negative"):
         read_model(write(with_parameter("cof_off", "{ value = 0.5, std = -0.1 }")))
 
 
-def test_an_endless_integer_is_refused(write) -> None:
+def test_an_endless_integer_is_refused(write):
     with pytest.raises(ModelError, match="cof_off"):
         read_model(write(with_parameter("cof_off", "1" + 400 * "0")))
 
@@ -195,15 +195,13 @@ def test_an_endless_integer_is_refused(write) -> None:
     ],
     ids=["top", "parameters", "entry", "csv", "power-law", "named-set"],
 )
-def test_an_unknown_key_is_an_error_with_the_nearest(
-    write, text: str, key: str, choice: str
-) -> None:
+def test_an_unknown_key_is_an_error_with_the_nearest(write, text, key, choice):
     with pytest.raises(ModelError, match=f"unknown key '{key}'") as caught:
         read_model(write(text))
     assert f"Did you mean '{choice}'?" in caught.value.hint
 
 
-def test_unknown_law_and_set_offer_the_nearest(write) -> None:
+def test_unknown_law_and_set_offer_the_nearest(write):
     with pytest.raises(ModelError, match="friction_law 'total' is unknown") as caught:
         read_model(
             write(SHIPPED.replace('friction_law = "applied_load"', 'friction_law = "total"'))
@@ -217,17 +215,17 @@ def test_unknown_law_and_set_offer_the_nearest(write) -> None:
 @pytest.mark.parametrize(
     "text", ["[dielectric]\nfile = 'a.csv'", "dielectric = 3", "dielectric = 'gabriel_dry'"]
 )
-def test_a_dielectric_without_a_set_is_refused(write, text: str) -> None:
+def test_a_dielectric_without_a_set_is_refused(write, text):
     with pytest.raises(ModelError, match="has no key 'set'"):
         read_model(write(with_dielectric(text)))
 
 
-def test_parameters_must_be_a_table(write) -> None:
+def test_parameters_must_be_a_table(write):
     with pytest.raises(ModelError, match=r"\[parameters\]: is not a table"):
         read_model(write("parameters = 3\n"))
 
 
-def test_files_that_cannot_be_read_are_named(tmp_path, write) -> None:
+def test_files_that_cannot_be_read_are_named(tmp_path, write):
     with pytest.raises(ModelError, match=r"none\.toml does not exist"):
         read_model(tmp_path / "none.toml")
     with pytest.raises(ModelError, match=r"finger\.toml: not valid TOML"):
@@ -238,7 +236,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path, write) -> None:
         read_model(binary)
 
 
-def test_a_byte_order_mark_is_no_mistake(tmp_path, write) -> None:
+def test_a_byte_order_mark_is_no_mistake(tmp_path, write):
     plain = write(with_parameter("gap_offset_m", "1e-7"))
     marked = tmp_path / "marked.toml"
     marked.write_bytes(b"\xef\xbb\xbf" + plain.read_bytes())
@@ -246,7 +244,7 @@ def test_a_byte_order_mark_is_no_mistake(tmp_path, write) -> None:
 
 
 @pytest.mark.parametrize("cut_off", [1e3, 1.99e3])
-def test_the_cut_off_must_lie_above_the_roll_off(write, cut_off: float) -> None:
+def test_the_cut_off_must_lie_above_the_roll_off(write, cut_off):
     with pytest.raises(ModelError, match="cut_off_wavenumber_per_m") as caught:
         read_model(write(with_parameter("cut_off_wavenumber_per_m", repr(cut_off))))
     assert "twice" in caught.value.hint
@@ -258,7 +256,7 @@ def test_the_cut_off_must_lie_above_the_roll_off(write, cut_off: float) -> None:
     )
 
 
-def test_power_law_and_table_are_read(write, tmp_path) -> None:
+def test_power_law_and_table_are_read(write, tmp_path):
     text = (
         '[dielectric]\nset = "power_law"\neps_inf = 5\namplitude = 800.0\nexponent ='
         " 0.3\nconductivity_s_per_m = 2e-4"
@@ -281,7 +279,7 @@ def test_power_law_and_table_are_read(write, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("key", "value"), [("conductivity_s_per_m", -1e-4), ("exponent", 1.5), ("eps_inf", 0.0)]
 )
-def test_a_power_law_that_no_skin_has_is_refused(write, key: str, value: float) -> None:
+def test_a_power_law_that_no_skin_has_is_refused(write, key, value):
     """A negative conductivity would make the leak beside the gap a source of power."""
     numbers = {
         "eps_inf": 5.0,
@@ -294,7 +292,7 @@ def test_a_power_law_that_no_skin_has_is_refused(write, key: str, value: float) 
         read_model(write(with_dielectric(f'[dielectric]\nset = "power_law"\n{lines}')))
 
 
-def test_nearest_lists_all_where_nothing_is_near() -> None:
+def test_nearest_lists_all_where_nothing_is_near():
     assert nearest("zzz", ["beta", "alpha"]) == "Known: alpha, beta"
     error = ModelError("what", "do")
     assert (str(error), error.__notes__) == ("what", ["hint: do"])
@@ -306,7 +304,7 @@ class TestIdentity:
     def model(self) -> ModelDescription:
         return read_model(MODELS / "reference.toml")
 
-    def test_name_comments_sources_and_order_do_not_count(self, model, write) -> None:
+    def test_name_comments_sources_and_order_do_not_count(self, model, write):
         lines = SHIPPED.split("[parameters]\n")
         turned = (
             lines[0].replace("#", "# also")
@@ -321,7 +319,7 @@ class TestIdentity:
         assert other.provenance() != model.provenance()
 
     @pytest.mark.parametrize("name", NAMES)
-    def test_any_changed_number_counts(self, model, name: str) -> None:
+    def test_any_changed_number_counts(self, model, name):
         entry = model.parameters[name]
         changed = {
             **model.parameters,
@@ -329,7 +327,7 @@ class TestIdentity:
         }
         assert replace(model, parameters=changed).content_hash != model.content_hash
 
-    def test_law_set_and_variant_count(self, model) -> None:
+    def test_law_set_and_variant_count(self, model):
         others = [
             model,
             replace(model, friction_law="total_load"),
@@ -341,7 +339,7 @@ class TestIdentity:
         ]
         assert len({m.content_hash for m in others}) == len(others)
 
-    def test_the_name_of_a_dielectric_table_does_not_count(self, model) -> None:
+    def test_the_name_of_a_dielectric_table_does_not_count(self, model):
         one, other = (
             Tabulated(n, f"{n}.csv", (1.0, 2.0), (3.0, 4.0), (5.0, 6.0)) for n in ("a", "b")
         )
@@ -350,7 +348,7 @@ class TestIdentity:
             == replace(model, dielectric=other).content_hash
         )
 
-    def test_provenance_survives_json(self, model) -> None:
+    def test_provenance_survives_json(self, model):
         provenance = model.provenance()
         assert json.loads(json.dumps(provenance)) == provenance
         assert provenance["parameters"]["cof_off"]["value"] == 0.512

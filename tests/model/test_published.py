@@ -84,9 +84,7 @@ def printed_pressure(
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_pressure_is_the_printed_one_at_its_own_total_pressure(
-    published, reference, name: str, variant: str
-) -> None:
+def test_pressure_is_the_printed_one_at_its_own_total_pressure(published, reference, name, variant):
     model = published(name, absolute=variant == "published_absolute")
     length = reference[name]["contact_length_m"]
     f, v = (g.ravel() for g in np.meshgrid([1.0, 250.0, 1e3, 1e5], [0.02, 1.0, 75.0]))
@@ -118,7 +116,7 @@ def test_pressure_is_the_printed_one_at_its_own_total_pressure(
     assert checked >= (12 if variant == "published" else 1)
 
 
-def test_force_is_micronewtons_and_has_no_peak(published) -> None:
+def test_force_is_micronewtons_and_has_no_peak(published):
     """What the printed equations give with Table I: nothing that could be felt, and nothing near
     250 Hz.
     """
@@ -130,7 +128,7 @@ def test_force_is_micronewtons_and_has_no_peak(published) -> None:
     assert got.notes == ()
 
 
-def test_without_voltage_there_is_no_attraction(published) -> None:
+def test_without_voltage_there_is_no_attraction(published):
     for absolute in (False, True):
         got = published(absolute=absolute).predict(conditions([250.0, 1e4], 0.0))
         np.testing.assert_array_equal(got.electrostatic_force_n, 0.0)
@@ -138,7 +136,7 @@ def test_without_voltage_there_is_no_attraction(published) -> None:
         assert got.notes == ()
 
 
-def test_nonsense_is_told_and_never_a_number(published) -> None:
+def test_nonsense_is_told_and_never_a_number(published):
     """With absolute permittivities the leakage term is hundreds of times the field: repulsion, or
     no equilibrium.
     """
@@ -150,7 +148,7 @@ def test_nonsense_is_told_and_never_a_number(published) -> None:
     assert np.isfinite(got.stuck_current_rms_a).all()
 
 
-def test_divergence_of_31_is_told(published) -> None:
+def test_divergence_of_31_is_told(published):
     got = published("reference").predict(conditions(250.0, [75.0, 3000.0]))
     assert np.isfinite(got.cof[0])
     lost = [note for note in got.notes if DIVERGED in note or NO_EQUILIBRIUM in note]
@@ -162,12 +160,12 @@ def test_divergence_of_31_is_told(published) -> None:
     assert not heavy.within_theory[0]
 
 
-def test_direct_current_has_an_answer_or_says_why(published) -> None:
+def test_direct_current_has_an_answer_or_says_why(published):
     got = published().predict(conditions(0.0, 75.0, waveform=np.array(["dc"])))
     assert np.isfinite(got.cof[0]) != bool(got.notes)
 
 
-def test_loads_outside_the_theory_have_no_answer(published) -> None:
+def test_loads_outside_the_theory_have_no_answer(published):
     got = published().predict(
         conditions(250.0, [0.0, 75.0], 1e-4 * np.ones(2))
     )  # 1 Pa: 4e-7 of the pressure scale
@@ -175,7 +173,7 @@ def test_loads_outside_the_theory_have_no_answer(published) -> None:
     assert any(NO_EQUILIBRIUM in note for note in got.notes)
 
 
-def test_current_is_the_corrected_stacks(published, models) -> None:
+def test_current_is_the_corrected_stacks(published, models):
     """The paper prints no current; at equal pressure (a volt attracts next to nothing) it is that
     of the layers.
     """
@@ -185,7 +183,7 @@ def test_current_is_the_corrected_stacks(published, models) -> None:
     np.testing.assert_array_equal(theirs.stuck_current_rms_a, ours.stuck_current_rms_a)
 
 
-def test_surface_is_made_of_single_conditions(published) -> None:
+def test_surface_is_made_of_single_conditions(published):
     model = published("reference")
     f, v, n = np.array([5.0, 250.0, 3e4]), np.array([0.0, 30.0, 120.0]), np.array([0.1, 0.5])
     surface = model.surface(f, v, n)
@@ -199,7 +197,7 @@ def test_surface_is_made_of_single_conditions(published) -> None:
 
 
 class TestRefused:
-    def test_effects(self, models) -> None:
+    def test_effects(self, models):
         effect = next(iter(BY_NAME.values()))
         on = {effect.name: {p.name: Parameter(p.low, p.unit, "test") for p in effect.parameters()}}
         description = replace(
@@ -208,7 +206,7 @@ class TestRefused:
         with pytest.raises(ModelError, match=f"has no effects, but {effect.name} is on"):
             TouchModel(description).predict(conditions(250.0, 75.0))
 
-    def test_square_waves_and_biases(self, published) -> None:
+    def test_square_waves_and_biases(self, published):
         with pytest.raises(ModelError, match=r"row 2: .* know nothing of a square wave"):
             published().predict(conditions([1.0, 2.0], 75.0, waveform=np.array(["sine", "square"])))
         with pytest.raises(ModelError, match=r"row 1: .* know nothing of a bias"):
@@ -221,7 +219,7 @@ class TestFile:
         path.write_text(text, encoding="utf-8")
         return read_model(path)
 
-    def test_shipped_file_is_table_one_as_printed(self, models) -> None:
+    def test_shipped_file_is_table_one_as_printed(self, models):
         shipped, table1 = read_model(MODELS / "published.toml"), models["table1"].description
         assert shipped.is_published
         assert not table1.is_published
@@ -239,7 +237,7 @@ class TestFile:
         )
         assert json.loads(json.dumps(shipped.provenance()))["variant"] == "published"
 
-    def test_friction_follows_the_variant_unless_chosen(self, tmp_path) -> None:
+    def test_friction_follows_the_variant_unless_chosen(self, tmp_path):
         text = (MODELS / "published.toml").read_text(encoding="utf-8")
         assert (
             self.read(tmp_path, text.replace('friction_law = "total_load"', "")).friction_law
@@ -248,19 +246,19 @@ class TestFile:
         chosen = text.replace('friction_law = "total_load"', 'friction_law = "applied_load"')
         assert self.read(tmp_path, chosen).friction_law == "applied_load"
 
-    def test_an_unknown_variant_offers_the_nearest(self, tmp_path) -> None:
+    def test_an_unknown_variant_offers_the_nearest(self, tmp_path):
         text = (MODELS / "published.toml").read_text(encoding="utf-8")
         with pytest.raises(ModelError, match="variant 'publishd' is unknown") as caught:
             self.read(tmp_path, text.replace('variant = "published"', 'variant = "publishd"'))
         assert "Did you mean 'published'?" in caught.value.hint
 
-    def test_a_published_file_has_no_effects(self, tmp_path) -> None:
+    def test_a_published_file_has_no_effects(self, tmp_path):
         text = (MODELS / "published.toml").read_text(encoding="utf-8")
         with pytest.raises(ModelError, match="variant 'published' has no effects"):
             self.read(tmp_path, text + "\n[effects.series_resistance]\nresistance_ohm = 1e4\n")
 
 
-def test_speed_does_not_change_a_published_surface(published) -> None:
+def test_speed_does_not_change_a_published_surface(published):
     model, axes = (
         published(),
         (np.array([30.0, 250.0, 3e3]), np.array([0.0, 60.0, 120.0]), np.array([0.3, 1.0])),

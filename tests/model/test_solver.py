@@ -68,9 +68,7 @@ def solve_sine(sine_circuit):
     load=st.floats(5e2, 2e4),
 )
 @settings(max_examples=40)
-def test_pressure_satisfies_its_own_loop(
-    models, solve_sine, gain_by_quadrature, name: str, f: float, v: float, load: float
-) -> None:
+def test_pressure_satisfies_its_own_loop(models, solve_sine, gain_by_quadrature, name, f, v, load):
     model = models[name]
     p_e = float(solve_sine(model, f, np.array([v]), load)[0][0])
     assert p_e > 0.0
@@ -80,9 +78,7 @@ def test_pressure_satisfies_its_own_loop(
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("frequency_hz", [10.0, 250.0, 1e4])
-def test_voltage_rises_with_pressure_up_to_1_mpa(
-    models, gain_by_quadrature, name: str, frequency_hz: float
-) -> None:
+def test_voltage_rises_with_pressure_up_to_1_mpa(models, gain_by_quadrature, name, frequency_hz):
     """No fold for the shipped fingers: V(p_e) = sqrt(p_e/g) by quadrature alone."""
     p_e = np.geomspace(1.0, 1e6, 60)
     square = [p / (gain_by_quadrature(models[name], frequency_hz, 5e3 + p) / 2.0) for p in p_e]
@@ -91,8 +87,8 @@ def test_voltage_rises_with_pressure_up_to_1_mpa(
 
 @pytest.mark.parametrize("name", FINGERS)
 def test_light_attraction_grows_with_the_square_of_the_voltage(
-    models, solve_sine, gain_by_quadrature, name: str
-) -> None:
+    models, solve_sine, gain_by_quadrature, name
+):
     p_e, _ = solve_sine(models[name], 250.0, np.array([0.01, 0.1, 1.0]), 5e3)
     # p_e/p0 = 4e-5 at 1 V; below that, p_e is a difference of numbers known to 1e-10 p0: 2e-2 at
     # 0.01 V
@@ -103,13 +99,13 @@ def test_light_attraction_grows_with_the_square_of_the_voltage(
     )  # and interpolation
 
 
-def test_without_voltage_there_is_no_attraction(models, solve_sine) -> None:
+def test_without_voltage_there_is_no_attraction(models, solve_sine):
     p_e, pulled_in = solve_sine(models["reference"], 250.0, np.zeros(1), 5e3)
     assert p_e[0] == 0.0
     assert not pulled_in[0]
 
 
-def test_components_add_their_mean_squares(models, scales_of, stack_of, circuit_of) -> None:
+def test_components_add_their_mean_squares(models, scales_of, stack_of, circuit_of):
     model = models["reference"]
     s, load = stack_of(model, np.array([250.0])), np.array([5e3])
     one, two, three = (np.array([v]) for v in (1000.0, 2000.0, 3000.0))
@@ -170,7 +166,7 @@ class TestMadeUpContact:
     def solve(self, log_k, mean_square: np.ndarray, load: float) -> tuple[np.ndarray, np.ndarray]:
         return solve(self.table(log_k), self.circuit(mean_square, load))
 
-    def test_linear_gain(self) -> None:
+    def test_linear_gain(self):
         """p = p0 + B p: p_e = p0 B/(1 - B); no equilibrium from B = 1 on."""
         b = np.array([0.1, 0.5, 0.9, 1.0, 1.5])
         expected = np.where(b < 1.0, 1e-2 * b / np.where(b < 1.0, 1.0 - b, 1.0), np.nan)
@@ -180,7 +176,7 @@ class TestMadeUpContact:
         assert not pulled_in.any()  # past the table without ever having turned
 
     @pytest.mark.parametrize("p", [9.0, 9.9, 9.99])
-    def test_an_equilibrium_just_inside_the_table_is_found(self, p: float) -> None:
+    def test_an_equilibrium_just_inside_the_table_is_found(self, p):
         """Its last pressure is 10; the way there is in long steps."""
         p0 = 1e-2
         mean_square = np.array([(p - p0) / np.sqrt(p) / (0.5 * EPS0)])
@@ -188,14 +184,14 @@ class TestMadeUpContact:
             p - p0, rel=1e-6
         )
 
-    def test_a_load_at_the_end_of_the_table_has_not_pulled_in(self) -> None:
+    def test_a_load_at_the_end_of_the_table_has_not_pulled_in(self):
         p_e, pulled_in = self.solve(
             lambda x: 0.5 * x, np.array([1.0 / EPS0]), float(np.exp(LOG_P_AXIS[1]))
         )
         assert np.isnan(p_e[0])
         assert not pulled_in[0]
 
-    def test_quadratic_gain_turns_back(self) -> None:
+    def test_quadratic_gain_turns_back(self):
         """p = p0 + B p^2 has two roots below 4 B p0 = 1 and none above; reachable is the lower."""
         p0 = 1e-2
         fraction = np.array([0.01, 0.3, 0.9, 0.99, 1.01, 3.0])  # of B at the turn
@@ -210,7 +206,7 @@ class TestMadeUpContact:
         np.testing.assert_allclose(p_e, lower, rtol=1e-6)
         np.testing.assert_array_equal(pulled_in, fraction > 1.0)
 
-    def test_the_turn_is_found_between_nodes(self) -> None:
+    def test_the_turn_is_found_between_nodes(self):
         """It is at p = 2 p0; loads from node to node of the table, and the drive 1e-9 beside the
         turn.
         """
@@ -232,9 +228,7 @@ class TestMadeUpContact:
         slopes=(3.109375, 0.0, 1.0), bends=(-6.0, 1.0), fraction=1.5
     )  # turns back by 4e-4, over 12 % of p
     @settings(max_examples=200)
-    def test_the_lowest_equilibrium_is_found_wherever_the_gain_bends(
-        self, slopes, bends, fraction: float
-    ) -> None:
+    def test_the_lowest_equilibrium_is_found_wherever_the_gain_bends(self, slopes, bends, fraction):
         """log gain of three slopes in log p, round at the bends, against a scan of 200,000
         pressures.
 
@@ -282,7 +276,7 @@ class TestMadeUpContact:
         return 2.5 * (x - np.logaddexp(0.0, 4.0 * (x - np.log(0.3))) / 4.0)
 
     @pytest.mark.parametrize("fraction", [0.2, 0.6, 0.9, 0.97])
-    def test_of_three_equilibria_the_lowest_is_taken(self, fraction: float) -> None:
+    def test_of_three_equilibria_the_lowest_is_taken(self, fraction):
         p0 = 1e-2
         # V^2 at the fold, by hand: slope 2.5 gives p = p0 2.5/1.5 there
         p_fold = p0 * 2.5 / 1.5
@@ -306,7 +300,7 @@ class TestMadeUpContact:
             - np.logaddexp(0.0, (x - np.log(0.218) - 1.0) / 0.26)
         )
 
-    def test_the_lowest_is_taken_of_a_curve_that_bends_down_first(self) -> None:
+    def test_the_lowest_is_taken_of_a_curve_that_bends_down_first(self):
         p0 = 7.76993940380478e-3
         mean_square = np.array([5.579454e10, 7.0515832e10])
         expected = [self.lowest(self.late, m, p0) for m in mean_square]
@@ -339,7 +333,7 @@ def curve(folding, load_pa, scales_of, gain_by_quadrature) -> tuple[np.ndarray, 
 
 
 class TestPullIn:
-    def test_voltage_turns_back(self, curve) -> None:
+    def test_voltage_turns_back(self, curve):
         _, v = curve
         turns = np.flatnonzero(np.diff(np.sign(np.diff(v))))
         assert turns.size == 2
@@ -347,7 +341,7 @@ class TestPullIn:
 
     def test_the_fold_is_found_and_nothing_past_it_is_given(
         self, folding, solve_sine, load_pa, curve
-    ) -> None:
+    ):
         _, v = curve
         fold = v[np.flatnonzero(np.diff(v) < 0.0)[0]]
         voltage = fold * np.array(
@@ -360,7 +354,7 @@ class TestPullIn:
 
     def test_between_the_folds_the_lowest_branch_is_taken(
         self, folding, solve_sine, load_pa, curve
-    ) -> None:
+    ):
         p_e, v = curve
         top, bottom = np.flatnonzero(np.diff(v) < 0.0)[[0, -1]] + np.array([0, 1])
         between = v[bottom] + 0.7 * (v[top] - v[bottom])
@@ -372,7 +366,7 @@ class TestPullIn:
         found, _ = solve_sine(folding, FOLDING_FREQUENCY_HZ, np.array([between]), load_pa)
         assert found[0] == pytest.approx(first, rel=0.3)
 
-    def test_a_surface_flags_what_is_pulled_in(self, folding, load_pa, curve) -> None:
+    def test_a_surface_flags_what_is_pulled_in(self, folding, load_pa, curve):
         _, v = curve
         fold = v[np.flatnonzero(np.diff(v) < 0.0)[0]]
         load_n = load_pa * FOLDING["contact_area_m2"]
@@ -388,7 +382,7 @@ class TestPullIn:
         assert not surface.within_theory[0, 1:, 0].any()
 
 
-def test_a_pressure_beyond_the_table_has_no_answer(models, solve_sine, gain_by_quadrature) -> None:
+def test_a_pressure_beyond_the_table_has_no_answer(models, solve_sine, gain_by_quadrature):
     """400 V and 5 kPa lead to 1.1 MPa; 1000 V beyond the table's 2.7 MPa. Nothing has pulled in."""
     p_e, pulled_in = solve_sine(models["reference"], 250.0, np.array([400.0, 1000.0, 5000.0]), 5e3)
     assert p_e[0] == pytest.approx(
@@ -398,14 +392,14 @@ def test_a_pressure_beyond_the_table_has_no_answer(models, solve_sine, gain_by_q
     assert not pulled_in.any()
 
 
-def test_a_load_beyond_the_table_has_no_answer(models, solve_sine, scales_of) -> None:
+def test_a_load_beyond_the_table_has_no_answer(models, solve_sine, scales_of):
     model = models["reference"]
     p_e, pulled_in = solve_sine(model, 250.0, np.array([75.0]), 11.0 * scales_of(model).pressure_pa)
     assert np.isnan(p_e).all()
     assert not pulled_in.any()
 
 
-def test_many_touches_on_several_threads_are_those_one_by_one(models, sine_circuit) -> None:
+def test_many_touches_on_several_threads_are_those_one_by_one(models, sine_circuit):
     model, rng = models["reference"], np.random.default_rng(3)
     f, v, load = (
         np.exp(rng.uniform(0.0, 13.0, 10_000)),
@@ -426,8 +420,8 @@ def test_many_touches_on_several_threads_are_those_one_by_one(models, sine_circu
 )
 @settings(max_examples=40)
 def test_what_starts_at_a_pressure_close_by_ends_where_the_whole_way_does(
-    models, sine_circuit, name: str, f: float, v: float, load: float, step: float
-) -> None:
+    models, sine_circuit, name, f, v, load, step
+):
     model = models[name]
     near_pa, _ = solve(model.table, sine_circuit(model, f, np.array([v]), load))
     other = sine_circuit(model, f, np.array([v * (1.0 + step)]), load * (1.0 - step))
@@ -437,7 +431,7 @@ def test_what_starts_at_a_pressure_close_by_ends_where_the_whole_way_does(
 
 
 @pytest.mark.parametrize("near_pa", [np.nan, -1e9, 1e12])
-def test_a_start_that_is_far_off_or_none_is_not_taken(models, sine_circuit, near_pa) -> None:
+def test_a_start_that_is_far_off_or_none_is_not_taken(models, sine_circuit, near_pa):
     model = models["reference"]
     touch = sine_circuit(model, 100.0, np.array([100.0]), 2e3)
     whole, _ = solve(model.table, touch)

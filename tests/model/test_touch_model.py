@@ -58,7 +58,7 @@ def k_by_quadrature(scales_of):
 class TestReference:
     """Agreement asked: 0.2 %; the reference itself is good to 0.05 %."""
 
-    def test_points(self, models, reference, name: str) -> None:
+    def test_points(self, models, reference, name):
         r = reference[name]["points"]
         assert len(r["cof"]) == {"reference": 196, "table1": 210}[name]
         got = models[name].predict(
@@ -68,7 +68,7 @@ class TestReference:
         np.testing.assert_allclose(got.cof, r["cof"], rtol=2e-3)
         np.testing.assert_allclose(got.current_rms_a, r["current_rms_a"], rtol=2e-3)
 
-    def test_grid(self, models, reference, name: str) -> None:
+    def test_grid(self, models, reference, name):
         r = reference[name]["points"]
         f, v, n = (np.unique(r[k]) for k in ("frequency_hz", "voltage_v", "normal_force_n"))
         surface = models[name].surface(f, v, n)
@@ -83,7 +83,7 @@ class TestReference:
         np.testing.assert_allclose(surface.current_rms_a[at], r["current_rms_a"], rtol=2e-3)
         assert not surface.pulled_in[at].any()
 
-    def test_light_points_gain_with_the_square_of_the_voltage(self, models, name: str) -> None:
+    def test_light_points_gain_with_the_square_of_the_voltage(self, models, name):
         f = np.geomspace(1.0, 1e6, 7)
         half, one = (force(models[name], f, v, KEY_LOAD_N) for v in (0.5, 1.0))
         np.testing.assert_allclose(
@@ -92,7 +92,7 @@ class TestReference:
 
 
 class TestHeadline:
-    def test_key_table(self, models, reference) -> None:
+    def test_key_table(self, models, reference):
         key = reference["key_table"]
         got = 1e3 * force(
             models["reference"], key["frequency_hz"], key["voltage_v"], key["normal_force_n"]
@@ -102,7 +102,7 @@ class TestHeadline:
         )  # one decimal is printed
 
     @pytest.mark.parametrize("name", FINGERS)
-    def test_force_peaks_at_250_hz(self, models, reference, name: str) -> None:
+    def test_force_peaks_at_250_hz(self, models, reference, name):
         f = reference["key_table"]["frequency_hz"]
         by_frequency = force(models[name], f, KEY_VOLTAGE_V, KEY_LOAD_N)
         assert f[np.argmax(by_frequency)] == 250.0
@@ -111,7 +111,7 @@ class TestHeadline:
         assert (np.diff(by_frequency[f <= 250.0]) > 0.0).all()
         assert (np.diff(by_frequency[f >= 250.0]) < 0.0).all()
 
-    def test_table_ones_roughness_gives_a_sixth(self, models, reference) -> None:
+    def test_table_ones_roughness_gives_a_sixth(self, models, reference):
         code, table1 = (force(models[n], 250.0, KEY_VOLTAGE_V, KEY_LOAD_N)[0] for n in FINGERS)
         assert 1e3 * table1 == pytest.approx(
             reference["key_table"]["table1_at_250_hz_mn"], abs=0.05
@@ -121,9 +121,7 @@ class TestHeadline:
 
 class TestLimits:
     @pytest.mark.parametrize("frequency_hz", [1.0, 250.0, 1e5])
-    def test_without_leak_it_is_a_series_capacitor(
-        self, variant, k_by_quadrature, frequency_hz: float
-    ) -> None:
+    def test_without_leak_it_is_a_series_capacitor(self, variant, k_by_quadrature, frequency_hz):
         """Impedances of insulator and skin in series with the gap, nothing beside it; air conducts
         next to nothing.
         """
@@ -139,7 +137,7 @@ class TestLimits:
         expected = AREA_M2 * EPS0 / 4.0 * 50.0**2 * k_by_quadrature(model, total, z)
         assert f_e == pytest.approx(expected, rel=1e-4)  # interpolation
 
-    def test_leak_shorts_the_gap(self, variant) -> None:
+    def test_leak_shorts_the_gap(self, variant):
         """alpha -> inf: z -> 1/beta, K -> P(0)/|z|, so the force falls as 1/alpha to nothing."""
         forces = [
             force(variant(leak_scale=10.0**e), 250.0, KEY_VOLTAGE_V, KEY_LOAD_N)[0]
@@ -150,7 +148,7 @@ class TestLimits:
         # the law is reached up to the slow rise of K |z| towards z = 0: a few per cent per decade
         assert forces[3] / forces[2] == pytest.approx(0.1, rel=0.2)
 
-    def test_highest_frequencies_see_permittivities_only(self, variant, k_by_quadrature) -> None:
+    def test_highest_frequencies_see_permittivities_only(self, variant, k_by_quadrature):
         model = variant(dielectric=ColeCole("plain", "made up", 50.0, (), 2e-4))
         f_e = force(model, 1e9, KEY_VOLTAGE_V, KEY_LOAD_N)[0]
         total = (KEY_LOAD_N + f_e) / AREA_M2
@@ -162,8 +160,8 @@ class TestLimits:
 
     @pytest.mark.parametrize("name", FINGERS)
     def test_direct_current_is_finite_and_the_end_of_slow_square_waves(
-        self, models, scales_of, stack_of, circuit_of, name: str
-    ) -> None:
+        self, models, scales_of, stack_of, circuit_of, name
+    ):
         model = models[name]
         dc = force(model, 0.0, KEY_VOLTAGE_V, KEY_LOAD_N, waveform="dc")
         assert np.isfinite(dc).all()
@@ -178,7 +176,7 @@ class TestLimits:
             dc, rel=1e-3
         )  # 1e-8 Hz against 1.8e-4 Hz of the slowest layer
 
-    def test_direct_current_is_the_resistive_divider(self, models, k_by_quadrature) -> None:
+    def test_direct_current_is_the_resistive_divider(self, models, k_by_quadrature):
         model = models["reference"]
         f_e = force(model, 0.0, KEY_VOLTAGE_V, KEY_LOAD_N, waveform="dc")[0]
         total = (KEY_LOAD_N + f_e) / AREA_M2
@@ -194,7 +192,7 @@ class TestLimits:
 
 
 class TestDrive:
-    def test_a_square_wave_attracts_like_a_sine_of_root_two(self, models) -> None:
+    def test_a_square_wave_attracts_like_a_sine_of_root_two(self, models):
         f = np.geomspace(1.0, 1e6, 7)
         square = models["reference"].predict(conditions(f, 50.0, KEY_LOAD_N, waveform="square"))
         sine = models["reference"].predict(
@@ -205,14 +203,14 @@ class TestDrive:
             # attraction
             np.testing.assert_allclose(getattr(square, name), getattr(sine, name), rtol=1e-8)
 
-    def test_waveforms_may_be_mixed(self, models) -> None:
+    def test_waveforms_may_be_mixed(self, models):
         waves = np.array(["sine", "square", "dc"])
         together = force(models["reference"], 250.0, 50.0, KEY_LOAD_N, waveform=waves)
         alone = [force(models["reference"], 250.0, 50.0, KEY_LOAD_N, waveform=w)[0] for w in waves]
         np.testing.assert_array_equal(together, alone)
         assert together[1] > together[0] > together[2]
 
-    def test_a_small_offset_adds_its_own_attraction(self, models) -> None:
+    def test_a_small_offset_adds_its_own_attraction(self, models):
         model = models["reference"]
         sine = force(model, 250.0, 2.0, KEY_LOAD_N)
         bias = force(model, 250.0, 0.0, KEY_LOAD_N, offset_v=40.0)
@@ -224,7 +222,7 @@ class TestDrive:
             force(model, 250.0, 2.0, KEY_LOAD_N, offset_v=-40.0), both, rtol=1e-12
         )  # no sign
 
-    def test_an_offset_alone_is_direct_current(self, models) -> None:
+    def test_an_offset_alone_is_direct_current(self, models):
         offset = models["table1"].predict(conditions(250.0, 0.0, KEY_LOAD_N, offset_v=60.0))
         dc = models["table1"].predict(conditions(250.0, 60.0, KEY_LOAD_N, waveform="dc"))
         for name in ("electrostatic_force_n", "current_rms_a", "stuck_current_rms_a"):
@@ -232,12 +230,12 @@ class TestDrive:
                 getattr(offset, name), getattr(dc, name), rtol=1e-9
             )  # closure of the loop
 
-    def test_an_offset_on_direct_current_adds_to_its_voltage(self, models) -> None:
+    def test_an_offset_on_direct_current_adds_to_its_voltage(self, models):
         parts = force(models["reference"], 0.0, 50.0, KEY_LOAD_N, offset_v=50.0, waveform="dc")
         whole = force(models["reference"], 0.0, 100.0, KEY_LOAD_N, waveform="dc")
         np.testing.assert_allclose(parts, whole, rtol=1e-6)
 
-    def test_without_voltage_the_frequency_is_ignored(self, models) -> None:
+    def test_without_voltage_the_frequency_is_ignored(self, models):
         got = models["reference"].predict(
             conditions([np.nan, 0.0, -1.0, 250.0, np.inf], 0.0, KEY_LOAD_N)
         )
@@ -247,7 +245,7 @@ class TestDrive:
         np.testing.assert_array_equal(got.stuck_current_rms_a, 0.0)
         assert got.within_theory.all()
 
-    def test_direct_current_ignores_the_frequency(self, models) -> None:
+    def test_direct_current_ignores_the_frequency(self, models):
         got = force(models["reference"], [np.nan, 0.0, 250.0], 50.0, KEY_LOAD_N, waveform="dc")
         assert got[0] == got[1] == got[2]
 
@@ -260,7 +258,7 @@ class TestMonotony:
     @pytest.mark.parametrize("name", FINGERS)
     @given(f=frequencies, v=volts, n=loads, more=st.floats(1.01, 2.0))
     @settings(max_examples=40)
-    def test_more_voltage_or_load_attracts_more(self, models, name: str, f, v, n, more) -> None:
+    def test_more_voltage_or_load_attracts_more(self, models, name, f, v, n, more):
         base, higher, heavier = force(models[name], f, [v, more * v, v], [n, n, more * n])
         assert 0.0 < base < higher
         assert base < heavier
@@ -270,7 +268,7 @@ class TestMonotony:
 
     @given(f=frequencies, v=volts, n=loads, more=st.floats(1.05, 3.0))
     @settings(max_examples=25)
-    def test_a_thicker_insulator_attracts_less_without_leak(self, variant, f, v, n, more) -> None:
+    def test_a_thicker_insulator_attracts_less_without_leak(self, variant, f, v, n, more):
         thin, thick = (
             variant(leak_scale=0.0, insulator_thickness_m=d) for d in (1e-6, more * 1e-6)
         )
@@ -279,14 +277,14 @@ class TestMonotony:
     @pytest.mark.parametrize("name", FINGERS)
     @given(f=frequencies, v=volts, n=loads)
     @settings(max_examples=25)
-    def test_answers_keep_their_signs(self, models, name: str, f, v, n) -> None:
+    def test_answers_keep_their_signs(self, models, name, f, v, n):
         got = models[name].predict(conditions(f, v, n))
         assert got.cof[0] > 0.512
         assert 0.0 < got.current_rms_a[0] <= got.stuck_current_rms_a[0]
 
 
 class TestFriction:
-    def test_law_is_taken_from_the_description(self, models, variant) -> None:
+    def test_law_is_taken_from_the_description(self, models, variant):
         applied, total = models["reference"], variant(friction_law="total_load")
         a, t = (m.predict(conditions([250.0, 1e4], 75.0, 0.5)) for m in (applied, total))
         np.testing.assert_array_equal(a.electrostatic_force_n, t.electrostatic_force_n)
@@ -294,7 +292,7 @@ class TestFriction:
         np.testing.assert_allclose(a.cof, 0.512 * (1.0 + ratio), rtol=1e-14)  # rounding
         np.testing.assert_allclose(t.cof, 0.512 / (1.0 - ratio), rtol=1e-14)
 
-    def test_total_load_diverges_where_attraction_reaches_the_load(self, variant) -> None:
+    def test_total_load_diverges_where_attraction_reaches_the_load(self, variant):
         got = variant(friction_law="total_load").predict(
             conditions(250.0, [100.0, 150.0, 200.0], 0.5)
         )
@@ -304,7 +302,7 @@ class TestFriction:
         assert np.isfinite(got.electrostatic_force_n).all()
 
 
-def test_friction_alone_is_that_of_the_whole_answer(models) -> None:
+def test_friction_alone_is_that_of_the_whole_answer(models):
     """Of fingers that slide, one that pulls in among them; NaN of those that rest or are not
     there.
     """
@@ -320,7 +318,7 @@ def test_friction_alone_is_that_of_the_whole_answer(models) -> None:
 
 
 class TestRangeOfTheTheory:
-    def test_ten_times_the_load_is_the_limit(self, models) -> None:
+    def test_ten_times_the_load_is_the_limit(self, models):
         volts = np.linspace(50.0, 400.0, 701)  # p_e/p0 passes 10 in steps of at most 0.2
         got = models["reference"].predict(conditions(250.0, volts, 0.5))
         ratio = got.electrostatic_force_n / 0.5
@@ -332,7 +330,7 @@ class TestRangeOfTheTheory:
             surface.within_theory, surface.electrostatic_force_n / 0.5 <= 10.0
         )
 
-    def test_past_the_table_there_is_no_answer(self, models) -> None:
+    def test_past_the_table_there_is_no_answer(self, models):
         got = models["reference"].predict(conditions(250.0, [75.0, 5000.0], 0.5))
         np.testing.assert_array_equal(np.isnan(got.electrostatic_force_n), [False, True])
         np.testing.assert_array_equal(got.within_theory, [True, False])
@@ -340,14 +338,14 @@ class TestRangeOfTheTheory:
         assert np.isnan(got.current_rms_a[1])
         assert np.isfinite(got.stuck_current_rms_a).all()
 
-    def test_loads_too_light_for_the_table_are_told(self, variant) -> None:
+    def test_loads_too_light_for_the_table_are_told(self, variant):
         """p/(Y* q0 h_rms) = 4e-8; the table begins at 1e-6."""
         got = variant(skin_modulus_pa=1e12).predict(conditions(250.0, 75.0, 0.005))
         assert not got.within_theory[0]
 
 
 class TestSurface:
-    def test_agrees_with_single_conditions(self, models) -> None:
+    def test_agrees_with_single_conditions(self, models):
         f, v, n = (
             np.array([5.0, 250.0, 3e4]),
             np.array([0.0, 30.0, 120.0]),
@@ -368,7 +366,7 @@ class TestSurface:
         assert not surface.pulled_in.any()
 
 
-def test_another_dielectric_set_changes_the_answer(models, variant) -> None:
+def test_another_dielectric_set_changes_the_answer(models, variant):
     dry, wet = (
         force(models["reference"], 250.0, 75.0, 0.5)[0],
         force(variant(dielectric=GABRIEL_WET), 250.0, 75.0, 0.5)[0],
@@ -377,7 +375,7 @@ def test_another_dielectric_set_changes_the_answer(models, variant) -> None:
     assert wet > 0.0
 
 
-def test_model_can_be_told_by_its_provenance(models, variant) -> None:
+def test_model_can_be_told_by_its_provenance(models, variant):
     hashes = {m.description.content_hash for m in (*models.values(), variant(leak_scale=2.0))}
     assert len(hashes) == 3
     assert json.dumps(models["reference"].description.provenance())
@@ -403,7 +401,7 @@ class TestConditions:
             ("voltage_offset_v", -1.1e5),
         ],
     )
-    def test_what_has_no_meaning_is_refused_by_row(self, column: str, wrong: float) -> None:
+    def test_what_has_no_meaning_is_refused_by_row(self, column, wrong):
         columns = {
             "frequency_hz": np.full(3, 250.0),
             "voltage_v": np.full(3, 75.0),
@@ -416,16 +414,14 @@ class TestConditions:
             Conditions(**columns)
         assert "It must lie in" in caught.value.hint
 
-    def test_an_unknown_waveform_offers_the_nearest(self) -> None:
+    def test_an_unknown_waveform_offers_the_nearest(self):
         with pytest.raises(ModelError, match="row 3: waveform 'sinus' is unknown") as caught:
             conditions([1.0, 1.0, 1.0], 1.0, 1.0, waveform=["sine", "dc", "sinus"])
         assert "Did you mean 'sine'?" in caught.value.hint
         assert "square" in caught.value.hint
 
     @pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
-    def test_has_every_effect_as_single_conditions_have_it(
-        self, models, fresh_tables, kind
-    ) -> None:
+    def test_has_every_effect_as_single_conditions_have_it(self, models, fresh_tables, kind):
         values = {
             p.name: Parameter(float(p.from_normal(1.0)), p.unit, "") for p in kind.parameters()
         }
@@ -456,7 +452,7 @@ class TestConditions:
             )
 
 
-def test_a_cap_bends_the_force_without_steps(models, fresh_tables) -> None:
+def test_a_cap_bends_the_force_without_steps(models, fresh_tables):
     """The sum over gaps has a kink where the cap ends; its place must not show as the voltage
     rises.
     """
@@ -474,8 +470,8 @@ def test_a_cap_bends_the_force_without_steps(models, fresh_tables) -> None:
     "voltage_v", [pytest.param(40.0, marks=pytest.mark.soak), 150.0]
 )  # 2 s each
 def test_a_capped_force_is_that_of_a_fine_quadrature(
-    models, fresh_tables, field_v_per_m: float, voltage_v: float
-) -> None:
+    models, fresh_tables, field_v_per_m, voltage_v
+):
     """50 times as many gaps, with the field of each stopped at the cap: deep caps leave a millionth
     of the force.
     """

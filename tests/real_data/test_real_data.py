@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,17 +26,17 @@ def held(**others: Any) -> dict[str, bool]:
     return {check.must: check.holds for check in checks(given)}
 
 
-def test_everything_holds_where_nothing_is_named_and_direct_voltage_comes_first() -> None:
+def test_everything_holds_where_nothing_is_named_and_direct_voltage_comes_first():
     assert all(held().values())
 
 
 @pytest.mark.parametrize("name", [PEAK, WITH_MONITOR])
-def test_a_name_for_peak_friction_does_not_hold(name: str) -> None:
+def test_a_name_for_peak_friction_does_not_hold(name):
     table = held(**{name: found("effect_found", ("drive_gain_error",))})
     assert [must for must, holds in table.items() if not holds] == [f"{name}: no effect is named"]
 
 
-def test_another_place_first_and_a_set_that_cannot_be_tested_do_not_hold() -> None:
+def test_another_place_first_and_a_set_that_cannot_be_tested_do_not_hold():
     elsewhere = held(**{OVER_TIME: found("unexplained", highest_hz=1000.0)})
     assert not elsewhere[f"{OVER_TIME}: direct voltage is the first place"]
     untested = SimpleNamespace(name="not_testable", findings=None)
@@ -46,7 +45,7 @@ def test_another_place_first_and_a_set_that_cannot_be_tested_do_not_hold() -> No
 
 
 @pytest.mark.process
-def test_a_folder_without_the_data_is_told_by_name(tmp_path: Path) -> None:
+def test_a_folder_without_the_data_is_told_by_name(tmp_path):
     assert set(missing(tmp_path)) == {MODEL, *FILES.values()}
     command = [sys.executable, "-m", "tests.real_data", "--data", str(tmp_path)]
     said = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -147,7 +147,7 @@ def full_disk(folder: Path) -> Iterator[Path | None]:
 
 @pytest.mark.soak
 @pytest.mark.timeout(1200)
-def test_off_is_answered_whatever_else_goes_on(served: Served, tmp_path: Path) -> None:
+def test_off_is_answered_whatever_else_goes_on(served, tmp_path):
     took_s, refused = [], 0
     attacks = [half_open(served.port)]
     attacks += [posting(served.port, "/play", BODY, "guessed") for _ in range(POSTERS)]

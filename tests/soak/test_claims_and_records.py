@@ -27,7 +27,7 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import connect_devices
 from haptic_driver.simulation.served import ServedRig, as_real
 from model.touch_model import TouchModel
-from tests.soak.test_attack import Served, served
+from tests.soak.test_attack import served
 from tests.waiting import until
 
 __all__ = ["served"]  # a fixture
@@ -45,7 +45,7 @@ def having(rig: RigConfig, has: Any) -> None:
 
 @pytest.mark.soak
 @pytest.mark.timeout(1200)
-def test_a_rig_is_of_one_program_however_that_ends() -> None:
+def test_a_rig_is_of_one_program_however_that_ends():
     """Two daemons on one rig: one said "idle, 0 V" while the other held 95 V."""
     chance, spawning = random.Random(7), get_context("spawn")
     config, touch = load_rig("simulated"), TouchModel(load_model("reference"))
@@ -79,7 +79,7 @@ MEDDLING: tuple[Callable[[Path], object], ...] = (
 
 @pytest.mark.soak
 @pytest.mark.timeout(1200)
-def test_who_deletes_a_running_recording_loses_nothing(served: Served, tmp_path: Path) -> None:
+def test_who_deletes_a_running_recording_loses_nothing(served, tmp_path):
     """A clean-up script deleted the hidden copy as well: 8 s were lost."""
     chance = random.Random(8)
     with HapticClient(served.socket) as client:

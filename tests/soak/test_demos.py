@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
         ("demo_experiment", "the diagnosis says effect_found: floating body"),
     ],
 )
-def test_a_long_demo_names_what_is_hidden(demo: str, shown: str, tmp_path: Path) -> None:
+def test_a_long_demo_names_what_is_hidden(demo, shown, tmp_path):
     command = [sys.executable, ROOT / "demos" / f"{demo}.py", "--out", tmp_path]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert ended.returncode == 0, ended.stderr[-2000:]

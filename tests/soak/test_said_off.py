@@ -163,7 +163,7 @@ KINDS = {
 @pytest.mark.process
 @pytest.mark.soak
 @pytest.mark.timeout(FAULTS * 70 + 300)
-def test_off_is_never_said_beside_a_voltage(tmp_path: Path) -> None:
+def test_off_is_never_said_beside_a_voltage(tmp_path):
     chance, daemon = random.Random(7), Daemon(tmp_path)
     said, wrong, highest_v = Counter[str](), [], 0.0
     changes: list[tuple[float, float]] = []

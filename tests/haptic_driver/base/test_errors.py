@@ -20,7 +20,7 @@ BUILT_IN = {"Exception", "ValueError", "RuntimeError", "OSError", "KeyError", "T
 ROOTS = {"HapticError", "ScpiError", "Withdrawn", "_Closed"}
 
 
-def test_there_is_one_root() -> None:
+def test_there_is_one_root():
     roots = {
         node.name
         for package in PACKAGES
@@ -43,15 +43,13 @@ def test_there_is_one_root() -> None:
         (NoDaemonError("no_daemon", "nobody listens"), HapticError, 1),
     ],
 )
-def test_a_cause_is_told_by_its_class_and_by_the_exit_status(
-    error: HapticError, cause: type[HapticError], status: int
-) -> None:
+def test_a_cause_is_told_by_its_class_and_by_the_exit_status(error, cause, status):
     assert isinstance(error, cause)
     assert error.exit_status == status
     assert message_of(error) == error.message
 
 
-def test_each_kind_keeps_its_code_words_and_hint() -> None:
+def test_each_kind_keeps_its_code_words_and_hint():
     assert ModelError("it is bad", "Mend it").content == {
         "code": "bad_model",
         "message": "it is bad",

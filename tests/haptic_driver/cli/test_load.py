@@ -55,7 +55,7 @@ def rig(served: Any, tmp_path: Path) -> str:
 
 
 @pytest.mark.realtime
-def test_a_load_is_held_and_the_finger_lifted(haptic: Any, rig: str, served: Any) -> None:
+def test_a_load_is_held_and_the_finger_lifted(haptic, rig, served):
     held = said(haptic("load", "hold", "0.5", "--rig", rig, "--seconds", "2", "--yes", "--json"))
     assert "mean_load_n" in held, held
     assert held["mean_load_n"] == pytest.approx(0.5, rel=0.1)
@@ -66,9 +66,7 @@ def test_a_load_is_held_and_the_finger_lifted(haptic: Any, rig: str, served: Any
 
 
 @pytest.mark.process
-def test_a_stage_that_was_left_pressing_lifts_before_the_bias_is_taken(
-    rig: str, served: Any
-) -> None:
+def test_a_stage_that_was_left_pressing_lifts_before_the_bias_is_taken(rig, served):
     """A restarted daemon took it with 0.44 N on the finger, and held 0.91 N for 0.5."""
     with connect_load(load_rig(rig)) as killed:
         killed.load_stage.home()
@@ -82,7 +80,7 @@ def test_a_stage_that_was_left_pressing_lifts_before_the_bias_is_taken(
 
 
 @pytest.mark.soak  # a minute on a busy machine
-def test_tuning_writes_down_what_the_next_loop_takes(haptic: Any, rig: str, tmp_path: Path) -> None:
+def test_tuning_writes_down_what_the_next_loop_takes(haptic, rig, tmp_path):
     """The body's tissue has 630 to 740 N/m at 0.5 N, relaxed and at once."""
     path = Path(rig)
     path.write_text(path.read_text() + 'gains_file = "gains.toml"\n')
@@ -98,7 +96,7 @@ def test_tuning_writes_down_what_the_next_loop_takes(haptic: Any, rig: str, tmp_
     assert section.loop(0.5).stiffness_n_per_m == lines["stiffness_n_per_m"]
 
 
-def test_a_gains_file_that_is_none_is_refused(haptic: Any, rig: str, tmp_path: Path) -> None:
+def test_a_gains_file_that_is_none_is_refused(haptic, rig, tmp_path):
     path = Path(rig)
     path.write_text(path.read_text() + 'gains_file = "gains.toml"\n')
     (tmp_path / "gains.toml").write_text("stiffness_n_per_m = -3\n")
@@ -106,7 +104,7 @@ def test_a_gains_file_that_is_none_is_refused(haptic: Any, rig: str, tmp_path: P
     assert "gains.toml" in outcome["error"]["message"]
 
 
-def test_where_another_program_has_the_rig_it_says_what_to_do(haptic: Any, rig: str) -> None:
+def test_where_another_program_has_the_rig_it_says_what_to_do(haptic, rig):
     with closing_claims(load_rig(rig)):
         outcome = said(haptic("load", "hold", "0.5", "--rig", rig, "--yes", "--json"))
     assert outcome["error"]["code"] == "in_use"
@@ -130,23 +128,19 @@ def closing_claims(config: RigConfig) -> Iterator[None]:
         (["hold", "0.5", "--seconds", "-1", "--yes"], "out_of_range"),
     ],
 )
-def test_what_cannot_be_held_is_refused(haptic: Any, arguments: Any, code: str) -> None:
+def test_what_cannot_be_held_is_refused(haptic, arguments, code):
     assert said(haptic("load", *arguments, "--json"))["error"]["code"] == code
 
 
 @pytest.mark.parametrize("load", ["0.01", "3.5"])
-def test_a_load_beyond_the_limits_moves_nothing(
-    haptic: Any, rig: str, served: Any, load: str
-) -> None:
+def test_a_load_beyond_the_limits_moves_nothing(haptic, rig, served, load):
     assert said(haptic("load", "hold", load, "--rig", rig, "--yes", "--json"))["error"]["code"] == (
         "bad_load"
     )
     assert served.load_stage.position_mm == 1e3 * LOAD_STAGE.clear_m
 
 
-def test_a_load_whose_zero_moved_meanwhile_is_in_doubt(
-    haptic: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_load_whose_zero_moved_meanwhile_is_in_doubt(haptic, monkeypatch):
     settle, read, off_n = LoadLoop.settle, NetFt.read, []
 
     def moved(sensor: NetFt) -> ForceReading:
@@ -163,7 +157,7 @@ def test_a_load_whose_zero_moved_meanwhile_is_in_doubt(
     assert told["error"]["code"] == "load_in_doubt", told
 
 
-def test_a_simulated_rig_holds_by_its_file_alone(haptic: Any) -> None:
+def test_a_simulated_rig_holds_by_its_file_alone(haptic):
     """Half a newton on a finger of 1 N at 1.75 mm of which a quarter fades is 1.3 to 1.5 mm deep;
     its skin is at 12 mm.
     """

@@ -35,9 +35,7 @@ def devices(finger: Finger) -> Any:
 
 
 @pytest.mark.parametrize(("way_m", "is_free"), [(-2e-3, True), (-0.5e-3, False), (1e-3, False)])
-def test_a_stage_that_stands_elsewhere_at_the_start_may_press(
-    shared: Any, way_m: float, is_free: bool
-) -> None:
+def test_a_stage_that_stands_elsewhere_at_the_start_may_press(shared, way_m, is_free):
     """A daemon said "free" of a finger under 0.44 N, after the one before was killed."""
     finger = Finger()
     finger.stage.move_to(FACE_M + way_m)
@@ -51,7 +49,7 @@ def test_a_stage_that_stands_elsewhere_at_the_start_may_press(
     assert finger.stage.read_status().position_m <= max(FACE_M + way_m, FACE_M - 1e-3)
 
 
-def test_a_stage_that_somebody_moves_is_free_only_while_it_shows_so(shared: Any) -> None:
+def test_a_stage_that_somebody_moves_is_free_only_while_it_shows_so(shared):
     """It was "free" by a look of 86 s before."""
     finger = Finger()
     load = held_load(shared, finger)
@@ -67,7 +65,7 @@ def test_a_stage_that_somebody_moves_is_free_only_while_it_shows_so(shared: Any)
     assert phase(load) is LoadPhase.MAY_PRESS
 
 
-def test_a_stage_that_lifts_too_little_is_lifted_until_it_stands_clear(shared: Any) -> None:
+def test_a_stage_that_lifts_too_little_is_lifted_until_it_stands_clear(shared):
     finger = Finger()
     finger.stage.move_to(FACE_M + 1e-3)
     finger.stage.wait(60.0)
@@ -80,7 +78,7 @@ def test_a_stage_that_lifts_too_little_is_lifted_until_it_stands_clear(shared: A
     assert (phase(load), finger.body.load_n) == (LoadPhase.FREE, 0.0)
 
 
-def test_a_stage_that_does_not_answer_or_know_where_it_is_may_press(shared: Any) -> None:
+def test_a_stage_that_does_not_answer_or_know_where_it_is_may_press(shared):
     finger = Finger()
     load = held_load(shared, finger, clear_m=LOAD_STAGE.clear_m)
     finger.instrument.faults.silent = True
@@ -94,7 +92,7 @@ def test_a_stage_that_does_not_answer_or_know_where_it_is_may_press(shared: Any)
     assert phase(load) is LoadPhase.MAY_PRESS
 
 
-def test_a_rig_that_is_safer_at_rest_is_not_moved(shared: Any) -> None:
+def test_a_rig_that_is_safer_at_rest_is_not_moved(shared):
     finger = Finger()
     finger.stage.move_to(FACE_M + 1e-3)
     finger.stage.wait(60.0)

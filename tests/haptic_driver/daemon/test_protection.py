@@ -55,9 +55,7 @@ def worst(settings: DaemonSettings) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", REFITS)
-def test_no_refit_lets_the_gate_pass_what_the_signed_model_forbids(
-    first: DaemonSettings, name: str
-) -> None:
+def test_no_refit_lets_the_gate_pass_what_the_signed_model_forbids(first, name):
     refitted = build_surface(
         REFITS[name](load_model("reference")), first.config.operating_limits(), AXES
     )
@@ -76,7 +74,7 @@ def test_no_refit_lets_the_gate_pass_what_the_signed_model_forbids(
     assert after.surface.content_hash == refitted.content_hash
 
 
-def test_another_axis_is_judged_by_the_signed_model_there(first: DaemonSettings) -> None:
+def test_another_axis_is_judged_by_the_signed_model_there(first):
     """A surface that ends elsewhere, as one with a learned effect does."""
     axes = replace(AXES, voltage_high_v=120.0, frequency_high_hz=3e5)
     small = smaller(load_model("reference"), 0.5)
@@ -88,7 +86,7 @@ def test_another_axis_is_judged_by_the_signed_model_there(first: DaemonSettings)
 
 
 @pytest.mark.parametrize("signs", ["", "itself"])
-def test_a_fit_protects_nobody_until_a_person_signs_it(tmp_path, signs: str) -> None:
+def test_a_fit_protects_nobody_until_a_person_signs_it(tmp_path, signs):
     model = drier(load_model("reference"), -2.0)
     path, rig = tmp_path / "dry.toml", tmp_path / "rig.toml"
     path.write_text(model_text(model, dielectric_entry(model, tmp_path), {}))

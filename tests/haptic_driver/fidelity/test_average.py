@@ -22,13 +22,13 @@ def remembering(kept: float, count: int, repeats: int) -> np.ndarray:
 # 600 repeats know a variance to 6 %; the estimator's own bias is below 5 %, or 10 % where the
 # window is short.
 @pytest.mark.parametrize(("kept", "tolerance"), [(0.0, 0.15), (0.6, 0.15), (0.9, 0.25)])
-def test_the_standard_error_covers_the_scatter_of_means(kept: float, tolerance: float) -> None:
+def test_the_standard_error_covers_the_scatter_of_means(kept, tolerance):
     series = remembering(kept, 200, 600)
     claimed = np.mean([standard_error(row) ** 2 for row in series])
     assert claimed == pytest.approx(np.var(series.mean(axis=1)), rel=tolerance)
 
 
-def test_friction_is_the_ratio_of_mean_forces() -> None:
+def test_friction_is_the_ratio_of_mean_forces():
     normal = np.full(100, 0.5) + 0.01 * np.sin(np.arange(100))
     measured = average(np.linspace(2.0, 4.0, 100), 0.6 * normal, normal)
     assert measured.cof == pytest.approx(0.6)
@@ -37,7 +37,7 @@ def test_friction_is_the_ratio_of_mean_forces() -> None:
     assert measured.time_s == pytest.approx(3.0)
 
 
-def test_nothing_measured_is_not_valid() -> None:
+def test_nothing_measured_is_not_valid():
     time_s = np.arange(100.0)
     assert not average(time_s, np.zeros(100), np.full(100, 0.5)).valid
     assert not average(time_s, np.full(100, np.nan), np.full(100, 0.5)).valid

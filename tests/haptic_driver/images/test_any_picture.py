@@ -49,7 +49,7 @@ def read_all(path: Path) -> np.ndarray:
     white_is_zero=st.booleans(),
     big=st.booleans(),
 )
-def test_counts_of_any_depth_and_polarity(tmp_path, made, bits, white_is_zero, big) -> None:
+def test_counts_of_any_depth_and_polarity(tmp_path, made, bits, white_is_zero, big):
     white = 2**bits - 1
     counts = np.rint(white * (1.0 - made if white_is_zero else made))
     kind = np.dtype("u1" if bits == 8 else "u2")
@@ -69,7 +69,7 @@ def test_counts_of_any_depth_and_polarity(tmp_path, made, bits, white_is_zero, b
 )
 def test_formats_that_do_not_say_what_white_is_keep_their_proportions(
     tmp_path, made, kind, low, span
-) -> None:
+):
     values = (max(low, 0.0) if kind == "u4" else low) + span * made
     stored = values.astype(kind)
     tifffile.imwrite(tmp_path / "a.tif", stored, photometric="minisblack")
@@ -86,9 +86,7 @@ def test_formats_that_do_not_say_what_white_is_keep_their_proportions(
     deep=st.booleans(),
     weights=st.tuples(*[st.floats(0.2, 1.0)] * 3),
 )
-def test_colours_in_pixels_or_in_planes_are_luminance(
-    tmp_path, made, planar, deep, weights
-) -> None:
+def test_colours_in_pixels_or_in_planes_are_luminance(tmp_path, made, planar, deep, weights):
     """ITU-R BT.709: 0.2126 of red, 0.7152 of green, 0.0722 of blue."""
     white = 65535 if deep else 255
     colours = np.stack([weight * made[0] for weight in weights], axis=0 if planar else -1)
@@ -104,7 +102,7 @@ def test_colours_in_pixels_or_in_planes_are_luminance(
 
 @quick
 @given(made=stacks(most=1), turn=st.integers(1, 8), tiff=st.booleans())
-def test_every_orientation_is_turned_upright(tmp_path, made, turn, tiff) -> None:
+def test_every_orientation_is_turned_upright(tmp_path, made, turn, tiff):
     """TIFF 6.0: where the 0th row and column of what is stored lie."""
     upright = np.rint(255 * made[0]).astype("u1")
     stored = upright.T if turn >= 5 else upright
@@ -128,7 +126,7 @@ def test_every_orientation_is_turned_upright(tmp_path, made, turn, tiff) -> None
 
 @quick
 @given(made=stacks(most=1), blank=st.sampled_from((*NO_DATA, -3.4e38, 1.7e38, np.nan, -np.inf)))
-def test_what_has_no_number_takes_the_nearest(tmp_path, made, blank) -> None:
+def test_what_has_no_number_takes_the_nearest(tmp_path, made, blank):
     heights = (30.0 + 10.0 * made[0]).astype("f4")
     holed = heights.copy()
     holed[2, 2] = holed[3, 3] = blank
@@ -140,7 +138,7 @@ def test_what_has_no_number_takes_the_nearest(tmp_path, made, blank) -> None:
     assert read[2, 2] in read[1:4, 1:4][kept[1:4, 1:4]]
 
 
-def test_gdals_own_tag_says_what_is_no_number(tmp_path) -> None:
+def test_gdals_own_tag_says_what_is_no_number(tmp_path):
     heights = np.full((20, 30), 5.0, "f4")
     heights[:, 15:] = 9.0
     heights[4, 4] = 7.0
@@ -148,7 +146,7 @@ def test_gdals_own_tag_says_what_is_no_number(tmp_path) -> None:
     assert set(np.unique(np.rint(9.0 * read_all(tmp_path / "a.tif")))) == {5.0, 9.0}
 
 
-def test_a_picture_mostly_without_numbers_is_refused(tmp_path) -> None:
+def test_a_picture_mostly_without_numbers_is_refused(tmp_path):
     holes = np.full((20, 30), np.nan, "f4")
     holes[:5] = 1.0
     tifffile.imwrite(tmp_path / "a.tif", holes, photometric="minisblack")
@@ -159,7 +157,7 @@ def test_a_picture_mostly_without_numbers_is_refused(tmp_path) -> None:
 
 @quick
 @given(made=stacks(), imagej=st.booleans(), compression=st.sampled_from((None, "zlib", "lzw")))
-def test_a_stack_has_all_its_frames(tmp_path, made, imagej, compression) -> None:
+def test_a_stack_has_all_its_frames(tmp_path, made, imagej, compression):
     pytest.importorskip("imagecodecs")
     counts = np.rint(65535 * made).astype("u2")
     about = {"axes": "TYX", "finterval": 0.02} if imagej else None
@@ -189,7 +187,7 @@ def test_a_stack_has_all_its_frames(tmp_path, made, imagej, compression) -> None
         *((f"a.{ending}", "L") for ending in ("bmp", "pgm", "gif")),
     ],
 )
-def test_pillows_modes(tmp_path, name: str, mode: str) -> None:
+def test_pillows_modes(tmp_path, name, mode):
     grey = np.full((40, 60), 50, np.uint8)
     grey[:, 30:] = 200
     picture = Image.fromarray(grey)
@@ -203,7 +201,7 @@ def test_pillows_modes(tmp_path, name: str, mode: str) -> None:
     np.testing.assert_allclose(read[:, [3, -3]], grey[:, [3, -3]] / 255.0, atol=3 / 255)
 
 
-def test_frames_of_an_animation_are_pictures_and_a_phones_two_are_one(tmp_path) -> None:
+def test_frames_of_an_animation_are_pictures_and_a_phones_two_are_one(tmp_path):
     frames = [Image.fromarray(np.full((40, 60), 60 * i, np.uint8)) for i in range(1, 4)]
     frames[0].save(
         tmp_path / "a.gif", save_all=True, append_images=frames[1:], duration=[40, 90, 20]
@@ -216,14 +214,14 @@ def test_frames_of_an_animation_are_pictures_and_a_phones_two_are_one(tmp_path) 
 
 
 @pytest.mark.parametrize("end", [0, 65535])
-def test_an_end_of_16_bits_that_stands_apart_is_told(end: int) -> None:
+def test_an_end_of_16_bits_that_stands_apart_is_told(end):
     heights = np.linspace(30000, 40000, 300).reshape(15, 20).astype("u2")
     assert not told(of_array(heights), 65535.0)
     heights[:3] = end
     assert f"20 % of the pixels are {end}" in told(of_array(heights), 65535.0)[0]
 
 
-def test_channels_of_one_instant_are_not_frames(tmp_path) -> None:
+def test_channels_of_one_instant_are_not_frames(tmp_path):
     both = np.zeros((3, 2, 20, 30), "u2")
     tifffile.imwrite(tmp_path / "a.tif", both, imagej=True, metadata={"axes": "TCYX"})
     with pytest.raises(BadInputError, match=r"a\.tif: 2 channels") as refused:
@@ -234,14 +232,14 @@ def test_channels_of_one_instant_are_not_frames(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("content", "code"), [(b"II*\0", "bad_image"), (b"no picture", "bad_image")]
 )
-def test_what_is_damaged_is_named(tmp_path, content: bytes, code: str) -> None:
+def test_what_is_damaged_is_named(tmp_path, content, code):
     (tmp_path / "a.tif").write_bytes(content)
     with pytest.raises(BadInputError, match=r"a\.tif cannot be read") as caught:
         read_all(tmp_path / "a.tif")
     assert caught.value.code == code
 
 
-def test_complex_numbers_and_unknown_meanings_are_refused(tmp_path) -> None:
+def test_complex_numbers_and_unknown_meanings_are_refused(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", np.ones((9, 9), "c8"))
     with pytest.raises(BadInputError, match="complex"):
         read_all(tmp_path / "a.tif")

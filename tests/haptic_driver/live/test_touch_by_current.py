@@ -30,8 +30,8 @@ def drawn() -> Rows:
 
 @pytest.mark.parametrize("wetness", [0.0, 1.2])
 def test_friction_from_current_of_an_independent_finger_is_nearer_than_the_models(
-    wetness: float,
-) -> None:
+    wetness,
+):
     rows = drawn()
     state = prepare(rows, MOIST, ROUGHNESS)
     skin_hydration(state, wetness, {"fall": 1.0}, True)
@@ -57,7 +57,7 @@ def test_friction_from_current_of_an_independent_finger_is_nearer_than_the_model
     assert off < 0.6 * fixed_off
 
 
-def test_without_a_voltage_the_current_says_nothing_and_what_was_known_is_forgotten() -> None:
+def test_without_a_voltage_the_current_says_nothing_and_what_was_known_is_forgotten():
     touch = TouchByCurrent(load_model("reference"), USUAL_N)
     quiet = ElectrodeReading(0.5 + 0.0j, 0.01, 1e-7j, 1e-8)
     driven = ElectrodeReading(80.0 + 0.0j, 0.0, 6e-5 + 9e-5j, 1e-6)

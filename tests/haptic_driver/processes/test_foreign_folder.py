@@ -48,20 +48,20 @@ def run(command: list[str], folder: Path) -> subprocess.CompletedProcess[bytes]:
     )
 
 
-def test_a_module_that_is_started_carelessly_springs_the_traps(foreign: Path) -> None:
+def test_a_module_that_is_started_carelessly_springs_the_traps(foreign):
     run([sys.executable, "-m", "hw.safety.watchdog"], foreign)
     assert sprung(foreign)
 
 
 @pytest.mark.parametrize("module", MODULES)
-def test_no_process_imports_from_there(foreign: Path, module: str) -> None:
+def test_no_process_imports_from_there(foreign, module):
     """Without its arguments each ends at once, when it has imported all that it needs."""
     said = run(module_command(module), foreign).stderr.decode()
     assert sprung(foreign) == []
     assert "ModuleNotFoundError" not in said
 
 
-def test_nor_do_the_workers_of_a_pool(foreign: Path) -> None:
+def test_nor_do_the_workers_of_a_pool(foreign):
     done = run([*PYTHON, "-c", POOL], foreign)
     assert done.stdout.strip() == b"True", done.stderr.decode()
     assert sprung(foreign) == []

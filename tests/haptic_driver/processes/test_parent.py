@@ -26,7 +26,7 @@ def started(program: str) -> subprocess.Popen[bytes]:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
-def test_what_is_handed_over_is_whole_or_the_child_ends(share: float) -> None:
+def test_what_is_handed_over_is_whole_or_the_child_ends(share):
     said, complaints = (child := started(HEARS)).communicate(
         GIVEN[: int(share * len(GIVEN))], timeout=60.0
     )
@@ -36,7 +36,7 @@ def test_what_is_handed_over_is_whole_or_the_child_ends(share: float) -> None:
 
 
 @pytest.mark.parametrize("gone", [False, True])
-def test_who_has_nobody_to_tell_that_it_is_ready_ends(gone: bool) -> None:
+def test_who_has_nobody_to_tell_that_it_is_ready_ends(gone):
     child = started(TELLS)
     assert child.stdin is not None
     assert child.stdout is not None

@@ -45,7 +45,7 @@ TABLE = {
         ("time_s", np.array([1500], "timedelta64[ms]"), [1.5]),
     ],
 )
-def test_a_value_in_its_own_unit(name, value, si) -> None:
+def test_a_value_in_its_own_unit(name, value, si):
     np.testing.assert_allclose(in_si(name, value), si, rtol=1e-12)
 
 
@@ -64,7 +64,7 @@ def test_a_value_in_its_own_unit(name, value, si) -> None:
         ("time_s", pd.to_datetime(["2026-01-01"])),
     ],
 )
-def test_what_is_no_value_is_refused(name, value) -> None:
+def test_what_is_no_value_is_refused(name, value):
     with pytest.raises(hd.BadInputError, match=name):
         in_si(name, value)
 
@@ -95,12 +95,12 @@ CONDITIONS = {"frequency_hz": [250.0], "voltage_v": [75.0], "normal_force_n": [0
     ],
     ids=["two units", "twice", "two orders", "beside arrays"],
 )
-def test_a_table_that_says_two_things_is_refused(table, match) -> None:
+def test_a_table_that_says_two_things_is_refused(table, match):
     with pytest.raises(hd.BadInputError, match=match):
         hd.predict("reference", table)
 
 
-def test_a_table_in_peak_to_peak_by_name() -> None:
+def test_a_table_in_peak_to_peak_by_name():
     table = {**CONDITIONS, "voltage_vpp": [150.0]}
     del table["voltage_v"]
     assert hd.predict("reference", table).conditions["voltage_v"] == [75.0]
@@ -116,7 +116,7 @@ ANYTHING = st.recursive(
 
 
 @given(name=st.sampled_from(["frequency_hz", "voltage_v", "cof"]), value=ANYTHING)
-def test_whatever_is_given_is_numbers_or_refused(name, value) -> None:
+def test_whatever_is_given_is_numbers_or_refused(name, value):
     with suppress(hd.BadInputError):
         assert in_si(name, value).dtype == np.float64
 
@@ -131,7 +131,7 @@ LAB = {
 
 
 @pytest.mark.parametrize("kind", ["dict", "frame", "dataset", "file"])
-def test_a_table_is_the_same_in_any_form(tmp_path, kind) -> None:
+def test_a_table_is_the_same_in_any_form(tmp_path, kind):
     pd.DataFrame(LAB).to_csv(tmp_path / "lab.csv", index=False)
     made = {
         "dict": LAB,
@@ -144,7 +144,7 @@ def test_a_table_is_the_same_in_any_form(tmp_path, kind) -> None:
         np.testing.assert_array_equal(found[name], values)
 
 
-def test_measured_data_in_memory_are_those_of_a_file(tmp_path) -> None:
+def test_measured_data_in_memory_are_those_of_a_file(tmp_path):
     pd.DataFrame(TABLE).to_csv(tmp_path / "data.csv", index=False)
     expected, found = read_data([tmp_path / "data.csv"]), measurements_of(TABLE, COLUMNS)
     assert found.columns.keys() == expected.columns.keys()
@@ -155,12 +155,12 @@ def test_measured_data_in_memory_are_those_of_a_file(tmp_path) -> None:
         measurements_of({**TABLE, "cof": [0.9, -1.0]}, COLUMNS)
 
 
-def test_a_name_without_its_unit_is_no_condition() -> None:
+def test_a_name_without_its_unit_is_no_condition():
     with pytest.raises(hd.BadInputError, match="voltage_offset may be voltage_offset_v"):
         hd.predict("reference", {**TABLE, "voltage_offset": [50.0, 50.0]})
 
 
-def test_a_diagnosis_takes_a_table() -> None:
+def test_a_diagnosis_takes_a_table():
     found = hd.diagnose(pd.DataFrame(TABLE))
     assert found.verdict == "not_testable"
     with pytest.raises(hd.BadInputError, match="no picture") as refused:
@@ -177,14 +177,14 @@ def test_a_diagnosis_takes_a_table() -> None:
         ([True] * 12, "logistic", "bad_form"),
     ],
 )
-def test_what_is_no_answer_is_refused(positive, form, code) -> None:
+def test_what_is_no_answer_is_refused(positive, form, code):
     """Answers as -1 and 1 gave a threshold; words and lengths gave the errors of numpy."""
     with pytest.raises(hd.BadInputError) as refused:
         hd.fit_psychometric([1, 2, 3] * 4, positive, form, 0.5)
     assert refused.value.code == code
 
 
-def test_trials_are_the_same_rows_from_files_and_from_memory(tmp_path) -> None:
+def test_trials_are_the_same_rows_from_files_and_from_memory(tmp_path):
     columns = signals()
     path = write_csv(tmp_path / "t.csv", columns)
     in_memory = {
@@ -207,7 +207,7 @@ def test_trials_are_the_same_rows_from_files_and_from_memory(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["rows", "frame", "file"])
-def test_what_a_trial_leaves_in_doubt_stands_beside_the_verdict(tmp_path, kind) -> None:
+def test_what_a_trial_leaves_in_doubt_stands_beside_the_verdict(tmp_path, kind):
     columns = signals()
     columns["U"][50:53] = 500.0
     found = hd.read_rows(write_csv(tmp_path / "t.csv", columns), map=MAP)
@@ -217,7 +217,7 @@ def test_what_a_trial_leaves_in_doubt_stands_beside_the_verdict(tmp_path, kind) 
     assert "a spike at 0.2 s" in str(hd.diagnose(data[kind]))
 
 
-def test_trials_that_cannot_be_used_are_refused_or_left_out(tmp_path) -> None:
+def test_trials_that_cannot_be_used_are_refused_or_left_out(tmp_path):
     columns = signals()
     write_csv(tmp_path / "a.csv", columns)
     write_csv(tmp_path / "b.csv", columns | {"Fx": -columns["Fx"]})
@@ -228,7 +228,7 @@ def test_trials_that_cannot_be_used_are_refused_or_left_out(tmp_path) -> None:
     assert Path(found.left_out[0].split(":")[0]).name == "b.csv"
 
 
-def test_a_dataset_with_records_among_its_attributes_is_saved(tmp_path) -> None:
+def test_a_dataset_with_records_among_its_attributes_is_saved(tmp_path):
     from haptic_driver.lookup import labelled
 
     about = {"rig": "r", "started_s": 1.0, "latency_s": {"generator": 0.01}, "ids": ["a"]}

@@ -68,7 +68,7 @@ def kernel_folders(package: Path) -> set[str]:
 
 
 @pytest.mark.soak
-def test_a_change_in_another_file_never_runs_stale_machine_code(package) -> None:
+def test_a_change_in_another_file_never_runs_stale_machine_code(package):
     """numba alone would answer 6 each time: the file of the kernel has not changed."""
     assert scaled(package, 3.0, 4.0) == scaled(package, 3.0, 4.0) == 6.0
     assert len(kernel_folders(package)) == 1
@@ -78,7 +78,7 @@ def test_a_change_in_another_file_never_runs_stale_machine_code(package) -> None
 
 
 @pytest.mark.process
-def test_another_policy_has_nothing_compiled_anew(package) -> None:
+def test_another_policy_has_nothing_compiled_anew(package):
     policies = package / "policies.py"
     policies.write_text("def loudest(settings): ...\n")
     assert scaled(package, 3.0, 4.0) == 6.0
@@ -88,7 +88,7 @@ def test_another_policy_has_nothing_compiled_anew(package) -> None:
 
 
 @pytest.mark.process
-def test_fields_of_a_signal_that_change_places_are_not_mixed_up(package) -> None:
+def test_fields_of_a_signal_that_change_places_are_not_mixed_up(package):
     """Both are floats, so that to numba the record looks as before."""
     assert scaled(package, 3.0, 4.0) == 6.0
     signals = package.parent / "signals.py"
@@ -101,7 +101,7 @@ def test_fields_of_a_signal_that_change_places_are_not_mixed_up(package) -> None
     assert scaled(package, 3.0, 4.0) == 6.0
 
 
-def test_compiling_leaves_the_configuration_of_numba_alone() -> None:
+def test_compiling_leaves_the_configuration_of_numba_alone():
     before = numba.config.CACHE_DIR
 
     @kernel
@@ -113,7 +113,7 @@ def test_compiling_leaves_the_configuration_of_numba_alone() -> None:
     assert half(3.0) == 1.5
 
 
-def test_division_by_zero_follows_numpy() -> None:
+def test_division_by_zero_follows_numpy():
     """error_model numpy: in a tick nothing may raise."""
 
     @kernel
@@ -142,7 +142,7 @@ assert len(half.signatures) == 1
 
 
 @pytest.mark.process
-def test_an_integer_where_a_float_belongs_is_refused_and_not_compiled_for(tmp_path) -> None:
+def test_an_integer_where_a_float_belongs_is_refused_and_not_compiled_for(tmp_path):
     """In a process of its own: in this one the other tests go on compiling."""
     (tmp_path / "refused.py").write_text(REFUSED)
     done = subprocess.run(

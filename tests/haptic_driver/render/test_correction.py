@@ -43,12 +43,12 @@ def finger(speed_m_s: float, time_s: float, force_n: float) -> FingerState:
     )
 
 
-def test_a_model_without_speed_or_time_has_no_correction(surface_file) -> None:
+def test_a_model_without_speed_or_time_has_no_correction(surface_file):
     assert surface_file.correction is None
 
 
 @pytest.mark.parametrize("names", [(name,) for name in HIDDEN] + [tuple(HIDDEN)], ids="+".join)
-def test_the_target_is_met_at_any_speed_and_time(model_description, limits, names) -> None:
+def test_the_target_is_met_at_any_speed_and_time(model_description, limits, names):
     """By the direct model at that speed and time; 1.5 % for factors between few nodes; 5 % is
     promised.
     """
@@ -80,7 +80,7 @@ def test_the_target_is_met_at_any_speed_and_time(model_description, limits, name
     assert reached >= 20
 
 
-def test_it_is_kept_in_the_file(model_description, limits, tmp_path) -> None:
+def test_it_is_kept_in_the_file(model_description, limits, tmp_path):
     file = build_surface(described(model_description, "speed_dependent_gap"), limits, AXES)
     file.write(tmp_path / "s.h5")
     again = read_surface(tmp_path / "s.h5")
@@ -89,9 +89,7 @@ def test_it_is_kept_in_the_file(model_description, limits, tmp_path) -> None:
         np.testing.assert_array_equal(ours, theirs)
 
 
-def test_where_the_amplifier_leaves_no_voltage_nothing_is_corrected(
-    model_description, limits
-) -> None:
+def test_where_the_amplifier_leaves_no_voltage_nothing_is_corrected(model_description, limits):
     """A rise of nothing over a rise of nothing is no factor."""
     weak = {"cutoff_hz": Parameter(100.0, "Hz", ""), "order": Parameter(4.0, "1", "")}
     model = described(model_description, "viscoelastic_skin")

@@ -22,13 +22,13 @@ def with_camera(**section: object) -> RigConfig:
     return parse(RigConfig, said, "rig.toml")
 
 
-def test_a_rig_without_one_has_none() -> None:
+def test_a_rig_without_one_has_none():
     config = load_rig("simulated")
     assert config.camera.kind == "none"
     assert config.camera.make(Wiring()) is None
 
 
-def test_a_simulated_rig_has_a_simulated_one() -> None:
+def test_a_simulated_rig_has_a_simulated_one():
     assert with_camera(kind="simulated", frames=3).camera.kind == "simulated"
     with pytest.raises(BadInputError, match=r"camera\.kind disagree"):
         with_camera(kind="genicam", producer="a.cti", scale_m_per_pixel=2e-5)
@@ -42,12 +42,12 @@ def test_a_simulated_rig_has_a_simulated_one() -> None:
         ({"kind": "simulated", "frames": 0}, "frames"),
     ],
 )
-def test_what_a_file_may_not_say(section: dict[str, object], said: str) -> None:
+def test_what_a_file_may_not_say(section, said):
     with pytest.raises(BadInputError, match=said):
         with_camera(**section)
 
 
-def test_a_genicam_camera_that_is_not_there_says_so() -> None:
+def test_a_genicam_camera_that_is_not_there_says_so():
     """Whether or not `harvesters` is installed: no path of a producer is right here."""
     section = GenicamCameraConfig(kind="genicam", producer="gone.cti", scale_m_per_pixel=2e-5)
     part = section.make(Wiring())
@@ -64,15 +64,15 @@ class TestSimulated:
         told = iter(fingers)
         return SimulatedCamera(lambda: next(told), burst=Burst(3, 0.1))
 
-    def test_a_burst_has_the_frames_that_there_was_time_for(self) -> None:
+    def test_a_burst_has_the_frames_that_there_was_time_for(self):
         camera = self.at(Finger(5.0, 8e-5, 0.0), Finger(5.25, 8e-5, 0.0))
         camera.start()
         assert [frame.time_s for frame in camera.frames()] == pytest.approx([0.1, 0.2])
 
-    def test_without_a_trigger_nothing_comes(self) -> None:
+    def test_without_a_trigger_nothing_comes(self):
         assert self.at(Finger(5.0, 8e-5, 0.0)).frames() == []
 
-    def test_no_finger_is_a_bare_screen(self) -> None:
+    def test_no_finger_is_a_bare_screen(self):
         camera = self.at(Finger(0.0, 0.0, 0.0), Finger(0.15, 0.0, 0.0))
         camera.start()
         (frame,) = camera.frames()
@@ -84,7 +84,7 @@ def checks_of(config: RigConfig) -> list[Check]:
     return list(at.told(config.camera.examine))
 
 
-def test_doctor_says_that_a_camera_does_not_answer() -> None:
+def test_doctor_says_that_a_camera_does_not_answer():
     section = GenicamCameraConfig(kind="genicam", producer="gone.cti", scale_m_per_pixel=2e-5)
     config = load_rig("simulated").model_copy(update={"camera": section})
     (check,) = checks_of(config)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-from pathlib import Path
 
 import pytest
 
@@ -35,7 +34,7 @@ def rig_with(**section: object) -> RigConfig:
     return parse(RigConfig, said, "rig.toml")
 
 
-def test_a_simulated_rig_has_none_or_a_simulated_one() -> None:
+def test_a_simulated_rig_has_none_or_a_simulated_one():
     assert load_rig("simulated").event_line.kind == "none"
     assert rig_with(kind="simulated").event_line.kind == "simulated"
     with pytest.raises(BadInputError, match=r"event_line\.kind disagree"):
@@ -52,13 +51,13 @@ def test_a_simulated_rig_has_none_or_a_simulated_one() -> None:
         ({"kind": "simulated"}, {"touches": 1}, "touches"),
     ],
 )
-def test_what_a_file_may_not_say(section: object, codes: object, said: str) -> None:
+def test_what_a_file_may_not_say(section, codes, said):
     rig = load_rig("simulated").model_dump() | {"event_line": section, "event_codes": codes}
     with pytest.raises(BadInputError, match=said):
         parse(RigConfig, rig, "rig.toml")
 
 
-def test_each_kind_has_its_driver_and_address() -> None:
+def test_each_kind_has_its_driver_and_address():
     made = {
         BOX: TriggerBox,
         ModemLineConfig(kind="modem_line", port="/dev/ttyUSB1"): ModemEventLine,
@@ -83,7 +82,7 @@ def checks_of(section: object) -> list[Check]:
     return list(Examination("event line", rig, today).told(rig.event_line.examine))
 
 
-def test_the_doctor_opens_a_box_and_sends_nothing() -> None:
+def test_the_doctor_opens_a_box_and_sends_nothing():
     box = SimulatedTriggerBox()
     with SerialServer(box, framed=False) as server:
         (check,) = checks_of(TriggerBoxConfig(kind="trigger_box", resource=server.path))
@@ -93,7 +92,7 @@ def test_the_doctor_opens_a_box_and_sends_nothing() -> None:
     assert (check.name, check.status) == ("event line", CheckStatus.FAILED)
 
 
-def test_the_doctor_says_of_each_other_kind_what_it_could_not_see(tmp_path: Path) -> None:
+def test_the_doctor_says_of_each_other_kind_what_it_could_not_see(tmp_path):
     (modem,) = checks_of(ModemLineConfig(kind="modem_line", port="/dev/ttyUSB1"))
     (card,) = checks_of(NiEventLineConfig(kind="ni", line="Dev1/port0/line0:7"))
     (gone,) = checks_of(ParallelPortConfig(kind="parallel_port", device=str(tmp_path / "gone")))
@@ -108,6 +107,6 @@ def test_the_doctor_says_of_each_other_kind_what_it_could_not_see(tmp_path: Path
 
 
 @pytest.mark.process
-def test_the_doctor_looks_at_it() -> None:
+def test_the_doctor_looks_at_it():
     names = [check.name for check in examine(rig_with(kind="simulated"), datetime.date(2024, 6, 1))]
     assert "event line" in names

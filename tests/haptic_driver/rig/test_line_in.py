@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import pytest
 
@@ -49,12 +48,12 @@ def rig_with(**section: object) -> RigConfig:
         ({"kind": "parallel_port", "pin": 2}, "pin"),
     ],
 )
-def test_what_a_file_may_not_say(section: dict[str, object], said: str) -> None:
+def test_what_a_file_may_not_say(section, said):
     with pytest.raises(BadInputError, match=said):
         rig_with(**section)
 
 
-def test_lines_out_and_in_need_ports_of_their_own() -> None:
+def test_lines_out_and_in_need_ports_of_their_own():
     port = "/dev/ttyUSB0"
     real = load_rig("template").model_dump()
     real |= {"event_line": {"kind": "modem_line", "port": port}}
@@ -63,7 +62,7 @@ def test_lines_out_and_in_need_ports_of_their_own() -> None:
         parse(RigConfig, real, "rig.toml")
 
 
-def test_each_kind_has_its_driver_and_address() -> None:
+def test_each_kind_has_its_driver_and_address():
     made: dict[LineInSection, type] = {
         TriggerBoxInConfig(kind="trigger_box", resource="/dev/ttyUSB0"): TriggerBoxIn,
         ModemLineInConfig(kind="modem_line", port="/dev/ttyUSB1"): ModemLineIn,
@@ -86,7 +85,7 @@ def checks_of(section: LineInSection) -> list[Check]:
     return list(Examination("line in", rig, TODAY).told(section.examine))
 
 
-def test_the_doctor_says_of_each_kind_what_it_could_see(tmp_path: Path) -> None:
+def test_the_doctor_says_of_each_kind_what_it_could_see(tmp_path):
     gone = str(tmp_path / "gone")
     (box,) = checks_of(TriggerBoxInConfig(kind="trigger_box", resource="/dev/no-such-port"))
     (modem,) = checks_of(ModemLineInConfig(kind="modem_line", port="/dev/ttyUSB1"))
@@ -101,7 +100,7 @@ def test_the_doctor_says_of_each_kind_what_it_could_see(tmp_path: Path) -> None:
     assert "haptic status" in modem.hint
 
 
-def test_the_doctor_looks_where_recordings_would_be_written(tmp_path: Path) -> None:
+def test_the_doctor_looks_where_recordings_would_be_written(tmp_path):
     """A folder that is not there is made by the first recording; below a file it cannot be."""
     to_make, file = str(tmp_path / "a" / "b"), tmp_path / "file"
     file.write_text("")
@@ -116,7 +115,7 @@ def test_the_doctor_looks_where_recordings_would_be_written(tmp_path: Path) -> N
 
 
 @pytest.mark.process
-def test_the_doctor_looks_at_it() -> None:
+def test_the_doctor_looks_at_it():
     assert "line in" in [check.name for check in examine(rig_with(kind="simulated"), TODAY)]
 
 
@@ -153,9 +152,7 @@ class Levels:
         ("1111000010000", [9], 0),  # high when it was opened
     ],
 )
-def test_a_rise_is_an_edge_after_three_milliseconds_of_low(
-    levels: str, edges_ms: list[int], bounces: int
-) -> None:
+def test_a_rise_is_an_edge_after_three_milliseconds_of_low(levels, edges_ms, bounces):
     line = Levels(levels)
     heard: list[EdgeIn] = []
     reader = LineInReader(line, 3.5e-3, heard.append, print, lambda: line.now_s)
@@ -193,9 +190,7 @@ class Looks(Levels):
         ([(0.050, "1"), (0.002, "01")], 1, 1),
     ],
 )
-def test_two_edges_in_one_late_look_are_no_bounce(
-    looks: list[tuple[float, str]], edges: int, bounces: int
-) -> None:
+def test_two_edges_in_one_late_look_are_no_bounce(looks, edges, bounces):
     line = Looks(looks)
     heard: list[EdgeIn] = []
     reader = LineInReader(line, 10e-3, heard.append, print, lambda: line.now_s)

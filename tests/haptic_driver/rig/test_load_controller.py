@@ -23,7 +23,7 @@ HOLDING = LoadState(Phase.HOLD, start_m=0.009, touch=TOUCH, risen=Felt(0.011, 0.
 QUIET = Seen(1.0, 0.5, 0.0, False, 0.011, False)
 
 
-def test_it_approaches_by_short_slow_moves_until_the_finger_is_felt() -> None:
+def test_it_approaches_by_short_slow_moves_until_the_finger_is_felt():
     seen = Seen(1.0, 0.0, 0.0, False, 0.009, False)
     state, order = step(SETTINGS, LoadState(), seen)
     assert (order.act, order.speed_m_s) == (Act.MOVE, 1e-3)
@@ -36,12 +36,12 @@ def test_it_approaches_by_short_slow_moves_until_the_finger_is_felt() -> None:
     assert order.depth_m > 0.0095
 
 
-def test_no_order_while_the_stage_moves() -> None:
+def test_no_order_while_the_stage_moves():
     _, order = step(SETTINGS, HOLDING, QUIET._replace(load_n=0.3, moving=True))
     assert order is NOTHING
 
 
-def test_a_stage_that_only_says_that_it_moves_is_let_go() -> None:
+def test_a_stage_that_only_says_that_it_moves_is_let_go():
     seen, order = QUIET._replace(load_n=0.3), NOTHING
     state, order = step(SETTINGS, HOLDING, seen)
     assert order.act is Act.MOVE
@@ -52,7 +52,7 @@ def test_a_stage_that_only_says_that_it_moves_is_let_go() -> None:
     assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
 
 
-def test_a_late_machine_is_no_stalled_stage_but_looks_that_follow_tell() -> None:
+def test_a_late_machine_is_no_stalled_stage_but_looks_that_follow_tell():
     """A load was let go 0.02 mm from its target, since nobody had looked for half a second."""
     state, order = step(SETTINGS, HOLDING, QUIET._replace(load_n=0.3))
     assert order.act is Act.MOVE
@@ -65,7 +65,7 @@ def test_a_late_machine_is_no_stalled_stage_but_looks_that_follow_tell() -> None
     assert phases == [*[Phase.HOLD] * 5, Phase.ENDED]
 
 
-def test_a_moving_bit_that_stays_set_at_the_target_is_let_go() -> None:
+def test_a_moving_bit_that_stays_set_at_the_target_is_let_go():
     """A load of 0.12 N of 0.5 was said to be held."""
     state = replace(HOLDING, sent_m=0.011)
     for time_s in (1.0, 1.1, 1.2, 1.3, 1.4, 1.49, 1.51):
@@ -75,7 +75,7 @@ def test_a_moving_bit_that_stays_set_at_the_target_is_let_go() -> None:
     assert "says that it moves" in state.reason
 
 
-def test_a_move_is_the_gains_share_of_what_hertz_says_is_missing() -> None:
+def test_a_move_is_the_gains_share_of_what_hertz_says_is_missing():
     """A sphere on a plane: load k d^1.5, whose slope at 0.5 N is 700 N/m."""
     settings = replace(SETTINGS, drift_per_s=1e-9)
     k = (700.0 / 1.5) ** 1.5 / 0.5**0.5  # slope 1.5 k^(2/3) F^(1/3)
@@ -85,7 +85,7 @@ def test_a_move_is_the_gains_share_of_what_hertz_says_is_missing() -> None:
 
 
 @pytest.mark.parametrize("stiffer", [0.1, 0.4, 1.0, 2.0, 10.0])
-def test_the_way_that_a_rising_load_takes_tells_how_stiff_a_finger_is(stiffer: float) -> None:
+def test_the_way_that_a_rising_load_takes_tells_how_stiff_a_finger_is(stiffer):
     """A sphere on a plane whose slope at 0.5 N is 700 N/m times `stiffer`: 1.5 F / slope deep. A
     fifth more is taken, as other fingers stiffen more; beyond three times either way nothing is
     believed.
@@ -106,13 +106,13 @@ def test_the_way_that_a_rising_load_takes_tells_how_stiff_a_finger_is(stiffer: f
     assert state.risen is not None or depth_m(0.49) - depth_m(0.05) < 0.15e-3
 
 
-def test_a_load_that_does_not_rise_tells_nothing_of_the_finger() -> None:
+def test_a_load_that_does_not_rise_tells_nothing_of_the_finger():
     state = replace(HOLDING, touch=Felt(0.0108, 0.06), risen=None)
     after, _ = step(SETTINGS, state, QUIET._replace(load_n=0.05))
     assert (after.phase, after.stiffer, after.risen) == (Phase.HOLD, 1.0, None)
 
 
-def test_what_a_bound_takes_away_is_not_added_up() -> None:
+def test_what_a_bound_takes_away_is_not_added_up():
     state = replace(HOLDING, start_m=None, touch=Felt(0.0113, 0.0), risen=None)
     for i in range(100):
         depth_m = 0.011 + (i % 2) * 2e-6  # it moves, or the loop ends
@@ -123,7 +123,7 @@ def test_what_a_bound_takes_away_is_not_added_up() -> None:
     assert state.drift_m_s == 0.0
 
 
-def test_it_never_goes_deeper_than_its_bound_and_lets_go_there() -> None:
+def test_it_never_goes_deeper_than_its_bound_and_lets_go_there():
     deep = replace(HOLDING, risen=Felt(0.0125, 0.45))
     near = QUIET._replace(load_n=0.4, depth_m=0.010 + SETTINGS.depth_m - 1e-5)
     _, order = step(SETTINGS, deep, near)
@@ -133,13 +133,13 @@ def test_it_never_goes_deeper_than_its_bound_and_lets_go_there() -> None:
     assert "3.0 mm" in state.reason
 
 
-def test_it_lets_go_where_no_finger_is_felt() -> None:
+def test_it_lets_go_where_no_finger_is_felt():
     begun = LoadState(start_m=0.009)
     state, order = step(SETTINGS, begun, QUIET._replace(load_n=0.0, depth_m=0.012))
     assert (order.act, state.reason) == (Act.RETRACT, "no finger is felt within 3.0 mm")
 
 
-def test_it_looks_for_a_finger_no_deeper_than_the_last_touch_needed() -> None:
+def test_it_looks_for_a_finger_no_deeper_than_the_last_touch_needed():
     """By what tissue and plate may drift between two touches, and never beyond the reach."""
     for last_m, way_m in ((0.010, 0.0018), (0.050, 0.003)):
         begun = LoadState(start_m=0.009, last_m=last_m)
@@ -151,13 +151,13 @@ def test_it_looks_for_a_finger_no_deeper_than_the_last_touch_needed() -> None:
 
 
 @pytest.mark.parametrize("load_n", [0.05, 0.3])
-def test_a_load_where_the_finger_is_free_is_not_pressed_on(load_n: float) -> None:
+def test_a_load_where_the_finger_is_free_is_not_pressed_on(load_n):
     state, order = step(SETTINGS, LoadState(), QUIET._replace(load_n=load_n))
     assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
     assert "where the finger is free" in state.reason
 
 
-def test_a_load_that_stays_where_the_finger_was_free_ends_it() -> None:
+def test_a_load_that_stays_where_the_finger_was_free_ends_it():
     """The zero rises, so the stage lifts, and what it reads does not fall."""
     seen = QUIET._replace(depth_m=0.009 - 1e-5)
     state, order = step(SETTINGS, HOLDING, seen)
@@ -177,14 +177,12 @@ def ahead_m(touch_n: float, limit_n: float) -> float:
 
 
 @pytest.mark.parametrize(("limit_n", "least_m"), [(3.0, 0.0), (4.0, 0.0), (1.0, 0.15e-3)])
-def test_how_far_the_stage_goes_unanswered_follows_from_the_limit(
-    limit_n: float, least_m: float
-) -> None:
+def test_how_far_the_stage_goes_unanswered_follows_from_the_limit(limit_n, least_m):
     settings = replace(SETTINGS, load_limit_n=limit_n)
     assert settings.unanswered_m == pytest.approx(max(ahead_m(0.05, limit_n), least_m))
 
 
-def test_the_stage_is_never_far_ahead_of_the_softest_finger() -> None:
+def test_the_stage_is_never_far_ahead_of_the_softest_finger():
     rising = replace(HOLDING, risen=None)
     needed_m = depth_m(0.2) - depth_m(0.05)
     seen = QUIET._replace(load_n=0.2, depth_m=0.010 + needed_m + 0.25e-3)
@@ -202,7 +200,7 @@ def test_the_stage_is_never_far_ahead_of_the_softest_finger() -> None:
     assert "0.20 N are too little" in state.reason
 
 
-def test_a_held_finger_is_followed_as_far_as_tissue_and_plate_drift() -> None:
+def test_a_held_finger_is_followed_as_far_as_tissue_and_plate_drift():
     end_m = 0.011 + SETTINGS.drift_m
     held = replace(HOLDING, touch=Felt(0.0105, 0.05), risen=Felt(0.011, 0.5))
     seen = QUIET._replace(depth_m=end_m - 1e-5)
@@ -214,7 +212,7 @@ def test_a_held_finger_is_followed_as_far_as_tissue_and_plate_drift() -> None:
     assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
 
 
-def test_near_the_limit_it_is_followed_no_further_than_to_the_limit() -> None:
+def test_near_the_limit_it_is_followed_no_further_than_to_the_limit():
     """A sphere on a plane of 700 N/m: 1.1 mm at 0.5 N, and as the power of two thirds."""
     settings = LoadSettings(2.5)
     to_limit_m = 1.5 * 0.5 / 700.0 * ((3.0 / 0.5) ** (2 / 3) - (2.5 / 0.5) ** (2 / 3))
@@ -241,9 +239,7 @@ WRONG = {
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize(("retracts", "act"), [(True, Act.RETRACT), (False, Act.STOP)])
 @pytest.mark.parametrize("state", [LoadState(start_m=0.009), HOLDING], ids=["approach", "hold"])
-def test_whatever_is_wrong_ends_it_once(
-    name: str, moving: bool, retracts: bool, act: Act, state: LoadState
-) -> None:
+def test_whatever_is_wrong_ends_it_once(name, moving, retracts, act, state):
     seen, said = WRONG[name]
     settings = replace(SETTINGS, retracts=retracts)
     ended, order = step(settings, state, seen._replace(moving=moving))
@@ -252,7 +248,7 @@ def test_whatever_is_wrong_ends_it_once(
     assert step(settings, ended, QUIET) == (ended, NOTHING)
 
 
-def test_the_limit_holds_below_one_and_a_half_times_a_high_target() -> None:
+def test_the_limit_holds_below_one_and_a_half_times_a_high_target():
     assert LoadSettings(2.9).trip_n == 3.0
     assert LoadSettings(1.0).trip_n == 1.5
 
@@ -268,6 +264,6 @@ def test_the_limit_holds_below_one_and_a_half_times_a_high_target() -> None:
         {"target_n": 0.5, "step_m": float("inf")},
     ],
 )
-def test_what_makes_no_loop_is_refused(given: dict[str, float]) -> None:
+def test_what_makes_no_loop_is_refused(given):
     with pytest.raises(ValueError, match="load"):
         LoadSettings(**given)

@@ -49,9 +49,7 @@ FINGERS: dict[str, Elastic] = {
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("reply_s", [0.001, 0.016])
-def test_the_load_is_held_while_it_slides_and_the_voltage_is_switched(
-    name: str, reply_s: float
-) -> None:
+def test_the_load_is_held_while_it_slides_and_the_voltage_is_switched(name, reply_s):
     found = score(Finger(FINGERS[name], reply_s=reply_s, voltage_on=SWITCHED), SETTINGS)
     print(f"\n{name}, replies {1e3 * reply_s:g} ms: {found}")
     # The softest is reached in small moves, which tell it from a sensor that lost its gain.
@@ -60,7 +58,7 @@ def test_the_load_is_held_while_it_slides_and_the_voltage_is_switched(
     assert found.slow < 0.05
 
 
-def test_a_tenth_of_friction_along_the_normal_is_still_held() -> None:
+def test_a_tenth_of_friction_along_the_normal_is_still_held():
     """Switching friction by 0.3 then asks for 15 mN, 3 % of the load, within milliseconds."""
     found = score(Finger(body=BodySettings(shear_share=0.1), voltage_on=SWITCHED), SETTINGS)
     print(f"\nshear share 0.1: {found}")
@@ -69,9 +67,7 @@ def test_a_tenth_of_friction_along_the_normal_is_still_held() -> None:
 
 @pytest.mark.parametrize("exponent", [1.5, 1.75, 2.0])
 @pytest.mark.parametrize("factor", [1 / 3, 0.5, 2.0, 3.0])
-def test_it_holds_fingers_of_a_third_to_three_times_the_stiffness(
-    factor: float, exponent: float
-) -> None:
+def test_it_holds_fingers_of_a_third_to_three_times_the_stiffness(factor, exponent):
     """By the settings of one of the usual stiffness, which are not told. A loop at its margin would
     not come back to rest: the last seconds are as quiet as the first.
     """
@@ -89,7 +85,7 @@ def test_it_holds_fingers_of_a_third_to_three_times_the_stiffness(
     assert found.slow < 0.05
 
 
-def test_what_a_tremor_leaves_is_not_the_loops_to_take() -> None:
+def test_what_a_tremor_leaves_is_not_the_loops_to_take():
     """A locked stage leaves as much above 5 Hz, within a third of it."""
     held = score(Finger(), SETTINGS).fast
     locked = Finger(tilt_m_s=0.0)
@@ -126,7 +122,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_sensor_that_fails_makes_the_stage_lift_off(name: str) -> None:
+def test_a_sensor_that_fails_makes_the_stage_lift_off(name):
     finger = Finger(sensor=failing(20.0, FAULTS[name]))
     loop = finger.loop(SETTINGS)
     finger.held(loop, 25.0)
@@ -137,7 +133,7 @@ def test_a_sensor_that_fails_makes_the_stage_lift_off(name: str) -> None:
     assert max(load_n for _, load_n in finger.told) < SETTINGS.trip_n
 
 
-def test_a_rig_that_is_safer_at_rest_stops_where_it_is() -> None:
+def test_a_rig_that_is_safer_at_rest_stops_where_it_is():
     finger = Finger(sensor=failing(20.0, None))
     loop = finger.loop(LoadSettings(TARGET_N, retracts=False))
     finger.held(loop, 25.0)
@@ -147,7 +143,7 @@ def test_a_rig_that_is_safer_at_rest_stops_where_it_is() -> None:
     assert finger.instrument.position_mm == rest_mm > 1e3 * FACE_M
 
 
-def test_a_finger_that_thrusts_is_let_go() -> None:
+def test_a_finger_that_thrusts_is_let_go():
     """The plate comes up by 2 mm within a fifth of a second: more than the loop follows."""
     finger = Finger()
     loop = holding(finger)
@@ -174,7 +170,7 @@ def repeating(after_s: float) -> Callable[..., ForceReading]:
 
 @pytest.mark.parametrize("after_s", [10.5, 12.0, 12.3, 12.6, 13.0, 20.0])
 @pytest.mark.parametrize("factor", [1.0, 3.0])
-def test_a_sensor_that_repeats_a_load_is_not_believed(after_s: float, factor: float) -> None:
+def test_a_sensor_that_repeats_a_load_is_not_believed(after_s, factor):
     """From before the first touch to the held load: a load that stands still while the stage goes
     on presses the finger as deep as it may go.
     """
@@ -189,7 +185,7 @@ def test_a_sensor_that_repeats_a_load_is_not_believed(after_s: float, factor: fl
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1.0, 5.0])
-def test_a_stage_that_answers_and_does_not_move_ends_the_loop(seconds: float) -> None:
+def test_a_stage_that_answers_and_does_not_move_ends_the_loop(seconds):
     """In the approach at once, at the load once the plate has come up."""
     finger = Finger()
     loop = finger.loop(SETTINGS)
@@ -203,7 +199,7 @@ def test_a_stage_that_answers_and_does_not_move_ends_the_loop(seconds: float) ->
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
-def test_an_exception_lifts_off(error: type[BaseException]) -> None:
+def test_an_exception_lifts_off(error):
     finger = Finger()
     loop = holding(finger)
     with pytest.raises(error), loop:
@@ -213,7 +209,7 @@ def test_an_exception_lifts_off(error: type[BaseException]) -> None:
 
 
 @pytest.mark.parametrize("looks", range(0, 200, 7))
-def test_whoever_dies_at_any_moment_leaves_a_stage_that_rests_below_the_limit(looks: int) -> None:
+def test_whoever_dies_at_any_moment_leaves_a_stage_that_rests_below_the_limit(looks):
     """Nothing is told to the stage any more, not even to stop."""
     finger = Finger(PowerLaw(3.0))
     loop = finger.loop(SETTINGS)
@@ -226,7 +222,7 @@ def test_whoever_dies_at_any_moment_leaves_a_stage_that_rests_below_the_limit(lo
     assert max(load_n for _, load_n in finger.told) < SETTINGS.trip_n
 
 
-def test_a_stage_that_is_pulled_ends_the_loop_and_is_said() -> None:
+def test_a_stage_that_is_pulled_ends_the_loop_and_is_said():
     finger = Finger()
     loop = holding(finger)
     finger.stage.close()
@@ -238,7 +234,7 @@ def test_a_stage_that_is_pulled_ends_the_loop_and_is_said() -> None:
     assert told.value.code == "load_presses"
 
 
-def test_a_finger_that_is_felt_less_the_deeper_it_is_pressed_has_no_stiffness() -> None:
+def test_a_finger_that_is_felt_less_the_deeper_it_is_pressed_has_no_stiffness():
     felt_n, depths_m = cycle([0.45, 0.55]), cycle([1.1e-3, 1.0e-3])
     loop: Any = SimpleNamespace(settings=SETTINGS, hold=lambda duration_s: None)
     loop.average = lambda duration_s: (next(felt_n), next(depths_m))
@@ -248,7 +244,7 @@ def test_a_finger_that_is_felt_less_the_deeper_it_is_pressed_has_no_stiffness() 
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
-def test_tuning_finds_the_stiffness_of_a_finger(factor: float) -> None:
+def test_tuning_finds_the_stiffness_of_a_finger(factor):
     """The slope of the relaxed tissue, 1.75 F / d, three quarters of the force of the instant; some
     of it has not relaxed within a step.
     """
@@ -263,7 +259,7 @@ def test_tuning_finds_the_stiffness_of_a_finger(factor: float) -> None:
     assert found.spread_n_per_m < 0.3 * found.stiffness_n_per_m
 
 
-def test_a_load_that_settles_is_told_and_one_that_cannot_is_refused() -> None:
+def test_a_load_that_settles_is_told_and_one_that_cannot_is_refused():
     finger = Finger()
     with finger.loop(SETTINGS) as loop:
         loop.settle(10.0)
@@ -279,7 +275,7 @@ def test_a_load_that_settles_is_told_and_one_that_cannot_is_refused() -> None:
     assert soft.body.load_n == 0.0
 
 
-def test_a_load_that_is_not_wanted_any_more_ends_the_way_to_where_the_finger_is_free() -> None:
+def test_a_load_that_is_not_wanted_any_more_ends_the_way_to_where_the_finger_is_free():
     finger = Finger()
     until_s = finger.now_s + 0.2
     with pytest.raises(HapticError, match="no load is wanted") as refused:
@@ -289,7 +285,7 @@ def test_a_load_that_is_not_wanted_any_more_ends_the_way_to_where_the_finger_is_
     assert 0.0 < finger.instrument.position_mm < 1e3 * FACE_M - 2.0
 
 
-def test_a_stage_that_moves_for_ever_is_not_awaited(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stage_that_moves_for_ever_is_not_awaited(monkeypatch):
     monkeypatch.setattr(load_loop, "HOMING_S", -1.0)
     finger = Finger()
     with pytest.raises(DeviceTimeout, match="says that it moves"):
@@ -297,7 +293,7 @@ def test_a_stage_that_moves_for_ever_is_not_awaited(monkeypatch: pytest.MonkeyPa
     assert not finger.instrument.moving
 
 
-def test_a_stage_whose_homing_would_press_is_not_homed() -> None:
+def test_a_stage_whose_homing_would_press_is_not_homed():
     finger = Finger()
     finger.stage.stop()
     with pytest.raises(HapticError, match="would press") as refused:
@@ -316,7 +312,7 @@ class Unhomed:
 
 
 @pytest.mark.parametrize("depth_mm", [0.5, -0.5, -3.0])
-def test_no_bias_is_taken_while_the_stage_may_press(depth_mm: float) -> None:
+def test_no_bias_is_taken_while_the_stage_may_press(depth_mm):
     """A restarted daemon took it with 0.44 N on the finger, and held 0.91 N for 0.5."""
     finger = Finger()
     mounting = Mounting(towards=1, clear_m=FACE_M - 1e-3)
@@ -333,7 +329,7 @@ def test_no_bias_is_taken_while_the_stage_may_press(depth_mm: float) -> None:
     assert finger.stage.read_status().position_m == pytest.approx(min(stands_m, mounting.clear_m))
 
 
-def test_a_zero_that_moved_while_the_load_was_held_is_told_after_letting_go() -> None:
+def test_a_zero_that_moved_while_the_load_was_held_is_told_after_letting_go():
     """The load read 0.5 N, and was 0.7."""
     finger = Finger(sensor=lambda time_s, load_n: ForceReading(time_s, load_n - off_n, 0.0, False))
     off_n, loop = 0.0, finger.loop(SETTINGS)
@@ -347,7 +343,7 @@ def test_a_zero_that_moved_while_the_load_was_held_is_told_after_letting_go() ->
     assert "its zero or its sign is wrong" in again.state.reason
 
 
-def test_a_zero_that_stayed_leaves_no_doubt() -> None:
+def test_a_zero_that_stayed_leaves_no_doubt():
     finger = Finger()
     with finger.loop(SETTINGS) as loop:
         loop.settle(10.0)

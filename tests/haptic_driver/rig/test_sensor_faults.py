@@ -43,7 +43,7 @@ KINDS = {
 # A usual finger gets less: its loads are printed for docs/load.md.
 @pytest.mark.parametrize("factor", [pytest.param(1.0, marks=pytest.mark.soak), 3.0])
 @pytest.mark.parametrize("name", KINDS)
-def test_no_fault_of_the_sensor_presses_beyond_the_signed_limit(name: str, factor: float) -> None:
+def test_no_fault_of_the_sensor_presses_beyond_the_signed_limit(name, factor):
     drifts = "mN/s" in name
     moments, seconds = (["held"], 120.0) if drifts else (list(MOMENTS), 20.0)
     found = {moment: Trial(KINDS[name], moment, factor, seconds).run() for moment in moments}
@@ -54,21 +54,21 @@ def test_no_fault_of_the_sensor_presses_beyond_the_signed_limit(name: str, facto
 
 
 @pytest.mark.parametrize("name", ["dead, 3 mN of noise", "sign turned", "gain 0.1"])
-def test_a_sensor_that_says_nothing_is_found_out(name: str) -> None:
+def test_a_sensor_that_says_nothing_is_found_out(name):
     for moment in MOMENTS:
         assert Trial(KINDS[name], moment, 3.0).run().reason
 
 
 @pytest.mark.parametrize("target_n", [0.25, 0.5, 1.0])
 @pytest.mark.parametrize("factor", [0.8, 1.0, 3.0])
-def test_a_finger_under_a_sensor_without_fault_is_held(target_n: float, factor: float) -> None:
+def test_a_finger_under_a_sensor_without_fault_is_held(target_n, factor):
     """For a minute, in which all tissue relaxes."""
     outcome = Trial(lambda: scaled(1.0), "held", factor, 60.0, LoadSettings(target_n)).run()
     assert outcome.reason == ""
     assert outcome.highest_n < 1.5 * target_n
 
 
-def test_a_bit_that_says_moving_for_ever_ends_the_loop() -> None:
+def test_a_bit_that_says_moving_for_ever_ends_the_loop():
     """The stage said it moved, at 0.12 N of 0.5, and the loop said that it held."""
     finger = Finger()
     loop = finger.loop(LoadSettings(0.5))
@@ -81,7 +81,7 @@ def test_a_bit_that_says_moving_for_ever_ends_the_loop() -> None:
 
 
 @pytest.mark.soak
-def test_drawn_faults_of_the_sensor_never_press_beyond_the_signed_limit() -> None:
+def test_drawn_faults_of_the_sensor_never_press_beyond_the_signed_limit():
     draw = random.Random(58)
     highest: dict[str, list[float]] = {}
     for _ in range(DRAWS):
@@ -96,7 +96,7 @@ def test_drawn_faults_of_the_sensor_never_press_beyond_the_signed_limit() -> Non
 
 
 @pytest.mark.parametrize("factor", [1.0, 3.0])
-def test_the_way_to_a_finger_is_bounded_by_what_the_last_touch_needed(factor: float) -> None:
+def test_the_way_to_a_finger_is_bounded_by_what_the_last_touch_needed(factor):
     """The sensor dies in the air after a first touch, and the reach alone would give 34 N."""
     law, sensor, settings = PowerLaw(), Sensor(dead()), LoadSettings(0.5, reach_m=10e-3)
     finger = Finger(lambda depth_m: factor * law(depth_m), sensor=sensor, tilt_m_s=0.0)

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -40,7 +39,7 @@ class Monitor:
         return self.reading_v
 
 
-def test_the_enable_line_is_set_and_read_back() -> None:
+def test_the_enable_line_is_set_and_read_back():
     box = SimulatedAmplifier(100.0, 300.0)
     amplifier = AnalogAmplifier(SETTINGS, box, box)
     assert amplifier.state is AmplifierState.DISABLED
@@ -51,7 +50,7 @@ def test_the_enable_line_is_set_and_read_back() -> None:
     assert amplifier.monitor_voltage_v() == 0.0
 
 
-def test_without_lines_nothing_is_known() -> None:
+def test_without_lines_nothing_is_known():
     amplifier = AnalogAmplifier(SETTINGS, None, None)
     assert amplifier.enable() is AmplifierState.UNKNOWN
     assert amplifier.disable() is AmplifierState.UNKNOWN
@@ -59,7 +58,7 @@ def test_without_lines_nothing_is_known() -> None:
     assert amplifier.monitor_voltage_v() is None
 
 
-def test_a_dead_line_is_unknown_and_disabling_does_not_raise() -> None:
+def test_a_dead_line_is_unknown_and_disabling_does_not_raise():
     amplifier = AnalogAmplifier(SETTINGS, DeadLine(), DeadLine())
     assert amplifier.state is AmplifierState.UNKNOWN
     assert amplifier.disable() is AmplifierState.UNKNOWN
@@ -71,7 +70,7 @@ def test_a_dead_line_is_unknown_and_disabling_does_not_raise() -> None:
 @pytest.mark.parametrize(
     ("reading_v", "voltage_v"), [(2.5, 250.0), (math.nan, None), (math.inf, None)]
 )
-def test_the_monitor_is_scaled(reading_v: float, voltage_v: float | None) -> None:
+def test_the_monitor_is_scaled(reading_v, voltage_v):
     assert AnalogAmplifier(SETTINGS, None, Monitor(reading_v)).monitor_voltage_v() == voltage_v
 
 
@@ -85,16 +84,14 @@ def test_the_monitor_is_scaled(reading_v: float, voltage_v: float | None) -> Non
         (1e3, 100.0, math.nan, "current"),
     ],
 )
-def test_what_the_amplifier_cannot_follow_is_refused(
-    frequency_hz: float, voltage_v: float, current_peak_a: float, what: str
-) -> None:
+def test_what_the_amplifier_cannot_follow_is_refused(frequency_hz, voltage_v, current_peak_a, what):
     amplifier = AnalogAmplifier(SETTINGS, None, None)
     with pytest.raises(LimitExceeded, match=f"peak {what}"):
         amplifier.check_drive(frequency_hz, voltage_v, current_peak_a)
     amplifier.check_drive(5e3, 300.0, 0.01)
 
 
-def test_senseless_settings_are_refused() -> None:
+def test_senseless_settings_are_refused():
     with pytest.raises(ValueError, match="gain_v_per_v"):
         AmplifierSettings(0.0, 300.0, 0.01, 10e6, 0.01)
 
@@ -125,20 +122,18 @@ class Level:
         (None, None, AmplifierState.UNKNOWN),
     ],
 )
-def test_what_is_known_from_the_lines_there_are(
-    enable: Any, fault: Any, state: AmplifierState
-) -> None:
+def test_what_is_known_from_the_lines_there_are(enable, fault, state):
     assert AnalogAmplifier(SETTINGS, enable, None, fault=fault).state is state
 
 
-def test_a_fault_line_may_be_low_when_it_means_fault() -> None:
+def test_a_fault_line_may_be_low_when_it_means_fault():
     low_is_fault = replace(SETTINGS, fault_level=False)
     assert AnalogAmplifier(low_is_fault, None, None, fault=Level(False)).fault is True
     assert AnalogAmplifier(low_is_fault, None, None, fault=Level(True)).fault is False
     assert AnalogAmplifier(low_is_fault, None, None, fault=DeadLine()).fault is None
 
 
-def test_current_is_scaled_and_the_simulated_amplifier_trips_on_it() -> None:
+def test_current_is_scaled_and_the_simulated_amplifier_trips_on_it():
     box = TrippingAmplifier(
         100.0, 700.0, current_monitor_v_per_a=50.0, current_limit_a=0.01, panel_capacitance_f=1e-8
     )
@@ -157,7 +152,7 @@ def test_current_is_scaled_and_the_simulated_amplifier_trips_on_it() -> None:
     assert AnalogAmplifier(SETTINGS, None, None).monitor_current_a() is None
 
 
-def test_a_line_that_takes_no_order_but_reads_low_is_low() -> None:
+def test_a_line_that_takes_no_order_but_reads_low_is_low():
     class Deaf(Level):
         def write(self, value: bool, /) -> None:
             raise DeviceDisconnected("line")

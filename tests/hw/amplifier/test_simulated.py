@@ -10,7 +10,7 @@ ON = TerminalOutput(1e3, 1.5, 0.0, True)
 OFF = TerminalOutput(1e3, 0.0, 0.0, False)
 
 
-def test_gain_clip_and_offset() -> None:
+def test_gain_clip_and_offset():
     amplifier = SimulatedAmplifier(100.0, 300.0, enabled=True)
     assert amplifier.step(0.1, ON) == pytest.approx(150.0)
     assert amplifier.step(0.1, TerminalOutput(1e3, 1.5, -0.5, True)) == pytest.approx(200.0)
@@ -29,7 +29,7 @@ def test_gain_clip_and_offset() -> None:
         ),  # a constant voltage, whatever the frequency was before
     ],
 )
-def test_only_what_alternates_drives_a_current(output: TerminalOutput, current_a: float) -> None:
+def test_only_what_alternates_drives_a_current(output, current_a):
     amplifier = TrippingAmplifier(
         100.0, 300.0, enabled=True, panel_capacitance_f=10e-9, current_limit_a=9.5e-3
     )
@@ -38,7 +38,7 @@ def test_only_what_alternates_drives_a_current(output: TerminalOutput, current_a
     assert not amplifier.tripped
 
 
-def test_no_voltage_without_enable() -> None:
+def test_no_voltage_without_enable():
     amplifier = SimulatedAmplifier(100.0, 300.0)
     assert amplifier.step(0.1, ON) == 0.0
     amplifier.write(True)
@@ -47,7 +47,7 @@ def test_no_voltage_without_enable() -> None:
     assert amplifier.read_v() == pytest.approx(1.5)
 
 
-def test_it_remembers_the_highest_voltage_and_the_time_with_voltage() -> None:
+def test_it_remembers_the_highest_voltage_and_the_time_with_voltage():
     amplifier = SimulatedAmplifier(100.0, 300.0, enabled=True)
     for output in (ON, OFF, ON, OFF):
         amplifier.step(0.25, output)

@@ -103,15 +103,13 @@ def output_on(card: Card) -> NiAnalogOutput:
         (Task.close, nidaqmx.task.Task.close),
     ],
 )
-def test_the_fake_takes_the_arguments_of_the_real_package_in_its_order(
-    fake: Any, real: Any
-) -> None:
+def test_the_fake_takes_the_arguments_of_the_real_package_in_its_order(fake, real):
     expected = list(inspect.signature(real).parameters)
     given = list(inspect.signature(fake).parameters)
     assert given == expected[: len(given)]
 
 
-def test_the_fake_has_no_attribute_that_the_real_package_lacks() -> None:
+def test_the_fake_has_no_attribute_that_the_real_package_lacks():
     for fake, real in (
         (Task, nidaqmx.task.Task),
         (InStreamFake, InStream),
@@ -125,14 +123,14 @@ def test_the_fake_has_no_attribute_that_the_real_package_lacks() -> None:
 
 
 @pytest.mark.process
-def test_the_real_package_without_its_driver_says_what_to_install() -> None:
+def test_the_real_package_without_its_driver_says_what_to_install():
     for device in (NiAnalogInputs(NAMES, sample_rate_hz=1e3), NiDigitalOutput("Dev1/port0/line0")):
         with pytest.raises(DeviceDisconnected, match="NI-DAQmx driver is not installed") as caught:
             device.open()
         assert "install NI-DAQmx" in caught.value.hint
 
 
-def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "nidaqmx", None)
     monkeypatch.setitem(sys.modules, "nidaqmx.constants", None)
     with pytest.raises(DeviceError) as caught:
@@ -140,7 +138,7 @@ def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch)
     assert "haptic-driver[ni]" in caught.value.hint
 
 
-def test_inputs_give_the_newest_samples_oldest_first(card: Card) -> None:
+def test_inputs_give_the_newest_samples_oldest_first(card):
     card.signals["Dev1/ai1"] = lambda t: t
     inputs = inputs_on(card)
     inputs.open()
@@ -150,7 +148,7 @@ def test_inputs_give_the_newest_samples_oldest_first(card: Card) -> None:
     assert inputs.columns(["Dev1/ai2", "Dev1/ai0"]).latest_v(1).tolist() == [[2.0, 0.0]]
 
 
-def test_inputs_wait_for_the_first_samples_and_no_longer_than_the_timeout(card: Card) -> None:
+def test_inputs_wait_for_the_first_samples_and_no_longer_than_the_timeout(card):
     inputs = inputs_on(card)
     inputs.open()
     assert inputs.latest_v(20).shape == (20, 3)
@@ -160,7 +158,7 @@ def test_inputs_wait_for_the_first_samples_and_no_longer_than_the_timeout(card: 
     assert card.now_s == pytest.approx(0.22, abs=0.005)
 
 
-def test_a_stopped_sample_clock_is_an_error_and_not_an_old_value(card: Card) -> None:
+def test_a_stopped_sample_clock_is_an_error_and_not_an_old_value(card):
     inputs = inputs_on(card)
     inputs.open()
     card.advance(0.1)
@@ -171,7 +169,7 @@ def test_a_stopped_sample_clock_is_an_error_and_not_an_old_value(card: Card) -> 
         inputs.latest_v(5)
 
 
-def test_a_clock_that_stopped_while_nobody_looked_is_noticed_at_the_first_look(card: Card) -> None:
+def test_a_clock_that_stopped_while_nobody_looked_is_noticed_at_the_first_look(card):
     inputs = inputs_on(card)
     inputs.open()
     inputs.latest_v(5)
@@ -184,7 +182,7 @@ def test_a_clock_that_stopped_while_nobody_looked_is_noticed_at_the_first_look(c
     assert inputs.latest_v(5).shape == (5, 3)
 
 
-def test_a_monitor_of_an_alternating_voltage_reads_its_peak(card: Card) -> None:
+def test_a_monitor_of_an_alternating_voltage_reads_its_peak(card):
     card.signals["Dev1/ai2"] = lambda t: 1.5 * np.sin(2.0 * np.pi * 70.0 * t)
     inputs = inputs_on(card)
     inputs.open()
@@ -194,13 +192,13 @@ def test_a_monitor_of_an_alternating_voltage_reads_its_peak(card: Card) -> None:
     assert mean.read_v() == pytest.approx(0.0, abs=1e-9)  # seven whole periods
 
 
-def test_a_second_input_task_is_refused_by_the_card_in_its_own_words(card: Card) -> None:
+def test_a_second_input_task_is_refused_by_the_card_in_its_own_words(card):
     inputs_on(card).open()
     with pytest.raises(InstrumentRejected, match="-50103"):
         inputs_on(card).open()
 
 
-def test_a_failed_opening_releases_its_task(card: Card) -> None:
+def test_a_failed_opening_releases_its_task(card):
     unknown = NiAnalogInputs(["Dev1/ai9"], sample_rate_hz=1e3)
     with pytest.raises(InstrumentRejected, match="-200170"):
         unknown.open()
@@ -210,12 +208,12 @@ def test_a_failed_opening_releases_its_task(card: Card) -> None:
 @pytest.mark.parametrize(
     "bad", [{"terminal": "DIFFERENTIAL"}, {"channels": []}, {"channels": ["a", "a"]}]
 )
-def test_impossible_inputs_are_refused(bad: dict[str, Any]) -> None:
+def test_impossible_inputs_are_refused(bad):
     with pytest.raises(ValueError, match=r"terminal|channels"):
         NiAnalogInputs(**({"channels": NAMES, "sample_rate_hz": 1e3} | bad))
 
 
-def test_closed_inputs_say_so(card: Card) -> None:
+def test_closed_inputs_say_so(card):
     inputs = inputs_on(card)
     inputs.open()
     inputs.close()
@@ -225,7 +223,7 @@ def test_closed_inputs_say_so(card: Card) -> None:
         inputs.latest_v(1)
 
 
-def test_the_lines_serve_an_amplifier(card: Card) -> None:
+def test_the_lines_serve_an_amplifier(card):
     inputs = inputs_on(card)
     inputs.open()
     card.signals["Dev1/ai2"] = lambda t: 1.2
@@ -257,9 +255,7 @@ def test_the_lines_serve_an_amplifier(card: Card) -> None:
         ((-88709, "The specified device is not present."), "NI MAX"),
     ],
 )
-def test_a_card_whose_samples_are_not_fetched_in_time_is_told_from_a_wrong_one(
-    card: Card, fault: tuple[int, str], hint: str
-) -> None:
+def test_a_card_whose_samples_are_not_fetched_in_time_is_told_from_a_wrong_one(card, fault, hint):
     inputs = inputs_on(card)
     inputs.open()
     card.fault, card.broken = fault, True
@@ -268,7 +264,7 @@ def test_a_card_whose_samples_are_not_fetched_in_time_is_told_from_a_wrong_one(
     assert hint in caught.value.hint
 
 
-def test_a_digital_input_reads_its_line(card: Card) -> None:
+def test_a_digital_input_reads_its_line(card):
     line = NiDigitalInput("Dev1/port0/line1")
     assert line.read() is True
     card.lines["Dev1/port0/line1"] = False
@@ -280,7 +276,7 @@ def test_a_digital_input_reads_its_line(card: Card) -> None:
 @pytest.mark.parametrize(
     ("lines", "levels"), [("Dev1/port0/line0:7", [0, 37, 0]), ("Dev1/port0/line0", [0, 1, 0])]
 )
-def test_an_event_line_takes_a_code_or_an_edge(card: Card, lines: str, levels: list[int]) -> None:
+def test_an_event_line_takes_a_code_or_an_edge(card, lines, levels):
     line = NiEventLine(lines)
     line.open()
     seen = [card.lines[lines]]
@@ -291,7 +287,7 @@ def test_an_event_line_takes_a_code_or_an_edge(card: Card, lines: str, levels: l
     assert card.tasks == []
 
 
-def test_a_line_in_is_its_level(card: Card) -> None:
+def test_a_line_in_is_its_level(card):
     line = NiLineIn("Dev1/port0/line1")
     line.open()
     card.lines["Dev1/port0/line1"] = False
@@ -302,7 +298,7 @@ def test_a_line_in_is_its_level(card: Card) -> None:
     assert card.tasks == []
 
 
-def test_opening_the_output_sets_the_zero_level_and_closing_leaves_it(card: Card) -> None:
+def test_opening_the_output_sets_the_zero_level_and_closing_leaves_it(card):
     with output_on(card) as output:
         assert card.ao_v == -5.0
         output.hold(2.0)
@@ -311,7 +307,7 @@ def test_opening_the_output_sets_the_zero_level_and_closing_leaves_it(card: Card
     assert card.tasks == []
 
 
-def test_a_stream_is_played_without_gap_or_repeat(card: Card) -> None:
+def test_a_stream_is_played_without_gap_or_repeat(card):
     envelope_v = 4.0 * np.sin(np.linspace(0.0, 20.0, 5000))
     with output_on(card) as output:
         for block_v in np.split(envelope_v, 10):  # 10 ms blocks at 50 kS/s
@@ -323,7 +319,7 @@ def test_a_stream_is_played_without_gap_or_repeat(card: Card) -> None:
         assert output.buffered_s == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_stream_that_runs_dry_goes_to_zero_and_is_reported_once(card: Card) -> None:
+def test_a_stream_that_runs_dry_goes_to_zero_and_is_reported_once(card):
     with output_on(card) as output:
         output.write(np.full(500, 3.0), 50e3)
         card.advance(0.02)
@@ -341,7 +337,7 @@ def test_a_stream_that_runs_dry_goes_to_zero_and_is_reported_once(card: Card) ->
         assert card.ao_v == 1.0
 
 
-def test_a_stream_that_ends_at_the_zero_level_is_no_underrun(card: Card) -> None:
+def test_a_stream_that_ends_at_the_zero_level_is_no_underrun(card):
     with output_on(card) as output:
         output.write([2.0, 1.0, -5.0], 1e3)
         card.advance(0.02)
@@ -349,7 +345,7 @@ def test_a_stream_that_ends_at_the_zero_level_is_no_underrun(card: Card) -> None
         assert output.level_v == card.ao_v == -5.0
 
 
-def test_holding_and_zero_end_a_stream_at_once(card: Card) -> None:
+def test_holding_and_zero_end_a_stream_at_once(card):
     with output_on(card) as output:
         output.write(np.full(2000, 3.0), 50e3)
         card.advance(0.01)
@@ -364,7 +360,7 @@ def test_holding_and_zero_end_a_stream_at_once(card: Card) -> None:
         output.check()
 
 
-def test_a_card_that_disappears_is_reported_as_not_known_to_be_at_zero(card: Card) -> None:
+def test_a_card_that_disappears_is_reported_as_not_known_to_be_at_zero(card):
     output = output_on(card)
     output.open()
     output.write(np.full(500, 3.0), 50e3)
@@ -381,7 +377,7 @@ def test_a_card_that_disappears_is_reported_as_not_known_to_be_at_zero(card: Car
     output.close()
 
 
-def test_a_rate_or_level_beyond_the_limits_never_reaches_the_card(card: Card) -> None:
+def test_a_rate_or_level_beyond_the_limits_never_reaches_the_card(card):
     with output_on(card) as output:
         output.write(np.full(500, 3.0), 50e3)
         for block_v, rate_hz in (
@@ -397,7 +393,7 @@ def test_a_rate_or_level_beyond_the_limits_never_reaches_the_card(card: Card) ->
         assert card.ao_v == 3.0  # the stream goes on
 
 
-def test_the_watch_thread_zeroes_a_dry_stream_by_itself(card: Card) -> None:
+def test_the_watch_thread_zeroes_a_dry_stream_by_itself(card):
     output = NiAnalogOutput("Dev1/ao0", SETTINGS)  # real time, watched
     zeroed = threading.Event()
     plain = output._set_level
@@ -417,9 +413,7 @@ def test_the_watch_thread_zeroes_a_dry_stream_by_itself(card: Card) -> None:
 
 
 @pytest.mark.parametrize("asked_hz", [48e3, 44.1e3, 30e3])
-def test_an_alternating_voltage_is_read_at_the_rate_that_the_card_got(
-    card: Card, asked_hz: float
-) -> None:
+def test_an_alternating_voltage_is_read_at_the_rate_that_the_card_got(card, asked_hz):
     """100 V at 8 kHz: at the rate that was asked for they read as 30, 57 and 65 V."""
     card.signals["Dev1/ai0"] = lambda t: 1.0 * np.sin(2.0 * np.pi * 8e3 * t)
     card.signals["Dev1/ai1"] = lambda t: 0.5 * np.cos(2.0 * np.pi * 8e3 * t)
@@ -435,7 +429,7 @@ def test_an_alternating_voltage_is_read_at_the_rate_that_the_card_got(
     assert inputs.sample_rate_hz > asked_hz
 
 
-def test_a_card_that_is_slower_than_the_file_says_is_refused(card: Card) -> None:
+def test_a_card_that_is_slower_than_the_file_says_is_refused(card):
     """The file's limits on carriers count on its rate."""
     card.timebase_hz = 40e3
     with pytest.raises(InstrumentRejected, match=r"48000.* it is 40000"):
@@ -443,7 +437,7 @@ def test_a_card_that_is_slower_than_the_file_says_is_refused(card: Card) -> None
     assert card.tasks == []
 
 
-def test_a_narrower_range_or_another_terminal_is_refused(card: Card) -> None:
+def test_a_narrower_range_or_another_terminal_is_refused(card):
     card.ranges_v = (0.1, 1.0, 5.0)
     with pytest.raises(InstrumentRejected, match=r"range_v of Dev1/ai0 10\.0"):
         inputs_on(card).open()
@@ -456,7 +450,7 @@ def test_a_narrower_range_or_another_terminal_is_refused(card: Card) -> None:
     assert card.tasks == []
 
 
-def test_each_channel_may_have_its_own_terminal(card: Card) -> None:
+def test_each_channel_may_have_its_own_terminal(card):
     inputs = inputs_on(card, terminal=dict(zip(NAMES, ("RSE", "DIFF", "NRSE"), strict=True)))
     inputs.open()
     held = {one.name: one.got for one in inputs.held() if "terminal" in one.name}
@@ -465,7 +459,7 @@ def test_each_channel_may_have_its_own_terminal(card: Card) -> None:
         inputs_on(card, terminal={"Dev1/ai0": "RSE"})
 
 
-def test_a_smaller_buffer_is_how_far_back_a_monitor_looks(card: Card) -> None:
+def test_a_smaller_buffer_is_how_far_back_a_monitor_looks(card):
     card.most_samples = 500
     inputs = inputs_on(card, 10e3, buffer_s=1.0)
     inputs.open()
@@ -476,7 +470,7 @@ def test_a_smaller_buffer_is_how_far_back_a_monitor_looks(card: Card) -> None:
         monitor.read(15.0, 1.0)
 
 
-def test_what_the_converter_takes_between_channels_is_the_cards_word(card: Card) -> None:
+def test_what_the_converter_takes_between_channels_is_the_cards_word(card):
     card.convert_rate_hz = 200e3
     inputs = inputs_on(card)
     inputs.open()
@@ -489,7 +483,7 @@ def test_what_the_converter_takes_between_channels_is_the_cards_word(card: Card)
     assert list(inputs.columns(NAMES, 1e-5).lags_s) == pytest.approx([0.0, 1e-5, 2e-5])
 
 
-def test_two_cards_have_a_task_each_and_what_belongs_together_is_of_one(card: Card) -> None:
+def test_two_cards_have_a_task_each_and_what_belongs_together_is_of_one(card):
     card.signals["Dev2/ai0"] = lambda t: 7.0 + 0.0 * t
     made = [
         NiAnalogInputs(
@@ -508,7 +502,7 @@ def test_two_cards_have_a_task_each_and_what_belongs_together_is_of_one(card: Ca
     assert card.tasks == []
 
 
-def test_a_stream_is_written_at_the_rate_that_the_card_got(card: Card) -> None:
+def test_a_stream_is_written_at_the_rate_that_the_card_got(card):
     with output_on(card) as output:
         got_hz = output.plays_at(48e3)
         assert got_hz == pytest.approx(20e6 / 417.0)
@@ -519,7 +513,7 @@ def test_a_stream_is_written_at_the_rate_that_the_card_got(card: Card) -> None:
             output.write(np.zeros(100) - 5.0, 48e3)
 
 
-def test_what_is_at_the_output_is_looked_at_through_the_card_without_opening_it(card: Card) -> None:
+def test_what_is_at_the_output_is_looked_at_through_the_card_without_opening_it(card):
     output = output_on(card)
     assert output.read_back_v() is None  # a card without the channel inside
     card.signals["Dev1/_ao0_vs_aognd"] = lambda t: card.ao_v
@@ -531,7 +525,7 @@ def test_what_is_at_the_output_is_looked_at_through_the_card_without_opening_it(
     assert card.tasks == []
 
 
-def test_a_card_that_another_program_keeps_is_reset_and_reads_zero(card: Card) -> None:
+def test_a_card_that_another_program_keeps_is_reset_and_reads_zero(card):
     """A stopped control keeps its task: the watchdog's own was refused, with a voltage out."""
     kept = output_on(card)
     kept.open()

@@ -36,12 +36,12 @@ SETTINGS = AnalogOutputSettings(
         {"timeout_s": float("nan")},
     ],
 )
-def test_impossible_settings_are_refused(bad: dict[str, float]) -> None:
+def test_impossible_settings_are_refused(bad):
     with pytest.raises(ValueError, match="analog output"):
         AnalogOutputSettings(**(vars(SETTINGS) | bad))
 
 
-def test_a_held_level_ends_with_its_lease_and_zero_never_does() -> None:
+def test_a_held_level_ends_with_its_lease_and_zero_never_does():
     with SteppedAnalogOutput(SETTINGS) as output:
         output.hold(3.0)
         assert output.advance(0.15) == 3.0
@@ -56,7 +56,7 @@ def test_a_held_level_ends_with_its_lease_and_zero_never_does() -> None:
         output.check()
 
 
-def test_a_stream_may_end_at_zero_but_not_above() -> None:
+def test_a_stream_may_end_at_zero_but_not_above():
     with SteppedAnalogOutput(SETTINGS) as output:
         output.write([1.0, 2.0, 0.5], 1e3)
         assert output.advance(0.01) == 0.5
@@ -71,7 +71,7 @@ def test_a_stream_may_end_at_zero_but_not_above() -> None:
         assert output.terminal_v == 1.0
 
 
-def test_a_stream_goes_on_from_its_last_sample_after_a_short_gap() -> None:
+def test_a_stream_goes_on_from_its_last_sample_after_a_short_gap():
     with SteppedAnalogOutput(SETTINGS) as output:
         output.write([1.0, 2.0], 1e3)
         assert output.advance(0.015) == 2.0
@@ -83,7 +83,7 @@ def test_a_stream_goes_on_from_its_last_sample_after_a_short_gap() -> None:
         output.check()
 
 
-def test_a_stream_that_has_ended_leaves_the_rate_free() -> None:
+def test_a_stream_that_has_ended_leaves_the_rate_free():
     """Its end is noticed by the next call, whatever that asks; no thread looks in between here."""
     with SteppedAnalogOutput(SETTINGS) as output:
         output.write([1.0, 0.5], 1e3)
@@ -92,7 +92,7 @@ def test_a_stream_that_has_ended_leaves_the_rate_free() -> None:
         assert output.buffered_s == pytest.approx(0.006)
 
 
-def test_a_block_is_copied() -> None:
+def test_a_block_is_copied():
     block_v = np.full(10, 2.0)
     with SteppedAnalogOutput(SETTINGS) as output:
         output.write(block_v, 1e3)
@@ -100,7 +100,7 @@ def test_a_block_is_copied() -> None:
         assert output.advance(0.005) == 2.0
 
 
-def test_no_more_than_the_buffer_waits() -> None:
+def test_no_more_than_the_buffer_waits():
     with SteppedAnalogOutput(SETTINGS) as output:
         output.write(np.full(100, 1.0), 1e3)
         with pytest.raises(LimitExceeded, match="do not fit"):
@@ -110,7 +110,7 @@ def test_no_more_than_the_buffer_waits() -> None:
         assert output.buffered_s == pytest.approx(0.1)
 
 
-def test_a_failed_write_is_zeroed_or_reported_as_unknown() -> None:
+def test_a_failed_write_is_zeroed_or_reported_as_unknown():
     output = SteppedAnalogOutput(SETTINGS)
     output.open()
     output.hold(3.0)
@@ -129,9 +129,7 @@ def test_a_failed_write_is_zeroed_or_reported_as_unknown() -> None:
 
 
 @pytest.mark.parametrize("step", ["start", "set_level"])
-def test_an_interrupt_leaves_no_output_that_nobody_watches(
-    monkeypatch: pytest.MonkeyPatch, step: str
-) -> None:
+def test_an_interrupt_leaves_no_output_that_nobody_watches(monkeypatch, step):
     """The card has begun when Ctrl-C comes; it would keep its last sample."""
     with SteppedAnalogOutput(SETTINGS) as output:
         begin = getattr(output.card, step)
@@ -147,7 +145,7 @@ def test_an_interrupt_leaves_no_output_that_nobody_watches(
         assert output.advance(0.01) == 0.5
 
 
-def test_it_must_be_open() -> None:
+def test_it_must_be_open():
     output = SteppedAnalogOutput(SETTINGS)
     for use in (lambda: output.write([1.0], 1e3), lambda: output.hold(1.0), output.zero):
         with pytest.raises(DeviceDisconnected, match="not open"):
@@ -155,7 +153,7 @@ def test_it_must_be_open() -> None:
     output.close()
 
 
-def test_zero_does_not_wait_for_a_thread_that_is_stuck_in_the_device() -> None:
+def test_zero_does_not_wait_for_a_thread_that_is_stuck_in_the_device():
     output = SteppedAnalogOutput(SETTINGS)
     output.open()
     stuck, release = threading.Event(), threading.Event()
@@ -193,8 +191,8 @@ ACTIONS = st.lists(
 @settings(max_examples=300)
 @given(ACTIONS)
 def test_whatever_happens_the_output_stays_within_limits_and_ends_at_zero_or_unknown(
-    actions: list[tuple[str, Any]],
-) -> None:
+    actions,
+):
     output = SteppedAnalogOutput(SETTINGS)
     output.open()
     for name, argument in actions:

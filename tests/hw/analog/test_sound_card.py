@@ -37,7 +37,7 @@ def card(**kwargs: Any) -> SoundCardOutput:
     return SoundCardOutput("DAC", SETTINGS, sound, **({"watch": False} | kwargs))
 
 
-def test_blocks_come_out_scaled_in_order_on_their_channel() -> None:
+def test_blocks_come_out_scaled_in_order_on_their_channel():
     with card(channel=1) as output:
         output.write([0.2, 0.4, 0.6], 48e3)
         output.write([0.8, 1.0], 48e3)
@@ -48,7 +48,7 @@ def test_blocks_come_out_scaled_in_order_on_their_channel() -> None:
     assert OutputStream.newest.state == "closed"
 
 
-def test_running_dry_keeps_the_last_sample_for_a_moment_then_gives_zero_and_is_reported() -> None:
+def test_running_dry_keeps_the_last_sample_for_a_moment_then_gives_zero_and_is_reported():
     now = [0.0]
     with card(clock=lambda: now[0]) as output:
         output.write([1.0, 1.0], 48e3)
@@ -63,7 +63,7 @@ def test_running_dry_keeps_the_last_sample_for_a_moment_then_gives_zero_and_is_r
         assert OutputStream.newest.pull(1)[0, 0] == 0.0
 
 
-def test_an_underflow_of_the_card_itself_ends_the_stream() -> None:
+def test_an_underflow_of_the_card_itself_ends_the_stream():
     now = [0.0]
     with card(clock=lambda: now[0]) as output:
         output.write(np.full(1000, 1.0), 48e3)
@@ -73,7 +73,7 @@ def test_an_underflow_of_the_card_itself_ends_the_stream() -> None:
             output.check()
 
 
-def test_a_block_that_arrives_after_an_underflow_does_not_hide_it() -> None:
+def test_a_block_that_arrives_after_an_underflow_does_not_hide_it():
     now = [0.0]
     with card(clock=lambda: now[0]) as output:
         output.write(np.full(1000, 1.0), 48e3)
@@ -85,7 +85,7 @@ def test_a_block_that_arrives_after_an_underflow_does_not_hide_it() -> None:
         assert OutputStream.newest.pull(1)[0, 0] == 0.0
 
 
-def test_a_dc_coupled_card_holds_a_level_until_its_lease_ends() -> None:
+def test_a_dc_coupled_card_holds_a_level_until_its_lease_ends():
     now = [0.0]
     with card(clock=lambda: now[0]) as output:
         output.hold(1.0)
@@ -96,7 +96,7 @@ def test_a_dc_coupled_card_holds_a_level_until_its_lease_ends() -> None:
         assert OutputStream.newest.pull(5).max() == 0.0
 
 
-def test_an_ac_coupled_card_refuses_to_hold() -> None:
+def test_an_ac_coupled_card_refuses_to_hold():
     with card(dc_coupled=False) as output:
         output.write([0.5] * 100, 48e3)
         with pytest.raises(LimitExceeded, match="AC-coupled"):
@@ -113,7 +113,7 @@ def test_an_ac_coupled_card_refuses_to_hold() -> None:
         )
 
 
-def test_limits_and_rate_are_checked_and_leave_the_stream_alone() -> None:
+def test_limits_and_rate_are_checked_and_leave_the_stream_alone():
     with card() as output:
         output.write([1.0] * 10, 48e3)
         for block_v, rate_hz in (([1.1], 48e3), ([0.0], 44.1e3)):
@@ -124,7 +124,7 @@ def test_limits_and_rate_are_checked_and_leave_the_stream_alone() -> None:
         card(full_scale_v=0.5)
 
 
-def test_a_card_pulled_out_is_reported() -> None:
+def test_a_card_pulled_out_is_reported():
     output = card()
     output.open()
     OutputStream.newest.abort()
@@ -134,20 +134,20 @@ def test_a_card_pulled_out_is_reported() -> None:
         output.close()
 
 
-def test_an_unknown_device_is_refused() -> None:
+def test_an_unknown_device_is_refused():
     output = SoundCardOutput("Dac", SETTINGS, SoundSettings(48e3, 1.0, dc_coupled=True))
     with pytest.raises(InstrumentRejected, match="No output device"):
         output.open()
 
 
-def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "sounddevice", None)
     with pytest.raises(DeviceError) as caught:
         card().open()
     assert "haptic-driver[sound]" in caught.value.hint
 
 
-def test_without_portaudio_the_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_portaudio_the_library_is_named(monkeypatch):
     monkeypatch.delitem(sys.modules, "sounddevice")
     monkeypatch.setattr("ctypes.util.find_library", lambda name: None)
     pytest.importorskip("_sounddevice", reason="the real sounddevice package is not installed")
@@ -156,7 +156,7 @@ def test_without_portaudio_the_library_is_named(monkeypatch: pytest.MonkeyPatch)
     assert "libportaudio2" in caught.value.hint
 
 
-def test_only_the_named_socket_plays_and_a_card_that_is_stereo_only_opens() -> None:
+def test_only_the_named_socket_plays_and_a_card_that_is_stereo_only_opens():
     """PortAudio plays a stream of one channel at both sockets, and some cards refuse it."""
     with card(channel=0) as output:
         output.write([0.4, 0.8], 48e3)
@@ -168,7 +168,7 @@ def test_only_the_named_socket_plays_and_a_card_that_is_stereo_only_opens() -> N
 
 @settings(deadline=None, max_examples=40)
 @given(count=st.integers(1, 12), channel=st.integers(0, 12), volts=st.floats(-1.0, 1.0))
-def test_of_any_card_one_channel_plays_or_it_is_refused(count, channel, volts) -> None:
+def test_of_any_card_one_channel_plays_or_it_is_refused(count, channel, volts):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(OutputStream, "channels_there", (1, count))
         output = card(channel=channel)
@@ -184,14 +184,14 @@ def test_of_any_card_one_channel_plays_or_it_is_refused(count, channel, volts) -
     assert not np.delete(played, channel).any()
 
 
-def test_a_channel_that_the_card_lacks_is_refused_with_what_it_has() -> None:
+def test_a_channel_that_the_card_lacks_is_refused_with_what_it_has():
     with pytest.raises(InstrumentRejected, match="has 2 output channels"):
         card(channel=2).open()
 
 
 def test_the_rate_of_the_open_stream_is_what_is_written_at(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     monkeypatch.setattr(OutputStream, "got_rate_hz", 47_990.0)
     with card() as output:
         assert output.plays_at(48e3) == 47_990.0
@@ -201,7 +201,7 @@ def test_the_rate_of_the_open_stream_is_what_is_written_at(
         assert output.buffered_s == pytest.approx(480.0 / 47_990.0)
 
 
-def test_another_rate_of_the_cards_is_refused_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_rate_of_the_cards_is_refused_and_left(monkeypatch):
     monkeypatch.setattr(OutputStream, "got_rate_hz", 44_100.0)
     output = card()
     with pytest.raises(InstrumentRejected, match="44100 samples/s where 48000"):
@@ -209,7 +209,7 @@ def test_another_rate_of_the_cards_is_refused_and_left(monkeypatch: pytest.Monke
     assert OutputStream.newest.state == "closed"
 
 
-def test_latency_is_that_of_the_open_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_latency_is_that_of_the_open_stream(monkeypatch):
     monkeypatch.setattr(OutputStream, "got_latency_s", 0.05)
     with card() as output:
         assert output.latency_s == 0.05
@@ -225,9 +225,7 @@ def test_latency_is_that_of_the_open_stream(monkeypatch: pytest.MonkeyPatch) -> 
     ],
 )
 @pytest.mark.parametrize("named", [True, False])
-def test_a_sound_servers_device_is_refused_by_name(
-    monkeypatch: pytest.MonkeyPatch, device: str, api: str, named: bool
-) -> None:
+def test_a_sound_servers_device_is_refused_by_name(monkeypatch, device, api, named):
     """It says that it has 32 channels, and mixes them to the sockets that there are."""
     monkeypatch.setattr(OutputStream, "devices", (device,))
     monkeypatch.setattr(OutputStream, "channels_there", (2, 32))
@@ -238,7 +236,7 @@ def test_a_sound_servers_device_is_refused_by_name(
         output.open()
 
 
-def test_a_card_whose_callback_stopped_is_lost_and_never_said_to_be_at_zero() -> None:
+def test_a_card_whose_callback_stopped_is_lost_and_never_said_to_be_at_zero():
     now = [0.0]
     output = card(clock=lambda: now[0])
     output.open()
@@ -263,7 +261,7 @@ def test_a_card_whose_callback_stopped_is_lost_and_never_said_to_be_at_zero() ->
 
 @settings(max_examples=30)
 @given(pulls=st.lists(st.tuples(st.integers(1, 480), st.floats(0.0, 0.049)), max_size=6))
-def test_a_card_is_lost_when_it_takes_nothing_for_longer_than_it_may(pulls) -> None:
+def test_a_card_is_lost_when_it_takes_nothing_for_longer_than_it_may(pulls):
     now = [0.0]
     output = card(clock=lambda: now[0])
     output.open()
@@ -280,7 +278,7 @@ def test_a_card_is_lost_when_it_takes_nothing_for_longer_than_it_may(pulls) -> N
         output.close()
 
 
-def test_a_level_that_no_callback_takes_is_not_held() -> None:
+def test_a_level_that_no_callback_takes_is_not_held():
     now = [0.0]
     output = card(clock=lambda: now[0])
     output.open()

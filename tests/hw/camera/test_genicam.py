@@ -25,7 +25,7 @@ def opened() -> GenicamCamera:
     return camera
 
 
-def test_settings_reach_the_features_by_their_standard_names(device: GenicamDevice) -> None:
+def test_settings_reach_the_features_by_their_standard_names(device):
     opened()
     set_to = {name: feature.value for name, feature in device.features.items()}
     assert (set_to["PixelFormat"], set_to["AcquisitionFrameCount"]) == ("Mono8", 4)
@@ -36,9 +36,7 @@ def test_settings_reach_the_features_by_their_standard_names(device: GenicamDevi
 
 
 @pytest.mark.parametrize("name", FEATURES)
-def test_a_feature_that_is_not_there_is_named_or_is_none_that_every_camera_has(
-    device: GenicamDevice, name: str
-) -> None:
+def test_a_feature_that_is_not_there_is_named_or_is_none_that_every_camera_has(device, name):
     del device.features[name]
     if name in OPTIONAL:
         assert name not in {one.name for one in opened().held()}
@@ -48,7 +46,7 @@ def test_a_feature_that_is_not_there_is_named_or_is_none_that_every_camera_has(
 
 
 @pytest.mark.parametrize("name", FEATURES)
-def test_a_feature_that_refuses_is_named(device: GenicamDevice, name: str) -> None:
+def test_a_feature_that_refuses_is_named(device, name):
     def refuses(value: object) -> None:
         raise RuntimeError("AccessException: Node is not writable.")
 
@@ -57,7 +55,7 @@ def test_a_feature_that_refuses_is_named(device: GenicamDevice, name: str) -> No
         opened()
 
 
-def test_an_exposure_of_whole_lines_is_taken_in(device: GenicamDevice) -> None:
+def test_an_exposure_of_whole_lines_is_taken_in(device):
     device.features["ExposureTime"]._makes = lambda value: value + 6.0
     held = {one.name: one.got for one in opened().held()}
     assert held["ExposureTime"] == pytest.approx(506.0)
@@ -68,51 +66,51 @@ def burst(camera: GenicamCamera) -> list[tuple[float, np.ndarray]]:
     return [(frame.time_s, frame.image) for frame in camera.frames()]
 
 
-def test_a_burst_has_its_pictures_at_the_cameras_times(device: GenicamDevice) -> None:
+def test_a_burst_has_its_pictures_at_the_cameras_times(device):
     found = burst(opened())
     assert [time_s for time_s, _ in found] == pytest.approx([0.0, 0.02, 0.04, 0.06])
     for number, (_, image) in enumerate(found):
         assert np.array_equal(image, device.picture(number))
 
 
-def test_frames_that_came_incomplete_are_left_out(device: GenicamDevice) -> None:
+def test_frames_that_came_incomplete_are_left_out(device):
     device.incomplete = {1}
     assert [time_s for time_s, _ in burst(opened())] == pytest.approx([0.0, 0.04, 0.06])
 
 
-def test_a_buffer_without_pixels_is_left_out(device: GenicamDevice) -> None:
+def test_a_buffer_without_pixels_is_left_out(device):
     device.empty = {0}
     assert [time_s for time_s, _ in burst(opened())] == pytest.approx([0.0, 0.02, 0.04])
 
 
-def test_what_came_before_the_camera_fell_silent_is_kept(device: GenicamDevice) -> None:
+def test_what_came_before_the_camera_fell_silent_is_kept(device):
     device.frames_there = 2
     assert len(burst(opened())) == 2
     assert not device.is_acquiring()
 
 
 @pytest.mark.parametrize(("incomplete", "there"), [({0, 1, 2, 3}, 9), (set(), 0)])
-def test_a_burst_without_a_whole_frame_says_why(device, incomplete, there) -> None:
+def test_a_burst_without_a_whole_frame_says_why(device, incomplete, there):
     device.incomplete, device.frames_there = incomplete, there
     with pytest.raises(DeviceTimeout, match=r"incomplete|time is up") as caught:
         burst(opened())
     assert caught.value.hint
 
 
-def test_a_producer_without_nanoseconds_has_ticks(device: GenicamDevice) -> None:
+def test_a_producer_without_nanoseconds_has_ticks(device):
     """250,000 ticks from frame to frame, at 10 MHz."""
     device.in_nanoseconds = False
     times_s = [time_s for time_s, _ in burst(opened())]
     assert times_s == pytest.approx([0.0, 0.025, 0.05, 0.075])
 
 
-def test_rows_that_are_longer_than_what_is_seen_are_cut(device: GenicamDevice) -> None:
+def test_rows_that_are_longer_than_what_is_seen_are_cut(device):
     device.padding = 24
     assert np.array_equal(burst(opened())[0][1], device.picture(0))
 
 
 @pytest.mark.parametrize("sends", ["Mono12p", None])
-def test_packed_pixels_are_named(device: GenicamDevice, sends: str | None) -> None:
+def test_packed_pixels_are_named(device, sends):
     device.sends = sends
     with pytest.raises(DeviceError, match=sends or "not understood") as caught:
         burst(opened())
@@ -130,7 +128,7 @@ def test_packed_pixels_are_named(device: GenicamDevice, sends: str | None) -> No
 )
 def test_of_any_burst_the_whole_frames_are_kept(
     device, lost, empty, there, padding, in_nanoseconds
-) -> None:
+):
     device.incomplete, device.empty, device.frames_there = lost, empty, there
     device.padding, device.in_nanoseconds = padding, in_nanoseconds
     whole = [i for i in range(min(there, SETTINGS.count)) if i not in lost | empty]

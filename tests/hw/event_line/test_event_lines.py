@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -44,7 +43,7 @@ class Wire:
         return b""
 
 
-def test_a_trigger_box_gets_one_byte_per_code_and_0_at_either_end() -> None:
+def test_a_trigger_box_gets_one_byte_per_code_and_0_at_either_end():
     wire = Wire()
     box = TriggerBox(MemoryTransport(wire), settle_s=0.0)
     box.open()
@@ -93,7 +92,7 @@ class ArduinoTransport(MemoryTransport):
         self._discard_input()
 
 
-def test_a_box_that_begins_anew_when_it_is_opened_swallows_no_code() -> None:
+def test_a_box_that_begins_anew_when_it_is_opened_swallows_no_code():
     clock = ManualClock(0.0)
     port = ArduinoTransport(clock)
     box = TriggerBox(port, settle_s=2.0, sleep=clock.sleep)
@@ -105,7 +104,7 @@ def test_a_box_that_begins_anew_when_it_is_opened_swallows_no_code() -> None:
     assert [each.came_out for each in port.arduinos] == [b"\x00\x01\x00\x02\x00\x00"] * 2
 
 
-def test_what_a_box_says_when_it_begins_is_no_edge() -> None:
+def test_what_a_box_says_when_it_begins_is_no_edge():
     clock = ManualClock(0.0)
     port = ArduinoTransport(clock)
     line = TriggerBoxIn(port, settle_s=2.0, sleep=clock.sleep)
@@ -119,7 +118,7 @@ def test_what_a_box_says_when_it_begins_is_no_edge() -> None:
 
 @settings(deadline=None)
 @given(codes=st.lists(st.integers(0, 255), max_size=30), edge=st.integers(0, 255))
-def test_any_codes_come_out_and_any_bytes_are_edges_where_they_are_the_one(codes, edge) -> None:
+def test_any_codes_come_out_and_any_bytes_are_edges_where_they_are_the_one(codes, edge):
     """Sent to a box that begins anew when it is opened, and heard from one."""
     clock = ManualClock(0.0)
     port = ArduinoTransport(clock)
@@ -138,7 +137,7 @@ def test_any_codes_come_out_and_any_bytes_are_edges_where_they_are_the_one(codes
 
 
 @pytest.mark.parametrize("code", [-1, 256])
-def test_what_is_no_byte_is_not_sent(code: int) -> None:
+def test_what_is_no_byte_is_not_sent(code):
     wire = Wire()
     box = TriggerBox(MemoryTransport(wire), settle_s=0.0)
     box.open()
@@ -147,7 +146,7 @@ def test_what_is_no_byte_is_not_sent(code: int) -> None:
     assert wire.heard == b"\x00"
 
 
-def test_over_a_serial_port_edges_come_in_order_with_times_that_rise() -> None:
+def test_over_a_serial_port_edges_come_in_order_with_times_that_rise():
     simulated = SimulatedTriggerBox()
     with SerialServer(simulated, framed=False) as server:
         box = TriggerBox(SerialTransport(server.path), settle_s=0.0)
@@ -160,7 +159,7 @@ def test_over_a_serial_port_edges_come_in_order_with_times_that_rise() -> None:
     assert all(before.time_s <= after.time_s for before, after in pairwise(simulated.edges))
 
 
-def test_a_simulated_line_can_be_taken_again() -> None:
+def test_a_simulated_line_can_be_taken_again():
     line: EventLine = SimulatedEventLine(box := SimulatedTriggerBox())
     for code in (7, 9):
         line.open()
@@ -170,7 +169,7 @@ def test_a_simulated_line_can_be_taken_again() -> None:
     assert [edge.code for edge in box.edges if edge.code] == [7, 9]
 
 
-def test_a_port_that_is_gone_says_so() -> None:
+def test_a_port_that_is_gone_says_so():
     for line in (
         TriggerBox(SerialTransport("/dev/no-such-port")),
         ModemEventLine("/dev/no-such-port", "rts"),
@@ -185,15 +184,13 @@ def test_a_port_that_is_gone_says_so() -> None:
         line.close()
 
 
-def test_what_is_no_parallel_port_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_parallel_port_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(DeviceDisconnected, match="cannot be used"):
         ParallelPort(str(tmp_path / "file")).open()
 
 
-def test_a_parallel_port_is_claimed_alone_written_and_released(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_parallel_port_is_claimed_alone_written_and_released(tmp_path, monkeypatch):
     """By the requests of linux/ppdev.h, in the order of its documentation."""
     (tmp_path / "port").touch()
     asked: list[tuple[int, bytes]] = []
@@ -226,7 +223,7 @@ class Port:
         self.is_open = False
 
 
-def test_one_wire_of_a_serial_port_is_high_for_any_code(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_wire_of_a_serial_port_is_high_for_any_code(monkeypatch):
     port = Port()
     monkeypatch.setattr("serial.Serial", lambda: port)
     line = ModemEventLine("/dev/ttyUSB0", "dtr")
@@ -252,7 +249,7 @@ def levels_of(line: LineIn, count: int) -> list[bool]:
 @pytest.mark.parametrize(
     ("code", "sent", "edges"), [(0, b"\x25\x00\x01", 2), (37, b"\x25\x00\x01", 1), (9, b"\x25", 0)]
 )
-def test_a_byte_of_a_box_is_an_edge_where_it_is_the_one(code: int, sent: bytes, edges: int) -> None:
+def test_a_byte_of_a_box_is_an_edge_where_it_is_the_one(code, sent, edges):
     with SerialServer(SimulatedTriggerBox(), framed=False) as server:
         line = TriggerBoxIn(SerialTransport(server.path), code, 0.0)
         line.open()
@@ -264,7 +261,7 @@ def test_a_byte_of_a_box_is_an_edge_where_it_is_the_one(code: int, sent: bytes, 
         line.close()
 
 
-def test_an_input_of_a_serial_port_is_what_it_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_input_of_a_serial_port_is_what_it_reads(monkeypatch):
     port = Port()
     monkeypatch.setattr("serial.Serial", lambda: port)
     line = ModemLineIn("/dev/ttyUSB0", "dsr")
@@ -284,9 +281,7 @@ def test_an_input_of_a_serial_port_is_what_it_reads(monkeypatch: pytest.MonkeyPa
     ("pin", "low", "high"),
     [(10, 0xBF, 0x40), (11, 0x80, 0x7F), (12, 0xDF, 0x20), (13, 0xEF, 0x10), (15, 0xF7, 0x08)],
 )
-def test_a_status_pin_is_its_bit_and_busy_is_inverted(
-    pin: int, low: int, high: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_status_pin_is_its_bit_and_busy_is_inverted(pin, low, high, tmp_path, monkeypatch):
     """IEEE 1284, table of the status register: nAck 6, Busy 7 inverted, PError 5, Select 4,
     nFault 3.
     """
@@ -308,7 +303,7 @@ def test_a_status_pin_is_its_bit_and_busy_is_inverted(
     assert asked == [PPEXCL, PPCLAIM, PPRSTATUS, PPRSTATUS, PPRELEASE]
 
 
-def test_a_simulated_line_in_has_its_pulses_and_can_be_lost_and_taken_again() -> None:
+def test_a_simulated_line_in_has_its_pulses_and_can_be_lost_and_taken_again():
     line = SimulatedLineIn(code=5)
     for _ in range(2):
         line.open()
@@ -320,7 +315,7 @@ def test_a_simulated_line_in_has_its_pulses_and_can_be_lost_and_taken_again() ->
         line.close()
 
 
-def test_a_simulated_line_in_pulses_by_itself_where_it_is_told_to() -> None:
+def test_a_simulated_line_in_pulses_by_itself_where_it_is_told_to():
     line = SimulatedLineIn(every_s=1e-3)
     line.open()
     assert levels_of(line, 6)[:2] == [True, False]

@@ -16,7 +16,7 @@ def friction(
     return 0.4 * normal_force_n + (voltage_v / 100.0) ** 2
 
 
-def test_the_step_response_is_the_closed_form() -> None:
+def test_the_step_response_is_the_closed_form():
     plant = FingerPlant(friction)
     plant.step(1e-3, 250.0, 0.0, 0.5, 0.020)
     time_s = 0.0
@@ -34,9 +34,7 @@ def test_the_step_response_is_the_closed_form() -> None:
     st.floats(0.0, 0.2),
     st.floats(0.0, 200.0),
 )
-def test_the_result_does_not_depend_on_the_step(
-    steps_s: list[float], speed_m_s: float, voltage_v: float
-) -> None:
+def test_the_result_does_not_depend_on_the_step(steps_s, speed_m_s, voltage_v):
     fine, coarse = FingerPlant(friction), FingerPlant(friction)
     for dt_s in steps_s:
         fine.step(dt_s, 250.0, voltage_v, 0.5, speed_m_s)
@@ -44,19 +42,19 @@ def test_the_result_does_not_depend_on_the_step(
     assert fine.lateral_force_n == pytest.approx(coarse.lateral_force_n, rel=1e-9)
 
 
-def test_friction_is_frozen_at_zero_speed() -> None:
+def test_friction_is_frozen_at_zero_speed():
     plant = FingerPlant(friction)
     plant.step(1e-3, 250.0, 0.0, 0.5, 0.02)
     assert plant.step(10.0, 250.0, 100.0, 0.5, 0.0) == pytest.approx(0.2)
 
 
-def test_sliding_either_way_is_the_same() -> None:
+def test_sliding_either_way_is_the_same():
     there, back = FingerPlant(friction), FingerPlant(friction)
     assert there.step(1e-3, 250.0, 100.0, 0.5, 0.02) == back.step(1e-3, 250.0, 100.0, 0.5, -0.02)
 
 
 @pytest.mark.parametrize("normal_force_n", [0.0, -0.1])
-def test_no_contact_no_force_and_each_contact_starts_without_voltage(normal_force_n: float) -> None:
+def test_no_contact_no_force_and_each_contact_starts_without_voltage(normal_force_n):
     plant = FingerPlant(friction)
     plant.step(1.0, 250.0, 100.0, 0.5, 0.02)
     assert plant.lateral_force_n == pytest.approx(1.2)
@@ -67,13 +65,13 @@ def test_no_contact_no_force_and_each_contact_starts_without_voltage(normal_forc
     assert plant.step(1e-4, 250.0, 100.0, 1.0, 0.02) == pytest.approx(0.4 + 0.15925, abs=1e-4)
 
 
-def test_the_cutoff_can_be_set() -> None:
+def test_the_cutoff_can_be_set():
     plant = FingerPlant(friction, cutoff_hz_per_mm_s=1.0 / (2.0 * math.pi))
     # 10 mm/s: 10 / (2 pi) Hz, a time constant of 0.1 s
     assert plant.step(0.1, 250.0, 100.0, 0.5, 0.01) == pytest.approx(0.2 + 1.0 - math.exp(-1.0))
 
 
-def test_each_contact_is_known_by_when_it_began() -> None:
+def test_each_contact_is_known_by_when_it_began():
     plant = FingerPlant(friction)
     plant.step(5.0, 250.0, 100.0, 0.0, 0.02)
     plant.step(1.0, 250.0, 100.0, 0.5, 0.02)

@@ -41,7 +41,7 @@ def reader(request: pytest.FixtureRequest) -> Iterator[Reader]:
 
 
 @pytest.mark.parametrize("reader", [5], indirect=True)
-def test_a_screen_with_slots(reader: Reader) -> None:
+def test_a_screen_with_slots(reader):
     reader.screen.put(0.010, 0.050)
     assert reader.events() == [
         ("ABS_MT_TRACKING_ID", 1),
@@ -66,7 +66,7 @@ def test_a_screen_with_slots(reader: Reader) -> None:
 
 
 @pytest.mark.parametrize("reader", [0], indirect=True)
-def test_a_screen_for_one_finger(reader: Reader) -> None:
+def test_a_screen_for_one_finger(reader):
     reader.screen.put(0.0, 0.0)
     assert reader.events() == [("BTN_TOUCH", 1), ("ABS_X", 50), ("ABS_Y", 3000), ("SYN_REPORT", 0)]
     reader.screen.lift()
@@ -74,7 +74,7 @@ def test_a_screen_for_one_finger(reader: Reader) -> None:
 
 
 @pytest.mark.parametrize("reader", [0, 5], indirect=True)
-def test_reports_keep_to_the_rate_and_say_only_what_changed(reader: Reader) -> None:
+def test_reports_keep_to_the_rate_and_say_only_what_changed(reader):
     reader.screen.put(0.0, 0.0)
     assert reader.events()
     reader.now_s += 0.007  # 125 Hz: the next is due after 8 ms
@@ -88,7 +88,7 @@ def test_reports_keep_to_the_rate_and_say_only_what_changed(reader: Reader) -> N
 
 
 @pytest.mark.parametrize("reader", [0, 5], indirect=True)
-def test_lost_events_are_announced(reader: Reader) -> None:
+def test_lost_events_are_announced(reader):
     reader.screen.put(0.0, 0.0)
     reader.events()
     reader.screen.lose_events()
@@ -101,7 +101,7 @@ def test_lost_events_are_announced(reader: Reader) -> None:
 
 
 @pytest.mark.parametrize("reader", [0, 5], indirect=True)
-def test_a_reader_that_comes_late_learns_where_the_finger_is(reader: Reader) -> None:
+def test_a_reader_that_comes_late_learns_where_the_finger_is(reader):
     """Bug: only changes are told, so a tracker that missed the touch never knew the axis along
     which nothing moved.
     """

@@ -82,7 +82,7 @@ def slotted() -> Iterator[Bench]:
     bench.screen.unplug()
 
 
-def test_before_the_first_touch_there_is_no_place(bench: Bench) -> None:
+def test_before_the_first_touch_there_is_no_place(bench):
     reading = bench.tracker.read()
     assert reading.time_s == 1000.0
     assert math.isnan(reading.position_x_m)
@@ -90,7 +90,7 @@ def test_before_the_first_touch_there_is_no_place(bench: Bench) -> None:
     assert reading.touching is False
 
 
-def test_a_slide_is_followed_to_half_a_count(bench: Bench) -> None:
+def test_a_slide_is_followed_to_half_a_count(bench):
     for i in range(100):
         x_m, y_m = 0.01 + 0.0007 * i, 0.05 + 0.02 * math.sin(0.1 * i)
         reading = bench.put(x_m, y_m)
@@ -103,7 +103,7 @@ def test_a_slide_is_followed_to_half_a_count(bench: Bench) -> None:
     assert reading.position_x_m == pytest.approx(x_m, abs=0.51 * COUNT_M)
 
 
-def test_a_touch_where_the_last_one_ended_has_a_place(bench: Bench) -> None:
+def test_a_touch_where_the_last_one_ended_has_a_place(bench):
     """The kernel does not repeat coordinates that did not change."""
     bench.put(0.02, 0.03)
     bench.lift()
@@ -111,13 +111,13 @@ def test_a_touch_where_the_last_one_ended_has_a_place(bench: Bench) -> None:
     assert (reading.touching, reading.position_x_m) == (True, pytest.approx(0.02))
 
 
-def test_a_straight_slide_keeps_the_other_coordinate(bench: Bench) -> None:
+def test_a_straight_slide_keeps_the_other_coordinate(bench):
     bench.put(0.02, 0.03)
     reading = bench.put(0.04, 0.03)
     assert reading[1:] == (pytest.approx(0.04), pytest.approx(0.03), True)
 
 
-def test_a_finger_at_rest_is_where_it_is_now(bench: Bench) -> None:
+def test_a_finger_at_rest_is_where_it_is_now(bench):
     bench.put(0.02, 0.03)
     touched_s = bench.clock()
     bench.clock.sleep(0.04)
@@ -133,7 +133,7 @@ def test_a_finger_at_rest_is_where_it_is_now(bench: Bench) -> None:
         st.tuples(st.sampled_from(["put", "lift", "wait", "read"]), st.integers(0, 30)), max_size=60
     )
 )
-def test_times_never_go_back(script: list[tuple[str, int]]) -> None:
+def test_times_never_go_back(script):
     bench = Bench(slots=3)
     told_s = 0.0
     for action, number in script:
@@ -149,7 +149,7 @@ def test_times_never_go_back(script: list[tuple[str, int]]) -> None:
     bench.screen.unplug()
 
 
-def test_a_second_finger_changes_nothing_until_the_first_lifts(slotted: Bench) -> None:
+def test_a_second_finger_changes_nothing_until_the_first_lifts(slotted):
     slotted.put(0.02, 0.03, finger=4)
     assert slotted.put(0.09, 0.09, finger=1)[1:] == (pytest.approx(0.02), pytest.approx(0.03), True)
     assert slotted.put(0.03, 0.03, finger=4).position_x_m == pytest.approx(0.03)
@@ -163,7 +163,7 @@ def test_a_second_finger_changes_nothing_until_the_first_lifts(slotted: Bench) -
     assert slotted.lift(finger=1).touching is False
 
 
-def test_dropped_events_end_a_touch_that_may_have_ended(bench: Bench) -> None:
+def test_dropped_events_end_a_touch_that_may_have_ended(bench):
     bench.put(0.02, 0.03)
     bench.screen.lose_events()
     bench.lift()
@@ -173,7 +173,7 @@ def test_dropped_events_end_a_touch_that_may_have_ended(bench: Bench) -> None:
     assert bench.tracker.read().touching is False
 
 
-def test_after_dropped_events_a_finger_is_found_again_where_it_is(slotted: Bench) -> None:
+def test_after_dropped_events_a_finger_is_found_again_where_it_is(slotted):
     slotted.put(0.02, 0.03)
     slotted.screen.lose_events()
     slotted.put(0.05, 0.06)
@@ -183,7 +183,7 @@ def test_after_dropped_events_a_finger_is_found_again_where_it_is(slotted: Bench
     assert slotted.put(0.07, 0.08)[1:] == (pytest.approx(0.07), pytest.approx(0.08), True)
 
 
-def test_after_dropped_events_one_finger_counts_from_its_next_touch() -> None:
+def test_after_dropped_events_one_finger_counts_from_its_next_touch():
     bench = Bench(slots=0)
     bench.put(0.02, 0.03)
     bench.screen.lose_events()
@@ -196,7 +196,7 @@ def test_after_dropped_events_one_finger_counts_from_its_next_touch() -> None:
     bench.screen.unplug()
 
 
-def test_an_unplugged_screen_is_an_error(bench: Bench) -> None:
+def test_an_unplugged_screen_is_an_error(bench):
     bench.put(0.02, 0.03)
     bench.screen.unplug()
     for _ in range(2):
@@ -204,9 +204,7 @@ def test_an_unplugged_screen_is_an_error(bench: Bench) -> None:
             bench.tracker.read()
 
 
-def test_a_kernel_error_is_an_unplugged_screen(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_kernel_error_is_an_unplugged_screen(bench, monkeypatch):
     def gone(descriptor: int, count: int) -> bytes:
         raise OSError(errno.ENODEV, "No such device")
 
@@ -215,21 +213,21 @@ def test_a_kernel_error_is_an_unplugged_screen(
         bench.tracker.read()
 
 
-def test_a_closed_tracker_says_so(bench: Bench) -> None:
+def test_a_closed_tracker_says_so(bench):
     bench.tracker.close()
     bench.tracker.close()
     with pytest.raises(DeviceDisconnected, match="closed"):
         bench.tracker.read()
 
 
-def test_a_long_backlog_is_read_in_one_go(bench: Bench) -> None:
+def test_a_long_backlog_is_read_in_one_go(bench):
     for i in range(300):
         bench.clock.sleep(0.01)
         bench.screen.put(0.0001 * i, 0.0001 * i)
     assert bench.tracker.read()[1:] == (pytest.approx(0.0299), pytest.approx(0.0299), True)
 
 
-def test_a_backlog_that_ran_over_ends_the_touch(bench: Bench) -> None:
+def test_a_backlog_that_ran_over_ends_the_touch(bench):
     for i in range(2000):
         bench.clock.sleep(0.01)
         bench.screen.put(0.0001 * i, 0.0001 * i)
@@ -258,7 +256,7 @@ RECORDING = [
 
 
 @given(st.lists(st.integers(1, 60), max_size=40))
-def test_events_may_be_cut_anywhere(cuts: list[int]) -> None:
+def test_events_may_be_cut_anywhere(cuts):
     stream = b"".join(EVENT.pack(*event) for event in RECORDING)
     events, seen = TouchEvents(lambda: 0), []
     for cut in [*cuts, len(stream)]:
@@ -288,7 +286,7 @@ def told(events: TouchEvents, *values: tuple[tuple[int, int], int]) -> bool | No
     return None if report is None else report.touching
 
 
-def test_a_finger_that_hovers_does_not_touch() -> None:
+def test_a_finger_that_hovers_does_not_touch():
     events = TouchEvents(lambda: 0)
     assert told(events, (DISTANCE, 1), *LANDS[:3], (TOUCH, 0)) is False
     assert told(events, (PLACE_X, 120)) is False
@@ -301,7 +299,7 @@ def test_a_finger_that_hovers_does_not_touch() -> None:
 
 
 @pytest.mark.parametrize("axis", [PRESSURE, MAJOR], ids=["pressure", "touch major"])
-def test_a_finger_that_keeps_its_slot_without_weight_does_not_touch(axis: tuple[int, int]) -> None:
+def test_a_finger_that_keeps_its_slot_without_weight_does_not_touch(axis):
     events = TouchEvents(lambda: 0)
     assert told(events, *LANDS, (axis, 30)) is True
     assert told(events, (axis, 0)) is False
@@ -310,7 +308,7 @@ def test_a_finger_that_keeps_its_slot_without_weight_does_not_touch(axis: tuple[
 
 
 @given(st.lists(st.tuples(st.sampled_from([PRESSURE, MAJOR, DISTANCE]), st.integers(0, 3))))
-def test_a_finger_touches_while_every_axis_that_can_tell_says_so(script) -> None:
+def test_a_finger_touches_while_every_axis_that_can_tell_says_so(script):
     events, now, weighs = TouchEvents(lambda: 0), {DISTANCE: 0}, set()
     assert told(events, *LANDS) is True
     for x, (axis, value) in enumerate(script, start=101):
@@ -320,19 +318,19 @@ def test_a_finger_touches_while_every_axis_that_can_tell_says_so(script) -> None
         assert told(events, (PLACE_X, x), (axis, value)) is wanted
 
 
-def test_pressure_lifts_the_finger_of_a_screen_for_one() -> None:
+def test_pressure_lifts_the_finger_of_a_screen_for_one():
     one = TouchEvents(None)
     assert told(one, *LANDS_ON_ONE, (ONE_PRESSURE, 30)) is True
     assert told(one, (ONE_PRESSURE, 0)) is False
     assert told(one, (ONE_PRESSURE, 9)) is True
 
 
-def test_an_axis_that_has_never_told_anything_lifts_nobody() -> None:
+def test_an_axis_that_has_never_told_anything_lifts_nobody():
     events = TouchEvents(lambda: 0)
     assert told(events, *LANDS, (PRESSURE, 0), (MAJOR, 0)) is True
 
 
-def test_after_lost_events_the_pressure_that_the_kernel_has_counts() -> None:
+def test_after_lost_events_the_pressure_that_the_kernel_has_counts():
     standing = Standing(pressure_raw=[30], major_raw=[5])
     events = TouchEvents(lambda: 0, lambda: standing)
     assert told(events, *LANDS) is True
@@ -343,21 +341,21 @@ def test_after_lost_events_the_pressure_that_the_kernel_has_counts() -> None:
 
 
 @pytest.mark.parametrize("tool", [1, 2, 10], ids=["pen", "palm", "dial"])
-def test_what_is_no_finger_does_not_touch(tool: int) -> None:
+def test_what_is_no_finger_does_not_touch(tool):
     events = TouchEvents(lambda: 0)
     assert told(events, *LANDS) is True
     assert told(events, (TOOL, tool)) is False
     assert told(events, (TOOL, 0)) is True
 
 
-def test_a_pen_on_a_screen_for_one_does_not_touch() -> None:
+def test_a_pen_on_a_screen_for_one_does_not_touch():
     one = TouchEvents(None)
     assert told(one, (PEN, 1), *LANDS_ON_ONE) is False
     assert told(one, (TOUCH, 0), (PEN, 0)) is False
     assert told(one, (TOUCH, 1)) is True
 
 
-def test_the_key_lifts_every_finger_whose_slot_has_not_said_so() -> None:
+def test_the_key_lifts_every_finger_whose_slot_has_not_said_so():
     events = TouchEvents(lambda: 0)
     assert told(events, *LANDS, (SLOT, 1), *LANDS[:3]) is True
     assert told(events, (TOUCH, 0)) is False
@@ -367,7 +365,7 @@ def test_the_key_lifts_every_finger_whose_slot_has_not_said_so() -> None:
     assert told(events, (CONTACT, 46), (TOUCH, 1)) is True
 
 
-def test_beside_a_palm_the_finger_is_followed() -> None:
+def test_beside_a_palm_the_finger_is_followed():
     events = TouchEvents(lambda: 0)
     assert told(events, (TOOL, 2), *LANDS) is False
     packed = [(SLOT, 3), (CONTACT, 46), (PLACE_X, 500), (PLACE_Y, 600), ((0, 0), 0)]
@@ -376,7 +374,7 @@ def test_beside_a_palm_the_finger_is_followed() -> None:
 
 
 @pytest.mark.parametrize("standing", [Standing([0, 3]), Standing([], [0, 2])])
-def test_what_the_kernel_does_not_repeat_is_asked_for(standing: Standing) -> None:
+def test_what_the_kernel_does_not_repeat_is_asked_for(standing):
     """At the beginning, and after events were dropped: slot 1 hovers, or is a palm."""
     events = TouchEvents(lambda: 1, lambda: standing)
     assert told(events, *LANDS) is False
@@ -388,9 +386,7 @@ def test_what_the_kernel_does_not_repeat_is_asked_for(standing: Standing) -> Non
 
 
 @pytest.mark.parametrize("also", [{}, {1: [0x14A]}], ids=["bare", "with a key"])
-def test_a_screen_without_slots_for_several_fingers_is_refused_by_name(
-    monkeypatch: pytest.MonkeyPatch, also: dict[int, list[int]]
-) -> None:
+def test_a_screen_without_slots_for_several_fingers_is_refused_by_name(monkeypatch, also):
     """Protocol A, as its drivers declare it: positions, no slots, often ABS_X and ABS_Y as well."""
     device = SimpleNamespace(
         fd=-1,
@@ -407,9 +403,7 @@ def test_a_screen_without_slots_for_several_fingers_is_refused_by_name(
 
 
 @pytest.mark.parametrize("slots", [True, False])
-def test_an_opened_screen_is_asked_what_hovers(
-    monkeypatch: pytest.MonkeyPatch, slots: bool
-) -> None:
+def test_an_opened_screen_is_asked_what_hovers(monkeypatch, slots):
     """EVIOCGMTSLOTS of linux/input.h: code, then a value per slot, in an array of its size."""
     asked = []
 
@@ -448,7 +442,7 @@ def test_an_opened_screen_is_asked_what_hovers(
         )
     )
 )
-def test_senseless_events_break_nothing(events: list[tuple[int, int, int]]) -> None:
+def test_senseless_events_break_nothing(events):
     stream = b"".join(EVENT.pack(1, 2, *event) for event in events)
     for slots in (None, lambda: 0):
         touch = TouchEvents(slots)
@@ -456,7 +450,7 @@ def test_senseless_events_break_nothing(events: list[tuple[int, int, int]]) -> N
         touch.feed(EVENT.pack(1, 2, 0, 0, 0))
 
 
-def test_the_codes_are_those_of_evdev() -> None:
+def test_the_codes_are_those_of_evdev():
     evdev = pytest.importorskip("evdev", reason="evdev is not installed")
     codes = evdev.ecodes
     assert (codes.EV_SYN, codes.EV_KEY, codes.EV_ABS) == (0, 1, 3)
@@ -474,14 +468,14 @@ def test_the_codes_are_those_of_evdev() -> None:
     assert (codes.BTN_TOOL_PEN, codes.BTN_TOOL_AIRBRUSH) == (0x140, 0x144)
 
 
-def test_evdev_missing_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evdev_missing_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "evdev", None)
     with pytest.raises(DeviceError) as failure:
         EvdevTouchScreen("/dev/input/event0", CALIBRATION).open()
     assert "haptic-driver[touch]" in failure.value.hint
 
 
-def test_nothing_is_opened_before_open() -> None:
+def test_nothing_is_opened_before_open():
     """Once a rig's touch screen was opened where the rig was only put together."""
     screen = EvdevTouchScreen("/dev/input/no-such-event", CALIBRATION)
     with pytest.raises(DeviceDisconnected, match="no-such-event is not open"):
@@ -490,16 +484,14 @@ def test_nothing_is_opened_before_open() -> None:
 
 
 @pytest.mark.parametrize("path", ["/dev/input/no-such-event", "/dev/null"])
-def test_what_is_no_event_device_is_refused(path: str) -> None:
+def test_what_is_no_event_device_is_refused(path):
     pytest.importorskip("evdev", reason="evdev is not installed")
     with pytest.raises(DeviceDisconnected, match=path):
         EvdevTouchScreen(path, CALIBRATION).open()
 
 
 @pytest.mark.parametrize("fails_at", ["ioctl", "capabilities", "absinfo", "no touch screen"])
-def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(
-    monkeypatch: pytest.MonkeyPatch, fails_at: str
-) -> None:
+def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(monkeypatch, fails_at):
     class Device:
         fd, name, closed = -1, "pad", False
 
@@ -531,7 +523,7 @@ def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(
 
 
 @pytest.mark.skipif(not os.access("/dev/uinput", os.W_OK), reason="needs a writable /dev/uinput")
-def test_a_real_event_device() -> None:
+def test_a_real_event_device():
     evdev = pytest.importorskip("evdev", reason="evdev is not installed")
     codes = evdev.ecodes
     axis = evdev.AbsInfo(value=0, min=0, max=4095, fuzz=0, flat=0, resolution=20)
@@ -552,7 +544,7 @@ def test_a_real_event_device() -> None:
         tracker.close()
 
 
-def test_uinput_without_touch_is_refused() -> None:
+def test_uinput_without_touch_is_refused():
     if not os.access("/dev/uinput", os.W_OK):
         pytest.skip("needs a writable /dev/uinput")
     evdev = pytest.importorskip("evdev", reason="evdev is not installed")
@@ -562,7 +554,7 @@ def test_uinput_without_touch_is_refused() -> None:
             EvdevTouchScreen(keyboard.device.path, CALIBRATION).open()
 
 
-def test_calibration_is_recovered_from_points() -> None:
+def test_calibration_is_recovered_from_points():
     """A turned, sheared and mirrored screen, by a map written down here."""
     raw = np.array(
         [[200.0, 300.0], [3900.0, 250.0], [3800.0, 2900.0], [150.0, 3000.0], [2000.0, 1500.0]]
@@ -578,7 +570,7 @@ def test_calibration_is_recovered_from_points() -> None:
     assert fitted.apply(1000, 1000) == pytest.approx((0.05 + 0.002 + 0.003, -0.04 + 0.001 + 0.11))
 
 
-def test_the_residual_says_how_badly_points_agree() -> None:
+def test_the_residual_says_how_badly_points_agree():
     """One corner of a square off by 4 d in x: the affine part takes 3/4, each corner keeps d."""
     raw = np.array([[0.0, 0.0], [1000.0, 0.0], [0.0, 1000.0], [1000.0, 1000.0]])
     place = raw * 1e-4
@@ -599,22 +591,18 @@ def test_the_residual_says_how_badly_points_agree() -> None:
         ([[0, 0], [1000, 0], [0, 1000]], [[0, 0], [0.1, 0]]),
     ],
 )
-def test_points_that_tell_no_map_are_refused(
-    raw: list[list[float]], place: list[list[float]]
-) -> None:
+def test_points_that_tell_no_map_are_refused(raw, place):
     with pytest.raises(ValueError, match=r"give \[n, 2\]|points|maps"):
         fit_calibration(np.array(raw), np.array(place), TODAY)
 
 
-def test_a_touch_screen_keeps_the_protocol_of_trackers(slotted: Bench) -> None:
+def test_a_touch_screen_keeps_the_protocol_of_trackers(slotted):
     tracker: FingerTracker = slotted.tracker
     assert isinstance(tracker.read(), FingerReading)
 
 
 @pytest.mark.parametrize(("slots", "axes"), [(True, (0x35, 0x36)), (False, (0x00, 0x01))])
-def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(
-    monkeypatch: pytest.MonkeyPatch, slots: bool, axes: tuple[int, int]
-) -> None:
+def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(monkeypatch, slots, axes):
     clock = ManualClock(1000.0)
     screen = touch_screen(Panel(), slots=slots, clock=clock)
     ranges = dict(zip(axes, ((50, 4050), (0, 3000)), strict=True))

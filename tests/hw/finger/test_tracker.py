@@ -16,12 +16,12 @@ from hw.stage.simulated import SimulatedLts150
 from tests.clock import ManualClock
 
 
-def test_readings_map_onto_the_samples_of_the_driver() -> None:
+def test_readings_map_onto_the_samples_of_the_driver():
     fields = FingerReading._fields
     assert fields[:3] == FingerSample._fields[:3]
 
 
-def test_a_stage_carries_the_finger() -> None:
+def test_a_stage_carries_the_finger():
     clock = ManualClock(1000.0)
     instrument = SimulatedLts150(clock)
     settings = StageSettings(0.0, 0.15, 0.02, 0.02, 0.05, 0.05)
@@ -44,7 +44,7 @@ def test_a_stage_carries_the_finger() -> None:
         assert finger.read()[1:] == (pytest.approx(0.04), pytest.approx(-0.02), True)
 
 
-def test_a_stage_in_motion_is_followed() -> None:
+def test_a_stage_in_motion_is_followed():
     positions = iter(np.arange(0.0, 1.0, 1e-4))
     asked = threading.Event()
 
@@ -59,7 +59,7 @@ def test_a_stage_in_motion_is_followed() -> None:
         assert finger.read().position_x_m >= 0.001
 
 
-def test_a_stage_that_fails_or_falls_silent_is_an_error() -> None:
+def test_a_stage_that_fails_or_falls_silent_is_an_error():
     clock = ManualClock(1000.0)
     failing = threading.Event()
     failed = threading.Event()
@@ -81,7 +81,7 @@ def test_a_stage_that_fails_or_falls_silent_is_an_error() -> None:
         finger.read()
 
 
-def test_a_stage_finger_that_was_not_started_is_an_error() -> None:
+def test_a_stage_finger_that_was_not_started_is_an_error():
     with pytest.raises(DeviceTimeout, match="no position"):
         StageFinger(lambda: StageStatus(0.0, 0.0, False, True, False), origin_m=(0.0, 0.0)).read()
     with pytest.raises(ValueError, match="unit vector"):
@@ -92,7 +92,7 @@ def test_a_stage_finger_that_was_not_started_is_an_error() -> None:
         )
 
 
-def test_a_recording_is_played_from_the_first_reading_on() -> None:
+def test_a_recording_is_played_from_the_first_reading_on():
     clock = ManualClock(1000.0)
     finger = RecordedFinger(
         np.array([5.0, 5.1, 5.2]),
@@ -115,19 +115,19 @@ def test_a_recording_is_played_from_the_first_reading_on() -> None:
     ("times", "count"),
     [([0.0, 0.0], 2), ([1.0, 0.0], 2), ([0.0, math.nan], 2), ([0.0, 1.0], 3), ([], 0)],
 )
-def test_what_is_no_recording_is_refused(times: list[float], count: int) -> None:
+def test_what_is_no_recording_is_refused(times, count):
     column = np.zeros(count)
     with pytest.raises(ValueError, match="recording"):
         RecordedFinger(np.array(times), column, column, column.astype(bool))
 
 
-def test_a_single_number_is_no_recording() -> None:
+def test_a_single_number_is_no_recording():
     number = np.float64(0.0)
     with pytest.raises(ValueError, match="four columns"):
         RecordedFinger(number, number, number, np.bool_(True))  # type: ignore[arg-type]
 
 
-def test_all_trackers_keep_the_protocol() -> None:
+def test_all_trackers_keep_the_protocol():
     still = StageFinger(
         lambda: StageStatus(time.monotonic(), 0.0, False, True, False), origin_m=(0.0, 0.0)
     )

@@ -5,7 +5,6 @@ format.
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,13 +63,13 @@ BOTH = file_of(old_axes(MATRIX, DZ_M) + TRANSFORM + new_axes(MATRIX))
 OLD = file_of(old_axes(MATRIX, DZ_M) + TRANSFORM)
 
 
-def test_both_forms_give_the_matrix_they_were_made_from() -> None:
+def test_both_forms_give_the_matrix_they_were_made_from():
     """The rule measured on a real file that holds both: 36 entries within 1e-5."""
     for xml in (BOTH, OLD, file_of(new_axes(MATRIX))):
         np.testing.assert_allclose(AtiCalibration.from_xml(xml, "file").matrix, MATRIX, atol=1e-5)
 
 
-def test_without_the_translation_the_old_form_would_be_wrong() -> None:
+def test_without_the_translation_the_old_form_would_be_wrong():
     moved = AtiCalibration.from_xml(
         file_of(old_axes(MATRIX, DZ_M) + TRANSFORM.replace(f"{DZ_M}", "0")), "file"
     )
@@ -78,12 +77,12 @@ def test_without_the_translation_the_old_form_would_be_wrong() -> None:
     np.testing.assert_allclose(moved.matrix[:3], MATRIX[:3], atol=1e-5)
 
 
-def test_the_newer_elements_win() -> None:
+def test_the_newer_elements_win():
     other = file_of(old_axes(2.0 * MATRIX, DZ_M) + TRANSFORM + new_axes(MATRIX))
     np.testing.assert_allclose(AtiCalibration.from_xml(other, "file").matrix, MATRIX, atol=1e-7)
 
 
-def test_units_are_turned_into_newtons_and_metres() -> None:
+def test_units_are_turned_into_newtons_and_metres():
     """A Nano17 file is in N, N-mm and mm: the same sensor, its torque rows and displacement 1000
     times larger.
     """
@@ -102,7 +101,7 @@ def test_units_are_turned_into_newtons_and_metres() -> None:
     assert pounds.matrix[5, 5] == pytest.approx(-0.418 * 0.11298483, rel=1e-6)
 
 
-def test_a_known_load_comes_back() -> None:
+def test_a_known_load_comes_back():
     bias_v = np.array([0.3, -0.2, 0.1, 0.5, -0.4, 0.05])
     load = np.array([0.3, -0.1, -0.5, 0.01, -0.02, 0.003])
     gauges_v = np.linalg.solve(MATRIX, load) + bias_v
@@ -111,7 +110,7 @@ def test_a_known_load_comes_back() -> None:
     )
 
 
-def test_what_the_file_says_of_the_transducer(tmp_path: Path) -> None:
+def test_what_the_file_says_of_the_transducer(tmp_path):
     path = tmp_path / "FT00001.cal"
     path.write_bytes(BOTH)
     calibration = AtiCalibration.from_file(path)
@@ -167,13 +166,13 @@ def replaced(old: str, new: str, xml: bytes = BOTH) -> bytes:
         (replaced('scale="2.34"', 'scale="0"', OLD), "scale 0"),
     ],
 )
-def test_wrong_files_say_what_is_wrong_and_where(xml: bytes, says: str) -> None:
+def test_wrong_files_say_what_is_wrong_and_where(xml, says):
     with pytest.raises(BadCalibration, match=re.escape(says)) as caught:
         AtiCalibration.from_xml(xml, "lab/FT1.cal")
     assert "lab/FT1.cal" in caught.value.message
 
 
-def test_a_missing_file_says_so(tmp_path: Path) -> None:
+def test_a_missing_file_says_so(tmp_path):
     with pytest.raises(BadCalibration, match="cannot be read") as refused:
         AtiCalibration.from_file(tmp_path / "none.cal")
     assert refused.value.code == "bad_calibration"

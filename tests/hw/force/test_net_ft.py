@@ -55,7 +55,7 @@ def client(box: FaultyNetFt) -> Iterator[NetFt]:
     device.close()
 
 
-def test_a_reading_is_the_load_seen_from_the_screen(client: NetFt) -> None:
+def test_a_reading_is_the_load_seen_from_the_screen(client):
     reading = client.read()
     assert reading[1:] == (pytest.approx(0.5), pytest.approx(0.3), False)
     wrench = client.read_wrench()
@@ -63,7 +63,7 @@ def test_a_reading_is_the_load_seen_from_the_screen(client: NetFt) -> None:
     assert wrench.torque_n_m == pytest.approx(LOAD[3:])
 
 
-def test_the_bytes_on_the_wire_are_those_of_the_protocol() -> None:
+def test_the_bytes_on_the_wire_are_those_of_the_protocol():
     """A box of eight lines, packed by hand: what is asked, and what its answer means."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
         box.bind(("127.0.0.1", 0))
@@ -94,7 +94,7 @@ def test_the_bytes_on_the_wire_are_those_of_the_protocol() -> None:
     assert wrench.torque_n_m == (0.1, 0.1, 0.1)
 
 
-def test_the_simulated_box_answers_a_client_written_by_hand(box: FaultyNetFt) -> None:
+def test_the_simulated_box_answers_a_client_written_by_hand(box):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
         plain.settimeout(HANG_S)
         for wrong in (
@@ -113,7 +113,7 @@ def test_the_simulated_box_answers_a_client_written_by_hand(box: FaultyNetFt) ->
     assert records[0][2:] == (0, 300000, -100000, -500000, 10000, 20000, -30000)
 
 
-def test_closing_stops_the_stream_even_when_the_first_request_is_lost(box: FaultyNetFt) -> None:
+def test_closing_stops_the_stream_even_when_the_first_request_is_lost(box):
     device = client_of(box.port)
     device.open()
     assert box.streaming
@@ -143,8 +143,8 @@ def test_closing_stops_the_stream_even_when_the_first_request_is_lost(box: Fault
     ],
 )
 def test_each_fault_is_counted_and_its_record_is_not_taken(
-    box: FaultyNetFt, client: NetFt, fault: RdtFault, counter: str, also_missed: int
-) -> None:
+    box, client, fault, counter, also_missed
+):
     box.inject(fault, count=3)
     read_until(client, lambda: getattr(client.counters, counter) >= 3)
     accepted = client.counters.accepted
@@ -155,19 +155,19 @@ def test_each_fault_is_counted_and_its_record_is_not_taken(
     assert client.read()[1:] == (pytest.approx(0.5), pytest.approx(0.3), False)
 
 
-def test_what_did_not_happen_is_not_said() -> None:
+def test_what_did_not_happen_is_not_said():
     """Seven counters, all zero, once stood in every event of a box without data."""
     assert str(RdtCounters()) == "nothing came"
     assert str(RdtCounters(accepted=3, wrong_source=1)) == "accepted 3, wrong source 1"
 
 
-def test_a_late_record_is_not_taken(box: FaultyNetFt, client: NetFt) -> None:
+def test_a_late_record_is_not_taken(box, client):
     box.inject(RdtFault.REORDER)
     read_until(client, lambda: client.counters.out_of_order >= 1)
     assert (client.counters.out_of_order, client.counters.missed) == (1, 1)
 
 
-def test_the_sequence_may_wrap(box: FaultyNetFt) -> None:
+def test_the_sequence_may_wrap(box):
     box.set_sequence((1 << 32) - 20)
     device = client_of(box.port)
     device.open()
@@ -176,7 +176,7 @@ def test_the_sequence_may_wrap(box: FaultyNetFt) -> None:
     device.close()
 
 
-def test_a_bad_status_marks_the_reading(box: FaultyNetFt, client: NetFt) -> None:
+def test_a_bad_status_marks_the_reading(box, client):
     box.inject(RdtFault.BAD_STATUS, count=math.inf)
     read_until(client, lambda: client.status_raw != 0)
     assert client.read().saturated
@@ -186,7 +186,7 @@ def test_a_bad_status_marks_the_reading(box: FaultyNetFt, client: NetFt) -> None
     assert not client.read().saturated
 
 
-def test_ignored_status_bits_do_not_mark_the_reading(box: FaultyNetFt) -> None:
+def test_ignored_status_bits_do_not_mark_the_reading(box):
     box.status_raw = 0x00010000
     device = client_of(box.port, ignored_status=0x00010000)
     device.open()
@@ -196,9 +196,7 @@ def test_ignored_status_bits_do_not_mark_the_reading(box: FaultyNetFt) -> None:
 
 
 @pytest.mark.parametrize("fault", [RdtFault.SILENCE, RdtFault.FROZEN, RdtFault.WRONG_SOURCE])
-def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(
-    box: FaultyNetFt, fault: RdtFault
-) -> None:
+def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(box, fault):
     offset_s = [0.0]
     device = client_of(box.port, clock=lambda: time.monotonic() + offset_s[0], timeout_s=0.5)
     device.open()
@@ -214,7 +212,7 @@ def test_without_news_the_old_reading_keeps_its_time_and_then_is_an_error(
     device.close()
 
 
-def test_forces_end_at_the_range_of_the_sensor_and_are_then_not_to_be_trusted() -> None:
+def test_forces_end_at_the_range_of_the_sensor_and_are_then_not_to_be_trusted():
     force_n = [19.9]
     with FaultyNetFt(
         lambda: (-force_n[0], 0.0, 0.0, 0.0, 0.0, 0.0), rate_hz=None, range_n=20.0
@@ -230,7 +228,7 @@ def test_forces_end_at_the_range_of_the_sensor_and_are_then_not_to_be_trusted() 
         device.close()
 
 
-def test_what_piled_up_while_nobody_looked_is_not_taken_for_new() -> None:
+def test_what_piled_up_while_nobody_looked_is_not_taken_for_new():
     force_n, offset_s = [1.0], [0.0]
     with FaultyNetFt(lambda: (0.0, 0.0, -force_n[0], 0.0, 0.0, 0.0), rate_hz=None) as box:
         device = client_of(box.port, clock=lambda: time.monotonic() + offset_s[0], timeout_s=0.3)
@@ -247,7 +245,7 @@ def test_what_piled_up_while_nobody_looked_is_not_taken_for_new() -> None:
         device.close()
 
 
-def test_every_record_is_kept_until_it_is_taken() -> None:
+def test_every_record_is_kept_until_it_is_taken():
     loads = iter(range(1, 1000))
     with FaultyNetFt(lambda: (0.0, 0.0, -float(next(loads)), 0.0, 0.0, 0.0), rate_hz=None) as box:
         device = client_of(box.port)
@@ -265,12 +263,12 @@ def test_every_record_is_kept_until_it_is_taken() -> None:
         device.take_readings()
 
 
-def test_a_software_bias_is_confirmed_by_the_stream(box: FaultyNetFt, client: NetFt) -> None:
+def test_a_software_bias_is_confirmed_by_the_stream(box, client):
     client.take_bias()
     assert client.read_wrench().force_n == pytest.approx((0.0, 0.0, 0.0))
 
 
-def test_a_bias_that_was_not_taken_is_an_error() -> None:
+def test_a_bias_that_was_not_taken_is_an_error():
     loads = iter([LOAD, LOAD])  # the bias is another load than what follows
     with FaultyNetFt(lambda: next(loads, (5.0, 0.0, 0.0, 0.0, 0.0, 0.0)), rate_hz=500.0) as box:
         device = client_of(box.port, bias_timeout_s=0.2)
@@ -281,7 +279,7 @@ def test_a_bias_that_was_not_taken_is_an_error() -> None:
         device.close()
 
 
-def test_a_box_that_kept_its_power_keeps_its_bias_and_another_has_lost_it() -> None:
+def test_a_box_that_kept_its_power_keeps_its_bias_and_another_has_lost_it():
     force_n = [0.0]
     with FaultyNetFt(lambda: (0.0, 0.0, -force_n[0], 0.0, 0.0, 0.0)) as box:
         before, again = client_of(box.port), client_of(box.port)
@@ -301,7 +299,7 @@ def test_a_box_that_kept_its_power_keeps_its_bias_and_another_has_lost_it() -> N
         again.close()
 
 
-def test_a_box_that_is_not_there_is_a_timeout() -> None:
+def test_a_box_that_is_not_there_is_a_timeout():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
         silent.bind(("127.0.0.1", 0))
         device = client_of(silent.getsockname()[1], timeout_s=0.05)
@@ -311,7 +309,7 @@ def test_a_box_that_is_not_there_is_a_timeout() -> None:
         device.read()
 
 
-def test_an_impossible_host_is_refused() -> None:
+def test_an_impossible_host_is_refused():
     device = NetFt(
         NetFtSettings(host="x" * 300, scale=NetFtScale(1.0, 1.0), axes=ForceAxes("z", "x"))
     )
@@ -332,14 +330,14 @@ def test_an_impossible_host_is_refused() -> None:
         {"port": 65536},
     ],
 )
-def test_impossible_settings_are_refused(bad: dict[str, Any]) -> None:
+def test_impossible_settings_are_refused(bad):
     good = {"host": "127.0.0.1", "scale": NetFtScale(1.0, 1.0), "axes": ForceAxes("z", "x")}
     with pytest.raises(ValueError, match="must be > 0"):
         NetFtSettings(**(good | bad))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel's times of arrival are Linux's")
-def test_a_record_has_the_time_at_which_it_came_and_not_at_which_somebody_looked() -> None:
+def test_a_record_has_the_time_at_which_it_came_and_not_at_which_somebody_looked():
     """A busy computer looks late; what it then takes for now would be felt later than it was."""
     with FaultyNetFt(lambda: LOAD, rate_hz=None) as box:
         device = client_of(box.port)
@@ -359,8 +357,8 @@ def test_a_record_has_the_time_at_which_it_came_and_not_at_which_somebody_looked
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel's times of arrival are Linux's")
 def test_times_do_not_go_back_when_the_clock_of_the_day_is_set(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     """The kernel tells arrivals by that clock: one set forward between arrival and look makes a
     record look older.
     """

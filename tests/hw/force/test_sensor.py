@@ -36,7 +36,7 @@ def sensor(gauges: Gauges) -> GaugeForceSensor:
     )
 
 
-def test_the_bias_is_taken_off_the_gauges_and_the_axes_are_turned() -> None:
+def test_the_bias_is_taken_off_the_gauges_and_the_axes_are_turned():
     gauges = Gauges()
     device = sensor(gauges)
     assert device.take_bias().tolist() == [1.0, -2.0, 0.5, 0.0, 0.0, 0.0]
@@ -47,7 +47,7 @@ def test_the_bias_is_taken_off_the_gauges_and_the_axes_are_turned() -> None:
     assert wrench.torque_n_m == pytest.approx((0.0, 0.0, 0.1))
 
 
-def test_readings_are_means_over_their_samples() -> None:
+def test_readings_are_means_over_their_samples():
     gauges = Gauges()
     device = sensor(gauges)
     device.take_bias()
@@ -55,7 +55,7 @@ def test_readings_are_means_over_their_samples() -> None:
     assert device.read().lateral_force_n == pytest.approx(0.1)
 
 
-def test_one_that_is_connected_again_under_a_finger_keeps_the_bias_of_before() -> None:
+def test_one_that_is_connected_again_under_a_finger_keeps_the_bias_of_before():
     gauges = Gauges()
     before, again = sensor(gauges), sensor(gauges)
     before.take_bias()
@@ -64,12 +64,12 @@ def test_one_that_is_connected_again_under_a_finger_keeps_the_bias_of_before() -
     assert again.read() == pytest.approx(ForceReading(1.5, 0.5, 0.3, False))
 
 
-def test_without_a_bias_nothing_is_read() -> None:
+def test_without_a_bias_nothing_is_read():
     with pytest.raises(DeviceError, match="no bias"):
         sensor(Gauges()).read()
 
 
-def test_a_bias_on_a_saturated_gauge_is_refused() -> None:
+def test_a_bias_on_a_saturated_gauge_is_refused():
     gauges = Gauges()
     gauges.samples_v[2, 1] = 9.99
     with pytest.raises(DeviceError, match="without load"):
@@ -77,7 +77,7 @@ def test_a_bias_on_a_saturated_gauge_is_refused() -> None:
 
 
 @pytest.mark.parametrize("gauge_v", [9.95, -9.95, float("nan")])
-def test_one_saturated_sample_marks_the_reading_though_the_mean_looks_well(gauge_v: float) -> None:
+def test_one_saturated_sample_marks_the_reading_though_the_mean_looks_well(gauge_v):
     gauges = Gauges()
     device = sensor(gauges)
     device.take_bias()
@@ -85,7 +85,7 @@ def test_one_saturated_sample_marks_the_reading_though_the_mean_looks_well(gauge
     assert device.read().saturated
 
 
-def test_an_axis_beyond_its_calibration_marks_the_reading() -> None:
+def test_an_axis_beyond_its_calibration_marks_the_reading():
     gauges = Gauges()
     device = sensor(gauges)
     device.take_bias()
@@ -93,7 +93,7 @@ def test_an_axis_beyond_its_calibration_marks_the_reading() -> None:
     assert device.read().saturated
 
 
-def test_a_dead_card_is_an_error() -> None:
+def test_a_dead_card_is_an_error():
     gauges = Gauges()
     device = sensor(gauges)
     device.take_bias()
@@ -105,12 +105,12 @@ def test_a_dead_card_is_an_error() -> None:
 @pytest.mark.parametrize(
     ("normal", "lateral"), [("w", "x"), ("--z", "x"), ("z", "-z"), ("", "x"), ("zz", "x")]
 )
-def test_axes_must_be_axes(normal: str, lateral: str) -> None:
+def test_axes_must_be_axes(normal, lateral):
     with pytest.raises(ValueError, match="axis"):
         ForceAxes(normal, lateral)
 
 
-def test_every_axis_and_sign() -> None:
+def test_every_axis_and_sign():
     wrench = Wrench(0.0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0), True)
     assert ForceAxes("z", "-y").reading(wrench) == (0.0, 3.0, -2.0, True)
     assert ForceAxes("+x", "z").reading(wrench) == (0.0, 1.0, 3.0, True)

@@ -31,11 +31,11 @@ class Bench:
         self.dialogue.command(READY, [])
 
 
-def test_the_gate_believes_what_was_answered() -> None:
+def test_the_gate_believes_what_was_answered():
     assert float(Bench().dialogue.command(["VOLT 2"], ["VOLT?"])[0]) == 2.0
 
 
-def test_after_a_garbled_answer_the_gate_believes_nothing() -> None:
+def test_after_a_garbled_answer_the_gate_believes_nothing():
     bench = Bench()
     bench.line.inject(Fault.GARBAGE)
     with pytest.raises(BadReply):
@@ -44,7 +44,7 @@ def test_after_a_garbled_answer_the_gate_believes_nothing() -> None:
         bench.dialogue.command(["VOLT 2"], ["VOLT?"])
 
 
-def test_after_a_rejection_the_gate_believes_nothing() -> None:
+def test_after_a_rejection_the_gate_believes_nothing():
     bench = Bench()
     with pytest.raises(InstrumentRejected, match="-222"):
         bench.dialogue.command(["FREQ 1E9"], [])
@@ -53,7 +53,7 @@ def test_after_a_rejection_the_gate_believes_nothing() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "1e", "0x10", "nan", "inf", "9E999", "1 2"])
-def test_what_is_no_finite_number_is_a_bad_reply(text: str) -> None:
+def test_what_is_no_finite_number_is_a_bad_reply(text):
     bench = Bench()
     with pytest.raises(BadReply, match="where a number was expected"):
         bench.dialogue.number(text)
@@ -67,7 +67,7 @@ class Asleep:
 
 
 @pytest.mark.parametrize("kind", ["agilent_33220a", "siglent_sdg"])
-def test_a_device_that_is_slow_to_wake_names_the_key_that_gives_it_time(kind: str) -> None:
+def test_a_device_that_is_slow_to_wake_names_the_key_that_gives_it_time(kind):
     settings = GeneratorSettings(100.0, 300.0, 10.0, 10e3, reply_timeout_s=0.25)
     driver = generator_kind(kind).make(MemoryTransport(Asleep()), settings)
     with pytest.raises(DeviceTimeout) as caught:

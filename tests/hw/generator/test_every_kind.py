@@ -67,13 +67,13 @@ OTHER: st.SearchStrategy[Callable[[Any], object]] = st.sampled_from(
     slow=st.booleans(),
 )
 def test_nothing_that_a_driver_is_told_exceeds_the_limit_and_off_is_off(
-    name: str,
-    data: st.DataObject,
-    calls: list[Callable[[Any], object]],
-    factor: float,
-    policy: RangePolicy,
-    slow: bool,
-) -> None:
+    name,
+    data,
+    calls,
+    factor,
+    policy,
+    slow,
+):
     """At every change at the terminals, whatever was left behind, with the envelope at its
     highest.
     """
@@ -104,9 +104,7 @@ def test_nothing_that_a_driver_is_told_exceeds_the_limit_and_off_is_off(
         st.tuples(st.floats(10.0, 10e3), st.floats(1.0, 300.0)), min_size=2, max_size=20
     )
 )
-def test_nothing_in_between_exceeds_what_was_asked(
-    name: str, points: list[tuple[float, float]]
-) -> None:
+def test_nothing_in_between_exceeds_what_was_asked(name, points):
     bench = Bench(name)
     bench.connect()
     bench.driver.set_output(True)
@@ -129,9 +127,7 @@ def test_nothing_in_between_exceeds_what_was_asked(
         max_size=10,
     )
 )
-def test_no_step_between_two_set_points_is_above_both(
-    name: str, points: list[tuple[float, float, float]]
-) -> None:
+def test_no_step_between_two_set_points_is_above_both(name, points):
     bench = Bench(name)
     bench.connect()
     bench.driver.set_output(True)
@@ -149,7 +145,7 @@ def test_no_step_between_two_set_points_is_above_both(
         lambda p: not (10.0 <= p[0] <= 10e3 and 0.05 <= p[1] <= 300.0)
     )
 )
-def test_a_refused_set_point_changes_nothing(name: str, point: tuple[float, float]) -> None:
+def test_a_refused_set_point_changes_nothing(name, point):
     bench = Bench(name)
     bench.connect()
     bench.driver.set_output(True)
@@ -160,7 +156,7 @@ def test_a_refused_set_point_changes_nothing(name: str, point: tuple[float, floa
 
 
 @every_kind
-def test_wild_bit_patterns_are_either_refused_or_within_limits(name: str) -> None:
+def test_wild_bit_patterns_are_either_refused_or_within_limits(name):
     """Floats from every exponent, e.g. 5e-324 or 1e308."""
     bench = Bench(name)
     bench.connect()
@@ -174,7 +170,7 @@ def test_wild_bit_patterns_are_either_refused_or_within_limits(name: str) -> Non
 
 
 @every_kind
-def test_a_set_point_is_volts_at_the_electrode(name: str) -> None:
+def test_a_set_point_is_volts_at_the_electrode(name):
     bench = Bench(name)
     bench.connect()
     bench.driver.set_point(250.0, 120.0)
@@ -188,7 +184,7 @@ def test_a_set_point_is_volts_at_the_electrode(name: str) -> None:
 
 
 @every_kind
-def test_a_load_changed_behind_the_driver_is_noticed_and_switched_off(name: str) -> None:
+def test_a_load_changed_behind_the_driver_is_noticed_and_switched_off(name):
     """The amplitude alone reads back as it was set, while the electrode gets twice that."""
     bench = Bench(name)
     bench.connect()
@@ -205,9 +201,7 @@ def test_a_load_changed_behind_the_driver_is_noticed_and_switched_off(name: str)
 
 
 @every_kind
-def test_the_last_gate_holds_when_the_drivers_own_reckoning_is_wrong(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_last_gate_holds_when_the_drivers_own_reckoning_is_wrong(name, monkeypatch):
     bench = Bench(name)
     bench.connect()
     bench.driver.set_point(250.0, 100.0)
@@ -226,7 +220,7 @@ def test_the_last_gate_holds_when_the_drivers_own_reckoning_is_wrong(
 
 
 @every_kind
-def test_identifying_only_asks(name: str) -> None:
+def test_identifying_only_asks(name):
     bench = Bench(name)
     bench.say(bench.words.on)
     before = bench.generator.output()
@@ -240,7 +234,7 @@ def test_identifying_only_asks(name: str) -> None:
 
 
 @every_kind
-def test_another_kinds_instrument_is_refused_and_left_alone(name: str) -> None:
+def test_another_kinds_instrument_is_refused_and_left_alone(name):
     for other in KINDS:
         if other != name:
             bench, wrong = Bench(name), Bench(other)
@@ -252,7 +246,7 @@ def test_another_kinds_instrument_is_refused_and_left_alone(name: str) -> None:
 
 
 @every_kind
-def test_the_watchdogs_words_switch_off_and_are_understood(name: str) -> None:
+def test_the_watchdogs_words_switch_off_and_are_understood(name):
     bench = Bench(name)
     kind = bench.kind
     bench.connect()
@@ -270,7 +264,7 @@ def test_the_watchdogs_words_switch_off_and_are_understood(name: str) -> None:
 
 
 @every_kind
-def test_what_the_kind_says_is_what_the_driver_does(name: str) -> None:
+def test_what_the_kind_says_is_what_the_driver_does(name):
     bench = Bench(name, MODULATED)
     kind = bench.kind
     assert bench.driver.minimum_voltage_v == pytest.approx(0.5 * kind.amplitude_low_vpp * GAIN)
@@ -284,7 +278,7 @@ def test_what_the_kind_says_is_what_the_driver_does(name: str) -> None:
             bench.driver.set_point(250.0, 200.0, modulation=ExternalModulation())
 
 
-def test_an_unknown_kind_names_the_nearest_and_all() -> None:
+def test_an_unknown_kind_names_the_nearest_and_all():
     with pytest.raises(
         ValueError,
         match=r"'keysight_33500b' .*did you mean 'keysight_33500'.*agilent_33220a.*siglent",

@@ -119,16 +119,14 @@ def bench() -> Iterator[Bench]:
 
 
 @pytest.mark.parametrize("generator", [True, False])
-def test_a_killed_driver_leaves_a_finger_that_is_free_and_an_output_that_is_off(
-    bench: Bench, generator: bool
-) -> None:
+def test_a_killed_driver_leaves_a_finger_that_is_free_and_an_output_that_is_off(bench, generator):
     bench.killed(bench.guarded(), generator=generator)
     until(lambda: bench.stage.position_mm <= CLEAR_MM + 1e-3 and not bench.stage.moving)
     if generator:
         until(lambda: not bench.generator.output().on)
 
 
-def test_a_stage_that_is_safer_at_rest_is_stopped(bench: Bench) -> None:
+def test_a_stage_that_is_safer_at_rest_is_stopped(bench):
     """In the middle of a slow move, as the driver's last would be."""
     guarded = bench.guarded(retracts=False)
     driver = Lts150(make_transport(bench.resource, rtscts=True), SETTINGS)
@@ -141,14 +139,14 @@ def test_a_stage_that_is_safer_at_rest_is_stopped(bench: Bench) -> None:
     assert PRESSED_MM < bench.stage.position_mm < 90.0
 
 
-def test_one_that_had_let_go_is_left_where_it_is(bench: Bench) -> None:
+def test_one_that_had_let_go_is_left_where_it_is(bench):
     bench.killed(bench.guarded(), generator=True, said="lifted")
     until(lambda: not bench.generator.output().on)
     assert bench.stage.position_mm == PRESSED_MM
     assert not bench.stage.moving
 
 
-def test_a_stage_that_answers_late_is_tried_again(bench: Bench) -> None:
+def test_a_stage_that_answers_late_is_tried_again(bench):
     bench.killed(bench.guarded(), generator=False)
     bench.stage.faults.silent = True
     time.sleep(1.5)
@@ -157,8 +155,8 @@ def test_a_stage_that_answers_late_is_tried_again(bench: Bench) -> None:
 
 
 def test_a_stage_that_answers_late_is_tried_again_beside_a_generator_that_is_silent(
-    bench: Bench,
-) -> None:
+    bench,
+):
     """It was tried again when the watchdog had given up the generator, after a minute."""
     bench.killed(bench.guarded(), generator=True, silent=True)
     time.sleep(1.5)
@@ -168,7 +166,7 @@ def test_a_stage_that_answers_late_is_tried_again_beside_a_generator_that_is_sil
 
 
 @pytest.mark.parametrize("hung", [False, True])
-def test_the_service_manager_leaves_the_watchdog_its_time(bench: Bench, hung: bool) -> None:
+def test_the_service_manager_leaves_the_watchdog_its_time(bench, hung):
     """With the unit once shipped systemd killed it 3 ms after its driver: 128 V for 24 s, and a
     finger that was pressed for longer.
     """
@@ -183,7 +181,7 @@ def test_the_service_manager_leaves_the_watchdog_its_time(bench: Bench, hung: bo
     until(lambda: not exists(watchdog))
 
 
-def test_a_stage_that_is_not_there_is_refused_at_the_start() -> None:
+def test_a_stage_that_is_not_there_is_refused_at_the_start():
     guarded = GuardedStage("/dev/nothing-here", SETTINGS, Mounting(1, 0.0), True)
     watchdog = Watchdog(WatchdogSettings(None, load_stage=guarded))
     with pytest.raises(DeviceDisconnected, match="does not answer"):
@@ -192,7 +190,7 @@ def test_a_stage_that_is_not_there_is_refused_at_the_start() -> None:
         watchdog.press()
 
 
-def test_text_that_is_no_stage_is_refused() -> None:
+def test_text_that_is_no_stage_is_refused():
     with pytest.raises(ValueError, match="load stage"):
         GuardedStage.from_text('{"resource": "/dev/tty"}')
 
@@ -202,7 +200,7 @@ def make_free(driver: Lts150) -> None:
     driver._transport.close()
 
 
-def test_its_process_is_told_the_stage() -> None:
+def test_its_process_is_told_the_stage():
     guarded = GuardedStage("/dev/ttyS0", SETTINGS, Mounting(-1, 0.12, 4e-3), True)
     for generator in (None, "TCPIP::127.0.0.1::5025::SOCKET"):
         settings = WatchdogSettings(generator, load_stage=guarded)

@@ -73,20 +73,20 @@ def bench() -> Bench:
         ([("BEAT 256", "ERROR"), ("BEAT -1", "ERROR"), ("beat 1", "ERROR"), ("", "ERROR")], False),
     ],
 )
-def test_the_box_keeps_its_protocol(dialogue: list[tuple[str, str]], closed: bool) -> None:
+def test_the_box_keeps_its_protocol(dialogue, closed):
     box = SimulatedInterlock(ManualClock())
     for asked, answered in dialogue:
         assert box.handle(asked.encode() + b"\r\n") == answered.encode() + b"\n"
     assert box.closed is closed
 
 
-def test_the_box_takes_bytes_as_they_come() -> None:
+def test_the_box_takes_bytes_as_they_come():
     box = SimulatedInterlock(ManualClock())
     assert [box.handle(bytes([byte])) for byte in b"BEAT 4\n"] == [b""] * 6 + [b"OFF DISABLED 4\n"]
 
 
 @pytest.mark.parametrize(("silence_s", "closed"), [(0.199, True), (0.201, False)])
-def test_silence_opens_the_contact_by_the_boxs_own_clock(silence_s: float, closed: bool) -> None:
+def test_silence_opens_the_contact_by_the_boxs_own_clock(silence_s, closed):
     clock = ManualClock()
     box = SimulatedInterlock(clock)
     box.handle(b"BEAT 1\nENABLE\n")
@@ -104,7 +104,7 @@ def test_silence_opens_the_contact_by_the_boxs_own_clock(silence_s: float, close
     )
 )
 @settings(max_examples=100)
-def test_noise_never_closes_the_contact(chunks: list[bytes]) -> None:
+def test_noise_never_closes_the_contact(chunks):
     box = SimulatedInterlock(ManualClock())
     for chunk in chunks:
         box.handle(chunk.replace(b"ENABLE", b"enable"))
@@ -115,7 +115,7 @@ def test_noise_never_closes_the_contact(chunks: list[bytes]) -> None:
 # ------------------------------------------------------------------------------------------------
 
 
-def test_it_is_an_enable_line(bench: Bench) -> None:
+def test_it_is_an_enable_line(bench):
     assert bench.interlock.read() is False
     bench.interlock.write(True)
     assert bench.interlock.read() is bench.box.closed is True
@@ -128,7 +128,7 @@ def test_it_is_an_enable_line(bench: Bench) -> None:
     assert bench.box.closed is False
 
 
-def test_a_late_beat_opens_the_contact_and_says_so(bench: Bench) -> None:
+def test_a_late_beat_opens_the_contact_and_says_so(bench):
     bench.interlock.write(True)
     bench.beat_for(1.0)
     bench.clock.now_s += 0.25
@@ -139,7 +139,7 @@ def test_a_late_beat_opens_the_contact_and_says_so(bench: Bench) -> None:
     assert bench.box.closed is True
 
 
-def test_a_lost_beat_opens_the_contact(bench: Bench) -> None:
+def test_a_lost_beat_opens_the_contact(bench):
     """The driver does not know whether the box took it; it never repeats a number."""
     bench.interlock.write(True)
     bench.wire.inject(Fault.SILENCE)
@@ -148,9 +148,7 @@ def test_a_lost_beat_opens_the_contact(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("fault", list(Fault))
-def test_a_bad_wire_is_a_clear_error_and_the_box_opens_by_itself(
-    bench: Bench, fault: Fault
-) -> None:
+def test_a_bad_wire_is_a_clear_error_and_the_box_opens_by_itself(bench, fault):
     bench.interlock.write(True)
     bench.wire.inject(fault, count=float("inf"), delay_s=0.0)
     bench.wire._due = lambda data: (fault, 0.1)  # type: ignore[method-assign] # beats ask no question
@@ -164,7 +162,7 @@ def test_a_bad_wire_is_a_clear_error_and_the_box_opens_by_itself(
     assert bench.box.closed is False
 
 
-def test_something_else_is_refused() -> None:
+def test_something_else_is_refused():
     class Other:
         def handle(self, data: bytes) -> bytes:
             return b"Agilent Technologies,33220A,0,0\n"
@@ -180,7 +178,7 @@ def served(request: pytest.FixtureRequest) -> Iterator[tuple[SimulatedInterlock,
         yield box, server.resource
 
 
-def test_over_real_wires(served: tuple[SimulatedInterlock, str]) -> None:
+def test_over_real_wires(served):
     box, resource = served
     interlock = HeartbeatInterlock(make_transport(resource), reply_timeout_s=2.0)
     interlock.connect()
@@ -193,7 +191,7 @@ def test_over_real_wires(served: tuple[SimulatedInterlock, str]) -> None:
     interlock.close()
 
 
-def test_it_gates_the_simulated_amplifier() -> None:
+def test_it_gates_the_simulated_amplifier():
     bench = Bench()
     amplifier = SimulatedAmplifier(100.0, 300.0, enabled=True, interlock=lambda: bench.box.closed)
     amplifier.drive(TerminalOutput(1e3, 1.2, 0.0, True))
@@ -243,7 +241,7 @@ def port(monkeypatch: pytest.MonkeyPatch) -> Port:
 
 
 @pytest.mark.parametrize("name", ["rts", "dtr"])
-def test_a_modem_line_is_low_from_the_start_set_and_read_back(port: Port, name: str) -> None:
+def test_a_modem_line_is_low_from_the_start_set_and_read_back(port, name):
     line = ModemLine("/dev/ttyUSB0", name, looped_back=True)  # type: ignore[arg-type]
     line.connect()
     assert port.levels_at_open == (False, False)
@@ -254,7 +252,7 @@ def test_a_modem_line_is_low_from_the_start_set_and_read_back(port: Port, name: 
     assert port.is_open is False
 
 
-def test_without_the_wire_back_the_level_is_unknown_never_off(port: Port) -> None:
+def test_without_the_wire_back_the_level_is_unknown_never_off(port):
     line = ModemLine("/dev/ttyUSB0", "rts", looped_back=False)
     line.connect()
     line.write(False)
@@ -265,7 +263,7 @@ def test_without_the_wire_back_the_level_is_unknown_never_off(port: Port) -> Non
     assert amplifier.disable() is AmplifierState.UNKNOWN
 
 
-def test_a_modem_line_that_breaks_or_was_never_there(port: Port) -> None:
+def test_a_modem_line_that_breaks_or_was_never_there(port):
     line = ModemLine("/dev/ttyUSB0", "dtr", looped_back=True)
     with pytest.raises(DeviceDisconnected, match="DTR of /dev/ttyUSB0 is not open"):
         line.write(True)
@@ -276,6 +274,6 @@ def test_a_modem_line_that_breaks_or_was_never_there(port: Port) -> None:
     line.close()
 
 
-def test_a_port_that_does_not_exist() -> None:
+def test_a_port_that_does_not_exist():
     with pytest.raises(DeviceDisconnected, match="cannot be opened"):
         ModemLine("/dev/no-such-port", "rts", looped_back=True).connect()

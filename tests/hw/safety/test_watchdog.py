@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from math import inf
-from pathlib import Path
 
 import pytest
 
@@ -124,7 +123,7 @@ def driver(
 MAY_GO_FIRST = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
 
 
-def test_a_busy_machine_does_not_let_it_wait_where_that_is_granted(bench: Bench) -> None:
+def test_a_busy_machine_does_not_let_it_wait_where_that_is_granted(bench):
     asked = subprocess.run(
         [sys.executable, "-c", MAY_GO_FIRST], stderr=subprocess.DEVNULL, check=False
     )
@@ -142,9 +141,7 @@ def test_a_busy_machine_does_not_let_it_wait_where_that_is_granted(bench: Bench)
 
 
 @pytest.mark.parametrize("name", ["SIGKILL", "SIGSEGV", "SIGTERM", "SIGINT"])
-def test_whatever_ends_the_driver_switches_off(
-    bench: Bench, drivers: list[subprocess.Popen[str]], name: str
-) -> None:
+def test_whatever_ends_the_driver_switches_off(bench, drivers, name):
     """To the whole process group where that is how it comes; the period is long, so only the pipe
     can have told.
     """
@@ -159,9 +156,7 @@ def test_whatever_ends_the_driver_switches_off(
     until(lambda: not exists(pid))
 
 
-def test_after_kill_9_the_output_is_off_within_the_period(
-    bench: Bench, drivers: list[subprocess.Popen[str]]
-) -> None:
+def test_after_kill_9_the_output_is_off_within_the_period(bench, drivers):
     period_s = 5.0  # the bound of the contract, and generous for a busy machine
     process, _ = driver(bench, drivers, period_s)
     killed_s = time.monotonic()
@@ -171,7 +166,7 @@ def test_after_kill_9_the_output_is_off_within_the_period(
     assert bench.off_at_s - killed_s < period_s
 
 
-def test_a_driver_that_hangs_is_silence(bench: Bench, drivers: list[subprocess.Popen[str]]) -> None:
+def test_a_driver_that_hangs_is_silence(bench, drivers):
     process, pid = driver(bench, drivers, period_s=0.5)
     assert bench.on
     process.send_signal(signal.SIGSTOP)  # the pipe stays open
@@ -180,7 +175,7 @@ def test_a_driver_that_hangs_is_silence(bench: Bench, drivers: list[subprocess.P
     until(lambda: not exists(pid))
 
 
-def test_the_watchdog_ignores_what_is_meant_for_the_driver(bench: Bench) -> None:
+def test_the_watchdog_ignores_what_is_meant_for_the_driver(bench):
     with Watchdog(bench.settings()) as watchdog:
         watchdog.beat()
         assert watchdog.pid is not None
@@ -208,7 +203,7 @@ def suppressed(watchdog: Watchdog, known: type[DeviceError]) -> None:
         watchdog.beat()
 
 
-def test_without_a_first_beat_and_at_rest_it_waits(bench: Bench) -> None:
+def test_without_a_first_beat_and_at_rest_it_waits(bench):
     with Watchdog(bench.settings(period_s=0.2)) as watchdog:
         time.sleep(0.5)
         watchdog.beat()
@@ -219,7 +214,7 @@ def test_without_a_first_beat_and_at_rest_it_waits(bench: Bench) -> None:
         until(lambda: not bench.on)
 
 
-def test_a_driver_that_was_kept_waiting_is_told_and_may_go_on(bench: Bench) -> None:
+def test_a_driver_that_was_kept_waiting_is_told_and_may_go_on(bench):
     """A machine that lets nobody run for a moment is no fault: the output was off meanwhile."""
     with Watchdog(bench.settings(period_s=0.5)) as watchdog:
         watchdog.beat()
@@ -240,7 +235,7 @@ def test_a_driver_that_was_kept_waiting_is_told_and_may_go_on(bench: Bench) -> N
     assert not exists(pid)
 
 
-def test_one_that_is_stopped_is_noticed_and_ended(bench: Bench) -> None:
+def test_one_that_is_stopped_is_noticed_and_ended(bench):
     watchdog = Watchdog(bench.settings(period_s=0.5))
     watchdog.start()
     watchdog.beat()
@@ -257,8 +252,8 @@ def test_one_that_is_stopped_is_noticed_and_ended(bench: Bench) -> None:
 
 
 def test_one_that_is_stopped_while_the_finger_is_lifted_is_noticed_by_the_next_beats(
-    bench: Bench,
-) -> None:
+    bench,
+):
     """A watchdog stopped as a finger was lifted let the next touch have voltage for its whole
     period.
     """
@@ -277,7 +272,7 @@ def test_one_that_is_stopped_while_the_finger_is_lifted_is_noticed_by_the_next_b
     watchdog.close()
 
 
-def test_one_that_gives_up_ends(bench: Bench) -> None:
+def test_one_that_gives_up_ends(bench):
     """Without evidence that the output is off, the driver must not go on."""
     watchdog = Watchdog(bench.settings(period_s=0.5, give_up_s=1.0, reply_timeout_s=0.1))
     watchdog.start()
@@ -294,7 +289,7 @@ def test_one_that_gives_up_ends(bench: Bench) -> None:
     assert watchdog.close() is None
 
 
-def test_silence_in_words() -> None:
+def test_silence_in_words():
     beats: queue.Queue[bytes] = queue.Queue()
     for beat in (BEAT, REST, BEAT):
         beats.put(beat)
@@ -304,7 +299,7 @@ def test_silence_in_words() -> None:
     assert wait_for_silence(beats, 1e3) == "the pipe is closed"
 
 
-def test_silence_is_noticed_after_one_period_and_not_later() -> None:
+def test_silence_is_noticed_after_one_period_and_not_later():
     """Once a fault in the last look made it 10.9 periods, and no test noticed."""
     waited_s: list[float | None] = []
 
@@ -319,7 +314,7 @@ def test_silence_is_noticed_after_one_period_and_not_later() -> None:
     assert waited_s == [None, pytest.approx(3.6), pytest.approx(0.4)]
 
 
-def test_its_own_sleep_is_not_the_drivers_silence(bench: Bench) -> None:
+def test_its_own_sleep_is_not_the_drivers_silence(bench):
     """A busy machine let the watchdog sleep for nearly its period while its driver went on beating.
 
     Two at once: one wakes before its last look, one after it had begun.
@@ -347,7 +342,7 @@ def test_its_own_sleep_is_not_the_drivers_silence(bench: Bench) -> None:
         assert bench.on
 
 
-def test_starting_twice_does_not_let_go_of_the_first(bench: Bench) -> None:
+def test_starting_twice_does_not_let_go_of_the_first(bench):
     with Watchdog(bench.settings()) as watchdog:
         pid = watchdog.pid
         watchdog.beat()
@@ -356,7 +351,7 @@ def test_starting_twice_does_not_let_go_of_the_first(bench: Bench) -> None:
         assert bench.on
 
 
-def test_one_that_has_ended_is_started_again(bench: Bench) -> None:
+def test_one_that_has_ended_is_started_again(bench):
     with Watchdog(bench.settings()) as watchdog:
         assert watchdog.pid is not None
         os.kill(watchdog.pid, signal.SIGKILL)
@@ -367,7 +362,7 @@ def test_one_that_has_ended_is_started_again(bench: Bench) -> None:
         watchdog.beat()
 
 
-def test_an_input_that_cannot_be_read_is_at_its_end(bench: Bench, tmp_path: Path) -> None:
+def test_an_input_that_cannot_be_read_is_at_its_end(bench, tmp_path):
     command = [sys.executable, "-m", "hw.safety.watchdog", "--generator", bench.server.resource]
     with (tmp_path / "written").open("w") as write_only:
         ended = subprocess.run(
@@ -378,7 +373,7 @@ def test_an_input_that_cannot_be_read_is_at_its_end(bench: Bench, tmp_path: Path
     assert not bench.on
 
 
-def test_beating_a_watchdog_that_was_never_started(bench: Bench) -> None:
+def test_beating_a_watchdog_that_was_never_started(bench):
     watchdog = Watchdog(bench.settings())
     with pytest.raises(DeviceDisconnected, match="it is not running"):
         watchdog.beat()
@@ -386,7 +381,7 @@ def test_beating_a_watchdog_that_was_never_started(bench: Bench) -> None:
     assert watchdog.close() is None
 
 
-def test_a_watchdog_that_was_killed_is_noticed(bench: Bench) -> None:
+def test_a_watchdog_that_was_killed_is_noticed(bench):
     watchdog = Watchdog(bench.settings())
     watchdog.start()
     watchdog.beat()
@@ -454,9 +449,7 @@ def box() -> Iterator[FaultyInstrument]:
 
 
 @pytest.mark.parametrize("denied", [*DENIALS, "+".join(DENIALS)])
-def test_whatever_is_denied_after_arming_it_switches_off(
-    bench: Bench, box: FaultyInstrument, tmp_path: Path, denied: str
-) -> None:
+def test_whatever_is_denied_after_arming_it_switches_off(bench, box, tmp_path, denied):
     """Its connection is lost on the way, so that it has something to say that nobody reads. The
     generator has a host's name; the interlock falls silent where that is denied.
     """
@@ -495,7 +488,7 @@ def test_whatever_is_denied_after_arming_it_switches_off(
 # ------------------------------------------------------------------------------------------------
 
 
-def test_a_generator_that_fails_for_a_while_is_tried_again(bench: Bench) -> None:
+def test_a_generator_that_fails_for_a_while_is_tried_again(bench):
     watchdog = Watchdog(bench.settings(retry_s=0.05))
     watchdog.start()
     bench.faults.inject(Fault.HANG, count=3)
@@ -503,9 +496,7 @@ def test_a_generator_that_fails_for_a_while_is_tried_again(bench: Bench) -> None
     assert not bench.on
 
 
-def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whatever_a_link_raises_the_other_instrument_is_switched_off(bench, monkeypatch):
     class Broken:
         resource = "broken"
 
@@ -533,7 +524,7 @@ def test_whatever_a_link_raises_the_other_instrument_is_switched_off(
     other._transport.close()
 
 
-def test_no_hand_waits_for_another(bench: Bench) -> None:
+def test_no_hand_waits_for_another(bench):
     """A generator that failed twice was tried again when the interlock's name was resolved, after
     12 s.
     """
@@ -561,14 +552,14 @@ def test_no_hand_waits_for_another(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("fault", [Fault.HANG, Fault.GARBAGE, Fault.DISCONNECT, Fault.TRUNCATED])
-def test_without_an_answer_it_gives_up_and_says_unknown(bench: Bench, fault: Fault) -> None:
+def test_without_an_answer_it_gives_up_and_says_unknown(bench, fault):
     watchdog = Watchdog(bench.settings(give_up_s=0.3, reply_timeout_s=0.1, retry_s=0.1))
     watchdog.start()
     bench.faults.inject(fault, count=float("inf"))
     assert watchdog.close() is None
 
 
-def test_a_generator_that_insists_on_being_on_is_reported_on(bench: Bench) -> None:
+def test_a_generator_that_insists_on_being_on_is_reported_on(bench):
     class Stubborn:
         def handle(self, data: bytes) -> bytes:
             return b"1\n"
@@ -579,7 +570,7 @@ def test_a_generator_that_insists_on_being_on_is_reported_on(bench: Bench) -> No
         assert watchdog.close() is False
 
 
-def test_the_interlock_is_opened_as_well_and_is_evidence_alone(bench: Bench) -> None:
+def test_the_interlock_is_opened_as_well_and_is_evidence_alone(bench):
     box = SimulatedInterlock(ManualClock())
     box.handle(b"BEAT 1\nENABLE\n")
     with TcpServer(box) as server:
@@ -597,7 +588,7 @@ def test_the_interlock_is_opened_as_well_and_is_evidence_alone(bench: Bench) -> 
     )  # nothing could be done about the generator; the open contact takes its voltage away
 
 
-def test_a_generator_that_is_late_at_the_start_is_asked_again(bench: Bench) -> None:
+def test_a_generator_that_is_late_at_the_start_is_asked_again(bench):
     """A daemon that took over from a killed one ended, since a busy machine let its generator
     answer after 0.4 s.
     """
@@ -607,7 +598,7 @@ def test_a_generator_that_is_late_at_the_start_is_asked_again(bench: Bench) -> N
     assert watchdog.close() is True
 
 
-def test_a_generator_that_is_not_there_is_refused_at_the_start() -> None:
+def test_a_generator_that_is_not_there_is_refused_at_the_start():
     with pytest.raises(DeviceDisconnected, match="does not answer"):
         Watchdog(WatchdogSettings(f"TCPIP::127.0.0.1::{closed_port()}::SOCKET")).start()
 
@@ -618,12 +609,12 @@ def test_a_generator_that_is_not_there_is_refused_at_the_start() -> None:
 
 @pytest.mark.parametrize("name", ["period_s", "reply_timeout_s", "retry_s", "give_up_s"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
-def test_senseless_times_are_refused(name: str, value: float) -> None:
+def test_senseless_times_are_refused(name, value):
     with pytest.raises(ValueError, match=name):
         WatchdogSettings("TCPIP::127.0.0.1::5025::SOCKET", **{name: value})  # type: ignore[arg-type]
 
 
-def test_its_process_is_told_every_setting() -> None:
+def test_its_process_is_told_every_setting():
     settings = WatchdogSettings(
         "/dev/ttyS0", "/dev/ttyS1", "siglent_sdg", "@sim", 0.6, 0.4, 0.3, 50.0
     )
@@ -631,8 +622,8 @@ def test_its_process_is_told_every_setting() -> None:
 
 
 def test_it_reaches_the_generator_through_the_library_it_is_told(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+    caplog,
+):
     (generator,) = hw.safety.watchdog._instruments(
         WatchdogSettings("GPIB0::10::INSTR", visa_backend="@nosuch")
     )
@@ -643,7 +634,7 @@ def test_it_reaches_the_generator_through_the_library_it_is_told(
 @pytest.mark.parametrize(
     ("given", "said"), [(["--generator", "nonsense"], "nonsense"), ([], "--generator")]
 )
-def test_a_wrong_command_line_ends_with_status_2_and_says_why(given: list[str], said: str) -> None:
+def test_a_wrong_command_line_ends_with_status_2_and_says_why(given, said):
     ended = subprocess.run(
         [sys.executable, "-m", "hw.safety.watchdog", *given],
         capture_output=True,

@@ -14,7 +14,7 @@ from hw.serving.framing import MAX_MESSAGE_BYTES, MessageFramer, MessageTooLong
         (b"\n\n", [b"\n", b"\n"]),
     ],
 )
-def test_messages_end_at_line_ends(stream: bytes, messages: list[bytes]) -> None:
+def test_messages_end_at_line_ends(stream, messages):
     assert list(MessageFramer().feed(stream)) == messages
     framer = MessageFramer()
     assert [
@@ -22,6 +22,6 @@ def test_messages_end_at_line_ends(stream: bytes, messages: list[bytes]) -> None
     ] == messages
 
 
-def test_endless_messages_are_given_up() -> None:
+def test_endless_messages_are_given_up():
     with pytest.raises(MessageTooLong):
         list(MessageFramer().feed(b"x" * (MAX_MESSAGE_BYTES + 1)))

@@ -17,7 +17,7 @@ class Slow:
         return b"after " + data
 
 
-def test_time_is_the_injected_clock() -> None:
+def test_time_is_the_injected_clock():
     slow = Slow()
     transport = MemoryTransport(slow, clock=lambda: slow.now_s)
     transport.open()

@@ -28,7 +28,7 @@ class Raw:
 
 
 @pytest.mark.parametrize("rtscts", [False, True])
-def test_pyserial_talks_to_it(rtscts: bool) -> None:
+def test_pyserial_talks_to_it(rtscts):
     with (
         SerialServer(generator()) as server,
         serial.Serial(server.path, 9600, timeout=5.0, rtscts=rtscts) as port,
@@ -39,7 +39,7 @@ def test_pyserial_talks_to_it(rtscts: bool) -> None:
 
 
 @pytest.mark.process
-def test_pyvisa_py_talks_to_the_terminal_itself() -> None:
+def test_pyvisa_py_talks_to_the_terminal_itself():
     import pyvisa
 
     with SerialServer(generator()) as server:
@@ -51,7 +51,7 @@ def test_pyvisa_py_talks_to_the_terminal_itself() -> None:
         session.close()
 
 
-def test_one_client_after_the_other() -> None:
+def test_one_client_after_the_other():
     with SerialServer(generator()) as server:
         for _ in range(3):
             with serial.Serial(server.path, timeout=5.0) as port:
@@ -59,7 +59,7 @@ def test_one_client_after_the_other() -> None:
                 assert port.readline() == b"1\n"
 
 
-def test_bytes_without_framing_go_to_the_instrument_as_they_come() -> None:
+def test_bytes_without_framing_go_to_the_instrument_as_they_come():
     with (
         SerialServer(Raw(), framed=False) as server,
         serial.Serial(server.path, timeout=5.0) as port,
@@ -69,7 +69,7 @@ def test_bytes_without_framing_go_to_the_instrument_as_they_come() -> None:
             assert port.read(len(data)) == bytes((byte + 1) % 256 for byte in data)
 
 
-def test_every_byte_value_passes_unchanged() -> None:
+def test_every_byte_value_passes_unchanged():
     every = bytes(range(256))
 
     class Echo:
@@ -87,7 +87,7 @@ def test_every_byte_value_passes_unchanged() -> None:
             assert port.read(len(every)) == every
 
 
-def test_unplugging_ends_the_port_and_the_path_leads_to_a_new_one() -> None:
+def test_unplugging_ends_the_port_and_the_path_leads_to_a_new_one():
     faulty = FaultyInstrument(generator())
     with SerialServer(faulty) as server:
         faulty.inject(Fault.DISCONNECT)
@@ -100,7 +100,7 @@ def test_unplugging_ends_the_port_and_the_path_leads_to_a_new_one() -> None:
             assert port.readline() == b"1\n"
 
 
-def test_closing_ends_the_thread_and_removes_the_path() -> None:
+def test_closing_ends_the_thread_and_removes_the_path():
     before = threading.active_count(), len(os.listdir("/proc/self/fd"))
     server = SerialServer(generator())
     server.start()
@@ -110,7 +110,7 @@ def test_closing_ends_the_thread_and_removes_the_path() -> None:
     assert (threading.active_count(), len(os.listdir("/proc/self/fd"))) == before
 
 
-def test_closing_does_not_wait_for_a_client_who_does_not_read() -> None:
+def test_closing_does_not_wait_for_a_client_who_does_not_read():
     class Babble:
         def handle(self, data: bytes) -> bytes:
             return bytes(10_000_000)
@@ -123,5 +123,5 @@ def test_closing_does_not_wait_for_a_client_who_does_not_read() -> None:
         server.close()
 
 
-def test_a_server_that_never_started_can_be_closed() -> None:
+def test_a_server_that_never_started_can_be_closed():
     SerialServer(generator()).close()

@@ -11,7 +11,7 @@ from hw.serving.tcp import TcpServer
 pytestmark = pytest.mark.timeout(30)
 
 
-def test_it_serves_lines_over_loopback() -> None:
+def test_it_serves_lines_over_loopback():
     with TcpServer(Simulated33220A()) as server:
         assert server.resource == f"TCPIP::127.0.0.1::{server.port}::SOCKET"
         with socket.create_connection((server.host, server.port), 5.0) as client:
@@ -20,7 +20,7 @@ def test_it_serves_lines_over_loopback() -> None:
             assert client.makefile("rb").readline() == b"+2.5000000000000E+02\n"
 
 
-def test_connections_share_one_instrument() -> None:
+def test_connections_share_one_instrument():
     with TcpServer(Simulated33220A()) as server:
         address = (server.host, server.port)
         with (
@@ -33,7 +33,7 @@ def test_connections_share_one_instrument() -> None:
             assert two.makefile("rb").readline() == b"+2.5000000000000E+02\n"
 
 
-def test_an_unfinished_line_is_not_carried_out() -> None:
+def test_an_unfinished_line_is_not_carried_out():
     generator = Simulated33220A()
     with (
         TcpServer(generator) as server,
@@ -45,7 +45,7 @@ def test_an_unfinished_line_is_not_carried_out() -> None:
     assert generator.handle(b"FREQ?\n") == b"+1.0000000000000E+03\n"
 
 
-def test_closing_hangs_up_ends_the_threads_and_frees_the_port() -> None:
+def test_closing_hangs_up_ends_the_threads_and_frees_the_port():
     before = threading.active_count()
     server = TcpServer(Simulated33220A())
     server.start()
@@ -59,5 +59,5 @@ def test_closing_hangs_up_ends_the_threads_and_frees_the_port() -> None:
     again.close()
 
 
-def test_a_server_that_never_started_can_be_closed() -> None:
+def test_a_server_that_never_started_can_be_closed():
     TcpServer(Simulated33220A()).close()

@@ -116,23 +116,19 @@ def parse(frame: Frame) -> Any:
 @pytest.mark.parametrize(
     ("frame", "expected", "independent"), COMMANDS, ids=[row[1] for row in COMMANDS]
 )
-def test_commands_have_the_bytes_on_record(
-    frame: Frame, expected: str, independent: Callable[[], bytes] | None
-) -> None:
+def test_commands_have_the_bytes_on_record(frame, expected, independent):
     assert apt.encode(frame).hex(" ") == expected
     if independent is not None:
         assert independent().hex(" ") == expected
 
 
-def test_the_stage_announces_that_it_is_homed() -> None:
+def test_the_stage_announces_that_it_is_homed():
     assert from_stage(apt.on_channel(Message.HOMED)).hex(" ") == "44 04 01 00 01 50"
     assert parse(apt.on_channel(Message.HOMED)).msg == "mot_move_homed"
 
 
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**31 - 1), st.integers(0, 2**31 - 1))
-def test_numbers_are_packed_as_by_the_independent_package(
-    counts: int, acceleration: int, velocity: int
-) -> None:
+def test_numbers_are_packed_as_by_the_independent_package(counts, acceleration, velocity):
     for message, independent in (
         (Message.MOVE_ABSOLUTE, reference.mot_move_absolute),
         (Message.MOVE_RELATIVE, reference.mot_move_relative),
@@ -143,7 +139,7 @@ def test_numbers_are_packed_as_by_the_independent_package(
 
 
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**32 - 1))
-def test_answers_are_read_as_by_the_independent_package(counts: int, bits: int) -> None:
+def test_answers_are_read_as_by_the_independent_package(counts, bits):
     position = parse(apt.with_counts(Message.POSITION, counts))
     assert (position.msg, position.position) == ("mot_get_poscounter", counts)
     status = parse(apt.with_status(Message.STATUS, apt.MotionStatus(counts, StatusBit(bits))))
@@ -157,7 +153,7 @@ def test_answers_are_read_as_by_the_independent_package(counts: int, bits: int) 
     assert (moving, jogging) == (bool(bits & StatusBit.MOVING), bool(bits & StatusBit.JOGGING))
 
 
-def test_identity_and_velocity_are_read_as_by_the_independent_package() -> None:
+def test_identity_and_velocity_are_read_as_by_the_independent_package():
     info = parse(ANSWERS[0])
     assert (info.serial_number, info.model_number) == (45_000_123, b"LTS150\0\0")
     assert info.firmware_version == [2, 1, 7]
@@ -169,7 +165,7 @@ def test_identity_and_velocity_are_read_as_by_the_independent_package() -> None:
     )
 
 
-def test_answers_built_by_hand_are_read() -> None:
+def test_answers_built_by_hand_are_read():
     (info,) = apt.Decoder().feed(
         struct.pack("<HHBB", 0x0006, 84, 0x81, 0x50)
         + struct.pack("<I8sH4B", 45_000_123, b"LTS150", 16, 7, 1, 2, 0)
@@ -201,9 +197,7 @@ GARBAGE = st.binary(max_size=20).map(lambda data: data.replace(b"\x50", b"\x51")
     st.lists(st.tuples(GARBAGE, st.sampled_from(ANSWERS)), max_size=6),
     st.lists(st.integers(1, 40), max_size=30),
 )
-def test_messages_are_found_between_garbage_however_the_stream_is_cut(
-    parts: list[tuple[bytes, Frame]], cuts: list[int]
-) -> None:
+def test_messages_are_found_between_garbage_however_the_stream_is_cut(parts, cuts):
     stream = b"".join(garbage + from_stage(frame) for garbage, frame in parts)
     decoder, found = apt.Decoder(), []
     for cut in cuts:
@@ -214,7 +208,7 @@ def test_messages_are_found_between_garbage_however_the_stream_is_cut(
 
 
 @given(st.binary(max_size=300))
-def test_noise_breaks_nothing_and_the_next_messages_are_found(noise: bytes) -> None:
+def test_noise_breaks_nothing_and_the_next_messages_are_found(noise):
     decoder = apt.Decoder()
     decoder.feed(noise)
     assert 0 < decoder.missing_bytes <= 90
@@ -224,7 +218,7 @@ def test_noise_breaks_nothing_and_the_next_messages_are_found(noise: bytes) -> N
     )  # more than the longest message can swallow
 
 
-def test_a_reader_may_ask_for_just_the_missing_bytes() -> None:
+def test_a_reader_may_ask_for_just_the_missing_bytes():
     stream = io.BytesIO(b"\xff\xff" + from_stage(ANSWERS[0]) + from_stage(ANSWERS[1]))
     decoder, found = apt.Decoder(), []
     while not found:
@@ -243,6 +237,6 @@ def test_a_reader_may_ask_for_just_the_missing_bytes() -> None:
         "99 99 0e 00 81 50",  # unknown
     ],
 )
-def test_a_header_that_cannot_be_is_skipped(header: str) -> None:
+def test_a_header_that_cannot_be_is_skipped(header):
     homed = from_stage(apt.on_channel(Message.HOMED))
     assert apt.Decoder().feed(bytes.fromhex(header) + homed) == [apt.on_channel(Message.HOMED)]

@@ -65,7 +65,7 @@ def bench() -> Bench:
     return Bench()
 
 
-def test_connecting_identifies_silences_enables_and_moves_nothing(bench: Bench) -> None:
+def test_connecting_identifies_silences_enables_and_moves_nothing(bench):
     info = bench.stage.connect()
     assert (info.model, info.serial_number) == ("LTS150", 45_000_001)
     assert bench.wire.written == [
@@ -82,7 +82,7 @@ def test_connecting_identifies_silences_enables_and_moves_nothing(bench: Bench) 
     assert bench.stage.read_status().homed is False
 
 
-def test_homing_then_moving(bench: Bench) -> None:
+def test_homing_then_moving(bench):
     stage = bench.homed()
     assert bench.instrument.position_mm == 0.0
     stage.move_to(0.010)
@@ -96,7 +96,7 @@ def test_homing_then_moving(bench: Bench) -> None:
     assert bench.instrument.position_mm == pytest.approx(6.0, abs=1e-5)
 
 
-def test_a_move_is_refused_before_homing(bench: Bench) -> None:
+def test_a_move_is_refused_before_homing(bench):
     bench.stage.connect()
     with pytest.raises(DeviceError, match="not homed"):
         bench.stage.move_to(0.001)
@@ -105,9 +105,7 @@ def test_a_move_is_refused_before_homing(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("position_m", [-1e-6, 0.1500001, 1.0, math.nan, math.inf])
-def test_a_move_beyond_the_travel_is_refused_and_names_the_nearest(
-    bench: Bench, position_m: float
-) -> None:
+def test_a_move_beyond_the_travel_is_refused_and_names_the_nearest(bench, position_m):
     stage = bench.homed()
     sent = len(bench.wire.written)
     with pytest.raises(LimitExceeded, match=r"outside 0\.\.0\.15;") as refusal:
@@ -117,7 +115,7 @@ def test_a_move_beyond_the_travel_is_refused_and_names_the_nearest(
     assert not bench.instrument.moving
 
 
-def test_a_second_move_is_refused_while_one_is_under_way(bench: Bench) -> None:
+def test_a_second_move_is_refused_while_one_is_under_way(bench):
     stage = bench.homed()
     stage.move_to(0.1)
     for again in (lambda: stage.move_to(0.0), stage.home):
@@ -126,7 +124,7 @@ def test_a_second_move_is_refused_while_one_is_under_way(bench: Bench) -> None:
     assert stage.wait(60.0).position_m == pytest.approx(0.1, abs=1e-8)
 
 
-def test_velocity_is_limited_and_read_back(bench: Bench) -> None:
+def test_velocity_is_limited_and_read_back(bench):
     stage = bench.homed()
     for velocity_m_s, acceleration_m_s2 in (
         (0.051, 0.02),
@@ -146,14 +144,14 @@ def test_velocity_is_limited_and_read_back(bench: Bench) -> None:
     )  # way/velocity + velocity/acceleration
 
 
-def test_a_velocity_that_the_stage_clips_is_an_error() -> None:
+def test_a_velocity_that_the_stage_clips_is_an_error():
     bench = Bench(replace(SETTINGS, velocity_limit_m_s=0.080))
     bench.stage.connect()
     with pytest.raises(BadReply, match="holds"):
         bench.stage.set_velocity(0.080, 0.020)  # the instrument's own table ends at 50 mm/s
 
 
-def test_stopping_slows_down_and_the_stage_then_rests(bench: Bench) -> None:
+def test_stopping_slows_down_and_the_stage_then_rests(bench):
     stage = bench.homed()
     stage.move_to(0.150)
     bench.clock.sleep(3.0)
@@ -166,7 +164,7 @@ def test_stopping_slows_down_and_the_stage_then_rests(bench: Bench) -> None:
     assert stage.stop().position_m == status.position_m
 
 
-def test_a_stage_that_ignores_the_gentle_stop_is_stopped_at_once(bench: Bench) -> None:
+def test_a_stage_that_ignores_the_gentle_stop_is_stopped_at_once(bench):
     bench.instrument.faults.ignores_profiled_stop = True
     stage = bench.homed()
     stage.move_to(0.150)
@@ -176,7 +174,7 @@ def test_a_stage_that_ignores_the_gentle_stop_is_stopped_at_once(bench: Bench) -
     assert bench.wire.written.count("65 04 01 01 50 01") == 1
 
 
-def test_waiting_too_short_stops_the_stage(bench: Bench) -> None:
+def test_waiting_too_short_stops_the_stage(bench):
     stage = bench.homed()
     stage.move_to(0.150)
     with pytest.raises(DeviceTimeout, match="has not arrived after 1 s"):
@@ -185,7 +183,7 @@ def test_waiting_too_short_stops_the_stage(bench: Bench) -> None:
     assert bench.instrument.position_mm < 149.0
 
 
-def test_an_interrupt_while_waiting_stops_the_stage(bench: Bench) -> None:
+def test_an_interrupt_while_waiting_stops_the_stage(bench):
     stage = bench.homed()
     stage.move_to(0.150)
     interrupted = iter([False] * 10 + [True])
@@ -202,7 +200,7 @@ def test_an_interrupt_while_waiting_stops_the_stage(bench: Bench) -> None:
     assert bench.instrument.position_mm < 149.0
 
 
-def test_stopped_by_somebody_else_is_not_arrived(bench: Bench) -> None:
+def test_stopped_by_somebody_else_is_not_arrived(bench):
     stage = bench.homed()
     stage.move_to(0.100)
     bench.clock.sleep(1.0)
@@ -211,7 +209,7 @@ def test_stopped_by_somebody_else_is_not_arrived(bench: Bench) -> None:
         stage.wait(60.0)
 
 
-def test_a_blocked_stage_is_an_error(bench: Bench) -> None:
+def test_a_blocked_stage_is_an_error(bench):
     stage = bench.homed()
     bench.instrument.faults.blocked_at_mm = 30.0
     stage.move_to(0.100)
@@ -222,7 +220,7 @@ def test_a_blocked_stage_is_an_error(bench: Bench) -> None:
     assert stage.wait(60.0).position_m == 0.0
 
 
-def test_homing_again_waits_for_the_new_homing(bench: Bench) -> None:
+def test_homing_again_waits_for_the_new_homing(bench):
     stage = bench.homed()
     stage.move_to(0.020)
     stage.wait(60.0)
@@ -230,7 +228,7 @@ def test_homing_again_waits_for_the_new_homing(bench: Bench) -> None:
     assert stage.wait(60.0).position_m == 0.0
 
 
-def test_automatic_messages_and_noise_are_passed_over(bench: Bench) -> None:
+def test_automatic_messages_and_noise_are_passed_over(bench):
     stage = bench.homed()
     bench.instrument.handle(bytes.fromhex("11 00 00 00 50 01"))  # somebody switches updates on
     bench.instrument.faults.noise = b"\x00\x81\x04\x50\xff\x12\x04"
@@ -238,13 +236,13 @@ def test_automatic_messages_and_noise_are_passed_over(bench: Bench) -> None:
     assert stage.wait(60.0).position_m == pytest.approx(0.030, abs=1e-8)
 
 
-def test_another_instrument_is_refused(bench: Bench) -> None:
+def test_another_instrument_is_refused(bench):
     bench.instrument.model = "KDC101"
     with pytest.raises(BadReply, match="'KDC101'"):
         bench.stage.connect()
 
 
-def test_silence_is_a_timeout_and_the_next_answer_is_right(bench: Bench) -> None:
+def test_silence_is_a_timeout_and_the_next_answer_is_right(bench):
     stage = bench.homed()
     bench.instrument.faults.silent = True
     with pytest.raises(DeviceTimeout):
@@ -255,7 +253,7 @@ def test_silence_is_a_timeout_and_the_next_answer_is_right(bench: Bench) -> None
     assert stage.close() is False
 
 
-def test_half_an_answer_is_a_timeout(bench: Bench) -> None:
+def test_half_an_answer_is_a_timeout(bench):
     stage = bench.homed()
     bench.instrument.faults.delivered_bytes = 10
     with pytest.raises(DeviceTimeout):
@@ -264,7 +262,7 @@ def test_half_an_answer_is_a_timeout(bench: Bench) -> None:
     assert stage.read_status().position_m == 0.0
 
 
-def test_endless_noise_ends_with_the_reply_timeout(bench: Bench) -> None:
+def test_endless_noise_ends_with_the_reply_timeout(bench):
     """Noise with a clock that runs: the answer never comes although bytes do."""
     bench.stage.connect()
     bench.wire.spoil = lambda _: b"\x55" * 1000
@@ -284,7 +282,7 @@ def _advance(clock: ManualClock) -> float:
     return clock.now_s
 
 
-def test_a_cable_out_in_mid_move_is_reported_and_never_called_at_rest(bench: Bench) -> None:
+def test_a_cable_out_in_mid_move_is_reported_and_never_called_at_rest(bench):
     stage = bench.homed()
     stage.move_to(0.150)
     bench.instrument.faults.hung_up = True
@@ -294,7 +292,7 @@ def test_a_cable_out_in_mid_move_is_reported_and_never_called_at_rest(bench: Ben
     assert stage.close() is False
 
 
-def test_closing_stops_and_says_so(bench: Bench) -> None:
+def test_closing_stops_and_says_so(bench):
     stage = bench.homed()
     stage.move_to(0.150)
     bench.clock.sleep(2.0)
@@ -315,8 +313,8 @@ def test_closing_stops_and_says_so(bench: Bench) -> None:
     )
 )
 def test_whatever_happens_the_stage_stays_within_its_travel_and_nothing_hangs(
-    script: list[float | str],
-) -> None:
+    script,
+):
     bench = Bench(replace(SETTINGS, travel_low_m=0.010, travel_high_m=0.100))
     bench.homed()
     furthest_mm, hints = 0.0, []
@@ -362,7 +360,7 @@ def real_time() -> Iterator[tuple[FaultyLts150, Lts150, list[bool]]]:
         stage.close()
 
 
-def test_over_a_serial_port(real_time: tuple[FaultyLts150, Lts150, list[bool]]) -> None:
+def test_over_a_serial_port(real_time):
     instrument, stage, had_line = real_time
     assert had_line == [False, False]
     stage.set_velocity(0.050, 0.050)
@@ -378,7 +376,7 @@ def test_over_a_serial_port(real_time: tuple[FaultyLts150, Lts150, list[bool]]) 
     assert stage.read_status().position_m == pytest.approx(0.002, abs=1e-8)
 
 
-def test_another_thread_can_stop_a_wait(real_time: tuple[FaultyLts150, Lts150, list[bool]]) -> None:
+def test_another_thread_can_stop_a_wait(real_time):
     instrument, stage, _ = real_time
     stage.home()
     stage.wait(10.0)
@@ -402,7 +400,7 @@ def test_another_thread_can_stop_a_wait(real_time: tuple[FaultyLts150, Lts150, l
     assert not instrument.moving
 
 
-def test_the_rts_pulse_comes_before_the_first_message() -> None:
+def test_the_rts_pulse_comes_before_the_first_message():
     bench = Bench()
     levels: list[tuple[bool, float, int]] = []
 
@@ -431,6 +429,6 @@ def test_the_rts_pulse_comes_before_the_first_message() -> None:
         ("reply_timeout_s", 0.0),
     ],
 )
-def test_senseless_settings_are_refused(name: str, value: float) -> None:
+def test_senseless_settings_are_refused(name, value):
     with pytest.raises(ValueError, match="stage"):
         replace(SETTINGS, **{name: value})

@@ -51,7 +51,7 @@ class Client:
         self.ask(client.mot_move_absolute(*TO_STAGE, 1, round(position_mm * COUNTS_PER_MM)))
 
 
-def test_identity() -> None:
+def test_identity():
     (info,) = Client().ask(client.hw_req_info(*TO_STAGE))
     assert (info.msg, info.serial_number, info.model_number) == (
         "hw_get_info",
@@ -60,7 +60,7 @@ def test_identity() -> None:
     )
 
 
-def test_after_power_up_it_reports_by_itself_until_told_not_to() -> None:
+def test_after_power_up_it_reports_by_itself_until_told_not_to():
     now_s = 0.0
     stage = FaultyLts150(lambda: now_s)
     reports = list(client.Unpacker(io.BytesIO(stage.handle(client.hw_req_info(*TO_STAGE)))))
@@ -71,7 +71,7 @@ def test_after_power_up_it_reports_by_itself_until_told_not_to() -> None:
     assert stage.handle(client.hw_stop_updatemsgs(*TO_STAGE)) == b""
 
 
-def test_homing_finds_the_zero() -> None:
+def test_homing_finds_the_zero():
     rig = Client(start_mm=25.0)
     status = rig.status()
     assert (status.position, status.homed, status.channel_enabled) == (0, False, False)
@@ -87,7 +87,7 @@ def test_homing_finds_the_zero() -> None:
     assert rig.stage.position_mm == 0.0
 
 
-def test_a_move_is_announced_when_complete() -> None:
+def test_a_move_is_announced_when_complete():
     rig = Client()
     rig.home()
     rig.move_to(12.5)
@@ -105,7 +105,7 @@ def test_a_move_is_announced_when_complete() -> None:
     assert bits.hex(" ") == "2a 04 06 00 81 50 01 00 00 04 00 80"
 
 
-def test_a_stage_that_is_not_enabled_does_not_move() -> None:
+def test_a_stage_that_is_not_enabled_does_not_move():
     rig = Client(start_mm=30.0)
     rig.ask(client.mot_move_relative(*TO_STAGE, 1, COUNTS_PER_MM))
     rig.now_s += 10.0
@@ -113,7 +113,7 @@ def test_a_stage_that_is_not_enabled_does_not_move() -> None:
 
 
 @pytest.mark.parametrize(("wanted_mm", "reached_mm"), [(500.0, 150.0), (-3.0, 0.0)])
-def test_the_travel_ends(wanted_mm: float, reached_mm: float) -> None:
+def test_the_travel_ends(wanted_mm, reached_mm):
     rig = Client()
     rig.home()
     rig.move_to(wanted_mm)
@@ -121,7 +121,7 @@ def test_the_travel_ends(wanted_mm: float, reached_mm: float) -> None:
     assert rig.stage.position_mm == reached_mm
 
 
-def test_velocity_and_acceleration_are_clipped() -> None:
+def test_velocity_and_acceleration_are_clipped():
     rig = Client()
     rig.set_speed(90.0, 200.0)
     (held,) = rig.ask(client.mot_req_velparams(*TO_STAGE, 1))
@@ -137,8 +137,8 @@ def test_velocity_and_acceleration_are_clipped() -> None:
     st.one_of(st.none(), st.floats(0.0, 1.0)),
 )
 def test_the_motion_obeys_velocity_and_acceleration(
-    target_mm: float, velocity_mm_s: float, acceleration_mm_s2: float, stop_after: float | None
-) -> None:
+    target_mm, velocity_mm_s, acceleration_mm_s2, stop_after
+):
     """The position sampled in time, differentiated twice; a gentle stop somewhere keeps to the same
     limits.
     """
@@ -172,7 +172,7 @@ def test_the_motion_obeys_velocity_and_acceleration(
         assert seen_mm[-1] <= target_mm + 1e-5
 
 
-def test_an_immediate_stop_is_immediate_and_announced() -> None:
+def test_an_immediate_stop_is_immediate_and_announced():
     rig = Client()
     rig.home()
     rig.move_to(100.0)
@@ -183,7 +183,7 @@ def test_an_immediate_stop_is_immediate_and_announced() -> None:
     assert rig.stage.position_mm == before_mm
 
 
-def test_an_obstacle_stops_the_carriage_with_an_error() -> None:
+def test_an_obstacle_stops_the_carriage_with_an_error():
     rig = Client()
     rig.home()
     rig.stage.faults.blocked_at_mm = 10.0
@@ -194,7 +194,7 @@ def test_an_obstacle_stops_the_carriage_with_an_error() -> None:
     assert not rig.stage.moving
 
 
-def test_an_obstacle_stays_in_the_way() -> None:
+def test_an_obstacle_stays_in_the_way():
     rig = Client()
     rig.home()
     rig.stage.faults.blocked_at_mm = 10.0
@@ -208,7 +208,7 @@ def test_an_obstacle_stays_in_the_way() -> None:
     assert rig.status().position == 2 * COUNTS_PER_MM
 
 
-def test_the_cable_out() -> None:
+def test_the_cable_out():
     rig = Client()
     rig.stage.faults.hung_up = True
     with pytest.raises(ConnectionError):

@@ -21,7 +21,7 @@ class Counter:
     ("fault", "answer"),
     [(Fault.SILENCE, b""), (Fault.TRUNCATED, b"ans"), (Fault.LATE, b"answer\n"), (Fault.HANG, b"")],
 )
-def test_one_answer_is_spoilt_and_the_next_is_not(fault: Fault, answer: bytes) -> None:
+def test_one_answer_is_spoilt_and_the_next_is_not(fault, answer):
     slept: list[float] = []
     core = Counter()
     faulty = FaultyInstrument(core, sleep=slept.append)
@@ -33,7 +33,7 @@ def test_one_answer_is_spoilt_and_the_next_is_not(fault: Fault, answer: bytes) -
     assert len(core.heard) == (1 if fault is Fault.HANG else 3)
 
 
-def test_garbage_is_a_line_that_is_no_answer() -> None:
+def test_garbage_is_a_line_that_is_no_answer():
     faulty = FaultyInstrument(Counter())
     faulty.inject(Fault.GARBAGE)
     garbage = faulty.handle(b"GET?\n")
@@ -41,7 +41,7 @@ def test_garbage_is_a_line_that_is_no_answer() -> None:
     assert garbage != b"answer\n"
 
 
-def test_a_disconnect_sends_half_the_answer() -> None:
+def test_a_disconnect_sends_half_the_answer():
     faulty = FaultyInstrument(Counter())
     faulty.inject(Fault.DISCONNECT)
     with pytest.raises(Disconnect) as caught:
@@ -49,7 +49,7 @@ def test_a_disconnect_sends_half_the_answer() -> None:
     assert caught.value.sent == b"ans"
 
 
-def test_a_lasting_fault_lasts_until_healed() -> None:
+def test_a_lasting_fault_lasts_until_healed():
     faulty = FaultyInstrument(Counter())
     faulty.inject(Fault.SILENCE, count=math.inf)
     assert [faulty.handle(b"GET?\n") for _ in range(3)] == [b""] * 3

@@ -33,7 +33,7 @@ class Bench:
         self.now_s += seconds
 
 
-def test_the_nth_command_gets_the_nth_fault_and_then_all_is_well() -> None:
+def test_the_nth_command_gets_the_nth_fault_and_then_all_is_well():
     bench = Bench(
         [NONE, LinkFault(LinkFaultKind.DROP_ANSWER), LinkFault(LinkFaultKind.GARBAGE, data=GARBAGE)]
     )
@@ -45,22 +45,20 @@ def test_the_nth_command_gets_the_nth_fault_and_then_all_is_well() -> None:
     assert bench.heard == [b"1\n", b"2\n", b"3\n", b"4\n"]
 
 
-def test_a_dropped_command_is_not_heard() -> None:
+def test_a_dropped_command_is_not_heard():
     bench = Bench([LinkFault(LinkFaultKind.DROP_COMMAND)])
     with pytest.raises(DeviceTimeout):
         bench.faulty.query(b"1\n", 1.0)
     assert bench.heard == []
 
 
-def test_a_delay_within_the_deadline_is_waited_for() -> None:
+def test_a_delay_within_the_deadline_is_waited_for():
     bench = Bench([LinkFault(LinkFaultKind.DELAY, delay_s=0.4)])
     assert bench.faulty.query(b"1\n", 1.0) == b"got 1"
     assert bench.now_s == pytest.approx(0.4)
 
 
-def test_a_delay_beyond_the_deadline_is_a_timeout_at_the_deadline_and_the_answer_is_dropped() -> (
-    None
-):
+def test_a_delay_beyond_the_deadline_is_a_timeout_at_the_deadline_and_the_answer_is_dropped():
     bench = Bench([LinkFault(LinkFaultKind.DELAY, delay_s=1.5)])
     with pytest.raises(DeviceTimeout, match="BENCH"):
         bench.faulty.query(b"1\n", 1.0)
@@ -68,7 +66,7 @@ def test_a_delay_beyond_the_deadline_is_a_timeout_at_the_deadline_and_the_answer
     assert bench.faulty.query(b"2\n", 1.0) == b"got 2"
 
 
-def test_a_late_answer_reaches_a_reader_who_keeps_waiting() -> None:
+def test_a_late_answer_reaches_a_reader_who_keeps_waiting():
     bench = Bench([LinkFault(LinkFaultKind.DELAY, delay_s=1.5)])
     bench.faulty.write(b"1\n")
     with pytest.raises(DeviceTimeout):
@@ -77,7 +75,7 @@ def test_a_late_answer_reaches_a_reader_who_keeps_waiting() -> None:
     assert bench.now_s == pytest.approx(1.5)
 
 
-def test_a_truncated_answer_is_a_timeout() -> None:
+def test_a_truncated_answer_is_a_timeout():
     bench = Bench([LinkFault(LinkFaultKind.TRUNCATE, count=3)])
     bench.faulty.write(b"1\n")
     assert bench.faulty.read_exactly(3, 1.0) == b"got"
@@ -86,14 +84,14 @@ def test_a_truncated_answer_is_a_timeout() -> None:
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.2])
-def test_a_copy_that_came_before_the_next_question_is_dropped(delay_s: float) -> None:
+def test_a_copy_that_came_before_the_next_question_is_dropped(delay_s):
     bench = Bench([LinkFault(LinkFaultKind.DUPLICATE, delay_s=delay_s)])
     assert bench.faulty.query(b"1\n", 1.0) == b"got 1"
     bench.sleep(0.3)
     assert bench.faulty.query(b"2\n", 1.0) == b"got 2"
 
 
-def test_a_copy_that_comes_after_the_next_question_takes_its_place() -> None:
+def test_a_copy_that_comes_after_the_next_question_takes_its_place():
     # No link can tell; that is why drivers read back. A marked-dirty transport is safe again.
     bench = Bench([LinkFault(LinkFaultKind.DUPLICATE, delay_s=0.2)])
     assert bench.faulty.query(b"1\n", 1.0) == b"got 1"
@@ -104,14 +102,14 @@ def test_a_copy_that_comes_after_the_next_question_takes_its_place() -> None:
     assert bench.faulty.query(b"3\n", 1.0) == b"got 3"
 
 
-def test_a_disconnect_in_mid_answer_is_mended_by_the_next_query() -> None:
+def test_a_disconnect_in_mid_answer_is_mended_by_the_next_query():
     bench = Bench([LinkFault(LinkFaultKind.DISCONNECT, count=2)])
     with pytest.raises(DeviceDisconnected, match="BENCH"):
         bench.faulty.query(b"1\n", 1.0)
     assert bench.faulty.query(b"2\n", 1.0) == b"got 2"
 
 
-def test_a_disconnect_while_sending_is_not_heard() -> None:
+def test_a_disconnect_while_sending_is_not_heard():
     bench = Bench([LinkFault(LinkFaultKind.DISCONNECT_SENDING)])
     with pytest.raises(DeviceDisconnected):
         bench.faulty.query(b"1\n", 1.0)
@@ -119,7 +117,7 @@ def test_a_disconnect_while_sending_is_not_heard() -> None:
     assert bench.faulty.query(b"2\n", 1.0) == b"got 2"
 
 
-def test_a_dead_instrument_refuses_so_many_connections() -> None:
+def test_a_dead_instrument_refuses_so_many_connections():
     bench = Bench([LinkFault(LinkFaultKind.REFUSE, count=2)])
     for command in (b"1\n", b"2\n", b"3\n"):
         with pytest.raises(DeviceDisconnected):
@@ -139,7 +137,7 @@ FAULTS = st.builds(
 
 @settings(max_examples=200)
 @given(script=st.lists(FAULTS, max_size=12))
-def test_no_script_hangs_mixes_up_answers_or_stays_broken(script: list[LinkFault]) -> None:
+def test_no_script_hangs_mixes_up_answers_or_stays_broken(script):
     """Each query ends within its timeout, in its own answer, a device error, or what garbage and
     copies explain.
     """

@@ -59,7 +59,7 @@ def every_kind_of_step(transport: Transport) -> list[object]:
     return outcomes
 
 
-def test_a_log_replays_to_the_same_outcomes(tmp_path: Path) -> None:
+def test_a_log_replays_to_the_same_outcomes(tmp_path):
     path = tmp_path / "wire.jsonl"
     outcomes = every_kind_of_step(record(path))
     assert outcomes[:2] == [b"HELLO", b"\x00\xff\x80"]
@@ -73,7 +73,7 @@ def test_a_log_replays_to_the_same_outcomes(tmp_path: Path) -> None:
     replay.check_finished()
 
 
-def test_a_driver_replays_byte_for_byte(tmp_path: Path) -> None:
+def test_a_driver_replays_byte_for_byte(tmp_path):
     def session(transport: Transport) -> list[object]:
         driver = Agilent33220A(transport, SETTINGS)
         driver.connect()
@@ -91,7 +91,7 @@ def test_a_driver_replays_byte_for_byte(tmp_path: Path) -> None:
     replay.check_finished()
 
 
-def test_the_log_is_readable_private_and_in_order(tmp_path: Path) -> None:
+def test_the_log_is_readable_private_and_in_order(tmp_path):
     path = tmp_path / "wire.jsonl"
     old = os.umask(0)
     try:
@@ -110,7 +110,7 @@ def test_the_log_is_readable_private_and_in_order(tmp_path: Path) -> None:
     assert times[0] >= 0.0
 
 
-def test_a_log_is_never_written_over(tmp_path: Path) -> None:
+def test_a_log_is_never_written_over(tmp_path):
     path = tmp_path / "wire.jsonl"
     path.write_text("precious")
     with pytest.raises(FileExistsError):
@@ -119,7 +119,7 @@ def test_a_log_is_never_written_over(tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-def test_a_crash_loses_nothing(tmp_path: Path) -> None:
+def test_a_crash_loses_nothing(tmp_path):
     path = tmp_path / "wire.jsonl"
     program = (
         "import os, sys; from pathlib import Path\nfrom hw.serving.memory import"
@@ -135,7 +135,7 @@ def test_a_crash_loses_nothing(tmp_path: Path) -> None:
     assert events[-1]["data"] == "last words\n"
 
 
-def test_a_full_disk_ends_the_log_and_not_the_dialogue(tmp_path: Path) -> None:
+def test_a_full_disk_ends_the_log_and_not_the_dialogue(tmp_path):
     recording = record(tmp_path / "wire.jsonl")
     recording.open()
     full = os.open("/dev/full", os.O_WRONLY)
@@ -166,7 +166,7 @@ def replay(tmp_path: Path) -> Replay:
     return replay
 
 
-def test_the_first_byte_that_differs_is_shown(replay: Replay) -> None:
+def test_the_first_byte_that_differs_is_shown(replay):
     message = (
         r"line 3: expected b'FREQ 250\.0;:FREQ\?\\n', got b'FREQ 240\.0;:FREQ\?\\n' at byte 6 of"
         r" the command"
@@ -175,12 +175,12 @@ def test_the_first_byte_that_differs_is_shown(replay: Replay) -> None:
         replay.query(b"FREQ 240.0;:FREQ?\n", 1.0)
 
 
-def test_a_command_cut_short_or_longer_differs_at_its_end(replay: Replay) -> None:
+def test_a_command_cut_short_or_longer_differs_at_its_end(replay):
     with pytest.raises(ReplayMismatch, match="at byte 10 of the command"):
         replay.write(b"FREQ 250.0")
 
 
-def test_a_program_that_swallows_the_refusal_cannot_go_on(replay: Replay) -> None:
+def test_a_program_that_swallows_the_refusal_cannot_go_on(replay):
     with pytest.raises(ReplayMismatch):
         replay.query(b"wrong\n", 1.0)
     with pytest.raises(ReplayMismatch, match="wrong"):
@@ -189,7 +189,7 @@ def test_a_program_that_swallows_the_refusal_cannot_go_on(replay: Replay) -> Non
         replay.check_finished()
 
 
-def test_after_a_difference_no_recorded_failure_is_played(tmp_path: Path) -> None:
+def test_after_a_difference_no_recorded_failure_is_played(tmp_path):
     path = tmp_path / "wire.jsonl"
     events: list[dict[str, str]] = [{"event": "connect"}]
     events.append(
@@ -211,21 +211,21 @@ def test_after_a_difference_no_recorded_failure_is_played(tmp_path: Path) -> Non
         replay._discard_input()
 
 
-def test_another_step_than_the_recorded_one_is_refused(replay: Replay) -> None:
+def test_another_step_than_the_recorded_one_is_refused(replay):
     with pytest.raises(
         ReplayMismatch, match=r"expected sent b'FREQ 250.0;:FREQ\?\\n', got waiting for an answer"
     ):
         replay.read_until(b"\n", 1.0)
 
 
-def test_a_command_after_the_end_is_refused(replay: Replay) -> None:
+def test_a_command_after_the_end_is_refused(replay):
     replay.query(b"FREQ 250.0;:FREQ?\n", 1.0)
     replay.query(b"second\n", 1.0)
     with pytest.raises(ReplayMismatch, match="expected a disconnect, got sending b'third"):
         replay.query(b"third\n", 1.0)
 
 
-def test_a_program_that_stops_early_has_not_finished(replay: Replay) -> None:
+def test_a_program_that_stops_early_has_not_finished(replay):
     replay.query(b"FREQ 250.0;:FREQ?\n", 1.0)
     with pytest.raises(ReplayMismatch, match="expected 3 more events, got the end"):
         replay.check_finished()
@@ -245,7 +245,7 @@ def test_a_program_that_stops_early_has_not_finished(replay: Replay) -> None:
         ('{"wire_log": 1, "resource": "X"}\n{"event": "waved"}\n', "line 2"),
     ],
 )
-def test_a_file_that_is_no_log_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_a_file_that_is_no_log_is_refused(tmp_path, text, message):
     path = tmp_path / "wire.jsonl"
     path.write_text(text)
     with pytest.raises(ValueError, match=re.escape(str(path))) as caught:
@@ -260,9 +260,7 @@ def test_a_file_that_is_no_log_is_refused(tmp_path: Path, text: str, message: st
 @given(
     steps=st.lists(st.tuples(st.binary(max_size=40), st.sampled_from([None, *Fault])), max_size=8)
 )
-def test_any_dialogue_with_any_faults_replays_alike(
-    tmp_path: Path, steps: list[tuple[bytes, Fault | None]]
-) -> None:
+def test_any_dialogue_with_any_faults_replays_alike(tmp_path, steps):
     def session(transport: Transport, line: FaultyInstrument | None) -> list[object]:
         outcomes: list[object] = []
         transport.open()

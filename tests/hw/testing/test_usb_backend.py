@@ -40,7 +40,7 @@ def command(tag: int, text: bytes) -> bytes:
     return out(1, tag, len(text), 1, text + bytes(-len(text) % 4))
 
 
-def test_the_descriptors_are_those_of_a_usbtmc_instrument(device: Any) -> None:
+def test_the_descriptors_are_those_of_a_usbtmc_instrument(device):
     assert (device.manufacturer, device.product, device.serial_number) == (
         "Agilent Technologies",
         "33220A",
@@ -59,7 +59,7 @@ def test_the_descriptors_are_those_of_a_usbtmc_instrument(device: Any) -> None:
     ]
 
 
-def test_an_answer_on_the_wire(device: Any) -> None:
+def test_an_answer_on_the_wire(device):
     device.write(BULK_OUT, command(1, b"*OPC?\n"))
     device.write(BULK_OUT, out(2, 2, 100, 0))
     assert (
@@ -68,7 +68,7 @@ def test_an_answer_on_the_wire(device: Any) -> None:
     )
 
 
-def test_an_answer_longer_than_the_request_comes_in_parts(device: Any) -> None:
+def test_an_answer_longer_than_the_request_comes_in_parts(device):
     device.write(BULK_OUT, command(1, b"FREQ?\n"))
     parts = []
     for tag in (2, 3, 4):
@@ -93,8 +93,8 @@ def test_an_answer_longer_than_the_request_comes_in_parts(device: Any) -> None:
     ],
 )
 def test_a_broken_rule_halts_the_endpoint_until_the_halt_is_cleared(
-    device: Any, backend: SimulatedUsbBackend, transfer: bytes, violation: str
-) -> None:
+    device, backend, transfer, violation
+):
     for data in (transfer, command(7, b"*CLS\n")):
         with pytest.raises(usb.core.USBError) as caught:
             device.write(BULK_OUT, data)
@@ -105,9 +105,7 @@ def test_a_broken_rule_halts_the_endpoint_until_the_halt_is_cleared(
     device.write(BULK_OUT, command(7, b"*CLS\n"))
 
 
-def test_a_tag_twice_and_two_open_requests_are_refused(
-    device: Any, backend: SimulatedUsbBackend
-) -> None:
+def test_a_tag_twice_and_two_open_requests_are_refused(device, backend):
     device.write(BULK_OUT, command(1, b"*CLS\n"))
     for transfer in (command(1, b"*CLS\n"), out(2, 2, 100, 0), out(2, 3, 100, 0)):
         try:
@@ -117,14 +115,14 @@ def test_a_tag_twice_and_two_open_requests_are_refused(
     assert backend.violations == ["tag 1 twice", "a request while one is open"]
 
 
-def test_reading_without_a_request_is_a_timeout(device: Any) -> None:
+def test_reading_without_a_request_is_a_timeout(device):
     device.write(BULK_OUT, command(1, b"*OPC?\n"))
     with pytest.raises(usb.core.USBTimeoutError) as caught:
         device.read(BULK_IN, 512, 20)
     assert caught.value.errno == errno.ETIMEDOUT
 
 
-def test_a_buffer_too_small_for_a_packet_overflows(device: Any) -> None:
+def test_a_buffer_too_small_for_a_packet_overflows(device):
     device.write(BULK_OUT, command(1, b"*IDN?\n"))
     device.write(BULK_OUT, out(2, 2, 100, 0))
     with pytest.raises(usb.core.USBError) as caught:
@@ -132,14 +130,14 @@ def test_a_buffer_too_small_for_a_packet_overflows(device: Any) -> None:
     assert caught.value.errno == errno.EOVERFLOW
 
 
-def test_a_new_message_cancels_an_answer_that_was_not_fetched(device: Any) -> None:
+def test_a_new_message_cancels_an_answer_that_was_not_fetched(device):
     device.write(BULK_OUT, command(1, b"*IDN?\n"))
     device.write(BULK_OUT, command(2, b"*OPC?\n"))
     device.write(BULK_OUT, out(2, 3, 100, 0))
     assert bytes(device.read(BULK_IN, 512, 5000))[12:14] == b"1\n"
 
 
-def test_the_trigger_message_triggers(device: Any) -> None:
+def test_the_trigger_message_triggers(device):
     device.write(BULK_OUT, command(1, b"*CLS\n"))
     device.write(BULK_OUT, out(128, 2, 0, 0))
     device.write(BULK_OUT, command(3, b"SYST:ERR?\n"))
@@ -149,7 +147,7 @@ def test_the_trigger_message_triggers(device: Any) -> None:
     )  # *TRG arrives, and this instrument has none
 
 
-def test_the_status_byte_comes_on_the_interrupt_endpoint(device: Any) -> None:
+def test_the_status_byte_comes_on_the_interrupt_endpoint(device):
     assert bytes(device.ctrl_transfer(0xA1, 128, 5, 0, 3)) == b"\x01\x05\x00"
     assert bytes(device.read(INTERRUPT_IN, 2, 1000)) == b"\x85\x00"
     with pytest.raises(usb.core.USBTimeoutError):
@@ -161,13 +159,13 @@ def test_the_status_byte_comes_on_the_interrupt_endpoint(device: Any) -> None:
 @pytest.mark.parametrize(
     ("kind", "request_", "index"), [(0xA1, 99, 0), (0xA2, 9, BULK_IN), (0xA2, 1, 0x55)]
 )
-def test_unknown_requests_stall(device: Any, kind: int, request_: int, index: int) -> None:
+def test_unknown_requests_stall(device, kind, request_, index):
     with pytest.raises(usb.core.USBError) as caught:
         device.ctrl_transfer(kind, request_, 0, index, 8)
     assert caught.value.errno == errno.EPIPE
 
 
-def test_a_clear_halts_bulk_out_and_drops_everything(device: Any) -> None:
+def test_a_clear_halts_bulk_out_and_drops_everything(device):
     device.write(BULK_OUT, out(1, 1, 8, 0, b"FREQ 250"))
     assert bytes(device.ctrl_transfer(0xA1, 5, 0, 0, 1)) == b"\x01"
     with pytest.raises(usb.core.USBError):
@@ -179,9 +177,7 @@ def test_a_clear_halts_bulk_out_and_drops_everything(device: Any) -> None:
     assert bytes(device.read(BULK_IN, 512, 5000))[12:32] == b"+1.0000000000000E+03"
 
 
-def test_a_pulled_cable_kills_handles_and_waiting_reads(
-    device: Any, backend: SimulatedUsbBackend
-) -> None:
+def test_a_pulled_cable_kills_handles_and_waiting_reads(device, backend):
     device.write(BULK_OUT, out(2, 1, 100, 0))
     pull = threading.Timer(0.05, backend.replug)
     pull.start()
@@ -194,9 +190,7 @@ def test_a_pulled_cable_kills_handles_and_waiting_reads(
     usb.util.dispose_resources(again)
 
 
-def test_a_cable_pulled_before_a_read_does_not_leave_it_waiting(
-    device: Any, backend: SimulatedUsbBackend
-) -> None:
+def test_a_cable_pulled_before_a_read_does_not_leave_it_waiting(device, backend):
     device.write(BULK_OUT, out(2, 1, 100, 0))
     backend.replug()
     with pytest.raises(usb.core.USBError) as caught:
@@ -204,7 +198,7 @@ def test_a_cable_pulled_before_a_read_does_not_leave_it_waiting(
     assert caught.value.errno == errno.ENODEV
 
 
-def test_closing_ends_the_thread() -> None:
+def test_closing_ends_the_thread():
     before = threading.active_count()
     backend = SimulatedUsbBackend(Simulated33220A())
     assert threading.active_count() == before + 1

@@ -120,29 +120,29 @@ def transport(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Transp
         yield transport
 
 
-def test_a_query_returns_the_line_without_its_end(transport: Transport) -> None:
+def test_a_query_returns_the_line_without_its_end(transport):
     assert transport.query(b"ECHO? hello\n", 5.0) == b"hello"
     assert not transport.dirty
 
 
-def test_write_then_read_until_and_read_exactly(transport: Transport) -> None:
+def test_write_then_read_until_and_read_exactly(transport):
     transport.write(b"RAW?\n")
     assert transport.read_exactly(4, 5.0) == b"\x00\n\xff\r"
     assert transport.read_until(b"line\n", 5.0) == b"next "
 
 
-def test_bytes_without_a_line_end_are_read_by_their_count(transport: Transport) -> None:
+def test_bytes_without_a_line_end_are_read_by_their_count(transport):
     transport.write(b"BARE?\n")
     assert transport.read_exactly(4, 5.0) == b"\x00\x01\x02\x03"
 
 
-def test_a_long_answer_arrives_whole(transport: Transport) -> None:
+def test_a_long_answer_arrives_whole(transport):
     transport.write(b"LONG?\n")
     assert transport.read_exactly(len(LONG) + 1, 20.0) == LONG + b"\n"
     assert transport.query(b"ECHO? next\n", 5.0) == b"next"
 
 
-def test_a_long_binary_command_arrives_whole(transport: Transport) -> None:
+def test_a_long_binary_command_arrives_whole(transport):
     block = LONG.replace(b"\n", b"\x00")
     command = b"BLOCK? #6%06d" % len(block) + block + b"\n"
     # 8 bytes of header, and what their characters sum to: # 6 1 4 3 3 6 0
@@ -150,7 +150,7 @@ def test_a_long_binary_command_arrives_whole(transport: Transport) -> None:
     assert transport.query(command, 20.0) == wanted
 
 
-def test_silence_is_a_timeout_and_the_next_query_works(transport: Transport) -> None:
+def test_silence_is_a_timeout_and_the_next_query_works(transport):
     with pytest.raises(DeviceTimeout, match=transport.resource):
         transport.query(b"NOTHING?\n", 0.1)
     assert transport.dirty
@@ -158,7 +158,7 @@ def test_silence_is_a_timeout_and_the_next_query_works(transport: Transport) -> 
     assert not transport.dirty
 
 
-def test_a_late_answer_is_never_given_to_the_next_question(transport: Transport) -> None:
+def test_a_late_answer_is_never_given_to_the_next_question(transport):
     LATE_GONE.clear()
     with pytest.raises(DeviceTimeout):
         transport.query(b"LATE?\n", 0.05)
@@ -168,33 +168,33 @@ def test_a_late_answer_is_never_given_to_the_next_question(transport: Transport)
     assert transport.query(b"ECHO? mine too\n", 5.0) == b"mine too"
 
 
-def test_an_answer_nobody_asked_for_is_dropped(transport: Transport) -> None:
+def test_an_answer_nobody_asked_for_is_dropped(transport):
     assert transport.query(b"TWO?\n", 5.0) == b"first"
     assert transport.query(b"ECHO? mine\n", 5.0) == b"mine"
 
 
-def test_half_an_answer_is_a_timeout_and_is_dropped(transport: Transport) -> None:
+def test_half_an_answer_is_a_timeout_and_is_dropped(transport):
     with pytest.raises(DeviceTimeout):
         transport.query(b"PARTIAL?\n", 0.1)
     assert transport.query(b"ECHO? whole\n", 5.0) == b"whole"
 
 
-def test_a_line_without_end_is_refused(transport: Transport) -> None:
+def test_a_line_without_end_is_refused(transport):
     with pytest.raises(BadReply, match="without"):
         transport.query(b"ENDLESS?\n", 20.0)
     assert transport.query(b"ECHO? fine\n", 20.0) == b"fine"
 
 
 def test_a_hang_up_in_mid_answer_is_a_disconnect_and_the_next_query_reconnects(
-    transport: Transport,
-) -> None:
+    transport,
+):
     with pytest.raises(DeviceDisconnected, match=transport.resource):
         transport.query(b"GOODBYE?\n", 5.0)
     assert transport.dirty
     assert transport.query(b"ECHO? back\n", 5.0) == b"back"
 
 
-def test_a_closed_transport_refuses_and_can_be_opened_again(transport: Transport) -> None:
+def test_a_closed_transport_refuses_and_can_be_opened_again(transport):
     transport.close()
     transport.close()
     for use in (
@@ -210,7 +210,7 @@ def test_a_closed_transport_refuses_and_can_be_opened_again(transport: Transport
     assert transport.query(b"ECHO? x\n", 5.0) == b"x"
 
 
-def test_an_error_says_what_where_and_what_to_do(transport: Transport) -> None:
+def test_an_error_says_what_where_and_what_to_do(transport):
     with pytest.raises(DeviceError) as caught:
         transport.query(b"NOTHING?\n", 0.05)
     assert caught.value.code == "device_timeout"
@@ -227,7 +227,7 @@ def eager_threads() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("eager_threads")
-def test_threads_get_their_own_answers(transport: Transport) -> None:
+def test_threads_get_their_own_answers(transport):
     def ask(thread: int) -> list[bytes]:
         return [transport.query(b"ECHO? %d-%d\n" % (thread, i), 30.0) for i in range(QUESTIONS)]
 
@@ -236,7 +236,7 @@ def test_threads_get_their_own_answers(transport: Transport) -> None:
     assert answers == [[b"%d-%d" % (thread, i) for i in range(QUESTIONS)] for thread in range(2)]
 
 
-def test_an_exchange_keeps_other_threads_out(transport: Transport) -> None:
+def test_an_exchange_keeps_other_threads_out(transport):
     with ThreadPoolExecutor(1) as pool:
         with transport.exchange():
             other = pool.submit(transport.query, b"ECHO? other\n", 5.0)
@@ -246,7 +246,7 @@ def test_an_exchange_keeps_other_threads_out(transport: Transport) -> None:
         assert other.result(10.0) == b"other"
 
 
-def test_waiting_for_a_busy_transport_is_bounded(transport: Transport) -> None:
+def test_waiting_for_a_busy_transport_is_bounded(transport):
     def wait() -> None:
         with transport.exchange(timeout_s=0.05):
             pytest.fail("the lock was not held")
@@ -269,7 +269,7 @@ NOBODY = {
 
 
 @pytest.mark.parametrize("kind", NOBODY)
-def test_nobody_there_is_a_disconnect_at_open(kind: str) -> None:
+def test_nobody_there_is_a_disconnect_at_open(kind):
     transport = NOBODY[kind]()
     with pytest.raises(DeviceDisconnected) as caught:
         transport.open()

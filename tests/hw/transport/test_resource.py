@@ -45,14 +45,14 @@ from hw.transport.visa import VisaTransport
         ("VISA:ASRL1::INSTR", VisaTransport, "ASRL1::INSTR"),
     ],
 )
-def test_each_form_leads_to_its_transport(resource: str, kind: type, shown: str) -> None:
+def test_each_form_leads_to_its_transport(resource, kind, shown):
     transport = make_transport(f" {resource}\n")
     assert type(transport) is kind
     assert transport.resource == shown
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_every_form_named_in_an_error_is_valid(form: str) -> None:
+def test_every_form_named_in_an_error_is_valid(form):
     assert make_transport(form).resource in form or form.startswith(("/", "USB"))
 
 
@@ -71,14 +71,14 @@ def test_every_form_named_in_an_error_is_valid(form: str) -> None:
         ("", "valid form"),
     ],
 )
-def test_an_unknown_form_is_refused_with_the_nearest_valid_one(resource: str, nearest: str) -> None:
+def test_an_unknown_form_is_refused_with_the_nearest_valid_one(resource, nearest):
     with pytest.raises(ValueError, match=re.escape(nearest)) as caught:
         make_transport(resource)
     assert repr(resource) in str(caught.value)
 
 
 @pytest.mark.parametrize("asked", [True, False])
-def test_flow_control_reaches_the_port(asked: bool) -> None:
+def test_flow_control_reaches_the_port(asked):
     transport = make_transport("/dev/ttyUSB0", rtscts=asked)
     assert isinstance(transport, SerialTransport)
     assert transport._settings["rtscts"] is asked

@@ -3,7 +3,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -33,7 +32,7 @@ def server() -> Iterator[SerialServer]:
         yield server
 
 
-def test_the_port_is_held_exclusively(server: SerialServer) -> None:
+def test_the_port_is_held_exclusively(server):
     first, second = SerialTransport(server.path), SerialTransport(server.path)
     first.open()
     with pytest.raises(DeviceDisconnected, match="exclusively lock"):
@@ -45,9 +44,7 @@ def test_the_port_is_held_exclusively(server: SerialServer) -> None:
 
 
 @pytest.mark.parametrize("baud_rate", [9600, 115200])
-def test_baud_rate_and_hardware_handshake_reach_the_port(
-    server: SerialServer, baud_rate: int
-) -> None:
+def test_baud_rate_and_hardware_handshake_reach_the_port(server, baud_rate):
     import termios
 
     transport = SerialTransport(server.path, baud_rate, rtscts=True)
@@ -62,7 +59,7 @@ def test_baud_rate_and_hardware_handshake_reach_the_port(
     transport.close()
 
 
-def test_a_line_that_does_not_exist_is_said_to_be_missing(server: SerialServer) -> None:
+def test_a_line_that_does_not_exist_is_said_to_be_missing(server):
     transport = SerialTransport(server.path)
     with pytest.raises(DeviceDisconnected, match="not open"):
         transport.set_rts(True)
@@ -72,12 +69,12 @@ def test_a_line_that_does_not_exist_is_said_to_be_missing(server: SerialServer) 
     transport.close()
 
 
-def test_a_wrong_baud_rate_is_refused_at_open(server: SerialServer) -> None:
+def test_a_wrong_baud_rate_is_refused_at_open(server):
     with pytest.raises(DeviceDisconnected, match="cannot be opened"):
         SerialTransport(server.path, -1).open()
 
 
-def test_without_a_marker_a_late_answer_is_waited_out(server: SerialServer) -> None:
+def test_without_a_marker_a_late_answer_is_waited_out(server):
     transport = SerialTransport(server.path, settle_s=0.4)
     transport.open()
     with pytest.raises(DeviceTimeout):
@@ -87,8 +84,8 @@ def test_without_a_marker_a_late_answer_is_waited_out(server: SerialServer) -> N
 
 
 def test_questions_with_less_time_than_the_line_needs_to_settle_come_through_in_the_end(
-    server: SerialServer,
-) -> None:
+    server,
+):
     """As an interlock box is asked: each try settled from the beginning, and after one late answer
     all failed.
     """
@@ -107,7 +104,7 @@ def test_questions_with_less_time_than_the_line_needs_to_settle_come_through_in_
     transport.close()
 
 
-def test_a_line_that_had_no_time_to_settle_stays_dirty(server: SerialServer) -> None:
+def test_a_line_that_had_no_time_to_settle_stays_dirty(server):
     transport = SerialTransport(server.path, settle_s=0.4, bounds=Bounds(open_timeout_s=0.05))
     transport.open()
     with pytest.raises(DeviceTimeout):
@@ -116,7 +113,7 @@ def test_a_line_that_had_no_time_to_settle_stays_dirty(server: SerialServer) -> 
     transport.close()
 
 
-def test_the_scpi_marker_finds_the_place_again_without_an_error_in_the_queue() -> None:
+def test_the_scpi_marker_finds_the_place_again_without_an_error_in_the_queue():
     with SerialServer(Simulated33220A(IMMEDIATE)) as server:
         transport = SerialTransport(server.path, marker=scpi_marker)
         transport.open()
@@ -130,7 +127,7 @@ def test_the_scpi_marker_finds_the_place_again_without_an_error_in_the_queue() -
         transport.close()
 
 
-def test_a_marker_that_is_not_answered_is_reported(server: SerialServer) -> None:
+def test_a_marker_that_is_not_answered_is_reported(server):
     transport = SerialTransport(
         server.path,
         marker=lambda number: (b"a?\n" * 600, b"b"),
@@ -143,9 +140,7 @@ def test_a_marker_that_is_not_answered_is_reported(server: SerialServer) -> None
     transport.close()
 
 
-def test_an_adapter_that_was_pulled_and_put_back_is_found_again(
-    server: SerialServer, tmp_path: Path
-) -> None:
+def test_an_adapter_that_was_pulled_and_put_back_is_found_again(server, tmp_path):
     adapter = tmp_path / "adapter"
     controller, terminal = os.openpty()
     adapter.symlink_to(os.ttyname(terminal))
@@ -163,7 +158,7 @@ def test_an_adapter_that_was_pulled_and_put_back_is_found_again(
     transport.close()
 
 
-def test_a_device_that_takes_nothing_is_a_timeout() -> None:
+def test_a_device_that_takes_nothing_is_a_timeout():
     controller, terminal = os.openpty()  # nobody reads the controller's side
     transport = SerialTransport(os.ttyname(terminal), bounds=Bounds(write_timeout_s=0.1))
     transport.open()

@@ -16,7 +16,7 @@ from tests.hw.instruments import IMMEDIATE, closed_port
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 
 
-def test_a_refused_connection_is_a_disconnect_at_open() -> None:
+def test_a_refused_connection_is_a_disconnect_at_open():
     port = closed_port()
     with pytest.raises(
         DeviceDisconnected, match=f"TCPIP::127.0.0.1::{port}::SOCKET cannot be reached"
@@ -24,7 +24,7 @@ def test_a_refused_connection_is_a_disconnect_at_open() -> None:
         TcpTransport("127.0.0.1", port).open()
 
 
-def test_resource_strings_are_read_and_written_alike() -> None:
+def test_resource_strings_are_read_and_written_alike():
     assert (
         TcpTransport.from_resource("TCPIP0::192.0.2.7::5025::SOCKET").resource
         == "TCPIP::192.0.2.7::5025::SOCKET"
@@ -32,13 +32,13 @@ def test_resource_strings_are_read_and_written_alike() -> None:
 
 
 @pytest.mark.parametrize("host", ["two..dots", "x" * 70])
-def test_a_name_that_no_host_can_have_is_a_disconnect_at_open(host: str) -> None:
+def test_a_name_that_no_host_can_have_is_a_disconnect_at_open(host):
     with pytest.raises(DeviceDisconnected, match="cannot be reached"):
         TcpTransport(host, 5025).open()
 
 
 @pytest.mark.parametrize("port", ["0", "65536", "70000"])
-def test_a_port_that_does_not_exist_is_refused_and_not_taken_modulo_65536(port: str) -> None:
+def test_a_port_that_does_not_exist_is_refused_and_not_taken_modulo_65536(port):
     with pytest.raises(ValueError, match=r"must be 1\.\.65535"):
         TcpTransport.from_resource(f"TCPIP::127.0.0.1::{port}::SOCKET")
 
@@ -46,7 +46,7 @@ def test_a_port_that_does_not_exist_is_refused_and_not_taken_modulo_65536(port: 
 @pytest.mark.parametrize(
     "resource", ["USB0::1::2::INSTR", "TCPIP::host::INSTR", "", "TCPIP::h::5025::SOCKET::x"]
 )
-def test_other_resources_are_refused(resource: str) -> None:
+def test_other_resources_are_refused(resource):
     with pytest.raises(ValueError, match="TCPIP::host::port::SOCKET"):
         TcpTransport.from_resource(resource)
 
@@ -67,7 +67,7 @@ def silent(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     over.set()
 
 
-def test_a_name_server_that_is_silent_is_a_timeout_at_open(silent: list[str]) -> None:
+def test_a_name_server_that_is_silent_is_a_timeout_at_open(silent):
     bounds = Bounds(open_timeout_s=0.05)
     for transport in (
         TcpTransport("generator.lab", 5025, bounds=bounds),
@@ -79,8 +79,8 @@ def test_a_name_server_that_is_silent_is_a_timeout_at_open(silent: list[str]) ->
 
 
 def test_a_name_is_resolved_once_however_often_the_connection_is_lost(
-    request: pytest.FixtureRequest,
-) -> None:
+    request,
+):
     """OFF once waited 12 s for a name server that was silent, with 80 V on the electrode."""
     core = FaultyInstrument(Simulated33220A(IMMEDIATE))
 
@@ -103,7 +103,7 @@ def test_a_name_is_resolved_once_however_often_the_connection_is_lost(
     assert asked == []
 
 
-def test_a_visa_resource_gets_the_address_of_its_host(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_visa_resource_gets_the_address_of_its_host(monkeypatch):
     found = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", ("192.0.2.7", 0))]
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_: found)
     for name, address in (

@@ -99,7 +99,7 @@ def transport(backend: SpyingBackend) -> Iterator[UsbTmcTransport]:
 # ---------------------------------------------------------------------------------------
 
 
-def test_a_query_on_the_wire(transport: UsbTmcTransport, backend: SpyingBackend) -> None:
+def test_a_query_on_the_wire(transport, backend):
     assert transport.query(b"?hello\n", 5.0) == b"hello"
     command, request = backend.out
     # USBTMC 1.0, tables 1 and 3: MsgID, bTag, ~bTag, 0, size, EOM, then data and padding to four
@@ -111,9 +111,7 @@ def test_a_query_on_the_wire(transport: UsbTmcTransport, backend: SpyingBackend)
     assert int.from_bytes(request[4:8], "little") > 0
 
 
-def test_tags_run_from_1_to_255_and_skip_0(
-    transport: UsbTmcTransport, backend: SpyingBackend
-) -> None:
+def test_tags_run_from_1_to_255_and_skip_0(transport, backend):
     for _ in range(200):
         transport.query(b"?x\n", 5.0)
     tags = [transfer[1] for transfer in backend.out]
@@ -123,9 +121,7 @@ def test_tags_run_from_1_to_255_and_skip_0(
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 499, 500, 501, 65523, 65524, 65525, 140_001, 600_000])
-def test_commands_of_every_size_are_split_and_padded(
-    transport: UsbTmcTransport, backend: SpyingBackend, size: int
-) -> None:
+def test_commands_of_every_size_are_split_and_padded(transport, backend, size):
     data = (bytes(range(256)) * (size // 256 + 1))[:size]
     assert transport.query(b"SUM?" + data, 10.0) == b"%d,%d" % (size, sum(data))
     sent = [transfer for transfer in backend.out if transfer[0] == 1]
@@ -139,7 +135,7 @@ def test_commands_of_every_size_are_split_and_padded(
 
 
 @pytest.mark.parametrize("size", [498, 499, 500, 501, 65522, 65523, 65524, 140_000])
-def test_answers_of_every_size_come_whole(transport: UsbTmcTransport, size: int) -> None:
+def test_answers_of_every_size_come_whole(transport, size):
     # 500 - 1 and 65524 - 1 with the line end fill whole packets: an empty packet ends those
     # transfers
     data = b"y" * size
@@ -170,11 +166,11 @@ def with_byte(index: int, value: int) -> Callable[[bytes], bytes]:
     ],
 )
 def test_a_malformed_reply_is_refused_and_the_next_is_right(
-    transport: UsbTmcTransport,
-    backend: SpyingBackend,
-    spoil: Callable[[bytes], bytes],
-    message: str,
-) -> None:
+    transport,
+    backend,
+    spoil,
+    message,
+):
     backend.spoil = spoil
     with pytest.raises(BadReply, match=message):
         transport.query(b"?spoilt\n", 5.0)
@@ -183,7 +179,7 @@ def test_a_malformed_reply_is_refused_and_the_next_is_right(
     assert transport.query(b"?right\n", 5.0) == b"right"
 
 
-def test_a_message_that_never_ends_is_refused() -> None:
+def test_a_message_that_never_ends_is_refused():
     class Babble(SpyingBackend):
         def reply(self, tag: int, payload: bytes, *, last: bool) -> bytes:
             self.answers += b"more"
@@ -199,9 +195,7 @@ def test_a_message_that_never_ends_is_refused() -> None:
         transport.close()
 
 
-def test_an_answer_in_many_transfers_is_one_line(
-    transport: UsbTmcTransport, backend: SpyingBackend
-) -> None:
+def test_an_answer_in_many_transfers_is_one_line(transport, backend):
     parts = iter([b"on", b"e l", b"ine\n"])
 
     def piecewise(reply: bytes) -> bytes:
@@ -223,7 +217,7 @@ def test_an_answer_in_many_transfers_is_one_line(
 
 
 @pytest.mark.parametrize("pending_checks", [0, 3])
-def test_a_read_timeout_is_aborted_drained_and_cleared(pending_checks: int) -> None:
+def test_a_read_timeout_is_aborted_drained_and_cleared(pending_checks):
     with SpyingBackend(Echo(), pending_checks=pending_checks) as backend:
         transport = UsbTmcTransport(0x0957, 0x0407, backend=backend)
         transport.open()
@@ -237,7 +231,7 @@ def test_a_read_timeout_is_aborted_drained_and_cleared(pending_checks: int) -> N
         transport.close()
 
 
-def test_a_device_that_stays_pending_is_claimed_afresh_or_reported(backend: SpyingBackend) -> None:
+def test_a_device_that_stays_pending_is_claimed_afresh_or_reported(backend):
     slept: list[float] = []
     transport = UsbTmcTransport(0x0957, 0x0407, backend=backend, sleep=slept.append)
     transport.open()
@@ -252,9 +246,7 @@ def test_a_device_that_stays_pending_is_claimed_afresh_or_reported(backend: Spyi
     transport.close()
 
 
-def test_a_device_that_takes_nothing_is_a_timeout_and_is_aborted(
-    transport: UsbTmcTransport, backend: SpyingBackend
-) -> None:
+def test_a_device_that_takes_nothing_is_a_timeout_and_is_aborted(transport, backend):
     backend.deaf = True
     with pytest.raises(DeviceTimeout, match="did not take the command"):
         transport.query(b"?x\n", 0.1)
@@ -264,9 +256,7 @@ def test_a_device_that_takes_nothing_is_a_timeout_and_is_aborted(
     assert backend.controls == [1, 5, 6]  # nothing was under way, so there is no abort to wait for
 
 
-def test_a_timeout_in_the_middle_of_a_long_command_drops_what_was_taken(
-    transport: UsbTmcTransport, backend: SpyingBackend
-) -> None:
+def test_a_timeout_in_the_middle_of_a_long_command_drops_what_was_taken(transport, backend):
     taken = []
     write = backend.bulk_write
 
@@ -284,9 +274,7 @@ def test_a_timeout_in_the_middle_of_a_long_command_drops_what_was_taken(
     assert backend.core.heard == [b"?short\n"]  # half a command is never carried out
 
 
-def test_a_halted_endpoint_is_refused_and_cleared(
-    transport: UsbTmcTransport, backend: SpyingBackend
-) -> None:
+def test_a_halted_endpoint_is_refused_and_cleared(transport, backend):
     backend.halted = True
     with pytest.raises(BadReply, match="refusal"):
         transport.query(b"?x\n", 5.0)
@@ -297,7 +285,7 @@ def test_a_halted_endpoint_is_refused_and_cleared(
 # --------------------------------------------------------------------------------------
 
 
-def test_no_usb_library_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_usb_library_is_explained(monkeypatch):
     import usb.backend.libusb0
     import usb.backend.openusb
 
@@ -308,14 +296,14 @@ def test_no_usb_library_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "libusb" in caught.value.hint
 
 
-def test_another_serial_number_is_not_the_instrument(backend: SpyingBackend) -> None:
+def test_another_serial_number_is_not_the_instrument(backend):
     with pytest.raises(DeviceDisconnected, match="SIM0001"):
         UsbTmcTransport(0x0957, 0x0407, "MY44000001", backend=backend).open()
     with pytest.raises(DeviceDisconnected, match="not connected"):
         UsbTmcTransport(0x0957, 0x0408, backend=backend).open()
 
 
-def test_two_alike_need_a_serial_number() -> None:
+def test_two_alike_need_a_serial_number():
     class Two(SimulatedUsbBackend):
         def enumerate_devices(self) -> Iterator[Any]:
             yield from (self, self)
@@ -328,15 +316,13 @@ def test_two_alike_need_a_serial_number() -> None:
     assert "serial number" in caught.value.hint
 
 
-def test_an_interface_in_use_is_refused(transport: UsbTmcTransport, backend: SpyingBackend) -> None:
+def test_an_interface_in_use_is_refused(transport, backend):
     with pytest.raises(DeviceDisconnected, match="EBUSY"):
         UsbTmcTransport(0x0957, 0x0407, backend=backend).open()
     assert transport.query(b"?still mine\n", 5.0) == b"still mine"
 
 
-def test_an_open_that_fails_does_not_keep_the_interface(
-    backend: SpyingBackend, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_open_that_fails_does_not_keep_the_interface(backend, monkeypatch):
     """It used to stay claimed after a timeout, so that nobody else could have it until the object
     was gone.
     """
@@ -357,9 +343,7 @@ def test_an_open_that_fails_does_not_keep_the_interface(
     other.close()
 
 
-def test_a_pulled_cable_is_a_disconnect_and_the_device_is_found_again(
-    transport: UsbTmcTransport, backend: SpyingBackend
-) -> None:
+def test_a_pulled_cable_is_a_disconnect_and_the_device_is_found_again(transport, backend):
     backend.replug()
     with pytest.raises(DeviceDisconnected):
         transport.query(b"?x\n", 5.0)
@@ -415,7 +399,7 @@ QUESTIONS = [
 ]
 
 
-def test_python_usbtmc_gets_the_answers_that_ours_gets(system_backend: SpyingBackend) -> None:
+def test_python_usbtmc_gets_the_answers_that_ours_gets(system_backend):
     theirs = python_usbtmc("USB0::0x0957::0x0407::SIM0001::INSTR")
     their_answers = [theirs.ask(question) for question in QUESTIONS]
     assert theirs.read_stb() == 0
@@ -429,7 +413,7 @@ def test_python_usbtmc_gets_the_answers_that_ours_gets(system_backend: SpyingBac
     assert not system_backend.violations
 
 
-def test_python_usbtmc_sends_the_bytes_that_ours_sends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_python_usbtmc_sends_the_bytes_that_ours_sends(monkeypatch):
     payloads = [
         b"?a\n",
         b"?ab\n",
@@ -460,7 +444,7 @@ def test_python_usbtmc_sends_the_bytes_that_ours_sends(monkeypatch: pytest.Monke
     assert streams[0] == streams[1]
 
 
-def test_pyvisa_py_gets_the_answers_that_ours_gets(pyvisa_py_with_usb: SpyingBackend) -> None:
+def test_pyvisa_py_gets_the_answers_that_ours_gets(pyvisa_py_with_usb):
     import pyvisa
 
     session: Any = pyvisa.ResourceManager("@py").open_resource(
@@ -478,7 +462,7 @@ def test_pyvisa_py_gets_the_answers_that_ours_gets(pyvisa_py_with_usb: SpyingBac
     assert not pyvisa_py_with_usb.violations
 
 
-def test_visa_can_be_asked_for_all_the_same(pyvisa_py_with_usb: SpyingBackend) -> None:
+def test_visa_can_be_asked_for_all_the_same(pyvisa_py_with_usb):
     transport = make_transport(f"visa:{pyvisa_py_with_usb.resource}")
     assert isinstance(transport, VisaTransport)
     transport.open()
@@ -489,7 +473,7 @@ def test_visa_can_be_asked_for_all_the_same(pyvisa_py_with_usb: SpyingBackend) -
     assert not pyvisa_py_with_usb.violations
 
 
-def test_pyvisa_py_breaks_the_class_with_long_commands(pyvisa_py_with_usb: SpyingBackend) -> None:
+def test_pyvisa_py_breaks_the_class_with_long_commands(pyvisa_py_with_usb):
     """Why USB resources go to our own transport: every other transfer of pyvisa-py is empty."""
     import pyvisa
 
@@ -502,7 +486,7 @@ def test_pyvisa_py_breaks_the_class_with_long_commands(pyvisa_py_with_usb: Spyin
     assert pyvisa_py_with_usb.violations == ["size 0"]
 
 
-def test_pymeasure_works_over_usb(pyvisa_py_with_usb: SpyingBackend) -> None:
+def test_pymeasure_works_over_usb(pyvisa_py_with_usb):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # pymeasure's own, at class construction
         from pymeasure.instruments.agilent import Agilent33220A
@@ -554,7 +538,7 @@ class Sdg:
         return {b"*IDN?\n": IDENTITY + b"\n", b"C1:SYNC?\n": b"C1:SYNC ON\n"}[data]
 
 
-def test_a_siglent_announces_52_bytes_and_sends_56() -> None:
+def test_a_siglent_announces_52_bytes_and_sends_56():
     with Siglent(Sdg(), vendor_id=0xF4EC, product_id=0xEE38) as backend:
         transport = UsbTmcTransport(0xF4EC, 0xEE38, backend=backend)
         transport.open()
@@ -564,7 +548,7 @@ def test_a_siglent_announces_52_bytes_and_sends_56() -> None:
         transport.close()
 
 
-def test_what_a_siglent_may_nobody_else_may() -> None:
+def test_what_a_siglent_may_nobody_else_may():
     with Siglent(Sdg()) as backend:
         transport = UsbTmcTransport(0x0957, 0x0407, backend=backend)
         transport.open()

@@ -37,7 +37,7 @@ def peer(behaviour: Callable[[socket.socket], None]) -> Iterator[str]:
         thread.join(10.0)
 
 
-def test_a_peer_that_hangs_up_without_a_word_is_a_disconnect_long_before_the_timeout() -> None:
+def test_a_peer_that_hangs_up_without_a_word_is_a_disconnect_long_before_the_timeout():
     def hang_up(connection: socket.socket) -> None:
         connection.recv(100)
 
@@ -51,7 +51,7 @@ def test_a_peer_that_hangs_up_without_a_word_is_a_disconnect_long_before_the_tim
         transport.close()
 
 
-def test_clearing_a_dead_peer_does_not_hang() -> None:
+def test_clearing_a_dead_peer_does_not_hang():
     with peer(lambda connection: None) as resource:
         transport = VisaTransport(resource, bounds=Bounds(open_timeout_s=1.0))
         transport.open()
@@ -60,7 +60,7 @@ def test_clearing_a_dead_peer_does_not_hang() -> None:
     transport.close()
 
 
-def test_a_peer_that_does_not_read_is_a_timeout() -> None:
+def test_a_peer_that_does_not_read_is_a_timeout():
     done = threading.Event()
     with peer(lambda connection: done.wait(20.0) and None) as resource:
         transport = VisaTransport(resource, bounds=Bounds(write_timeout_s=0.2))
@@ -71,7 +71,7 @@ def test_a_peer_that_does_not_read_is_a_timeout() -> None:
         done.set()
 
 
-def test_an_unknown_library_says_what_to_install() -> None:
+def test_an_unknown_library_says_what_to_install():
     with pytest.raises(
         DeviceDisconnected, match=re.escape("no VISA library for '@nosuch'")
     ) as caught:
@@ -79,12 +79,12 @@ def test_an_unknown_library_says_what_to_install() -> None:
     assert "pyvisa-py" in caught.value.hint
 
 
-def test_a_resource_that_the_library_cannot_parse_is_a_disconnect() -> None:
+def test_a_resource_that_the_library_cannot_parse_is_a_disconnect():
     with pytest.raises(DeviceDisconnected, match="cannot be opened"):
         VisaTransport("NONSENSE").open()
 
 
-def test_the_simulated_generator_over_a_socket_and_a_serial_line() -> None:
+def test_the_simulated_generator_over_a_socket_and_a_serial_line():
     generator = Simulated33220A(IMMEDIATE)
     with TcpServer(generator) as tcp, SerialServer(generator) as serial:
         for resource, marker in (
@@ -155,9 +155,7 @@ def fails() -> None:
 
 
 @pytest.mark.parametrize("step", ["read", "write"])
-def test_a_dropped_link_that_raises_what_it_likes_is_a_disconnect(
-    monkeypatch: pytest.MonkeyPatch, step: str
-) -> None:
+def test_a_dropped_link_that_raises_what_it_likes_is_a_disconnect(monkeypatch, step):
     with library(
         monkeypatch, lambda: Session(**{step: fails, "close": fails, "clear": fails})
     ) as transport:
@@ -168,8 +166,8 @@ def test_a_dropped_link_that_raises_what_it_likes_is_a_disconnect(
 
 
 def test_closing_and_clearing_a_link_that_does_not_answer_is_given_up(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     """pyvisa-py waits 7 to 14 s for the answers of a dead VXI-11 link; here they never come."""
     answered = threading.Event()
     with library(
@@ -183,8 +181,8 @@ def test_closing_and_clearing_a_link_that_does_not_answer_is_given_up(
 
 
 def test_a_link_that_opens_too_late_is_a_disconnect_and_is_closed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     may_open, closed = threading.Event(), threading.Event()
 
     def opens() -> Session:

@@ -24,7 +24,7 @@ def integral_of_density(distribution, power: int = 0) -> float:
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_area_and_mean_gap_against_reference(shape_and_scales, reference, name: str) -> None:
+def test_area_and_mean_gap_against_reference(shape_and_scales, reference, name):
     shape, scales = shape_and_scales(name)
     contact = reference[name]["contact"]
     p_hat = contact["pressure_pa"] / scales.pressure_pa
@@ -38,9 +38,7 @@ def test_area_and_mean_gap_against_reference(shape_and_scales, reference, name: 
 @pytest.mark.parametrize(
     ("name", "mean_gap_um", "ratio"), [("reference", 43.8, 1.785e-4), ("table1", 66.6, 1.941e-4)]
 )
-def test_headline_values_at_5_kpa(
-    shape_and_scales, name: str, mean_gap_um: float, ratio: float
-) -> None:
+def test_headline_values_at_5_kpa(shape_and_scales, name, mean_gap_um, ratio):
     shape, scales = shape_and_scales(name)
     p_hat = 5e3 / scales.pressure_pa
     assert mean_gap(shape, p_hat) * scales.length_m == pytest.approx(
@@ -51,9 +49,7 @@ def test_headline_values_at_5_kpa(
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("pressure_pa", [1e3, 5e3, 3e4, 1e5])
-def test_gaps_fill_all_the_area_that_is_not_in_contact(
-    shape_and_scales, name: str, pressure_pa: float
-) -> None:
+def test_gaps_fill_all_the_area_that_is_not_in_contact(shape_and_scales, name, pressure_pa):
     shape, scales = shape_and_scales(name)
     d = gap_distribution(shape, pressure_pa / scales.pressure_pa)
     # 2e-4 is asked of the theory; a grid that misses zeta -> 1 loses nearly all of it
@@ -64,7 +60,7 @@ def test_gaps_fill_all_the_area_that_is_not_in_contact(
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_mean_of_the_distribution_is_the_mean_separation(shape_and_scales, name: str) -> None:
+def test_mean_of_the_distribution_is_the_mean_separation(shape_and_scales, name):
     """(48) and (45) are two roads to the mean gap; the theory joins them to about 1 % only."""
     shape, scales = shape_and_scales(name)
     d = gap_distribution(shape, 5e3 / scales.pressure_pa)
@@ -72,9 +68,7 @@ def test_mean_of_the_distribution_is_the_mean_separation(shape_and_scales, name:
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_nearly_all_the_area_leaves_contact_at_the_first_magnifications(
-    shape_and_scales, name: str
-) -> None:
+def test_nearly_all_the_area_leaves_contact_at_the_first_magnifications(shape_and_scales, name):
     """The trap of a grid in log zeta: 92 to 99 % of the nominal area has left contact before zeta =
     1.1.
     """
@@ -95,8 +89,8 @@ def test_nearly_all_the_area_leaves_contact_at_the_first_magnifications(
 
 @pytest.mark.parametrize("name", FINGERS)
 def test_mean_separation_against_the_printed_equations(
-    models, shape_and_scales, printed_theory, name: str
-) -> None:
+    models, shape_and_scales, printed_theory, name
+):
     shape, scales = shape_and_scales(name)
     theory = printed_theory(models[name])
     for pressure_pa in (2e3, 2e4, 2e5):
@@ -118,7 +112,7 @@ pressures = st.floats(np.log(1e-5), np.log(1.0)).map(np.exp)
 
 @given(shapes, pressures)
 @settings(max_examples=25)
-def test_any_shape_keeps_its_area(shape: SelfAffineShape, p_hat: float) -> None:
+def test_any_shape_keeps_its_area(shape, p_hat):
     d = gap_distribution(shape, p_hat)
     assert integral_of_density(d) == pytest.approx(1.0 - d.area_ratio, abs=2e-4)
     assert (d.weight >= 0.0).all()
@@ -127,14 +121,12 @@ def test_any_shape_keeps_its_area(shape: SelfAffineShape, p_hat: float) -> None:
 
 @given(shapes, pressures, st.floats(1.01, 3.0))
 @settings(max_examples=25)
-def test_pressing_harder_closes_the_gap_and_enlarges_the_contact(
-    shape, p_hat: float, factor: float
-) -> None:
+def test_pressing_harder_closes_the_gap_and_enlarges_the_contact(shape, p_hat, factor):
     assert mean_gap(shape, factor * p_hat) < mean_gap(shape, p_hat)
     assert area_ratio(shape, factor * p_hat) > area_ratio(shape, p_hat)
 
 
-def test_light_contact_area_is_proportional_to_pressure() -> None:
+def test_light_contact_area_is_proportional_to_pressure():
     """A/A0 -> (2/sqrt(pi)) p/(2 sqrt G), the known limit of (42)."""
     shape = SelfAffineShape(0.8, 1e6, 0.45)
     p_hat = 1e-3
@@ -145,13 +137,13 @@ def test_light_contact_area_is_proportional_to_pressure() -> None:
     )  # next term: (p/2 sqrt G)^2/3 = 1e-9
 
 
-def test_a_contact_pressed_flat_has_no_gap() -> None:
+def test_a_contact_pressed_flat_has_no_gap():
     shape = SelfAffineShape(0.8, 10.0, 0.45)
     assert mean_gap(shape, 100.0) == 0.0
     assert float(area_ratio(shape, 100.0)) == 1.0  # erf(100/...) is 1 in doubles
 
 
-def test_far_gaps_form_a_tail_and_no_bump() -> None:
+def test_far_gaps_form_a_tail_and_no_bump():
     """Beyond five h_rms at 100 kPa: what looks like a bump at the step of the integrals is one hill
     per step.
     """

@@ -30,7 +30,7 @@ def direct(shape: SelfAffineShape, p_hat: float, z_hat: complex) -> tuple[float,
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_gap_integrals_against_reference(models, scales_of, reference, name: str) -> None:
+def test_gap_integrals_against_reference(models, scales_of, reference, name):
     table, scales = models[name].table, scales_of(models[name])
     r = reference[name]["gap_integrals"]
     k = [
@@ -50,7 +50,7 @@ def test_gap_integrals_against_reference(models, scales_of, reference, name: str
 )
 def test_direct_quadrature_against_the_printed_equations(
     models, scales_of, printed_theory, name, pressure_pa, z_m
-) -> None:
+):
     scales = scales_of(models[name])
     slow_k, slow_l, slow_mass = printed_theory(models[name]).gap_integrals(pressure_pa, z_m)
     k, l = direct(models[name].table.shape, pressure_pa / scales.pressure_pa, z_m / scales.length_m)  # noqa: E741
@@ -64,7 +64,7 @@ def test_direct_quadrature_against_the_printed_equations(
     assert slow_mass == pytest.approx(not_in_contact, rel=1e-6)
 
 
-def test_one_table_serves_another_finger(models, scales_of, printed_theory, variant) -> None:
+def test_one_table_serves_another_finger(models, scales_of, printed_theory, variant):
     """K(p, z) = h^-2 K^(p/(Y* q0 h), z/h): three times the height, a fifth of q0 and q1, half the
     modulus.
     """
@@ -89,9 +89,7 @@ def test_one_table_serves_another_finger(models, scales_of, printed_theory, vari
     angle=st.floats(-np.pi / 2.0, np.pi / 2.0),
 )
 @settings(max_examples=40)
-def test_table_against_direct_quadrature(
-    models, name: str, log_p: float, log_z: float, angle: float
-) -> None:
+def test_table_against_direct_quadrature(models, name, log_p, log_z, angle):
     table = models[name].table
     p_hat, z_hat = np.exp(log_p), np.exp(log_z + 1j * angle)
     k, l = direct(table.shape, p_hat, z_hat)  # noqa: E741
@@ -102,7 +100,7 @@ def test_table_against_direct_quadrature(
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("p_hat", [4.5, 6.3, 8.1, 9.7])
-def test_table_where_the_contact_is_nearly_complete(models, name: str, p_hat: float) -> None:
+def test_table_where_the_contact_is_nearly_complete(models, name, p_hat):
     """More than 1 MPa: the area out of contact vanishes like an error function, which four nodes
     follow less well.
     """
@@ -117,7 +115,7 @@ def test_table_where_the_contact_is_nearly_complete(models, name: str, p_hat: fl
 
 
 @pytest.mark.parametrize("z_hat", [1e-8, 3e-9 * np.exp(1.0j), 3e3, 1e4 * np.exp(-0.7j), 1e5])
-def test_beyond_the_lengths_of_the_table_its_limits_hold(models, z_hat: complex) -> None:
+def test_beyond_the_lengths_of_the_table_its_limits_hold(models, z_hat):
     table = models["reference"].table
     k, l = direct(table.shape, 0.02, z_hat)  # noqa: E741
     table_k, table_l = look_up(table, 0.02, z_hat)
@@ -128,7 +126,7 @@ def test_beyond_the_lengths_of_the_table_its_limits_hold(models, z_hat: complex)
         assert abs(table_l - l) <= 5e-3 * abs(l)  # L moves half as much
 
 
-def test_far_limit_is_the_area_out_of_contact(models) -> None:
+def test_far_limit_is_the_area_out_of_contact(models):
     """K z^2 -> L z -> 1 - A_real/A0 where the stack is far thicker than the gap."""
     table = models["reference"].table
     k, l = look_up(table, 5e3 / 266617.0, 1e5)  # noqa: E741
@@ -144,7 +142,7 @@ def test_far_limit_is_the_area_out_of_contact(models) -> None:
     angle=st.floats(0.0, np.pi / 2.0),
 )
 @settings(max_examples=50)
-def test_conjugate_symmetry(models, log_p: float, log_z: float, angle: float) -> None:
+def test_conjugate_symmetry(models, log_p, log_z, angle):
     table, p_hat, z_hat = models["table1"].table, np.exp(log_p), np.exp(log_z + 1j * angle)
     k, l = look_up(table, p_hat, z_hat)  # noqa: E741
     k_conj, l_conj = look_up(table, p_hat, z_hat.conjugate())
@@ -153,7 +151,7 @@ def test_conjugate_symmetry(models, log_p: float, log_z: float, angle: float) ->
     assert l.imag <= 0.0  # 1/(u + z) has the opposite sign of z
 
 
-def test_beyond_its_pressures_the_table_holds_its_ends(models) -> None:
+def test_beyond_its_pressures_the_table_holds_its_ends(models):
     for outside, end in ((0.9e-6, 1e-6), (11.0, 10.0)):
         for found, expected in zip(
             look_up(models["reference"].table, outside, 1.0),
@@ -163,7 +161,7 @@ def test_beyond_its_pressures_the_table_holds_its_ends(models) -> None:
             assert found == pytest.approx(expected, rel=1e-12)  # rounding of the end's logarithm
 
 
-def test_grid_of_magnifications_has_converged() -> None:
+def test_grid_of_magnifications_has_converged():
     z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
     for p_hat in (1e-4, 0.02, 1.0):
         coarse, fine = (integrals_of(gap_mass(SHAPE, p_hat, step), z) for step in (0.2, 0.05))
@@ -173,7 +171,7 @@ def test_grid_of_magnifications_has_converged() -> None:
         np.testing.assert_allclose(coarse[1], fine[1], rtol=1e-5)
 
 
-def test_grid_of_gaps_has_converged(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_grid_of_gaps_has_converged(monkeypatch):
     z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
     k, l = integrals_of(gap_mass(SHAPE, 0.02), z)  # noqa: E741
     low, high, step = module.LOG_U_AXIS
@@ -218,7 +216,7 @@ class TestCache:
     def load(self, folder) -> GapTable:
         return gap_table.__wrapped__(SHAPE, folder)  # past the memory of this process
 
-    def test_second_load_reads_what_the_first_wrote(self, tmp_path, builds) -> None:
+    def test_second_load_reads_what_the_first_wrote(self, tmp_path, builds):
         first, second = (
             self.load(tmp_path / "new" / "folder"),
             self.load(tmp_path / "new" / "folder"),
@@ -228,7 +226,7 @@ class TestCache:
         np.testing.assert_array_equal(second.mass, first.mass)
         assert second.content_hash == first.content_hash
 
-    def test_nothing_but_the_finished_file_is_left(self, tmp_path, builds) -> None:
+    def test_nothing_but_the_finished_file_is_left(self, tmp_path, builds):
         table = self.load(tmp_path)
         assert [p.name for p in tmp_path.iterdir()] == [f"gap-table-{table.content_hash}.npz"]
 
@@ -273,7 +271,7 @@ class TestCache:
             "other-mass",
         ],
     )
-    def test_a_damaged_or_foreign_file_is_built_again(self, tmp_path, builds, damage) -> None:
+    def test_a_damaged_or_foreign_file_is_built_again(self, tmp_path, builds, damage):
         path = tmp_path / f"gap-table-{self.load(tmp_path).content_hash}.npz"
         damage(path)
         table = self.load(tmp_path)
@@ -284,14 +282,12 @@ class TestCache:
             np.testing.assert_array_equal(mended["values"], np.full(NODES, 0.25))
             np.testing.assert_array_equal(mended["mass"], np.full((NODES[0], GAPS), 0.5))
 
-    def test_a_cache_that_cannot_be_written_is_done_without(self, tmp_path, builds) -> None:
+    def test_a_cache_that_cannot_be_written_is_done_without(self, tmp_path, builds):
         in_the_way = tmp_path / "file"
         in_the_way.write_text("a file where the folder should be")
         assert self.load(in_the_way).values.shape == NODES
 
-    def test_a_failed_write_leaves_the_old_file(
-        self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_a_failed_write_leaves_the_old_file(self, tmp_path, builds, monkeypatch):
         def full_disk(file, **arrays) -> None:
             file.write(b"half")
             raise OSError(28, "No space left on device")
@@ -302,7 +298,7 @@ class TestCache:
         module._write(old, GapTable(SHAPE, np.zeros(3), np.zeros(3)))
         assert old.read_bytes() == b"old"
 
-    def test_a_failed_write_leaves_no_part(self, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_failed_write_leaves_no_part(self, tmp_path, monkeypatch):
         def full_disk(file, **arrays) -> None:
             raise OSError(28, "No space left on device")
 
@@ -310,9 +306,7 @@ class TestCache:
         module._write(tmp_path / "table.npz", GapTable(SHAPE, np.zeros(3), np.zeros(3)))
         assert list(tmp_path.iterdir()) == []
 
-    def test_each_shape_and_each_grid_has_its_own_file(
-        self, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_each_shape_and_each_grid_has_its_own_file(self, monkeypatch):
         shapes = [
             SHAPE,
             SelfAffineShape(0.81, 1e4, 0.45),
@@ -331,23 +325,21 @@ class TestCache:
         assert len(hashes) == len(shapes) + 10
         assert len(set(hashes)) == len(hashes)
 
-    def test_environment_names_the_folder(
-        self, tmp_path, builds, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_environment_names_the_folder(self, tmp_path, builds, monkeypatch):
         monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path / "own"))
         table = gap_table.__wrapped__(SHAPE)
         assert (tmp_path / "own" / f"gap-table-{table.content_hash}.npz").is_file()
 
 
 @pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
-def test_a_smooth_shape_has_a_finite_table() -> None:
+def test_a_smooth_shape_has_a_finite_table():
     table = module.build_table(SelfAffineShape(0.8, 2.0, 0.45))
     assert np.isfinite(table.values).all()
     assert np.isfinite(table.mass).all()
 
 
 @pytest.mark.parametrize("name", ["reference", "table1"])
-def test_the_tables_step_of_pressure_is_of_fourth_order(models, name: str) -> None:
+def test_the_tables_step_of_pressure_is_of_fourth_order(models, name):
     """Cubics through direct quadratures 4, 2 and 1 steps of the table apart, in the middle between
     two of them.
     """

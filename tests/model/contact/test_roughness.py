@@ -10,12 +10,12 @@ hursts = st.floats(0.2, 0.98)
 zeta1s = st.floats(np.log(2.0), np.log(1e9)).map(np.exp)
 
 
-def test_r_of_table_one() -> None:
+def test_r_of_table_one():
     assert r_of_hurst(0.86) == pytest.approx(3.2348, abs=5e-5)  # half of the last digit known
 
 
 @given(st.floats(0.4, 0.98))
-def test_r_is_the_integral_40(hurst: float) -> None:
+def test_r_is_the_integral_40(hurst):
     # x = 1 + t^2 takes the root out of (40); below H = 0.4 the tail of the integral is beyond quad
     integral, _ = quad(
         lambda t: 2.0 * (1.0 + t * t) ** (-0.5 / (1.0 - hurst)),
@@ -29,7 +29,7 @@ def test_r_is_the_integral_40(hurst: float) -> None:
     )  # of the quadrature
 
 
-def test_contact_length_of_both_shipped_fingers(reference) -> None:
+def test_contact_length_of_both_shipped_fingers(reference):
     for name in ("reference", "table1"):
         r = reference[name]["roughness"]
         length = contact_length_m(r["H"], r["h_rms"], r["q0"], r["q1"])
@@ -43,16 +43,14 @@ def test_contact_length_of_both_shipped_fingers(reference) -> None:
 
 
 @given(hursts, st.floats(1e-8, 1e-3))
-def test_contact_length_is_proportional_to_the_height(hurst: float, h_rms: float) -> None:
+def test_contact_length_is_proportional_to_the_height(hurst, h_rms):
     one, two = (contact_length_m(hurst, h, 1e3, 1e9) for h in (h_rms, 2.0 * h_rms))
     assert two == pytest.approx(2.0 * one, rel=1e-14)  # rounding
     assert one > 0.0
 
 
 @given(hursts, zeta1s, st.floats(0.0, 1.0))
-def test_moments_are_the_integrals_of_the_spectrum(
-    hurst: float, zeta1: float, fraction: float
-) -> None:
+def test_moments_are_the_integrals_of_the_spectrum(hurst, zeta1, fraction):
     shape = SelfAffineShape(hurst, zeta1, 0.45)
     zeta = np.exp(fraction * np.log(zeta1))
     below, _ = quad(lambda y: np.exp((2.0 - 2.0 * hurst) * y), 0.0, np.log(zeta), epsrel=1e-10)
@@ -62,7 +60,7 @@ def test_moments_are_the_integrals_of_the_spectrum(
 
 
 @given(hursts, st.integers(8, 46))
-def test_moment_keeps_its_digits_where_nothing_is_magnified_yet(hurst: float, bits: int) -> None:
+def test_moment_keeps_its_digits_where_nothing_is_magnified_yet(hurst, bits):
     excess = (
         2.0**-bits
     )  # 1 + excess is exact; the moment there is excess (1 + (1/2 - H) excess + ...)

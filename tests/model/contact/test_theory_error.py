@@ -20,7 +20,7 @@ EARLIER = (
 LENGTHS = ("k_0_3_um", "k_1_um", "k_5_um")
 
 
-def test_table_is_what_the_committed_comparison_found() -> None:
+def test_table_is_what_the_committed_comparison_found():
     """rms of log(solver/theory) at the finest grid, extrapolated to first order, or of the earlier
     comparison.
     """
@@ -49,19 +49,19 @@ def test_table_is_what_the_committed_comparison_found() -> None:
             assert LOG_STD[i][j] == pytest.approx(wanted, abs=0.011)
 
 
-def test_nodes_are_the_table_and_points_between_lie_between() -> None:
+def test_nodes_are_the_table_and_points_between_lie_between():
     p, h = np.meshgrid(PRESSURE_PA, GAP_LENGTH_M, indexing="ij")
     np.testing.assert_allclose(theory_log_std(p, h), LOG_STD, rtol=1e-12)
     middle = float(theory_log_std(np.sqrt(5e3 * 20e3), 1e-6))
     assert middle == pytest.approx(0.5 * (LOG_STD[0][1] + LOG_STD[1][1]))
 
 
-def test_outside_the_compared_range_the_nearest_holds() -> None:
+def test_outside_the_compared_range_the_nearest_holds():
     assert theory_log_std(1.0, 1e-9) == pytest.approx(LOG_STD[0][0])
     assert theory_log_std(1e9, 1.0) == pytest.approx(LOG_STD[-1][-1])
 
 
-def test_a_finger_is_known_by_its_dimensionless_pressure_and_length() -> None:
+def test_a_finger_is_known_by_its_dimensionless_pressure_and_length():
     own = theory_log_std(
         7.0 * 8e3,
         3.0 * 2e-6,
@@ -72,6 +72,6 @@ def test_a_finger_is_known_by_its_dimensionless_pressure_and_length() -> None:
     assert theory_log_std(5e3, 2e-6, pressure_scale_pa=1e4) != theory_log_std(5e3, 2e-6)
 
 
-def test_shape_is_that_of_the_arguments() -> None:
+def test_shape_is_that_of_the_arguments():
     assert theory_log_std(5e3, 1e-6).shape == ()
     assert theory_log_std(np.full((4, 1), 5e3), np.full(3, 1e-6)).shape == (4, 3)

@@ -48,7 +48,7 @@ def lines_of(area_m2) -> list[str]:
     return lines
 
 
-def test_an_area_is_an_observation_with_and_without_voltage(read) -> None:
+def test_an_area_is_an_observation_with_and_without_voltage(read):
     data = read(
         "250,75,0.5,0.6,0.01,1.1e-4,2e-6", "250,0,0.5,0.51,0.01,9e-5,", "250,0,0.5,0.5,0.01,,"
     )
@@ -57,16 +57,16 @@ def test_an_area_is_an_observation_with_and_without_voltage(read) -> None:
     assert AREA in nuisances(FINGER, data)
 
 
-def test_without_an_area_none_is_fitted(read) -> None:
+def test_without_an_area_none_is_fitted(read):
     assert AREA not in nuisances(FINGER, read("250,75,0.5,0.6,0.01,,"))
 
 
-def test_an_area_in_mm2_is_refused(read) -> None:
+def test_an_area_in_mm2_is_refused(read):
     with pytest.raises(ModelError, match=r"contact_area_m2 = 105 is out of range"):
         read("250,75,0.5,0.6,0.01,105,2")
 
 
-def test_the_free_area_becomes_what_was_seen(read) -> None:
+def test_the_free_area_becomes_what_was_seen(read):
     """15 % were free; a hundred and thirty square millimetres were seen, to 3 % of a session."""
     data = read(*lines_of(lambda load_n: 1.3e-4))
     predictor = Predictor(FINGER, data)
@@ -78,7 +78,7 @@ def test_the_free_area_becomes_what_was_seen(read) -> None:
     assert AREA.log_std * np.sqrt(fit.covariance[place, place]) < 0.035
 
 
-def test_an_area_that_grows_with_load_is_named(read) -> None:
+def test_an_area_that_grows_with_load_is_named(read):
     """A finger that spreads by another law than the catalogue's: A goes on as a logarithm."""
     found = diagnose(
         FINGER, read(*lines_of(lambda load_n: 1e-4 * (1.0 + 0.4 * np.log(load_n / 0.5)))), seed=1
@@ -87,6 +87,6 @@ def test_an_area_that_grows_with_load_is_named(read) -> None:
     assert found.findings.verdict.decision.names == ("contact_area_law",)
 
 
-def test_a_steady_area_is_no_effect(read) -> None:
+def test_a_steady_area_is_no_effect(read):
     found = diagnose(FINGER, read(*lines_of(lambda load_n: 1.1e-4)), seed=1)
     assert found.findings.verdict.decision.verdict == "no_discrepancy"

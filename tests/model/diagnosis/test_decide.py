@@ -57,7 +57,7 @@ def counted(with_current: bool) -> Counter[str]:
     return found
 
 
-def test_names_where_current_was_measured() -> None:
+def test_names_where_current_was_measured():
     """Of 5 sets of nothing, 8 of something unknown, 10 pairs and 17 single effects."""
     found = counted(with_current=True)
     assert (found["nothing"], found["unexplained"], found["pairs"]) == (5, 8, 10)
@@ -65,7 +65,7 @@ def test_names_where_current_was_measured() -> None:
     assert found["wrong"] == 0
 
 
-def test_names_by_friction_alone() -> None:
+def test_names_by_friction_alone():
     """The same fingers. Pairs are hardly ever told by friction."""
     found = counted(with_current=False)
     assert (found["nothing"], found["unexplained"], found["pairs"]) == (5, 8, 0)
@@ -92,7 +92,7 @@ def summed(found: Evidences, name: str) -> float:
 
 
 @pytest.mark.parametrize("frozen", FROZEN[::4], ids=lambda frozen: str(frozen["set"]))
-def test_an_effect_is_there_with_the_sum_of_all_that_hold_it(frozen: dict[str, Any]) -> None:
+def test_an_effect_is_there_with_the_sum_of_all_that_hold_it(frozen):
     found = evidences(frozen)._replace(unseen={})
     inclusion = posterior(found).inclusion
     for name in (NONE, UNKNOWN, *found.untestable, *(n for names in found.alone for n in names)):
@@ -115,7 +115,7 @@ def made(draw: st.DrawFn) -> Evidences:
 
 
 @given(made())
-def test_probabilities_sum_to_one_and_a_list_holds_sure(found: Evidences) -> None:
+def test_probabilities_sum_to_one_and_a_list_holds_sure(found):
     weighed = posterior(found)
     assert sum(weighed.hypotheses.values()) == pytest.approx(1.0)
     assert sum(weighed.shares.values()) == pytest.approx(1.0)
@@ -126,7 +126,7 @@ def test_probabilities_sum_to_one_and_a_list_holds_sure(found: Evidences) -> Non
 
 
 @given(made(), st.floats(-1e3, 1e3))
-def test_only_differences_of_evidence_count(found: Evidences, shift: float) -> None:
+def test_only_differences_of_evidence_count(found, shift):
     moved = Evidences(
         {names: log + shift for names, log in found.alone.items()},
         found.untestable,
@@ -139,15 +139,13 @@ def test_only_differences_of_evidence_count(found: Evidences, shift: float) -> N
 
 
 @given(made(), st.floats(0.0, 10.0))
-def test_more_evidence_for_an_effect_never_makes_it_less_likely(
-    found: Evidences, more: float
-) -> None:
+def test_more_evidence_for_an_effect_never_makes_it_less_likely(found, more):
     better = found._replace(alone=found.alone | {("a",): found.alone["a",] + more})
     assert posterior(better).inclusion["a"] >= posterior(found).inclusion["a"] - 1e-12
 
 
 @given(made())
-def test_every_name_is_sure_and_every_sure_effect_is_named(found: Evidences) -> None:
+def test_every_name_is_sure_and_every_sure_effect_is_named(found):
     weighed = posterior(found)
     decision = decide(weighed)
     sure = {n for n, p in weighed.inclusion.items() if p >= SURE} - {NONE, UNKNOWN}
@@ -160,9 +158,7 @@ def test_every_name_is_sure_and_every_sure_effect_is_named(found: Evidences) -> 
 
 
 @given(made(), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_no_effect_is_more_probable_than_that_it_shrinks_the_error(
-    found: Evidences, of_a: float, of_b: float
-) -> None:
+def test_no_effect_is_more_probable_than_that_it_shrinks_the_error(found, of_a, of_b):
     stated = posterior(found)
     shrinks = {n: s for n, s in (("a", of_a), ("b", of_b)) if n in stated.inclusion}
     held = held_against(stated, shrinks)
@@ -179,12 +175,12 @@ def of(alone: dict[str, float], unknown: float = -90.0, sensor: float = -90.0) -
     return Evidences(logs, others, {}, {(NONE,): unknown}, {FORCE_SENSOR: sensor})
 
 
-def test_two_effects_are_both_named_where_every_likely_pair_holds_them() -> None:
+def test_two_effects_are_both_named_where_every_likely_pair_holds_them():
     decision = decide(posterior(of({NONE: -90.0, "a": -20.0, "b": -30.0, "a+b": 0.0})))
     assert (decision.verdict, decision.names) == ("effect_found", ("a", "b"))
 
 
-def test_one_is_named_and_what_may_stand_beside_it_is_said() -> None:
+def test_one_is_named_and_what_may_stand_beside_it_is_said():
     """The second effect does nine times what its prior costs: probable, and not sure."""
     cost = -log(PRIOR_EFFECTS / 20)
     decision = decide(posterior(of({NONE: -90.0, "a": 0.0, "b": -60.0, "a+b": cost + log(9.0)})))
@@ -192,7 +188,7 @@ def test_one_is_named_and_what_may_stand_beside_it_is_said() -> None:
     assert "perhaps b as well" in decision.reason
 
 
-def test_what_cannot_be_told_apart_is_listed_by_its_place() -> None:
+def test_what_cannot_be_told_apart_is_listed_by_its_place():
     """Beside `b` both `a` and `c` explain the rest; without `b` nothing does."""
     logs = {NONE: -90.0, "a": -50.0, "b": -50.0, "c": -50.0, "a+b": 0.5, "b+c": 0.0}
     decision = decide(posterior(of(logs)))
@@ -204,7 +200,7 @@ def test_what_cannot_be_told_apart_is_listed_by_its_place() -> None:
     assert listed.probability == pytest.approx(1.0)
 
 
-def test_an_effect_that_does_not_shrink_the_error_has_no_name() -> None:
+def test_an_effect_that_does_not_shrink_the_error_has_no_name():
     """What it loses is something unknown, where that is more probable than nothing."""
     stated = posterior(of({NONE: -90.0, "a": 0.0}, unknown=-60.0))
     assert decide(held_against(stated, {"a": 0.97})).names == ("a",)
@@ -214,7 +210,7 @@ def test_an_effect_that_does_not_shrink_the_error_has_no_name() -> None:
     assert (held.withheld, stated.withheld) == (("a",), ())
 
 
-def test_what_chance_explains_is_nothing() -> None:
+def test_what_chance_explains_is_nothing():
     """Nothing and an effect are as probable, and the effect does not predict."""
     stated = posterior(of({NONE: 0.0, "a": -log(PRIOR_EFFECTS / 20 / PRIOR_NONE)}))
     others = sum(stated.inclusion[f"other {i}"] for i in range(19))  # that these data cannot show
@@ -224,7 +220,7 @@ def test_what_chance_explains_is_nothing() -> None:
     assert held.inclusion[UNKNOWN] < 1e-9
 
 
-def test_of_two_effects_the_one_that_shrinks_the_error_keeps_its_name() -> None:
+def test_of_two_effects_the_one_that_shrinks_the_error_keeps_its_name():
     """Something unknown takes the other's place beside it."""
     logs = {NONE: -90.0, "a": -60.0, "b": -60.0, "a+b": 0.0}
     stated = posterior(of(logs, unknown=-20.0))
@@ -233,13 +229,13 @@ def test_of_two_effects_the_one_that_shrinks_the_error_keeps_its_name() -> None:
     assert "perhaps unknown effect as well" in decision.reason
 
 
-def test_what_is_not_of_the_touch_is_said_and_never_named() -> None:
+def test_what_is_not_of_the_touch_is_said_and_never_named():
     decision = decide(posterior(of({NONE: -90.0, "a": -40.0}, sensor=0.0)))
     assert (decision.verdict, decision.names) == ("unexplained", ())
     assert "tare it" in decision.reason
 
 
-def test_an_effect_that_leaves_no_trace_counts_as_none() -> None:
+def test_an_effect_that_leaves_no_trace_counts_as_none():
     """Twenty effects of which the data say nothing would share 0.56 with none; half is unseen."""
     names = [f"effect {i}" for i in range(20)]
     plain = Evidences({(n,): 0.0 for n in (NONE, *names)}, (), {}, {(NONE,): -90.0}, {})

@@ -52,9 +52,7 @@ def gains(problem: Problem) -> tuple[float, float]:
 @pytest.mark.parametrize(
     ("zero_n", "share"), [(0.05, 0.0), (-0.05, 0.0), (-0.06, 0.12), (0.06, -0.12)]
 )
-def test_the_sensor_is_certain_where_it_does_it(
-    tmp_path: Path, zero_n: float, share: float
-) -> None:
+def test_the_sensor_is_certain_where_it_does_it(tmp_path, zero_n, share):
     """Three of 640 blind sets were called friction that depends on load, with 0.95 to 0.99."""
     sensor, law = gains(read(tmp_path, (0.25, 0.5, 1.0), zero_n, share))
     assert law > 50.0
@@ -62,13 +60,13 @@ def test_the_sensor_is_certain_where_it_does_it(
 
 
 @pytest.mark.parametrize("strength", [-1.0, 0.5, 1.0])
-def test_the_law_is_certain_where_it_is_there(tmp_path: Path, strength: float) -> None:
+def test_the_law_is_certain_where_it_is_there(tmp_path, strength):
     sensor, law = gains(read(tmp_path, (0.25, 0.5, 1.0), law=strength))
     assert sensor > 30.0
     assert law - sensor > LOG_ODDS
 
 
-def test_it_is_not_worth_its_numbers_where_it_does_nothing(tmp_path: Path) -> None:
+def test_it_is_not_worth_its_numbers_where_it_does_nothing(tmp_path):
     """What it would add to friction as observed, noise and all, gained 80 nats on three sessions of
     nothing.
     """
@@ -76,7 +74,7 @@ def test_it_is_not_worth_its_numbers_where_it_does_nothing(tmp_path: Path) -> No
     assert -5.0 < sensor < 0.0
 
 
-def test_one_load_says_nothing_of_it(tmp_path: Path) -> None:
+def test_one_load_says_nothing_of_it(tmp_path):
     problem = read(tmp_path, (0.5,), zero_n=0.05)
     base = candidate(problem, (), problem.fit((), np.zeros(len(problem.predictor.free))))
     assert force_sensor(problem, base) == -np.inf

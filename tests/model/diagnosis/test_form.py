@@ -60,9 +60,7 @@ def size(kind: Any, x: float, answer: Callable[[Any, Array], Array]) -> Array:
 
 @pytest.mark.parametrize("x", [-1.0, 0.0, 0.7])
 @pytest.mark.parametrize(("power", "times"), [(0.5, 1.0), (1.5, 1.5), (2.0, 2.0), (4.0, 2.0)])
-def test_an_effect_that_grows_faster_than_its_strength_may_be_off_by_more(
-    x: float, power: float, times: float
-) -> None:
+def test_an_effect_that_grows_faster_than_its_strength_may_be_off_by_more(x, power, times):
     """A tenth of the voltage scale of a nonlinear skin is a fifth of its signature: strong ones
     were unexplained.
     """
@@ -72,14 +70,14 @@ def test_an_effect_that_grows_faster_than_its_strength_may_be_off_by_more(
 
 
 @pytest.mark.parametrize("x", [-1.2, 0.8])
-def test_a_strength_on_a_linear_scale_is_counted_from_where_it_is_off(x: float) -> None:
+def test_a_strength_on_a_linear_scale_is_counted_from_where_it_is_off(x):
     wetness = 0.5 * x
     expected = np.maximum(np.abs(np.expm1(wetness)), np.abs(wetness) * np.exp(wetness)) * VOLTAGES
     assert size(HYDRATED, x, lambda w, v: v * np.expm1(w)) == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize("x", [-1.0, 0.2])
-def test_a_gain_is_off_by_a_share_of_what_it_is_beyond_one(x: float) -> None:
+def test_a_gain_is_off_by_a_share_of_what_it_is_beyond_one(x):
     """A tenth of a gain of 1.05 is twice the effect: a gain that bends a little with the voltage
     was unexplained.
     """
@@ -88,7 +86,7 @@ def test_a_gain_is_off_by_a_share_of_what_it_is_beyond_one(x: float) -> None:
     assert size(GAIN, x, lambda gain, v: v * (gain - 1.0)) == pytest.approx(expected, rel=0.01)
 
 
-def test_where_an_effect_does_nothing_its_form_is_not_off() -> None:
+def test_where_an_effect_does_nothing_its_form_is_not_off():
     assert size(NONLINEAR, 0.0, lambda v0, v: np.where(v > 50.0, v / v0, 0.0))[
         VOLTAGES <= 50.0
     ] == pytest.approx(0.0)
@@ -133,9 +131,7 @@ def observed(tmp_path: Path, off: complex) -> tuple[Problem, Array]:
 
 
 @pytest.mark.parametrize("turn", [1.0, 1j], ids=["amount", "phase"])
-def test_a_strength_that_depends_on_frequency_is_seen_by_all_witnesses_alike(
-    tmp_path: Path, turn: complex
-) -> None:
+def test_a_strength_that_depends_on_frequency_is_seen_by_all_witnesses_alike(tmp_path, turn):
     """A body that loses a little was named with a Johnsen-Rahbek effect, which gave its current the
     phase.
     """
@@ -157,7 +153,7 @@ def test_a_strength_that_depends_on_frequency_is_seen_by_all_witnesses_alike(
 
 
 @pytest.mark.parametrize(("bends", "way"), [(0.2, 1), (0.0, None)])
-def test_a_gain_may_depend_on_the_amplitude(tmp_path: Path, bends: float, way: int | None) -> None:
+def test_a_gain_may_depend_on_the_amplitude(tmp_path, bends, way):
     """Of ten gains that bend by a fifth from the volts of a spectrum to those of friction two were
     named.
     """
@@ -189,14 +185,14 @@ def test_a_gain_may_depend_on_the_amplitude(tmp_path: Path, bends: float, way: i
     assert (found.alone.log_evidence > found.alone.exact + 5.0) is (way is not None)
 
 
-def test_a_form_that_is_not_off_is_the_exact_one(tmp_path: Path) -> None:
+def test_a_form_that_is_not_off_is_the_exact_one(tmp_path):
     problem, vector = observed(tmp_path, 0.0)
     found = candidate(problem, (RESISTANCE,), problem.fit((RESISTANCE,), vector))
     assert found.alone.log_evidence < found.alone.exact
     assert found.around.vector == pytest.approx(found.fit.vector, abs=0.3)
 
 
-def test_a_discrepancy_that_adds_nothing_changes_no_evidence(tmp_path: Path) -> None:
+def test_a_discrepancy_that_adds_nothing_changes_no_evidence(tmp_path):
     """It had the advantage of knowing how far the form is off: a gain that bends was unexplained
     for two nats.
     """
@@ -209,8 +205,8 @@ def test_a_discrepancy_that_adds_nothing_changes_no_evidence(tmp_path: Path) -> 
 
 
 def test_a_model_whose_form_is_off_is_refitted_for_as_long_as_that_says_more(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     """A film of sweat said 4 nats less after one refit, and a polarization beside it 8: neither was
     named.
     """
@@ -224,7 +220,7 @@ def test_a_model_whose_form_is_off_is_refitted_for_as_long_as_that_says_more(
     assert found.alone.exact == evidence_of(problem, start)[2]
 
 
-def test_one_more_effect_is_fitted_beside_a_form_as_it_is_off(tmp_path: Path) -> None:
+def test_one_more_effect_is_fitted_beside_a_form_as_it_is_off(tmp_path):
     """In the exact form alone a polarization beside a film of sweat was as strong as mends the
     film's form best.
     """

@@ -158,7 +158,7 @@ def made(tmp_path, with_effects):
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Effect) else None,
 )
-def test_a_discrepancy_is_learned_where_it_acts(made, hidden, electrode, place, inputs) -> None:
+def test_a_discrepancy_is_learned_where_it_acts(made, hidden, electrode, place, inputs):
     found = made(hidden, electrode).learned()
     assert place in found.alike
     assert found.form.place in found.alike
@@ -170,19 +170,19 @@ def test_a_discrepancy_is_learned_where_it_acts(made, hidden, electrode, place, 
 
 
 @pytest.mark.soak
-def test_friction_alone_cannot_tell_the_drive_from_the_field_it_makes(made) -> None:
+def test_friction_alone_cannot_tell_the_drive_from_the_field_it_makes(made):
     found = made(AtDrive(), False).learned()
     assert {"drive", "air gap"} <= set(found.alike)
     assert found.proof.gap_closed > 0.8
 
 
-def test_where_nothing_is_hidden_nothing_is_learned(made) -> None:
+def test_where_nothing_is_hidden_nothing_is_learned(made):
     found = made(Effect(), True).learned()
     assert found is None or not found.is_proved
 
 
 @pytest.mark.soak
-def test_a_model_that_has_learned_once_learns_no_second_term(made) -> None:
+def test_a_model_that_has_learned_once_learns_no_second_term(made):
     given = made(AtFriction(), False)
     found = given.learned()
     numbers = {
@@ -195,9 +195,7 @@ def test_a_model_that_has_learned_once_learns_no_second_term(made) -> None:
     assert given._replace(description=again).learned() is None
 
 
-def test_what_no_effect_explains_goes_into_the_model_file_as_learned(
-    tmp_path, with_effects
-) -> None:
+def test_what_no_effect_explains_goes_into_the_model_file_as_learned(tmp_path, with_effects):
     hidden = AtFriction()
     data = measured(tmp_path, hidden, with_effects(hidden), electrode=False)
     description = read_model(MODEL)

@@ -161,7 +161,7 @@ def touches(row_std: float, trial_std: float, seed: int) -> Measurements:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_sessions_repeat_one_another_where_each_has_a_setting_once(seed: int) -> None:
+def test_sessions_repeat_one_another_where_each_has_a_setting_once(seed):
     """What a touch shares with and without voltage is its gain, what is left a row's own."""
     data = touches(0.004, 0.05, seed)
     assert trials_are_touches(data)
@@ -196,7 +196,7 @@ def bare(row_std: float, trial_std: float, seed: int) -> Measurements:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_sessions_repeat_one_another_without_a_column_of_trials_too(seed: int) -> None:
+def test_sessions_repeat_one_another_without_a_column_of_trials_too(seed):
     """A file whose touches only their loads tell apart has a gain of each touch as any other."""
     data = bare(0.01, 0.1, seed)
     found = of(data)
@@ -207,7 +207,7 @@ def test_sessions_repeat_one_another_without_a_column_of_trials_too(seed: int) -
     assert found.row.variance == pytest.approx(1e-4, rel=5 * (2 / found.row.degrees) ** 0.5)
 
 
-def test_rows_of_a_touch_share_one_gain_whatever_their_own_noise() -> None:
+def test_rows_of_a_touch_share_one_gain_whatever_their_own_noise():
     data = touches(0.004, 0.05, 1)
     noise = noise_of(data)
     assert noise is not None
@@ -217,7 +217,7 @@ def test_rows_of_a_touch_share_one_gain_whatever_their_own_noise() -> None:
     assert np.ptp(covariance[same]) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_plan_that_goes_through_settings_is_no_touch() -> None:
+def test_a_plan_that_goes_through_settings_is_no_touch():
     data = touches(0.004, 0.05, 1)
     plan = replace(data, trial=data.session)
     assert not trials_are_touches(plan)
@@ -239,7 +239,7 @@ def on_one_clock(data: Measurements) -> Measurements:
 
 
 @pytest.mark.parametrize("made", [lambda data: data, numbered])
-def test_times_that_begin_anew_in_each_touch_do_not_mix_the_touches(made) -> None:
+def test_times_that_begin_anew_in_each_touch_do_not_mix_the_touches(made):
     """The file is in order of measurement, so that neighbours in it are neighbours in time."""
     data = made(measured())
     (order,) = rows_in_order(data)
@@ -255,19 +255,19 @@ def test_times_that_begin_anew_in_each_touch_do_not_mix_the_touches(made) -> Non
 
 
 @pytest.mark.parametrize("made", [lambda data: data, numbered])
-def test_touches_on_one_clock_are_in_its_order(made) -> None:
+def test_touches_on_one_clock_are_in_its_order(made):
     data = on_one_clock(made(measured()))
     (order,) = rows_in_order(data)
     assert (np.diff(data.columns["time_s"][order]) > 0.0).all()
 
 
-def test_touches_read_once_each_at_the_same_time_stay_as_in_the_file() -> None:
+def test_touches_read_once_each_at_the_same_time_stay_as_in_the_file():
     once = measured().subset(np.arange(0, 180, 4))
     (order,) = rows_in_order(once)
     assert list(order) == list(range(45))
 
 
-def test_noise_that_remembers_in_a_touch_is_found_there() -> None:
+def test_noise_that_remembers_in_a_touch_is_found_there():
     """First-order noise of 0.7 from row to row, anew in each trial of four: 3/4 of all pairs."""
     chance = np.random.default_rng(5)
     noise = chance.standard_normal((45, 4))
@@ -279,7 +279,7 @@ def test_noise_that_remembers_in_a_touch_is_found_there() -> None:
     assert p < 1e-3
 
 
-def test_what_repeats_of_a_setting_share_over_time_is_no_noise_of_neighbours() -> None:
+def test_what_repeats_of_a_setting_share_over_time_is_no_noise_of_neighbours():
     """Attraction that fades at some settings alike in all five repeats, beside a trial's gain."""
     chance = np.random.default_rng(6)
     fading = np.outer(np.repeat(chance.standard_normal(9), 5), np.linspace(0.5, -0.5, 4))

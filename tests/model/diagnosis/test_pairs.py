@@ -45,15 +45,15 @@ def pairs(
 
 
 def test_two_effects_are_found_behind_a_third_that_looks_like_both(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     """A film of sweat was named for a polarization and a floating body: beside it neither helps."""
     evidence = {"a": 37.0, "b": 25.0, "c": 39.0, "d": 1.0, "cd": 40.0, "ab": 54.0}
     found = pairs(monkeypatch, evidence, {"c": {"d": 9.0}, "a": {"b": 50.0}})
     assert max(found, key=found.__getitem__) == "a+b"
 
 
-def test_the_members_of_the_best_pair_are_asked_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_members_of_the_best_pair_are_asked_too(monkeypatch):
     """`h` is too weak alone to be asked, until it stands in the best pair; then it finds `g`."""
     evidence = {name: 20.0 - i for i, name in enumerate("abcdefgh")} | {"ah": 40.0, "gh": 60.0}
     found = pairs(monkeypatch, evidence, {"a": {"h": 30.0}, "h": {"g": 50.0}})
@@ -61,8 +61,8 @@ def test_the_members_of_the_best_pair_are_asked_too(monkeypatch: pytest.MonkeyPa
 
 
 def test_the_pairs_that_promise_most_are_fitted_and_no_more(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     evidence = {name: 20.0 - i for i, name in enumerate("abcdefgh")}
     promise = {"a": dict.fromkeys("bcdefgh", 10.0), "b": {"c": 60.0, "d": 2.0, "e": 12.0}}
     found = pairs(monkeypatch, evidence, promise)
@@ -72,13 +72,13 @@ def test_the_pairs_that_promise_most_are_fitted_and_no_more(
 
 
 def test_nothing_is_fitted_where_nothing_is_worth_its_prior(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     assert pairs(monkeypatch, {"a": 3.0, "b": 2.0}, {}) == {}
 
 
 @pytest.mark.parametrize("bent", [False, True])
-def test_what_one_more_effect_explains_is_judged_with_all_as_loose_as_it_is(bent: bool) -> None:
+def test_what_one_more_effect_explains_is_judged_with_all_as_loose_as_it_is(bent):
     """By the dense covariance.
 
     A floating body of lambda 306 was not tried beside a skin that stiffens: the finger, fitted

@@ -49,7 +49,7 @@ def held_out(measured: Measurements, scale: float = 1.0, kinds: Kinds = ()) -> P
     return prove(FINGER, measured, noise, chosen, [], scale, 0, lambda _: None)
 
 
-def test_a_session_of_one_row_is_no_fold_and_leaves_the_others_their_names() -> None:
+def test_a_session_of_one_row_is_no_fold_and_leaves_the_others_their_names():
     """The names of all sessions stood beside the errors of some: session c's error under b's
     name.
     """
@@ -59,7 +59,7 @@ def test_a_session_of_one_row_is_no_fold_and_leaves_the_others_their_names() -> 
     assert found.before.shape == found.after.shape == (3,)
 
 
-def test_errors_are_counted_in_the_noise_that_is_asked_for() -> None:
+def test_errors_are_counted_in_the_noise_that_is_asked_for():
     """The rival's error was counted in its own noise, and compared with the chosen model's in that
     one's.
     """
@@ -69,7 +69,7 @@ def test_errors_are_counted_in_the_noise_that_is_asked_for() -> None:
     assert 0.3 < float(np.mean(once.before)) < 2.5  # the data are the model's own, with this noise
 
 
-def test_an_effect_that_is_there_surely_shrinks_the_error_and_another_does_not() -> None:
+def test_an_effect_that_is_there_surely_shrinks_the_error_and_another_does_not():
     """The drive is off by half; how friction depends on load is as the model says."""
     off, law = BY_NAME["drive_gain_error"], BY_NAME["load_dependent_friction"]
     rows = [30] * 6
@@ -79,7 +79,7 @@ def test_an_effect_that_is_there_surely_shrinks_the_error_and_another_does_not()
     assert both["drive_gain_error"] >= 0.95 > both["load_dependent_friction"]
 
 
-def test_how_sure_a_smaller_error_is_by_hand() -> None:
+def test_how_sure_a_smaller_error_is_by_hand():
     """Of three folds two gain 2 and one loses 1: seven of 27 draws gain nothing."""
     other, rows = np.array([4.0, 4.0, 4.0]), np.full(3, 10.0)
     # Three standard deviations of what 2000 draws say.

@@ -32,7 +32,7 @@ def sessions_only(count: int = 20) -> Measurements:
     return Measurements({}, session, tuple("abcde"), None, "")
 
 
-def test_equal_sessions_are_not_singled_out() -> None:
+def test_equal_sessions_are_not_singled_out():
     data = sessions_only()
     found = [
         unlike_sessions(data, np.random.default_rng(i).standard_normal(data.session.size))
@@ -42,7 +42,7 @@ def test_equal_sessions_are_not_singled_out() -> None:
 
 
 @pytest.mark.parametrize("loud", [[1], [0, 3]])
-def test_loud_sessions_are_found_with_their_loudness(loud) -> None:
+def test_loud_sessions_are_found_with_their_loudness(loud):
     data = sessions_only(40)
     true = np.where(np.isin(data.session, loud), 4.0, 1.0)
     found = unlike_sessions(data, true * np.random.default_rng(3).standard_normal(true.size))
@@ -50,7 +50,7 @@ def test_loud_sessions_are_found_with_their_loudness(loud) -> None:
     assert inflation(data, found) == pytest.approx(true, rel=0.3)
 
 
-def test_never_half_of_the_sessions_or_more() -> None:
+def test_never_half_of_the_sessions_or_more():
     data = sessions_only(40)
     loud = np.where(np.isin(data.session, [0, 1, 2]), 9.0, 1.0) * np.random.default_rng(
         3
@@ -60,7 +60,7 @@ def test_never_half_of_the_sessions_or_more() -> None:
     assert unlike_sessions(two, loud[data.session < 2]) == {}
 
 
-def test_a_predictor_switches_effects_on_only_where_the_data_say_so(tmp_path) -> None:
+def test_a_predictor_switches_effects_on_only_where_the_data_say_so(tmp_path):
     data = read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 1.0))
     on = data.session == 2
     gain = BY_NAME["drive_gain_error"]
@@ -98,7 +98,7 @@ def write(folder: Path, hidden: np.ndarray, noisier: float) -> Path:
     return path
 
 
-def test_an_effect_in_two_of_five_sessions_is_named_with_its_sessions(tmp_path) -> None:
+def test_an_effect_in_two_of_five_sessions_is_named_with_its_sessions(tmp_path):
     hidden = np.array([False, True, False, True, False])
     found = diagnose(read_model(MODEL), read_measurements(write(tmp_path, hidden, 1.0)))
     assert found.findings is not None
@@ -109,7 +109,7 @@ def test_an_effect_in_two_of_five_sessions_is_named_with_its_sessions(tmp_path) 
     assert any("shows in b, d only" in warning for warning in found.warnings)
 
 
-def test_a_noisy_session_is_given_less_weight_and_no_name(tmp_path) -> None:
+def test_a_noisy_session_is_given_less_weight_and_no_name(tmp_path):
     found = diagnose(
         read_model(MODEL), read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 5.0))
     )
@@ -117,7 +117,7 @@ def test_a_noisy_session_is_given_less_weight_and_no_name(tmp_path) -> None:
     assert any("noisier than the others: session e" in warning for warning in found.warnings)
 
 
-def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path) -> None:
+def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path):
     """What correlation was left after the first was taken out took its place: 0.8, then 0.31, was
     0.31.
     """
@@ -131,7 +131,7 @@ def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path) -> None:
     assert sum("correlated" in said for said in found.warnings) == 1
 
 
-def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path) -> None:
+def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path):
     """It ended in a bare error about an empty sequence."""
     on = {
         kind.name: {p.name: Parameter(p.median, p.unit, "") for p in kind.parameters()}
@@ -145,7 +145,7 @@ def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path) -> Non
     assert "in the model already" in found.warnings[0]
 
 
-def test_a_session_of_sweeps_is_no_worse_for_being_unlike() -> None:
+def test_a_session_of_sweeps_is_no_worse_for_being_unlike():
     """Three sessions of friction, one of currents that fit six times worse; of friction, such a one
     is found.
     """

@@ -72,9 +72,7 @@ def beside(base: Candidate) -> float:
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_a_force_that_drifts_shows_by_how_much_of_friction_is_the_forces(
-    tmp_path: Path, sign: float
-) -> None:
+def test_a_force_that_drifts_shows_by_how_much_of_friction_is_the_forces(tmp_path, sign):
     """It was named trapped charge of another form, by a discrepancy that knew only whether there is
     voltage.
     """
@@ -89,19 +87,19 @@ def test_a_force_that_drifts_shows_by_how_much_of_friction_is_the_forces(
     assert base.beside_discrepancy.log_evidence > without.log_evidence + 5.0
 
 
-def test_a_friction_that_drifts_is_one_as_well(tmp_path: Path) -> None:
+def test_a_friction_that_drifts_is_one_as_well(tmp_path):
     base, _ = weighed(measured(tmp_path, 0.1, of_force=False))
     assert beside(base) > 10.0
 
 
-def test_nothing_that_drifts_is_none(tmp_path: Path) -> None:
+def test_nothing_that_drifts_is_none(tmp_path):
     base, _ = weighed(measured(tmp_path, 0.0, of_force=True))
     assert beside(base) < 0.0
 
 
 def test_the_share_of_the_force_is_what_friction_has_more_than_without_voltage(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     data = measured(tmp_path, 0.0, of_force=True)
     share = Predictor(FINGER, data).force_share()
     frequency, voltage = data.columns["frequency_hz"], data.columns["voltage_v"]
@@ -117,7 +115,7 @@ def test_the_share_of_the_force_is_what_friction_has_more_than_without_voltage(
     assert share.max() == 1.0
 
 
-def test_a_current_has_no_share_of_the_force(tmp_path: Path) -> None:
+def test_a_current_has_no_share_of_the_force(tmp_path):
     """Without a force there is no voltage to take it against: numpy said so on the terminal."""
     path = tmp_path / "data.csv"
     path.write_text(
@@ -132,9 +130,7 @@ def test_a_current_has_no_share_of_the_force(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("off", "is_one"), [(0.0025, False), (0.03, True)])
-def test_a_monitors_response_within_what_it_is_believed_to_is_none(
-    tmp_path: Path, off: float, is_one: bool
-) -> None:
+def test_a_monitors_response_within_what_it_is_believed_to_is_none(tmp_path, off, is_one):
     """A viscoelastic skin was unexplained, by what was off smoothly and by less than 0.3 % in
     precise readings.
     """

@@ -36,7 +36,7 @@ def evidence_of_the_unseen(
 
 
 @pytest.mark.parametrize(("size", "residual"), [(0.5, 0.0), (2.0, 1.0), (20.0, -1.0)])
-def test_it_is_the_posterior_where_lambda_is_small(size: float, residual: float) -> None:
+def test_it_is_the_posterior_where_lambda_is_small(size, residual):
     signature, nothing = np.array([size, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     edge = np.sqrt(NO_TRACE) / size
     expected, _ = quad(
@@ -46,7 +46,7 @@ def test_it_is_the_posterior_where_lambda_is_small(size: float, residual: float)
     assert got == pytest.approx(expected, abs=0.03)  # some of 64 draws lie near the edge
 
 
-def test_what_the_finger_can_take_up_leaves_no_trace() -> None:
+def test_what_the_finger_can_take_up_leaves_no_trace():
     """A nuisance with a wide prior moves the prediction as the effect does."""
     signature = np.array([3.0, 3.0, 0.0])
     assert evidence_of_the_unseen(signature, np.zeros(3), 100.0 * signature) == pytest.approx(
@@ -55,7 +55,7 @@ def test_what_the_finger_can_take_up_leaves_no_trace() -> None:
     assert evidence_of_the_unseen(signature, np.zeros(3), np.array([1.0, -1.0, 0.0])) < -0.5
 
 
-def test_a_parameter_at_its_end_takes_nothing_up() -> None:
+def test_a_parameter_at_its_end_takes_nothing_up():
     """A body that floats was "nothing missing" with 1.00: the touch's area, at its end, left what
     the body explains.
     """

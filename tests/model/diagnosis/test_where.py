@@ -51,7 +51,7 @@ def fading(seed: int) -> Measurements:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_fades_in_each_touch_is_the_first_place(seed: int) -> None:
+def test_what_fades_in_each_touch_is_the_first_place(seed):
     """Its rows are compared with others of the same touch, whose gain they share.
 
     So 12 % in 2 s disagree more than 40 % of a frequency that the touches' gains may hide.

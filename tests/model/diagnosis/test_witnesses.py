@@ -53,7 +53,7 @@ def read(tmp_path):
     return run
 
 
-def test_a_row_has_an_observation_per_witness(read) -> None:
+def test_a_row_has_an_observation_per_witness(read):
     data = read(
         "250,75,0.5,0.6,0.01,,,,,",
         "250,75,0.5,0.61,0.01,sliding,6e-5,0.5,,",
@@ -77,7 +77,7 @@ def test_a_row_has_an_observation_per_witness(read) -> None:
     assert list(data.finger[data.of(CURRENT)]) == ["sliding", "resting", "none"]
 
 
-def test_friction_alone_is_what_it_was(read) -> None:
+def test_friction_alone_is_what_it_was(read):
     data = read("250,75,0.5,0.6,0.01,,,,,", "250,0,0.5,0.5,0.01,,,,,")
     assert data.witness is None
     assert data.witnesses == [FRICTION]
@@ -100,18 +100,18 @@ def test_friction_alone_is_what_it_was(read) -> None:
         ("250,75,,0.6,0.01,sliding,1e-5,0.1,,", "line 2: normal_force_n is ''"),
     ],
 )
-def test_what_cannot_be_read_is_said(read, line: str, said: str) -> None:
+def test_what_cannot_be_read_is_said(read, line, said):
     with pytest.raises(ModelError) as error:
         read(line, "250,75,0.5,0.6,0.01,,1e-5,0.1,,")
     assert said in error.value.message
 
 
-def test_a_file_must_say_something(read) -> None:
+def test_a_file_must_say_something(read):
     with pytest.raises(ModelError, match="column cof is missing"):
         read("250,75,0.5", header="frequency_hz,voltage_v,normal_force_n")
 
 
-def test_files_with_other_witnesses_go_together(read) -> None:
+def test_files_with_other_witnesses_go_together(read):
     friction = read(
         "250,75,0.5,0.6,0.01", header="frequency_hz,voltage_v,normal_force_n,cof,cof_std"
     )
@@ -127,7 +127,7 @@ def test_files_with_other_witnesses_go_together(read) -> None:
 
 
 class TestNoise:
-    def test_what_is_assumed_is_said(self, read) -> None:
+    def test_what_is_assumed_is_said(self, read):
         noise = noise_of(
             read("250,75,0.5,0.6,0.012,,6e-5,0.5,,", "100,75,0.5,0.6,0.012,,5e-5,0.5,,")
         )
@@ -138,7 +138,7 @@ class TestNoise:
         )
         assert any("current_phase_rad" in warning for warning in noise.warnings)
 
-    def test_replicates_tell(self, read) -> None:
+    def test_replicates_tell(self, read):
         lines = [
             f"250,75,0.5,0.6,0.012,,{6e-5 * np.exp(x):.9g},0.5,,"
             for x in (0.05, -0.05, 0.05, -0.05)
@@ -149,13 +149,13 @@ class TestNoise:
             noise.own_std[data.of(CURRENT)], np.sqrt(4 * 0.0025 / 3), rtol=1e-6
         )
 
-    def test_a_current_carries_the_noise_of_what_it_is_taken_against(self, read) -> None:
+    def test_a_current_carries_the_noise_of_what_it_is_taken_against(self, read):
         header = HEADER + ",current_std_a,electrode_voltage_std_v"
         data = read("250,75,0.5,0.6,0.012,,6e-5,0.5,70,0,1.8e-6,2.8", header=header)
         noise = noise_of(data)
         assert noise.own_std[data.of(CURRENT)] == pytest.approx(0.05)  # 3 and 4 %
 
-    def test_sessions_share_a_gain_per_witness_and_the_area_of_the_touch(self, read) -> None:
+    def test_sessions_share_a_gain_per_witness_and_the_area_of_the_touch(self, read):
         """Once an open circuit was taken to share what a touch's area does: real effects were
         unexplained.
         """
@@ -182,8 +182,8 @@ class TestNoise:
 
     @pytest.mark.parametrize(("claimed", "shares"), [(1e-4, True), (4e-3, False)])
     def test_readings_that_claim_more_than_a_monitor_is_believed_to_share_its_response(
-        self, read, claimed: float, shares: bool
-    ) -> None:
+        self, read, claimed, shares
+    ):
         """Smooth over log frequency, of unit spread here, by 0.3 % in current and voltage."""
         header = HEADER + ",electrode_voltage_std_v"
         data = read(
@@ -198,7 +198,7 @@ class TestNoise:
             covariance, shares * 0.003**2 * np.array([[1, likeness], [likeness, 1]]), atol=1e-12
         )
 
-    def test_what_drifts_between_readings_is_no_noise(self, read) -> None:
+    def test_what_drifts_between_readings_is_no_noise(self, read):
         """Friction read early and five minutes later: that it had aged by a third was taken for its
         scatter.
         """
@@ -215,7 +215,7 @@ class TestNoise:
         )  # as stated, not 0.2
         assert noise.warnings == ()
 
-    def test_a_setting_is_no_better_known_for_being_read_in_every_session(self, read) -> None:
+    def test_a_setting_is_no_better_known_for_being_read_in_every_session(self, read):
         """A touch with nothing missing was called a film of sweat: a reference had been read in
         every session.
         """
@@ -229,7 +229,7 @@ class TestNoise:
         own_std, least = noise_of(data).own_std[data.of(VOLTAGE)], WITNESSES[VOLTAGE].least_std
         assert (np.sum(own_std[:4] ** -2.0) ** -0.5, own_std[4]) == pytest.approx((least, least))
 
-    def test_what_is_better_than_any_model_says_nothing_of_the_scale(self, read) -> None:
+    def test_what_is_better_than_any_model_says_nothing_of_the_scale(self, read):
         """Once a voltage that a monitor resolves to a hundredth of a per mille made all other noise
         look small.
         """
@@ -253,7 +253,7 @@ class TestNoise:
 
 
 class TestPrediction:
-    def test_is_the_models(self, read) -> None:
+    def test_is_the_models(self, read):
         """Against the phasors that the model gives of the same conditions."""
         data = read(
             "250,75,0.5,0.6,0.01,sliding,6e-5,0.5,70,0.1",
@@ -280,7 +280,7 @@ class TestPrediction:
         np.testing.assert_allclose(got[0][data.of(CURRENT_PHASE)], np.angle(current), rtol=1e-9)
         np.testing.assert_allclose(got[0][data.of(VOLTAGE)], np.log([75.0, 5.0]), rtol=1e-12)
 
-    def test_the_amplifier_cancels_beside_a_measured_voltage(self, read) -> None:
+    def test_the_amplifier_cancels_beside_a_measured_voltage(self, read):
         """At 1 mV nothing is attracted: the current follows the voltage."""
         header = HEADER.replace("cof,cof_std,", "")
         data = read(*(f"{f},1e-3,0.5,,1e-9,0.5,9e-4,-0.1" for f in (1e3, 1e5)), header=header)
@@ -295,7 +295,7 @@ class TestPrediction:
         assert seen[VOLTAGE][1] < -1.0
         assert seen[VOLTAGE_PHASE][1] < -1.0
 
-    def test_beside_a_voltage_without_a_phase_the_currents_counts_from_that(self, read) -> None:
+    def test_beside_a_voltage_without_a_phase_the_currents_counts_from_that(self, read):
         """As a card writes it that sees both monitors and not the generator: the amplifier's own
         lag does not show.
         """
@@ -312,13 +312,13 @@ class TestPrediction:
         )
         assert lag[0][1] < -1.0
 
-    def test_angles_differ_by_half_a_turn_at_most(self, read) -> None:
+    def test_angles_differ_by_half_a_turn_at_most(self, read):
         data = read("250,75,0.5,0.6,0.01,,6e-5,3.1,,")
         predictor = Predictor(FINGER, data)
         less = predictor.less(np.array([0.1, 7.0, 3.1]), np.array([[0.0, 0.0, -3.1]]))
         np.testing.assert_allclose(less, [[0.1, 7.0, 6.2 - 2.0 * np.pi]])
 
-    def test_what_differs_between_rigs_and_fingers_is_free(self, read) -> None:
+    def test_what_differs_between_rigs_and_fingers_is_free(self, read):
         data = read("250,75,0.5,,,resting,6e-5,3.1,,")
         assert nuisances(FINGER, data) == (*NUISANCES, AREA, STRAY, REST)
         known = nuisances(with_stray(FINGER, STRAY_F, 3e-12), data)[len(NUISANCES) + 1]
@@ -326,9 +326,7 @@ class TestPrediction:
             STRAY_F * np.exp(0.01), rel=1e-6
         )
 
-    def test_an_open_circuit_is_believed_within_a_percent_or_as_the_model_file_says(
-        self, read
-    ) -> None:
+    def test_an_open_circuit_is_believed_within_a_percent_or_as_the_model_file_says(self, read):
         """It took a polarization's current for stray, 4 % of it, and left no name for a lambda of
         300 (seed 8921).
         """
@@ -421,7 +419,7 @@ def names(found: Diagnosis) -> list[str]:
 
 
 @pytest.mark.timeout(300)
-def test_nothing_hidden_but_leads(diagnosed) -> None:
+def test_nothing_hidden_but_leads(diagnosed):
     found, _ = diagnosed("null", 1)
     assert found.name == "no_discrepancy"
     free, fit = found.findings.problem.predictor.free, found.findings.hypotheses.base.fit
@@ -431,7 +429,7 @@ def test_nothing_hidden_but_leads(diagnosed) -> None:
 
 
 @pytest.mark.timeout(300)
-def test_a_resistance_that_friction_cannot_name(diagnosed, tmp_path) -> None:
+def test_a_resistance_that_friction_cannot_name(diagnosed, tmp_path):
     found, data = diagnosed("resistance", 2, series_resistance={"resistance_ohm": 3e4})
     assert diagnose(FINGER, data.subset(data.of(FRICTION))).name != "effect_found"
     assert (found.name, names(found)) == ("effect_found", ["series_resistance"])
@@ -448,7 +446,7 @@ def test_a_resistance_that_friction_cannot_name(diagnosed, tmp_path) -> None:
 
 
 @pytest.mark.timeout(300)
-def test_two_effects_are_named_one_by_one(diagnosed) -> None:
+def test_two_effects_are_named_one_by_one(diagnosed):
     found, _ = diagnosed(
         "two",
         3,
@@ -464,7 +462,7 @@ def test_two_effects_are_named_one_by_one(diagnosed) -> None:
 
 @pytest.mark.timeout(300)
 @pytest.mark.soak
-def test_sweeps_alone_can_be_diagnosed(diagnosed, tmp_path) -> None:
+def test_sweeps_alone_can_be_diagnosed(diagnosed, tmp_path):
     path = tmp_path / "sweep.csv"
     measured(path, hidden(johnsen_rahbek={"insulator_conductivity_s_per_m": 1e-8}), 4)
     data = read_measurements(path)

@@ -14,7 +14,7 @@ import pytest
 
 from model import effects, solver
 from model.conditions import Conditions
-from model.effects import BY_NAME, CATALOGUE, Effect, EffectParameter
+from model.effects import BY_NAME, CATALOGUE, Effect
 from model.effects.base import Stage
 from model.effects.interventions import INTERVENTIONS, removed
 from model.electric.current import sliding_admittance_per_m
@@ -62,53 +62,53 @@ def overridden(effect: type[Effect]) -> set[str]:
 
 
 class TestTheList:
-    def test_names_are_unique(self) -> None:
+    def test_names_are_unique(self):
         assert len({effect.name for effect in CATALOGUE}) == len(CATALOGUE)
         assert list(BY_NAME.values()) == list(CATALOGUE)
         assert all(effect.name == name for name, effect in BY_NAME.items())
 
-    def test_it_follows_the_chain(self) -> None:
+    def test_it_follows_the_chain(self):
         places = [STAGES.index(effect.stage) for effect in CATALOGUE]
         assert places == sorted(places)
 
-    def test_it_leaves_no_file_out(self) -> None:
+    def test_it_leaves_no_file_out(self):
         files = {path.stem for path in Path(effects.__file__).parent.glob("*.py")}
         assert files - {"__init__", "base", "interventions", "learned"} == set(BY_NAME)
 
-    def test_every_intervention_removes_something(self) -> None:
+    def test_every_intervention_removes_something(self):
         assert all(removed(known.name) for known in INTERVENTIONS)
 
 
 @every_effect
 class TestWhatItSays:
-    def test_it_is_a_file_of_its_own_name(self, effect) -> None:
+    def test_it_is_a_file_of_its_own_name(self, effect):
         assert re.fullmatch(r"[a-z]+(_[a-z]+)*", effect.name)
         assert effect.__module__ == f"model.effects.{effect.name}"
         assert effect.__name__ == effect.name.title().replace("_", "")
 
-    def test_it_says_what_it_is_in_its_own_words(self, effect) -> None:
+    def test_it_says_what_it_is_in_its_own_words(self, effect):
         assert effect.source
         for said in ("physics", "signature", "check"):
             assert getattr(effect, said) not in ("", getattr(Effect, said))
 
-    def test_it_has_a_few_parameters(self, effect) -> None:
+    def test_it_has_a_few_parameters(self, effect):
         assert 1 <= len(effect.parameters()) <= 3
         assert [p.name for p in effect.parameters()] == [f.name for f in fields(effect)]
 
-    def test_it_acts_at_one_place_of_its_stage(self, effect) -> None:
+    def test_it_acts_at_one_place_of_its_stage(self, effect):
         (method,) = overridden(effect)
         assert method in METHODS[effect.stage]
 
-    def test_it_needs_and_bends_with_columns_that_may_be_given(self, effect) -> None:
+    def test_it_needs_and_bends_with_columns_that_may_be_given(self, effect):
         optional = {f.name for f in fields(Conditions) if f.default is None}
         known = {f.name for f in fields(Drive)}
         assert set(effect.needs) <= known & optional
         assert set(effect.bends_with()) <= known
 
-    def test_interventions_that_remove_it_are_known(self, effect) -> None:
+    def test_interventions_that_remove_it_are_known(self, effect):
         assert set(effect.removed_by) <= {known.name for known in INTERVENTIONS}
 
-    def test_its_order_counts_with_effects_of_the_same_place(self, effect) -> None:
+    def test_its_order_counts_with_effects_of_the_same_place(self, effect):
         """All effects act on one place of the chain before any acts on the next."""
         for other in effect.order_counts_with:
             assert overridden(BY_NAME[other]) == overridden(effect)
@@ -133,11 +133,11 @@ def unit_in(name: str) -> str:
 
 @every_parameter
 class TestParameters:
-    def test_the_unit_is_of_si_and_in_the_name(self, parameter: EffectParameter) -> None:
+    def test_the_unit_is_of_si_and_in_the_name(self, parameter):
         unit = parameter.unit
         assert unit_in(parameter.name) == ("" if unit == "1" else spelled(unit))
 
-    def test_bounds_prior_and_off_value_are_sound(self, parameter: EffectParameter) -> None:
+    def test_bounds_prior_and_off_value_are_sound(self, parameter):
         p = parameter
         assert np.isfinite([p.low, p.high, p.median, p.std]).all()
         assert p.low < p.median < p.high
@@ -150,7 +150,7 @@ class TestParameters:
         else:
             assert p.low <= p.off <= p.high
 
-    def test_three_standard_deviations_move_it(self, parameter: EffectParameter) -> None:
+    def test_three_standard_deviations_move_it(self, parameter):
         values = parameter.from_normal(np.array([-3.0, -1.0, 0.0, 1.0, 3.0]))
         assert values[2] == parameter.median
         assert (np.diff(values) >= 0.0).all()
@@ -165,19 +165,19 @@ class TestParameters:
 
 @every_effect
 class TestOff:
-    def test_the_base_model_comes_back(self, effect, with_effects, models, both_kinds) -> None:
+    def test_the_base_model_comes_back(self, effect, with_effects, models, both_kinds):
         off = with_effects(effect.off())
         for conditions in both_kinds:
             got, base = (m.predict(conditions) for m in (off, models["reference"]))
             assert_same(got, base, 1e-12)
             assert np.isfinite(base.cof).all()
 
-    def test_without_optional_columns_too(self, effect, with_effects, models, unbiased) -> None:
+    def test_without_optional_columns_too(self, effect, with_effects, models, unbiased):
         plain = replace(unbiased, waveform=None, speed_m_s=None, time_s=None)
         got = with_effects(effect.off()).predict(plain)
         assert_same(got, models["reference"].predict(plain), 1e-12)
 
-    def test_an_off_effect_leaves_another_alone(self, effect, with_effects, median, biased) -> None:
+    def test_an_off_effect_leaves_another_alone(self, effect, with_effects, median, biased):
         for name in ("skin_hydration", "sweat_film", "capillary_adhesion"):
             if name != effect.name:
                 other = median(BY_NAME[name], 0.5)
@@ -186,7 +186,7 @@ class TestOff:
 
     def test_a_standard_deviation_from_the_prior_median_changes_something(
         self, effect, with_effects, models, median, unbiased
-    ) -> None:
+    ):
         base = models["reference"].predict(unbiased).cof
         moved = [with_effects(median(effect, x)).predict(unbiased).cof for x in (-1.0, 1.0)]
         assert np.nanmax(np.abs(np.array(moved) / base - 1.0)) > 1e-4
@@ -194,7 +194,7 @@ class TestOff:
 
 @every_effect
 class TestOn:
-    def test_what_it_does_not_need_does_not_matter(self, effect, found, median, biased) -> None:
+    def test_what_it_does_not_need_does_not_matter(self, effect, found, median, biased):
         rng = np.random.default_rng(4)
         other = {
             "speed_m_s": rng.permutation(biased.speed_m_s),
@@ -212,7 +212,7 @@ class TestOn:
         models,
         median,
         unbiased,
-    ) -> None:
+    ):
         """Friction attracts nothing, and what acts on the voltage needs one."""
         got = with_effects(median(effect, 1.0)).predict(unbiased)
         base = models["reference"].predict(unbiased)
@@ -226,7 +226,7 @@ class TestOn:
 
 
 @pytest.mark.parametrize("table", ["reference", "table1"])
-def test_no_effect_is_no_effect(models, with_effects, biased, table: str) -> None:
+def test_no_effect_is_no_effect(models, with_effects, biased, table):
     got = with_effects(Effect(), base=models[table]).predict(biased)
     assert_same(got, models[table].predict(biased), 0.0)
 
@@ -255,7 +255,7 @@ def at(effect: type[Effect], x: np.ndarray) -> Effect:
 
 
 @every_effect
-def test_many_values_at_once_are_those_one_by_one(effect, found, median, biased) -> None:
+def test_many_values_at_once_are_those_one_by_one(effect, found, median, biased):
     x = np.array([-1.0, 0.0, 0.5, 1.2])
     together = found((at(effect, x[:, None]),), biased)
     for i in range(x.size):
@@ -265,7 +265,7 @@ def test_many_values_at_once_are_those_one_by_one(effect, found, median, biased)
             np.testing.assert_allclose(row, one, rtol=1e-9)  # the loop is closed to 1e-10
 
 
-def test_all_effects_at_once_take_many_values(found, median, unbiased) -> None:
+def test_all_effects_at_once_take_many_values(found, median, unbiased):
     x = np.linspace(-0.4, 0.4, 3)
     together = found(tuple(at(effect, x[:, None]) for effect in CATALOGUE), unbiased)
     for many in together:
@@ -290,13 +290,13 @@ def alternating(conditions: Conditions) -> np.ndarray:
 
 @every_effect
 class TestAnswers:
-    def test_alone_it_loses_none_but_of_direct_voltage(self, effect, alone, both_kinds) -> None:
+    def test_alone_it_loses_none_but_of_direct_voltage(self, effect, alone, both_kinds):
         for conditions, got in zip(both_kinds, alone[effect.name], strict=True):
             lost = np.isnan(got.cof)
             assert not lost[alternating(conditions)].any()
             assert not got.within_theory[lost].any()  # it says so
 
-    def test_no_pair_loses_more(self, effect, with_effects, median, alone, both_kinds) -> None:
+    def test_no_pair_loses_more(self, effect, with_effects, median, alone, both_kinds):
         """Than of direct voltage, and that only where one of the two loses some alone."""
         for i, conditions in enumerate(both_kinds):
             always = alternating(conditions)
@@ -314,7 +314,7 @@ class TestAnswers:
 
 class TestOrder:
     @every_effect
-    def test_is_free_unless_said_otherwise(self, effect, with_effects, median, unbiased) -> None:
+    def test_is_free_unless_said_otherwise(self, effect, with_effects, median, unbiased):
         for one, other in PAIRS:
             if one is effect and frozenset((one.name, other.name)) not in ORDERED:
                 first, second = median(one, 0.8), median(other, 0.8)
@@ -323,7 +323,7 @@ class TestOrder:
                 assert_same(here, there, 1e-9)  # the loop is closed to 1e-10
 
     @pytest.mark.parametrize("pair", sorted(tuple(sorted(p)) for p in ORDERED), ids="-".join)
-    def test_matters_where_it_is_said(self, pair, found, unbiased) -> None:
+    def test_matters_where_it_is_said(self, pair, found, unbiased):
         """At some strengths of the two."""
         x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(STRENGTHS, STRENGTHS))
         first, second = at(BY_NAME[pair[0]], x), at(BY_NAME[pair[1]], y)

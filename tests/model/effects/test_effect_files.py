@@ -43,14 +43,14 @@ def table(effect: type[Effect], **changes: str | None) -> str:
     )
 
 
-def test_without_a_table_there_is_no_effect(read) -> None:
+def test_without_a_table_there_is_no_effect(read):
     assert read().effects == ()
     assert read("[effects]").effects == ()
     assert read("[effects]").content_hash == read().content_hash
 
 
 @every_effect
-def test_every_effect_is_read(read, effect: type[Effect]) -> None:
+def test_every_effect_is_read(read, effect):
     found = read(table(effect))
     assert found.effects == (effect(**{p.name: p.median for p in effect.parameters()}),)
     assert {n: p.unit for n, p in found.effect_parameters[effect.name].items()} == {
@@ -62,9 +62,7 @@ def test_every_effect_is_read(read, effect: type[Effect]) -> None:
 
 
 @every_effect
-def test_every_parameter_must_be_given_or_is_as_usual_and_in_range(
-    read, effect: type[Effect]
-) -> None:
+def test_every_parameter_must_be_given_or_is_as_usual_and_in_range(read, effect):
     for p in effect.parameters():
         if p.name in effect.usual():
             (found,) = read(table(effect, **{p.name: None})).effects
@@ -95,7 +93,7 @@ def test_every_parameter_must_be_given_or_is_as_usual_and_in_range(
 
 
 @every_effect
-def test_any_changed_value_changes_the_hash(read, effect: type[Effect]) -> None:
+def test_any_changed_value_changes_the_hash(read, effect):
     hashes = {read(table(effect)).content_hash}
     for p in effect.parameters():
         near = p.median * (1.0 + 1e-12) if p.median else 1e-12
@@ -112,14 +110,14 @@ def test_any_changed_value_changes_the_hash(read, effect: type[Effect]) -> None:
         ("contact_aging", "contact_ageing"),
     ],
 )
-def test_an_unknown_effect_is_an_error_with_the_nearest(read, wrong: str, choice: str) -> None:
+def test_an_unknown_effect_is_an_error_with_the_nearest(read, wrong, choice):
     with pytest.raises(ModelError, match=rf"\[effects\]: unknown key '{wrong}'") as caught:
         read(f"[effects.{wrong}]\nx = 1.0")
     assert f"Did you mean '{choice}'?" in caught.value.hint
     assert all(name in caught.value.hint for name in BY_NAME)
 
 
-def test_an_unknown_parameter_is_an_error_with_the_nearest(read) -> None:
+def test_an_unknown_parameter_is_an_error_with_the_nearest(read):
     with pytest.raises(
         ModelError, match=r"\[effects\.series_resistance\]: unknown key 'resistance'"
     ) as caught:
@@ -130,7 +128,7 @@ def test_an_unknown_parameter_is_an_error_with_the_nearest(read) -> None:
     assert "Did you mean 'std'?" in caught.value.hint
 
 
-def test_what_is_no_table_is_refused(read, tmp_path) -> None:
+def test_what_is_no_table_is_refused(read, tmp_path):
     with pytest.raises(
         ModelError, match=r"\[effects\]: series_resistance is not a table"
     ) as caught:
@@ -142,7 +140,7 @@ def test_what_is_no_table_is_refused(read, tmp_path) -> None:
         read_model(path)
 
 
-def test_std_and_source_are_kept_and_do_not_count(read) -> None:
+def test_std_and_source_are_kept_and_do_not_count(read):
     rich = read(
         "[effects.series_resistance]\nresistance_ohm = { value = 1e4, std = 500.0, source ="
         ' "ohmmeter" }'
@@ -160,14 +158,14 @@ def test_std_and_source_are_kept_and_do_not_count(read) -> None:
         read("[effects.series_resistance]\nresistance_ohm = { value = 1e4, std = -1.0 }")
 
 
-def test_effects_are_in_the_catalogues_order_whatever_the_files(read) -> None:
+def test_effects_are_in_the_catalogues_order_whatever_the_files(read):
     one, other = read(RESISTANCE, BANDWIDTH), read(BANDWIDTH, RESISTANCE)
     assert [effect.name for effect in one.effects] == ["amplifier_bandwidth", "series_resistance"]
     assert one.effects == other.effects
     assert one.content_hash == other.content_hash
 
 
-def test_an_origin_is_allowed_and_does_not_count(read) -> None:
+def test_an_origin_is_allowed_and_does_not_count(read):
     fitted = read('[origin]\nfitted_to = "a table of measurements"\nrows = 12\n')
     assert fitted.content_hash == read().content_hash
     with pytest.raises(ModelError, match="unknown key 'orgin'") as caught:
@@ -180,7 +178,7 @@ class TestPrediction:
 
     CONDITIONS = Conditions(np.array([250.0, 2e4]), np.array([75.0, 75.0]), np.array([0.5, 0.5]))
 
-    def test_a_files_effects_act(self, read, fresh_tables, with_effects) -> None:
+    def test_a_files_effects_act(self, read, fresh_tables, with_effects):
         model = fresh_tables(TouchModel(read(RESISTANCE, BANDWIDTH)))
         chosen = with_effects(
             BY_NAME["amplifier_bandwidth"](cutoff_hz=2e4, order=1.5),
@@ -190,7 +188,7 @@ class TestPrediction:
         np.testing.assert_array_equal(got.cof, expected.cof)
         np.testing.assert_array_equal(got.current_rms_a, expected.current_rms_a)
 
-    def test_a_surface_has_the_same_effects(self, models, with_effects) -> None:
+    def test_a_surface_has_the_same_effects(self, models, with_effects):
         model = with_effects(
             BY_NAME["capillary_adhesion"](pressure_pa=400.0),
             BY_NAME["electrowetting"](0.05, 80.0, 200.0),
@@ -206,9 +204,7 @@ class TestPrediction:
         np.testing.assert_array_equal(surface.within_theory.ravel(), single.within_theory)
         assert not surface.pulled_in.any()
 
-    def test_an_effect_that_is_off_gives_the_surface_of_the_grid(
-        self, models, with_effects
-    ) -> None:
+    def test_an_effect_that_is_off_gives_the_surface_of_the_grid(self, models, with_effects):
         f, v, n = (
             np.array([10.0, 250.0, 1e5]),
             np.array([0.0, 30.0, 120.0]),
@@ -223,9 +219,7 @@ class TestPrediction:
 
 
 @every_effect
-def test_a_model_that_leaves_out_what_it_may_has_an_uncertainty_all_the_same(
-    read, effect: type[Effect]
-) -> None:
+def test_a_model_that_leaves_out_what_it_may_has_an_uncertainty_all_the_same(read, effect):
     """A slew limit without its sharpness once ended `haptic solve` with a KeyError."""
     found = read(table(effect, **dict.fromkeys(effect.usual())))
     numbers = uncertain_numbers(found)

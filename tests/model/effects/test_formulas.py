@@ -71,7 +71,7 @@ class Skin:
 
 
 class TestAmplifierBandwidth:
-    def test_by_hand(self, prepared) -> None:
+    def test_by_hand(self, prepared):
         """First order: V/sqrt 2 at f_c, V/sqrt 5 at 2 f_c, V/sqrt 101 at 10 f_c; third order:
         V/sqrt 65 at 2 f_c.
         """
@@ -85,7 +85,7 @@ class TestAmplifierBandwidth:
         ).circuit.mean_square_v2[:, 0]
         np.testing.assert_allclose(third[1:3], 1800.0 / np.array([2.0, 65.0]), rtol=1e-14)
 
-    def test_is_a_lower_voltage(self, with_effects, models) -> None:
+    def test_is_a_lower_voltage(self, with_effects, models):
         f = np.array([10.0, 2e4, 4e4])
         limited = with_effects(BY_NAME["amplifier_bandwidth"](cutoff_hz=2e4, order=1.0))
         voltage = 75.0 / np.sqrt([1.00000025, 2.0, 5.0])
@@ -97,7 +97,7 @@ class TestAmplifierBandwidth:
         )
 
     @pytest.mark.parametrize("order", [1, 2, 3, 4])
-    def test_the_lag_of_a_whole_order_is_butterworths(self, prepared, order: int) -> None:
+    def test_the_lag_of_a_whole_order_is_butterworths(self, prepared, order):
         f = np.array([1.0, 50.0, 500.0, 1e3, 2e3, 2e4, 1e6])
         got = prepared(
             touches(f, 60.0), BY_NAME["amplifier_bandwidth"](cutoff_hz=1e3, order=order)
@@ -108,7 +108,7 @@ class TestAmplifierBandwidth:
             got, 60.0 * gain, rtol=1.5e-3, atol=1e-12
         )  # the rule's nodes, for the fourth order; 5e-5 for two
 
-    def test_the_lag_grows_steadily_with_the_order(self, prepared) -> None:
+    def test_the_lag_grows_steadily_with_the_order(self, prepared):
         """By Bode's relation it ends at 90 degrees per order."""
         orders = np.array([0.5, 1.0, 1.3, 2.0, 3.7])
         end = [
@@ -119,7 +119,7 @@ class TestAmplifierBandwidth:
             np.exp(1j * np.angle(end)), np.exp(-0.5j * np.pi * orders), atol=2e-4
         )
 
-    def test_a_bias_passes(self, prepared) -> None:
+    def test_a_bias_passes(self, prepared):
         slow = BY_NAME["amplifier_bandwidth"](cutoff_hz=1.0, order=4.0)
         square = prepared(touches(1e5, 50.0, voltage_offset_v=30.0), slow).circuit.mean_square_v2[0]
         assert square[0] < 1e-30
@@ -129,7 +129,7 @@ class TestAmplifierBandwidth:
 
 
 class TestAmplifierSlewLimit:
-    def test_by_hand(self, prepared) -> None:
+    def test_by_hand(self, prepared):
         """1 V/us at 10 kHz: 15.9 V is the largest sine; from 29.7 V on a triangle of 25 V, its
         fundamental 20.264 V.
         """
@@ -141,7 +141,7 @@ class TestAmplifierSlewLimit:
             square, np.minimum(volts, 20.264236728467556) ** 2 / 2.0, rtol=1e-14
         )
 
-    def test_falls_with_frequency(self, with_effects, models) -> None:
+    def test_falls_with_frequency(self, with_effects, models):
         f = np.array([100.0, 1e4, 1e5])
         limited = with_effects(BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e6))
         voltage = np.array([75.0, 20.264236728467556, 2.0264236728467556])
@@ -154,8 +154,8 @@ class TestAmplifierSlewLimit:
 
     @pytest.mark.parametrize("share", [0.2, 0.3, 0.5, 0.54, 0.6, 0.7, 0.8, 0.9, 1.1])
     def test_amount_and_lag_are_those_of_an_output_that_follows_as_fast_as_it_can(
-        self, prepared, share: float
-    ) -> None:
+        self, prepared, share
+    ):
         """Stepped through eight periods of 1 V at 1 Hz; `share` of the sine's steepest slope is the
         limit.
         """
@@ -174,9 +174,7 @@ class TestAmplifierSlewLimit:
         assert got == pytest.approx(fundamental, abs=5e-4)
 
     @pytest.mark.parametrize("over", [0.1, 0.5, 1.0, 2.0, 10.0])
-    def test_what_is_lacking_of_a_soft_limit_leads_by_a_quarter_period(
-        self, prepared, over: float
-    ) -> None:
+    def test_what_is_lacking_of_a_soft_limit_leads_by_a_quarter_period(self, prepared, over):
         """V/(1 + (V/V_t)^3)^(1/3), V_t = 20.264 V, as far as that is softer than the lesser of V
         and V_t.
         """
@@ -194,7 +192,7 @@ class TestAmplifierSlewLimit:
         if over < 0.7:  # no limit at all
             assert sharp == volts
 
-    def test_a_sharp_limit_is_the_hard_one(self, prepared) -> None:
+    def test_a_sharp_limit_is_the_hard_one(self, prepared):
         volts = np.array([0.0, 5.0, 15.0, 100.0])
         sharp, hard = (
             BY_NAME["amplifier_slew_limit"](1e6, sharpness) for sharpness in (1e4, float("inf"))
@@ -202,7 +200,7 @@ class TestAmplifierSlewLimit:
         got = prepared(touches(1e4, volts), sharp).electrode_v
         np.testing.assert_allclose(got, prepared(touches(1e4, volts), hard).electrode_v, rtol=1e-12)
 
-    def test_direct_current_is_not_limited(self, with_effects, models) -> None:
+    def test_direct_current_is_not_limited(self, with_effects, models):
         limited = with_effects(BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=1e2))
         c = touches(1e6, 75.0, waveform="dc")
         assert_same(limited.predict(c), models["reference"].predict(c), 0.0)
@@ -210,7 +208,7 @@ class TestAmplifierSlewLimit:
 
 class TestDriveGainError:
     @pytest.mark.parametrize("waveform", ["sine", "square", "dc"])
-    def test_is_another_voltage(self, with_effects, models, waveform: str) -> None:
+    def test_is_another_voltage(self, with_effects, models, waveform):
         doubled = with_effects(BY_NAME["drive_gain_error"](gain=2.0))
         for offset in (0.0, 15.0, -7.0):
             got = doubled.predict(
@@ -223,7 +221,7 @@ class TestDriveGainError:
 
 
 class TestSeriesResistance:
-    def test_length_by_hand(self, prepared) -> None:
+    def test_length_by_hand(self, prepared):
         """10 kohm behind 1 cm2 at 1 kHz: j w eps0 R A0 = j 55.6 nm; 10 Mohm at 100 Hz: j 5.56
         um.
         """
@@ -237,7 +235,7 @@ class TestSeriesResistance:
             assert h[0, 0].imag == pytest.approx(length_m, rel=1e-7)
             assert abs(h[0, 0].real) < 1e-18
 
-    def test_limits_the_stuck_current_as_ohm_says(self, with_effects, models) -> None:
+    def test_limits_the_stuck_current_as_ohm_says(self, with_effects, models):
         c = touches(FREQUENCIES, 75.0)
         v, jw = models["reference"].description.values, 2j * np.pi * FREQUENCIES
         layers = v.insulator_thickness_m / (jw * EPS0 * 3.9 + 1e-13)
@@ -248,7 +246,7 @@ class TestSeriesResistance:
 
 
 class TestFloatingBody:
-    def test_is_a_thicker_insulator(self, with_effects, variant) -> None:
+    def test_is_a_thicker_insulator(self, with_effects, variant):
         """eps0 A0/C is 8.854 um of air for 100 pF: 34.5 um more of an insulator of 3.9."""
         plain = variant(insulator_conductivity_s_per_m=0.0)
         thick = variant(
@@ -265,9 +263,7 @@ class TestSkinHydration:
     @pytest.mark.parametrize(
         ("wetness", "eps", "sigma"), [(1.0, 1.5, 14.0), (-1.0, 1 / 1.5, 1 / 14), (2.0, 2.25, 196)]
     )
-    def test_is_another_data_set(
-        self, with_effects, variant, wetness: float, eps: float, sigma: float
-    ) -> None:
+    def test_is_another_data_set(self, with_effects, variant, wetness, eps, sigma):
         """Leak included: it follows the skin's conductivity."""
         wet = with_effects(BY_NAME["skin_hydration"](wetness=wetness))
         c = touches(FREQUENCIES, 75.0, voltage_offset_v=20.0)
@@ -279,9 +275,7 @@ class TestSkinNonlinearity:
     @pytest.mark.parametrize(
         ("frequency_hz", "voltage_v"), [(10.0, 75.0), (250.0, 30.0), (1e5, 100.0)]
     )
-    def test_is_a_better_conductor(
-        self, with_effects, variant, frequency_hz: float, voltage_v: float, gap_m: float
-    ) -> None:
+    def test_is_a_better_conductor(self, with_effects, variant, frequency_hz, voltage_v, gap_m):
         """V_skin is V |d2/k2|/|d1/k1 + gap + d2/k2| of the skin as it conducts then: halved until
         both agree.
         """
@@ -311,9 +305,7 @@ class TestSkinNonlinearity:
         assert low > 1.05  # the factor differs from 1
 
     @pytest.mark.parametrize("gap_m", [0.0, 7e-6, 1e-3])
-    def test_a_leak_beside_the_gap_leaves_more_to_the_skin(
-        self, with_effects, variant, gap_m: float
-    ) -> None:
+    def test_a_leak_beside_the_gap_leaves_more_to_the_skin(self, with_effects, variant, gap_m):
         """As much as without a gap where it leaks a lot; where there is no gap, nothing leaks
         beside it.
         """
@@ -331,13 +323,13 @@ class TestSkinNonlinearity:
 
 
 class TestConduction:
-    def test_an_insulator_that_leaks(self, with_effects, variant) -> None:
+    def test_an_insulator_that_leaks(self, with_effects, variant):
         got = with_effects(BY_NAME["johnsen_rahbek"](insulator_conductivity_s_per_m=3e-9))
         expected = variant(insulator_conductivity_s_per_m=3e-9 + 1e-13)
         c = touches(FREQUENCIES, 40.0)
         assert_same(got.predict(c), expected.predict(c))
 
-    def test_air_that_conducts(self, with_effects, variant) -> None:
+    def test_air_that_conducts(self, with_effects, variant):
         got = with_effects(BY_NAME["humid_gap_conduction"](gap_conductivity_s_per_m=2e-8))
         expected = variant(air_conductivity_s_per_m=2e-8 + 1e-14)
         c = touches(FREQUENCIES, 75.0, voltage_offset_v=30.0)
@@ -356,7 +348,7 @@ def k_hat(model: TouchModel, pressure_pa: float, z_m: complex) -> float:
 
 
 class TestElectrodePolarization:
-    def test_admittance_by_hand(self, prepared) -> None:
+    def test_admittance_by_hand(self, prepared):
         """1/(R + 1/(Q (j w)^n)), over j w eps0."""
         f = 100.0 / (2.0 * np.pi)  # w = 100/s
         for resistance, exponent, expected in (
@@ -374,7 +366,7 @@ class TestElectrodePolarization:
             assert bypass * 1j * 100.0 * EPS0 == pytest.approx(expected, rel=1e-4)
 
     @pytest.mark.parametrize("frequency_hz", [1.0, 250.0, 1e4])
-    def test_lies_beside_the_gap(self, with_effects, stack_of, models, frequency_hz: float) -> None:
+    def test_lies_beside_the_gap(self, with_effects, stack_of, models, frequency_hz):
         effect = BY_NAME["electrode_polarization"](
             transfer_resistance_ohm_m2=30.0, admittance_s_sn_per_m2=1e-3, exponent=0.75
         )
@@ -391,9 +383,7 @@ class TestElectrodePolarization:
         )
         assert force_n == pytest.approx(AREA_M2 * expected, rel=1e-4)  # interpolation
 
-    def test_a_plain_resistance_is_a_leak_that_no_load_changes(
-        self, with_effects, prepared
-    ) -> None:
+    def test_a_plain_resistance_is_a_leak_that_no_load_changes(self, with_effects, prepared):
         effect = BY_NAME["electrode_polarization"](
             transfer_resistance_ohm_m2=10.0, admittance_s_sn_per_m2=1e6, exponent=1.0
         )
@@ -418,9 +408,7 @@ class TestSweatFilm:
 
     @pytest.mark.parametrize("frequency_hz", [10.0, 1e3, 1e6])
     @pytest.mark.parametrize("share", [0.01, 0.4])
-    def test_columns_are_in_parallel_with_the_air(
-        self, prepared, frequency_hz: float, share: float
-    ) -> None:
+    def test_columns_are_in_parallel_with_the_air(self, prepared, frequency_hz, share):
         jw = 2j * np.pi * frequency_hz * EPS0
         k, square = self.gap(prepared, frequency_hz, share, 1.0)
         expected = (1.0 - share) * (1.0 + 1e-14 / jw) + share * (80.0 + 0.1 / jw)
@@ -429,9 +417,7 @@ class TestSweatFilm:
 
     @pytest.mark.parametrize("frequency_hz", [10.0, 1e3, 1e6])
     @pytest.mark.parametrize("share", [0.01, 0.4])
-    def test_films_are_in_series_with_the_air(
-        self, prepared, frequency_hz: float, share: float
-    ) -> None:
+    def test_films_are_in_series_with_the_air(self, prepared, frequency_hz, share):
         jw = 2j * np.pi * frequency_hz * EPS0
         air, sweat = 1.0 + 1e-14 / jw, 80.0 + 0.1 / jw
         k, square = self.gap(prepared, frequency_hz, share, -1.0)
@@ -441,7 +427,7 @@ class TestSweatFilm:
             abs(expected / air) ** 2, rel=1.2e-2
         )  # one displacement crosses both
 
-    def test_between_the_ends_the_product_of_powers(self, prepared) -> None:
+    def test_between_the_ends_the_product_of_powers(self, prepared):
         jw = 2j * np.pi * 250.0 * EPS0
         air, sweat = 1.0 + 1e-14 / jw, 80.0 + 0.1 / jw
         k, square = self.gap(prepared, 250.0, 0.05, 0.0)
@@ -449,13 +435,13 @@ class TestSweatFilm:
         assert abs(k - expected) <= 1e-2 * abs(expected)
         assert square == pytest.approx(abs(expected / air), rel=1e-2)
 
-    def test_no_arrangement_within_its_bounds_is_singular(self, prepared) -> None:
+    def test_no_arrangement_within_its_bounds_is_singular(self, prepared):
         k, _ = self.gap(prepared, 250.0, 0.05, -1e-3)
         assert np.isfinite(k)
 
 
 class TestSpeedDependentGap:
-    def test_lift_by_hand(self, prepared) -> None:
+    def test_lift_by_hand(self, prepared):
         """1 - exp(-v/v0): 0 at rest, 0.632121 at v0, 0.864665 at 2 v0, 1 far above."""
         lift = BY_NAME["speed_dependent_gap"](lift_m=2e-6, speed_scale_m_s=0.05)
         speeds = np.array([0.0, 0.05, 0.1, 10.0])
@@ -464,12 +450,12 @@ class TestSpeedDependentGap:
             shift, 2e-6 * np.array([0.0, 0.632121, 0.864665, 1.0]), rtol=1e-6, atol=0.0
         )
 
-    def test_a_finger_at_rest_is_the_base_models(self, with_effects, models) -> None:
+    def test_a_finger_at_rest_is_the_base_models(self, with_effects, models):
         lift = with_effects(BY_NAME["speed_dependent_gap"](lift_m=1e-4, speed_scale_m_s=1e-3))
         c = touches(FREQUENCIES, 75.0, speed_m_s=0.0)
         assert_same(lift.predict(c), models["reference"].predict(c), 1e-12)
 
-    def test_more_air_everywhere_is_a_thicker_insulator(self, with_effects, variant) -> None:
+    def test_more_air_everywhere_is_a_thicker_insulator(self, with_effects, variant):
         """Without leak, air in series may as well lie in the insulator: 1 um of it is 3.9 um of
         3.9.
         """
@@ -486,9 +472,7 @@ class TestSpeedDependentGap:
         assert_same(lift.predict(c), expected, without=("stuck_current_rms_a",))
 
     @pytest.mark.parametrize("frequency_hz", [10.0, 1e4])
-    def test_a_leak_beside_the_wider_gap(
-        self, with_effects, models, stack_of, frequency_hz: float
-    ) -> None:
+    def test_a_leak_beside_the_wider_gap(self, with_effects, models, stack_of, frequency_hz):
         """E = V/(a (u + du) + b)."""
         lift = with_effects(BY_NAME["speed_dependent_gap"](lift_m=3e-6, speed_scale_m_s=1e-5))
         force_n = lift.predict(touches(frequency_hz, 75.0, speed_m_s=1.0)).electrostatic_force_n[0]
@@ -509,7 +493,7 @@ class TestTrappedCharge:
     def charge(self, volts: float, at_rest: float = 1.0) -> e.Effect:
         return BY_NAME["trapped_charge"](surface_voltage_v=volts, share_at_rest=at_rest)
 
-    def test_mean_squares_by_hand(self, prepared) -> None:
+    def test_mean_squares_by_hand(self, prepared):
         """V^2/2 + V_s^2 for a sine, V^2 + V_s^2 for a square wave, (V - V_s)^2 for direct
         current.
         """
@@ -527,7 +511,7 @@ class TestTrappedCharge:
             square = prepared(biased, self.charge(20.0)).circuit.mean_square_v2
             assert square.sum() == pytest.approx(450.0 + bias, rel=1e-14)
 
-    def test_direct_voltage_against_the_charge_cancels_it(self, with_effects) -> None:
+    def test_direct_voltage_against_the_charge_cancels_it(self, with_effects):
         charged = with_effects(self.charge(20.0))
         found = charged.predict(touches(0.0, [19.0, 20.0, 21.0], waveform="dc"))
         assert found.electrostatic_force_n[1] == 0.0
@@ -540,30 +524,30 @@ class TestTrappedCharge:
         assert offset.electrostatic_force_n[0] == 0.0
         assert offset.electrostatic_force_n[1] > 0.0
 
-    def test_direct_voltage_is_counted_from_the_charge(self, with_effects, models) -> None:
+    def test_direct_voltage_is_counted_from_the_charge(self, with_effects, models):
         got = with_effects(self.charge(20.0)).predict(touches(0.0, [50.0, 70.0], waveform="dc"))
         base = models["reference"].predict(touches(0.0, [30.0, 50.0], waveform="dc"))
         assert_same(got, base, without=CURRENTS)  # the source drives 50 and 70 V
 
-    def test_a_sine_attracts_as_a_larger_one(self, with_effects, models) -> None:
+    def test_a_sine_attracts_as_a_larger_one(self, with_effects, models):
         got = with_effects(self.charge(25.0)).predict(touches(FREQUENCIES, 60.0))
         base = models["reference"].predict(touches(FREQUENCIES, np.sqrt(60.0**2 + 2.0 * 25.0**2)))
         assert_same(got, base, without=CURRENTS)
 
-    def test_at_rest_a_share_is_left(self, with_effects, models) -> None:
+    def test_at_rest_a_share_is_left(self, with_effects, models):
         for share in (0.0, 0.25, 1.0):
             got = with_effects(self.charge(40.0, share)).predict(touches(250.0, 0.0))
             base = models["reference"].predict(touches(250.0, 40.0 * np.sqrt(2.0 * share)))
             assert_same(got, base, without=CURRENTS)
 
-    def test_a_bias_on_a_sine_cancels_the_charge(self, with_effects, models) -> None:
+    def test_a_bias_on_a_sine_cancels_the_charge(self, with_effects, models):
         got = with_effects(self.charge(20.0)).predict(
             touches(FREQUENCIES, 30.0, voltage_offset_v=20.0)
         )
         base = models["reference"].predict(touches(FREQUENCIES, 30.0))
         assert_same(got, base, without=CURRENTS)  # the bias drives its own
 
-    def test_a_resting_charge_drives_no_current(self, with_effects) -> None:
+    def test_a_resting_charge_drives_no_current(self, with_effects):
         got = with_effects(self.charge(20.0)).predict(touches(250.0, 0.0))
         assert got.stuck_current_rms_a[0] == 0.0
         assert got.current_rms_a[0] == 0.0
@@ -572,7 +556,7 @@ class TestTrappedCharge:
 class TestChargeBuildUp:
     HALF = BY_NAME["charge_build_up"](share=0.5, time_constant_s=2.0, corner_hz=10.0)
 
-    def test_mean_squares_by_hand(self, prepared) -> None:
+    def test_mean_squares_by_hand(self, prepared):
         """Half of it goes for good under direct voltage, 0.316060 after one time constant; at f_b
         half of that, at 100 f_b a ten-thousandth.
         """
@@ -586,18 +570,18 @@ class TestChargeBuildUp:
             sine.circuit.mean_square_v2[:, 0], [225.0, 337.5, 449.9775], rtol=1e-6
         )
 
-    def test_a_bias_is_screened_and_the_sine_on_it_is_not(self, prepared) -> None:
+    def test_a_bias_is_screened_and_the_sine_on_it_is_not(self, prepared):
         biased = touches(1e5, 30.0, voltage_offset_v=-40.0, time_s=1e3)
         square = prepared(biased, self.HALF).circuit.mean_square_v2
         np.testing.assert_allclose(square, [[450.0, 800.0]], rtol=1e-6)
 
-    def test_a_sine_attracts_as_a_smaller_one(self, with_effects, models) -> None:
+    def test_a_sine_attracts_as_a_smaller_one(self, with_effects, models):
         c = touches(FREQUENCIES, 75.0, time_s=1e3)
         kept = 1.0 - 0.5 / (1.0 + (FREQUENCIES / 10.0) ** 2)
         base = models["reference"].predict(touches(FREQUENCIES, 75.0 * np.sqrt(kept)))
         assert_same(with_effects(self.HALF).predict(c), base, without=CURRENTS)
 
-    def test_it_screens_the_drive_and_not_what_is_trapped(self, prepared) -> None:
+    def test_it_screens_the_drive_and_not_what_is_trapped(self, prepared):
         """(0.707107 30 V - 20 V)^2."""
         charge = BY_NAME["trapped_charge"](surface_voltage_v=20.0, share_at_rest=1.0)
         direct = touches(0.0, 30.0, waveform="dc", time_s=1e3)
@@ -609,16 +593,14 @@ class TestContactAreaLaw:
     LAW = BY_NAME["contact_area_law"](exponent=0.5)
 
     @pytest.mark.parametrize(("load_n", "area_m2"), [(0.5, 1e-4), (2.0, 2e-4), (0.125, 5e-5)])
-    def test_at_each_load_it_is_a_touch_of_that_area(
-        self, with_effects, variant, load_n: float, area_m2: float
-    ) -> None:
+    def test_at_each_load_it_is_a_touch_of_that_area(self, with_effects, variant, load_n, area_m2):
         """Pressure, attraction and every current, with what lies in series with the whole touch."""
         series = BY_NAME["series_resistance"](resistance_ohm=2e4)
         got = with_effects(series, self.LAW).predict(touches(FREQUENCIES, 75.0, load_n))
         fixed = with_effects(series, base=variant(contact_area_m2=area_m2))
         assert_same(got, fixed.predict(touches(FREQUENCIES, 75.0, load_n)))
 
-    def test_an_area_in_proportion_to_load_leaves_friction_alone(self, with_effects) -> None:
+    def test_an_area_in_proportion_to_load_leaves_friction_alone(self, with_effects):
         """The same pressure at every load: the same attraction per area."""
         law = with_effects(BY_NAME["contact_area_law"](exponent=1.0))
         got = law.predict(touches(250.0, 75.0, [0.1, 0.5, 2.0]))
@@ -632,8 +614,8 @@ class TestAirBreakdown:
         [(250.0, 75.0, 3e6), (1e4, 100.0, 2e7), (10.0, 60.0, 1e6)],
     )
     def test_the_capped_field_by_quadrature(
-        self, with_effects, models, stack_of, frequency_hz: float, voltage_v: float, limit: float
-    ) -> None:
+        self, with_effects, models, stack_of, frequency_hz, voltage_v, limit
+    ):
         """(eps0/4) int P min(|E|, E_bd)^2 du, E = V/(a u + b)."""
         model = models["reference"]
         capped = with_effects(BY_NAME["air_breakdown"](breakdown_field_v_per_m=limit))
@@ -656,16 +638,14 @@ class TestAirBreakdown:
         assert force_n == pytest.approx(AREA_M2 * expected, rel=1e-3)
         assert force_n < 0.95 * free_n
 
-    def test_a_limit_that_no_gap_reaches_changes_nothing(self, with_effects, models) -> None:
+    def test_a_limit_that_no_gap_reaches_changes_nothing(self, with_effects, models):
         """75 V over the stack alone, z = 0.45 um, is 1.7e8 V/m."""
         c = touches([250.0, 1e4], 75.0)
         capped = with_effects(BY_NAME["air_breakdown"](breakdown_field_v_per_m=1e9))
         assert_same(capped.predict(c), models["reference"].predict(c), 1e-12)
 
     @pytest.mark.parametrize("waveform", ["square", "dc"])
-    def test_of_a_square_wave_the_field_itself_is_capped(
-        self, with_effects, models, waveform: str
-    ) -> None:
+    def test_of_a_square_wave_the_field_itself_is_capped(self, with_effects, models, waveform):
         """All gaps at the cap: p = eps0 E_bd^2/2 over all of them."""
         capped = with_effects(BY_NAME["air_breakdown"](breakdown_field_v_per_m=1e4))
         c = touches(1e4, 1e3, waveform=waveform)
@@ -683,14 +663,14 @@ class TestAirBreakdown:
 
 
 class TestCapillaryAdhesion:
-    def test_without_voltage_by_hand(self, with_effects) -> None:
+    def test_without_voltage_by_hand(self, with_effects):
         """2 kPa over 1 cm2 is 0.2 N: mu = mu_off (1 + 0.2/F_n)."""
         wet = with_effects(BY_NAME["capillary_adhesion"](pressure_pa=2e3))
         got = wet.predict(touches(250.0, 0.0, [0.2, 0.5, 1.0]))
         np.testing.assert_allclose(got.cof, [2.0 * MU, 1.4 * MU, 1.2 * MU], rtol=1e-12)
         np.testing.assert_array_equal(got.electrostatic_force_n, 0.0)
 
-    def test_presses_as_load_does(self, with_effects, models) -> None:
+    def test_presses_as_load_does(self, with_effects, models):
         wet = with_effects(BY_NAME["capillary_adhesion"](pressure_pa=2e3))
         got = wet.predict(touches(FREQUENCIES, 75.0, 0.5))
         base = models["reference"].predict(touches(FREQUENCIES, 75.0, 0.7))
@@ -705,7 +685,7 @@ class TestElectrowetting:
         coefficient_pa_per_v2=0.5, saturation_v=80.0, cutoff_hz=200.0
     )
 
-    def test_pressure_by_hand(self, prepared) -> None:
+    def test_pressure_by_hand(self, prepared):
         """c V^2/(1 + (V/V_sat)^2)/(1 + (f/f_c)^2): 1600 Pa at V_sat, half at f_c, a tenth at 3 f_c;
         3200 Pa at last.
         """
@@ -716,7 +696,7 @@ class TestElectrowetting:
             prepared(touches(1e-3, 40.0), self.EFFECT).circuit.added_pa, 640.0, rtol=1e-6
         )
 
-    def test_presses_and_rubs_as_load_does(self, with_effects, models) -> None:
+    def test_presses_and_rubs_as_load_does(self, with_effects, models):
         f = np.array([10.0, 200.0, 1e4])
         extra_n = 0.16 / (1.0 + (f / 200.0) ** 2)
         got = with_effects(self.EFFECT).predict(touches(f, 80.0))
@@ -726,7 +706,7 @@ class TestElectrowetting:
             got.cof, MU * (1.0 + (got.electrostatic_force_n + extra_n) / 0.5), rtol=1e-12
         )
 
-    def test_an_offset_alone_is_direct_current(self, with_effects) -> None:
+    def test_an_offset_alone_is_direct_current(self, with_effects):
         wet = with_effects(self.EFFECT)
         offset = wet.predict(touches(250.0, 0.0, voltage_offset_v=60.0))
         direct = wet.predict(touches(250.0, 60.0, waveform="dc"))
@@ -736,7 +716,7 @@ class TestElectrowetting:
 
 
 class TestFriction:
-    def test_load_dependent_by_hand(self) -> None:
+    def test_load_dependent_by_hand(self):
         """F_t = mu_off 0.5 N (F/0.5 N)^m; with m = 2/3: mu 1.2599 times as high at half the
         reference load.
         """
@@ -747,7 +727,7 @@ class TestFriction:
         )
 
     @pytest.mark.parametrize("exponent", [0.5, 2.0 / 3.0, 1.3])
-    def test_load_dependent_under_attraction(self, with_effects, models, exponent: float) -> None:
+    def test_load_dependent_under_attraction(self, with_effects, models, exponent):
         loads = np.array([0.1, 0.5, 2.0])
         got = with_effects(BY_NAME["load_dependent_friction"](exponent=exponent)).predict(
             touches(250.0, 75.0, loads)
@@ -757,7 +737,7 @@ class TestFriction:
         tangential_n = MU * 0.5 * ((loads + got.electrostatic_force_n) / 0.5) ** exponent
         np.testing.assert_allclose(got.cof, tangential_n / loads, rtol=1e-12)
 
-    def test_load_dependent_with_capillary_adhesion(self, with_effects) -> None:
+    def test_load_dependent_with_capillary_adhesion(self, with_effects):
         """Without voltage: F_t = mu_off 0.5 N ((F_n + 0.1 N)/0.5 N)^m."""
         model = with_effects(
             BY_NAME["load_dependent_friction"](exponent=0.8),
@@ -768,7 +748,7 @@ class TestFriction:
             got, MU * 0.5 * np.array([0.6, 2.0]) ** 0.8 / [0.2, 0.9], rtol=1e-12
         )
 
-    def test_velocity_dependent_by_hand(self, with_effects, models) -> None:
+    def test_velocity_dependent_by_hand(self, with_effects, models):
         """(v/20 mm/s)^s."""
         speeds = np.array([5e-3, 0.02, 0.08])
         got = with_effects(BY_NAME["velocity_dependent_friction"](exponent=0.5))
@@ -782,7 +762,7 @@ class TestFriction:
         np.testing.assert_allclose(loaded.cof, base.cof * np.array([0.5, 1.0, 2.0]), rtol=1e-12)
         assert_same(loaded, base, 1e-12, without=("cof",))
 
-    def test_contact_ageing_by_hand(self, with_effects, models) -> None:
+    def test_contact_ageing_by_hand(self, with_effects, models):
         """mu_inf - (mu_inf - mu_0) exp(-t/T): from 0.7 of mu_inf, 0.889636 of it after T."""
         ageing = with_effects(BY_NAME["contact_ageing"](share=0.3, time_constant_s=60.0))
         times = np.array([-5.0, 0.0, 60.0, 120.0, 1e6])
@@ -801,7 +781,7 @@ class TestFriction:
 
 class TestViscoelasticSkin:
     @pytest.mark.parametrize("name", ["reference", "table1"])
-    def test_is_a_stiffer_contact(self, with_effects, models, variant, name: str) -> None:
+    def test_is_a_stiffer_contact(self, with_effects, models, variant, name):
         """Twice Y* at four times 20 mm/s with n = 1/2; leak included, which falls as 1/Y*."""
         stiff = with_effects(BY_NAME["viscoelastic_skin"](exponent=0.5), base=models[name])
         twice = variant(name, skin_modulus_pa=20e6, screen_modulus_pa=140e9)
@@ -814,9 +794,7 @@ class TestViscoelasticSkin:
 
 
 @pytest.mark.parametrize("name", ["velocity_dependent_friction", "viscoelastic_skin"])
-def test_at_the_papers_speed_the_base_model_comes_back(
-    with_effects, models, median, name: str
-) -> None:
+def test_at_the_papers_speed_the_base_model_comes_back(with_effects, models, median, name):
     """20 mm/s, given or not; the effect itself is strong."""
     moved = with_effects(median(BY_NAME[name], 2.0))
     for columns in ({}, {"speed_m_s": 0.02}):
@@ -831,12 +809,12 @@ def test_at_the_papers_speed_the_base_model_comes_back(
 @pytest.mark.parametrize(
     "name", ["velocity_dependent_friction", "viscoelastic_skin", "speed_dependent_gap"]
 )
-def test_a_finger_at_rest_has_an_answer(with_effects, median, name: str) -> None:
+def test_a_finger_at_rest_has_an_answer(with_effects, median, name):
     found = with_effects(median(BY_NAME[name], 1.0)).predict(touches(250.0, 40.0, speed_m_s=0.0))
     assert np.isfinite(found.cof).all()
 
 
-def test_skin_and_film_reach_the_current_of_a_stuck_finger(with_effects, variant) -> None:
+def test_skin_and_film_reach_the_current_of_a_stuck_finger(with_effects, variant):
     """Worst case, whatever lies in the gap: the layers alone."""
     wet = variant(dielectric=GABRIEL_WET)
     c = touches(FREQUENCIES, 75.0)
@@ -854,7 +832,7 @@ def test_skin_and_film_reach_the_current_of_a_stuck_finger(with_effects, variant
         )
 
 
-def test_how_sweat_lies_in_the_gap_does_not_reach_a_stuck_finger(with_effects, models) -> None:
+def test_how_sweat_lies_in_the_gap_does_not_reach_a_stuck_finger(with_effects, models):
     c = touches(FREQUENCIES, 75.0)
     film = with_effects(
         BY_NAME["sweat_film"](share=0.1, sweat_conductivity_s_per_m=1.0, arrangement=0.0)

@@ -66,7 +66,7 @@ def friction_factor(
 
 
 @pytest.mark.parametrize("nodes", [(0.0, 2.0), (0.0, 1.0, 4.0), (-1.0, 0.5, 0.7, 3.0, 8.0)])
-def test_splines_are_scipys_natural_ones(nodes: tuple[float, ...]) -> None:
+def test_splines_are_scipys_natural_ones(nodes):
     values = np.random.default_rng(1).standard_normal(len(nodes))
     x = np.linspace(nodes[0], nodes[-1], 57)
     theirs = (
@@ -77,7 +77,7 @@ def test_splines_are_scipys_natural_ones(nodes: tuple[float, ...]) -> None:
     assert spline_weights(x, np.array(nodes)) @ values == pytest.approx(theirs, abs=1e-12)
 
 
-def test_it_is_no_candidate_and_has_no_physical_name() -> None:
+def test_it_is_no_candidate_and_has_no_physical_name():
     assert LEARNED not in BY_NAME
     assert LEARNED not in {kind.name for kind in CATALOGUE}
     assert learned_kind(PAIR).name == "learned"
@@ -86,9 +86,7 @@ def test_it_is_no_candidate_and_has_no_physical_name() -> None:
 
 
 @pytest.mark.parametrize("acts_on", QUANTITIES)
-def test_with_every_value_zero_the_base_model_comes_back(
-    acts_on: str, models, with_effects
-) -> None:
+def test_with_every_value_zero_the_base_model_comes_back(acts_on, models, with_effects):
     phase = QUANTITIES[acts_on].has_phase
     form = LearnedForm(acts_on, "spline", (Term(("time_s",), ((0.0, 9.0),)),), 40.0, phase)
     drive = sines(np.array([30.0, 1e4]), np.array([80.0]), np.array([0.5]), 0.02, 3.0)
@@ -98,15 +96,13 @@ def test_with_every_value_zero_the_base_model_comes_back(
     assert ours.electrode_current_a == pytest.approx(base.electrode_current_a, rel=1e-12)
 
 
-def test_friction_is_multiplied_by_the_values_at_the_nodes(tmp_path, models) -> None:
+def test_friction_is_multiplied_by_the_values_at_the_nodes(tmp_path, models):
     found = model_with(tmp_path, OVER_FREQUENCY, 0.1, -0.2, 0.3, 0.05)
     factors = [friction_factor(found, models["reference"], f, 80.0) for f in FREQUENCIES]
     assert np.log(factors) == pytest.approx([0.1, -0.2, 0.3, 0.05], abs=1e-12)
 
 
-def test_without_voltage_there_is_no_frequency_and_little_of_it_at_little_voltage(
-    tmp_path, models
-) -> None:
+def test_without_voltage_there_is_no_frequency_and_little_of_it_at_little_voltage(tmp_path, models):
     found = model_with(tmp_path, OVER_FREQUENCY, 0.4, 0.4, 0.4, 0.4)
     factors = [
         friction_factor(found, models["reference"], 100.0, v) for v in (0.0, 20.0, 40.0, 80.0)
@@ -114,7 +110,7 @@ def test_without_voltage_there_is_no_frequency_and_little_of_it_at_little_voltag
     assert np.log(factors) == pytest.approx([0.0, 0.1, 0.4, 0.4], abs=1e-12)
 
 
-def test_beyond_its_range_it_stays_as_at_the_nearest_end(tmp_path, models) -> None:
+def test_beyond_its_range_it_stays_as_at_the_nearest_end(tmp_path, models):
     form = replace(OVER_FREQUENCY, terms=(Term(("speed_m_s",), (SPEEDS,)),))
     found = model_with(tmp_path, form, 0.1, 0.0, -0.3)
     assert np.log(friction_factor(found, models["reference"], 100.0, 80.0, 1.0)) == pytest.approx(
@@ -133,7 +129,7 @@ def test_beyond_its_range_it_stays_as_at_the_nearest_end(tmp_path, models) -> No
         ("step", [0.6, 0.02, 3.0], 0.04, 0.6 / (1.0 + 0.5**3)),
     ],
 )
-def test_short_formulas(tmp_path, models, shape, values, at, wanted) -> None:
+def test_short_formulas(tmp_path, models, shape, values, at, wanted):
     form = LearnedForm("friction", shape, (Term(("speed_m_s",), ((0.01, 0.05),)),), 40.0)
     found = model_with(tmp_path, form, *values)
     assert np.log(friction_factor(found, models["reference"], 100.0, 80.0, at)) == pytest.approx(
@@ -141,7 +137,7 @@ def test_short_formulas(tmp_path, models, shape, values, at, wanted) -> None:
     )
 
 
-def test_what_lies_outside_is_said_with_the_range() -> None:
+def test_what_lies_outside_is_said_with_the_range():
     def outside(f: float, v: float, speed: float) -> str:
         return PAIR.outside(sines(np.array([f]), np.array([v]), np.array([0.5]), speed, 0.0))
 
@@ -151,7 +147,7 @@ def test_what_lies_outside_is_said_with_the_range() -> None:
 
 
 @pytest.mark.parametrize("form", [OVER_FREQUENCY, PAIR], ids=["one input", "pair"])
-def test_a_form_reads_back_as_it_was_written(tmp_path, form: LearnedForm) -> None:
+def test_a_form_reads_back_as_it_was_written(tmp_path, form):
     values = np.random.default_rng(2).normal(0.0, 0.1, len(learned_kind(form).parameters()))
     found = model_with(tmp_path, form, *values)
     assert found.learned_form == form
@@ -185,7 +181,7 @@ def test_a_form_reads_back_as_it_was_written(tmp_path, form: LearnedForm) -> Non
         ("with_phase = false\n", "", "with_phase is missing"),
     ],
 )
-def test_a_table_with_a_mistake_is_explained(tmp_path, old: str, new: str, words: str) -> None:
+def test_a_table_with_a_mistake_is_explained(tmp_path, old, new, words):
     model_with(tmp_path, OVER_FREQUENCY, 0.1, -0.2, 0.3, 0.05)
     path = tmp_path / "learned.toml"
     text = path.read_text()
@@ -197,7 +193,7 @@ def test_a_table_with_a_mistake_is_explained(tmp_path, old: str, new: str, words
     assert refused.value.hint
 
 
-def test_without_its_form_it_is_unknown(tmp_path) -> None:
+def test_without_its_form_it_is_unknown(tmp_path):
     path = tmp_path / "learned.toml"
     path.write_text(f"{SHIPPED}\n[effects.learned]\nfrequency_hz_0 = 0.1\n")
     with pytest.raises(ModelError, match="acts_on is missing"):
@@ -207,7 +203,7 @@ def test_without_its_form_it_is_unknown(tmp_path) -> None:
         read_model(path)
 
 
-def test_a_term_bends_with_the_drive_where_the_drive_reaches_its_place() -> None:
+def test_a_term_bends_with_the_drive_where_the_drive_reaches_its_place():
     """One at friction was let off over frequency: which effects are not was said by each of them,
     but not by it.
     """

@@ -112,20 +112,20 @@ def cof_in(path: Path) -> np.ndarray:
         return np.array([float(row["cof"]) for row in csv.DictReader(file)])
 
 
-def test_it_changes_what_is_predicted(done: Path) -> None:
+def test_it_changes_what_is_predicted(done):
     expected = 1.0 + 1.5 * np.exp([-1.0, -5.0])  # rise 1.5, at one and five times the scale
     factor = cof_in(done / "with.csv") / cof_in(done / "without.csv")
     np.testing.assert_allclose(factor, expected, rtol=1e-7)  # nine digits are written
 
 
-def test_it_is_in_a_surface(done: Path) -> None:
+def test_it_is_in_a_surface(done):
     """At 20 mm/s, of which surfaces are, and without voltage."""
     with h5py.File(done / "with.h5") as file:
         undriven = file["cof"][:, 0]
     np.testing.assert_allclose(undriven, 0.512 * (1.0 + 1.5 * np.exp(-2.0)), rtol=1e-6)
 
 
-def test_it_is_named_where_it_is_hidden(done: Path) -> None:
+def test_it_is_named_where_it_is_hidden(done):
     said: dict[str, Any] = json.loads((done / "found" / "report.json").read_text(encoding="utf-8"))
     assert len(said["alternatives"]) == len(CATALOGUE) + 3  # the new one, none and unknown
     assert [effect["name"] for effect in said["effects"]] == [NAME]
@@ -136,7 +136,7 @@ def test_it_is_named_where_it_is_hidden(done: Path) -> None:
     assert f"[effects.{NAME}]" in (done / "found" / "model.toml").read_text(encoding="utf-8")
 
 
-def test_it_is_on_the_pages_of_the_docs(folder: Path) -> None:
+def test_it_is_on_the_pages_of_the_docs(folder):
     pages = python(folder, PAGES).splitlines()
     physics = "a film of sweat is sheared where the skin slides fast, and pressed out where not"
     prior = "0.3, × 3"
@@ -144,7 +144,7 @@ def test_it_is_on_the_pages_of_the_docs(folder: Path) -> None:
     assert any(re.match(rf"\| `wipe` \| .*`{NAME}`", line) for line in pages)
 
 
-def test_what_holds_of_every_effect_is_tested_of_it(folder: Path) -> None:
+def test_what_holds_of_every_effect_is_tested_of_it(folder):
     tests = [str(Path(__file__).with_name(f"test_{n}.py")) for n in ("catalogue", "effect_files")]
     options = ("-p", "no:cacheprovider", "-c", str(ROOT / "pyproject.toml"))
     said = python(folder, TESTS, *tests, *options, "-k", f"{NAME} or TestTheList")

@@ -160,7 +160,7 @@ def by_ode(layers: Layers, gap_m: float, time_s: np.ndarray, voltage) -> np.ndar
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("gap_m", [1e-6, 44e-6])
-def test_coefficients_are_those_of_the_laws(layers_of, name: str, gap_m: float) -> None:
+def test_coefficients_are_those_of_the_laws(layers_of, name, gap_m):
     layers = layers_of(name, alpha=1e-4)
     k = coefficients(layers, gap_m)
     for column, (state, volt) in enumerate(
@@ -178,7 +178,7 @@ def test_coefficients_are_those_of_the_laws(layers_of, name: str, gap_m: float) 
     rho2=st.floats(-1e-4, 1e-4),
 )
 @settings(max_examples=50)
-def test_fields_obey_gauss_and_kirchhoff(layers_of, gap_m, volt, rho1, rho2) -> None:
+def test_fields_obey_gauss_and_kirchhoff(layers_of, gap_m, volt, rho1, rho2):
     layers = layers_of()
     got = fields(layers, gap_m, volt, rho1, rho2)
     d1, dg, d2 = (
@@ -204,7 +204,7 @@ class TestAgainstAnOdeSolver:
     @pytest.mark.parametrize(
         "until_s", [1e-3, 5e3]
     )  # the skin's charging, and that of the slowest layer
-    def test_direct_current(self, layers_of, gap_m: float, until_s: float) -> None:
+    def test_direct_current(self, layers_of, gap_m, until_s):
         layers, time = layers_of(), np.linspace(0.0, until_s, 41)
         expected = KEY_V * by_ode(layers, gap_m, time, lambda t: 1.0)
         got = simulate(layers, np.array([gap_m]), time, np.full(41, KEY_V))
@@ -215,7 +215,7 @@ class TestAgainstAnOdeSolver:
             np.testing.assert_allclose(KEY_V * closed[i], expected[i], rtol=1e-8, atol=1e-8 * scale)
 
     @pytest.mark.parametrize("frequency_hz", [1.0, 250.0, 1e4])
-    def test_alternating_current(self, layers_of, frequency_hz: float) -> None:
+    def test_alternating_current(self, layers_of, frequency_hz):
         layers, gap_m = layers_of(at_hz=frequency_hz), 44e-6
         time = np.linspace(0.0, 3.0 / frequency_hz, 61)
         expected = KEY_V * by_ode(
@@ -230,7 +230,7 @@ class TestAgainstAnOdeSolver:
             # straight pieces of 1/20000 of a period miss the cosine by (w dt)^2/8 = 1.2e-8
             np.testing.assert_allclose(rho[::1000, 0], expected[i], rtol=3e-8, atol=3e-8 * scale)
 
-    def test_any_voltage_and_uneven_steps(self, layers_of) -> None:
+    def test_any_voltage_and_uneven_steps(self, layers_of):
         layers, gap_m = layers_of(alpha=2e-4), 5e-6
         time = np.array([0.0, 1e-5, 3e-5, 4e-4, 5e-4, 2e-3, 2.1e-3, 1e-2])
         voltage = np.array([0.0, 40.0, -20.0, 75.0, 75.0, -75.0, 0.0, 0.0])
@@ -266,9 +266,7 @@ class TestClosedFormAsPrinted:
     GAP_M = 1e-6
 
     @pytest.mark.parametrize("frequency_hz", [0.0, 1.0, 5.0])
-    def test_neutral_layers_start_with_the_current_of_the_voltage(
-        self, frequency_hz: float
-    ) -> None:
+    def test_neutral_layers_start_with_the_current_of_the_voltage(self, frequency_hz):
         """d rho/dt (0) = -(c, f) V0: so it is with the mended lambda and delta, and is not with the
         printed ones.
         """
@@ -287,7 +285,7 @@ class TestClosedFormAsPrinted:
         off = np.abs(start(printed=True) / drive - 1.0)
         assert (off > 1e-2).all()
 
-    def test_only_the_mended_ones_follow_the_solver(self) -> None:
+    def test_only_the_mended_ones_follow_the_solver(self):
         k = coefficients(self.COUPLED, self.GAP_M)
         time = np.linspace(0.0, 0.1, 50)
         exact = simulate(self.COUPLED, np.array([self.GAP_M]), time, np.ones(50))
@@ -300,9 +298,7 @@ class TestClosedFormAsPrinted:
 
 class TestLimits:
     @pytest.mark.parametrize("name", FINGERS)
-    def test_long_after_switching_on_one_current_crosses_all_layers(
-        self, layers_of, name: str
-    ) -> None:
+    def test_long_after_switching_on_one_current_crosses_all_layers(self, layers_of, name):
         layers = layers_of(name)
         got = simulate(layers, GAP_M, np.array([0.0, 1e6]), np.full(2, KEY_V))
         rho1, rho2 = steady_charges(layers, GAP_M, KEY_V)
@@ -316,7 +312,7 @@ class TestLimits:
         ]
         np.testing.assert_allclose(conduction[0], conduction[1], rtol=1e-6)
 
-    def test_at_once_the_layers_are_capacitors_in_series(self, layers_of) -> None:
+    def test_at_once_the_layers_are_capacitors_in_series(self, layers_of):
         got = simulate(layers_of(), GAP_M, np.array([0.0]), np.array([KEY_V]))
         d = layers_of()
         eps2 = d.skin_permittivity_f_per_m / EPS0
@@ -324,7 +320,7 @@ class TestLimits:
         np.testing.assert_allclose(got.fields.gap[0], expected, rtol=1e-13)  # rounding
         np.testing.assert_array_equal(got.rho1_c_per_m2, 0.0)
 
-    def test_charges_vanish_at_high_frequency(self, layers_of) -> None:
+    def test_charges_vanish_at_high_frequency(self, layers_of):
         """Appendix B: the limit that the paper states, as 1/w."""
         k = coefficients(layers_of(), GAP_M)
         amplitude = [np.abs(np.array(k.response(2j * np.pi * f))) for f in (1e8, 1e9)]
@@ -332,7 +328,7 @@ class TestLimits:
             amplitude[1] / amplitude[0], 0.1, rtol=1e-6
         )  # (rate/w)^2 is 1e-9
 
-    def test_insulators_keep_no_charge(self) -> None:
+    def test_insulators_keep_no_charge(self):
         layers = Layers(1e-6, 4 * EPS0, 0.0, EPS0, 0.0, 1e-4, 1e3 * EPS0, 0.0)
         got = simulate(
             layers, GAP_M, np.linspace(0.0, 1.0, 5), np.array([0.0, 5.0, -5.0, 70.0, 70.0])
@@ -340,7 +336,7 @@ class TestLimits:
         np.testing.assert_array_equal(got.rho1_c_per_m2, 0.0)
         np.testing.assert_array_equal(got.rho2_c_per_m2, 0.0)
 
-    def test_equal_relaxation_leaves_no_charge(self) -> None:
+    def test_equal_relaxation_leaves_no_charge(self):
         """Maxwell-Wagner: charge gathers only where relaxation times differ."""
         layers = Layers(1e-6, 4 * EPS0, 4e-9, EPS0, 1e-9, 1e-4, 1e3 * EPS0, 1e-6)
         got = simulate(layers, GAP_M, np.linspace(0.0, 0.1, 5), np.full(5, KEY_V))
@@ -350,7 +346,7 @@ class TestLimits:
 
 
 @pytest.mark.parametrize("alpha", [0.0, 2e-4])
-def test_total_current_is_conserved_through_the_stack(layers_of, alpha: float) -> None:
+def test_total_current_is_conserved_through_the_stack(layers_of, alpha):
     """Conduction and displacement together are the same in all three layers: 1e-9."""
     layers, gap_m = layers_of(alpha=alpha), 10e-6
     time = np.linspace(0.0, 8e-3, 201)
@@ -384,7 +380,7 @@ def test_total_current_is_conserved_through_the_stack(layers_of, alpha: float) -
 @pytest.mark.parametrize("with_leak", [False, True])
 def test_steady_alternation_is_the_frequency_domain(
     models, layers_of, stack_of, name, frequency_hz, with_leak
-) -> None:
+):
     """Section 2 of the physics at the frequency where the constants are taken, with alpha = 0 and
     with the leak.
     """
@@ -402,7 +398,7 @@ def test_steady_alternation_is_the_frequency_domain(
 
 
 class TestPressure:
-    def test_one_gap(self, layers_of) -> None:
+    def test_one_gap(self, layers_of):
         got = simulate(layers_of(), GAP_M, np.array([0.0]), np.array([KEY_V]))
         eps2 = layers_of().skin_permittivity_f_per_m / EPS0
         expected = 0.5 * EPS0 * (KEY_V / (GAP_M + 1e-6 / 3.9 + 200e-6 / eps2)) ** 2
@@ -411,7 +407,7 @@ class TestPressure:
     @pytest.mark.parametrize("name", FINGERS)
     def test_mean_over_gaps_and_time_is_the_chain(
         self, models, layers_of, circuit_of, stack_of, scales_of, name
-    ) -> None:
+    ):
         """After the start-up the mean over one period is p_e of the chain without leak, at the same
         pressure.
         """
@@ -431,7 +427,7 @@ class TestPressure:
 
     def test_direct_voltage_at_once_is_the_integral_over_the_gaps(
         self, models, layers_of, scales_of
-    ) -> None:
+    ):
         model, layers = models["reference"], layers_of()
         scales = scales_of(model)
         z = 1e-6 / 3.9 + 200e-6 * EPS0 / layers.skin_permittivity_f_per_m
@@ -443,7 +439,7 @@ class TestPressure:
         expected = 0.5 * EPS0 * KEY_V**2 * k_hat[0] / scales.length_m**2
         assert got[0] == pytest.approx(expected, rel=1e-12)  # the same rule on the same nodes
 
-    def test_leak_takes_the_pressure_away_over_time(self, models, layers_of) -> None:
+    def test_leak_takes_the_pressure_away_over_time(self, models, layers_of):
         model = models["reference"]
         time = np.array([0.0, 1e-3, 1.0, 60.0])
         p = mean_pressure_pa(model, layers_of(alpha=6.8e-3), 5e3, time, np.full(time.size, KEY_V))
@@ -452,6 +448,6 @@ class TestPressure:
 
 class TestInput:
     @pytest.mark.parametrize("at_hz", [0.0, -1.0, np.nan, np.inf])
-    def test_constants_need_a_frequency(self, layers_of, at_hz: float) -> None:
+    def test_constants_need_a_frequency(self, layers_of, at_hz):
         with pytest.raises(ModelError, match="is no frequency"):
             layers_of(at_hz=at_hz)

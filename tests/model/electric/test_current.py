@@ -50,8 +50,8 @@ def sliding_rms_a(scales_of, stack_of, circuit_of):
 @given(f=frequencies, p=st.floats(3.0, 5.5).map(lambda e: 10.0**e))
 @settings(max_examples=25)
 def test_sliding_current_is_the_mean_over_the_gaps(
-    models, scales_of, stack_of, sliding_rms_a, name: str, f: float, p: float
-) -> None:
+    models, scales_of, stack_of, sliding_rms_a, name, f, p
+):
     """A ladder of admittances for each gap: insulator, then air beside the leak, then skin;
     averaged with P(u).
     """
@@ -90,7 +90,7 @@ def stuck_rms_a(scales_of, stack_of, circuit_of):
 
 @given(f=frequencies)
 @settings(max_examples=50)
-def test_stuck_current_is_limited_by_insulator_and_skin(models, stuck_rms_a, f: float) -> None:
+def test_stuck_current_is_limited_by_insulator_and_skin(models, stuck_rms_a, f):
     model = models["reference"]
     expected = AREA_M2 * 30.0 / abs(sum(layer_impedances(model, f)))
     assert stuck_rms_a(model, f) == pytest.approx(expected, rel=1e-12)  # rounding
@@ -100,13 +100,13 @@ def test_stuck_current_is_limited_by_insulator_and_skin(models, stuck_rms_a, f: 
 @given(f=frequencies, p=st.floats(3.0, 5.5).map(lambda e: 10.0**e))
 @settings(max_examples=40)
 def test_a_sliding_finger_never_draws_more_than_a_stuck_one(
-    models, sliding_rms_a, stuck_rms_a, name: str, f: float, p: float
-) -> None:
+    models, sliding_rms_a, stuck_rms_a, name, f, p
+):
     model = models[name]
     assert 0.0 < sliding_rms_a(model, [f], 30.0, p, AREA_M2)[0] <= stuck_rms_a(model, f)
 
 
-def test_currents_are_proportional_to_voltage_and_area(variant, sliding_rms_a) -> None:
+def test_currents_are_proportional_to_voltage_and_area(variant, sliding_rms_a):
     """Of the whole model; the sliding one at the same total pressure."""
     f = np.array([250.0, 1e4])
     models = {area: variant("table1", contact_area_m2=area) for area in (1e-4, 3e-4)}
@@ -130,12 +130,12 @@ def test_currents_are_proportional_to_voltage_and_area(variant, sliding_rms_a) -
     )
 
 
-def test_without_equilibrium_there_is_no_sliding_current(models, sliding_rms_a) -> None:
+def test_without_equilibrium_there_is_no_sliding_current(models, sliding_rms_a):
     got = sliding_rms_a(models["table1"], 250.0, 75.0, np.array([np.nan, 5e3]), AREA_M2)
     np.testing.assert_array_equal(np.isnan(got), [True, False])
 
 
-def test_grids_broadcast(models, scales_of, stack_of, circuit_of, sliding_rms_a) -> None:
+def test_grids_broadcast(models, scales_of, stack_of, circuit_of, sliding_rms_a):
     """Rows [n] and branches [n, c] each by themselves, as a surface asks for them."""
     model = models["table1"]
     f = np.array([50.0, 250.0, 1e4]).reshape(-1, 1, 1)
@@ -160,7 +160,7 @@ def test_grids_broadcast(models, scales_of, stack_of, circuit_of, sliding_rms_a)
 
 def test_a_touch_that_is_pulled_in_has_no_current(
     models, scales_of, stack_of, circuit_of, monkeypatch
-) -> None:
+):
     """Its place once held whatever the memory held before."""
     model = models["reference"]
     pressure_pa = np.array([1e4, np.nan, np.inf])

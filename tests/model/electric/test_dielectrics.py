@@ -25,7 +25,7 @@ def at(dielectric, frequency_hz: float) -> complex:
 
 
 @pytest.mark.parametrize("dielectric", [GABRIEL_DRY, GABRIEL_WET], ids=lambda d: d.name)
-def test_sets_against_reference(reference, dielectric) -> None:
+def test_sets_against_reference(reference, dielectric):
     r = reference["skin"][dielectric.name]
     k = dielectric.permittivity(r["frequency_hz"])
     np.testing.assert_allclose(k.real, r["eps_real"], rtol=1e-6)  # seven digits are stored
@@ -42,9 +42,7 @@ def test_sets_against_reference(reference, dielectric) -> None:
         ("gabriel_wet", 1e3, 3.21e4, 6.57e-4, 0.368),
     ],
 )
-def test_check_values(
-    name: str, frequency_hz: float, eps: float, sigma: float, loss_tangent: float
-) -> None:
+def test_check_values(name, frequency_hz, eps, sigma, loss_tangent):
     k = at(named(name), frequency_hz)
     # half of the last digit printed, in each column
     assert k.real == pytest.approx(eps, rel=5e-5 if name == "gabriel_dry" else 2e-3)
@@ -52,14 +50,14 @@ def test_check_values(
     assert -k.imag / k.real == pytest.approx(loss_tangent, rel=2e-3)
 
 
-def test_dry_skin_loses_least_near_100_khz() -> None:
+def test_dry_skin_loses_least_near_100_khz():
     f = np.geomspace(1e2, 1e7, 501)
     k = GABRIEL_DRY.permittivity(f)
     # the table of check values has one per decade: the decade of the minimum is what is known
     assert 3e4 < f[np.argmin(-k.imag / k.real)] < 3e5
 
 
-def test_one_debye_term_in_closed_form() -> None:
+def test_one_debye_term_in_closed_form():
     debye = ColeCole("debye", "test", 3.0, ((10.0, 1e-6, 0.0),), 1e-3)
     f = 1.0 / (2.0 * np.pi * 1e-6)  # w tau = 1: D/(1 + j) = D/2 - j D/2
     k = at(debye, f)
@@ -67,7 +65,7 @@ def test_one_debye_term_in_closed_form() -> None:
     assert k.imag == pytest.approx(-5.0 - 1e-3 / (1e6 * EPS0), rel=1e-12)
 
 
-def test_conduction_is_counted_once() -> None:
+def test_conduction_is_counted_once():
     """Table I's k1 is eps + sigma/(j w eps0): doubling sigma doubles what is lost, and nothing
     else.
     """
@@ -83,7 +81,7 @@ def test_conduction_is_counted_once() -> None:
     "dielectric", [GABRIEL_DRY, GABRIEL_WET, PowerLaw(4.0, 1e3, 0.3, 2e-4)], ids=lambda d: d.name
 )
 @given(f=frequencies)
-def test_every_set_is_passive_and_disperses_downwards(dielectric, f: float) -> None:
+def test_every_set_is_passive_and_disperses_downwards(dielectric, f):
     k, later = at(dielectric, f), at(dielectric, 1.5 * f)
     assert k.imag < 0.0
     assert later.real <= k.real * (1.0 + 1e-12)  # rounding
@@ -94,7 +92,7 @@ def test_every_set_is_passive_and_disperses_downwards(dielectric, f: float) -> N
 
 
 @pytest.mark.parametrize("dielectric", [GABRIEL_DRY, GABRIEL_WET], ids=lambda d: d.name)
-def test_limits_of_frequency(dielectric) -> None:
+def test_limits_of_frequency(dielectric):
     static = dielectric.eps_inf + sum(term[0] for term in dielectric.terms)
     low = at(dielectric, 1e-7)
     assert low.real == pytest.approx(static, rel=1e-6)  # (w tau)^0.8 of the slowest term: 1e-7
@@ -105,7 +103,7 @@ def test_limits_of_frequency(dielectric) -> None:
     )  # D (w tau)^-0.8 and below
 
 
-def test_power_law_at_its_own_frequency() -> None:
+def test_power_law_at_its_own_frequency():
     k = at(PowerLaw(5.0, 800.0, 0.25, 0.0), 250.0)
     turned = 800.0 * (np.cos(np.pi / 8.0) - 1j * np.sin(np.pi / 8.0))  # j^(-1/4)
     assert k == pytest.approx(5.0 + turned, rel=1e-12)  # rounding
@@ -118,7 +116,7 @@ class TestTable:
         path.write_text(text, encoding="utf-8")
         return path
 
-    def test_nodes_are_given_back_and_between_them_is_a_power_law(self, tmp_path) -> None:
+    def test_nodes_are_given_back_and_between_them_is_a_power_law(self, tmp_path):
         table = read_csv(self.write(tmp_path, HEADER + "10,2000,1e-4\n1000,500,4e-4\n"))
         assert table.name == "own"
         assert "own.csv" in table.source
@@ -127,13 +125,13 @@ class TestTable:
             assert k.real == pytest.approx(eps, rel=1e-12)  # rounding
             assert -k.imag * 2.0 * np.pi * f * EPS0 == pytest.approx(sigma, rel=1e-12)
 
-    def test_ends_are_held(self) -> None:
+    def test_ends_are_held(self):
         table = Tabulated("t", "test", (10.0, 1000.0), (2000.0, 500.0), (1e-4, 4e-4))
         assert at(table, 1.0).real == pytest.approx(2000.0, rel=1e-12)
         sigma = total_conductivity_s_per_m(np.array(at(table, 1e6)), 1e6)
         assert sigma == pytest.approx(4e-4, rel=1e-12)  # held is the conductivity, not eps''
 
-    def test_order_and_number_of_columns_are_free(self, tmp_path) -> None:
+    def test_order_and_number_of_columns_are_free(self, tmp_path):
         text = "note,conductivity_s_per_m,frequency_hz,eps_real\na,1e-4,10,2000\nb,4e-4,1000,500\n"
         assert read_csv(self.write(tmp_path, text)).eps_real == (2000.0, 500.0)
 
@@ -168,7 +166,7 @@ class TestTable:
             "inf",
         ],
     )
-    def test_bad_tables_are_refused(self, tmp_path, text: str, says: str) -> None:
+    def test_bad_tables_are_refused(self, tmp_path, text, says):
         path = self.write(tmp_path, text)
         with pytest.raises(ModelError, match=says) as caught:
             read_csv(path)
@@ -176,7 +174,7 @@ class TestTable:
         wanted = "Call it frequency_hz" if says == "frequency_hz" else "frequencies rising"
         assert wanted in caught.value.hint
 
-    def test_absent_and_binary_files_are_refused(self, tmp_path) -> None:
+    def test_absent_and_binary_files_are_refused(self, tmp_path):
         with pytest.raises(ModelError, match=r"none\.csv"):
             read_csv(tmp_path / "none.csv")
         binary = tmp_path / "binary.csv"
@@ -184,17 +182,17 @@ class TestTable:
         with pytest.raises(ModelError, match=r"binary\.csv is not text"):
             read_csv(binary)
 
-    def test_line_number_counts_blank_lines(self, tmp_path) -> None:
+    def test_line_number_counts_blank_lines(self, tmp_path):
         with pytest.raises(ModelError, match="line 4"):
             read_csv(self.write(tmp_path, HEADER + "\n1,10,1e-4\n2,ten,1e-4\n"))
 
-    def test_byte_order_mark_is_no_part_of_a_name(self, tmp_path) -> None:
+    def test_byte_order_mark_is_no_part_of_a_name(self, tmp_path):
         assert read_csv(
             self.write(tmp_path, "\ufeff" + HEADER + "1,10,1e-4\n2,11,1e-4\n")
         ).eps_real == (10.0, 11.0)
 
 
-def test_unknown_set_offers_the_nearest() -> None:
+def test_unknown_set_offers_the_nearest():
     with pytest.raises(ModelError, match="gabriel_dri") as caught:
         named("gabriel_dri")
     assert "Did you mean 'gabriel_dry'" in caught.value.hint

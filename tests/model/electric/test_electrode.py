@@ -35,7 +35,7 @@ def sines(
     return Conditions(f, v, n, finger=np.full(f.shape, finger), **columns)
 
 
-def test_sizes_of_another_implementation(variant) -> None:
+def test_sizes_of_another_implementation(variant):
     f, ampere, rad = np.array(ELSEWHERE).T
     got = variant(stray_capacitance_f=300e-12).predict(sines(f)).electrode_current_a
     np.testing.assert_allclose(np.abs(got), ampere, rtol=AMPERE)
@@ -43,9 +43,7 @@ def test_sizes_of_another_implementation(variant) -> None:
 
 
 @pytest.mark.parametrize("frequency_hz", [10.0, 250.0, 1e4, 1e6])
-def test_is_the_mean_over_gaps_and_real_contact(
-    models, scales_of, stack_of, frequency_hz: float
-) -> None:
+def test_is_the_mean_over_gaps_and_real_contact(models, scales_of, stack_of, frequency_hz):
     """A ladder of admittances for each gap: insulator, air beside the leak, skin; without air where
     they touch.
     """
@@ -76,7 +74,7 @@ def test_is_the_mean_over_gaps_and_real_contact(
     assert abs(got.electrode_current_a[0] - expected) < known
 
 
-def test_without_loss_it_leads_by_90_degrees(variant) -> None:
+def test_without_loss_it_leads_by_90_degrees(variant):
     class Glass:
         name = source = "made up"
 
@@ -93,7 +91,7 @@ def test_without_loss_it_leads_by_90_degrees(variant) -> None:
     np.testing.assert_allclose(np.angle(current), np.pi / 2.0, atol=1e-6)  # the table's angles
 
 
-def test_gaps_far_thinner_than_the_layers_leave_insulator_and_skin(variant) -> None:
+def test_gaps_far_thinner_than_the_layers_leave_insulator_and_skin(variant):
     model = variant(roughness_rms_m=4e-8)
     got = model.predict(sines([250.0, 1e5], 1e-3, 0.5))
     np.testing.assert_allclose(
@@ -101,7 +99,7 @@ def test_gaps_far_thinner_than_the_layers_leave_insulator_and_skin(variant) -> N
     )
 
 
-def test_a_series_resistance_is_what_is_left_at_high_frequency(with_effects) -> None:
+def test_a_series_resistance_is_what_is_left_at_high_frequency(with_effects):
     model = with_effects(BY_NAME["series_resistance"](resistance_ohm=1e6))
     current = model.predict(sines([1e3, 1e5, 1e7])).electrode_current_a
     assert abs(current[2]) == pytest.approx(5e-6, rel=1e-3)  # 0.3 kohm of skin are left
@@ -110,9 +108,7 @@ def test_a_series_resistance_is_what_is_left_at_high_frequency(with_effects) -> 
     assert phase[2] < 1e-3
 
 
-def test_stray_current_stands_beside_the_finger_before_any_resistance(
-    variant, with_effects
-) -> None:
+def test_stray_current_stands_beside_the_finger_before_any_resistance(variant, with_effects):
     f = np.array([10.0, 1e3, 1e5])
     resistance = BY_NAME["series_resistance"](resistance_ohm=1e5)
     plain = with_effects(resistance).predict(sines(f))
@@ -124,7 +120,7 @@ def test_stray_current_stands_beside_the_finger_before_any_resistance(
     )  # what may go through the finger
 
 
-def test_without_a_finger_only_the_stray_current_is_left(variant) -> None:
+def test_without_a_finger_only_the_stray_current_is_left(variant):
     f = np.array([10.0, 1e3, 1e5])
     got = variant(stray_capacitance_f=3e-10).predict(sines(f, finger="none"))
     np.testing.assert_allclose(
@@ -135,7 +131,7 @@ def test_without_a_finger_only_the_stray_current_is_left(variant) -> None:
     assert np.all(np.isnan(got.cof))
 
 
-def test_sliding_has_two_to_eleven_times_the_impedance_of_rest(models) -> None:
+def test_sliding_has_two_to_eleven_times_the_impedance_of_rest(models):
     """Shultz 2018: the gap's impedance rises by 100 to 1000 %; below 100 Hz the leak shorts it
     either way.
     """
@@ -149,14 +145,14 @@ def test_sliding_has_two_to_eleven_times_the_impedance_of_rest(models) -> None:
     assert not np.any(np.isnan(resting.electrostatic_force_n))
 
 
-def test_effects_of_speed_do_not_reach_a_resting_finger(with_effects, models) -> None:
+def test_effects_of_speed_do_not_reach_a_resting_finger(with_effects, models):
     lift = with_effects(BY_NAME["speed_dependent_gap"](lift_m=1e-5, speed_scale_m_s=0.01))
     conditions = sines([250.0, 1e4], finger="resting", speed_m_s=0.1)
     expected = models["reference"].predict(conditions).electrode_current_a
     np.testing.assert_allclose(lift.predict(conditions).electrode_current_a, expected, rtol=1e-12)
 
 
-def test_square_waves_are_driven_at_their_fundamental(models) -> None:
+def test_square_waves_are_driven_at_their_fundamental(models):
     square = models["reference"].predict(sines(250.0, 1e-3, waveform="square"))
     sine = models["reference"].predict(sines(250.0, 4e-3 / np.pi))
     np.testing.assert_allclose(square.electrode_voltage_v, 4e-3 / np.pi)
@@ -178,7 +174,7 @@ class Debye:
         )
 
 
-def test_is_causal(variant) -> None:
+def test_is_causal(variant):
     """Kramers and Kronig for the complex capacitance I/(j w V), less its steady conduction, at a
     voltage without force.
 

@@ -29,9 +29,7 @@ def network(model, frequency_hz: float, u: float, alpha: float) -> np.ndarray:
 @pytest.mark.parametrize("name", FINGERS)
 @given(f=frequencies, u=gaps, p=pressures)
 @settings(max_examples=60)
-def test_field_of_the_gap_is_that_of_the_network(
-    models, stack_of, name: str, f: float, u: float, p: float
-) -> None:
+def test_field_of_the_gap_is_that_of_the_network(models, stack_of, name, f, u, p):
     model = models[name]
     s = stack_of(model, np.array([f]))
     h, k_gap, leak = s.h_m[0], s.k_gap[0], s.leak_per_m_pa[0] * p
@@ -51,7 +49,7 @@ def test_field_of_the_gap_is_that_of_the_network(
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_leak_against_reference_scales(models, stack_of, reference, name: str) -> None:
+def test_leak_against_reference_scales(models, stack_of, reference, name):
     """(36) limited by the skin: alpha = 2 sigma p/(Y* L0)."""
     r = reference[name]
     for f, sigma in zip(
@@ -64,7 +62,7 @@ def test_leak_against_reference_scales(models, stack_of, reference, name: str) -
         assert alpha == pytest.approx(expected, rel=1e-6)  # seven digits are stored
 
 
-def test_leak_follows_skin_and_scale_not_the_insulator(models, variant) -> None:
+def test_leak_follows_skin_and_scale_not_the_insulator(models, variant):
     """A past reading of (37) put sigma* in series with the insulator: 3.3e-12 S/m2, with nothing to
     leak.
     """
@@ -82,7 +80,7 @@ def test_leak_follows_skin_and_scale_not_the_insulator(models, variant) -> None:
     assert leak_conductance_per_pa(variant(leak_scale=0.0).description.values, sigma) == 0.0
 
 
-def test_direct_current_is_the_resistive_divider(models, stack_of) -> None:
+def test_direct_current_is_the_resistive_divider(models, stack_of):
     v = models["reference"].description.values
     s = stack_of(models["reference"], np.array([0.0]))
     resistance = (
@@ -95,7 +93,7 @@ def test_direct_current_is_the_resistive_divider(models, stack_of) -> None:
     assert s.k_gap[0] * s.h_m[0] == pytest.approx(v.air_conductivity_s_per_m * resistance, rel=1e-5)
 
 
-def test_direct_current_is_the_limit_of_slow_alternation(models, stack_of) -> None:
+def test_direct_current_is_the_limit_of_slow_alternation(models, stack_of):
     f = np.array([0.0, 1e-12, DC_FREQUENCY_HZ, 1e-8, 1e-7])
     s = stack_of(models["reference"], f)
     z = s.k_gap * s.h_m / (1.0 + s.leak_per_m_pa * 5e3 * s.h_m)
@@ -106,7 +104,7 @@ def test_direct_current_is_the_limit_of_slow_alternation(models, stack_of) -> No
     np.testing.assert_allclose(z[3:], z[0], rtol=1e-3)
 
 
-def test_far_above_every_relaxation_only_permittivities_are_left(models, stack_of) -> None:
+def test_far_above_every_relaxation_only_permittivities_are_left(models, stack_of):
     v = models["reference"].description.values
     s = stack_of(models["reference"], np.array([1e16]))
     # eps_inf of dry skin is 4; its fastest term leaves 32/(w tau) = 7e-5 there
@@ -119,7 +117,7 @@ def test_far_above_every_relaxation_only_permittivities_are_left(models, stack_o
 
 @given(f=frequencies, p=pressures)
 @settings(max_examples=50)
-def test_every_stack_is_passive(models, stack_of, f: float, p: float) -> None:
+def test_every_stack_is_passive(models, stack_of, f, p):
     """z lies where the gap table is: real part positive, angle from 0 to 90 degrees either way."""
     s = stack_of(models["reference"], np.array([f]))
     z = s.k_gap[0] * s.h_m[0] / (1.0 + s.leak_per_m_pa[0] * p * s.h_m[0])
@@ -128,7 +126,7 @@ def test_every_stack_is_passive(models, stack_of, f: float, p: float) -> None:
     assert z.real > 0.0
 
 
-def test_frequencies_of_any_shape_give_every_number(models, stack_of) -> None:
+def test_frequencies_of_any_shape_give_every_number(models, stack_of):
     f = np.array([10.0, 250.0, 1e4])
     s, r = (stack_of(models["reference"], x) for x in (f, f.reshape(-1, 1, 1)))
     for name in ("omega", "h_m", "k_gap", "leak_per_m_pa"):

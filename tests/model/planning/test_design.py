@@ -38,7 +38,7 @@ def read(path: Path, header: str, *lines: str) -> Measurements:
     return read_measurements(path)
 
 
-def test_an_intervention_takes_its_effects_away_in_its_rows(tmp_path: Path) -> None:
+def test_an_intervention_takes_its_effects_away_in_its_rows(tmp_path):
     """Against the model's own friction, with the effect where nothing removes it and without in the
     other row.
     """
@@ -63,7 +63,7 @@ def test_an_intervention_takes_its_effects_away_in_its_rows(tmp_path: Path) -> N
     np.testing.assert_allclose(got, [with_it, without, with_it], rtol=1e-9)
 
 
-def test_two_effects_are_taken_away_each_by_its_own(tmp_path: Path) -> None:
+def test_two_effects_are_taken_away_each_by_its_own(tmp_path):
     sweat = BY_NAME["sweat_film"]
     data = read(
         tmp_path / "a.csv",
@@ -81,12 +81,12 @@ def test_two_effects_are_taken_away_each_by_its_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(got, [both, sweaty, humid], rtol=1e-12)
 
 
-def test_an_unknown_intervention_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_intervention_is_refused(tmp_path):
     with pytest.raises(Exception, match="line 2: intervention 'drying' is unknown"):
         read(tmp_path / "a.csv", HEADER, "50,75,0.5,0.6,0.01,drying", "50,75,0.5,0.6,0.01,")
 
 
-def test_where_nothing_shows_it_is_looked_where_something_may_be_unseen(tmp_path: Path) -> None:
+def test_where_nothing_shows_it_is_looked_where_something_may_be_unseen(tmp_path):
     """Friction at low frequencies cannot show a slow amplifier; at 100 kHz it can, and without
     voltage nothing can.
     """
@@ -118,7 +118,7 @@ def test_where_nothing_shows_it_is_looked_where_something_may_be_unseen(tmp_path
     assert len({choice.block for choice in every}) == len(every)  # once is enough
 
 
-def test_rows_that_contradict_kramers_and_kronig_are_left_out(tmp_path: Path) -> None:
+def test_rows_that_contradict_kramers_and_kronig_are_left_out(tmp_path):
     header = (
         "frequency_hz,voltage_v,normal_force_n,current_a,current_phase_rad,finger,kramers_kronig"
     )
@@ -143,7 +143,7 @@ def pair(
     return Pair(("a", "b"), 1.0, told, nothing(size)), raw
 
 
-def test_the_separation_is_that_of_the_covariance() -> None:
+def test_the_separation_is_that_of_the_covariance():
     """d' (1 + U U')^-1 d of everything measured, worked out in the space of the observations."""
     rng = np.random.default_rng(3)
     found, raw = pair(rng, 4, 7, 3)
@@ -163,7 +163,7 @@ def test_the_separation_is_that_of_the_covariance() -> None:
     np.testing.assert_allclose(several, [direct([2, 0, 1]), direct([2, 0, 3])])
 
 
-def test_several_differences_are_told_as_each_alone() -> None:
+def test_several_differences_are_told_as_each_alone():
     rng = np.random.default_rng(7)
     differences, spread, block = (
         rng.normal(size=(3, 12)),
@@ -185,7 +185,7 @@ def so_far_of(so_far: Information, i: int) -> Information:
     return Information(so_far.normal, so_far.moment[i], so_far.square[i])
 
 
-def test_what_a_parameter_hides_in_the_data_so_far_more_of_the_same_does_not_show() -> None:
+def test_what_a_parameter_hides_in_the_data_so_far_more_of_the_same_does_not_show():
     """Friction that has aged long ago was expected to show in any further row, as if the finger
     were known by then.
     """
@@ -201,7 +201,7 @@ def test_what_a_parameter_hides_in_the_data_so_far_more_of_the_same_does_not_sho
     assert pair.reached <= pair.reach() <= moved**2
 
 
-def test_no_parameter_free_enough_hides_nothing() -> None:
+def test_no_parameter_free_enough_hides_nothing():
     found, raw = pair(np.random.default_rng(5), 2, 6, 1)
     silent = replace(
         found.blocks, normal=0.0 * found.blocks.normal, moment=0.0 * found.blocks.moment

@@ -68,8 +68,8 @@ def separable() -> tuple[Diagnosis, list[dict[str, Any]]]:
 
 
 def test_proposals_are_settings_that_the_rig_was_near(
-    separable: tuple[Diagnosis, list[dict[str, Any]]],
-) -> None:
+    separable,
+):
     found, proposed = separable
     assert found.name == "ambiguous"
     assert 1 <= len(proposed) <= 6
@@ -84,8 +84,8 @@ def test_proposals_are_settings_that_the_rig_was_near(
 
 
 def test_measuring_the_proposals_tells_which(
-    separable: tuple[Diagnosis, list[dict[str, Any]]],
-) -> None:
+    separable,
+):
     """On average they make a name; in any one case noise may leave the truth a little short of
     it.
     """
@@ -109,8 +109,8 @@ def test_measuring_the_proposals_tells_which(
 
 
 def test_proposals_beat_settings_taken_at_random(
-    separable: tuple[Diagnosis, list[dict[str, Any]]],
-) -> None:
+    separable,
+):
     found, proposed = separable
     assert found.findings is not None
     (first, _), (second, _) = leading(found.findings)[:2]
@@ -129,15 +129,15 @@ def test_proposals_beat_settings_taken_at_random(
 
 
 def test_the_expected_gain_is_what_a_refit_finds(
-    separable: tuple[Diagnosis, list[dict[str, Any]]],
-) -> None:
+    separable,
+):
     """Within 30 %: the gains are linear around both fits, the refit is not."""
     _, proposed = separable
     gained = proposed[0]["lambda_after"] - proposed[0]["lambda_now"]
     assert sum(s["separation"] for s in proposed) == pytest.approx(gained, rel=0.3)
 
 
-def test_what_no_setting_tells_apart_gets_a_physical_check() -> None:
+def test_what_no_setting_tells_apart_gets_a_physical_check():
     found = _diagnosed("series_resistance", resistance_ohm=2e4)
     proposed = next_experiments(found, FINGER)
     assert [p["kind"] for p in proposed] == ["check", "check"]
@@ -146,7 +146,7 @@ def test_what_no_setting_tells_apart_gets_a_physical_check() -> None:
         assert check["lambda_after"] < 9.0
 
 
-def test_what_has_no_name_is_measured_again_where_it_is_strongest() -> None:
+def test_what_has_no_name_is_measured_again_where_it_is_strongest():
     settings, session = _design()
     f, v, n = settings.T
     odd = np.where(v > 0.0, 0.2 * np.sin(2.2 * np.log(f)) + 0.1 * np.sin(6.0 * n), 0.0)
@@ -159,14 +159,14 @@ def test_what_has_no_name_is_measured_again_where_it_is_strongest() -> None:
         assert low <= proposed[0][axis] <= high
 
 
-def test_nothing_tested_proposes_nothing() -> None:
+def test_nothing_tested_proposes_nothing():
     settings = np.array([(f, 100.0, 0.5) for f in FREQUENCIES])
     found = diagnose(FINGER, _measured(_friction(settings, ""), settings, np.zeros(len(settings))))
     assert found.name == "not_testable"
     assert next_experiments(found, FINGER) == []
 
 
-def test_settings_to_come_leave_the_measured_rows_as_they_were() -> None:
+def test_settings_to_come_leave_the_measured_rows_as_they_were():
     """Where an effect showed in some sessions only, it was on in all of them as soon as settings
     were added.
     """

@@ -36,14 +36,14 @@ SEEDS, MANY = range(3), range(100, 120)
 
 
 @pytest.mark.parametrize("name", QUICK)
-def test_the_true_rival_is_named_in_no_more_points_than_at_random(name: str) -> None:
+def test_the_true_rival_is_named_in_no_more_points_than_at_random(name):
     ours, random = (counted(BY_NAME[name], SEEDS, by_score=by_score) for by_score in (True, False))
     assert ours.right == len(SEEDS)
     assert random.wrong == 0
     assert ours.points <= random.points
 
 
-def test_what_a_wider_model_can_imitate_no_point_tells_apart() -> None:
+def test_what_a_wider_model_can_imitate_no_point_tells_apart():
     """Only the parameter that it does not need speaks against it: no point is asked for, and none
     is named yet.
     """
@@ -81,7 +81,7 @@ def _row(problem: Problem, ours: Count, random: Count) -> str:
 
 @pytest.mark.soak
 @pytest.mark.timeout(3000)
-def test_how_often_and_how_soon_the_true_rival_is_named() -> None:
+def test_how_often_and_how_soon_the_true_rival_is_named():
     """Where points at random name it in half of all cases, chosen ones need half of them but for
     one problem.
     """

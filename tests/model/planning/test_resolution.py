@@ -56,14 +56,14 @@ def by_way() -> dict[str, Resolution]:
     return {name: resolution(load_model("reference"), data) for name, data in sets(0.01).items()}
 
 
-def test_a_plan_of_which_nothing_may_be_measured_is_refused() -> None:
+def test_a_plan_of_which_nothing_may_be_measured_is_refused():
     beyond = PLAN.model_copy(update={"settings": (Setting(100.0, 1e4, 0.5, 0.02),)})
     with pytest.raises(HapticError) as refused:
         ways(load_rig("simulated"), TouchModel(load_model("reference")), beyond, 0.01)
     assert refused.value.code == "bad_plan"
 
 
-def test_no_rival_leaves_more_than_no_effect_at_all(by_way: dict[str, Resolution]) -> None:
+def test_no_rival_leaves_more_than_no_effect_at_all(by_way):
     """Each can be so weak that it is none."""
     for told in by_way.values():
         for i in range(len(told.names)):
@@ -71,7 +71,7 @@ def test_no_rival_leaves_more_than_no_effect_at_all(by_way: dict[str, Resolution
             assert (rivals <= told.visible(i) * (1.0 + 1e-6) + 1e-6).all()
 
 
-def test_what_acts_in_the_lead_is_seen_in_its_current(by_way: dict[str, Resolution]) -> None:
+def test_what_acts_in_the_lead_is_seen_in_its_current(by_way):
     """`electrical.md`: friction cannot tell a resistance of 100 kOhm; phase at some kHz can,
     slewing takes more yet.
     """
@@ -87,8 +87,8 @@ def test_what_acts_in_the_lead_is_seen_in_its_current(by_way: dict[str, Resoluti
 
 
 def test_less_noise_tells_more_and_a_stronger_effect_is_plainer(
-    by_way: dict[str, Resolution],
-) -> None:
+    by_way,
+):
     data = sets(0.04)["as it is"]
     usual, strong = (resolution(load_model("reference"), data, strength) for strength in (0.0, 1.0))
     for name in ("humid_gap_conduction", "johnsen_rahbek"):

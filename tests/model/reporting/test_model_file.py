@@ -22,7 +22,7 @@ from model.diagnosis.space import FINGER, NUISANCES, Predictor
 from model.diagnosis.where import Disagreement
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, Effect
-from model.electric.dielectrics import GABRIEL_WET, ColeCole, Dielectric, PowerLaw, Tabulated
+from model.electric.dielectrics import GABRIEL_WET, ColeCole, PowerLaw, Tabulated
 from model.parameters import Parameter
 from model.reporting.model_file import fitted_effects, fitted_nuisances, write_model
 from model.support.errors import ModelError
@@ -96,9 +96,7 @@ def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
 @pytest.mark.parametrize(
     "dielectric", [GABRIEL_WET, POWER_LAW, TABLE], ids=["named", "power law", "user's own table"]
 )
-def test_every_kind_of_dielectric_reads_back_to_the_same_physics(
-    finger: ModelDescription, tmp_path: Path, dielectric: Dielectric
-) -> None:
+def test_every_kind_of_dielectric_reads_back_to_the_same_physics(finger, tmp_path, dielectric):
     given = replace(finger, dielectric=dielectric, friction_law="total_load")
     written = write_model(
         diagnosis("effect_found", "series_resistance"), given, tmp_path / "model.toml", "d.csv"
@@ -110,7 +108,7 @@ def test_every_kind_of_dielectric_reads_back_to_the_same_physics(
     assert set(read.effect_parameters) == {"series_resistance"}
 
 
-def test_the_file_predicts_what_the_fit_did(finger: ModelDescription, tmp_path: Path) -> None:
+def test_the_file_predicts_what_the_fit_did(finger, tmp_path):
     found = diagnosis("effect_found", "amplifier_bandwidth")
     assert found.findings is not None
     chosen = found.findings.verdict.chosen.fit
@@ -122,9 +120,7 @@ def test_the_file_predicts_what_the_fit_did(finger: ModelDescription, tmp_path: 
     np.testing.assert_allclose(read, expected, rtol=1e-12)
 
 
-def test_fitted_values_carry_their_error_and_their_data(
-    finger: ModelDescription, tmp_path: Path
-) -> None:
+def test_fitted_values_carry_their_error_and_their_data(finger, tmp_path):
     write_model(
         diagnosis("effect_found", "series_resistance"),
         finger,
@@ -148,19 +144,19 @@ def test_fitted_values_carry_their_error_and_their_data(
     assert read.parameters["screen_modulus_pa"] == finger.parameters["screen_modulus_pa"]
 
 
-def test_a_linear_parameter_keeps_its_error_at_zero() -> None:
+def test_a_linear_parameter_keeps_its_error_at_zero():
     kind = BY_NAME["contact_ageing"]
     share = fitted_effects(fit((kind,), np.zeros(len(NUISANCES) + 2)))["contact_ageing"]["share"]
     assert share.value == 0.0
     assert share.std == pytest.approx(0.35 * 0.2)
 
 
-def test_fitted_parameters_stay_within_what_a_file_may_say(finger: ModelDescription) -> None:
+def test_fitted_parameters_stay_within_what_a_file_may_say(finger):
     found = fitted_nuisances(finger, fit((), np.array([6.0, 0.0, 0.0, 0.0, 0.0])), NUISANCES)
     assert found["cof_off"].value == 5.0
 
 
-def test_effects_that_were_on_stay_on(finger: ModelDescription, tmp_path: Path) -> None:
+def test_effects_that_were_on_stay_on(finger, tmp_path):
     on = {"drive_gain_error": {"gain": Parameter(1.05, "1", 'measured "twice"\\\n', 0.01)}}
     given = replace(finger, effect_parameters=on)
     write_model(
@@ -172,19 +168,19 @@ def test_effects_that_were_on_stay_on(finger: ModelDescription, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("verdict", ["no_discrepancy", "unexplained"])
-def test_no_name_no_effect(finger: ModelDescription, tmp_path: Path, verdict: str) -> None:
+def test_no_name_no_effect(finger, tmp_path, verdict):
     write_model(diagnosis(verdict), finger, tmp_path / "model.toml", "d.csv")
     read = read_model(tmp_path / "model.toml")
     assert read.effect_parameters == {}
     assert read.values.roughness_rms_m != finger.values.roughness_rms_m
 
 
-def test_untestable_data_leave_the_model_as_it_is(finger: ModelDescription, tmp_path: Path) -> None:
+def test_untestable_data_leave_the_model_as_it_is(finger, tmp_path):
     write_model(diagnosis(None), finger, tmp_path / "model.toml", "d.csv")
     assert read_model(tmp_path / "model.toml").content_hash == finger.content_hash
 
 
-def test_origin_says_from_what(finger: ModelDescription, tmp_path: Path) -> None:
+def test_origin_says_from_what(finger, tmp_path):
     write_model(
         diagnosis("effect_found", "series_resistance"),
         finger,
@@ -200,7 +196,7 @@ def test_origin_says_from_what(finger: ModelDescription, tmp_path: Path) -> None
     assert {"log_evidence", "log_evidence_gain", "seed", "program", "date"} <= set(origin)
 
 
-def test_older_versions_are_kept_in_order(finger: ModelDescription, tmp_path: Path) -> None:
+def test_older_versions_are_kept_in_order(finger, tmp_path):
     path = tmp_path / "model.toml"
     path.write_text("mine", encoding="utf-8")
     write_model(diagnosis("effect_found", "series_resistance"), finger, path, "d.csv")
@@ -211,7 +207,7 @@ def test_older_versions_are_kept_in_order(finger: ModelDescription, tmp_path: Pa
     assert "floating_body" in read_model(path).effect_parameters
 
 
-def test_the_same_result_makes_no_new_version(finger: ModelDescription, tmp_path: Path) -> None:
+def test_the_same_result_makes_no_new_version(finger, tmp_path):
     for _ in range(2):
         write_model(
             diagnosis("effect_found", "series_resistance"), finger, tmp_path / "model.toml", "d.csv"
@@ -219,9 +215,7 @@ def test_the_same_result_makes_no_new_version(finger: ModelDescription, tmp_path
     assert [p.name for p in tmp_path.iterdir()] == ["model.toml"]
 
 
-def test_a_table_of_the_same_name_is_not_overwritten(
-    finger: ModelDescription, tmp_path: Path
-) -> None:
+def test_a_table_of_the_same_name_is_not_overwritten(finger, tmp_path):
     path, found = tmp_path / "model.toml", diagnosis("no_discrepancy")
     write_model(found, replace(finger, dielectric=TABLE), path, "d.csv")
     other = replace(TABLE, eps_real=(9e3, 1e3, 10.0))
@@ -230,9 +224,7 @@ def test_a_table_of_the_same_name_is_not_overwritten(
     assert read_model(tmp_path / "model-1.toml").dielectric == TABLE
 
 
-def test_a_dielectric_that_no_file_can_name_is_refused(
-    finger: ModelDescription, tmp_path: Path
-) -> None:
+def test_a_dielectric_that_no_file_can_name_is_refused(finger, tmp_path):
     own = ColeCole("own", "made up", 4.0, (), 1e-4)
     with pytest.raises(ModelError, match="own"):
         write_model(
@@ -243,7 +235,7 @@ def test_a_dielectric_that_no_file_can_name_is_refused(
         )
 
 
-def test_odd_names_survive(finger: ModelDescription, tmp_path: Path) -> None:
+def test_odd_names_survive(finger, tmp_path):
     odd = 'finger "7"\t\\ ünï \x7f \U0001f590'
     given = replace(finger, name=odd)
     write_model(
@@ -255,9 +247,7 @@ def test_odd_names_survive(finger: ModelDescription, tmp_path: Path) -> None:
     assert read_model(tmp_path / "model.toml").name == f"{odd}+series_resistance"
 
 
-def test_a_printed_model_that_nothing_could_test_stays_the_printed_one(
-    finger: ModelDescription, tmp_path: Path
-) -> None:
+def test_a_printed_model_that_nothing_could_test_stays_the_printed_one(finger, tmp_path):
     """The file did not say the variant, and read back as the corrected equations."""
     printed = replace(finger, variant="published", friction_law="total_load")
     write_model(diagnosis(None), printed, tmp_path / "model.toml", "d.csv")

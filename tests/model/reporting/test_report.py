@@ -119,7 +119,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     )
 
 
-def test_the_contract_is_kept(run: Run) -> None:
+def test_the_contract_is_kept(run):
     content = json.loads((run.folder / "report.json").read_text(encoding="utf-8"))
     assert content == run.content
     assert content["verdict"] == run.case.verdict
@@ -137,14 +137,14 @@ def test_the_contract_is_kept(run: Run) -> None:
     assert len(content["fit"]["gap_closed_interval"]) == 2
 
 
-def test_json_is_strict(run: Run) -> None:
+def test_json_is_strict(run):
     def refuse(word: str) -> None:
         raise AssertionError(word)
 
     json.loads((run.folder / "report.json").read_text(encoding="utf-8"), parse_constant=refuse)
 
 
-def test_alternatives_are_everything_and_sum_to_one(run: Run) -> None:
+def test_alternatives_are_everything_and_sum_to_one(run):
     names = [a["name"] for a in run.content["alternatives"]]
     values = [a["probability"] for a in run.content["alternatives"]]
     assert sorted(names) == sorted(["none", "unknown", *BY_NAME])
@@ -152,7 +152,7 @@ def test_alternatives_are_everything_and_sum_to_one(run: Run) -> None:
     assert values == sorted(values, reverse=True)
 
 
-def test_effects_are_named_only_where_the_verdict_names(run: Run) -> None:
+def test_effects_are_named_only_where_the_verdict_names(run):
     named = run.case.verdict in ("effect_found", "ambiguous")
     learned = (
         ["learned"] if run.content["learned"] and run.content["learned"]["in_model"] else []
@@ -168,13 +168,13 @@ def test_effects_are_named_only_where_the_verdict_names(run: Run) -> None:
         assert bool(effect["indistinguishable_from"]) == (run.case.verdict == "ambiguous")
 
 
-def test_fitted_strength_is_the_true_one_within_its_error(run: Run) -> None:
+def test_fitted_strength_is_the_true_one_within_its_error(run):
     for effect in run.content["effects"]:
         for name, p in effect["parameters"].items() if effect["name"] != "learned" else ():
             assert abs(p["value"] - run.case.effects[effect["name"]][name]) < 4.0 * p["std"]
 
 
-def test_regions_are_given_strongest_first(run: Run) -> None:
+def test_regions_are_given_strongest_first(run):
     found = run.content["where"]
     for region in found:
         assert {"axis", "low", "high", "p_value", "sign"} <= set(region)
@@ -187,8 +187,8 @@ def test_regions_are_given_strongest_first(run: Run) -> None:
 
 
 def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_rival(
-    run: Run,
-) -> None:
+    run,
+):
     if run.case.verdict not in ("effect_found", "ambiguous"):
         pytest.skip("nothing was named")
     fit, rival = run.content["fit"], run.content["held_out"]["best_rival"]
@@ -196,7 +196,7 @@ def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_riv
     assert fit["gap_closed"] > max(0.8, rival["gap_closed"])
 
 
-def test_untestable_data_leave_the_priors(run: Run) -> None:
+def test_untestable_data_leave_the_priors(run):
     if run.case.verdict != "not_testable":
         pytest.skip("tested")
     known = {a["name"]: a["probability"] for a in run.content["alternatives"]}
@@ -207,7 +207,7 @@ def test_untestable_data_leave_the_priors(run: Run) -> None:
     assert run.content["reasons"]
 
 
-def test_the_model_beside_it_holds_what_the_report_says(run: Run) -> None:
+def test_the_model_beside_it_holds_what_the_report_says(run):
     read = read_model(run.folder / "model.toml")
     assert list(read.effect_parameters) == [e["name"] for e in run.content["effects"]]
     for effect in run.content["effects"]:
@@ -215,7 +215,7 @@ def test_the_model_beside_it_holds_what_the_report_says(run: Run) -> None:
             assert read.effect_parameters[effect["name"]][name].value == p["value"]
 
 
-def test_the_page_stands_alone(run: Run) -> None:
+def test_the_page_stands_alone(run):
     page = run.page
     for outside in ("http://", "https://", "<script", "<link", "@import", "url(", "javascript:"):
         assert outside not in page.lower()
@@ -226,13 +226,13 @@ def test_the_page_stands_alone(run: Run) -> None:
     assert page.count("<img") == len(list((run.folder / "pictures").glob("*.svg")))
 
 
-def test_the_page_escapes_what_files_say(run: Run) -> None:
+def test_the_page_escapes_what_files_say(run):
     assert "slides &lt;i&gt;&amp; more.csv" in run.page
     assert "<i>" not in run.page
     assert "<b>" not in run.page
 
 
-def test_the_page_opens_with_the_verdict_in_words(run: Run) -> None:
+def test_the_page_opens_with_the_verdict_in_words(run):
     heading = re.search(r"<h1>(.*?)</h1>", run.page, re.DOTALL)
     assert heading is not None
     words = {
@@ -245,7 +245,7 @@ def test_the_page_opens_with_the_verdict_in_words(run: Run) -> None:
     assert words[run.case.verdict] in heading[1]
 
 
-def test_pictures_are_vectors_of_a_sensible_size(run: Run) -> None:
+def test_pictures_are_vectors_of_a_sensible_size(run):
     drawn = sorted((run.folder / "pictures").glob("*.svg"))
     expected = (
         ["fingerprint", "held_out", "probabilities", "residual_map"]
@@ -265,20 +265,20 @@ def test_pictures_are_vectors_of_a_sensible_size(run: Run) -> None:
     assert sorted(run.content["pictures"]) == list(map(str, drawn))
 
 
-def test_every_candidate_needs_data_to_be_tested(run: Run) -> None:
+def test_every_candidate_needs_data_to_be_tested(run):
     untested = {e["name"]: e["why"] for e in run.content["not_tested"]}
     if run.case.stated_noise and not run.case.time_step_s:
         assert untested["contact_ageing"] == "needs time_s, varied"
 
 
-def test_the_same_seed_gives_the_same_report(run: Run) -> None:
+def test_the_same_seed_gives_the_same_report(run):
     again = report(run.diagnosis, FINGER, run.content["model"])
     again["data"]["file"] = run.content["data"]["file"]
     again["pictures"] = run.content["pictures"]
     assert again == run.content
 
 
-def test_two_effects_read_as_a_sentence() -> None:
+def test_two_effects_read_as_a_sentence():
     content: dict[str, Any] = {
         "verdict": "effect_found",
         "effects": [{"name": "floating_body"}, {"name": "drive_gain_error"}],
@@ -293,7 +293,7 @@ def test_two_effects_read_as_a_sentence() -> None:
 
 
 @pytest.mark.parametrize("name", ["caf\udce9 $x_1$.csv", "a<b>&\x1b[2J.csv"])
-def test_a_file_of_any_name_is_reported(tmp_path: Path, name: str) -> None:
+def test_a_file_of_any_name_is_reported(tmp_path, name):
     """A name that is no UTF-8 is as Python reads it: \\xe9 is \\udce9."""
     case = next(case for case in CASES if case.verdict == "not_testable")
     write_data(tmp_path / name, case)
@@ -306,7 +306,7 @@ def test_a_file_of_any_name_is_reported(tmp_path: Path, name: str) -> None:
     read_model(folder / "model.toml")
 
 
-def test_a_model_with_the_effect_already_on_says_so(tmp_path: Path) -> None:
+def test_a_model_with_the_effect_already_on_says_so(tmp_path):
     source = tmp_path / "d.csv"
     write_data(source, CASES[1])
     exponent = {"exponent": Parameter(0.7, "1", "known")}

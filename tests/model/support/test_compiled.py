@@ -69,7 +69,7 @@ def kernel_folders(package: Path) -> set[str]:
 
 
 @pytest.mark.process
-def test_a_change_in_another_file_never_runs_stale_machine_code(package) -> None:
+def test_a_change_in_another_file_never_runs_stale_machine_code(package):
     """numba alone would answer 6 twice: the file of the kernel has not changed."""
     assert scaled(package, 3.0) == 6.0
     before = kernel_folders(package)
@@ -79,7 +79,7 @@ def test_a_change_in_another_file_never_runs_stale_machine_code(package) -> None
     assert len(kernel_folders(package) - before) == 1
 
 
-def test_the_folder_is_named_by_every_kernel_and_all_that_it_imports() -> None:
+def test_the_folder_is_named_by_every_kernel_and_all_that_it_imports():
     named = {path for pattern in compiled.SOURCES for path in SOURCES.glob(pattern)}
     with_kernels = {p for p in SOURCES.rglob("*.py") if "\n@kernel" in p.read_text("utf-8")}
     assert with_kernels
@@ -91,7 +91,7 @@ def test_the_folder_is_named_by_every_kernel_and_all_that_it_imports() -> None:
 
 
 @pytest.mark.process
-def test_a_change_where_no_kernel_is_compiles_nothing_anew(package) -> None:
+def test_a_change_where_no_kernel_is_compiles_nothing_anew(package):
     assert scaled(package, 3.0) == 6.0
     (package / "effects.py").write_text("MORE = 1.0\n")
     assert scaled(package, 3.0) == 6.0
@@ -99,12 +99,12 @@ def test_a_change_where_no_kernel_is_compiles_nothing_anew(package) -> None:
 
 
 @pytest.mark.process
-def test_unchanged_sources_share_one_folder(package) -> None:
+def test_unchanged_sources_share_one_folder(package):
     assert scaled(package, 3.0) == scaled(package, 3.0) == 6.0
     assert len(kernel_folders(package)) == 1
 
 
-def test_compiling_leaves_the_configuration_of_numba_alone() -> None:
+def test_compiling_leaves_the_configuration_of_numba_alone():
     before = numba.config.CACHE_DIR
 
     @kernel
@@ -116,7 +116,7 @@ def test_compiling_leaves_the_configuration_of_numba_alone() -> None:
     assert half(3.0) == 1.5
 
 
-def test_division_by_zero_follows_numpy() -> None:
+def test_division_by_zero_follows_numpy():
     """error_model numpy: an infinite voltage of pull-in is an infinity, not an exception."""
 
     @kernel

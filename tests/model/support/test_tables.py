@@ -69,13 +69,13 @@ def file(folder: Path, text: str | bytes) -> Path:
         "UTF-32",
     ],
 )
-def test_what_spreadsheets_add_is_no_mistake(tmp_path, text: str | bytes) -> None:
+def test_what_spreadsheets_add_is_no_mistake(tmp_path, text):
     read = table(tmp_path, text)
     assert read.columns == ["a", "b"]
     assert read.rows == [{"a": "1", "b": "2"}]
 
 
-def test_a_table_knows_its_lines_and_its_bytes(tmp_path) -> None:
+def test_a_table_knows_its_lines_and_its_bytes(tmp_path):
     content = b'a,b\n1,2\n\n"3\n",4\n'
     read = table(tmp_path, content)
     assert read.lines == [2, 5]  # a cell over two lines: the line where the row ends
@@ -83,7 +83,7 @@ def test_a_table_knows_its_lines_and_its_bytes(tmp_path) -> None:
     assert read.content_hash == hashlib.sha256(content).hexdigest()
 
 
-def test_a_column_as_numbers(tmp_path) -> None:
+def test_a_column_as_numbers(tmp_path):
     read = table(tmp_path, "a,b\n1,x\n,2\n3,\n")
     np.testing.assert_array_equal(read.numbers("a", where_empty=7.0), [1.0, 7.0, 3.0])
     np.testing.assert_array_equal(
@@ -92,7 +92,7 @@ def test_a_column_as_numbers(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("text", ["high", "", "nan", "inf", "0,5", "1e999", "75 V", "1_25"])
-def test_what_is_no_number_is_named_with_file_line_and_column(tmp_path, text: str) -> None:
+def test_what_is_no_number_is_named_with_file_line_and_column(tmp_path, text):
     read = table(tmp_path, f'a,b\n1,2\n\n3,"{text}"\n')
     with pytest.raises(ModelError, match=f"line 4: b is '{text}', not a number") as caught:
         read.numbers("b")
@@ -140,9 +140,7 @@ def test_what_is_no_number_is_named_with_file_line_and_column(tmp_path, text: st
         ("a,b\n" + "9" * 200_000, "bad_table", "line 2: is not CSV", WANTED),
     ],
 )
-def test_what_is_wrong_with_a_table_is_said(
-    tmp_path, text: str | bytes, code: str, says: str, hint: str
-) -> None:
+def test_what_is_wrong_with_a_table_is_said(tmp_path, text, code, says, hint):
     with pytest.raises(ModelError) as caught:
         table(tmp_path, text)
     assert caught.value.code == code
@@ -159,9 +157,7 @@ def test_what_is_wrong_with_a_table_is_said(
         ([0, 2, 1, 3], "line 4: a does not rise: 1 after 2", "Sort the rows by a"),
     ],
 )
-def test_what_does_not_rise_is_said_by_its_kind(
-    tmp_path, values: list[int], says: str, hint: str
-) -> None:
+def test_what_does_not_rise_is_said_by_its_kind(tmp_path, values, says, hint):
     read = table(tmp_path, "a,b\n" + "".join(f"{value},0\n" for value in values))
     with pytest.raises(ModelError) as caught:
         read.require_rising("a", read.numbers("a"), "Apart")
@@ -171,7 +167,7 @@ def test_what_does_not_rise_is_said_by_its_kind(
     read.require_rising("a", read.numbers("a"), "Apart")
 
 
-def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch) -> None:
+def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch):
     for path, code in [
         (tmp_path / "none.csv", "file_not_found"),
         (tmp_path, "file_unreadable"),
@@ -194,7 +190,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch) -> None:
 HEADER = "frequency_hz,voltage_v,normal_force_n,cof"
 
 
-def test_measurements_are_read_as_a_spreadsheet_saves_them(tmp_path) -> None:
+def test_measurements_are_read_as_a_spreadsheet_saves_them(tmp_path):
     """Spaces after commas made a header unknown, and a blank waveform was none of the known
     ones.
     """
@@ -229,9 +225,7 @@ def test_measurements_are_read_as_a_spreadsheet_saves_them(tmp_path) -> None:
         (f"{HEADER}\n", "has no rows"),
     ],
 )
-def test_measurements_that_are_wrong_are_named_with_their_line(
-    tmp_path, text: str, says: str
-) -> None:
+def test_measurements_that_are_wrong_are_named_with_their_line(tmp_path, text, says):
     with pytest.raises(ModelError) as caught:
         read_measurements(file(tmp_path, text))
     assert says in caught.value.message
@@ -249,7 +243,7 @@ BAD = f"""{HEADER},cof_std,session
 """
 
 
-def test_all_that_is_wrong_is_told_at_once(tmp_path) -> None:
+def test_all_that_is_wrong_is_told_at_once(tmp_path):
     path = file(tmp_path, BAD)
     with pytest.raises(BadRowsError) as caught:
         read_measurements(path)
@@ -264,26 +258,26 @@ def test_all_that_is_wrong_is_told_at_once(tmp_path) -> None:
     assert "change its sign" not in caught.value.hint
 
 
-def test_bad_rows_are_left_out_on_request_and_told(tmp_path) -> None:
+def test_bad_rows_are_left_out_on_request_and_told(tmp_path):
     read = read_measurements(file(tmp_path, BAD), leave_out_bad=True)
     np.testing.assert_array_equal(read.columns["cof"], [0.6, 0.61])
     assert read.session_names == ("A", "B")
     assert [said.partition(":")[0] for said in read.bad_rows] == [f"line {i}" for i in (3, 4, 6, 7)]
 
 
-def test_a_file_of_bad_rows_alone_is_refused(tmp_path) -> None:
+def test_a_file_of_bad_rows_alone_is_refused(tmp_path):
     with pytest.raises(BadRowsError, match="2 of 2 rows"):
         read_measurements(
             file(tmp_path, f"{HEADER}\n250,75,500,0.6\n250,75,600,0.6\n"), leave_out_bad=True
         )
 
 
-def test_an_optional_column_that_is_empty_throughout_is_not_there(tmp_path) -> None:
+def test_an_optional_column_that_is_empty_throughout_is_not_there(tmp_path):
     read = read_measurements(file(tmp_path, f"{HEADER},speed_m_s,time_s\n250,75,0.5,0.6,,3\n"))
     assert set(read.columns) == {*HEADER.split(","), "time_s"}
 
 
-def test_a_dielectric_table_is_read_by_the_same_rules(tmp_path) -> None:
+def test_a_dielectric_table_is_read_by_the_same_rules(tmp_path):
     """The last of two columns of one name was taken, unsaid."""
     header = "frequency_hz,eps_real,conductivity_s_per_m"
     assert read_csv(
@@ -311,7 +305,7 @@ FORMULAS = [
 
 
 @pytest.mark.parametrize("text", FORMULAS)
-def test_a_formula_is_written_as_text_and_read_as_it_was(text: str) -> None:
+def test_a_formula_is_written_as_text_and_read_as_it_was(text):
     written = written_cell(text)
     assert written == f"'{text}"
     assert read_cell(written) == text
@@ -321,13 +315,13 @@ AS_THEY_ARE = ["-3", "-3.5e-7", "+2", "-inf", "", "linen", "it's", "'n' = 3", "a
 
 
 @pytest.mark.parametrize("value", AS_THEY_ARE)
-def test_a_number_and_plain_text_are_written_as_they_are(value: object) -> None:
+def test_a_number_and_plain_text_are_written_as_they_are(value):
     assert written_cell(value) == value
     if isinstance(value, str):
         assert read_cell(value) == value
 
 
-def test_a_table_is_read_as_it_was_before_its_formulas_became_text(tmp_path) -> None:
+def test_a_table_is_read_as_it_was_before_its_formulas_became_text(tmp_path):
     read = table(tmp_path, "a,b,'=c\n'=x,-1,'y\n")
     assert read.columns == ["a", "b", "=c"]
     assert read.rows == [{"a": "=x", "b": "-1", "=c": "'y"}]
@@ -344,7 +338,7 @@ print(len(read_table(Path(sys.argv[1]), ("c0",), "").columns))
 
 
 @pytest.mark.process
-def test_a_table_of_very_many_columns_takes_time_in_proportion_to_its_size(tmp_path) -> None:
+def test_a_table_of_very_many_columns_takes_time_in_proportion_to_its_size(tmp_path):
     """It took time by the square of its columns. 400,000 of them take seconds of the processor, or
     else an hour.
     """
@@ -357,7 +351,7 @@ def test_a_table_of_very_many_columns_takes_time_in_proportion_to_its_size(tmp_p
     assert done.stdout == f"{count}\n"
 
 
-def test_a_missing_column_does_not_say_all_of_very_many(tmp_path) -> None:
+def test_a_missing_column_does_not_say_all_of_very_many(tmp_path):
     with pytest.raises(ModelError, match=r"c0, c1, .*, c39, and 60 more$") as refused:
         read_table(file(tmp_path, ",".join(f"c{i}" for i in range(100))), ("a",), "")
     assert refused.value.code == "missing_column"
@@ -374,7 +368,7 @@ def test_a_missing_column_does_not_say_all_of_very_many(tmp_path) -> None:
         ("speed_m_s [mm/s]", 1e-3),
     ],
 )
-def test_a_column_of_ours_in_another_unit_counts_and_is_told(tmp_path, header, factor) -> None:
+def test_a_column_of_ours_in_another_unit_counts_and_is_told(tmp_path, header, factor):
     """It was passed over without a word."""
     path = file(tmp_path, f"a,{header}\n1,20\n")
     read = read_table(path, ("a",), WANTED, known=("speed_m_s",))
@@ -385,13 +379,13 @@ def test_a_column_of_ours_in_another_unit_counts_and_is_told(tmp_path, header, f
 @pytest.mark.parametrize(
     ("waveform", "factor"), [("", 2**0.5), ("sine", 2**0.5), ("square", 1.0), ("dc", 1.0)]
 )
-def test_a_root_mean_square_is_peak_by_the_waveform(tmp_path, waveform, factor) -> None:
+def test_a_root_mean_square_is_peak_by_the_waveform(tmp_path, waveform, factor):
     path = file(tmp_path, f"a,voltage_Vrms,waveform\n1,10,{waveform}\n")
     read = read_table(path, ("a", "voltage_v"), WANTED)
     assert read.numbers("voltage_v")[0] == pytest.approx(10 * factor)
 
 
-def test_a_name_without_its_unit_is_asked_about(tmp_path) -> None:
+def test_a_name_without_its_unit_is_asked_about(tmp_path):
     path = file(tmp_path, "a,voltage_offset\n1,50\n")
     with pytest.raises(ModelError, match="voltage_offset may be voltage_offset_v") as refused:
         read_table(path, ("a",), WANTED, known=("voltage_offset_v",))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import tomllib
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -28,20 +27,20 @@ VALUES = st.recursive(
 
 
 @given(st.dictionaries(NAMES, VALUES))
-def test_every_value_is_read_back(content: dict[str, Any]) -> None:
+def test_every_value_is_read_back(content):
     assert tomllib.loads(toml_lines(content)) == content
 
 
 @pytest.mark.parametrize(
     "name", ["𠮷田", 'A. "Smith"', "back\\slash", "two\nlines", "del\x7f", "\x00\x1f", "é"]
 )
-def test_a_name_beyond_the_basic_plane_makes_no_file_unreadable(name: str) -> None:
+def test_a_name_beyond_the_basic_plane_makes_no_file_unreadable(name):
     assert tomllib.loads(f"by = {toml_value(name)}") == {"by": name}
 
 
-def test_bytes_of_no_encoding_are_replaced() -> None:
+def test_bytes_of_no_encoding_are_replaced():
     assert toml_lines({"by": "a\udcff", "left": None}) == 'by = "a?"\n'
 
 
-def test_a_day_is_a_day() -> None:
+def test_a_day_is_a_day():
     assert toml_value(datetime.date(2026, 11, 28)) == "2026-11-28"

@@ -99,7 +99,7 @@ COMMAND = ("calibrate-touch", "places.csv", "--rig", "mine.toml")
 
 
 @pytest.mark.parametrize("slots", [10, 0], ids=["slots", "one finger"])
-def test_touching_known_places_gives_the_screens_own_map(haptic, follow, slots: int) -> None:
+def test_touching_known_places_gives_the_screens_own_map(haptic, follow, slots):
     follow(touches(SIX), slots=slots)
     done = haptic(*COMMAND, "--json")
     assert done.status == 0, done.err
@@ -112,9 +112,7 @@ def test_touching_known_places_gives_the_screens_own_map(haptic, follow, slots: 
     assert [(place["x_m"], place["y_m"]) for place in said["places"]] == SIX
 
 
-def test_the_user_is_led_from_place_to_place_and_told_that_nothing_is_energised(
-    haptic, follow
-) -> None:
+def test_the_user_is_led_from_place_to_place_and_told_that_nothing_is_energised(haptic, follow):
     script = [away(), drag(0.0, 0.05, 4.0), at(*SIX[0], 0.2), away(), *touches(SIX)]
     follow(script, panel=NoisyPanel())
     done = haptic(*COMMAND)
@@ -133,7 +131,7 @@ def test_the_user_is_led_from_place_to_place_and_told_that_nothing_is_energised(
     assert "farthest off: place " in done.out
 
 
-def test_what_it_says_to_paste_makes_a_calibrated_rig(haptic, follow) -> None:
+def test_what_it_says_to_paste_makes_a_calibrated_rig(haptic, follow):
     follow(touches(SIX))
     lines = (
         haptic(*COMMAND)
@@ -156,16 +154,14 @@ def test_what_it_says_to_paste_makes_a_calibrated_rig(haptic, follow) -> None:
     np.testing.assert_allclose(np.array(screen.matrix_m)[:, :2], MATRIX_M[:, :2], atol=2e-8)
 
 
-def test_the_rigs_file_stays_as_it_is(haptic, follow) -> None:
+def test_the_rigs_file_stays_as_it_is(haptic, follow):
     before = Path("mine.toml").read_bytes()
     follow(touches(SIX))
     assert haptic(*COMMAND).status == 0
     assert Path("mine.toml").read_bytes() == before
 
 
-def test_neither_generator_nor_amplifier_is_opened(
-    haptic, follow, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_neither_generator_nor_amplifier_is_opened(haptic, follow, monkeypatch):
     def opened(*_: object, **__: object) -> None:
         pytest.fail("a device other than the touch screen was opened")
 
@@ -175,7 +171,7 @@ def test_neither_generator_nor_amplifier_is_opened(
     assert haptic(*COMMAND).status == 0
 
 
-def test_three_places_are_accepted_and_said_to_check_nothing(haptic, follow) -> None:
+def test_three_places_are_accepted_and_said_to_check_nothing(haptic, follow):
     write("places.csv", CORNERS[:3])
     follow(touches(CORNERS[:3]))
     done = haptic(*COMMAND)
@@ -186,7 +182,7 @@ def test_three_places_are_accepted_and_said_to_check_nothing(haptic, follow) -> 
     assert (said["residual_m"], said["touch_error_m"], said["worst"]) == (None, None, None)
 
 
-def test_touches_that_disagree_are_no_calibration(haptic, follow) -> None:
+def test_touches_that_disagree_are_no_calibration(haptic, follow):
     follow(touches([*SIX[:2], (0.16, 0.09), *SIX[3:]]))
     refused = haptic(*COMMAND, "--json")
     assert refused.status == 1
@@ -196,7 +192,7 @@ def test_touches_that_disagree_are_no_calibration(haptic, follow) -> None:
     assert "places.csv" in error["hint"]
 
 
-def test_a_file_in_millimetres_or_on_a_line_is_refused_before_anybody_touches(haptic) -> None:
+def test_a_file_in_millimetres_or_on_a_line_is_refused_before_anybody_touches(haptic):
     for text, said in (
         ("0,0\n160,0\n0,80\n", "out of range"),
         ("0,0\n0.1,0\n0.2,0\n", "on a line"),
@@ -209,9 +205,7 @@ def test_a_file_in_millimetres_or_on_a_line_is_refused_before_anybody_touches(ha
 
 
 @pytest.mark.parametrize(("rig", "kind"), [("paper", "stage"), ("simulated", "simulated")])
-def test_a_rig_without_a_touch_screen_is_refused_with_one_that_has_it(
-    haptic, rig: str, kind: str
-) -> None:
+def test_a_rig_without_a_touch_screen_is_refused_with_one_that_has_it(haptic, rig, kind):
     done = haptic("calibrate-touch", "places.csv", "--rig", rig, "--json")
     assert done.status == 2
     error = json.loads(done.out)["error"]
@@ -229,15 +223,13 @@ def test_a_rig_without_a_touch_screen_is_refused_with_one_that_has_it(
         (["places.csv", "--rig", "mine.toml", "--spread-raw", "-1"], 2, "usage"),
     ],
 )
-def test_what_cannot_work_is_said_before_anybody_touches(
-    haptic, arguments: list[str], status: int, code: str
-) -> None:
+def test_what_cannot_work_is_said_before_anybody_touches(haptic, arguments, status, code):
     done = haptic("calibrate-touch", *arguments, "--json")
     assert (done.status, json.loads(done.out)["error"]["code"]) == (status, code)
     assert "hint:" in done.err
 
 
-def test_interrupted_it_writes_nothing(haptic, follow) -> None:
+def test_interrupted_it_writes_nothing(haptic, follow):
     follow([*touches(SIX[:3]), ctrl_c()])
     before = sorted(Path().iterdir())
     done = haptic(*COMMAND, "--json")
@@ -247,7 +239,7 @@ def test_interrupted_it_writes_nothing(haptic, follow) -> None:
     assert sorted(Path().iterdir()) == before
 
 
-def test_a_screen_that_is_not_there_is_an_error(haptic) -> None:
+def test_a_screen_that_is_not_there_is_an_error(haptic):
     pytest.importorskip("evdev", reason="evdev is not installed")
     Path("mine.toml").write_text(
         Path("mine.toml").read_text(encoding="utf-8").replace(DEVICE, "/dev/input/none")
@@ -257,7 +249,7 @@ def test_a_screen_that_is_not_there_is_an_error(haptic) -> None:
     assert "/dev/input/none cannot be opened as a touch screen" in done.err
 
 
-def test_a_screen_without_ranges_needs_a_spread(haptic, follow) -> None:
+def test_a_screen_without_ranges_needs_a_spread(haptic, follow):
     follow(touches(SIX), span=0)
     done = haptic(*COMMAND, "--json")
     assert (done.status, json.loads(done.out)["error"]["code"]) == (2, "unknown_span")

@@ -39,7 +39,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_table_in_a_labs_units_predicts_as_in_si(haptic, tmp_path) -> None:
+def test_a_table_in_a_labs_units_predicts_as_in_si(haptic, tmp_path):
     haptic("predict", "--table", table(tmp_path, SI, "si.csv"), "--out", tmp_path / "a.csv")
     lab, out = table(tmp_path, LAB), tmp_path / "b.csv"
     done = haptic("predict", "--table", lab, "--out", out, *options(CALLED))
@@ -52,7 +52,7 @@ def test_a_table_in_a_labs_units_predicts_as_in_si(haptic, tmp_path) -> None:
     assert [row["cof_measured"] for row in found] == ["0.9", "0.6"]
 
 
-def test_lateral_forces_are_friction_over_the_load(haptic, tmp_path) -> None:
+def test_lateral_forces_are_friction_over_the_load(haptic, tmp_path):
     text = SI.replace("_n\n", "_n,lateral_force_n\n").replace("0.25\n", "0.25,-0.2\n")
     path = table(tmp_path, text.replace("0.5\n", "0.5,0.3\n"))
     assert read_measurements(path).columns["cof"].tolist() == [0.8, 0.6]
@@ -60,13 +60,13 @@ def test_lateral_forces_are_friction_over_the_load(haptic, tmp_path) -> None:
     assert [row["cof_measured"] for row in rows_of(tmp_path / "out.csv")] == ["0.8", "0.6"]
 
 
-def test_a_spread_of_lateral_forces_is_one_of_friction(tmp_path) -> None:
+def test_a_spread_of_lateral_forces_is_one_of_friction(tmp_path):
     head = "frequency_hz,voltage_v,normal_force_n,lateral_force_n,lateral_force_std_n\n"
     data = read_measurements(table(tmp_path, f"{head}100,125,0.25,0.2,0.01\n"))
     assert data.columns["cof_std"].tolist() == [0.04]
 
 
-def test_a_held_finger_has_no_friction_of_its_lateral_force(tmp_path) -> None:
+def test_a_held_finger_has_no_friction_of_its_lateral_force(tmp_path):
     head = "frequency_hz,voltage_v,normal_force_n,lateral_force_n,finger,current_a\n"
     text = f"{head}100,125,0.25,0.2,sliding,\n100,125,0.25,0.1,resting,1e-4\n"
     data = read_measurements(table(tmp_path, text))
@@ -82,7 +82,7 @@ def test_a_held_finger_has_no_friction_of_its_lateral_force(tmp_path) -> None:
         ("100,125,0.25,0", "cof = 0.0 is out of range"),
     ],
 )
-def test_what_is_wrong_with_a_force_is_said_once(tmp_path, cells, said) -> None:
+def test_what_is_wrong_with_a_force_is_said_once(tmp_path, cells, said):
     path = table(tmp_path, f"frequency_hz,voltage_v,normal_force_n,lateral_force_n\n{cells}\n")
     with pytest.raises(ModelError) as refused:
         read_measurements(path)
@@ -90,7 +90,7 @@ def test_what_is_wrong_with_a_force_is_said_once(tmp_path, cells, said) -> None:
     assert "," not in refused.value.message.removeprefix(f"{path}, line 2: {said}")
 
 
-def test_other_tables_count_under_their_own_names(tmp_path) -> None:
+def test_other_tables_count_under_their_own_names(tmp_path):
     lab = table(tmp_path, LAB)
     ours = table(tmp_path, SI.replace("_n\n", "_n,cof\n").replace("5\n", "5,0.7\n"), "more.csv")
     data = read_data([lab, ours], named=named(*CALLED))
@@ -98,7 +98,7 @@ def test_other_tables_count_under_their_own_names(tmp_path) -> None:
     assert data.columns["frequency_hz"].tolist() == [100.0, 10000.0, 100.0, 10000.0]
 
 
-def test_a_column_that_is_not_there_is_missing(tmp_path) -> None:
+def test_a_column_that_is_not_there_is_missing(tmp_path):
     another = ["frequency_hz=f", *CALLED[1:]]
     for said, theirs in ((another, "f"), ([*CALLED, "humidity_pct=RH"], "RH")):
         with pytest.raises(BadInputError, match=f"column {theirs} is missing"):
@@ -118,7 +118,7 @@ def test_a_column_that_is_not_there_is_missing(tmp_path) -> None:
         ("temperature_c=T:K", "unknown_unit", "no unit is converted for temperature_c"),
     ],
 )
-def test_what_cannot_be_is_refused(said, code, words) -> None:
+def test_what_cannot_be_is_refused(said, code, words):
     with pytest.raises(BadInputError, match=words) as refused:
         named(said)
     assert refused.value.code == code
@@ -138,7 +138,7 @@ def test_what_cannot_be_is_refused(said, code, words) -> None:
         ("current_phase_rad=p:deg", 0.017453292519943295),
     ],
 )
-def test_units_become_those_of_the_columns_name(said, factor, tmp_path) -> None:
+def test_units_become_those_of_the_columns_name(said, factor, tmp_path):
     ((ours, one),) = named(said).items()
     read = read_table(table(tmp_path, f"{one.column}\n8\n"), (), "", named={ours: one})
     assert read.number(0, ours) == pytest.approx(8.0 * factor, rel=1e-12)
@@ -154,26 +154,26 @@ def test_units_become_those_of_the_columns_name(said, factor, tmp_path) -> None:
         ("Fz_V", "normal_force_n=Fz_V:0.5 N", 4.0),
     ],
 )
-def test_a_named_column_says_its_own_unit(header, said, wanted, tmp_path) -> None:
+def test_a_named_column_says_its_own_unit(header, said, wanted, tmp_path):
     path = table(tmp_path, f"{header}\n8\n")
     (ours,) = found = named(said)
     assert read_table(path, (), "", named=found).number(0, ours) == pytest.approx(wanted)
 
 
 @pytest.mark.parametrize("said", ["voltage_v=U (Vpp):V", "voltage_v=U (Vpp):100 V"])
-def test_a_unit_that_the_columns_own_name_denies_is_refused(said, tmp_path) -> None:
+def test_a_unit_that_the_columns_own_name_denies_is_refused(said, tmp_path):
     path = table(tmp_path, "U (Vpp)\n8\n")
     with pytest.raises(ModelError, match="is in Vpp by its name"):
         read_table(path, (), "", named=named(said))
 
 
-def test_one_quantity_twice_is_refused_where_it_differs(tmp_path) -> None:
+def test_one_quantity_twice_is_refused_where_it_differs(tmp_path):
     path = table(tmp_path, "voltage_v,voltage_kv\n75,0.075\n75,0.1\n")
     with pytest.raises(ModelError, match="line 3: voltage_v and voltage_kv say one quantity twice"):
         read_table(path, ["voltage_v"], "")
 
 
-def test_no_column_of_a_table_is_lost_beside_one_that_gets_its_name(haptic, tmp_path) -> None:
+def test_no_column_of_a_table_is_lost_beside_one_that_gets_its_name(haptic, tmp_path):
     path = table(tmp_path, SI.replace("_n\n", "_n,N\n").replace("5\n", "5,1\n"))
     done = haptic(
         "predict", "--table", path, "--out", path, "--column", "normal_force_n=N", "--json"
@@ -182,7 +182,7 @@ def test_no_column_of_a_table_is_lost_beside_one_that_gets_its_name(haptic, tmp_
     assert "of its own" in done.said["error"]["message"]
 
 
-def test_trials_go_straight_into_a_prediction_and_a_diagnosis(haptic, tmp_path) -> None:
+def test_trials_go_straight_into_a_prediction_and_a_diagnosis(haptic, tmp_path):
     own_data.write(tmp_path / "trials")
     (tmp_path / "map.toml").write_text(own_data.map_of(PAGE), encoding="utf-8")
     lost = next((tmp_path / "trials").glob("*_t71.csv"))
@@ -204,7 +204,7 @@ def test_trials_go_straight_into_a_prediction_and_a_diagnosis(haptic, tmp_path) 
     assert haptic("calibrate", trials, *mapped, "--out", finger, "--json").status == 2
 
 
-def test_rows_that_repeat_and_forces_that_deny_friction_are_told(tmp_path) -> None:
+def test_rows_that_repeat_and_forces_that_deny_friction_are_told(tmp_path):
     head = "frequency_hz,voltage_v,normal_force_n,cof,lateral_force_n\n"
     alike, other = "100,125,0.5,0.6,0.3\n", "100,125,0.5,0.6,0.6\n"
     assert read_measurements(table(tmp_path, head + alike)).notes == ()

@@ -120,7 +120,7 @@ def found(data, tmp_path_factory):
     return out, json.loads((out / "report.json").read_text())
 
 
-def test_the_contract(found) -> None:
+def test_the_contract(found):
     _, said = found
     assert set(said) >= KEYS
     assert said["seed"] == 3
@@ -146,7 +146,7 @@ def test_the_contract(found) -> None:
         assert set(region) >= {"axis", "low", "high", "p_value", "sign"}
 
 
-def test_the_hidden_effect_is_found_or_listed(found) -> None:
+def test_the_hidden_effect_is_found_or_listed(found):
     _, said = found
     assert said["verdict"] in {"effect_found", "ambiguous"}
     listed = {e["name"] for e in said["effects"]} | {
@@ -159,7 +159,7 @@ def test_the_hidden_effect_is_found_or_listed(found) -> None:
 
 @pytest.mark.usefixtures("unillustrated")
 @pytest.mark.soak
-def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_path, capsys) -> None:
+def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_path, capsys):
     plan = tmp_path / "few.toml"
     plan.write_text(
         'name = "few"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 130]\nnormal_force_n ='
@@ -193,7 +193,7 @@ def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_pa
     assert both["data"]["sessions"] == said["data"]["sessions"] + 1
 
 
-def test_data_of_other_columns_do_not_go_together(data, tmp_path, capsys) -> None:
+def test_data_of_other_columns_do_not_go_together(data, tmp_path, capsys):
     other = tmp_path / "other.csv"
     other.write_text("frequency_hz,voltage_v,normal_force_n,cof,cof_std\n100,75,0.5,0.7,0.01\n")
     assert main(["diagnose", str(data), "--also", str(other), "--out", str(tmp_path / "out")]) == 2
@@ -201,7 +201,7 @@ def test_data_of_other_columns_do_not_go_together(data, tmp_path, capsys) -> Non
     assert f"{other}: has no column speed_m_s, which {data} has" in err
 
 
-def test_the_model_it_writes_can_be_used(found, tmp_path) -> None:
+def test_the_model_it_writes_can_be_used(found, tmp_path):
     out, said = found
     assert said["model"] == str(out / "model.toml")
     conditions = tmp_path / "conditions.csv"
@@ -220,14 +220,14 @@ def test_the_model_it_writes_can_be_used(found, tmp_path) -> None:
     )  # conduction takes force away at 50 Hz
 
 
-def test_the_page_is_there(found) -> None:
+def test_the_page_is_there(found):
     out, _ = found
     page = (out / "report.html").read_text()
     assert "humid" in page
     assert "<script" not in page
 
 
-def test_stdout_holds_the_report_alone(found) -> None:
+def test_stdout_holds_the_report_alone(found):
     out, _ = found
     assert set(json.loads((out / "stdout").read_text())) >= KEYS
 
@@ -249,7 +249,7 @@ def test_stdout_holds_the_report_alone(found) -> None:
         ),
     ],
 )
-def test_bad_data_are_told_where(tmp_path, capsys, text, words) -> None:
+def test_bad_data_are_told_where(tmp_path, capsys, text, words):
     path = tmp_path / "bad.csv"
     path.write_text(text)
     assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]) == 2
@@ -259,7 +259,7 @@ def test_bad_data_are_told_where(tmp_path, capsys, text, words) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_bad_rows_are_counted_in_the_report(tmp_path, capsys) -> None:
+def test_bad_rows_are_counted_in_the_report(tmp_path, capsys):
     rows = [f"{10 * (i + 1)},{50 + i},0.5,{0.55 + 0.001 * i}" for i in range(11)]
     path = tmp_path / "some.csv"
     path.write_text(
@@ -281,12 +281,12 @@ def test_bad_rows_are_counted_in_the_report(tmp_path, capsys) -> None:
     assert "line 14: cof is ''" in told
 
 
-def test_a_missing_file(tmp_path, capsys) -> None:
+def test_a_missing_file(tmp_path, capsys):
     assert main(["diagnose", str(tmp_path / "no.csv"), "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["error"]["code"] == "bad_data"
 
 
-def test_without_noise_nothing_can_be_tested(tmp_path, capsys) -> None:
+def test_without_noise_nothing_can_be_tested(tmp_path, capsys):
     rows = [f"{10 * (i + 1)},{50 + i},{0.3 + 0.01 * i},{0.55 + 0.001 * i}" for i in range(30)]
     path = tmp_path / "single.csv"
     path.write_text("frequency_hz,voltage_v,normal_force_n,cof\n" + "\n".join(rows) + "\n")

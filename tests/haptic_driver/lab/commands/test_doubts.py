@@ -116,7 +116,7 @@ CASES = (
 
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{c.command} {c.source.__name__}" for c in CASES])
-def test_a_doubt_stands_beside_the_numbers(case, tmp_path, monkeypatch, capsys) -> None:
+def test_a_doubt_stands_beside_the_numbers(case, tmp_path, monkeypatch, capsys):
     for as_json in (False, True):
         folder = tmp_path / ("json" if as_json else "text")
         folder.mkdir()
@@ -132,7 +132,7 @@ def test_a_doubt_stands_beside_the_numbers(case, tmp_path, monkeypatch, capsys) 
             assert case.doubt in " ".join((printed.out + printed.err).split())
 
 
-def test_a_doubt_stands_in_the_row(tmp_path, monkeypatch) -> None:
+def test_a_doubt_stands_in_the_row(tmp_path, monkeypatch):
     """Also where only the file that was written goes on."""
     monkeypatch.chdir(tmp_path)
     a_map(tmp_path)

@@ -23,7 +23,7 @@ def data(tmp_path: Path) -> Path:
     return data_file(tmp_path / "data.csv", trials())
 
 
-def test_pictures_and_numbers_are_written_and_said(data: Path, tmp_path: Path) -> None:
+def test_pictures_and_numbers_are_written_and_said(data, tmp_path):
     said = said_by("figure", data, "--out", tmp_path / "out")
     names = ["figure-3.png", "figure-7a.png", "figure-3.csv", "figure-3-strokes.csv"]
     assert said["files"] == [str(tmp_path / "out" / name) for name in names]
@@ -40,16 +40,14 @@ def test_pictures_and_numbers_are_written_and_said(data: Path, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("ending", SIGNATURES)
-def test_the_ending_says_what_kind_of_picture(data: Path, tmp_path: Path, ending: str) -> None:
+def test_the_ending_says_what_kind_of_picture(data, tmp_path, ending):
     said = said_by("figure", data, "--out", tmp_path / f"mine{ending}")
     for name in (f"mine{ending}", f"mine-7a{ending}"):
         assert str(tmp_path / name) in said["files"]
         assert (tmp_path / name).read_bytes().startswith(SIGNATURES[ending])
 
 
-def test_models_are_drawn_over_the_data(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_models_are_drawn_over_the_data(data, tmp_path, capsys):
     """Two of them, the second that of a diagnosis; their values are the models'."""
     import numpy as np
 
@@ -77,7 +75,7 @@ def test_models_are_drawn_over_the_data(
     assert "model with sweat film" in (tmp_path / "f.svg").read_text()
 
 
-def test_what_is_left_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_left_out_is_said(tmp_path, capsys):
     data = data_file(tmp_path / "d.csv", trials()[:-2])
     assert main(["figure", str(data), "--out", str(tmp_path / "out")]) == 0
     assert "left out: 250 Hz, of which there is one trial" in capsys.readouterr().out
@@ -95,13 +93,13 @@ def test_what_is_left_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[
     ],
 )
 def test_what_cannot_be_drawn_is_an_error_and_nothing_is_written(
-    data: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: tuple[str, ...],
-    code: str,
-) -> None:
+    data,
+    tmp_path,
+    monkeypatch,
+    capsys,
+    arguments,
+    code,
+):
     monkeypatch.chdir(tmp_path)
     before = set(tmp_path.iterdir())
     assert main(["figure", *arguments, "--json"]) == 2
@@ -109,7 +107,7 @@ def test_what_cannot_be_drawn_is_an_error_and_nothing_is_written(
     assert set(tmp_path.iterdir()) == before
 
 
-def test_measure_draws_it_when_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_measure_draws_it_when_asked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("p.toml").write_text(
         'name = "p"\nfrequency_hz = [50.0, 250.0]\nvoltage_v = 75.0\nnormal_force_n = 0.5\n'

@@ -39,7 +39,7 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "short.toml"
 
 
-def test_json_says_what_was_measured(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_says_what_was_measured(plan, capsys):
     assert (
         main(
             [
@@ -73,18 +73,14 @@ def test_json_says_what_was_measured(plan: str, capsys: pytest.CaptureFixture[st
     assert json.loads(Path("data.csv.meta.json").read_text())["seed"] == 3
 
 
-def test_for_a_person_it_says_simulated_and_off(
-    plan: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_for_a_person_it_says_simulated_and_off(plan, capsys):
     assert main(["measure", "--plan", plan, "--out", "data.csv"]) == 0
     out = capsys.readouterr().out
     assert "3 rows of plan 'short' on a simulated rig -> data.csv" in out
     assert "generator says off" in out
 
 
-def test_strict_refuses_the_plan_and_writes_nothing(
-    plan: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_strict_refuses_the_plan_and_writes_nothing(plan, capsys):
     assert main(["measure", "--plan", plan, "--out", "data.csv", "--strict", "--json"]) == 2
     out, err = capsys.readouterr()
     assert json.loads(out)["error"]["code"] == "refused"
@@ -92,9 +88,7 @@ def test_strict_refuses_the_plan_and_writes_nothing(
     assert not Path("data.csv").exists()
 
 
-def test_overwriting_needs_force_and_resuming_changes_nothing_when_done(
-    plan: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_overwriting_needs_force_and_resuming_changes_nothing_when_done(plan, capsys):
     command = ["measure", "--plan", plan, "--out", "data.csv"]
     assert main(command) == 0
     first = Path("data.csv").read_text()
@@ -107,9 +101,7 @@ def test_overwriting_needs_force_and_resuming_changes_nothing_when_done(
     assert Path("data.csv").read_text() == first
 
 
-def test_a_rig_whose_finger_nothing_slides_is_refused(
-    plan: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rig_whose_finger_nothing_slides_is_refused(plan, capsys):
     Path("real.toml").write_text(as_real_rig("TCPIP::127.0.0.1::1::SOCKET"))
     assert (
         main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv", "--yes"]) == 2
@@ -123,7 +115,7 @@ def cofs() -> list[float]:
         return [float(row["cof"]) for row in csv.DictReader(file)]
 
 
-def test_effects_hide_in_a_file_or_a_rig(plan: str) -> None:
+def test_effects_hide_in_a_file_or_a_rig(plan):
     command = ["measure", "--plan", plan, "--out", "data.csv", "--force"]
     assert main(command) == 0
     plain = cofs()
@@ -138,7 +130,7 @@ def test_effects_hide_in_a_file_or_a_rig(plan: str) -> None:
     assert cofs() == hidden
 
 
-def test_a_function_outside_the_catalogue(plan: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_function_outside_the_catalogue(plan, capsys):
     Path("stranger.py").write_text(
         "def friction(f, v, load, speed, time):\n    return 2.0 * load\n"
     )
@@ -181,9 +173,7 @@ def rows() -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_finger_of_ones_own_has_friction_voltage_and_current(
-    plan: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_finger_of_ones_own_has_friction_voltage_and_current(plan, capsys):
     Path("witness.toml").write_text(WITNESS)
     Path("mine.py").write_text(FINGER)
     command = [
@@ -235,9 +225,7 @@ def test_a_finger_of_ones_own_has_friction_voltage_and_current(
         ("lateral, 'x', 1.0", "raised ValueError"),
     ],
 )
-def test_what_is_no_answer_of_a_finger_is_explained(
-    plan: str, capsys: pytest.CaptureFixture[str], answer: str, said: str
-) -> None:
+def test_what_is_no_answer_of_a_finger_is_explained(plan, capsys, answer, said):
     body = f"    lateral = 0.6 * normal_force_n\n    return {answer}\n"
     text = (
         "import numpy as np\n\ndef f(frequency_hz, voltage_v, normal_force_n, speed_m_s,"
@@ -248,7 +236,7 @@ def test_what_is_no_answer_of_a_finger_is_explained(
     assert said in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(plan: str) -> None:
+def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(plan):
     Path("plain.py").write_text("def f(f, v, load, speed, time):\n    return 0.6 * load\n")
     assert main(["measure", "--plan", plan, "--out", "data.csv", "--finger", "plain.py:f"]) == 0
     assert {
@@ -269,9 +257,7 @@ def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(p
         (["--seed", "-1"], "seed"),
     ],
 )
-def test_bad_options_are_named(
-    plan: str, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_options_are_named(plan, options, said, capsys):
     Path("bad.toml").write_text("[series_resistanse]\nresistance_ohm = 1.0\n")
     Path("good.toml").write_text("[series_resistance]\nresistance_ohm = 1.0\n")
     assert main(["measure", "--plan", plan, "--out", "data.csv", *options]) == 2
@@ -280,7 +266,7 @@ def test_bad_options_are_named(
 
 
 @pytest.mark.process
-def test_interrupted_by_the_user_the_file_can_be_continued(plan: str) -> None:
+def test_interrupted_by_the_user_the_file_can_be_continued(plan):
     long = PLAN.replace("[60.0, 250.0, 1e4]", "[60.0, 250.0]") + "repeats = 1000\n"
     Path("long.toml").write_text(long)
     arguments = ["measure", "--plan", "long.toml", "--out", "data.csv", "--json"]
@@ -313,9 +299,7 @@ def test_interrupted_by_the_user_the_file_can_be_continued(plan: str) -> None:
     )  # a row may be written and not counted yet
 
 
-def test_an_interrupted_measurement_says_off_only_with_evidence(
-    plan: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_measurement_says_off_only_with_evidence(plan, capsys, monkeypatch):
     """Generator and enable line fall silent as the user presses Ctrl-C."""
 
     def silent(self: SimulatedAmplifier) -> bool:

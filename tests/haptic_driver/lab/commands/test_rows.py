@@ -31,7 +31,7 @@ def command(folder: Path, *more: str) -> list[str]:
     return ["rows", *said, "--out", str(folder / "data.csv"), "--force", "--json", *more]
 
 
-def test_a_bad_file_refuses_all_unless_it_is_left_out(folder, capsys) -> None:
+def test_a_bad_file_refuses_all_unless_it_is_left_out(folder, capsys):
     assert main(command(folder)) == 2
     error = json.loads(capsys.readouterr().out)["error"]
     assert "_t71.csv: window 1" in error["message"]
@@ -45,7 +45,7 @@ def test_a_bad_file_refuses_all_unless_it_is_left_out(folder, capsys) -> None:
     assert Path(said["picture"]).read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_rows_hold_measured_loads_and_the_friction_of_the_finger(folder, capsys) -> None:
+def test_the_rows_hold_measured_loads_and_the_friction_of_the_finger(folder, capsys):
     assert main(command(folder, "--leave-out-bad")) == 0
     capsys.readouterr()
     with (folder / "data.csv").open(newline="", encoding="utf-8") as file:
@@ -60,7 +60,7 @@ def test_the_rows_hold_measured_loads_and_the_friction_of_the_finger(folder, cap
         assert float(row["cof"]) == pytest.approx(true, rel=4.0 * own_data.NOISE / math.sqrt(100))
 
 
-def test_looking_draws_and_writes_no_rows(folder, tmp_path, capsys) -> None:
+def test_looking_draws_and_writes_no_rows(folder, tmp_path, capsys):
     out = tmp_path / "data.csv"
     said = ["rows", str(folder / "trials"), "--map", str(folder / "map.toml"), "--look"]
     assert main([*said, "--out", str(out)]) == 0
@@ -68,7 +68,7 @@ def test_looking_draws_and_writes_no_rows(folder, tmp_path, capsys) -> None:
     assert not out.exists()
 
 
-def test_units_of_the_map_are_refused_before_anything_is_read(folder, tmp_path, capsys) -> None:
+def test_units_of_the_map_are_refused_before_anything_is_read(folder, tmp_path, capsys):
     bad = tmp_path / "map.toml"
     text = (folder / "map.toml").read_text(encoding="utf-8")
     bad.write_text(text.replace('frequency = "Hz"', 'frequency = "rpm"'), encoding="utf-8")
@@ -78,7 +78,7 @@ def test_units_of_the_map_are_refused_before_anything_is_read(folder, tmp_path, 
     assert "conditions.units.frequency: rpm" in error["message"]
 
 
-def test_a_map_is_proposed_and_not_overwritten(folder, tmp_path, capsys) -> None:
+def test_a_map_is_proposed_and_not_overwritten(folder, tmp_path, capsys):
     first = sorted((folder / "trials").iterdir())[0]
     said = ["rows", "--inspect", str(first), "--map", str(tmp_path / "map.toml")]
     assert main(said) == 0
@@ -90,7 +90,7 @@ def test_a_map_is_proposed_and_not_overwritten(folder, tmp_path, capsys) -> None
     ("words", "code"),
     [(["rows"], "usage"), (["rows", "nowhere", "--map", "MAP"], "file_not_found")],
 )
-def test_what_is_missing_is_told(folder, capsys, words, code) -> None:
+def test_what_is_missing_is_told(folder, capsys, words, code):
     words = [word.replace("MAP", str(folder / "map.toml")) for word in words]
     assert main([*words, "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["error"]["code"] == code

@@ -64,7 +64,7 @@ def slide_of(path: str, surface_file):
 
 
 @pytest.mark.parametrize("monitors", [False, True])
-def test_friction_is_estimated_and_never_measured(surface_file, tmp_path, monitors) -> None:
+def test_friction_is_estimated_and_never_measured(surface_file, tmp_path, monitors):
     record = slide_of(rig(tmp_path, monitors=monitors), surface_file)
     samples = record.samples[record.sliding]
     assert samples.size > 1000
@@ -87,7 +87,7 @@ def test_friction_is_estimated_and_never_measured(surface_file, tmp_path, monito
     assert (tmp_path / "slide.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_friction_without_voltage_is_not_learnt_where_nothing_shows_it() -> None:
+def test_friction_without_voltage_is_not_learnt_where_nothing_shows_it():
     law = feedback.FeedbackSettings(0.01, off_share=0.0)
     gains, _ = feedback.taught(law, feedback.any_finger(law), (0.25, 0.10), 0.40, 0.01)
     assert gains.off == 1.0
@@ -98,7 +98,7 @@ def test_friction_without_voltage_is_not_learnt_where_nothing_shows_it() -> None
 
 
 @pytest.mark.process
-def test_the_doctor_says_where_friction_comes_from(haptic, tmp_path) -> None:
+def test_the_doctor_says_where_friction_comes_from(haptic, tmp_path):
     for monitors, words in ((True, "estimated from the electrode's current"), (False, "model's")):
         said = haptic("doctor", "--rig", rig(tmp_path, monitors=monitors), "--json").said
         (found,) = [check for check in said["checks"] if check["name"] == "force sensor"]
@@ -106,7 +106,7 @@ def test_the_doctor_says_where_friction_comes_from(haptic, tmp_path) -> None:
         assert words in found["message"]
 
 
-def test_the_demo_says_that_nothing_was_measured(haptic, tmp_path) -> None:
+def test_the_demo_says_that_nothing_was_measured(haptic, tmp_path):
     path = rig(tmp_path, monitors=False)
     done = haptic("demo", "--rig", path, "--texture", "linen", "--out", tmp_path, "--json")
     assert done.said["measured_cof"] is None
@@ -114,9 +114,7 @@ def test_the_demo_says_that_nothing_was_measured(haptic, tmp_path) -> None:
     assert done.said["estimated_cof_std"] == pytest.approx(LEVEL_STD * done.said["estimated_cof"])
 
 
-def test_measuring_keeps_current_and_voltage_which_diagnose_takes(
-    haptic, tmp_path, monkeypatch
-) -> None:
+def test_measuring_keeps_current_and_voltage_which_diagnose_takes(haptic, tmp_path, monkeypatch):
     (tmp_path / "plan.toml").write_text(PLAN, encoding="utf-8")
     command = ["measure", "--plan", tmp_path / "plan.toml", "--out", tmp_path / "data.csv"]
     done = haptic(*command, "--rig", rig(tmp_path, monitors=True), "--json")
@@ -137,7 +135,7 @@ def test_measuring_keeps_current_and_voltage_which_diagnose_takes(
     assert "[[electrode_monitors]]" in again.said["error"]["hint"]
 
 
-def test_a_stage_whose_finger_nobody_feels_measures_nothing() -> None:
+def test_a_stage_whose_finger_nobody_feels_measures_nothing():
     """It would wait for a touch for ever."""
     stage = load_rig("simulated-paper").model_copy(update={"load_stage": NoPart()})
     blind = stage.model_copy(update={"force_sensor": NoForceSensorConfig(kind="none")})

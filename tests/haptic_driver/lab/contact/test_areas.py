@@ -54,11 +54,11 @@ def check(count: int) -> None:
     assert ridges.size > 0.8 * count  # blur goes up to where they are not told
 
 
-def test_a_few_drawn_films() -> None:
+def test_a_few_drawn_films():
     check(6)
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
-def test_two_hundred_drawn_films() -> None:
+def test_two_hundred_drawn_films():
     check(200)

@@ -50,12 +50,12 @@ def found() -> dict[str, FrameSeen]:
 
 
 @pytest.mark.parametrize("why", [NO_FINGER, GLARE, OUTSIDE, MOTION])
-def test_a_bad_frame_says_why_and_has_no_area(found: dict[str, FrameSeen], why: str) -> None:
+def test_a_bad_frame_says_why_and_has_no_area(found, why):
     assert found[why].bad == why
     assert np.isnan(found[why].area_m2)
 
 
-def test_only_good_frames_are_averaged(found: dict[str, FrameSeen]) -> None:
+def test_only_good_frames_are_averaged(found):
     told = summary(list(found.values()))
     assert (told.frames, told.counted) == (6, 2)
     assert told.bad == dict.fromkeys((NO_FINGER, GLARE, OUTSIDE, MOTION), 1)
@@ -64,7 +64,7 @@ def test_only_good_frames_are_averaged(found: dict[str, FrameSeen]) -> None:
     assert told.area_m2 == pytest.approx(8e-5, rel=0.03)  # what the method is good to
 
 
-def test_axes_and_centre_are_those_of_the_drawn_ellipse(found: dict[str, FrameSeen]) -> None:
+def test_axes_and_centre_are_those_of_the_drawn_ellipse(found):
     seen = found["good"].seen
     assert seen is not None
     short_m = 2.0 * np.sqrt(8e-5 / (np.pi * 1.25))
@@ -74,7 +74,7 @@ def test_axes_and_centre_are_those_of_the_drawn_ellipse(found: dict[str, FrameSe
     assert seen.angle_rad == pytest.approx(np.pi / 2.0, abs=0.1)  # the longer axis along y
 
 
-def test_a_film_without_a_finger_has_no_area() -> None:
+def test_a_film_without_a_finger_has_no_area():
     random = np.random.default_rng(4)
     frames = [bare(OPTICS, random) / 255.0 for _ in range(3)]
     told = summary(watch(lambda: frames, np.arange(3.0), OPTICS.scale_m).found)

@@ -82,7 +82,7 @@ def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict]:
         ("raw", (0.0, 1.0, 2.0)),
     ],
 )
-def test_every_kind_of_film_gives_the_areas(films, tmp_path, capsys, name, times_s) -> None:
+def test_every_kind_of_film_gives_the_areas(films, tmp_path, capsys, name, times_s):
     out = tmp_path / "contact.csv"
     status, said = run(capsys, str(films / name), "--scale", "0.042", "--out", str(out))
     assert status == 0
@@ -103,7 +103,7 @@ def error(capsys, *words: str) -> tuple[int, dict]:
     return status, said["error"]
 
 
-def test_a_scale_has_to_be_said_and_said_once(films, capsys) -> None:
+def test_a_scale_has_to_be_said_and_said_once(films, capsys):
     film = str(films / "film.tif")
     for words in ((), ("--scale", "0.02", "--scale-from", "ruler.png")):
         status, said = error(capsys, film, *words)
@@ -113,7 +113,7 @@ def test_a_scale_has_to_be_said_and_said_once(films, capsys) -> None:
     assert (status, said["code"]) == (2, "out_of_range")
 
 
-def test_what_is_no_film_is_refused(films, tmp_path, capsys) -> None:
+def test_what_is_no_film_is_refused(films, tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     (tmp_path / "broken.avi").write_bytes(b"RIFF")
     (tmp_path / "broken.tif").write_bytes(b"II*")
@@ -131,7 +131,7 @@ def test_what_is_no_film_is_refused(films, tmp_path, capsys) -> None:
         assert said["hint"]
 
 
-def test_a_background_has_to_be_a_picture_of_the_same_size(films, tmp_path, capsys) -> None:
+def test_a_background_has_to_be_a_picture_of_the_same_size(films, tmp_path, capsys):
     bad, other = tmp_path / "bad.png", tmp_path / "other.png"
     bad.write_bytes(b"no picture")
     iio.imwrite(other, np.full((200, 200), 180, np.uint8))
@@ -141,7 +141,7 @@ def test_a_background_has_to_be_a_picture_of_the_same_size(films, tmp_path, caps
         assert (status, said["code"]) == (2, code)
 
 
-def test_a_film_without_a_touch_is_said(images, tmp_path, capsys) -> None:
+def test_a_film_without_a_touch_is_said(images, tmp_path, capsys):
     film = tmp_path / "film.tif"
     tifffile.imwrite(film, np.stack(images[:1] * 3), photometric="minisblack")
     words = (str(film), "--scale", "0.042", "--out", str(tmp_path / "x.csv"), "--rate", "50")
@@ -149,7 +149,7 @@ def test_a_film_without_a_touch_is_said(images, tmp_path, capsys) -> None:
     assert (status, said["code"]) == (1, "no_contact")
 
 
-def test_a_background_takes_the_place_of_frames_without_a_finger(films, tmp_path, capsys) -> None:
+def test_a_background_takes_the_place_of_frames_without_a_finger(films, tmp_path, capsys):
     (tmp_path / "touches").mkdir()
     for number in (9, 10):
         name = f"img_{number}.png"
@@ -161,7 +161,7 @@ def test_a_background_takes_the_place_of_frames_without_a_finger(films, tmp_path
     assert said["area_m2"] == pytest.approx(np.mean(AREAS_M2), rel=0.03)
 
 
-def test_time_stamps_have_to_fit(films, tmp_path) -> None:
+def test_time_stamps_have_to_fit(films, tmp_path):
     short = tmp_path / "short.txt"
     short.write_text("0.1\n0.2\n", encoding="utf-8")
     with pytest.raises(BadInputError, match="2 time stamps for 3 frames") as refused:
@@ -172,7 +172,7 @@ def test_time_stamps_have_to_fit(films, tmp_path) -> None:
         read_film(films / "frames", short)
 
 
-def test_a_missing_package_is_named_with_the_extra(films, capsys, monkeypatch) -> None:
+def test_a_missing_package_is_named_with_the_extra(films, capsys, monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "av", None)
@@ -182,7 +182,7 @@ def test_a_missing_package_is_named_with_the_extra(films, capsys, monkeypatch) -
 
 
 @pytest.mark.parametrize(("period_px", "tilt"), [(23.7, 0.0), (41.3, 0.12)])
-def test_a_ruler_gives_the_scale(tmp_path, period_px: float, tilt: float) -> None:
+def test_a_ruler_gives_the_scale(tmp_path, period_px, tilt):
     y, x = np.mgrid[:300, :400]
     along = x * np.cos(tilt) + y * np.sin(tilt)
     lines = np.remainder(along / period_px, 1.0) < 0.2
@@ -193,7 +193,7 @@ def test_a_ruler_gives_the_scale(tmp_path, period_px: float, tilt: float) -> Non
     assert found == pytest.approx(0.5 / period_px, rel=2e-3)  # a tenth of a line over the picture
 
 
-def test_a_picture_without_lines_gives_none(tmp_path) -> None:
+def test_a_picture_without_lines_gives_none(tmp_path):
     noise = np.random.default_rng(1).integers(0, 255, (200, 300)).astype(np.uint8)
     iio.imwrite(tmp_path / "noise.png", noise)
     with pytest.raises(BadInputError, match="no lines"):

@@ -30,7 +30,7 @@ def said_of(*frames: np.ndarray) -> list[str]:
 
 @settings(max_examples=20, deadline=None)
 @given(wide=st.integers(1, 40), high=st.integers(1, 40))
-def test_pixels_that_are_not_square_are_told(tmp_path_factory, wide, high) -> None:
+def test_pixels_that_are_not_square_are_told(tmp_path_factory, wide, high):
     """Resolutions are pixels along a length: the more, the narrower each."""
     path = tmp_path_factory.mktemp("film") / "a.tif"
     tifffile.imwrite(path, SMALL, photometric="minisblack", resolution=(high, wide))
@@ -40,7 +40,7 @@ def test_pixels_that_are_not_square_are_told(tmp_path_factory, wide, high) -> No
         assert float(told[0].split()[3]) == pytest.approx(wide / high, rel=5e-3)
 
 
-def test_a_video_of_pixels_that_are_not_square_is_told(tmp_path) -> None:
+def test_a_video_of_pixels_that_are_not_square_is_told(tmp_path):
     av = pytest.importorskip("av")
     with av.open(str(tmp_path / "a.mp4"), "w") as container:
         stream = container.add_stream("mpeg4", rate=25)
@@ -58,7 +58,7 @@ def test_a_video_of_pixels_that_are_not_square_is_told(tmp_path) -> None:
 @given(
     numbers=st.sets(st.integers(0, 12), min_size=3, max_size=8), step=st.sampled_from([1, 2, 10])
 )
-def test_frames_that_are_missing_by_their_numbers_are_told(tmp_path_factory, numbers, step) -> None:
+def test_frames_that_are_missing_by_their_numbers_are_told(tmp_path_factory, numbers, step):
     folder = tmp_path_factory.mktemp("film")
     for number in numbers:
         tifffile.imwrite(folder / f"cam_1_{step * number}.tif", SMALL)
@@ -70,7 +70,7 @@ def test_frames_that_are_missing_by_their_numbers_are_told(tmp_path_factory, num
     assert [int(words.split()[0]) for words in told] == ([missing] if missing else [])
 
 
-def test_two_cameras_in_one_folder_are_told(tmp_path) -> None:
+def test_two_cameras_in_one_folder_are_told(tmp_path):
     for camera in (1, 2):
         for number in (1, 2, 3):
             tifffile.imwrite(tmp_path / f"cam_{camera}_{number}.tif", SMALL)
@@ -78,7 +78,7 @@ def test_two_cameras_in_one_folder_are_told(tmp_path) -> None:
     assert told.startswith("3 numbers stand for several frames, as cam_1_1.tif and cam_2_1.tif")
 
 
-def test_frames_that_repeat_are_told() -> None:
+def test_frames_that_repeat_are_told():
     frames = [frame(1), frame(1), frame(2), frame(2), frame(3)]
     assert "2 frames repeat the one before: they count again" in said_of(*frames)
     assert not any("repeat" in words for words in said_of(*frames[1:4:2]))
@@ -86,7 +86,7 @@ def test_frames_that_repeat_are_told() -> None:
 
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 999), kind=st.sampled_from(("whole", "mosaic", "halves")))
-def test_mosaics_and_halves_of_numbers_are_told(seed, kind) -> None:
+def test_mosaics_and_halves_of_numbers_are_told(seed, kind):
     image = frame(seed)
     if kind == "mosaic":
         image[::2, ::2] *= 0.6
@@ -96,7 +96,7 @@ def test_mosaics_and_halves_of_numbers_are_told(seed, kind) -> None:
     assert (ODD in said_of(image)) == (kind != "whole")
 
 
-def test_interlaced_lines_are_told_where_the_finger_moves_by_half_a_ridge() -> None:
+def test_interlaced_lines_are_told_where_the_finger_moves_by_half_a_ridge():
     """By less, or by a whole ridge, lines differ no more than by noise: some are missed."""
     told = 0
     for seed in range(12):

@@ -31,7 +31,7 @@ AREA_WITHIN = 0.03
     light=st.floats(0.5, 0.95),
     negative=st.booleans(),
 )
-def test_polarity_is_guessed_and_the_area_is_the_same(area_m2, seed, light, negative) -> None:
+def test_polarity_is_guessed_and_the_area_is_the_same(area_m2, seed, light, negative):
     optics = Optics(**(OPTICS.__dict__ | {"light": light}))
     made = drawn(Touch(area_m2), optics, np.random.default_rng(seed))
     frame = made.image / 255.0
@@ -47,7 +47,7 @@ def disc(radius_px: float, shape: tuple[int, int], centre: tuple[float, float]) 
     return (np.hypot(y - centre[0], x - centre[1]) < radius_px).astype(float)
 
 
-def test_bright_discs_at_coarse_pixels_have_areas_and_no_ridges() -> None:
+def test_bright_discs_at_coarse_pixels_have_areas_and_no_ridges():
     """Frustrated total reflection at 0.6 mm a pixel: black glass, white touches."""
     frame = disc(12.0, (120, 200), (60.0, 50.0)) + disc(7.0, (120, 200), (60.0, 140.0))
     watched = watch(lambda: [frame], np.zeros(1), 0.6e-3)
@@ -61,19 +61,19 @@ def test_bright_discs_at_coarse_pixels_have_areas_and_no_ridges() -> None:
 
 
 @pytest.mark.parametrize(("scale_m", "seen"), [(62e-6, True), (63e-6, False)])
-def test_a_ridge_has_four_pixels_or_is_not_told(scale_m: float, seen: bool) -> None:
+def test_a_ridge_has_four_pixels_or_is_not_told(scale_m, seen):
     """Of ridges and valleys of 0.5 mm together."""
     assert has_ridges(scale_m) is seen
 
 
-def test_a_polarity_that_is_told_wrong_is_doubted() -> None:
+def test_a_polarity_that_is_told_wrong_is_doubted():
     frame = drawn(Touch(5e-5), OPTICS, np.random.default_rng(2)).image / 255.0
     watched = watch(lambda: [frame], np.zeros(1), OPTICS.scale_m, contact="bright")
     assert any("look at the outlines" in words for words in watched.said)
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
-def test_glare_of_a_sensor_with_fewer_bits_is_seen(tmp_path, bits: int) -> None:
+def test_glare_of_a_sensor_with_fewer_bits_is_seen(tmp_path, bits):
     counts = drawn(Touch(5e-5), OPTICS, np.random.default_rng(3)).image.astype(float)
     counts[140:150, 110:120] = 255.0
     stored = np.rint(counts / 255.0 * (2**bits - 1)).astype("u1" if bits == 8 else "u2")
@@ -84,7 +84,7 @@ def test_glare_of_a_sensor_with_fewer_bits_is_seen(tmp_path, bits: int) -> None:
 
 
 @pytest.mark.parametrize("clipped_at", [0.9, 37.0])
-def test_glare_of_floats_is_where_the_brightest_value_is_shared(tmp_path, clipped_at) -> None:
+def test_glare_of_floats_is_where_the_brightest_value_is_shared(tmp_path, clipped_at):
     bare = drawn(Touch(5e-5), OPTICS, np.random.default_rng(3)).image / 255.0
     glaring = bare.copy()
     glaring[140:150, 110:120] = 1.2
@@ -95,14 +95,14 @@ def test_glare_of_floats_is_where_the_brightest_value_is_shared(tmp_path, clippe
     assert [one.bad == GLARE for one in found] == [False, True]
 
 
-def test_three_frames_saved_as_one_colour_picture_are_refused(tmp_path) -> None:
+def test_three_frames_saved_as_one_colour_picture_are_refused(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((3, 80, 90), "u1"), photometric="rgb")
     with pytest.raises(BadInputError, match="planes of colour") as refused:
         read_film(tmp_path / "a.tif")
     assert refused.value.code == "one_picture"
 
 
-def test_frames_of_two_depths_are_refused(tmp_path) -> None:
+def test_frames_of_two_depths_are_refused(tmp_path):
     tifffile.imwrite(tmp_path / "1.tif", np.full((80, 90), 900, "u2"))
     tifffile.imwrite(tmp_path / "2.tif", np.full((80, 90), 90, "u1"))
     with pytest.raises(BadInputError, match="another depth"):
@@ -128,7 +128,7 @@ def pattern(kind: str, side_px: float, tilt: float) -> np.ndarray:
     side_px=st.floats(12.0, 40.0),
     tilt=st.floats(-0.7, 0.7),
 )
-def test_squares_and_grids_give_the_scale(tmp_path_factory, kind, side_px, tilt) -> None:
+def test_squares_and_grids_give_the_scale(tmp_path_factory, kind, side_px, tilt):
     """A checkerboard's strongest wave is longer than its squares by the square root of two."""
     path = tmp_path_factory.mktemp("ruler") / "ruler.tif"
     tifffile.imwrite(path, np.rint(255 * pattern(kind, side_px, tilt)).astype("u1"))
@@ -138,7 +138,7 @@ def test_squares_and_grids_give_the_scale(tmp_path_factory, kind, side_px, tilt)
     assert ("checkerboard" in said) == (kind == "checkerboard")
 
 
-def test_two_rulers_across_each_other_are_named(tmp_path) -> None:
+def test_two_rulers_across_each_other_are_named(tmp_path):
     y, x = np.mgrid[:300, :400]
     lines = ((x / 21.0) % 1.0 < 0.2) | ((y / 33.0) % 1.0 < 0.2)
     tifffile.imwrite(tmp_path / "a.tif", np.where(lines, 40, 200).astype("u1"))

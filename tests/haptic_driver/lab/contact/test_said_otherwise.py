@@ -32,7 +32,7 @@ OME = {
     ],
     ids=["resolution", "ImageJ", "OME"],
 )
-def test_a_scale_and_a_rate_that_the_file_denies_are_told(tmp_path, how, times) -> None:
+def test_a_scale_and_a_rate_that_the_file_denies_are_told(tmp_path, how, times):
     path = tmp_path / "a.tif"
     tifffile.imwrite(path, FRAMES, **GREY, **how)
     film = read_film(path, rate_hz=25.0)
@@ -43,19 +43,19 @@ def test_a_scale_and_a_rate_that_the_file_denies_are_told(tmp_path, how, times) 
     assert rate not in read_film(path, rate_hz=2.0).said
 
 
-def test_a_resolution_in_inches_is_none(tmp_path) -> None:
+def test_a_resolution_in_inches_is_none(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", FRAMES, **GREY, resolution=(72, 72), resolutionunit="INCH")
     assert read_film(tmp_path / "a.tif").pixel_m is None
 
 
-def test_every_frame_of_ome_is_read(tmp_path) -> None:
+def test_every_frame_of_ome_is_read(tmp_path):
     tifffile.imwrite(tmp_path / "a.ome.tif", FRAMES, ome=True, metadata={"axes": "TYX"})
     with opened(tmp_path / "a.ome.tif") as pictures:
         for number in range(3):
             np.testing.assert_array_equal(pictures.read(number).values, FRAMES[number])
 
 
-def test_planes_at_every_time_are_refused_as_channels_are(tmp_path) -> None:
+def test_planes_at_every_time_are_refused_as_channels_are(tmp_path):
     both = np.stack([FRAMES, FRAMES], axis=1)
     tifffile.imwrite(tmp_path / "a.tif", both, imagej=True, metadata={"axes": "TZYX"})
     with pytest.raises(BadInputError, match="2 planes in each frame"):
@@ -71,7 +71,7 @@ def test_planes_at_every_time_are_refused_as_channels_are(tmp_path) -> None:
         (["1-2", "1-3", "2-1"], False),
     ],
 )
-def test_frames_stand_by_their_number_with_its_sign(tmp_path, names, told) -> None:
+def test_frames_stand_by_their_number_with_its_sign(tmp_path, names, told):
     for name in names:
         tifffile.imwrite(tmp_path / f"{name}.tif", FRAMES[0])
     film = read_film(tmp_path)
@@ -84,7 +84,7 @@ def board(high: int, wide: int) -> np.ndarray:
     return np.where((x // wide + y // high) % 2, 220, 40).astype(np.uint8)
 
 
-def test_squares_that_are_none_are_refused(tmp_path) -> None:
+def test_squares_that_are_none_are_refused(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", board(20, 25), **GREY)
     with pytest.raises(BadInputError, match=r"squares of a checkerboard, .* by .* pixels"):
         scale_from_ruler(tmp_path / "a.tif", 1.0)
@@ -92,7 +92,7 @@ def test_squares_that_are_none_are_refused(tmp_path) -> None:
     assert scale_from_ruler(tmp_path / "b.tif", 1.0)[0] == pytest.approx(0.04, rel=0.01)
 
 
-def test_a_ruler_of_another_size_than_the_film_is_told(tmp_path) -> None:
+def test_a_ruler_of_another_size_than_the_film_is_told(tmp_path):
     tifffile.imwrite(tmp_path / "film.tif", FRAMES, **GREY)
     for name, image, told in (("same", FRAMES[0], []), ("larger", board(25, 25), ["300 x 240"])):
         tifffile.imwrite(tmp_path / f"{name}.tif", image, **GREY)

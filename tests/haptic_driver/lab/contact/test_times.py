@@ -25,9 +25,7 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
     last=st.booleans(),
     start_s=st.floats(0.0, 1e4),
 )
-def test_the_column_of_time_in_its_own_unit(
-    tmp_path, unit, style, separator, last, start_s
-) -> None:
+def test_the_column_of_time_in_its_own_unit(tmp_path, unit, style, separator, last, start_s):
     """The last column was taken for time, and any unit for s."""
     names, rows = ["frame", style.format(u=unit)], []
     for i, time_s in enumerate(FRAMES_S):
@@ -47,7 +45,7 @@ def test_the_column_of_time_in_its_own_unit(
     "form", ["{:%Y-%m-%dT%H:%M:%S.%f}", "{:%Y-%m-%d %H:%M:%S.%f}", "{:%H:%M:%S.%f}"]
 )
 @pytest.mark.parametrize("second", [30, 59])
-def test_dates_pass_over_minutes_and_midnight(tmp_path, form, second) -> None:
+def test_dates_pass_over_minutes_and_midnight(tmp_path, form, second):
     start = datetime(2024, 5, 1, 23, 59, second, 970000)
     path = tmp_path / "times.txt"
     path.write_text("\n".join(form.format(start + timedelta(seconds=s)) for s in FRAMES_S))
@@ -57,7 +55,7 @@ def test_dates_pass_over_minutes_and_midnight(tmp_path, form, second) -> None:
 @pytest.mark.parametrize(
     "text", ["0\n0.5\n0.9\n", "1, 0\n2, 0.5\n3, 0.9\n", "a.png 0\nb.png .5\nc.png .9"]
 )
-def test_seconds_alone_or_behind_a_counter_or_a_name(tmp_path, text) -> None:
+def test_seconds_alone_or_behind_a_counter_or_a_name(tmp_path, text):
     (tmp_path / "times.txt").write_text(text)
     assert read_times(tmp_path / "times.txt", 3) == pytest.approx([0.0, 0.5, 0.9])
 
@@ -75,14 +73,14 @@ def test_seconds_alone_or_behind_a_counter_or_a_name(tmp_path, text) -> None:
         ("", "is empty"),
     ],
 )
-def test_what_is_in_doubt_is_refused(tmp_path, text, said) -> None:
+def test_what_is_in_doubt_is_refused(tmp_path, text, said):
     (tmp_path / "times.csv").write_text(text)
     with pytest.raises(BadInputError) as refused:
         read_times(tmp_path / "times.csv", 3)
     assert said in refused.value.message
 
 
-def test_own_results_in_the_folder_are_no_frames(tmp_path) -> None:
+def test_own_results_in_the_folder_are_no_frames(tmp_path):
     iio = pytest.importorskip("imageio.v3")
     for name, side in (("f1.png", 60), ("f2.png", 60), ("c-outlines.png", 90), ("._f1.png", 60)):
         iio.imwrite(tmp_path / name, np.zeros((side, side), np.uint8), extension=".png")

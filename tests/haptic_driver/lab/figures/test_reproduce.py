@@ -45,7 +45,7 @@ def at_paper_hz(column):
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_fig_4_has_the_reference_pressures(pair, reference, name: str) -> None:
+def test_fig_4_has_the_reference_pressures(pair, reference, name):
     """Every reference point at the paper's load whose voltage and frequency Fig. 4 has."""
     found, points = numbers.against_voltage(pair[name])["corrected"], reference[name]["points"]
     checked = 0
@@ -64,7 +64,7 @@ def test_fig_4_has_the_reference_pressures(pair, reference, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FINGERS)
-def test_contact_without_voltage_is_the_reference_contact(pair, reference, name: str) -> None:
+def test_contact_without_voltage_is_the_reference_contact(pair, reference, name):
     contact = reference[name]["contact"]
     at = int(np.flatnonzero(contact["pressure_pa"] == 5e3)[0])
     for found in numbers.against_voltage(pair[name]).values():
@@ -72,14 +72,14 @@ def test_contact_without_voltage_is_the_reference_contact(pair, reference, name:
         np.testing.assert_allclose(found.area_ratio[:, 0], contact["area_ratio"][at], rtol=2e-3)
 
 
-def test_fig_7_is_the_key_result(solved, reference) -> None:
+def test_fig_7_is_the_key_result(solved, reference):
     key = reference["key_table"]
     np.testing.assert_array_equal(numbers.PAPER_HZ, key["frequency_hz"])
     got = at_paper_hz(solved["corrected"].force_n) * 1e3
     np.testing.assert_allclose(got, key["electrostatic_force_mn"], atol=0.051)  # printed to 0.1 mN
 
 
-def test_printed_force_is_pressure_times_real_area(solved) -> None:
+def test_printed_force_is_pressure_times_real_area(solved):
     """(30) as printed: what is drawn as pressure in Fig. 4 and as force in Fig. 7 belong
     together.
     """
@@ -89,7 +89,7 @@ def test_printed_force_is_pressure_times_real_area(solved) -> None:
     )
 
 
-def test_separation_is_that_of_the_theory_at_each_pressure(pair, solved) -> None:
+def test_separation_is_that_of_the_theory_at_each_pressure(pair, solved):
     for name, found in solved.items():
         model = pair["reference"][name]
         p = model.description.values
@@ -103,7 +103,7 @@ def test_separation_is_that_of_the_theory_at_each_pressure(pair, solved) -> None
 
 
 class TestCharges:
-    def test_long_after_a_step_one_current_crosses_three_resistances(self, pair) -> None:
+    def test_long_after_a_step_one_current_crosses_three_resistances(self, pair):
         found = numbers.charges_after_step(pair["reference"])["corrected"]
         gap = numbers.touching(
             pair["reference"]["corrected"], np.full(6, 1.0), np.array(numbers.STEP_V)
@@ -117,7 +117,7 @@ class TestCharges:
         np.testing.assert_allclose(found.rho2_c_per_m2[-1], rho2, rtol=1e-4)
         assert (found.rho1_c_per_m2[0] == 0.0).all()
 
-    def test_steady_charges_are_those_of_layers_in_series(self, pair, solved) -> None:
+    def test_steady_charges_are_those_of_layers_in_series(self, pair, solved):
         """One complex current through the layers, with and without the contact leak beside the
         gap.
         """
@@ -144,7 +144,7 @@ class TestCharges:
 
 
 class TestSensitivity:
-    def test_only_thickness_over_permittivity_of_the_insulator_counts(self, sensitivities) -> None:
+    def test_only_thickness_over_permittivity_of_the_insulator_counts(self, sensitivities):
         s = sensitivities["corrected"]
         np.testing.assert_allclose(
             s["insulator_thickness_m"].elasticity,
@@ -154,7 +154,7 @@ class TestSensitivity:
 
     def test_forces_are_those_of_a_model_with_the_parameter_changed(
         self, sensitivities, models, fresh_tables
-    ) -> None:
+    ):
         given = models["reference"].description
         for name, s in sensitivities["corrected"].items():
             p = given.parameters
@@ -167,7 +167,7 @@ class TestSensitivity:
                 s.lower_percent, 100.0 * (got / s.nominal_n - 1.0), rtol=1e-9, atol=1e-9
             )
 
-    def test_elasticity_lies_between_the_slopes_of_the_halves(self, sensitivities) -> None:
+    def test_elasticity_lies_between_the_slopes_of_the_halves(self, sensitivities):
         """Force is monotone and smooth in every parameter: the slope at 100 % lies between those of
         the two chords.
         """
@@ -197,7 +197,7 @@ class TestFacts:
     def fact(self, stated, words: str):
         return next(f for f in stated if words in f.statement)
 
-    def test_what_the_corrected_equations_give_and_the_printed_do_not(self, stated) -> None:
+    def test_what_the_corrected_equations_give_and_the_printed_do_not(self, stated):
         for words, value in (
             ("peaks at about", 250.0),
             ("area is largest", 250.0),
@@ -209,7 +209,7 @@ class TestFacts:
             assert fact.published == 1.0
             assert not fact.published_holds
 
-    def test_what_both_give(self, stated) -> None:
+    def test_what_both_give(self, stated):
         for words in (
             "not zero",
             "decays above",
@@ -224,13 +224,13 @@ class TestFacts:
         assert self.fact(stated, "not zero").corrected == pytest.approx(19.7, abs=0.05)
         assert self.fact(stated, "loss tangent").corrected == pytest.approx(1e5)
 
-    def test_what_neither_gives_is_said(self, stated) -> None:
+    def test_what_neither_gives_is_said(self, stated):
         for words in ("relatively high at 100 kHz", "ratio of negative to positive"):
             fact = self.fact(stated, words)
             assert not fact.corrected_holds
             assert not fact.published_holds
 
-    def test_the_page_says_the_same(self, stated) -> None:
+    def test_the_page_says_the_same(self, stated):
         """docs/reproduction.md, its table: every statement, number and verdict."""
         rows = [
             [cell.strip() for cell in line.strip().strip("|").split(" | ")]
@@ -252,7 +252,7 @@ class TestFacts:
                 assert verdict == ("yes" if holds else "**no**")
 
 
-def test_a_model_that_cannot_stand_beside_the_print_is_refused(models) -> None:
+def test_a_model_that_cannot_stand_beside_the_print_is_refused(models):
     with pytest.raises(ModelError, match="not the plain corrected model") as caught:
         numbers.variants(as_published(models["table1"].description))
     assert "reference" in caught.value.hint

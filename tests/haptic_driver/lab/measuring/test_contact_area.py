@@ -44,7 +44,7 @@ def measured(out: Path, model, **changes: Any) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_rig_with_a_camera_writes_the_area(tmp_path, model) -> None:
+def test_a_rig_with_a_camera_writes_the_area(tmp_path, model):
     pytest.importorskip("skimage")
     rows = measured(tmp_path / "data.csv", model, camera=CAMERA)
     assert all("contact is dark: it stands out by" in row["doubts"] for row in rows)
@@ -56,13 +56,13 @@ def test_a_rig_with_a_camera_writes_the_area(tmp_path, model) -> None:
     assert read_measurements(tmp_path / "data.csv").has_area
 
 
-def test_a_rig_without_one_leaves_it_empty(tmp_path, model) -> None:
+def test_a_rig_without_one_leaves_it_empty(tmp_path, model):
     rows = measured(tmp_path / "data.csv", model)
     assert {row["contact_area_m2"] for row in rows} == {""}
     assert not read_measurements(tmp_path / "data.csv").has_area
 
 
-def test_what_contact_looks_like_is_guessed_or_as_the_rig_says() -> None:
+def test_what_contact_looks_like_is_guessed_or_as_the_rig_says():
     pytest.importorskip("skimage")
     optics = Optics(width=230, height=290, scale_m=45e-6, blur_m=15e-6)
     touch = drawn(Touch(5e-5), optics, np.random.default_rng(2))
@@ -78,7 +78,7 @@ def test_what_contact_looks_like_is_guessed_or_as_the_rig_says() -> None:
     assert wrong is None or "told to be dark: look at the outlines" in wrong.doubts
 
 
-def test_frames_that_show_no_touch_give_no_area() -> None:
+def test_frames_that_show_no_touch_give_no_area():
     pytest.importorskip("skimage")
     grey = np.full((120, 100), 180, np.uint8)
     assert contact_area([Frame(0.1, grey)], CAMERA) is None

@@ -21,7 +21,6 @@ from hw.impedance.e4980a import E4980A, LcrMeter
 from hw.monitor.contract import ElectrodeReading
 from hw.serving.memory import MemoryTransport
 from model.conditions import Conditions
-from model.touch_model import TouchModel
 from tests.haptic_driver.lab.measuring.test_run import table
 from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
 
@@ -65,9 +64,7 @@ def with_limits(config: RigConfig, **limits: object) -> RigConfig:
     return config.model_copy(update={"limits": config.limits.model_copy(update=limits)})
 
 
-def test_a_sweep_reads_what_the_model_says_of_the_electrode(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_sweep_reads_what_the_model_says_of_the_electrode(config, model, tmp_path):
     bench = measured(prepare(config, model, plan_of(tmp_path, SWEEP)), tmp_path / "data.csv")
     rows = table(tmp_path / "data.csv")
     assert [row["finger"] for row in rows] == ["none"] * 5 + ["resting"] * 5 + ["sliding"] * 5
@@ -97,9 +94,7 @@ def test_a_sweep_reads_what_the_model_says_of_the_electrode(
     assert 0.3 < np.sqrt(np.mean(np.square(z))) < 2.0  # the stated error is the error
 
 
-def test_friction_rows_carry_the_electrode_too(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_friction_rows_carry_the_electrode_too(config, model, tmp_path):
     text = (
         SWEEP.split("[[sweep]]", maxsplit=1)[0] + "frequency_hz = 250.0\nvoltage_v = [0.0, 75.0]\n"
     )
@@ -118,9 +113,7 @@ def test_friction_rows_carry_the_electrode_too(
     assert float(on["cof"]) > float(off["cof"]) > 0.4
 
 
-def test_a_bias_and_a_waveform_reach_the_electrode_and_the_data(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_bias_and_a_waveform_reach_the_electrode_and_the_data(config, model, tmp_path):
     blocks = (
         '[[points]]\nvoltage_offset_v = -40.0\n[[points]]\nwaveform = ["square", "dc"]\nvoltage_v ='
         " 8.0\n"
@@ -173,13 +166,13 @@ def test_a_bias_and_a_waveform_reach_the_electrode_and_the_data(
     ],
 )
 def test_what_a_bias_or_a_waveform_may_not_do_is_refused(
-    config: RigConfig,
-    model: TouchModel,
-    tmp_path: Path,
-    limits: dict[str, object],
-    points: str,
-    said: str,
-) -> None:
+    config,
+    model,
+    tmp_path,
+    limits,
+    points,
+    said,
+):
     with pytest.raises(BadInputError, match="refuses every point") as error:
         prepare(
             with_limits(config, **limits), model, plan_of(tmp_path, ONE + "[[points]]\n" + points)
@@ -187,9 +180,7 @@ def test_what_a_bias_or_a_waveform_may_not_do_is_refused(
     assert said in error.value.message
 
 
-def test_a_generator_that_makes_sines_only_is_asked_for_nothing_else(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_generator_that_makes_sines_only_is_asked_for_nothing_else(config, model, tmp_path):
     siglent = config.waveform_generator.model_copy(update={"model": "siglent_sdg"})
     text = (
         'name = "p"\nfrequency_hz = 10.0\nvoltage_v = 8.0\nnormal_force_n = 0.5\nspeed_m_s ='
@@ -203,9 +194,7 @@ def test_a_generator_that_makes_sines_only_is_asked_for_nothing_else(
         )
 
 
-def test_a_sweep_asks_for_no_more_than_the_limits_allow(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_sweep_asks_for_no_more_than_the_limits_allow(config, model, tmp_path):
     plan = plan_of(tmp_path, SWEEP.replace("finger", "voltage_v = 50.0\nfinger"))
     experiment = prepare(config, model, plan)
     assert experiment.refusals == ()
@@ -226,9 +215,7 @@ def test_a_sweep_asks_for_no_more_than_the_limits_allow(
         )
 
 
-def test_what_no_monitor_tells_is_refused(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_what_no_monitor_tells_is_refused(config, model, tmp_path):
     slow = config.model_copy(update={"electrode_monitors": config.electrode_monitors[:1]})
     experiment = prepare(slow, model, plan_of(tmp_path, SWEEP))
     assert {r.setting.frequency_hz for r in experiment.refusals} == {3e4, 1e6}
@@ -238,9 +225,7 @@ def test_what_no_monitor_tells_is_refused(
         prepare(blind, model, plan_of(tmp_path, SWEEP))
 
 
-def test_rows_with_a_time_are_measured_then(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_rows_with_a_time_are_measured_then(config, model, tmp_path):
     text = (
         'name = "clock"\nfrequency_hz = 250.0\nvoltage_v = 75.0\nnormal_force_n = 0.5\nspeed_m_s ='
         " 0.02\nsessions = 2\n"
@@ -257,9 +242,7 @@ def test_rows_with_a_time_are_measured_then(
 LCR = {"kind": "e4980a", "resource": "TCPIP::192.168.0.8::5025::SOCKET", "voltage_limit_v": 1.5}
 
 
-def test_a_meter_that_drives_the_electrode_sweeps_in_a_plan_of_its_own(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_meter_that_drives_the_electrode_sweeps_in_a_plan_of_its_own(config, model, tmp_path):
     metered = config.model_copy(
         update={"electrode_monitors": [E4980AConfig(**LCR), *config.electrode_monitors]}
     )
@@ -297,9 +280,7 @@ class SlowlyRead(SimulatedBench):
         return super().read_electrode(setting)
 
 
-def test_a_monitor_that_is_slow_leaves_a_sweep_few_forces(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_monitor_that_is_slow_leaves_a_sweep_few_forces(config, model, tmp_path):
     experiment = prepare(config, model, plan_of(tmp_path, SWEEP))
     bench = SlowlyRead(config, model, seed=1)
     with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
@@ -309,9 +290,7 @@ def test_a_monitor_that_is_slow_leaves_a_sweep_few_forces(
     assert all(row["current_a"] for row in rows)
 
 
-def test_the_amplifier_stays_off_while_the_meter_sweeps(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_the_amplifier_stays_off_while_the_meter_sweeps(config, model, tmp_path):
     metered = config.model_copy(update={"electrode_monitors": [E4980AConfig(**LCR)]})
     plan = plan_of(tmp_path, SWEEP.replace("[10.0, ", "["))
     experiment = prepare(metered, model, plan)
@@ -327,9 +306,7 @@ def test_the_amplifier_stays_off_while_the_meter_sweeps(
         assert float(row["current_phase_rad"]) == pytest.approx(np.angle(admittance), abs=5e-3)
 
 
-def test_the_touchs_own_current_scatters_and_says_so(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_the_touchs_own_current_scatters_and_says_so(config, model, tmp_path):
     """Three per cent of wobble in ten readings, some of it stray current that does not wobble."""
     plan = plan_of(tmp_path, ONE + "average_s = 0.5\npause_s = 0.0\nsettle_s = 0.1\nrepeats = 40\n")
     experiment = prepare(config, model, plan)

@@ -80,8 +80,8 @@ def found(short: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Invest
 @pytest.mark.timeout(600)
 @pytest.mark.soak
 def test_what_settings_cannot_tell_apart_an_intervention_does(
-    found: tuple[Investigation, Path],
-) -> None:
+    found,
+):
     """Once every round chose settings of which the same was expected again, and the budget was
     spent on them.
     """
@@ -97,7 +97,7 @@ def test_what_settings_cannot_tell_apart_an_intervention_does(
 
 @pytest.mark.timeout(600)
 @pytest.mark.soak
-def test_a_plan_that_sees_nothing_is_not_the_end(tmp_path: Path) -> None:
+def test_a_plan_that_sees_nothing_is_not_the_end(tmp_path):
     """At one speed nothing shows that friction depends on speed; it was called nothing missing."""
     settings = product((20.0, 100.0, 250.0), (0.0, 75.0, 110.0), (0.25, 1.0), (0.02,))
     plan = Plan(name="one speed", settings=tuple(Setting(*each) for each in settings), repeats=2)
@@ -116,7 +116,7 @@ def test_a_plan_that_sees_nothing_is_not_the_end(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 @pytest.mark.timeout(600)
-def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> None:
+def test_every_round_lies_in_its_folder(found):
     investigation, out = found
     for number in range(1, investigation.rounds + 1):
         assert (out / f"round-{number}" / "report.html").is_file()
@@ -129,8 +129,8 @@ def test_every_round_lies_in_its_folder(found: tuple[Investigation, Path]) -> No
 
 
 def test_a_first_plan_that_nobody_prepares_is_refused_before_anything_is_measured(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     """Once it was an UnboundLocalError: there was no diagnosis to report."""
     setting = Setting(100.0, 75.0, 0.5, 0.02, intervention="wipe")
     plan = Plan(name="wiped", settings=(setting,), intervention="wipe")
@@ -141,7 +141,7 @@ def test_a_first_plan_that_nobody_prepares_is_refused_before_anything_is_measure
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
+def test_what_is_there_is_not_measured_again(tmp_path):
     """As if it had been killed in its first round, after so many rows; one frequency tells little
     apart.
     """
@@ -180,7 +180,7 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     assert said["diagnosis"]["verdict"] == again.diagnosis["verdict"]
 
 
-def test_nothing_is_proposed_that_the_rig_refuses(short: Plan) -> None:
+def test_nothing_is_proposed_that_the_rig_refuses(short):
     config, model = load_rig("simulated"), TouchModel(load_model("reference"))
     possible = pool.choices(config, model, short, pool.able(has_function=False))
     settings = [setting for block in possible.blocks for setting in block]
@@ -195,7 +195,7 @@ def test_nothing_is_proposed_that_the_rig_refuses(short: Plan) -> None:
     assert len(points) == len(set(settings))
 
 
-def test_a_setting_never_comes_alone(short: Plan) -> None:
+def test_a_setting_never_comes_alone(short):
     """Beside the gain of its session one setting tells nothing: none was chosen once they came one
     by one.
     """
@@ -206,7 +206,7 @@ def test_a_setting_never_comes_alone(short: Plan) -> None:
     assert len(pool.choices(config, model, short, (), known).blocks) == len(possible.blocks) - 50
 
 
-def test_a_round_is_measured_in_parts_of_two_and_whole_after_an_intervention() -> None:
+def test_a_round_is_measured_in_parts_of_two_and_whole_after_an_intervention():
     wiped = Setting(20.0, 75.0, 0.5, 0.02, intervention="wipe")
     blocks = [(pool.REFERENCE, Setting(f, 75.0, 0.5, 0.02)) for f in (10.0, 20.0, 30.0)] + [
         (wiped,),
@@ -219,7 +219,7 @@ def test_a_round_is_measured_in_parts_of_two_and_whole_after_an_intervention() -
     assert settings == [[20.0, 50.0], [0.0, 30.0, 10.0], [0.0, 20.0]]
 
 
-def test_no_name_is_earned_before_what_other_effects_need_was_varied() -> None:
+def test_no_name_is_earned_before_what_other_effects_need_was_varied():
     """At one speed a gap that widens with speed was called air breakdown."""
 
     def after(name: str, *untestable: str) -> Any:
@@ -246,22 +246,22 @@ def test_no_name_is_earned_before_what_other_effects_need_was_varied() -> None:
         ("untried", "ambiguous", True),
     ],
 )
-def test_a_round_ends_as_soon_as_it_has_its_answer(asked: str, now: str, answered: bool) -> None:
+def test_a_round_ends_as_soon_as_it_has_its_answer(asked, now, answered):
     assert rounds._is_answered(asked, now) == answered
 
 
-def test_a_function_is_a_finger_that_nobody_can_wipe() -> None:
+def test_a_function_is_a_finger_that_nobody_can_wipe():
     assert pool.able(has_function=True) == ()
 
 
-def test_an_intervention_takes_its_effects_away_and_no_others() -> None:
+def test_an_intervention_takes_its_effects_away_and_no_others():
     config = hiding(HUMID | {"floating_body": {"body_capacitance_f": 2e-10}})
     assert set(carried_out(config, "dry_air").simulation.hide) == {"floating_body"}
     assert set(carried_out(config, "strap").simulation.hide) == set(HUMID)
     assert carried_out(config, "none") == config
 
 
-def test_a_plan_with_sweeps_and_an_intervention_is_read_back_as_it_was(tmp_path: Path) -> None:
+def test_a_plan_with_sweeps_and_an_intervention_is_read_back_as_it_was(tmp_path):
     settings = (
         Setting(250.0, 75.0, 0.5, 0.02, intervention="wipe"),
         Setting(0.0, 0.0, 0.5, 0.02, intervention="wipe"),
@@ -274,7 +274,7 @@ def test_a_plan_with_sweeps_and_an_intervention_is_read_back_as_it_was(tmp_path:
     assert load_plan(str(tmp_path / "plan.toml")) == plan
 
 
-def test_friction_comes_back_once_the_air_is_dry() -> None:
+def test_friction_comes_back_once_the_air_is_dry():
     """The simulated finger of a rig on which an intervention was carried out is the model's
     again.
     """
@@ -333,9 +333,7 @@ def outcome_of_a_list(
 @pytest.mark.parametrize(
     ("none", "outcome"), [(0.04, "cannot_be_told_apart"), (0.06, "budget_spent")]
 )
-def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
-    none: float, outcome: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(none, outcome, monkeypatch):
     """Eleven effects were said to be all that is left where nothing was hidden."""
     assert outcome_of_a_list(monkeypatch, none=none) == outcome
 
@@ -350,22 +348,22 @@ def test_effects_are_not_called_alike_while_perhaps_nothing_is_missing(
     ],
 )
 def test_effects_are_alike_where_all_that_is_left_to_measure_would_not_tell_them(
-    monkeypatch: pytest.MonkeyPatch, reach: float, behind: float, outcome: str
-) -> None:
+    monkeypatch, reach, behind, outcome
+):
     """SURE takes odds of 19, log odds of 2.94: what the data say already, and half of the chi^2 to
     come.
     """
     assert outcome_of_a_list(monkeypatch, reach=reach, behind=behind, proposed=True) == outcome
 
 
-def test_what_no_setting_is_worth_its_time_for_is_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_no_setting_is_worth_its_time_for_is_alike(monkeypatch):
     """It was called a spent budget, in the first round."""
     assert outcome_of_a_list(monkeypatch, reach=11.0) == "cannot_be_told_apart"
 
 
 def test_a_second_effect_that_nothing_would_tell_does_not_spend_the_budget(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     """It has a place of its own, and no rival there."""
     assert outcome_of_a_list(monkeypatch, beside=True) == "cannot_be_told_apart"
 
@@ -386,9 +384,7 @@ def without_a_rig(monkeypatch: pytest.MonkeyPatch, out: Path, **made_up: Any) ->
     return investigate(subject, out, Budget(rounds=2))  # type: ignore[arg-type]
 
 
-def test_what_shows_is_told_apart_in_the_same_round(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_shows_is_told_apart_in_the_same_round(monkeypatch, tmp_path):
     """A round ended where something showed, and four were spent on a friction that 16 settings
     named.
     """
@@ -428,9 +424,7 @@ def test_what_shows_is_told_apart_in_the_same_round(
 @pytest.mark.parametrize(
     ("verdict", "outcome"), [("no_discrepancy", "nothing_missing"), ("ambiguous", "budget_spent")]
 )
-def test_the_last_round_ends_with_what_it_has(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, verdict: str, outcome: str
-) -> None:
+def test_the_last_round_ends_with_what_it_has(monkeypatch, tmp_path, verdict, outcome):
     said = SimpleNamespace(name=verdict, findings=None)
     found = without_a_rig(
         monkeypatch, tmp_path, diagnose=lambda *_: said, _next=lambda *_: ["more"]

@@ -73,9 +73,7 @@ def kept(
     return bench, read_strokes(strokes_path(out)).strokes
 
 
-def test_a_stroke_is_what_the_sensor_said(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_stroke_is_what_the_sensor_said(config, model, tmp_path):
     bench, found = kept(config, model, plan(DRIVEN), tmp_path / "data.csv")
     without, driven = found
     assert (without.row.voltage_v, driven.row.voltage_v) == (0.0, 75.0)
@@ -91,9 +89,7 @@ def test_a_stroke_is_what_the_sensor_said(
     assert np.isnan(driven.samples["monitor_current_a"]).all()  # nothing is wired
 
 
-def test_displacement_counts_from_full_voltage_and_the_window_is_the_plans(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_displacement_counts_from_full_voltage_and_the_window_is_the_plans(config, model, tmp_path):
     for one in kept(config, model, plan(DRIVEN), tmp_path / "data.csv")[1]:
         assert one.row.steady_begin_m == pytest.approx(0.02 * 0.2)
         assert one.row.steady_end_m == pytest.approx(0.02 * 0.7)
@@ -106,9 +102,7 @@ def test_displacement_counts_from_full_voltage_and_the_window_is_the_plans(
         assert (samples["steady"] == 1).tolist() == inside.tolist()
 
 
-def test_the_window_gives_the_rows_own_friction(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_the_window_gives_the_rows_own_friction(config, model, tmp_path):
     found = kept(config, model, plan(DRIVEN), tmp_path / "data.csv")[1]
     for one, row in zip(found, table(tmp_path / "data.csv"), strict=True):
         steady = one.samples[one.samples["steady"] == 1]
@@ -117,9 +111,7 @@ def test_the_window_gives_the_rows_own_friction(
         assert float(row["time_s"]) == pytest.approx(steady["time_s"].mean(), abs=1e-6)
 
 
-def test_a_resting_finger_makes_no_stroke(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_resting_finger_makes_no_stroke(config, model, tmp_path):
     resting = Setting(250.0, 5.0, 0.5, 0.0, finger="resting", sweep=True)
     given = plan(DRIVEN, resting)
     found = kept(config, model, given, tmp_path / "data.csv")[1]
@@ -140,9 +132,7 @@ pause_s = 0.0
 
 
 @pytest.mark.process
-def test_a_killed_measure_leaves_what_was_whole_and_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_measure_leaves_what_was_whole_and_goes_on(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("long.toml").write_text(LONG)
     arguments = ["measure", "--plan", "long.toml", "--out", "data.csv"]
@@ -189,9 +179,7 @@ def test_a_killed_measure_leaves_what_was_whole_and_goes_on(
     assert [s.row.row for s in read_strokes(path).strokes] == [*range(1, len(table(data)) + 1)]
 
 
-def test_a_stage_tells_where_the_finger_is_from_rest_to_the_end(
-    model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_stage_tells_where_the_finger_is_from_rest_to_the_end(model, tmp_path):
     """The simulated paper rig: it gathers 20 mm/s at 20 mm/s^2, 10 mm, before the voltage."""
     config = load_rig("simulated-paper")
     given = plan(DRIVEN).model_copy(update={"voltage_off_every": 0, "average_s": 1.0})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,9 +45,7 @@ def lifted(served: ServedRig) -> bool:
 
 
 @pytest.mark.soak  # three quarters of a minute; single rows are tried below
-def test_each_rows_load_is_held_and_nobody_is_asked(
-    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_each_rows_load_is_held_and_nobody_is_asked(served, real, model, tmp_path):
     told: list[str] = []
     rows = [Setting(250.0, 75.0, load_n, SPEED_M_S) for load_n in (0.3, 0.6)]
     measured(real, model, plan(*rows), tmp_path / "data.csv", told.append)
@@ -64,12 +61,12 @@ def test_each_rows_load_is_held_and_nobody_is_asked(
 
 @pytest.mark.soak  # some ten seconds
 def test_an_overload_in_a_row_lifts_the_finger_with_the_output_off(
-    served: ServedRig,
-    real: RigConfig,
-    model: TouchModel,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    served,
+    real,
+    model,
+    tmp_path,
+    monkeypatch,
+):
     """Once the voltage is there the body is three times as stiff."""
     loads: list[float] = []
     assert served.world.pressed is not None
@@ -90,12 +87,12 @@ def test_an_overload_in_a_row_lifts_the_finger_with_the_output_off(
 
 
 def test_a_sensor_that_falls_silent_lifts_the_finger(
-    served: ServedRig,
-    real: RigConfig,
-    model: TouchModel,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    served,
+    real,
+    model,
+    tmp_path,
+    monkeypatch,
+):
     from haptic_driver.rig.rig import Rig
 
     newest: list[ForceReading] = []
@@ -114,9 +111,7 @@ def test_a_sensor_that_falls_silent_lifts_the_finger(
     assert lifted(served)
 
 
-def test_a_simulated_rig_with_stages_measures_at_the_loads_of_a_plan(
-    model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_simulated_rig_with_stages_measures_at_the_loads_of_a_plan(model, tmp_path):
     """The same bench in simulated time: strokes by the stage, loads by the loop, and a camera
     sees the touch.
     """
@@ -139,7 +134,7 @@ def test_a_simulated_rig_with_stages_measures_at_the_loads_of_a_plan(
         )
 
 
-def test_the_simulated_skin_is_drawn_by_the_attraction_of_the_model(model: TouchModel) -> None:
+def test_the_simulated_skin_is_drawn_by_the_attraction_of_the_model(model):
     """Friction is a coefficient times load and attraction together, so that the rise tells the
     latter; the lag has settled after 50 ms at 20 mm/s.
     """
@@ -165,7 +160,7 @@ def test_the_simulated_skin_is_drawn_by_the_attraction_of_the_model(model: Touch
         assert instruments.attraction_n() == pytest.approx(wanted_n, rel=0.02)
 
 
-def test_a_simulated_rig_that_slides_no_finger_measures_no_load(model: TouchModel) -> None:
+def test_a_simulated_rig_that_slides_no_finger_measures_no_load(model):
     config = load_rig("simulated-paper").model_copy(update={"stage": None})
     with pytest.raises(BadInputError, match="has no stage"):
         prepare(config, model, plan(Setting(250.0, 75.0, 0.5, SPEED_M_S)))

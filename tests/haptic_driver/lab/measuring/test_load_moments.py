@@ -4,12 +4,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from haptic_driver.rig.config import RigConfig
-from model.touch_model import TouchModel
 from tests.haptic_driver.lab.measuring.load_moments import failed, serving
 
 pytestmark = [pytest.mark.timeout(300), pytest.mark.realtime]
@@ -27,8 +23,8 @@ ATTEMPTS = 4
     ],
 )
 def test_whatever_fails_the_finger_feels_less_than_the_limit_and_the_output_is_off(
-    model: TouchModel, tmp_path: Path, what: str, moment_s: float, said: str
-) -> None:
+    model, tmp_path, what, moment_s, said
+):
     moment = failed(model, tmp_path / "data.csv", what, moment_s)
     assert moment.safe, str(moment)
     assert said in moment.said
@@ -38,9 +34,7 @@ def test_whatever_fails_the_finger_feels_less_than_the_limit_and_the_output_is_o
 
 
 @pytest.mark.soak
-def test_a_killed_process_leaves_the_finger_to_the_watchdog(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_killed_process_leaves_the_finger_to_the_watchdog(config, model, tmp_path):
     """Within the first row's stroke. Where the machine is too busy for the rig, the process ends by
     itself, which has to be as safe: then once more.
     """

@@ -18,7 +18,7 @@ def readings(scatter: float, n: int, seed: int = 0) -> list[ElectrodeReading]:
     return [ElectrodeReading(5.0, 0.01, 1e-4j + error, 1e-7, 1e-6, math.nan) for error in noise]
 
 
-def test_readings_of_the_electrode_are_averaged_with_the_error_that_they_state() -> None:
+def test_readings_of_the_electrode_are_averaged_with_the_error_that_they_state():
     mean = mean_reading(readings(0.0, 4))
     assert mean is not None
     assert mean[:5] == pytest.approx((5.0, 0.005, 1e-4j, 5e-8, 1e-6))
@@ -26,7 +26,7 @@ def test_readings_of_the_electrode_are_averaged_with_the_error_that_they_state()
     assert mean_reading([]) is None
 
 
-def test_what_scatters_more_than_it_states_is_less_certain() -> None:
+def test_what_scatters_more_than_it_states_is_less_certain():
     """The standard error of a mean of five parts with standard deviation 2e-6 each."""
     means = [mean_reading(readings(2e-6, 5, seed)) for seed in range(300)]
     stds = [mean.current_std_a for mean in means if mean is not None]

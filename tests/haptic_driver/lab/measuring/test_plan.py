@@ -41,21 +41,21 @@ def refused(folder: Path, text: str) -> BadInputError:
         ("full", 168, 728),
     ],
 )
-def test_shipped_plans_have_the_rows_they_promise(name: str, settings: int, rows: int) -> None:
+def test_shipped_plans_have_the_rows_they_promise(name, settings, rows):
     plan = load_plan(name)
     assert len(plan.settings) == settings
     assert len(plan.rows(plan.settings, plan.seed)) == rows
 
 
 @pytest.mark.parametrize("name", ["witnesses", "full"])
-def test_plans_with_spectra_repeat_some_at_another_amplitude(name: str) -> None:
+def test_plans_with_spectra_repeat_some_at_another_amplitude(name):
     sweeps = [s for s in load_plan(name).settings if s.sweep and s.finger == "sliding"]
     swept = {v: {s.frequency_hz for s in sweeps if s.voltage_v == v} for v in (1.0, 5.0)}
     assert len(swept[1.0]) >= 5
     assert swept[1.0] <= swept[5.0]
 
 
-def test_the_papers_plan_has_its_frequencies() -> None:
+def test_the_papers_plan_has_its_frequencies():
     plan = load_plan("paper")
     assert [s.frequency_hz for s in plan.settings] == [1, 10, 50, 100, 250, 500, 1e3, 1e4, 1e5, 1e6]
     assert {(s.voltage_v, s.normal_force_n, s.speed_m_s) for s in plan.settings} == {
@@ -65,7 +65,7 @@ def test_the_papers_plan_has_its_frequencies() -> None:
     assert Counter(r.session for r in without) == {1: 3, 2: 3, 3: 3}
 
 
-def test_lists_are_multiplied_and_repeated_in_every_session(tmp_path: Path) -> None:
+def test_lists_are_multiplied_and_repeated_in_every_session(tmp_path):
     plan = plan_of(tmp_path, GRID + "repeats = 2\nsessions = 3\n")
     assert len(plan.settings) == 3 * 2 * 2
     rows = plan.rows(plan.settings, 1)
@@ -74,7 +74,7 @@ def test_lists_are_multiplied_and_repeated_in_every_session(tmp_path: Path) -> N
     assert [r.session for r in rows] == sorted(r.session for r in rows)
 
 
-def test_points_take_what_they_do_not_say_from_the_lists(tmp_path: Path) -> None:
+def test_points_take_what_they_do_not_say_from_the_lists(tmp_path):
     points = (
         "[[points]]\nvoltage_v = 60.0\nfrequency_hz = [10.0, 20.0]\n[[points]]\nspeed_m_s = 0.05\n"
     )
@@ -84,7 +84,7 @@ def test_points_take_what_they_do_not_say_from_the_lists(tmp_path: Path) -> None
     assert Setting(60.0, 50.0, 0.5, 0.05) in plan.settings
 
 
-def test_zero_volts_is_one_setting_whatever_the_frequency(tmp_path: Path) -> None:
+def test_zero_volts_is_one_setting_whatever_the_frequency(tmp_path):
     plan = plan_of(tmp_path, GRID.replace("[50.0, 75.0]", "[0.0, 75.0]"))
     assert [s for s in plan.settings if s.voltage_v == 0.0] == [
         Setting(0.0, 0.0, 0.25, 0.02),
@@ -92,7 +92,7 @@ def test_zero_volts_is_one_setting_whatever_the_frequency(tmp_path: Path) -> Non
     ]
 
 
-def test_the_order_is_random_and_the_same_for_the_same_seed(tmp_path: Path) -> None:
+def test_the_order_is_random_and_the_same_for_the_same_seed(tmp_path):
     plan = plan_of(tmp_path, GRID + "repeats = 2\nsessions = 2\n")
     order = plan.rows(plan.settings, 7)
     assert order == plan.rows(plan.settings, 7)
@@ -101,14 +101,14 @@ def test_the_order_is_random_and_the_same_for_the_same_seed(tmp_path: Path) -> N
     assert [r.setting for r in order[:24]] != [r.setting for r in order[24:]]  # sessions differ
 
 
-def test_without_randomising_the_order_is_the_files(tmp_path: Path) -> None:
+def test_without_randomising_the_order_is_the_files(tmp_path):
     plan = plan_of(tmp_path, GRID + "randomise = false\n")
     assert [r.setting for r in plan.rows(plan.settings, 7)] == list(plan.settings)
 
 
 def test_rows_without_voltage_come_before_every_so_many_at_the_same_load_and_speed(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     plan = plan_of(tmp_path, GRID + "voltage_off_every = 5\nsessions = 2\n")
     rows = plan.rows(plan.settings, 1)
     for session in (1, 2):
@@ -127,7 +127,7 @@ def test_rows_without_voltage_come_before_every_so_many_at_the_same_load_and_spe
         (GRID + "[[points]]\nvoltage = 3.0", "voltage_v"),
     ],
 )
-def test_an_unknown_key_offers_the_nearest(tmp_path: Path, text: str, said: str) -> None:
+def test_an_unknown_key_offers_the_nearest(tmp_path, text, said):
     error = refused(tmp_path, text)
     assert error.code == "unknown_key"
     assert said in error.hint
@@ -150,13 +150,13 @@ def test_an_unknown_key_offers_the_nearest(tmp_path: Path, text: str, said: str)
         (GRID + "repeats = 1000\nsessions = 1000", "12000000 rows"),
     ],
 )
-def test_a_bad_value_names_its_key(tmp_path: Path, text: str, key: str) -> None:
+def test_a_bad_value_names_its_key(tmp_path, text, key):
     error = refused(tmp_path, text)
     assert error.code == "bad_config"
     assert key in error.message
 
 
-def test_bad_files_and_names_are_named(tmp_path: Path) -> None:
+def test_bad_files_and_names_are_named(tmp_path):
     assert refused(tmp_path, "name = ").code == "bad_toml"
     with pytest.raises(BadInputError, match="papper") as caught:
         load_plan("papper")
@@ -174,7 +174,7 @@ finger = ["none", "resting", "sliding"]
 """
 
 
-def test_a_sweep_is_a_spectrum_for_each_finger_and_load(tmp_path: Path) -> None:
+def test_a_sweep_is_a_spectrum_for_each_finger_and_load(tmp_path):
     plan = plan_of(tmp_path, SWEEP)
     expected_hz = [10.0, 31.6, 100.0, 316.0, 1e3, 3160.0, 1e4]
     spectra = [("none", 0.0, 0.0), ("resting", 0.25, 0.0), ("resting", 1.0, 0.0)]
@@ -185,7 +185,7 @@ def test_a_sweep_is_a_spectrum_for_each_finger_and_load(tmp_path: Path) -> None:
     assert all(s.sweep and s.voltage_v == 5.0 for s in plan.settings)
 
 
-def test_sweeps_come_last_in_their_own_order_and_without_rows_of_no_voltage(tmp_path: Path) -> None:
+def test_sweeps_come_last_in_their_own_order_and_without_rows_of_no_voltage(tmp_path):
     grid = GRID + "sessions = 2\nrepeats = 2\nvoltage_off_every = 4\n"
     plan = plan_of(tmp_path, grid + SWEEP.replace('name = "witness"', ""))
     rows = [row for row in plan.rows(plan.settings, 1) if row.session == 2]
@@ -195,7 +195,7 @@ def test_sweeps_come_last_in_their_own_order_and_without_rows_of_no_voltage(tmp_
     assert len(rows) == len(swept) + 24 + 6
 
 
-def test_a_bias_another_waveform_and_a_time_are_settings(tmp_path: Path) -> None:
+def test_a_bias_another_waveform_and_a_time_are_settings(tmp_path):
     points = (
         '[[points]]\nvoltage_offset_v = [-30.0, 30.0]\n[[points]]\nwaveform = ["square", "dc"]\n'
     )
@@ -209,7 +209,7 @@ def test_a_bias_another_waveform_and_a_time_are_settings(tmp_path: Path) -> None
     ] == [80, 20]
 
 
-def test_what_has_a_time_begins_when_it_is_due(tmp_path: Path) -> None:
+def test_what_has_a_time_begins_when_it_is_due(tmp_path):
     timed = (
         "[[points]]\n[[points]]\nfrequency_hz = 250.0\nvoltage_v = 75.0\ntime_s = [5.0, 20.0,"
         " 600.0]\n"
@@ -227,7 +227,7 @@ def test_what_has_a_time_begins_when_it_is_due(tmp_path: Path) -> None:
     assert [s.time_s for s in began] == [5.0, 5.0, 20.0, 20.0, 600.0, 600.0]
 
 
-def test_what_has_a_time_is_repeated_like_the_rest(tmp_path: Path) -> None:
+def test_what_has_a_time_is_repeated_like_the_rest(tmp_path):
     """It was measured once, however often the plan repeats."""
     plan = plan_of(tmp_path, GRID + "repeats = 3\n[[points]]\ntime_s = [5.0, 60.0]\n")
     rows = plan.rows(plan.settings, 1)
@@ -245,15 +245,15 @@ def test_what_has_a_time_is_repeated_like_the_rest(tmp_path: Path) -> None:
         ("[[sweep]]", "[[sweep]]\ntime_s = 1.0", "time_s"),
     ],
 )
-def test_a_bad_sweep_names_its_key(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_a_bad_sweep_names_its_key(tmp_path, old, new, said):
     assert said in refused(tmp_path, SWEEP.replace(old, new)).message
 
 
-def test_a_plan_that_measures_nothing_is_refused(tmp_path: Path) -> None:
+def test_a_plan_that_measures_nothing_is_refused(tmp_path):
     assert "frequency_hz" in refused(tmp_path, 'name = "nothing"').message
 
 
-def test_a_written_plan_is_the_same_plan(tmp_path: Path) -> None:
+def test_a_written_plan_is_the_same_plan(tmp_path):
     settings = (
         Setting(250.0, 75.0, 0.5, 0.02),
         Setting(0.0, 0.0, 0.25, 0.04),

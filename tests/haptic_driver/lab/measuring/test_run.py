@@ -89,7 +89,7 @@ def settings_of(path: Path) -> list[tuple[str, ...]]:
     ]
 
 
-def test_waiting_until_it_is_time_counts_as_measuring(config: RigConfig, model: TouchModel) -> None:
+def test_waiting_until_it_is_time_counts_as_measuring(config, model):
     """In each of two sessions; it counted only the rows."""
     settings = tuple(Setting(100.0, 75.0, 0.5, 0.02, time_s=time_s) for time_s in (5.0, 300.0))
     experiment = prepare(config, model, Plan(name="late", settings=settings, repeats=2, sessions=2))
@@ -99,9 +99,7 @@ def test_waiting_until_it_is_time_counts_as_measuring(config: RigConfig, model: 
     assert experiment.duration_s == pytest.approx(2 * (300.0 + after_the_second_s))
 
 
-def test_data_have_the_contracts_columns_and_units(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_data_have_the_contracts_columns_and_units(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     measured(experiment, tmp_path / "data.csv")
     rows = table(tmp_path / "data.csv")
@@ -126,9 +124,7 @@ def test_data_have_the_contracts_columns_and_units(
     assert [row["session"] for row in rows] == ["1"] * 11 + ["2"] * 11
 
 
-def test_friction_agrees_with_the_model_within_its_stated_error(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_friction_agrees_with_the_model_within_its_stated_error(config, model, tmp_path):
     measured(prepare(config, model, grid()), tmp_path / "data.csv", SAME_FINGER)
     z = residuals(tmp_path / "data.csv", model)
     assert 0.6 < np.mean(z**2) < 1.6
@@ -138,9 +134,7 @@ def test_friction_agrees_with_the_model_within_its_stated_error(
 
 
 @pytest.mark.soak
-def test_sessions_differ_by_one_factor(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_sessions_differ_by_one_factor(config, model, tmp_path):
     measured(prepare(config, model, grid(sessions=4)), tmp_path / "data.csv")
     data = read_measurements(tmp_path / "data.csv")
     ratio = data.columns["cof"] / model.predict(data.conditions()).cof
@@ -153,9 +147,7 @@ def test_sessions_differ_by_one_factor(
     assert 0.6 < np.mean(z**2) < 1.6
 
 
-def test_refused_points_are_reported_with_reasons_and_never_energised(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_refused_points_are_reported_with_reasons_and_never_energised(config, model, tmp_path):
     limits = config.limits.model_copy(update={"voltage_v": 80.0})
     config = config.model_copy(update={"limits": limits})
     plan = small_plan()
@@ -174,7 +166,7 @@ def test_refused_points_are_reported_with_reasons_and_never_energised(
     assert {row["frequency_hz"] for row in table(tmp_path / "data.csv")} == {"0", "100", "250"}
 
 
-def test_refusals_are_told_in_a_line_for_each_frequency_voltage_and_reason() -> None:
+def test_refusals_are_told_in_a_line_for_each_frequency_voltage_and_reason():
     fast = [Setting(500.0, 75.0, load_n, speed) for load_n in (0.25, 1.0) for speed in (0.01, 0.04)]
     refusals = [
         *(Refusal(setting, "too much") for setting in fast),
@@ -186,7 +178,7 @@ def test_refusals_are_told_in_a_line_for_each_frequency_voltage_and_reason() -> 
     ]
 
 
-def test_a_plan_refused_throughout_is_an_error(config: RigConfig, model: TouchModel) -> None:
+def test_a_plan_refused_throughout_is_an_error(config, model):
     plan = small_plan()
     without = plan.model_copy(
         update={"settings": tuple(s for s in plan.settings if s.frequency_hz > 1e3)}
@@ -196,9 +188,7 @@ def test_a_plan_refused_throughout_is_an_error(config: RigConfig, model: TouchMo
     assert refused.value.code == "all_refused"
 
 
-def test_a_plan_without_voltage_energises_nothing(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_plan_without_voltage_energises_nothing(config, model, tmp_path):
     plan = small_plan()
     resting = (plan.settings[0].without_voltage(),)
     plan = plan.model_copy(update={"settings": resting, "repeats": 4, "voltage_off_every": 0})
@@ -207,9 +197,7 @@ def test_a_plan_without_voltage_energises_nothing(
     assert bench.simulated.amplifier.max_voltage_v == 0.0
 
 
-def test_the_output_is_on_for_rows_with_voltage_only(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_the_output_is_on_for_rows_with_voltage_only(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     bench = SimulatedBench(config, model, seed=1)
     between: list[float] = []
@@ -232,9 +220,7 @@ class Stop(BaseException):
 
 
 @pytest.mark.parametrize("cut", ["", "100,75,0.5,0.6"])
-def test_a_killed_measurement_resumes_to_the_same_rows(
-    config: RigConfig, model: TouchModel, tmp_path: Path, cut: str
-) -> None:
+def test_a_killed_measurement_resumes_to_the_same_rows(config, model, tmp_path, cut):
     experiment = prepare(config, model, small_plan())
     whole, killed = tmp_path / "whole.csv", tmp_path / "killed.csv"
     measured(experiment, whole)
@@ -265,9 +251,7 @@ def test_a_killed_measurement_resumes_to_the_same_rows(
     assert not np.all(ratio[7:] == 1.0)
 
 
-def test_the_voltage_falls_when_a_row_is_interrupted(
-    config: RigConfig, model: TouchModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_voltage_falls_when_a_row_is_interrupted(config, model, tmp_path, monkeypatch):
     experiment = prepare(config, model, small_plan())
     bench = SimulatedBench(config, model, seed=1)
     seen: list[float] = []
@@ -289,18 +273,14 @@ def test_the_voltage_falls_when_a_row_is_interrupted(
     assert len(table(tmp_path / "data.csv")) == data.done
 
 
-def test_a_saturated_sensor_stops_the_measurement(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_saturated_sensor_stops_the_measurement(config, model, tmp_path):
     simulation = config.simulation.model_copy(update={"force_range_n": 0.4})
     experiment = prepare(config.model_copy(update={"simulation": simulation}), model, small_plan())
     with pytest.raises(HapticError, match="end of its range"):
         measured(experiment, tmp_path / "data.csv")
 
 
-def test_resume_refuses_another_plan_seed_rig_or_model(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_resume_refuses_another_plan_seed_rig_or_model(config, model, tmp_path):
     out = tmp_path / "data.csv"
     experiment = prepare(config, model, small_plan())
     DataFile.create(out, experiment.identity()).__exit__(None, None, None)
@@ -325,9 +305,7 @@ def test_resume_refuses_another_plan_seed_rig_or_model(
         DataFile.resume(out, experiment.identity("def friction(): ..."), experiment.rows)
 
 
-def test_resume_refuses_a_file_that_is_not_the_plans(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_resume_refuses_a_file_that_is_not_the_plans(config, model, tmp_path):
     out = tmp_path / "data.csv"
     experiment = prepare(config, model, small_plan())
     measured(experiment, out)
@@ -343,9 +321,7 @@ def test_resume_refuses_a_file_that_is_not_the_plans(
         DataFile.resume(out, experiment.identity(), experiment.rows)
 
 
-def test_a_file_is_never_overwritten_unasked(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_file_is_never_overwritten_unasked(config, model, tmp_path):
     out = tmp_path / "data.csv"
     out.write_text("precious\n")
     experiment = prepare(config, model, small_plan())
@@ -363,9 +339,7 @@ def test_a_file_is_never_overwritten_unasked(
 
 
 @pytest.mark.soak
-def test_a_hidden_effect_changes_the_data_and_leaves_no_trace_in_the_files(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_hidden_effect_changes_the_data_and_leaves_no_trace_in_the_files(config, model, tmp_path):
     secret = hiding(config, HIDDEN)
     plain, hidden = prepare(config, model, small_plan()), prepare(secret, model, small_plan())
     assert plain.points == hidden.points  # the check knows the nominal model only
@@ -389,9 +363,7 @@ def test_a_hidden_effect_changes_the_data_and_leaves_no_trace_in_the_files(
     assert again.read_text() == (tmp_path / "plain.csv").read_text()
 
 
-def test_speed_and_time_reach_the_hidden_effects(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_speed_and_time_reach_the_hidden_effects(config, model, tmp_path):
     hide = {
         "velocity_dependent_friction": {"exponent": 0.3},
         "contact_ageing": {"share": 0.3, "time_constant_s": 20.0},
@@ -402,9 +374,7 @@ def test_speed_and_time_reach_the_hidden_effects(
     assert np.mean(residuals(tmp_path / "data.csv", with_hidden(model, hide)) ** 2) < 1.6
 
 
-def test_any_function_can_be_the_fingers_friction(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_any_function_can_be_the_fingers_friction(config, model, tmp_path):
     law = friction_of(model)
 
     def resonance(
@@ -431,9 +401,7 @@ def test_any_function_can_be_the_fingers_friction(
         ({"series_resistance": {"resistance_ohm": -1.0}}, "is -1.0", "ohm"),
     ],
 )
-def test_what_cannot_be_hidden_is_named(
-    config: RigConfig, model: TouchModel, hide: dict[str, dict[str, float]], said: str, hint: str
-) -> None:
+def test_what_cannot_be_hidden_is_named(config, model, hide, said, hint):
     with pytest.raises(BadInputError, match=said) as caught:
         SimulatedBench(hiding(config, hide), model, seed=1)
     assert hint in caught.value.hint
@@ -455,9 +423,7 @@ class Straying(SimulatedBench):
         super().step(dt_s, normal_force_n * (0.7 if self.begun <= self.missed else 1.0), speed_m_s)
 
 
-def test_a_row_whose_load_was_missed_is_measured_again(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_row_whose_load_was_missed_is_measured_again(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     bench, told = Straying(config, model, seed=1), list[str]()
     bench.missed = ATTEMPTS - 1
@@ -474,9 +440,7 @@ def test_a_row_whose_load_was_missed_is_measured_again(
     assert bench.begun == len(experiment.rows) + ATTEMPTS - 1
 
 
-def test_a_load_missed_again_and_again_is_no_row(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_load_missed_again_and_again_is_no_row(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     bench = Straying(config, model, seed=1)
     bench.missed = 1000
@@ -490,9 +454,7 @@ def test_a_load_missed_again_and_again_is_no_row(
     assert bench.simulated.amplifier.voltage_v == 0.0
 
 
-def test_a_sensor_too_slow_for_the_window_is_named(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_sensor_too_slow_for_the_window_is_named(config, model, tmp_path):
     class Slow(SimulatedBench):
         def read_force(self) -> ForceReading:
             self.simulated.instruments.time_s += 0.1
@@ -508,9 +470,7 @@ def test_a_sensor_too_slow_for_the_window_is_named(
     assert (error.value.code, data.done) == ("too_few_readings", 0)
 
 
-def test_a_file_of_other_columns_is_not_continued(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_file_of_other_columns_is_not_continued(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     DataFile.create(tmp_path / "data.csv", experiment.identity()).__exit__(None, None, None)
     (tmp_path / "data.csv").write_text(",".join(COLUMNS[:-2]) + "\n")
@@ -530,9 +490,7 @@ class Dozing(SimulatedBench):
             self.simulated.instruments.time_s += 1.0
 
 
-def test_a_row_whose_output_went_off_once_is_measured_again(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_row_whose_output_went_off_once_is_measured_again(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     bench, told = Dozing(config, model, seed=1), list[str]()
     with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
@@ -552,9 +510,7 @@ class Jumping(SimulatedBench):
         self.simulated.instruments.time_s += 1.0 if dt_s > READING_S else 0.0
 
 
-def test_the_output_is_held_through_settling_and_averaging(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_the_output_is_held_through_settling_and_averaging(config, model, tmp_path):
     """Settling and averaging take longer than the lease; each step refreshes it, on the clock that
     commands.
     """
@@ -570,9 +526,7 @@ def test_the_output_is_held_through_settling_and_averaging(
     assert "not refreshed" not in {event.reason[:13] for event in bench.rig.events}
 
 
-def test_a_row_whose_output_was_lost_is_not_a_row(
-    config: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_row_whose_output_was_lost_is_not_a_row(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     bench = Jumping(config, model, seed=1)
     with (
@@ -586,7 +540,7 @@ def test_a_row_whose_output_was_lost_is_not_a_row(
     assert bench.simulated.amplifier.voltage_v == 0.0
 
 
-def test_a_hidden_effect_need_not_say_what_is_usual(model: TouchModel) -> None:
+def test_a_hidden_effect_need_not_say_what_is_usual(model):
     """A slew limit is a hard one where its sharpness is not given."""
     hidden = with_hidden(model, {"amplifier_slew_limit": {"slew_rate_v_per_s": 1e6}})
     (limit,) = hidden.description.effects

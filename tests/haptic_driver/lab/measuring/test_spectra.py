@@ -36,7 +36,7 @@ def circuits() -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("name", circuits())
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_what_obeys_the_relations_passes(name: str, noise: float) -> None:
+def test_what_obeys_the_relations_passes(name, noise):
     z = circuits()[name]
     rng = np.random.default_rng(3)
     z = z * (1 + noise * (rng.standard_normal(z.size) + 1j * rng.standard_normal(z.size)))
@@ -45,7 +45,7 @@ def test_what_obeys_the_relations_passes(name: str, noise: float) -> None:
 
 @pytest.mark.parametrize("name", circuits())
 @pytest.mark.parametrize("i", [3, 10, 17])
-def test_one_row_that_is_off_is_the_one_that_fails(name: str, i: int) -> None:
+def test_one_row_that_is_off_is_the_one_that_fails(name, i):
     for factor in (1.3, np.exp(0.3j)):
         z = circuits()[name].copy()
         z[i] *= factor
@@ -54,13 +54,13 @@ def test_one_row_that_is_off_is_the_one_that_fails(name: str, i: int) -> None:
         assert good.sum() >= F.size - 2
 
 
-def test_a_spectrum_that_breaks_the_relations_fails_as_a_whole() -> None:
+def test_a_spectrum_that_breaks_the_relations_fails_as_a_whole():
     """A resistance that an amount alone tells, with a capacitor's phase."""
     z = 1e5 * (1 + 0.5 * np.sin(3 * np.log(F))) * np.exp(-1.5j)
     assert not passes(F, z, np.full(F.size, 0.002)).any()
 
 
-def test_the_residual_is_relative_and_left_out_rows_count_for_nothing() -> None:
+def test_the_residual_is_relative_and_left_out_rows_count_for_nothing():
     z = circuits()["stray alone"].copy()
     z[10] *= 2.0
     kept = np.arange(F.size) != 10
@@ -106,7 +106,7 @@ def marks(path: Path) -> list[str]:
         return [row["kramers_kronig"] for row in csv.DictReader(file)]
 
 
-def test_rows_are_marked_and_nothing_else_changes(tmp_path: Path) -> None:
+def test_rows_are_marked_and_nothing_else_changes(tmp_path):
     z = circuits()
     bad = z["bridged gap"].copy()
     bad[5] *= 1.5
@@ -127,7 +127,7 @@ def test_rows_are_marked_and_nothing_else_changes(tmp_path: Path) -> None:
     assert json.loads(meta_path(path).read_text())["stray_capacitance"] == stray._asdict()
 
 
-def test_an_open_circuit_that_is_no_capacitance_gives_no_number(tmp_path: Path) -> None:
+def test_an_open_circuit_that_is_no_capacitance_gives_no_number(tmp_path):
     """A resistor of 1 MOhm: what the rows hold of a capacitance is their noise."""
     z = np.full(F.size, 1e6 + 0j)
     _, stray = mark_spectra(written(tmp_path / "data.csv", {"none": z}), TODAY)
@@ -143,14 +143,14 @@ def test_an_open_circuit_that_is_no_capacitance_gives_no_number(tmp_path: Path) 
 
 
 def test_too_few_rows_to_tell_are_left_unmarked_and_no_open_circuit_is_no_calibration(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     z = circuits()["bridged gap"]
     path = written(tmp_path / "data.csv", {"resting": z}, rows=6)
     assert mark_spectra(path, TODAY) == (0, None)
     assert marks(path) == [""] * 6
 
 
-def test_an_open_circuit_that_fails_calibrates_nothing(tmp_path: Path) -> None:
+def test_an_open_circuit_that_fails_calibrates_nothing(tmp_path):
     z = 1e5 * (1 + 0.5 * np.sin(3 * np.log(F))) * np.exp(-1.5j)
     assert mark_spectra(written(tmp_path / "data.csv", {"none": z}), TODAY) == (21, None)

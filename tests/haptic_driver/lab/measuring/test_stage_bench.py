@@ -101,9 +101,7 @@ def refused(real: RigConfig, model: TouchModel, given: Plan, out: Path) -> Hapti
     return error.value
 
 
-def test_a_stroke_keeps_every_record_of_the_force_box(
-    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_a_stroke_keeps_every_record_of_the_force_box(served, real, model, tmp_path):
     """The box sends a record each millisecond; the row itself reads one in five at most."""
     given = plan(DRIVEN, voltage_off_every=0)
     experiment, path = prepare(real, model, given), strokes_path(tmp_path / "data.csv")
@@ -134,9 +132,7 @@ def off(served: ServedRig) -> bool:
     )
 
 
-def test_each_row_is_a_stroke_under_its_load(
-    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_each_row_is_a_stroke_under_its_load(served, real, model, tmp_path):
     told: list[str] = []
     measured(real, model, plan(DRIVEN), tmp_path / "data.csv", told.append)
     assert off(served)
@@ -161,9 +157,7 @@ def test_each_row_is_a_stroke_under_its_load(
 
 
 @pytest.mark.soak
-def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(
-    served: ServedRig, real: RigConfig, model: TouchModel, tmp_path: Path
-) -> None:
+def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(served, real, model, tmp_path):
     """A row of friction, then a resting finger at 5 V beyond what a card could sample; the scope by
     its own wire.
     """
@@ -209,12 +203,12 @@ def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(
 
 
 def test_a_load_that_nobody_brings_is_asked_for_and_then_given_up(
-    served: ServedRig,
-    real: RigConfig,
-    model: TouchModel,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    served,
+    real,
+    model,
+    tmp_path,
+    monkeypatch,
+):
     monkeypatch.setattr(stage_bench, "LOAD_WAIT_S", 0.6)
     told: list[str] = []
     heavy = plan(DRIVEN._replace(normal_force_n=2.0 * NORMAL_FORCE_N))
@@ -230,12 +224,12 @@ def test_a_load_that_nobody_brings_is_asked_for_and_then_given_up(
 
 
 def test_another_session_waits_for_the_finger_to_lift(
-    served: ServedRig,
-    real: RigConfig,
-    model: TouchModel,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    served,
+    real,
+    model,
+    tmp_path,
+    monkeypatch,
+):
     monkeypatch.setattr(stage_bench, "LOAD_WAIT_S", 0.6)
     resting = plan(DRIVEN.without_voltage(), sessions=2, voltage_off_every=0)
     error = refused(real, model, resting, tmp_path / "data.csv")
@@ -245,12 +239,12 @@ def test_another_session_waits_for_the_finger_to_lift(
 
 @pytest.mark.soak
 def test_a_stage_of_another_scale_makes_no_row(
-    served: ServedRig,
-    real: RigConfig,
-    model: TouchModel,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    served,
+    real,
+    model,
+    tmp_path,
+    monkeypatch,
+):
     """It holds the counts that were sent, and slides at half the speed that they were meant to
     be.
     """
@@ -271,12 +265,12 @@ def test_a_stage_of_another_scale_makes_no_row(
 
 
 def test_a_stage_that_is_stopped_during_a_row_makes_no_row(
-    served: ServedRig,
-    real: RigConfig,
-    model: TouchModel,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    served,
+    real,
+    model,
+    tmp_path,
+    monkeypatch,
+):
     experiment = prepare(real, model, plan(DRIVEN, voltage_off_every=0))
     bench = StageBench(real, experiment.plan)
     read = bench.rig.read_force
@@ -300,12 +294,12 @@ def test_a_stage_that_is_stopped_during_a_row_makes_no_row(
 
 
 def test_a_stage_that_rests_when_it_should_slide_makes_no_row(
-    served: ServedRig,
-    real: RigConfig,
-    model: TouchModel,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    served,
+    real,
+    model,
+    tmp_path,
+    monkeypatch,
+):
     slides = StageBench.up_to_speed
 
     def stopped(bench: StageBench) -> None:
@@ -318,9 +312,7 @@ def test_a_stage_that_rests_when_it_should_slide_makes_no_row(
     assert off(served)
 
 
-def test_what_the_stage_cannot_do_is_refused_before_anything_moves(
-    config: RigConfig, model: TouchModel
-) -> None:
+def test_what_the_stage_cannot_do_is_refused_before_anything_moves(config, model):
     endpoints = {"force_sensor": "127.0.0.1:1", "waveform_generator": "TCPIP::127.0.0.1::1::SOCKET"}
     real = as_real(
         config,
@@ -374,9 +366,7 @@ def typed(served: ServedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     return ["measure", "--rig", "mine.toml", "--plan", "short.toml", "--out", "data.csv"]
 
 
-def test_a_rigs_file_and_a_plan_are_all_it_takes(
-    served: ServedRig, typed: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rigs_file_and_a_plan_are_all_it_takes(served, typed, capsys):
     assert main([*typed, "--yes"]) == 0
     out = capsys.readouterr().out
     assert "1 rows of plan 'short' on rig mine -> data.csv" in out
@@ -386,11 +376,11 @@ def test_a_rigs_file_and_a_plan_are_all_it_takes(
 
 
 def test_without_anybody_there_nothing_begins(
-    served: ServedRig,
-    typed: list[str],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    served,
+    typed,
+    capsys,
+    monkeypatch,
+):
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))  # no terminal
     position_mm = served.stage.position_mm
     assert main(typed) == 2
@@ -401,9 +391,7 @@ def test_without_anybody_there_nothing_begins(
     assert served.stage.position_mm == position_mm
 
 
-def test_nothing_can_be_hidden_in_a_real_finger(
-    typed: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_can_be_hidden_in_a_real_finger(typed, capsys):
     Path("hide.toml").write_text("[series_resistance]\nresistance_ohm = 1e8\n", encoding="utf-8")
     assert main([*typed, "--yes", "--hide", "hide.toml"]) == 2
     assert "is real" in capsys.readouterr().err

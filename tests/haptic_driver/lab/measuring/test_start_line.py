@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import pytest
 
@@ -18,7 +17,6 @@ from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.parts.lines_in import SimulatedLineInConfig
 from haptic_driver.rig.states import RigState
 from hw.event_line.simulated import SimulatedLineIn
-from model.touch_model import TouchModel
 from tests.waiting import HANG_S, until
 
 pytestmark = pytest.mark.timeout(2 * HANG_S)
@@ -33,9 +31,7 @@ def two_rows() -> Plan:
 
 
 @pytest.mark.parametrize("rig", ["simulated", "simulated-paper"])
-def test_each_row_waits_for_its_edge_with_the_output_off(
-    rig: str, model: TouchModel, tmp_path: Path
-) -> None:
+def test_each_row_waits_for_its_edge_with_the_output_off(rig, model, tmp_path):
     """The first row's edge is followed by another, which comes to nothing."""
     experiment = prepare(load_rig(rig), model, two_rows())
     line, said, states = SimulatedLineIn(), [], []
@@ -63,9 +59,7 @@ def test_each_row_waits_for_its_edge_with_the_output_off(
     assert "row 2: edges that came meanwhile and began nothing: 1" in said
 
 
-def test_no_edge_ends_the_plan_with_the_output_off(
-    model: TouchModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_edge_ends_the_plan_with_the_output_off(model, tmp_path, monkeypatch):
     monkeypatch.setattr(waiting, "LONGEST_S", 0.05)
     experiment = prepare(load_rig("simulated"), model, two_rows())
     start = StartLine(SimulatedLineIn(), LOW_S, print)
@@ -83,7 +77,7 @@ def test_no_edge_ends_the_plan_with_the_output_off(
     assert data.done == 0
 
 
-def test_only_a_rig_that_says_so_waits() -> None:
+def test_only_a_rig_that_says_so_waits():
     rig = load_rig("simulated")
     with start_line(rig, print) as none:
         assert none is None

@@ -109,7 +109,7 @@ def same_map(found: TouchFit, tolerance_m: float) -> None:
         assert found.calibration.apply(*counts_of(*place)) == pytest.approx(place, abs=tolerance_m)
 
 
-def test_places_touched_in_turn_give_the_screens_own_map() -> None:
+def test_places_touched_in_turn_give_the_screens_own_map():
     found, said = run(User(touches(SIX)), SIX)
     same_map(found, COUNT_M)
     np.testing.assert_allclose(
@@ -122,7 +122,7 @@ def test_places_touched_in_turn_give_the_screens_own_map() -> None:
     assert [place[:2] for place in found.touched] == SIX
 
 
-def test_noise_is_averaged() -> None:
+def test_noise_is_averaged():
     """Even noise of +-5 counts, 3.2 rms, averaged over about 60 reports: within two counts with six
     places.
     """
@@ -133,7 +133,7 @@ def test_noise_is_averaged() -> None:
         assert (place.x_raw, place.y_raw) == pytest.approx(tuple(counts_of(*place[:2])), abs=2.0)
 
 
-def test_a_finger_that_slides_counts_only_once_it_holds_still() -> None:
+def test_a_finger_that_slides_counts_only_once_it_holds_still():
     there = [(0.05, 0.05), (0.15, 0.05), (0.1, 0.09)]
     script = [away(), drag(0.0, 0.05, 2.5), at(0.05, 0.05), away(), *touches(there[1:])]
     found, said = run(User(script), there)
@@ -148,9 +148,7 @@ def test_a_finger_that_slides_counts_only_once_it_holds_still() -> None:
     same_map(found, 4 * COUNT_M)  # the end of the slide is within SPREAD_RAW, and counts
 
 
-def test_a_finger_that_does_not_hold_still_is_told_by_how_much_it_moves_and_once_per_touch() -> (
-    None
-):
+def test_a_finger_that_does_not_hold_still_is_told_by_how_much_it_moves_and_once_per_touch():
     script = [away(), drag(0.0, 0.05, 6.0), away(), *touches(CORNERS)]
     _, said = run(User(script), CORNERS)
     assert moments(said)[:4] == [(0, "TOUCH"), (0, "RESTLESS"), (0, "LIFTED_EARLY"), (0, "HELD")]
@@ -159,14 +157,14 @@ def test_a_finger_that_does_not_hold_still_is_told_by_how_much_it_moves_and_once
     assert y_raw < 10.0
 
 
-def test_a_finger_lifted_too_early_is_asked_for_again() -> None:
+def test_a_finger_lifted_too_early_is_asked_for_again():
     script = [away(), at(*CORNERS[0], HOLD_S - 0.1), away(), *touches(CORNERS)]
     found, said = run(User(script), CORNERS)
     assert moments(said)[:3] == [(0, "TOUCH"), (0, "LIFTED_EARLY"), (0, "HELD")]
     same_map(found, COUNT_M)
 
 
-def test_a_contact_that_flickers_is_no_lift() -> None:
+def test_a_contact_that_flickers_is_no_lift():
     """Else the next place would be given the counts of this one."""
     flicker = [at(*CORNERS[0]), away(LIFT_S / 4), at(*CORNERS[0], 2.0)]
     found, said = run(User([away(), *flicker, *touches(CORNERS[1:])]), CORNERS)
@@ -174,7 +172,7 @@ def test_a_contact_that_flickers_is_no_lift() -> None:
     same_map(found, COUNT_M)
 
 
-def test_a_place_that_disagrees_is_given_back_as_that() -> None:
+def test_a_place_that_disagrees_is_given_back_as_that():
     missed = [*SIX[:2], (0.17, 0.085), *SIX[3:]]
     found, _ = run(User(touches(missed)), SIX)
     assert not found.agrees
@@ -182,7 +180,7 @@ def test_a_place_that_disagrees_is_given_back_as_that() -> None:
     assert len(found.touched) == 6
 
 
-def test_a_place_touched_where_another_was_is_refused() -> None:
+def test_a_place_touched_where_another_was_is_refused():
     """Three places fit whatever was touched: a finger that never moved would give a map of its
     noise.
     """
@@ -191,19 +189,19 @@ def test_a_place_touched_where_another_was_is_refused() -> None:
     assert refused.value.code == "same_counts"
 
 
-def test_a_place_may_stand_twice_in_the_file() -> None:
+def test_a_place_may_stand_twice_in_the_file():
     twice = [*CORNERS, CORNERS[0]]
     assert run(User(touches(twice)), twice)[0].agrees
 
 
-def test_touches_on_a_line_are_no_map() -> None:
+def test_touches_on_a_line_are_no_map():
     on_a_line = [(0.02, 0.02), (0.06, 0.04), (0.1, 0.06)]
     with pytest.raises(HapticError, match="on a line") as refused:
         run(User(touches(on_a_line)), CORNERS[:3])
     assert refused.value.code == "touches_on_a_line"
 
 
-def test_a_screen_that_is_pulled_out_is_an_error() -> None:
+def test_a_screen_that_is_pulled_out_is_an_error():
     def gone() -> RawTouch:
         raise DeviceDisconnected("screen is gone", "plug it in")
 
@@ -219,7 +217,7 @@ def test_a_screen_that_is_pulled_out_is_an_error() -> None:
         )
 
 
-def test_a_place_is_the_mean_over_the_time_it_was_held() -> None:
+def test_a_place_is_the_mean_over_the_time_it_was_held():
     """By hand: a count more after a quarter of a second, so half of the time each."""
     now_s = 0.0
 
@@ -251,13 +249,13 @@ def test_a_place_is_the_mean_over_the_time_it_was_held() -> None:
 # -------------------------------------------------------------------------------------
 
 
-def test_three_places_fit_exactly_and_nothing_tells_how_well() -> None:
+def test_three_places_fit_exactly_and_nothing_tells_how_well():
     found = fit_touches(touched(CORNERS[:3], {0: (0.03, 0.0)}), TODAY)
     assert (found.touch_error_m, found.agrees) == (None, True)
     assert found.off_m == pytest.approx([0.0] * 3, abs=1e-9)
 
 
-def test_four_places_tell_that_one_is_wrong_but_not_which() -> None:
+def test_four_places_tell_that_one_is_wrong_but_not_which():
     """One corner of a rectangle off by e: the map is e/4 off at each, and the error of a touch is
     e/2.
     """
@@ -268,13 +266,13 @@ def test_four_places_tell_that_one_is_wrong_but_not_which() -> None:
 
 
 @pytest.mark.parametrize("wrong", range(6))
-def test_six_places_tell_which_one_is_wrong(wrong: int) -> None:
+def test_six_places_tell_which_one_is_wrong(wrong):
     found = fit_touches(touched(SIX, {wrong: (0.006, -0.008)}), TODAY)
     assert found.worst == wrong
     assert not found.agrees
 
 
-def test_the_error_of_a_touch_is_that_of_the_finger() -> None:
+def test_the_error_of_a_touch_is_that_of_the_finger():
     """On average over many screens, whatever the fit took up of it."""
     rng = np.random.default_rng(7)
     squares = []
@@ -286,7 +284,7 @@ def test_the_error_of_a_touch_is_that_of_the_finger() -> None:
     assert math.sqrt(np.mean(squares)) == pytest.approx(math.sqrt(2.0) * 0.5e-3, rel=0.08)
 
 
-def test_fingers_that_miss_by_a_millimetre_are_accepted() -> None:
+def test_fingers_that_miss_by_a_millimetre_are_accepted():
     rng = np.random.default_rng(8)
     for _ in range(50):
         missed = {i: tuple(rng.uniform(-1e-3, 1e-3, 2)) for i in range(6)}
@@ -305,7 +303,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_file_says_where_to_touch(tmp_path: Path) -> None:
+def test_a_file_says_where_to_touch(tmp_path):
     place_m = read_places(write(tmp_path, "name,x_m,y_m\na,0.01,0.02\nb,0.15,0.02\nc,0.01,0.09\n"))
     np.testing.assert_array_equal(place_m, [[0.01, 0.02], [0.15, 0.02], [0.01, 0.09]])
 
@@ -322,9 +320,7 @@ def test_a_file_says_where_to_touch(tmp_path: Path) -> None:
         ("x_m,y_m\n0,0\n0.1,here\n0,0.1\n", "not_a_number", "line 3: y_m is 'here'"),
     ],
 )
-def test_a_file_that_cannot_be_used_says_what_is_wrong_where(
-    tmp_path: Path, text: str, code: str, said: str
-) -> None:
+def test_a_file_that_cannot_be_used_says_what_is_wrong_where(tmp_path, text, code, said):
     with pytest.raises(BadInputError) as refused:
         read_places(write(tmp_path, text))
     assert refused.value.code == code
@@ -332,7 +328,7 @@ def test_a_file_that_cannot_be_used_says_what_is_wrong_where(
     assert refused.value.hint
 
 
-def test_lines_for_the_rigs_file_are_toml_that_says_the_same() -> None:
+def test_lines_for_the_rigs_file_are_toml_that_says_the_same():
     found = fit_touches(touched(SIX, {}), TODAY)
     said = tomllib.loads(rig_lines(found.calibration))
     assert said.keys() == {"matrix_m", "measured_at", "placeholder"}
@@ -340,6 +336,6 @@ def test_lines_for_the_rigs_file_are_toml_that_says_the_same() -> None:
     np.testing.assert_allclose(said["matrix_m"], MATRIX_M, rtol=1e-6)
 
 
-def test_the_panel_of_these_tests_undoes_the_matrix() -> None:
+def test_the_panel_of_these_tests_undoes_the_matrix():
     x_raw, y_raw = SkewPanel().counts(0.07, 0.03)
     assert MATRIX_M @ (x_raw, y_raw, 1.0) == pytest.approx((0.07, 0.03), abs=COUNT_M)

@@ -71,7 +71,7 @@ def near(value, expected) -> None:
 
 
 @pytest.mark.parametrize(("load_n", "speed_m_s"), [(0.5, 0.05), (1.0, 0.1)])
-def test_friction_range_is_what_limits_and_model_allow(slid, load_n, speed_m_s) -> None:
+def test_friction_range_is_what_limits_and_model_allow(slid, load_n, speed_m_s):
     """The best carrier by trying all: 150 V, or what 0.5 mA and 0.2 mA per kHz leave of it."""
     _, found = slid
     f = np.geomspace(100.0, 1e6, 400)
@@ -82,7 +82,7 @@ def test_friction_range_is_what_limits_and_model_allow(slid, load_n, speed_m_s) 
     near(found.cof("high", load_n, speed_m_s).value, highest)
 
 
-def test_fall_time_is_the_lag_of_friction(slid) -> None:
+def test_fall_time_is_the_lag_of_friction(slid):
     """A first-order lag takes ln 9 time constants; its cut-off is 13.8 Hz per mm/s."""
     config, found = slid
     cutoff_hz = config.simulation.friction_cutoff_hz_per_mm_s * 1e3 * SLOW_M_S
@@ -90,7 +90,7 @@ def test_fall_time_is_the_lag_of_friction(slid) -> None:
     near(answer.ten_to_ninety_s.value, log(9.0) / (2.0 * pi * cutoff_hz))
 
 
-def test_delay_is_that_of_the_instruments(slid) -> None:
+def test_delay_is_that_of_the_instruments(slid):
     """Half an interval between set points, and the generator; ln 2 of friction's time constant."""
     config, found = slid
     lag_s = log(2.0) / (2.0 * pi * 13.8 * 1e3 * SPEED_M_S)
@@ -102,7 +102,7 @@ def test_delay_is_that_of_the_instruments(slid) -> None:
         assert answer.delay_s.value - lag_s == pytest.approx(2e-3, abs=0.5e-3)  # half a tick
 
 
-def test_rise_is_what_the_voltage_takes(slid) -> None:
+def test_rise_is_what_the_voltage_takes(slid):
     """At 10 V/ms; set points 10 ms apart show of it where it is then."""
     config, found = slid
     samples = found.of("steps", SPEED_M_S)[0]
@@ -129,7 +129,7 @@ def test_rise_is_what_the_voltage_takes(slid) -> None:
         assert soonest_s < answer.delay_s.value < latest_s  # the ramp, then the next set point
 
 
-def test_bandwidth_is_that_of_set_points_and_lag(slid) -> None:
+def test_bandwidth_is_that_of_set_points_and_lag(slid):
     """A hold of 10 ms is a sinc, and an envelope follows friction that fades: its lag is left."""
     config, found = slid
     cutoff_hz = config.simulation.friction_cutoff_hz_per_mm_s * 1e3 * SLOW_M_S
@@ -144,14 +144,14 @@ def test_bandwidth_is_that_of_set_points_and_lag(slid) -> None:
     assert found_hz.low <= found_hz.value <= found_hz.high
 
 
-def test_noise_is_that_of_the_sensor(slid) -> None:
+def test_noise_is_that_of_the_sensor(slid):
     config, found = slid
     number = noise_n(found.of("touch"))
     near(number.value, config.simulation.force_noise_n)
     assert number.low < config.simulation.force_noise_n < number.high
 
 
-def test_touches_that_are_alike_repeat(slid) -> None:
+def test_touches_that_are_alike_repeat(slid):
     """Readings of 3 mN on 0.5 N, a hundred in a block: nothing else differs."""
     _, found = slid
     within, between = touches(found.of("touch"))
@@ -161,7 +161,7 @@ def test_touches_that_are_alike_repeat(slid) -> None:
     assert between.value < one  # of eight touches of four blocks: half of it at most, mostly
 
 
-def test_highest_currents_are_those_of_the_highest_voltage(slid) -> None:
+def test_highest_currents_are_those_of_the_highest_voltage(slid):
     _, found = slid
     out = np.concatenate([samples for _, samples in found.passes])
     i = int(np.argmax(out["voltage_v"]))
@@ -172,7 +172,7 @@ def test_highest_currents_are_those_of_the_highest_voltage(slid) -> None:
     near(stuck_a, answer.stuck_current_rms_a.max())
 
 
-def test_touches_that_differ_are_told() -> None:
+def test_touches_that_differ_are_told():
     """A finger that has another friction at each touch, by gains that the test sets."""
     gain = 1.0 + 0.04 * np.array([-1.2, -0.7, -0.2, 0.1, 0.5, 1.5])
     found = []
@@ -184,7 +184,7 @@ def test_touches_that_differ_are_told() -> None:
     near(between.value, gain.std(ddof=1) / gain.mean())
 
 
-def test_a_wrong_latency_shows_as_a_position_error() -> None:
+def test_a_wrong_latency_shows_as_a_position_error():
     """20 ms that the file does not tell of are 2 mm at 100 mm/s."""
     errors = {}
     rig = load_rig("simulated-envelope")
@@ -203,7 +203,7 @@ def test_a_wrong_latency_shows_as_a_position_error() -> None:
     near(errors[0.0] - errors[0.020], 0.1 * 0.020)  # friction comes before its place
 
 
-def test_the_sheet_is_one_page_with_every_number(slid, tmp_path) -> None:
+def test_the_sheet_is_one_page_with_every_number(slid, tmp_path):
     config, found = slid
     whole = [
         (one._replace(normal_force_n=n, speed_m_s=v), samples)
@@ -223,7 +223,7 @@ def test_the_sheet_is_one_page_with_every_number(slid, tmp_path) -> None:
     assert [one["what"] for one in facts["numbers"].values() if one["what"] not in shown] == []
 
 
-def test_intervals_by_their_tables() -> None:
+def test_intervals_by_their_tables():
     """Student's t of four values is 3.182, chi square of three degrees 0.2158 and 9.348."""
     values = np.array([1.0, 2.0, 3.0, 4.0])
     deviation = sqrt(5.0 / 3.0)
@@ -237,7 +237,7 @@ def test_intervals_by_their_tables() -> None:
     assert not mean_of([1.0]).is_known
 
 
-def test_gain_that_never_falls_ends_with_the_lines() -> None:
+def test_gain_that_never_falls_ends_with_the_lines():
     flat = half_power_hz(np.ones(12), np.full(12, 1e-6))
     assert flat.value < inf
     assert flat.value == flat.high == 256.0

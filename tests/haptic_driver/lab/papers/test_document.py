@@ -50,7 +50,7 @@ def pages(paper: Document, folder: Path) -> list[list[str]]:
     ]
 
 
-def test_every_row_is_on_one_page_below_a_header(tmp_path: Path) -> None:
+def test_every_row_is_on_one_page_below_a_header(tmp_path):
     found = pages(document(60), tmp_path)
     assert len(found) > 1
     rows = [[line for line in lines if line.startswith("row ")] for lines in found]
@@ -62,18 +62,18 @@ def test_every_row_is_on_one_page_below_a_header(tmp_path: Path) -> None:
     assert letters.count(LONG) == 3 + 60  # in the paragraph, and once a row
 
 
-def test_what_does_not_print_is_shown_as_it_is_written(tmp_path: Path) -> None:
+def test_what_does_not_print_is_shown_as_it_is_written(tmp_path):
     text = "\n".join(pages(document(), tmp_path)[0])
     assert "$x_1$ <script>alert(1)</script> & \\x1b[31m more" in text
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["paper.pdf"]
 
 
-def test_the_safety_file_has_two_to_four_pages(tmp_path: Path) -> None:
+def test_the_safety_file_has_two_to_four_pages(tmp_path):
     paper = safety_file(inspect("paper", "reference", datetime.date(2026, 3, 1)))
     assert 2 <= len(pages(paper, tmp_path)) <= 4
 
 
-def test_a_page_escapes_what_it_is_given_and_loads_nothing() -> None:
+def test_a_page_escapes_what_it_is_given_and_loads_nothing():
     text = page(document())
     assert "<script" not in text
     assert "\x1b" not in text
@@ -81,18 +81,18 @@ def test_a_page_escapes_what_it_is_given_and_loads_nothing() -> None:
     assert not re.search(r"(?:src|href)\s*=\s*[\"'](?!#)", text.replace("xlink:href", "href"))
 
 
-def test_json_is_the_facts(tmp_path) -> None:
+def test_json_is_the_facts(tmp_path):
     write(document(), tmp_path / "paper.JSON")
     assert json.loads((tmp_path / "paper.JSON").read_text()) == {"answer": 1.5}
 
 
-def test_another_ending_is_refused(tmp_path) -> None:
+def test_another_ending_is_refused(tmp_path):
     with pytest.raises(BadInputError, match=r"its ending is none of \.pdf, \.html"):
         write(document(), tmp_path / "paper.docx")
 
 
 @pytest.mark.parametrize("lines", range(44, 76, 4))  # whatever place is left on the page
-def test_a_short_table_stays_with_its_heading_on_one_page(tmp_path: Path, lines: int) -> None:
+def test_a_short_table_stays_with_its_heading_on_one_page(tmp_path, lines):
     rows = [("role", "name")] * 6
     blocks = [Paragraph("\n".join(["text"] * lines)), Heading("Signatures")]
     paper = Document("title", "about", "foot", [*blocks, Table(("a", "b"), rows, (1, 1))], {})

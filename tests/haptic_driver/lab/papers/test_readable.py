@@ -20,6 +20,6 @@ from haptic_driver.lab.papers.data_sheet import readable
         ("noise", "N", (None, None, None), "not known", "-"),
     ],
 )
-def test_a_number_has_its_unit_and_digits(name, unit, numbers, value, interval) -> None:
+def test_a_number_has_its_unit_and_digits(name, unit, numbers, value, interval):
     one = dict(zip(("value", "low", "high"), numbers, strict=True)) | {"unit": unit}
     assert readable(name, one) == (value, interval)

@@ -40,14 +40,14 @@ def rig_file(tmp_path: Path, *changes: tuple[str, str]) -> str:
 
 
 @pytest.mark.parametrize("test", [test for one in MECHANISMS for test in one.tests])
-def test_every_test_that_it_names_is_there(test: str) -> None:
+def test_every_test_that_it_names_is_there(test):
     file, _, name = test.partition("::")
     assert (ROOT / file).is_file(), f"{file} is gone"
     assert f"\ndef {name}(" in (ROOT / file).read_text(encoding="utf-8"), f"{file} has no {name}"
 
 
 @pytest.mark.parametrize("frequency_hz", [15.0, 50.0, 1e3, 20e3, 1e6])
-def test_the_network_by_its_nodes(frequency_hz: float) -> None:
+def test_the_network_by_its_nodes(frequency_hz):
     """1 A into the body network; nodes: after the body's skin, and over the capacitor."""
     s = 2j * pi * frequency_hz
     body, series, shunt = 1 / 500.0, 1 / 10e3, s * 0.022e-6
@@ -57,11 +57,11 @@ def test_the_network_by_its_nodes(frequency_hz: float) -> None:
     assert network_weight(np.array([frequency_hz]))[0] == pytest.approx(abs(node_v[1]) / 500.0)
 
 
-def test_the_network_is_not_asked_where_it_is_not_meant() -> None:
+def test_the_network_is_not_asked_where_it_is_not_meant():
     assert np.isnan(network_weight(np.array([10.0, 2e6]))).all()
 
 
-def test_currents_are_those_of_the_full_model(paper) -> None:
+def test_currents_are_those_of_the_full_model(paper):
     """Each row by `predict`, which knows neither limits nor the tables of the worst case."""
     rows = paper.facts["touch_currents"]
     f, v = (np.array([row[key] for row in rows]) for key in ("frequency_hz", "voltage_v"))
@@ -76,7 +76,7 @@ def test_currents_are_those_of_the_full_model(paper) -> None:
     assert sliding == pytest.approx(heavy, rel=1e-3)  # current grows with load, to the axis' end
 
 
-def test_the_limit_is_the_curve_of_the_file(paper) -> None:
+def test_the_limit_is_the_curve_of_the_file(paper):
     """0.5 mA to 2.5 kHz, 0.2 mA per kHz beyond."""
     for row in paper.facts["touch_currents"]:
         khz = row["frequency_hz"] / 1e3
@@ -85,7 +85,7 @@ def test_the_limit_is_the_curve_of_the_file(paper) -> None:
         assert row["share"] == pytest.approx(row["stuck_a_rms"] / row["limit_a_rms"])
 
 
-def test_a_measured_resistor_and_the_amplifier_bound_the_current(tmp_path: Path) -> None:
+def test_a_measured_resistor_and_the_amplifier_bound_the_current(tmp_path):
     ohm = ("series_resistance_ohm = 0.0 ", "series_resistance_ohm = 1e6 ")
     rig = rig_file(tmp_path, ohm)
     facts = safety_file(inspect(rig, "reference", TODAY)).facts
@@ -97,7 +97,7 @@ def test_a_measured_resistor_and_the_amplifier_bound_the_current(tmp_path: Path)
     assert facts["touch_currents"][-1]["fault_a_rms"] == pytest.approx(0.01 / sqrt(2.0))
 
 
-def test_energy_stored(paper, tmp_path: Path) -> None:
+def test_energy_stored(paper, tmp_path):
     stored = paper.facts["stored"]
     assert stored["energy_at_limit_j"] == pytest.approx(0.5 * 1e-9 * 150.0**2)
     assert stored["energy_at_fault_j"] == pytest.approx(0.5 * 1e-9 * 700.0**2)
@@ -107,7 +107,7 @@ def test_energy_stored(paper, tmp_path: Path) -> None:
     assert facts["stored"]["energy_at_limit_j"] is None
 
 
-def test_what_is_unverified_stands_there(paper) -> None:
+def test_what_is_unverified_stands_there(paper):
     facts = paper.facts
     assert {"limits.panel_capacitance_f", "amplifier.gain_v_per_v", "[amplifier]"} <= set(
         facts["unverified"]
@@ -121,7 +121,7 @@ def test_what_is_unverified_stands_there(paper) -> None:
 @pytest.mark.parametrize(
     ("date", "remark"), [("2026-02-01", ""), ("2024-01-01", "year"), ("2027-01-01", "to come")]
 )
-def test_a_date_is_looked_at(tmp_path: Path, date: str, remark: str) -> None:
+def test_a_date_is_looked_at(tmp_path, date, remark):
     who = ('measured_by = ""                      #', 'measured_by = "N. N."  #')
     when = ("# measured_at = 2025-01-31            #", f"measured_at = {date}  #")
     facts = safety_file(inspect(rig_file(tmp_path, who, when), "reference", TODAY)).facts
@@ -131,7 +131,7 @@ def test_a_date_is_looked_at(tmp_path: Path, date: str, remark: str) -> None:
     assert bool(remark) == bool(found["remark"])
 
 
-def test_a_rig_with_and_without_what_protects_it(paper, tmp_path: Path) -> None:
+def test_a_rig_with_and_without_what_protects_it(paper, tmp_path):
     def here(facts) -> dict[str, str | None]:
         return {one["mechanism"]: one["configured"] for one in facts["failures"]}
 
@@ -143,7 +143,7 @@ def test_a_rig_with_and_without_what_protects_it(paper, tmp_path: Path) -> None:
     assert any("cable pulled" in item for item in facts["checklist"])
 
 
-def test_no_line_is_claimed_that_nobody_reads() -> None:
+def test_no_line_is_claimed_that_nobody_reads():
     """A simulated rig has a voltage monitor, and neither current monitor nor fault line."""
     rig = load_rig("simulated")
     assert rig.monitors == {"voltage monitor": "simulated"}
@@ -153,7 +153,7 @@ def test_no_line_is_claimed_that_nobody_reads() -> None:
     assert not configured["amplifier"]
 
 
-def test_it_claims_nothing_and_says_whom_the_curve_is_not_for(haptic, tmp_path: Path) -> None:
+def test_it_claims_nothing_and_says_whom_the_curve_is_not_for(haptic, tmp_path):
     done = haptic("safety", "--rig", "paper", "--out", tmp_path / "safety.html", "--json")
     assert done.status == 0, done.err
     text = (tmp_path / "safety.html").read_text(encoding="utf-8")
@@ -164,7 +164,7 @@ def test_it_claims_nothing_and_says_whom_the_curve_is_not_for(haptic, tmp_path: 
     assert done.said["out"] == str(tmp_path / "safety.html")
 
 
-def test_json_holds_the_facts(haptic, tmp_path: Path) -> None:
+def test_json_holds_the_facts(haptic, tmp_path):
     done = haptic("safety", "--rig", "simulated", "--out", tmp_path / "safety.json", "--json")
     assert done.status == 0, done.err
     written = json.loads((tmp_path / "safety.json").read_text(encoding="utf-8"))
@@ -172,7 +172,7 @@ def test_json_holds_the_facts(haptic, tmp_path: Path) -> None:
     assert written["simulated"] is True
 
 
-def test_another_ending_is_refused_before_anything_is_computed(haptic, tmp_path: Path) -> None:
+def test_another_ending_is_refused_before_anything_is_computed(haptic, tmp_path):
     done = haptic("safety", "--out", tmp_path / "safety.doc", "--json")
     assert done.status == 2
     assert done.said["error"]["code"] == "bad_ending"

@@ -73,7 +73,7 @@ def without_units() -> dict[str, Any]:
 )
 def test_a_text_however_it_is_written(
     tmp_path, separator, decimal, encoding, quoting, style, preamble, units, seed
-) -> None:
+):
     order = list(NAMES)
     random.Random(seed).shuffle(order)
     si = SIGNALS | {"x": 1e-3 * SIGNALS["x"]}
@@ -122,7 +122,7 @@ def containers(path: Path, columns: dict[str, np.ndarray], units: dict[str, str]
 @pytest.mark.parametrize("ending", [".npz", ".mat", ".h5", ".lvm"])
 @FILE
 @given(units=st.fixed_dictionaries({n: st.sampled_from(sorted(u)) for n, u in UNITS.items()}))
-def test_a_file_of_another_kind(tmp_path, ending, units) -> None:
+def test_a_file_of_another_kind(tmp_path, ending, units):
     units["t"] = "s" if ending == ".lvm" else units["t"]
     si = SIGNALS | {"x": 1e-3 * SIGNALS["x"]}
     path = tmp_path / f"trial{ending}"
@@ -136,7 +136,7 @@ def test_a_file_of_another_kind(tmp_path, ending, units) -> None:
     assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
 
 
-def test_a_matlab_table_is_said_to_be_one(tmp_path) -> None:
+def test_a_matlab_table_is_said_to_be_one(tmp_path):
     with h5py.File(tmp_path / "t.mat", "w", userblock_size=512) as file:
         kept = file.create_dataset("T", data=np.array([[3707764736, 2, 1, 1]], dtype=np.uint32))
         kept.attrs["MATLAB_object_decode"] = 3
@@ -147,7 +147,7 @@ def test_a_matlab_table_is_said_to_be_one(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("transposed", [False, True])
-def test_a_matrix_is_read_along_its_longer_side(tmp_path, transposed) -> None:
+def test_a_matrix_is_read_along_its_longer_side(tmp_path, transposed):
     """MATLAB 7.3 stores a matrix transposed."""
     table = np.column_stack(list(SIGNALS.values()))
     with h5py.File(tmp_path / "t.h5", "w") as file:
@@ -158,7 +158,7 @@ def test_a_matrix_is_read_along_its_longer_side(tmp_path, transposed) -> None:
     assert rows(tmp_path / "t.h5", said)[0]["cof"] == pytest.approx(expected(), rel=1e-9)
 
 
-def test_a_cell_array_of_columns_goes_by_index(tmp_path) -> None:
+def test_a_cell_array_of_columns_goes_by_index(tmp_path):
     cells = np.empty(len(NAMES), dtype=object)
     for i, values in enumerate(SIGNALS.values()):
         cells[i] = values
@@ -170,7 +170,7 @@ def test_a_cell_array_of_columns_goes_by_index(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(("late_s", "step_s"), [(0, 0.004), (3, 0.004), (0, 0.001)])
-def test_waveforms_of_other_times_are_refused(tmp_path, late_s, step_s) -> None:
+def test_waveforms_of_other_times_are_refused(tmp_path, late_s, step_s):
     """Channels were put beside each other whenever they began, at the map's rate."""
     nptdms = pytest.importorskip("nptdms")
     path, began = tmp_path / "t.tdms", np.datetime64("2015-11-20T20:13:43")
@@ -203,9 +203,7 @@ def refused(path: Path, said: dict[str, Any]) -> BadInputError:
     mapped=st.sampled_from(["N", "mm", "V"]),
     header=st.sampled_from(["mN", "V", "um"]),
 )
-def test_a_unit_of_the_map_is_compared_with_the_files(
-    tmp_path, name, style, mapped, header
-) -> None:
+def test_a_unit_of_the_map_is_compared_with_the_files(tmp_path, name, style, mapped, header):
     """A map's N counted over a header's mN, without a word."""
     role = {"Fx": "lateral_force", "Fz": "normal_force", "x": "position"}[name]
     good = {"Fx": "N", "Fz": "N", "x": "mm"}[name]
@@ -224,7 +222,7 @@ def test_a_unit_of_the_map_is_compared_with_the_files(
 
 
 @pytest.mark.parametrize("names", [("Fx [V]", "Fx [N]"), ("Fx", "Fx")])
-def test_a_name_that_stands_twice_is_refused(tmp_path, names) -> None:
+def test_a_name_that_stands_twice_is_refused(tmp_path, names):
     columns = {"t": TIME_S, "a": SIGNALS["Fx"] / 3.0, "b": SIGNALS["Fx"]}
     columns |= {name: SIGNALS[name] for name in ("Fz", "U", "x")}
     path = write_csv(tmp_path / "t.csv", columns, ["t", *names, "Fz", "U", "x"])
@@ -234,7 +232,7 @@ def test_a_name_that_stands_twice_is_refused(tmp_path, names) -> None:
         assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-5)
 
 
-def test_a_comma_that_can_be_either_is_asked_about(tmp_path) -> None:
+def test_a_comma_that_can_be_either_is_asked_about(tmp_path):
     scaled = SIGNALS | {"Fz": np.full(TIME_S.size, 77.0)}
     text = write_csv(tmp_path / "t.csv", scaled).read_text().replace(",", ";")
     path = tmp_path / "u.csv"
@@ -259,7 +257,7 @@ def lvm_segment(columns: dict[str, np.ndarray]) -> str:
     units=st.booleans(),
     labview=st.booleans(),
 )
-def test_of_several_tables_one_is_taken(tmp_path, cofs, title, units, labview) -> None:
+def test_of_several_tables_one_is_taken(tmp_path, cofs, title, units, labview):
     tables = [signals(cof, 0.001) for cof in cofs]
     path = tmp_path / ("t.lvm" if labview else "t.csv")
     if labview:
@@ -288,7 +286,7 @@ def test_of_several_tables_one_is_taken(tmp_path, cofs, title, units, labview) -
 @given(
     content=st.binary(min_size=2, max_size=400), mark=st.sampled_from([b"\xff\xfe", b"\xfe\xff"])
 )
-def test_what_only_begins_like_a_text_is_no_text(tmp_path, content, mark) -> None:
+def test_what_only_begins_like_a_text_is_no_text(tmp_path, content, mark):
     path = tmp_path / "t.csv"
     path.write_bytes(mark + bytes(byte | 0x80 for byte in content))
     error = refused(path, MAP)
@@ -297,7 +295,7 @@ def test_what_only_begins_like_a_text_is_no_text(tmp_path, content, mark) -> Non
 
 
 @pytest.mark.parametrize("separator", [",", "\t"])
-def test_a_column_is_counted_as_it_stands_in_the_file(tmp_path, separator) -> None:
+def test_a_column_is_counted_as_it_stands_in_the_file(tmp_path, separator):
     """Columns of words were not counted: of a unit beside each number, the next was taken."""
     names = {1: "time", 3: "lateral_force", 5: "normal_force", 7: "voltage", 9: "position"}
     said = with_keys(file={"header_line": 0}, **{role: {"name": n} for n, role in names.items()})
@@ -312,7 +310,7 @@ def test_a_column_is_counted_as_it_stands_in_the_file(tmp_path, separator) -> No
     ("column", "written"),
     [("t", lambda v: f"{1e6 * v:,.3f}".replace(",", "'")), ("Fx", lambda v: f"\u2212{v:.9g}")],
 )
-def test_numbers_with_swiss_thousands_or_a_minus_of_print(tmp_path, column, written) -> None:
+def test_numbers_with_swiss_thousands_or_a_minus_of_print(tmp_path, column, written):
     path = write_csv(tmp_path / "t.csv", SIGNALS)
     head, *lines = (line.split(",") for line in path.read_text().splitlines())
     at = head.index(column)
@@ -325,7 +323,7 @@ def test_numbers_with_swiss_thousands_or_a_minus_of_print(tmp_path, column, writ
 
 
 @pytest.mark.parametrize("text", ["0x2f", "3.0D-01", "0.3 mN"])
-def test_a_column_of_words_is_named_with_its_first_cell(tmp_path, text) -> None:
+def test_a_column_of_words_is_named_with_its_first_cell(tmp_path, text):
     path = tmp_path / "t.csv"
     path.write_text("t,Fx,Fz,U,x\n" + "".join(f"{t:.3f},{text},1,75,1\n" for t in TIME_S))
     assert f"column Fx has no number; its first cell is '{text}'" in refused(path, MAP).message
@@ -333,7 +331,7 @@ def test_a_column_of_words_is_named_with_its_first_cell(tmp_path, text) -> None:
 
 @FILE
 @given(scale=st.floats(1e-4, 1e-1), offset=st.floats(-1.0, 1.0))
-def test_what_a_file_packs_is_unpacked(tmp_path, scale, offset) -> None:
+def test_what_a_file_packs_is_unpacked(tmp_path, scale, offset):
     """The counts of a force with scale_factor and add_offset were taken as newtons."""
     path = tmp_path / "t.h5"
     counts = np.round((SIGNALS["Fx"] - offset) / scale).astype(np.int32)
@@ -351,7 +349,7 @@ def test_what_a_file_packs_is_unpacked(tmp_path, scale, offset) -> None:
 
 
 @pytest.mark.parametrize("name", ["conversion", "scale", "gain"])
-def test_a_scale_beside_the_numbers_is_applied_or_refused(tmp_path, name) -> None:
+def test_a_scale_beside_the_numbers_is_applied_or_refused(tmp_path, name):
     path = tmp_path / "t.h5"
     with h5py.File(path, "w") as file:
         for key in NAMES:
@@ -363,7 +361,7 @@ def test_a_scale_beside_the_numbers_is_applied_or_refused(tmp_path, name) -> Non
     assert rows(path, with_keys(lateral_force=gain))[0]["cof"] == pytest.approx(expected())
 
 
-def test_a_name_and_a_row_of_units_that_differ_are_refused(tmp_path) -> None:
+def test_a_name_and_a_row_of_units_that_differ_are_refused(tmp_path):
     path = write_csv(tmp_path / "t.csv", SIGNALS, ["t_s", "Fx_mN", "Fz_N", "U_V", "x_mm"])
     head, body = path.read_text().split("\n", 1)
     path.write_text(f"{head}\ns,N,N,V,mm\n{body}")
@@ -374,12 +372,12 @@ def test_a_name_and_a_row_of_units_that_differ_are_refused(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("text", ["1e3Hz", "1e-3Hz", "1k5Hz", "2-5kHz", "2.5-7Hz"])
-def test_the_tail_of_a_number_is_none(text) -> None:
+def test_the_tail_of_a_number_is_none(text):
     assert set(in_name(Path(f"slide_{text}_100V.csv"))) == {"voltage"}
     assert set(in_name(Path(f"slide_f0p5Hz_{text}.csv"))) == {"frequency"}
 
 
-def test_records_in_an_archive_of_arrays(tmp_path) -> None:
+def test_records_in_an_archive_of_arrays(tmp_path):
     path = tmp_path / "t.npz"
     records = np.rec.fromarrays(list(SIGNALS.values()), names=",".join(NAMES))
     np.savez(path, data=records)
@@ -389,14 +387,14 @@ def test_records_in_an_archive_of_arrays(tmp_path) -> None:
     assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
 
 
-def test_a_header_of_more_names_than_cells_is_refused(tmp_path) -> None:
+def test_a_header_of_more_names_than_cells_is_refused(tmp_path):
     """Commas within names without quotes moved every name by a column."""
     path = write_csv(tmp_path / "t.csv", SIGNALS)
     path.write_text(path.read_text().replace("t,Fx,Fz", "t,Fx, N,Fz"))
     assert "5 cells under 6 names" in refused(path, MAP).message
 
 
-def test_a_near_name_is_said(tmp_path) -> None:
+def test_a_near_name_is_said(tmp_path):
     path = write_csv(tmp_path / "t.csv", SIGNALS, ["t", "fx", "Fz", "U", "x"])
     assert "Did you mean 'fx'?" in refused(path, MAP).hint
 
@@ -404,7 +402,7 @@ def test_a_near_name_is_said(tmp_path) -> None:
 @pytest.mark.parametrize(
     "stamp", ["2024-05-01T{:%H:%M:%S.%f}", "2024/05/01 {:%H:%M:%S.%f}", "{:%H:%M:%S.%f}"]
 )
-def test_dates_and_times_of_day_are_times(tmp_path, stamp) -> None:
+def test_dates_and_times_of_day_are_times(tmp_path, stamp):
     start = datetime(2024, 5, 1, 23, 59, 59)
     stamps = [stamp.format(start + timedelta(seconds=float(s))) for s in TIME_S]
     if "2024" in stamp:
@@ -424,7 +422,7 @@ def test_dates_and_times_of_day_are_times(tmp_path, stamp) -> None:
     trials=st.sets(st.from_regex(r"[a-z0-9][a-z0-9_]{0,6}\.(csv|CSV)", fullmatch=True), max_size=4),
     others=st.sets(st.sampled_from(["note.md", "Thumbs.db", "csv"]), max_size=3),
 )
-def test_hidden_files_and_own_results_are_no_trials(tmp_path_factory, trials, others) -> None:
+def test_hidden_files_and_own_results_are_no_trials(tmp_path_factory, trials, others):
     folder = tmp_path_factory.mktemp("trials")
     beside = {f"._{name}" for name in trials} | {".hidden.csv", "own-data.csv"}
     for name in (*trials, *others, *beside):
@@ -433,7 +431,7 @@ def test_hidden_files_and_own_results_are_no_trials(tmp_path_factory, trials, ot
     assert [path.name for path in found] == sorted(trials)
 
 
-def test_a_file_that_stands_twice_among_the_conditions_is_refused(tmp_path) -> None:
+def test_a_file_that_stands_twice_among_the_conditions_is_refused(tmp_path):
     (tmp_path / "set.csv").write_text("file,voltage\na.csv,10\na.csv,20\n")
     with pytest.raises(BadInputError, match=r"line 3: a.csv stands more than once"):
         tabled(Conditions(table="set.csv"), tmp_path)

@@ -38,7 +38,7 @@ def refusal(path, said) -> str:
 
 @FILE
 @given(cof=st.floats(0.1, 2.0), noise_n=st.floats(1e-5, 0.05), seed=st.integers(0, 10**6))
-def test_a_plain_trial_is_in_no_doubt(tmp_path, cof, noise_n, seed) -> None:
+def test_a_plain_trial_is_in_no_doubt(tmp_path, cof, noise_n, seed):
     found = cut(write_npz(tmp_path / "t.npz", signals(cof, noise_n, seed)), MAP)
     assert not found.bad
     assert not found.doubted
@@ -51,7 +51,7 @@ def test_a_plain_trial_is_in_no_doubt(tmp_path, cof, noise_n, seed) -> None:
     levels=st.lists(st.integers(25, 100), min_size=2, max_size=5, unique=True),
     seed=st.integers(0, 10**6),
 )
-def test_each_burst_is_a_trial_of_its_own_voltage(tmp_path, levels, seed) -> None:
+def test_each_burst_is_a_trial_of_its_own_voltage(tmp_path, levels, seed):
     columns, force = signals(0.6, 0.001, seed), 0.4 + 0.002 * np.array(levels)
     whole = {name: np.tile(values, len(levels)) for name, values in columns.items()}
     whole["t"] = np.arange(whole["t"].size) / RATE_HZ
@@ -70,7 +70,7 @@ def test_each_burst_is_a_trial_of_its_own_voltage(tmp_path, levels, seed) -> Non
     assert [row["cof"] for row in found] == pytest.approx(list(force), rel=0.003)
 
 
-def test_a_spike_of_the_voltage_moves_no_window(tmp_path) -> None:
+def test_a_spike_of_the_voltage_moves_no_window(tmp_path):
     columns = signals()
     columns["U"][50:53] = 500.0
     found = cut(write_csv(tmp_path / "t.csv", columns), MAP)
@@ -85,7 +85,7 @@ def test_a_spike_of_the_voltage_moves_no_window(tmp_path) -> None:
     count=st.integers(1, 40),
     at=st.integers(0, 200),
 )
-def test_a_number_that_stands_for_none_is_refused_or_left_out(tmp_path, value, count, at) -> None:
+def test_a_number_that_stands_for_none_is_refused_or_left_out(tmp_path, value, count, at):
     columns = signals()
     place = int(np.flatnonzero(INSIDE)[0]) + at
     columns["Fx"][place : place + count] = value
@@ -99,7 +99,7 @@ def test_a_number_that_stands_for_none_is_refused_or_left_out(tmp_path, value, c
 
 
 @pytest.mark.parametrize("name", ["Fx", "Fz"])
-def test_a_clipped_force_is_refused(tmp_path, name) -> None:
+def test_a_clipped_force_is_refused(tmp_path, name):
     columns = signals(noise_n=0.01)
     columns[name] = np.minimum(columns[name], np.quantile(columns[name][INSIDE], 0.6))
     assert "is clipped at" in refusal(write_csv(tmp_path / "t.csv", columns), MAP)
@@ -107,7 +107,7 @@ def test_a_clipped_force_is_refused(tmp_path, name) -> None:
 
 @FILE
 @given(count_n=st.floats(1e-4, 5e-3), rail=st.floats(0.2, 0.99), seed=st.integers(0, 10**6))
-def test_a_force_that_is_clipped_in_whole_counts_is_refused(tmp_path, count_n, rail, seed) -> None:
+def test_a_force_that_is_clipped_in_whole_counts_is_refused(tmp_path, count_n, rail, seed):
     """The rail was as frequent as a count of the noise elsewhere."""
     columns = signals(noise_n=3.0 * count_n, seed=seed)
     columns["Fx"] = count_n * np.round(columns["Fx"] / count_n)
@@ -119,7 +119,7 @@ def test_a_force_that_is_clipped_in_whole_counts_is_refused(tmp_path, count_n, r
         assert cut(path, MAP).bad
 
 
-def test_a_force_at_rest_at_an_end_of_its_range_is_told(tmp_path) -> None:
+def test_a_force_at_rest_at_an_end_of_its_range_is_told(tmp_path):
     columns, random = signals(noise_n=0.01), np.random.default_rng(1)
     columns["Fx"] = np.minimum(columns["Fx"], 0.25) + 1e-4 * random.standard_normal(TIME_S.size)
     columns["Fz"] = np.minimum(columns["Fz"], 0.4)
@@ -129,7 +129,7 @@ def test_a_force_at_rest_at_an_end_of_its_range_is_told(tmp_path) -> None:
 
 @FILE
 @given(count_n=st.floats(0.001, 0.05), seed=st.integers(0, 10**6))
-def test_the_counts_of_a_coarse_converter_are_no_outliers(tmp_path, count_n, seed) -> None:
+def test_the_counts_of_a_coarse_converter_are_no_outliers(tmp_path, count_n, seed):
     """Most samples of a window were one count, and its neighbours far outside of no noise."""
     columns = signals(noise_n=0.1 * count_n, seed=seed)
     columns["Fx"] = count_n * np.round(columns["Fx"] / count_n)
@@ -141,7 +141,7 @@ def test_the_counts_of_a_coarse_converter_are_no_outliers(tmp_path, count_n, see
 
 
 @pytest.mark.parametrize("held", [1, 10, 50])
-def test_a_sensor_slower_than_the_card_is_not_clipped(tmp_path, held) -> None:
+def test_a_sensor_slower_than_the_card_is_not_clipped(tmp_path, held):
     columns = signals(noise_n=0.01)
     for name in ("Fx", "Fz"):
         columns[name] = np.repeat(columns[name][::held], held)[: TIME_S.size]
@@ -150,7 +150,7 @@ def test_a_sensor_slower_than_the_card_is_not_clipped(tmp_path, held) -> None:
 
 @FILE
 @given(lost=st.floats(0.06, 0.95), at=st.floats(0.0, 1.0))
-def test_samples_that_are_missing_are_told_or_refused(tmp_path, lost, at) -> None:
+def test_samples_that_are_missing_are_told_or_refused(tmp_path, lost, at):
     start_s = WINDOW_S[0] + at * (1.0 - lost)
     keep = np.abs(TIME_S - start_s - 0.5 * lost) > 0.5 * lost
     path = write_npz(tmp_path / "t.npz", {n: v[keep] for n, v in signals().items()})
@@ -164,7 +164,7 @@ def test_samples_that_are_missing_are_told_or_refused(tmp_path, lost, at) -> Non
 
 @FILE
 @given(turned=st.floats(0.15, 0.85), seed=st.integers(0, 10**6))
-def test_a_finger_that_turns_counts_by_its_way(tmp_path, turned, seed) -> None:
+def test_a_finger_that_turns_counts_by_its_way(tmp_path, turned, seed):
     turn_s = WINDOW_S[0] + turned
     way = np.where(turn_s > TIME_S, 1.0, -1.0)
     columns = signals(seed=seed)
@@ -183,7 +183,7 @@ def test_a_finger_that_turns_counts_by_its_way(tmp_path, turned, seed) -> None:
 
 @FILE
 @given(bits=st.sampled_from([8, 16, 32]), start=st.floats(0.1, 0.9), back=st.booleans())
-def test_a_counter_that_wraps_is_unwrapped(tmp_path, bits, start, back) -> None:
+def test_a_counter_that_wraps_is_unwrapped(tmp_path, bits, start, back):
     columns, span = signals(), 2**bits
     counts = (-1 if back else 1) * TIME_S * 2.0 * span + start * span
     columns["x"] = np.round(counts) % span
@@ -207,7 +207,7 @@ def refusal_hint(path) -> str:
 
 @FILE
 @given(drift_n=st.floats(-0.1, 0.1), zero_n=st.floats(-0.2, 0.2))
-def test_a_zero_that_drifts_is_told_and_taken_out(tmp_path, drift_n, zero_n) -> None:
+def test_a_zero_that_drifts_is_told_and_taken_out(tmp_path, drift_n, zero_n):
     columns = signals(noise_n=0.001)
     free = np.abs(TIME_S - 1.35) > 1.15
     for name in ("Fx", "Fz"):
@@ -222,7 +222,7 @@ def test_a_zero_that_drifts_is_told_and_taken_out(tmp_path, drift_n, zero_n) -> 
 
 
 @pytest.mark.parametrize("end_s", [1.45, 2.5])
-def test_a_window_with_voltage_in_a_part_is_refused(tmp_path, end_s) -> None:
+def test_a_window_with_voltage_in_a_part_is_refused(tmp_path, end_s):
     said = with_keys()
     said["windows"] = [{"start_s": 0.3, "end_s": end_s}]
     path = write_csv(tmp_path / "t.csv", signals())
@@ -232,7 +232,7 @@ def test_a_window_with_voltage_in_a_part_is_refused(tmp_path, end_s) -> None:
 
 @FILE
 @given(ahead_s=st.floats(0.1, 2.3), use=st.sampled_from(["row", "offset", "gain"]))
-def test_a_baseline_that_reaches_into_a_burst_before_is_refused(tmp_path, ahead_s, use) -> None:
+def test_a_baseline_that_reaches_into_a_burst_before_is_refused(tmp_path, ahead_s, use):
     """It is free before the first burst, and stood in the voltage of the one before the second."""
     columns = {name: np.tile(values, 2) for name, values in signals().items()}
     columns["t"] = np.arange(columns["t"].size) / RATE_HZ
@@ -251,7 +251,7 @@ def test_a_baseline_that_reaches_into_a_burst_before_is_refused(tmp_path, ahead_
         assert found.bad
 
 
-def test_voltage_from_the_first_sample_on_is_told(tmp_path) -> None:
+def test_voltage_from_the_first_sample_on_is_told(tmp_path):
     columns = signals()
     columns["U"] = columns["U"] + 30.0
     found = cut(write_csv(tmp_path / "t.csv", columns), MAP)
@@ -259,7 +259,7 @@ def test_voltage_from_the_first_sample_on_is_told(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("frequency_hz", [100.0, 125.0, 1000.0])
-def test_a_carrier_that_is_sampled_too_slowly_is_told(tmp_path, frequency_hz) -> None:
+def test_a_carrier_that_is_sampled_too_slowly_is_told(tmp_path, frequency_hz):
     said = with_keys(voltage_on={"column": "electrode_voltage"})
     said["columns"]["electrode_voltage"] = said["columns"].pop("voltage")
     values = {"voltage": 75.0 * 2**0.5, "frequency": frequency_hz}
@@ -271,7 +271,7 @@ def test_a_carrier_that_is_sampled_too_slowly_is_told(tmp_path, frequency_hz) ->
 
 @FILE
 @given(gain=st.floats(0.01, 0.66) | st.floats(0.67, 1.49) | st.floats(1.51, 100.0))
-def test_a_monitor_far_from_what_was_set_is_told(tmp_path, gain) -> None:
+def test_a_monitor_far_from_what_was_set_is_told(tmp_path, gain):
     columns = signals()
     columns["U"] = columns["U"] * gain * 0.5**0.5
     said = with_keys(voltage_on={"column": "electrode_voltage"})
@@ -281,7 +281,7 @@ def test_a_monitor_far_from_what_was_set_is_told(tmp_path, gain) -> None:
     assert ("not_as_set" in told) == (not 1 / 1.5 <= gain <= 1.5)
 
 
-def test_forces_that_no_finger_has_are_told(tmp_path) -> None:
+def test_forces_that_no_finger_has_are_told(tmp_path):
     columns = signals()
     columns["Fx"], columns["Fz"] = 1e3 * columns["Fx"], 1e3 * columns["Fz"]
     columns["x"] = 1e3 * columns["x"]
@@ -289,7 +289,7 @@ def test_forces_that_no_finger_has_are_told(tmp_path) -> None:
     assert [doubt.kind for _, doubt in found.doubted] == ["impossible", "impossible"]
 
 
-def test_friction_after_the_voltage_is_a_row_without_it(tmp_path) -> None:
+def test_friction_after_the_voltage_is_a_row_without_it(tmp_path):
     said = with_keys()
     said["windows"] = [{"after": "off", "start_s": 0.02, "end_s": 0.18}]
     (row,) = rows(write_csv(tmp_path / "t.csv", signals()), said)

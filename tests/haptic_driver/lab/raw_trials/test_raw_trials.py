@@ -128,7 +128,7 @@ WRITERS: list[tuple[str, Callable[[Path], None]]] = [
 
 
 @pytest.mark.parametrize(("ending", "write"), WRITERS, ids=[ending for ending, _ in WRITERS])
-def test_a_trial_of_every_kind_gives_its_friction(tmp_path, ending, write) -> None:
+def test_a_trial_of_every_kind_gives_its_friction(tmp_path, ending, write):
     path = tmp_path / f"{NAME}{ending}"
     write(path)
     before, during = rows(path, made())
@@ -141,7 +141,7 @@ def test_a_trial_of_every_kind_gives_its_friction(tmp_path, ending, write) -> No
     assert (during["frequency_hz"], during["commanded_normal_force_n"]) == (250.0, 0.5)
 
 
-def test_a_tdms_file(tmp_path) -> None:
+def test_a_tdms_file(tmp_path):
     nptdms = pytest.importorskip("nptdms")
     path = tmp_path / f"{NAME}.tdms"
     with nptdms.TdmsWriter(path) as writer:
@@ -158,7 +158,7 @@ def test_a_tdms_file(tmp_path) -> None:
     assert during["cof"] == pytest.approx(ON_COF, rel=1e-6)
 
 
-def test_a_table_without_names_goes_by_numbers(tmp_path) -> None:
+def test_a_table_without_names_goes_by_numbers(tmp_path):
     path = tmp_path / f"{NAME}.npy"
     np.save(path, RAW)
     order = ("time", "normal_force", "lateral_force", "voltage", "position")
@@ -166,7 +166,7 @@ def test_a_table_without_names_goes_by_numbers(tmp_path) -> None:
     assert rows(path, made(columns=columns))[1]["cof"] == pytest.approx(ON_COF, rel=1e-6)
 
 
-def test_semicolons_decimal_commas_and_a_row_of_units(tmp_path) -> None:
+def test_semicolons_decimal_commas_and_a_row_of_units(tmp_path):
     path = tmp_path / f"{NAME}.txt"
     path.write_bytes(text(";", ",", "Prüfer;Ö\nt;Fz;Fx;HV;x\nms;gf;mN;V;mm\n").encode("cp1252"))
     look = {"separator": ";", "decimal": ",", "units_row": True}
@@ -174,7 +174,7 @@ def test_semicolons_decimal_commas_and_a_row_of_units(tmp_path) -> None:
     assert rows(path, made(file=look, columns=columns))[1]["cof"] == pytest.approx(ON_COF, rel=1e-6)
 
 
-def test_the_unit_may_stand_behind_the_name(tmp_path) -> None:
+def test_the_unit_may_stand_behind_the_name(tmp_path):
     path = tmp_path / f"{NAME}.csv"
     path.write_text(text(",", ".", "t (ms),Fz [gf],Fx [mN],HV (V),x (mm)\n"))
     columns = {role: column | {"unit": None} for role, column in MAP["columns"].items()}
@@ -203,7 +203,7 @@ def test_the_unit_may_stand_behind_the_name(tmp_path) -> None:
         ("time", "10 ms", "", 0.01),
     ],
 )
-def test_units(quantity, unit, gain_unit, factor) -> None:
+def test_units(quantity, unit, gain_unit, factor):
     assert to_si(quantity, unit, "here", gain_unit) == pytest.approx(factor, rel=1e-12)
 
 
@@ -221,7 +221,7 @@ def test_units(quantity, unit, gain_unit, factor) -> None:
         ("time", "("),
     ],
 )
-def test_a_unit_that_is_not_understood_is_refused_by_name(quantity, unit) -> None:
+def test_a_unit_that_is_not_understood_is_refused_by_name(quantity, unit):
     with pytest.raises(BadInputError) as caught:
         to_si(quantity, unit, "columns.it")
     assert caught.value.code == "unknown_unit"
@@ -229,7 +229,7 @@ def test_a_unit_that_is_not_understood_is_refused_by_name(quantity, unit) -> Non
     assert "columns.it" in caught.value.message
 
 
-def test_the_trials_own_gain_is_taken_out(tmp_path) -> None:
+def test_the_trials_own_gain_is_taken_out(tmp_path):
     """A trial whose friction reads a tenth too much gives what one gives that reads right."""
     path = tmp_path / f"{NAME}.npz"
     raw = RAW.copy()
@@ -240,7 +240,7 @@ def test_the_trials_own_gain_is_taken_out(tmp_path) -> None:
     assert row["cof"] == pytest.approx(ON_COF, rel=1e-6)
 
 
-def test_the_trials_own_zero_is_taken_out(tmp_path) -> None:
+def test_the_trials_own_zero_is_taken_out(tmp_path):
     path = tmp_path / f"{NAME}.npz"
     raw = RAW + np.array([0.0, 0.0, 40.0, 0.0, 0.0])
     np.savez(path, **dict(zip(("t", "Fz", "Fx", "HV", "x"), raw.T, strict=True)))
@@ -258,13 +258,13 @@ def test_the_trials_own_zero_is_taken_out(tmp_path) -> None:
         ("rms", "square", 120.0),
     ],
 )
-def test_a_set_voltage_becomes_the_amplitude(voltage_is, waveform, peak_v) -> None:
+def test_a_set_voltage_becomes_the_amplitude(voltage_is, waveform, peak_v):
     said = MAP["conditions"] | {"voltage_is": voltage_is, "values": {"waveform": waveform}}
     found = conditions_of(Path(f"{NAME}.csv"), made(conditions=said).conditions, {})
     assert found["voltage"] == pytest.approx(peak_v)
 
 
-def test_conditions_from_a_table(tmp_path) -> None:
+def test_conditions_from_a_table(tmp_path):
     (tmp_path / "set.csv").write_text("file,voltage,frequency,session\nb.npz,0.1,2,Monday\n")
     said = {"table": "set.csv", "units": {"voltage": "kV", "frequency": "kHz"}}
     conditions = made(conditions=said).conditions
@@ -293,7 +293,7 @@ def changed(**columns: Any) -> dict[str, np.ndarray]:
         ({"t": RAW[:, 0]}, "there is no column 'Fx'; found: t"),
     ],
 )
-def test_what_is_wrong_with_a_trial_is_told(tmp_path, columns, reason) -> None:
+def test_what_is_wrong_with_a_trial_is_told(tmp_path, columns, reason):
     path = tmp_path / f"{NAME}.npz"
     np.savez(path, **columns)
     with pytest.raises(BadInputError) as caught:
@@ -313,7 +313,7 @@ def test_what_is_wrong_with_a_trial_is_told(tmp_path, columns, reason) -> None:
         ("late,1,2,3,4", 15),
     ],
 )
-def test_a_line_that_is_no_row_of_numbers_is_named(tmp_path, bad, line) -> None:
+def test_a_line_that_is_no_row_of_numbers_is_named(tmp_path, bad, line):
     path = tmp_path / f"{NAME}.csv"
     body = "".join(f"{5 * i},1,2,3,4\n" for i in range(12))
     path.write_text(f"made at noon\nt,Fz,Fx,HV,x\n{body}{bad}\n")
@@ -322,7 +322,7 @@ def test_a_line_that_is_no_row_of_numbers_is_named(tmp_path, bad, line) -> None:
 
 
 @pytest.mark.parametrize("ending", [".npz", ".npy", ".h5", ".mat"])
-def test_a_file_that_is_none_of_its_kind_is_refused(tmp_path, ending) -> None:
+def test_a_file_that_is_none_of_its_kind_is_refused(tmp_path, ending):
     path = tmp_path / f"{NAME}{ending}"
     path.write_bytes(b"what is this? " * 40)
     with pytest.raises(BadInputError) as caught:
@@ -341,12 +341,12 @@ def test_a_file_that_is_none_of_its_kind_is_refused(tmp_path, ending) -> None:
         ({"file": {"separator": ",", "decimal": ","}}, "cannot both be a comma"),
     ],
 )
-def test_a_map_that_cannot_be_meant_is_refused(change, words) -> None:
+def test_a_map_that_cannot_be_meant_is_refused(change, words):
     with pytest.raises(ValueError, match=re.escape(words)):
         made(**change)
 
 
-def test_a_map_is_proposed_that_reads_the_file(tmp_path) -> None:
+def test_a_map_is_proposed_that_reads_the_file(tmp_path):
     path = tmp_path / f"day2_{NAME}_t07.txt"
     path.write_text(text(";", ",", "Setup;B\n\nTime;Fz;Fx;Voltage;Position\nms;gf;mN;V;mm\n"))
     target = tmp_path / "map.toml"
@@ -375,10 +375,10 @@ def test_a_map_is_proposed_that_reads_the_file(tmp_path) -> None:
         ([*["1.5;2"] * 6], []),
     ],
 )
-def test_the_layout_of_texts(lines, names) -> None:
+def test_the_layout_of_texts(lines, names):
     content = "\n".join(lines).encode()
     assert text_table(Path("it.csv"), content, Layout()).names == names
 
 
-def test_a_column_is_not_taken_against_its_unit() -> None:
+def test_a_column_is_not_taken_against_its_unit():
     assert roles_of(["Load", "Fz"], ["mm", "N"])["normal_force"] == 1

@@ -35,7 +35,7 @@ def killed(path: Path, *rows: int) -> None:
     os.close(begun._descriptor)
 
 
-def test_it_lies_beside_its_data_and_h5py_alone_reads_it(path: Path) -> None:
+def test_it_lies_beside_its_data_and_h5py_alone_reads_it(path):
     assert path.name == "data.strokes.h5"
     written(path, [stroke(1, cof=0.55), stroke(2, cof=0.6, trial=2)])
     with h5py.File(path) as file:
@@ -54,7 +54,7 @@ def test_it_lies_beside_its_data_and_h5py_alone_reads_it(path: Path) -> None:
     assert not records.records_of(path).exists()
 
 
-def test_what_is_read_is_what_was_written(path: Path) -> None:
+def test_what_is_read_is_what_was_written(path):
     given = [stroke(1), stroke(2, frequency_hz=0.0, voltage_v=0.0)]
     found = read_strokes(written(path, given))
     assert [one.row for one in found.strokes] == [one.row for one in given]
@@ -63,7 +63,7 @@ def test_what_is_read_is_what_was_written(path: Path) -> None:
             np.testing.assert_array_equal(one.samples[name], other.samples[name])
 
 
-def test_a_kill_leaves_every_stroke_that_was_whole(path: Path) -> None:
+def test_a_kill_leaves_every_stroke_that_was_whole(path):
     killed(path, 1, 2, 3)
     left = records.records_of(path)
     os.truncate(left, left.stat().st_size - 100)  # in the middle of the third
@@ -72,7 +72,7 @@ def test_a_kill_leaves_every_stroke_that_was_whole(path: Path) -> None:
     assert [one.row.row for one in read_strokes(path).strokes] == [1, 2]
 
 
-def test_what_a_kill_has_left_is_gone_on_with(path: Path) -> None:
+def test_what_a_kill_has_left_is_gone_on_with(path):
     killed(path, 1, 2)
     with StrokesFile.resume(path, ABOUT) as file:
         assert [one.row.row for one in read_strokes(path).strokes] == [1, 2]
@@ -84,12 +84,12 @@ def test_what_a_kill_has_left_is_gone_on_with(path: Path) -> None:
     assert found[1].samples["lateral_force_n"][-1] == pytest.approx(0.5 * 0.9)
 
 
-def test_a_new_one_forgets_what_was_there(path: Path) -> None:
+def test_a_new_one_forgets_what_was_there(path):
     killed(path, 1, 2)
     assert [one.row.row for one in read_strokes(written(path, [stroke(7)])).strokes] == [7]
 
 
-def test_a_failure_while_measuring_leaves_hdf5(path: Path) -> None:
+def test_a_failure_while_measuring_leaves_hdf5(path):
     file = StrokesFile.create(path, ABOUT)
     file.append(stroke(1))
     file.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
@@ -97,7 +97,7 @@ def test_a_failure_while_measuring_leaves_hdf5(path: Path) -> None:
     assert path.exists()
 
 
-def test_as_a_table_every_line_says_what_was_commanded(path: Path, tmp_path: Path) -> None:
+def test_as_a_table_every_line_says_what_was_commanded(path, tmp_path):
     written(path, [stroke(1), stroke(2, trial=2, cof=0.7)])
     assert export_strokes(path, tmp_path / "s.csv") == 700
     with (tmp_path / "s.csv").open(newline="") as file:
@@ -111,7 +111,7 @@ def test_as_a_table_every_line_says_what_was_commanded(path: Path, tmp_path: Pat
         export_strokes(path, tmp_path / "s.csv")
 
 
-def test_pandas_and_parquet(path: Path, tmp_path: Path) -> None:
+def test_pandas_and_parquet(path, tmp_path):
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
     written(path, [stroke(1, cof=0.6), stroke(2, trial=2, cof=0.7)])
@@ -156,7 +156,7 @@ def elsewhere(path: Path) -> None:
     ],
     ids=["missing", "text", "other-hdf5", "newer", "claims-more", "column", "link"],
 )
-def test_what_is_no_file_of_strokes_is_refused(path: Path, make, code: str) -> None:
+def test_what_is_no_file_of_strokes_is_refused(path, make, code):
     make(path)
     with pytest.raises(BadInputError) as error:
         read_strokes(path)

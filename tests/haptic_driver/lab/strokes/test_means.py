@@ -33,7 +33,7 @@ def data(tmp_path: Path) -> Path:
     return data_file(tmp_path / "data.csv", trials())
 
 
-def test_steady_friction_is_the_mean_over_trials_with_its_standard_error(data: Path) -> None:
+def test_steady_friction_is_the_mean_over_trials_with_its_standard_error(data):
     steady = stroke_means(data, {}).steady
     assert steady.frequency_hz.tolist() == [50.0, 250.0]
     assert steady.trials == (3, 3)
@@ -44,7 +44,7 @@ def test_steady_friction_is_the_mean_over_trials_with_its_standard_error(data: P
     assert steady.cof_off_sem == pytest.approx(0.01 / sqrt(3))
 
 
-def test_the_force_by_31_as_printed_and_as_corrected(data: Path) -> None:
+def test_the_force_by_31_as_printed_and_as_corrected(data):
     """(1 - off/on) F_n and (on/off - 1) F_n, errors by random draws of both means."""
     steady = stroke_means(data, {}).steady
     assert steady.printed_n == pytest.approx([(1 - 0.51 / 0.59) * 0.5, (1 - 0.51 / 0.64) * 0.5])
@@ -57,12 +57,12 @@ def test_the_force_by_31_as_printed_and_as_corrected(data: Path) -> None:
     assert steady.corrected_sem_n[0] == pytest.approx(np.std((on / off - 1) * 0.5), rel=0.01)
 
 
-def test_the_force_needs_the_load_that_was_measured(tmp_path: Path) -> None:
+def test_the_force_needs_the_load_that_was_measured(tmp_path):
     steady = stroke_means(data_file(tmp_path / "d.csv", trials(load_n=0.53)), {}).steady
     assert steady.corrected_n[0] == pytest.approx((0.59 / 0.51 - 1) * 0.53)
 
 
-def test_curves_are_means_of_trials_by_displacement(data: Path) -> None:
+def test_curves_are_means_of_trials_by_displacement(data):
     means = stroke_means(data, {})
     assert means.window_m == (0.015, 0.035)
     off, low, high = means.curves
@@ -78,14 +78,14 @@ def test_curves_are_means_of_trials_by_displacement(data: Path) -> None:
     assert off.normal_force_n == pytest.approx(0.5)
 
 
-def test_trials_without_voltage_are_needed_for_a_force_alone(tmp_path: Path) -> None:
+def test_trials_without_voltage_are_needed_for_a_force_alone(tmp_path):
     means = stroke_means(data_file(tmp_path / "d.csv", trials()[2:]), {})
     assert means.left_out == (0.0,)
     assert np.isnan(means.steady.corrected_n).all()
     assert means.steady.cof[0] == pytest.approx(0.59)
 
 
-def test_of_several_conditions_one_is_chosen_or_asked_for(tmp_path: Path) -> None:
+def test_of_several_conditions_one_is_chosen_or_asked_for(tmp_path):
     more = [stroke(20 + i, voltage_v=100.0, trial=i, cof=0.8 + 0.1 * i) for i in (1, 2)]
     data = data_file(tmp_path / "d.csv", [*trials(), *more])
     assert stroke_means(data, {}).condition.voltage_v == 75.0  # two frequencies, not one
@@ -97,7 +97,7 @@ def test_of_several_conditions_one_is_chosen_or_asked_for(tmp_path: Path) -> Non
     assert "75 V, 0.5 N, 20 mm/s; 100 V" in error.value.hint
 
 
-def test_rows_that_somebody_left_out_are_left_out(tmp_path: Path) -> None:
+def test_rows_that_somebody_left_out_are_left_out(tmp_path):
     data = data_file(tmp_path / "d.csv", trials())
     lines = data.read_text().splitlines(keepends=True)
     data.write_text("".join(lines[:-1]))
@@ -155,7 +155,7 @@ def no_number(data: Path) -> None:
         (no_number, "bad_number", "speed_m_s 'fast' is no number"),
     ],
 )
-def test_what_cannot_be_drawn_is_said(data: Path, harm, code: str, words: str) -> None:
+def test_what_cannot_be_drawn_is_said(data, harm, code, words):
     harm(data)
     with pytest.raises(BadInputError) as error:
         stroke_means(data, {})
@@ -163,7 +163,7 @@ def test_what_cannot_be_drawn_is_said(data: Path, harm, code: str, words: str) -
     assert words in error.value.message
 
 
-def test_means_pass_over_what_is_not_there() -> None:
+def test_means_pass_over_what_is_not_there():
     values = np.array([[1.0, 2.0, np.nan], [3.0, np.nan, np.nan], [5.0, 4.0, 7.0]])
     mean, error = mean_and_error(values)
     assert mean[:2] == pytest.approx([3.0, 3.0])

@@ -107,12 +107,12 @@ def connected(
     return driver, script
 
 
-def test_connect_switches_off_and_sets_up_and_reads_all_of_it_back() -> None:
+def test_connect_switches_off_and_sets_up_and_reads_all_of_it_back():
     _, script = connected()
     assert not script.pairs
 
 
-def test_a_set_point_is_one_round_trip_and_sends_only_what_changed() -> None:
+def test_a_set_point_is_one_round_trip_and_sends_only_what_changed():
     driver, script = connected(
         levels(b"FREQ 250;:VOLT 1.2", b"+2.5E+02", b"+1.2000000000000E+00"),
         levels(b"FREQ 300", b"+3.0E+02", b"+1.2000000000000E+00"),
@@ -125,7 +125,7 @@ def test_a_set_point_is_one_round_trip_and_sends_only_what_changed() -> None:
     assert not script.pairs
 
 
-def test_a_rising_voltage_goes_last_and_a_falling_one_first() -> None:
+def test_a_rising_voltage_goes_last_and_a_falling_one_first():
     driver, script = connected(
         levels(b"FREQ 250;:VOLT 4", b"250", b"+4.0E+00"),
         levels(b"VOLT 1;:FREQ 5000", b"5E3", b"+1.0E+00"),
@@ -137,7 +137,7 @@ def test_a_rising_voltage_goes_last_and_a_falling_one_first() -> None:
     assert not script.pairs
 
 
-def test_output_is_switched_and_read_back() -> None:
+def test_output_is_switched_and_read_back():
     driver, script = connected(
         levels(b"", b"10", b"+2.0E-02"),
         (b"OUTP 1;:OUTP?;:SYST:ERR?\n", b'1;+0,"No error"\n'),
@@ -152,7 +152,7 @@ def test_output_is_switched_and_read_back() -> None:
     assert not script.pairs
 
 
-def test_an_output_that_does_not_follow_is_an_error() -> None:
+def test_an_output_that_does_not_follow_is_an_error():
     driver, _ = connected(
         levels(b"", b"10", b"+2.0E-02"), (b"OUTP 1;:OUTP?;:SYST:ERR?\n", b'0;+0,"No error"\n')
     )
@@ -160,19 +160,19 @@ def test_an_output_that_does_not_follow_is_an_error() -> None:
         driver.set_output(True)
 
 
-def test_off_is_amplitude_down_then_output_off_then_evidence() -> None:
+def test_off_is_amplitude_down_then_output_off_then_evidence():
     driver, script = connected(OFF)
     assert driver.off() is True
     assert not script.pairs
 
 
-def test_off_tries_twice_and_says_so_when_the_output_stays_on() -> None:
+def test_off_tries_twice_and_says_so_when_the_output_stays_on():
     driver, script = connected((OFF[0], b"1\n"), (b"OUTP 0;:OUTP?\n", b"1\n"))
     assert driver.off() is False
     assert not script.pairs
 
 
-def test_close_switches_off_first() -> None:
+def test_close_switches_off_first():
     driver, script = connected(OFF)
     assert driver.close() is True
     assert not script.pairs
@@ -194,29 +194,27 @@ def test_close_switches_off_first() -> None:
         (-250.0, 60.0),
     ],
 )
-def test_limits_are_refused_before_any_byte_is_written(
-    frequency_hz: float, voltage_v: float
-) -> None:
+def test_limits_are_refused_before_any_byte_is_written(frequency_hz, voltage_v):
     driver, _ = connected()
     with pytest.raises(LimitExceeded, match=r"GEN: .* nothing was sent"):
         driver.set_point(frequency_hz, voltage_v)
 
 
-def test_the_generator_has_a_limit_too() -> None:
+def test_the_generator_has_a_limit_too():
     small_gain = GeneratorSettings(2.0, 300.0, 10.0, 10e3)
     driver = Agilent33220A(MemoryTransport(Script()), small_gain)
     with pytest.raises(LimitExceeded):
         driver.set_point(250.0, 21.0)  # more than 10 V peak from the generator
 
 
-def test_the_minimum_voltage_can_be_set() -> None:
+def test_the_minimum_voltage_can_be_set():
     driver, script = connected(levels(b"FREQ 250", b"250", b"+2.0E-02"))
     assert driver.minimum_voltage_v == pytest.approx(1.0)
     driver.set_point(250.0, driver.minimum_voltage_v)
     assert not script.pairs
 
 
-def test_an_instrument_error_is_raised_the_output_off_and_everything_sent_again() -> None:
+def test_an_instrument_error_is_raised_the_output_off_and_everything_sent_again():
     driver, script = connected(
         levels(
             b"FREQ 250;:VOLT 1.2",
@@ -250,7 +248,7 @@ def test_an_instrument_error_is_raised_the_output_off_and_everything_sent_again(
         (b"1_2", False),
     ],
 )
-def test_the_amplitude_read_back_must_agree(shown: bytes, accepted: bool) -> None:
+def test_the_amplitude_read_back_must_agree(shown, accepted):
     driver, script = connected(levels(b"FREQ 250;:VOLT 1.2", b"250", shown))
     if accepted:
         driver.set_point(250.0, 60.0)
@@ -260,7 +258,7 @@ def test_the_amplitude_read_back_must_agree(shown: bytes, accepted: bool) -> Non
             driver.set_point(250.0, 60.0)
 
 
-def test_a_small_amplitude_may_be_off_by_its_last_digit() -> None:
+def test_a_small_amplitude_may_be_off_by_its_last_digit():
     driver, _ = connected(levels(b"FREQ 250;:VOLT 0.03", b"250", b"+3.01E-02"))
     driver.set_point(250.0, 1.5)
 
@@ -268,7 +266,7 @@ def test_a_small_amplitude_may_be_off_by_its_last_digit() -> None:
 @pytest.mark.parametrize(
     "identity", [b"Agilent Technologies,33250A,MY1,1.0\n", b"133220A\n", b"?\n", b";\n", b"\n"]
 )
-def test_another_instrument_is_refused_and_left_alone(identity: bytes) -> None:
+def test_another_instrument_is_refused_and_left_alone(identity):
     script = Script((b"*IDN?\n", identity))
     with pytest.raises(BadReply, match="MEMORY::0"):
         Agilent33220A(MemoryTransport(script), SETTINGS).connect()
@@ -291,16 +289,14 @@ def test_another_instrument_is_refused_and_left_alone(identity: bytes) -> None:
         (b'1;0;0;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
     ],
 )
-def test_a_set_up_that_did_not_take_is_refused_and_switched_off(
-    answer: bytes, switched_off: int
-) -> None:
+def test_a_set_up_that_did_not_take_is_refused_and_switched_off(answer, switched_off):
     script = Script(IDENTIFY, SWITCH_OFF, (SET_UP_LINE, answer), *[OFF] * switched_off)
     with pytest.raises(BadReply):
         Agilent33220A(MemoryTransport(script), SETTINGS).connect()
     assert not script.pairs
 
 
-def test_switching_on_before_anything_is_known_sets_up_the_minimum_first() -> None:
+def test_switching_on_before_anything_is_known_sets_up_the_minimum_first():
     driver, script = connected(
         (b"OUTP?\n", b"maybe\n"),
         SET_UP_AGAIN,
@@ -323,7 +319,7 @@ def test_switching_on_before_anything_is_known_sets_up_the_minimum_first() -> No
         {"frequency_high_hz": 30e6},
     ],
 )
-def test_senseless_settings_are_refused(change: dict[str, float]) -> None:
+def test_senseless_settings_are_refused(change):
     values = {
         "volts_per_volt": 100.0,
         "voltage_limit_v": 300.0,
@@ -345,7 +341,7 @@ def exchange(commands: bytes, answers: bytes) -> tuple[bytes, bytes]:
     return commands + b";:SYST:ERR?\n", answers + ERROR_FREE
 
 
-def test_a_square_is_set_up_with_the_output_off_which_comes_back_on() -> None:
+def test_a_square_is_set_up_with_the_output_off_which_comes_back_on():
     driver, script = connected(
         OUTPUT_IS_ON,
         BASE,
@@ -358,7 +354,7 @@ def test_a_square_is_set_up_with_the_output_off_which_comes_back_on() -> None:
     assert not script.pairs
 
 
-def test_a_constant_voltage_is_an_offset_without_frequency() -> None:
+def test_a_constant_voltage_is_an_offset_without_frequency():
     without_frequency = STATE_QUERIES.replace(b":FREQ?;", b"")
     driver, script = connected(
         OUTPUT_IS_OFF,
@@ -370,7 +366,7 @@ def test_a_constant_voltage_is_an_offset_without_frequency() -> None:
     assert not script.pairs
 
 
-def test_offset_before_a_rising_amplitude_and_after_a_falling_one() -> None:
+def test_offset_before_a_rising_amplitude_and_after_a_falling_one():
     driver, script = connected(
         levels(b"VOLT:OFFS 1;:FREQ 250;:VOLT 4", b"250", b"4", offset=b"1"),
         levels(b"VOLT 1;:VOLT:OFFS -2", b"250", b"1", offset=b"-2"),
@@ -385,7 +381,7 @@ def test_offset_before_a_rising_amplitude_and_after_a_falling_one() -> None:
 @pytest.mark.parametrize(
     ("voltage_v", "offset_v"), [(200.0, 100.1), (200.0, -100.1), (10.0, math.nan), (10.0, 1e300)]
 )
-def test_the_limit_is_on_amplitude_and_offset_together(voltage_v: float, offset_v: float) -> None:
+def test_the_limit_is_on_amplitude_and_offset_together(voltage_v, offset_v):
     driver, _ = connected()
     with pytest.raises(LimitExceeded, match=r"offset included.* nothing was sent"):
         driver.set_point(250.0, voltage_v, offset_v)
@@ -400,7 +396,7 @@ def modulated(source_and_depth: bytes) -> tuple[bytes, bytes]:
 
 
 @pytest.mark.parametrize("held", [b"INT;+1.0E+02", b"EXT;+5.0E+01"])
-def test_another_source_or_depth_of_modulation_than_was_set_is_switched_off(held: bytes) -> None:
+def test_another_source_or_depth_of_modulation_than_was_set_is_switched_off(held):
     driver, script = connected(
         OUTPUT_IS_OFF,
         BASE,
@@ -417,7 +413,7 @@ def test_another_source_or_depth_of_modulation_than_was_set_is_switched_off(held
     assert not script.pairs
 
 
-def test_external_modulation_programs_what_full_scale_makes_of_it() -> None:
+def test_external_modulation_programs_what_full_scale_makes_of_it():
     driver, script = connected(
         OUTPUT_IS_OFF,
         BASE,
@@ -434,7 +430,7 @@ def test_external_modulation_programs_what_full_scale_makes_of_it() -> None:
     assert not script.pairs
 
 
-def test_modulation_is_refused_until_it_is_measured_and_for_a_constant_voltage() -> None:
+def test_modulation_is_refused_until_it_is_measured_and_for_a_constant_voltage():
     driver, _ = connected()
     with pytest.raises(LimitExceeded, match="what modulation does to the amplitude is not set"):
         driver.set_point(250.0, 60.0, modulation=ExternalModulation())
@@ -443,7 +439,7 @@ def test_modulation_is_refused_until_it_is_measured_and_for_a_constant_voltage()
         driver.set_point(250.0, 60.0, shape=Shape.DC, modulation=ExternalModulation())
 
 
-def test_autoranging_as_a_policy_leaves_the_range_alone() -> None:
+def test_autoranging_as_a_policy_leaves_the_range_alone():
     line = SET_UP_LINE.replace(b":VOLT:RANG:AUTO?", b":VOLT:RANG:AUTO ON;:VOLT:RANG:AUTO?")
     script = Script(IDENTIFY, SWITCH_OFF, (line, b"1;0;1;" + MINIMUM))
     settings = replace(SETTINGS, range_policy=RangePolicy.AUTO)

@@ -73,9 +73,7 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 
 
 @pytest.mark.parametrize("fault", list(Fault))
-def test_each_fault_is_its_own_error_and_the_next_set_point_recovers(
-    bench: Bench, fault: Fault
-) -> None:
+def test_each_fault_is_its_own_error_and_the_next_set_point_recovers(bench, fault):
     bench.line.inject(fault, delay_s=2.0 * TIMEOUT_S)
     started_s = time.monotonic()
     with pytest.raises(EXPECTED[fault], match=bench.transport.resource) as caught:
@@ -87,7 +85,7 @@ def test_each_fault_is_its_own_error_and_the_next_set_point_recovers(
     assert bench.generator.output().frequency_hz == 400.0
 
 
-def test_a_late_reply_is_never_taken_for_the_next_one(bench: Bench) -> None:
+def test_a_late_reply_is_never_taken_for_the_next_one(bench):
     for step in range(3):
         bench.line.inject(Fault.LATE, delay_s=1.5 * TIMEOUT_S)
         with pytest.raises(DeviceTimeout):
@@ -98,16 +96,14 @@ def test_a_late_reply_is_never_taken_for_the_next_one(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("fault", list(Fault))
-def test_off_recovers_from_one_fault_and_brings_evidence(bench: Bench, fault: Fault) -> None:
+def test_off_recovers_from_one_fault_and_brings_evidence(bench, fault):
     bench.line.inject(fault, delay_s=2.0 * TIMEOUT_S)
     assert bench.driver.off() is True
     assert not bench.generator.output().on
 
 
 @pytest.mark.parametrize("fault", list(Fault))
-def test_off_and_read_output_say_unknown_when_nothing_comes_back(
-    bench: Bench, fault: Fault
-) -> None:
+def test_off_and_read_output_say_unknown_when_nothing_comes_back(bench, fault):
     bench.line.inject(fault, count=math.inf, delay_s=1.5 * TIMEOUT_S)
     assert read_output(bench.driver) is None
     started_s = time.monotonic()
@@ -120,7 +116,7 @@ def test_off_and_read_output_say_unknown_when_nothing_comes_back(
 
 
 @pytest.mark.parametrize("fault", list(Fault))
-def test_connecting_over_a_dead_line_is_an_error_in_time(fault: Fault) -> None:
+def test_connecting_over_a_dead_line_is_an_error_in_time(fault):
     bench = Bench()
     bench.line.inject(fault, count=math.inf, delay_s=1.5 * TIMEOUT_S)
     with TcpServer(bench.line) as server:
@@ -132,7 +128,7 @@ def test_connecting_over_a_dead_line_is_an_error_in_time(fault: Fault) -> None:
         transport.close()
 
 
-def test_a_server_that_went_away_is_a_disconnect_and_its_return_is_found() -> None:
+def test_a_server_that_went_away_is_a_disconnect_and_its_return_is_found():
     bench = Bench()
     server = TcpServer(bench.line)
     server.start()
@@ -182,7 +178,7 @@ ALMOST = st.sampled_from(
         ALMOST, st.binary(max_size=60), st.binary(max_size=60).map(lambda answer: answer + b"\n")
     )
 )
-def test_whatever_is_answered_only_device_errors_come_out(answer: bytes) -> None:
+def test_whatever_is_answered_only_device_errors_come_out(answer):
     babble = Babble()
     driver = Agilent33220A(MemoryTransport(babble), SETTINGS)
     driver.connect()
@@ -198,7 +194,7 @@ def test_whatever_is_answered_only_device_errors_come_out(answer: bytes) -> None
     assert driver.off() in (True, False, None)
 
 
-def test_a_driver_never_connected_knows_nothing() -> None:
+def test_a_driver_never_connected_knows_nothing():
     driver = Agilent33220A(MemoryTransport(Simulated33220A()), SETTINGS)
     assert read_output(driver) is None
     assert driver.off() is None

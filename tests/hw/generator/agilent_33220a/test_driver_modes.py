@@ -66,9 +66,7 @@ class Bench:
         (Shape.DC, -200.0, -80.0, -80.0),
     ],
 )
-def test_extremes_at_the_electrode(
-    shape: Shape, offset_v: float, low_v: float, high_v: float
-) -> None:
+def test_extremes_at_the_electrode(shape, offset_v, low_v, high_v):
     bench = Bench()
     bench.driver.set_point(250.0, 120.0, offset_v, shape=shape)
     bench.driver.set_output(True)
@@ -78,7 +76,7 @@ def test_extremes_at_the_electrode(
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.0])
-def test_the_envelope_of_modulation_in(factor: float) -> None:
+def test_the_envelope_of_modulation_in(factor):
     bench = Bench(factor=factor)
     bench.driver.set_point(250.0, 300.0, modulation=ExternalModulation())
     bench.driver.set_output(True)
@@ -89,7 +87,7 @@ def test_the_envelope_of_modulation_in(factor: float) -> None:
 
 
 @pytest.mark.parametrize("policy", list(RangePolicy))
-def test_only_autoranging_switches_relays_while_amplitudes_change(policy: RangePolicy) -> None:
+def test_only_autoranging_switches_relays_while_amplitudes_change(policy):
     bench = Bench(range_policy=policy)
     bench.driver.set_point(250.0, 2.0)
     bench.driver.set_output(True)
@@ -100,7 +98,7 @@ def test_only_autoranging_switches_relays_while_amplitudes_change(policy: RangeP
     assert (bench.generator.range_switches == before) is (policy is RangePolicy.FIXED)
 
 
-def test_a_range_is_never_visited_with_the_output_on() -> None:
+def test_a_range_is_never_visited_with_the_output_on():
     """Somebody connects to a generator that puts out something; the highest amplitude is tried with
     it off.
     """
@@ -120,7 +118,7 @@ def test_a_range_is_never_visited_with_the_output_on() -> None:
 
 
 @pytest.mark.timeout(60)
-def test_pymeasure_sees_what_the_driver_set() -> None:
+def test_pymeasure_sees_what_the_driver_set():
     """An independent client on its own connection reads every property that both know."""
     generator = Simulated33220A(IMMEDIATE)
     with TcpServer(generator) as server, warnings.catch_warnings():
@@ -170,8 +168,8 @@ def test_pymeasure_sees_what_the_driver_set() -> None:
 
 
 def test_the_last_gate_holds_when_the_drivers_own_reckoning_is_wrong(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     bench = Bench()
     bench.driver.set_point(250.0, 100.0)
     bench.driver.set_output(True)

@@ -45,7 +45,7 @@ class Rig:
         self.seen.clear()
 
 
-def test_a_set_point_is_volts_at_the_electrode() -> None:
+def test_a_set_point_is_volts_at_the_electrode():
     rig = Rig()
     rig.connect()
     rig.driver.set_output(True)
@@ -55,7 +55,7 @@ def test_a_set_point_is_volts_at_the_electrode() -> None:
 
 
 @pytest.mark.parametrize("load", ["50", "1", "10E3"])
-def test_a_load_left_behind_is_corrected_and_read_back(load: str) -> None:
+def test_a_load_left_behind_is_corrected_and_read_back(load):
     rig = Rig()
     rig.generator.handle(f"OUTP:LOAD {load}\n".encode())
     rig.connect()
@@ -65,7 +65,7 @@ def test_a_load_left_behind_is_corrected_and_read_back(load: str) -> None:
     assert rig.amplifier.max_voltage_v == pytest.approx(120.0)
 
 
-def test_connecting_leaves_the_output_off() -> None:
+def test_connecting_leaves_the_output_off():
     rig = Rig()
     rig.generator.handle(b"APPL:SIN 1E3,10,0\n")
     rig.connect()
@@ -77,8 +77,8 @@ def test_connecting_leaves_the_output_off() -> None:
     "change", ["OUTP:LOAD 50", "VOLT:UNIT VRMS", "VOLT:OFFS 3", "*RST;:OUTP 1"]
 )
 def test_levels_changed_behind_the_driver_are_noticed_switched_off_and_set_up_again(
-    change: str,
-) -> None:
+    change,
+):
     """At LOAD 50 the amplitude alone reads back as it was set, while the electrode gets twice
     that.
     """
@@ -95,7 +95,7 @@ def test_levels_changed_behind_the_driver_are_noticed_switched_off_and_set_up_ag
     assert rig.amplifier.voltage_v == pytest.approx(60.0)
 
 
-def test_a_clipped_value_is_an_error_and_off_never_accepted() -> None:
+def test_a_clipped_value_is_an_error_and_off_never_accepted():
     """The fixed range ends at 5.02 V: 5 V of offset are clipped to 3.82 V, and the error waits for
     whoever asks.
     """
@@ -112,7 +112,7 @@ def test_a_clipped_value_is_an_error_and_off_never_accepted() -> None:
     assert rig.amplifier.voltage_v == pytest.approx(60.0)
 
 
-def test_a_load_changed_behind_the_driver_is_noticed_before_switching_on() -> None:
+def test_a_load_changed_behind_the_driver_is_noticed_before_switching_on():
     rig = Rig()
     rig.connect()
     rig.driver.set_point(250.0, 120.0)
@@ -128,7 +128,7 @@ def transport_to(generator: Simulated33220A, server: TcpServer | None) -> Transp
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("over_tcp", [False, True])
-def test_two_threads_on_one_driver_never_cross_replies(over_tcp: bool) -> None:
+def test_two_threads_on_one_driver_never_cross_replies(over_tcp):
     """Every set point is read back: a crossed reply, or a belief about what another thread changed,
     is a BadReply.
 

@@ -50,7 +50,7 @@ def pair(request: pytest.FixtureRequest) -> Iterator[tuple[Simulated33220A, Agil
         yield core, driver
 
 
-def test_a_session_ends_as_told_and_off(pair: tuple[Simulated33220A, Agilent33220A]) -> None:
+def test_a_session_ends_as_told_and_off(pair):
     core, driver = pair
     driver.connect()
     assert not core.output().on

@@ -51,23 +51,21 @@ def client(simulated: Simulated33220A) -> Iterator[Any]:
         ("beeper_state", False, False),
     ],
 )
-def test_every_property_is_accepted_and_read_back(
-    client: Any, name: str, value: Any, shown: Any
-) -> None:
+def test_every_property_is_accepted_and_read_back(client, name, value, shown):
     setattr(client, name, value)
     got = getattr(client, name)
     assert got == (shown if isinstance(shown, (str, bool)) else pytest.approx(shown))
     assert client.check_errors() == []
 
 
-def test_remote_state_and_beeper(client: Any) -> None:
+def test_remote_state_and_beeper(client):
     for state in ("REMOTE", "RWLOCK", "LOCAL"):
         client.remote_local_state = state
     client.beep()
     assert client.check_errors() == []
 
 
-def test_common_commands(client: Any) -> None:
+def test_common_commands(client):
     assert client.id.split(",")[1] == "33220A"
     assert client.options == "0"
     assert client.complete == "1"
@@ -78,13 +76,13 @@ def test_common_commands(client: Any) -> None:
     client.clear()
 
 
-def test_errors_come_out_of_the_queue(client: Any) -> None:
+def test_errors_come_out_of_the_queue(client):
     client.amplitude = 1000.0
     errors = client.check_errors()
     assert [int(error[0]) for error in errors] == [-222]
 
 
-def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: Simulated33220A) -> None:
+def test_what_the_client_sets_is_at_the_terminals(client, simulated):
     client.frequency = 250.0
     client.amplitude = 1.0
     client.output = True

@@ -28,7 +28,7 @@ def bench() -> Bench:
     return Bench()
 
 
-def test_after_reset(bench: Bench) -> None:
+def test_after_reset(bench):
     bench("FUNC SQU;:FREQ 5;:OUTP 1;:OUTP:LOAD INF;:BURS:STAT 1;*RST")
     maker, model, serial_number, firmware = bench("*IDN?").split(",")
     assert (maker, model, firmware) == ("Agilent Technologies", "33220A", "2.02-2.02-22-2")
@@ -41,7 +41,7 @@ def test_after_reset(bench: Bench) -> None:
     assert bench("SYST:ERR?") == '+0,"No error"'
 
 
-def test_fifty_ohm_trap_the_open_terminal_has_twice_the_programmed_voltage(bench: Bench) -> None:
+def test_fifty_ohm_trap_the_open_terminal_has_twice_the_programmed_voltage(bench):
     bench("OUTP:LOAD 50;:VOLT 3;:OUTP 1")
     assert bench.generator.output().amplitude_v == pytest.approx(
         3.0
@@ -50,7 +50,7 @@ def test_fifty_ohm_trap_the_open_terminal_has_twice_the_programmed_voltage(bench
     assert bench.generator.output().amplitude_v == pytest.approx(1.5)
 
 
-def test_load_rescales_what_is_shown_and_not_what_is_there(bench: Bench) -> None:
+def test_load_rescales_what_is_shown_and_not_what_is_there(bench):
     bench("OUTP:LOAD INF;:VOLT 4;:VOLT:OFFS 1;:OUTP 1")
     before = bench.generator.output()
     bench("OUTP:LOAD 50")
@@ -61,12 +61,12 @@ def test_load_rescales_what_is_shown_and_not_what_is_there(bench: Bench) -> None
     assert bench("OUTP:LOAD INF;LOAD?") == "+9.9000000000000E+37"
 
 
-def test_nothing_is_at_the_terminals_while_the_output_is_off(bench: Bench) -> None:
+def test_nothing_is_at_the_terminals_while_the_output_is_off(bench):
     bench("VOLT 5;:VOLT:OFFS 1")
     assert bench.generator.output()[:4] == (1e3, 0.0, 0.0, False)
 
 
-def test_apply_turns_the_output_on(bench: Bench) -> None:
+def test_apply_turns_the_output_on(bench):
     assert bench("OUTP?") == "0"
     bench("APPL:SIN 5 KHZ, 3.0, -2.5")
     assert bench("OUTP?") == "1"
@@ -111,9 +111,7 @@ def test_apply_turns_the_output_on(bench: Bench) -> None:
         ("", "FREQ? MIN", 0, "FREQ? MIN", 1e-6),
     ],
 )
-def test_limits_and_couplings(
-    bench: Bench, setup: str, command: str, code: int, query: str, value: float
-) -> None:
+def test_limits_and_couplings(bench, setup, command, code, query, value):
     bench(setup)
     assert bench.error_code() == 0
     bench(command)
@@ -121,12 +119,12 @@ def test_limits_and_couplings(
     assert float(bench(query)) == pytest.approx(value, rel=1e-7)
 
 
-def test_dbm_falls_to_vpp_at_an_open_load(bench: Bench) -> None:
+def test_dbm_falls_to_vpp_at_an_open_load(bench):
     bench("VOLT:UNIT DBM;:OUTP:LOAD INF")
     assert bench("VOLT:UNIT?") == "VPP"
 
 
-def test_errors_keep_the_output_as_it_was(bench: Bench) -> None:
+def test_errors_keep_the_output_as_it_was(bench):
     bench("OUTP 1;:VOLT 2")
     before = bench.generator.output()
     for nonsense in ("VOLT TWO", "FREQ", "OUTP MAYBE", "FUNC SINE", "VOLT 1,2", "VOLT:OFFS NAN"):
@@ -135,7 +133,7 @@ def test_errors_keep_the_output_as_it_was(bench: Bench) -> None:
     assert bench.generator.output() == before
 
 
-def test_settings_reach_the_terminals_after_their_latency() -> None:
+def test_settings_reach_the_terminals_after_their_latency():
     bench = Bench(
         GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0)
     )
@@ -154,7 +152,7 @@ def test_settings_reach_the_terminals_after_their_latency() -> None:
     assert bench.generator.output().frequency_hz == 250.0
 
 
-def test_settings_arrive_in_order_but_off_does_not_wait() -> None:
+def test_settings_arrive_in_order_but_off_does_not_wait():
     bench = Bench(
         GeneratorLatency(amplitude_s=0.030, frequency_s=0.003, function_s=0.1, output_s=0.0)
     )
@@ -168,7 +166,7 @@ def test_settings_arrive_in_order_but_off_does_not_wait() -> None:
     assert not any(seen.on for seen in bench.seen)
 
 
-def test_off_has_a_latency_of_its_own() -> None:
+def test_off_has_a_latency_of_its_own():
     bench = Bench(GeneratorLatency(0.0, 0.0, 0.0, output_s=0.005))
     bench("OUTP 1")
     bench.generator.advance(0.005)
@@ -203,7 +201,7 @@ COMMAND = st.sampled_from(
 
 @settings(max_examples=200)
 @given(st.lists(COMMAND, max_size=12))
-def test_no_command_makes_more_than_ten_volts(commands: list[str]) -> None:
+def test_no_command_makes_more_than_ten_volts(commands):
     bench = Bench()
     bench("OUTP 1")
     for command in commands:
@@ -213,7 +211,7 @@ def test_no_command_makes_more_than_ten_volts(commands: list[str]) -> None:
         assert 1e-6 <= output.frequency_hz <= 20e6
 
 
-def test_any_bytes_are_survived() -> None:
+def test_any_bytes_are_survived():
     bench = Bench()
     bench.generator.handle(bytes(range(256)) * 4 + b"\n")
     assert bench("*CLS;*OPC?") == "1"

@@ -38,16 +38,14 @@ def bench() -> Bench:
     ("full_scale", "input_v", "peak_v"), [(1.0, 5.0, 2.0), (1.0, 0.0, 1.0), (1.0, -5.0, 0.0)]
 )
 @pytest.mark.parametrize("factor", [1.0, 2.0])
-def test_external_modulation(
-    full_scale: float, input_v: float, peak_v: float, factor: float
-) -> None:
+def test_external_modulation(full_scale, input_v, peak_v, factor):
     bench = Bench(am_full_scale=factor)
     bench("VOLT 4;:AM:SOUR EXT;:AM:DEPT 100;:AM:STAT ON;:OUTP ON")
     bench.generator.set_modulation_input(input_v)
     assert bench.peak_v() == pytest.approx(factor * peak_v)
 
 
-def test_an_envelope_reaches_the_listener_at_once(bench: Bench) -> None:
+def test_an_envelope_reaches_the_listener_at_once(bench):
     bench("VOLT 4;:AM:SOUR EXT;:AM:STAT 1;:OUTP 1")
     bench.seen.clear()
     for input_v in (5.0, 5.0, -5.0):
@@ -56,33 +54,33 @@ def test_an_envelope_reaches_the_listener_at_once(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("function", "kind"), [("DC", "AM"), ("DC", "BURS"), ("PULS", "AM")])
-def test_modulation_that_a_function_cannot_have(bench: Bench, function: str, kind: str) -> None:
+def test_modulation_that_a_function_cannot_have(bench, function, kind):
     bench(f"FUNC {function};:{kind}:STAT 1")
     assert bench.error_code() == -221
     assert bench(f"{kind}:STAT?") == "0"
 
 
-def test_a_function_without_modulation_ends_it(bench: Bench) -> None:
+def test_a_function_without_modulation_ends_it(bench):
     bench("AM:STAT 1;:FUNC DC")
     assert bench.error_code() == -221
     assert bench("AM:STAT?") == "0"
 
 
 def test_a_burst_that_nothing_triggers_keeps_only_the_offset_and_ends_modulation(
-    bench: Bench,
-) -> None:
+    bench,
+):
     bench("VOLT 4;:VOLT:OFFS 1;:AM:STAT 1;:OUTP 1;:BURS:STAT 1")
     assert bench.error_code() == -221
     assert bench("AM:STAT?;:BURS:STAT?") == "0;1"
     assert bench.generator.output()[1:4] == (0.0, pytest.approx(1.0), True)
 
 
-def test_apply_ends_modulation_and_turns_on(bench: Bench) -> None:
+def test_apply_ends_modulation_and_turns_on(bench):
     bench("AM:STAT 1;:APPL:SIN 1E3,4,0")
     assert bench("AM:STAT?;:OUTP?") == "0;1"
 
 
-def test_a_fixed_range_keeps_its_relay_and_its_highest_voltage(bench: Bench) -> None:
+def test_a_fixed_range_keeps_its_relay_and_its_highest_voltage(bench):
     bench("VOLT 6;:VOLT:RANG:AUTO OFF")
     switches = bench.generator.range_switches
     bench("VOLT 0.02;:VOLT 1;:VOLT 6")
@@ -97,7 +95,7 @@ def test_a_fixed_range_keeps_its_relay_and_its_highest_voltage(bench: Bench) -> 
     assert float(bench("VOLT?")) == pytest.approx(0.634)
 
 
-def test_an_overload_switches_off_and_says_so(bench: Bench) -> None:
+def test_an_overload_switches_off_and_says_so(bench):
     bench("*CLS;:VOLT 4;:OUTP 1")
     bench.generator.overload()
     assert bench.peak_v() == 0.0
@@ -116,9 +114,7 @@ def test_an_overload_switches_off_and_says_so(bench: Bench) -> None:
         ("AM:DEPT", 0.0, 120.0, 100.0),
     ],
 )
-def test_minimum_maximum_and_default_are_answered_and_set(
-    bench: Bench, header: str, low: float, high: float, default: float
-) -> None:
+def test_minimum_maximum_and_default_are_answered_and_set(bench, header, low, high, default):
     for name, value in (("MIN", low), ("MAXimum", high), ("def", default)):
         assert float(bench(f"{header}? {name}")) == pytest.approx(value)
     for name, value in (("MAX", high), ("MIN", low), ("DEF", default)):

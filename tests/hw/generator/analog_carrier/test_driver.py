@@ -30,7 +30,7 @@ def bench() -> Iterator[Bench]:
 
 
 @pytest.mark.parametrize("frequency_hz", [100.0, 1000.0, 2500.0])
-def test_what_is_asked_is_at_the_terminal(bench: Bench, frequency_hz: float) -> None:
+def test_what_is_asked_is_at_the_terminal(bench, frequency_hz):
     bench.driver.set_point(frequency_hz, 120.0)
     assert not bench.driver.is_on()
     bench.driver.set_output(True)
@@ -44,7 +44,7 @@ def test_what_is_asked_is_at_the_terminal(bench: Bench, frequency_hz: float) -> 
     assert np.abs(np.diff(samples_v)).max() <= 1.2 * 2.0 * pi * frequency_hz / 50e3 * 1.001
 
 
-def test_amplitude_and_carrier_change_without_a_step(bench: Bench) -> None:
+def test_amplitude_and_carrier_change_without_a_step(bench):
     bench.driver.set_point(1000.0, 20.0)
     bench.driver.set_output(True)
     bench.pass_s(0.05)
@@ -55,7 +55,7 @@ def test_amplitude_and_carrier_change_without_a_step(bench: Bench) -> None:
     assert np.abs(samples_v).max() == pytest.approx(1.4, rel=1e-2)
 
 
-def test_off_is_zero_at_once_and_read_back(bench: Bench) -> None:
+def test_off_is_zero_at_once_and_read_back(bench):
     bench.driver.set_point(1000.0, 120.0)
     bench.driver.set_output(True)
     bench.pass_s(0.05)
@@ -77,7 +77,7 @@ class Deaf(SimulatedAnalogOutput):
         return self.said_v
 
 
-def test_what_reads_back_otherwise_is_not_off_and_what_does_not_say_is_unknown() -> None:
+def test_what_reads_back_otherwise_is_not_off_and_what_does_not_say_is_unknown():
     output = Deaf(CardMemory, OUTPUT, watch=False)
     driver = AnalogCarrier(output, SETTINGS, CarrierSettings(50e3))
     with pytest.raises(BadReply, match="not at zero"):
@@ -87,7 +87,7 @@ def test_what_reads_back_otherwise_is_not_off_and_what_does_not_say_is_unknown()
     assert driver.off() is None
 
 
-def test_samples_that_run_out_go_to_zero_and_are_said(bench: Bench) -> None:
+def test_samples_that_run_out_go_to_zero_and_are_said(bench):
     bench.driver.set_point(1000.0, 120.0)
     bench.driver.set_output(True)
     bench.pass_s(0.05)
@@ -104,7 +104,7 @@ def test_samples_that_run_out_go_to_zero_and_are_said(bench: Bench) -> None:
     assert bench.terminal.output().amplitude_v == pytest.approx(1.2, rel=CREST)
 
 
-def test_a_card_that_another_takes_to_zero_stays_there(bench: Bench) -> None:
+def test_a_card_that_another_takes_to_zero_stays_there(bench):
     """As the watchdog does while its driver is stopped."""
     bench.driver.set_point(1000.0, 120.0)
     bench.driver.set_output(True)
@@ -129,13 +129,13 @@ def test_a_card_that_another_takes_to_zero_stays_there(bench: Bench) -> None:
         {"modulation": ExternalModulation()},
     ],
 )
-def test_what_it_may_not_is_never_written(bench: Bench, how: dict[str, object]) -> None:
+def test_what_it_may_not_is_never_written(bench, how):
     asked: dict[str, object] = {"frequency_hz": 1000.0, "voltage_v": 100.0} | how
     with pytest.raises(LimitExceeded, match="nothing was written"):
         bench.driver.set_point(**asked)  # type: ignore[arg-type]
 
 
-def test_a_card_that_plays_slower_than_its_carriers_need_is_refused() -> None:
+def test_a_card_that_plays_slower_than_its_carriers_need_is_refused():
     bench = Bench(rate_hz=48e3)
     with pytest.raises(BadReply, match="too few for 2500 Hz"):
         bench.driver.connect()
@@ -150,7 +150,7 @@ def test_a_card_that_plays_slower_than_its_carriers_need_is_refused() -> None:
         ([0.0], 48e3, "48000 samples"),
     ],
 )
-def test_the_gate_knows_samples_alone(block_v: list[float], rate_hz: float, said: str) -> None:
+def test_the_gate_knows_samples_alone(block_v, rate_hz, said):
     gate = SampleGate(SETTINGS, 50e3)
     gate.check(np.array([0.1, 0.2]), 50e3)
     gate.forget()
@@ -158,7 +158,7 @@ def test_the_gate_knows_samples_alone(block_v: list[float], rate_hz: float, said
         gate.check(np.array(block_v), rate_hz)
 
 
-def test_a_driver_that_is_wrong_is_held_back_by_the_gate(bench: Bench) -> None:
+def test_a_driver_that_is_wrong_is_held_back_by_the_gate(bench):
     bench.driver.set_point(1000.0, 120.0)
     bench.driver.set_output(True)
     bench.pass_s(0.05)
@@ -170,7 +170,7 @@ def test_a_driver_that_is_wrong_is_held_back_by_the_gate(bench: Bench) -> None:
         bench.driver.set_point(1000.0, 120.0)
 
 
-def test_cards_are_made_by_name() -> None:
+def test_cards_are_made_by_name():
     card, descriptor = CardMemory.create()
     card.set_level(0.5)
     output = make_card(f"card:simulated:/proc/self/fd/{descriptor}", OUTPUT)

@@ -37,7 +37,7 @@ def gate(*messages: bytes, modulation: float | None = None) -> OutputGate:
         b"VOLT:LIM:HIGH 3;:VOLT:LIM:LOW -3;:VOLT:LIM:STAT 1\n",
     ],
 )
-def test_what_keeps_the_limit_passes(message: bytes) -> None:
+def test_what_keeps_the_limit_passes(message):
     gate(READY, message)
 
 
@@ -73,7 +73,7 @@ def test_what_keeps_the_limit_passes(message: bytes) -> None:
         b"\n",
     ],
 )
-def test_what_does_not_is_held_back(message: bytes) -> None:
+def test_what_does_not_is_held_back(message):
     with pytest.raises(LimitExceeded, match="last gate"):
         gate(READY, message)
 
@@ -81,7 +81,7 @@ def test_what_does_not_is_held_back(message: bytes) -> None:
 @pytest.mark.parametrize(
     "message", [b"VOLT 0.1\n", b"VOLT:OFFS 0.1\n", b"OUTP 1\n", b"FUNC SIN\n", b"AM:STAT 1\n"]
 )
-def test_while_nothing_is_known_only_what_calms_passes(message: bytes) -> None:
+def test_while_nothing_is_known_only_what_calms_passes(message):
     gate(b"VOLT MIN;:VOLT:OFFS 0;:OUTP 0;:AM:STAT 0;:OUTP?\n")
     with pytest.raises(LimitExceeded):
         gate(message)
@@ -91,7 +91,7 @@ def test_while_nothing_is_known_only_what_calms_passes(message: bytes) -> None:
         known.check(message)
 
 
-def test_only_too_much_voltage_is_mended_by_less() -> None:
+def test_only_too_much_voltage_is_mended_by_less():
     for message, hint in (
         (b"VOLT 6.1\n", "lower the voltage"),
         (b"APPL:SIN 1E3\n", "only what `KeysightGenerator` sends"),
@@ -101,7 +101,7 @@ def test_only_too_much_voltage_is_mended_by_less() -> None:
         assert refused.value.hint.startswith(hint)
 
 
-def test_a_refused_message_leaves_no_trace() -> None:
+def test_a_refused_message_leaves_no_trace():
     opened = gate(READY, b"VOLT 5\n")
     with pytest.raises(LimitExceeded):
         opened.check(b"VOLT 0.1;:VOLT:OFFS 2;:VOLT 5\n")
@@ -109,7 +109,7 @@ def test_a_refused_message_leaves_no_trace() -> None:
         opened.check(b"VOLT:OFFS 0.6\n")  # the 5 V still stand
 
 
-def test_modulation_of_unknown_depth_is_no_bound() -> None:
+def test_modulation_of_unknown_depth_is_no_bound():
     ready = gate(
         b"VOLT MIN;:VOLT:OFFS 0;:AM:STAT 0;:OUTP:LOAD INF;:VOLT:UNIT VPP\n", b"FUNC SIN;:VOLT 0.1\n"
     )
@@ -118,7 +118,7 @@ def test_modulation_of_unknown_depth_is_no_bound() -> None:
     ready.check(b"AM:DEPT 100;:AM:STAT 1\n")
 
 
-def test_a_measured_modulation_is_reckoned_with() -> None:
+def test_a_measured_modulation_is_reckoned_with():
     gate(READY, b"AM:STAT 1;:VOLT 6\n", modulation=1.0)
     with pytest.raises(LimitExceeded):
         gate(READY, b"AM:STAT 1;:VOLT 6.1\n", modulation=1.0)
@@ -158,9 +158,7 @@ COMMAND = st.one_of(
 
 @settings(max_examples=300)
 @given(st.lists(COMMAND, max_size=25), st.booleans())
-def test_whatever_is_sent_through_the_gate_the_terminals_keep_the_limit(
-    commands: list[str], doubling: bool
-) -> None:
+def test_whatever_is_sent_through_the_gate_the_terminals_keep_the_limit(commands, doubling):
     """With nobody above the gate: commands at random, after each everything that was at the
     simulated terminals.
     """
@@ -189,7 +187,7 @@ def test_whatever_is_sent_through_the_gate_the_terminals_keep_the_limit(
     "known", [b"*RST\n", b"VOLT:UNIT VPP\n", b"OUTP:LOAD INF\n", b"AM:STAT 0\n"]
 )
 @pytest.mark.parametrize("level", [b"VOLT 0.1\n", b"VOLT:OFFS 0.1\n"])
-def test_no_level_passes_before_both_load_and_unit_are_known(known: bytes, level: bytes) -> None:
+def test_no_level_passes_before_both_load_and_unit_are_known(known, level):
     """For a load of 50 ohms a level is half of what an open electrode gets."""
     with pytest.raises(
         LimitExceeded, match="programmed load and unit are not known to be open, Vpp"

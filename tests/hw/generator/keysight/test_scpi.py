@@ -47,35 +47,35 @@ def lamp() -> Lamp:
 @pytest.mark.parametrize(
     "header", ["LAMP:A:COLOUR", "lamp:a:col", ":LAMP:A:COL", ":Lamp:a:Colour", "  LAMP:A:COL"]
 )
-def test_long_short_case_and_leading_colon(lamp: Lamp, header: str) -> None:
+def test_long_short_case_and_leading_colon(lamp, header):
     assert lamp(f"{header} green") == ""
     assert lamp(f"{header}?") == "GRE\n"
 
 
-def test_only_the_two_forms_are_accepted(lamp: Lamp) -> None:
+def test_only_the_two_forms_are_accepted(lamp):
     assert lamp("LAMP:A:COLO GRE;:SYST:ERR?") == ""  # a command error ends the message
     assert lamp("SYST:ERR?") == '-113,"Undefined header"\n'
 
 
-def test_a_compound_message_answers_in_one_line(lamp: Lamp) -> None:
+def test_a_compound_message_answers_in_one_line(lamp):
     assert lamp("LAMP:A:COL?;:LAMP:B:POW?;*IDN?") == "RED;power B;Maker,Lamp,1,1.0\n"
 
 
-def test_a_header_without_colon_continues_in_the_last_subsystem(lamp: Lamp) -> None:
+def test_a_header_without_colon_continues_in_the_last_subsystem(lamp):
     assert lamp("LAMP:B:COL GRE;POW?;COL?") == "power B;GRE\n"
     assert lamp("LAMP:B:COL?;A:COL?") == "GRE\n"  # no A below LAMP:B
     assert lamp("SYST:ERR?") == '-113,"Undefined header"\n'
 
 
-def test_common_commands_do_not_change_the_subsystem(lamp: Lamp) -> None:
+def test_common_commands_do_not_change_the_subsystem(lamp):
     assert lamp("LAMP:B:COL GRE;*OPC?;COL?") == "1;GRE\n"
 
 
-def test_lines_are_separate_messages(lamp: Lamp) -> None:
+def test_lines_are_separate_messages(lamp):
     assert lamp("LAMP:A:COL?\r\nLAMP:B:POW?") == "RED\npower B\n"
 
 
-def test_a_command_error_ends_the_message_an_execution_error_does_not(lamp: Lamp) -> None:
+def test_a_command_error_ends_the_message_an_execution_error_does_not(lamp):
     assert lamp("LAMP:A:COL BLUE;:LAMP:A:COL?") == "RED\n"
     assert lamp("LAMP:A:COL? ;:NONSENSE 1;:LAMP:A:COL?") == "RED\n"
     assert (
@@ -94,19 +94,19 @@ def test_a_command_error_ends_the_message_an_execution_error_does_not(lamp: Lamp
         ("LAMP:A:COL RED,RED", -108),
     ],
 )
-def test_errors_by_code(lamp: Lamp, message: str, code: int) -> None:
+def test_errors_by_code(lamp, message, code):
     lamp(message)
     assert lamp("SYST:ERR?").startswith(f"{code},")
 
 
-def test_the_error_queue_holds_twenty(lamp: Lamp) -> None:
+def test_the_error_queue_holds_twenty(lamp):
     for _ in range(25):
         lamp("NONSENSE")
     codes = [lamp("SYST:ERR?").partition(",")[0] for _ in range(21)]
     assert codes == ["-113"] * 19 + ["-350", "+0"]
 
 
-def test_event_status_by_class_of_error(lamp: Lamp) -> None:
+def test_event_status_by_class_of_error(lamp):
     assert lamp("*ESR?") == "128\n"  # power on
     lamp("NONSENSE")
     assert lamp("*ESR?") == "32\n"
@@ -119,7 +119,7 @@ def test_event_status_by_class_of_error(lamp: Lamp) -> None:
     assert lamp("*ESR?") == "12\n"
 
 
-def test_a_reset_reaches_the_instrument(lamp: Lamp) -> None:
+def test_a_reset_reaches_the_instrument(lamp):
     assert lamp("*WAI;*RST") == ""
     assert lamp.log == ["reset"]
 
@@ -140,7 +140,7 @@ def test_a_reset_reaches_the_instrument(lamp: Lamp) -> None:
         ("maximum", "", 7.0),
     ],
 )
-def test_numbers(text: str, unit: str, value: float) -> None:
+def test_numbers(text, unit, value):
     assert parse_number(text, unit, {"MAXimum": 7.0}) == pytest.approx(value, rel=1e-12)
 
 
@@ -156,7 +156,7 @@ def test_numbers(text: str, unit: str, value: float) -> None:
         ("-1E308 KHZ", -123),
     ],
 )
-def test_bad_numbers(text: str, code: int) -> None:
+def test_bad_numbers(text, code):
     with pytest.raises(ScpiError) as caught:
         parse_number(text, "HZ")
     assert caught.value.code == code
@@ -165,7 +165,7 @@ def test_bad_numbers(text: str, code: int) -> None:
 @pytest.mark.parametrize(
     ("text", "value"), [("1", True), ("on", True), ("0", False), ("Off", False)]
 )
-def test_booleans(text: str, value: bool) -> None:
+def test_booleans(text, value):
     assert parse_boolean(text) is value
 
 
@@ -209,7 +209,7 @@ PATH = (("SOURce", True), ("VOLTage", False), ("LEVel", True), ("IMMediate", Tru
 
 
 @given(spelling((*PATH, ("AMPLitude", True))), spelling((*PATH, ("OFFSet", False))))
-def test_every_spelling_of_a_header_means_the_same(level: str, offset: str) -> None:
+def test_every_spelling_of_a_header_means_the_same(level, offset):
     box = Box()
     assert box(f"{level}?\n{offset}?\n".encode()) == b"level\noffset\n"
     assert box(f"{level} 1.5;:{offset.lstrip(':')} 2\n".encode()) == b""
@@ -230,14 +230,14 @@ def test_every_spelling_of_a_header_means_the_same(level: str, offset: str) -> N
         "VOLT:SOUR",
     ],
 )
-def test_any_other_spelling_is_unknown(header: str) -> None:
+def test_any_other_spelling_is_unknown(header):
     box = Box()
     assert box(f"{header} 1\n".encode()) == b""
     assert box(b"SYST:ERR?\n").startswith(b"-113,")
     assert box.got == []
 
 
-def test_overflow_is_a_device_error_too(lamp: Lamp) -> None:
+def test_overflow_is_a_device_error_too(lamp):
     lamp("*CLS")
     for _ in range(21):
         lamp("NONSENSE")

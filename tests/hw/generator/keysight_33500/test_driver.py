@@ -16,16 +16,14 @@ def bench() -> Bench:
     return bench
 
 
-def test_the_limit_stands_at_the_terminals_after_connecting(bench: Bench) -> None:
+def test_the_limit_stands_at_the_terminals_after_connecting(bench):
     """300 V at a gain of 100."""
     answer = b"+3.0000000000000E+00;-3.0000000000000E+00;1\n"
     assert bench.say("VOLT:LIM:HIGH?;:VOLT:LIM:LOW?;:VOLT:LIM:STAT?") == answer
 
 
 @pytest.mark.parametrize("change", ["VOLT:LIM:STAT 0", "VOLT:LIM:HIGH 9", "VOLT:LIM:LOW -9"])
-def test_a_limit_taken_away_is_noticed_switched_off_and_set_again(
-    bench: Bench, change: str
-) -> None:
+def test_a_limit_taken_away_is_noticed_switched_off_and_set_again(bench, change):
     bench.driver.set_point(250.0, 120.0)
     bench.driver.set_output(True)
     bench.say(change)
@@ -36,7 +34,7 @@ def test_a_limit_taken_away_is_noticed_switched_off_and_set_again(
     assert bench.say("VOLT:LIM:STAT?") == b"1\n"
 
 
-def test_an_instrument_that_does_not_take_the_limit_is_refused() -> None:
+def test_an_instrument_that_does_not_take_the_limit_is_refused():
     bench = Bench("keysight_33500")
     handle = bench.generator.handle
 
@@ -50,7 +48,7 @@ def test_an_instrument_that_does_not_take_the_limit_is_refused() -> None:
     assert not bench.generator.output().on
 
 
-def test_the_limit_of_an_earlier_session_gives_way(bench: Bench) -> None:
+def test_the_limit_of_an_earlier_session_gives_way(bench):
     bench.say("VOLT MIN;:VOLT:LIM:HIGH 0.5;:VOLT:LIM:LOW -0.5")
     bench.driver.off()  # nothing is believed any more, and nothing is reset
     bench.driver.set_point(250.0, 300.0)
@@ -59,11 +57,11 @@ def test_the_limit_of_an_earlier_session_gives_way(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("model", ["33509B", "33522A", "33611A", "33622A"])
-def test_the_whole_family_is_known(model: str) -> None:
+def test_the_whole_family_is_known(model):
     assert Bench("keysight_33500").driver.model.fullmatch(model)
 
 
-def test_the_range_is_visited_within_the_limit() -> None:
+def test_the_range_is_visited_within_the_limit():
     bench = Bench("keysight_33500", SETTINGS)
     assert bench.driver.settings.range_policy is RangePolicy.FIXED
     bench.driver.connect()

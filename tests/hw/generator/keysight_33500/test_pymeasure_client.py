@@ -57,9 +57,7 @@ def client(server: TcpServer) -> Iterator[Any]:
         ("burst_state", True, True),
     ],
 )
-def test_every_property_is_accepted_and_read_back(
-    client: Any, name: str, value: Any, shown: Any, channel: bool
-) -> None:
+def test_every_property_is_accepted_and_read_back(client, name, value, shown, channel):
     """By channel, `SOUR1:...`, and without."""
     target = client.ch_1 if channel else client
     setattr(target, name, value)
@@ -68,7 +66,7 @@ def test_every_property_is_accepted_and_read_back(
     assert client.check_errors() == []
 
 
-def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: Simulated33500) -> None:
+def test_what_the_client_sets_is_at_the_terminals(client, simulated):
     client.ch_1.output_load = "INF"
     client.ch_1.frequency = 250.0
     client.ch_1.amplitude = 1.0
@@ -77,9 +75,7 @@ def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: Simula
     assert simulated.output()[:4] == (250.0, pytest.approx(0.5), 0.0, True)
 
 
-def test_the_instrument_itself_refuses_what_is_beyond_the_rigs_limit(
-    client: Any, server: TcpServer, simulated: Simulated33500
-) -> None:
+def test_the_instrument_itself_refuses_what_is_beyond_the_rigs_limit(client, server, simulated):
     """The client knows nothing of the driver's limits: 150 V at a gain of 100 is 3 Vpp."""
     transport = TcpTransport(server.host, server.port)
     driver = Keysight33500(

@@ -73,7 +73,7 @@ def connected(*pairs: tuple[bytes, bytes]) -> tuple[SiglentSdg, Script]:
     return driver, script
 
 
-def test_one_setting_per_line_and_all_of_it_read_back() -> None:
+def test_one_setting_per_line_and_all_of_it_read_back():
     driver, script = connected(
         *told(b"C1:BSWV OFST,0.5", b"C1:BSWV FRQ,250", b"C1:BSWV AMP,2.4"),
         wave(b"250", b"2.4", b"0.5"),
@@ -112,7 +112,7 @@ def test_one_setting_per_line_and_all_of_it_read_back() -> None:
         [(b"C1:BSWV?\n", b"nonsense\n")],
     ],
 )
-def test_what_reads_back_otherwise_is_switched_off(answers: list[tuple[bytes, bytes]]) -> None:
+def test_what_reads_back_otherwise_is_switched_off(answers):
     calm = told(b"C1:BSWV AMP,0.004", b"C1:BSWV OFST,0", b"C1:OUTP OFF")
     driver, script = connected(*told(b"C1:BSWV FRQ,250", b"C1:BSWV AMP,2.4"), *answers, *calm, OFF)
     with pytest.raises(BadReply):
@@ -129,9 +129,7 @@ def test_what_reads_back_otherwise_is_switched_off(answers: list[tuple[bytes, by
         (b"C1:SYNC ON,TYPE,CH2\n", False),
     ],
 )
-def test_sync_is_switched_on_after_a_reset_and_must_be_of_this_channel(
-    shown: bytes, accepted: bool
-) -> None:
+def test_sync_is_switched_on_after_a_reset_and_must_be_of_this_channel(shown, accepted):
     calm = told(b"C1:BSWV AMP,0.004", b"C1:BSWV OFST,0", b"C1:OUTP OFF")
     script = Script(IDENTITY, *RESET, *SET_UP[:-1], (b"C1:SYNC?\n", shown), *calm, OFF)
     driver = SiglentSdg(MemoryTransport(script), SETTINGS)
@@ -144,14 +142,14 @@ def test_sync_is_switched_on_after_a_reset_and_must_be_of_this_channel(
 
 
 @pytest.mark.parametrize("reply", UNCLEAR)
-def test_an_unclear_answer_is_never_off(reply: bytes) -> None:
+def test_an_unclear_answer_is_never_off(reply):
     calm = told(b"C1:BSWV AMP,0.004", b"C1:BSWV OFST,0", b"C1:OUTP OFF")
     driver, _ = connected(*calm, (b"C1:OUTP?\n", reply), *calm[2:], (b"C1:OUTP?\n", reply))
     assert driver.off() is None
 
 
 @pytest.mark.parametrize("message", PASSES)
-def test_what_keeps_the_limit_passes_the_gate(message: str) -> None:
+def test_what_keeps_the_limit_passes_the_gate(message):
     gate = SiglentGate(SETTINGS)
     for line in (*READY, message):
         gate.check(line.encode() + b"\n")
@@ -185,7 +183,7 @@ def test_what_keeps_the_limit_passes_the_gate(message: str) -> None:
         ),
     ],
 )
-def test_what_does_not_is_held_back(message: str) -> None:
+def test_what_does_not_is_held_back(message):
     gate = SiglentGate(SETTINGS)
     for line in READY:
         gate.check(line.encode() + b"\n")
@@ -193,7 +191,7 @@ def test_what_does_not_is_held_back(message: str) -> None:
         gate.check(message.encode() + b"\n")
 
 
-def test_levels_wait_for_a_reset_and_an_open_load() -> None:
+def test_levels_wait_for_a_reset_and_an_open_load():
     for lines in (READY[:1], READY[1:4], ()):
         gate = SiglentGate(SETTINGS)
         for line in lines:
@@ -203,7 +201,7 @@ def test_levels_wait_for_a_reset_and_an_open_load() -> None:
                 gate.check(line.encode() + b"\n")
 
 
-def test_the_front_panel_is_noticed() -> None:
+def test_the_front_panel_is_noticed():
     bench = Bench("siglent_sdg")
     bench.connect()
     bench.driver.set_point(250.0, 120.0)

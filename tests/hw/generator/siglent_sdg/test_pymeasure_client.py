@@ -43,14 +43,14 @@ def client(simulated: SimulatedSdg) -> Iterator[Any]:
         ("output_enabled", False),
     ],
 )
-def test_every_property_is_accepted_and_read_back(client: Any, name: str, value: Any) -> None:
+def test_every_property_is_accepted_and_read_back(client, name, value):
     setattr(client.ch_1, name, value)
     assert getattr(client.ch_1, name) == (
         value if isinstance(value, (str, bool)) else pytest.approx(value)
     )
 
 
-def test_what_the_client_sets_is_at_the_terminals(client: Any, simulated: SimulatedSdg) -> None:
+def test_what_the_client_sets_is_at_the_terminals(client, simulated):
     client.reset()
     client.ch_1.frequency = 250.0
     client.ch_1.amplitude = 1.0

@@ -15,7 +15,7 @@ def ask(generator: SimulatedSdg, *lines: str) -> str:
     return generator.handle("".join(f"{line}\n" for line in lines).encode()).decode()
 
 
-def test_after_reset_the_answer_is_that_of_a_real_one() -> None:
+def test_after_reset_the_answer_is_that_of_a_real_one():
     """As public clients have it from an SDG2042X."""
     generator = SimulatedSdg(IMMEDIATE)
     answer = (
@@ -29,7 +29,7 @@ def test_after_reset_the_answer_is_that_of_a_real_one() -> None:
     )
 
 
-def test_a_load_rescales_what_is_shown_and_not_what_is_there() -> None:
+def test_a_load_rescales_what_is_shown_and_not_what_is_there():
     generator = SimulatedSdg(IMMEDIATE)
     ask(generator, "C1:BSWV AMP,4", "C1:BSWV OFST,1", "C1:OUTP ON,LOAD,50")
     assert "AMP,2V" in ask(generator, "C1:BSWV?")
@@ -51,7 +51,7 @@ def test_a_load_rescales_what_is_shown_and_not_what_is_there() -> None:
         ("FRQ,2000HZ,AMP,3V", "AMP,3V"),
     ],
 )
-def test_what_cannot_be_is_clipped_or_ignored_without_a_word(setting: str, shown: str) -> None:
+def test_what_cannot_be_is_clipped_or_ignored_without_a_word(setting, shown):
     generator = SimulatedSdg(IMMEDIATE)
     assert ask(generator, f"C1:BSWV {setting}") == ""
     assert f"{shown}," in ask(generator, "C1:BSWV?")
@@ -68,7 +68,7 @@ def test_what_cannot_be_is_clipped_or_ignored_without_a_word(setting: str, shown
     ),
     st.binary(max_size=40),
 )
-def test_nothing_makes_more_than_ten_volts(commands: list[tuple[str, str]], noise: bytes) -> None:
+def test_nothing_makes_more_than_ten_volts(commands, noise):
     seen: list[TerminalOutput] = []
     generator = SimulatedSdg(IMMEDIATE, listener=seen.append)
     ask(generator, "C1:OUTP ON", *(f"C1:{key},{value}" for key, value in commands))
