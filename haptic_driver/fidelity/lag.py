@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft
+from numpy import fft
 
 from haptic_driver.fidelity.sliding import runs
 from haptic_driver.fidelity.strokes import without_line
@@ -101,7 +101,7 @@ def correlation_by_lag(asked: Array, felt: Array, most: int) -> Array:
     10.1109/TIP.2011.2181402.
     """
     _require_same_length(asked, felt)
-    size = fft.next_fast_len(asked.size + most, real=True)
+    size = 1 << (asked.size + most - 1).bit_length()  # a power of two is quickest
     asked_there, x, x2 = fft.rfft(_powers(asked), size).conj()
     felt_there, y, y2 = fft.rfft(_powers(felt), size)
     products = [asked_there * felt_there, x * felt_there, x2 * felt_there]

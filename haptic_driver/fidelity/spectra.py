@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy import fft
 from numpy.typing import NDArray
-from scipy import fft
 
 from haptic_driver.fidelity.strokes import Stroke, without_line
 from haptic_driver.signals import Array
@@ -54,7 +54,7 @@ def band_spectra(pieces: Sequence[Stroke], tick_s: float) -> BandSpectra:
     averages is taken out.
     """
     longest = round(SEGMENT_S / tick_s)
-    size = fft.next_fast_len(4 * longest, real=True)  # so that bins fill the narrow bands evenly
+    size = 4 * longest  # so that bins fill the narrow bands evenly
     frequency_hz = fft.rfftfreq(size, tick_s)
     cross = np.zeros(frequency_hz.size, dtype=complex)
     asked, felt = np.zeros((2, frequency_hz.size))

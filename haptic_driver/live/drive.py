@@ -11,8 +11,8 @@ from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from haptic_driver.render.feedback import FeedbackSettings
 from haptic_driver.signals import Array, Mask
@@ -63,19 +63,25 @@ def felt(
         last = np.searchsorted(driven, np.arange(samples.size), side="right") - 1
         carrier_hz = samples["frequency_hz"][place][driven[np.maximum(last, 0)]]
     look_back = block + round(SETTLING_S / step_s)
-    origin = (look_back - 1) // 2  # which makes the last sample the one that is asked about
-    least_hz = minimum_filter1d(carrier_hz, look_back, origin=origin)
-    most_hz = maximum_filter1d(carrier_hz, look_back, origin=origin)
-    around = 1 + 2 * round(TIMING_S[drive] / step_s)
-    unsure_v2 = maximum_filter1d(power_v2, around) - minimum_filter1d(power_v2, around)
+    lately_hz = _with_those_around(carrier_hz, look_back - 1, 0)
+    least_hz, most_hz = lately_hz.min(axis=1), lately_hz.max(axis=1)
+    shift = round(TIMING_S[drive] / step_s)
+    shifted_v2 = _with_those_around(power_v2, shift, shift)
+    unsure_v2 = np.ptp(shifted_v2, axis=1)
     if drive == "envelope":  # early as often as late: valleys are felt less deep
-        power_v2 = uniform_filter1d(power_v2, around)
+        power_v2 = shifted_v2.mean(axis=1)
     power_v2[power_v2 < NO_POWER_V2] = 0.0
     forces_n = samples["normal_force_n"], samples["lateral_force_n"]
     repeated = np.all(np.diff(forces_n, prepend=np.nan) == 0.0, axis=0)
     unsure_v2[repeated] = np.inf  # control was late: a reading of before
     touch = samples["time_s"], *forces_n, samples["speed_m_s"]
     return Felt(*touch, carrier_hz, least_hz, most_hz, power_v2, unsure_v2)
+
+
+def _with_those_around(values: Array, before: int, after: int) -> Array:
+    """Each of values [n] with so many before and after it [n, m]; beyond its ends they go on."""
+    padded = np.pad(values, (before, after), mode="edge")
+    return np.asarray(sliding_window_view(padded, before + 1 + after))
 
 
 def _later_s(samples: NDArray[np.void], timing_s: float, strokes: Sequence[slice]) -> float:

@@ -15,7 +15,6 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.live.agreement import Agreement, Disagreement, Share
 from haptic_driver.live.comparison import by_surface, compared
 from haptic_driver.live.drive import SETTLING_S
-from haptic_driver.live.proof import attempt, split
 from haptic_driver.live.swap import Proposal, Word
 from haptic_driver.live.window import NONE_YET, Window, windows
 from haptic_driver.lookup.build import build_surface
@@ -107,6 +106,9 @@ class Following:
 
     def _proposal(self, new: Sequence[Window]) -> Proposal | None:
         """What more windows lead to; None where there is nothing to try yet."""
+        # slow to import, and who does not adapt does without
+        from haptic_driver.live.proof import attempt, split  # noqa: PLC0415
+
         self._newest.extend(new)
         every, now_s = list(self._newest), new[-1].time_s
         known, unseen = split(every)

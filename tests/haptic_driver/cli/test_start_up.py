@@ -114,6 +114,12 @@ def test_a_point_is_solved_without_scipy_and_pictures():
     )  # numba imports the last with its first kernel
 
 
+def test_control_imports_no_scipy():
+    code = "import sys, haptic_driver.daemon.run; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
+    assert not {name for name in done.stdout.split() if name.startswith(("scipy.s", "scipy.l"))}
+
+
 def test_each_line_of_the_help_has_a_command_that_says_more():
     found = known()
     program = typer.main.get_command(build_app(found, found))
