@@ -66,12 +66,12 @@ def doctor(rig: RigOption = "simulated", as_json: Json = False) -> int:
 def _served(config: RigConfig, serving: ExitStack) -> RigConfig:
     from haptic_driver.simulation.served import (  # noqa: PLC0415 - a real rig needs no model
         ServedRig,
-        as_real,
     )
+    from haptic_driver.simulation.twin import as_real  # noqa: PLC0415
     from model.touch_model import TouchModel  # noqa: PLC0415
 
     touch = TouchModel(load_model(config.simulation.model or "reference"))
-    return as_real(config, serving.enter_context(ServedRig(config, touch)).endpoints)
+    return serving.enter_context(ServedRig(as_real(config), touch)).config
 
 
 def _show_settings(checks: list[Check]) -> None:

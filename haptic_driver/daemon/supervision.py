@@ -37,7 +37,7 @@ from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.rig import require_verified
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import SLIDING_M_S
-from haptic_driver.simulation.served import reached
+from haptic_driver.simulation.twin import reached
 from hw.errors import DeviceError, NotBelieved
 from hw.health import Health
 

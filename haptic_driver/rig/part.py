@@ -141,11 +141,12 @@ class DeviceSection(Section):
     """A section that describes a device: where it is, how it is made and how it is examined.
 
     `files` are keys that name files beside the rig's file. `told_by` is the key that says whether
-    it is simulated.
+    it is simulated. `served_as` is the endpoint of a simulated rig that answers as it does.
     """
 
     files: ClassVar[tuple[str, ...]] = ()
     told_by: ClassVar[str] = "resource"
+    served_as: ClassVar[str] = ""
     needs_stage: ClassVar[bool] = False
 
     @property
@@ -163,7 +164,7 @@ class DeviceSection(Section):
         return None if said == NONE else bool(said == SIMULATED)
 
     def served_at(self, where: str) -> DeviceSection:
-        """The section by which a simulated device is reached that is served there."""
+        """The section by which the simulated device is reached that is served there."""
         return self.model_copy(update={"resource": where})
 
     @property

@@ -9,4 +9,4 @@ Time passes in steps (`rig.py`) or by the clock of a process (`process.py`, `ser
 Two rules hold. Safety checks stay on in simulation. A recording says whether its rig was simulated.
 """
 
-__all__ = ["finger_function", "finger_model", "rig", "served", "slide"]
+__all__ = ["finger_function", "finger_model", "rig", "served", "slide", "twin"]

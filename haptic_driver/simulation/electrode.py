@@ -33,21 +33,22 @@ class SimulatedElectrode:
         lines, amplifier = config.amplifier.monitor_lines(), config.amplifier
         noise_v = amplifier.voltage_monitor_noise_v, amplifier.current_monitor_noise_v
         simulated = SimulatedLines(lambda: self._seen, lines, noise_v, config.simulation.seed)
-        self._monitors = [
-            SampledMonitor(_inputs(section, simulated), lines, section.sampling())
-            for section in config.electrode_monitors
+        self._monitors = {
+            i: SampledMonitor(_inputs(section, simulated), lines, section.sampling())
+            for i, section in enumerate(config.electrode_monitors)
             if isinstance(section, SimulatedElectrodeMonitorConfig)
-        ]
+        }
 
     def read(self, frequency_hz: float, voltage_v: float) -> ElectrodeReading | None:
-        """The present reading of the first monitor that measures this carrier; None without one, or
-        where nothing is known.
+        """The present reading of the first monitor that measures this carrier; None where that is
+        not simulated, or nothing is known.
         """
         i = self._config.electrode_monitor(frequency_hz)
-        self._seen = None if i is None else self._state()
-        if i is None or self._seen is None:
+        monitor = None if i is None else self._monitors.get(i)
+        self._seen = None if monitor is None else self._state()
+        if monitor is None or self._seen is None:
             return None
-        return self._monitors[i].read(frequency_hz, voltage_v)
+        return monitor.read(frequency_hz, voltage_v)
 
     def _state(self) -> ElectrodeState | None:
         if self._law is None:

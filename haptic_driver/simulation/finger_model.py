@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from math import floor, log
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,13 @@ None where not known.
 
 Without a load there is no finger, without speed it rests.
 """
+
+
+class FingerLaws(NamedTuple):
+    """What a finger does under voltages, and to the electrode."""
+
+    friction: FrictionLaw
+    electrode: ElectrodeLaw
 
 
 def friction_of(model: TouchModel, answers: int = 64) -> FrictionLaw:

@@ -7,6 +7,8 @@ from __future__ import annotations
 import datetime
 import math
 import os
+import re
+import socket
 import struct
 import time
 from collections.abc import Callable, Sequence, Set
@@ -25,6 +27,8 @@ Array = NDArray[np.float64]
 # struct input_event and codes of linux/input.h and linux/input-event-codes.h
 _EVENT = struct.Struct("@llHHi")  # seconds, microseconds, type, code, value
 _READ_BYTES = 256 * _EVENT.size
+_ADDRESS = re.compile(r"[^/]+:\d+")
+_CONNECT_S = 2.0
 _STILL_AFTER_S = 0.05  # several report intervals of a screen
 _SYNC, _KEY, _ABSOLUTE = 0x00, 0x01, 0x03
 _SYNC_REPORT, _SYNC_DROPPED = 0, 3
@@ -440,8 +444,11 @@ class EvdevTouchScreen:
 def open_touch_reports(path: str) -> TouchReports:
     """Open the event device at `path`, e.g. `/dev/input/by-id/...-event`, on the monotonic clock.
 
-    Needs the package evdev. Raises DeviceError, DeviceDisconnected or BadReply.
+    `host:port` sends the events of one, stamped by this machine's clock. An event device needs the
+    package evdev. Raises DeviceError, DeviceDisconnected or BadReply.
     """
+    if _ADDRESS.fullmatch(path):
+        return _reports_over_tcp(path)
     try:
         import fcntl  # noqa: PLC0415 - not on Windows
 
@@ -477,6 +484,17 @@ def open_touch_reports(path: str) -> TouchReports:
         close=device.close,
         span_raw=(int(x.max - x.min), int(y.max - y.min)),
     )
+
+
+def _reports_over_tcp(address: str) -> TouchReports:
+    host, port = address.rsplit(":", 1)
+    try:
+        connection = socket.create_connection((host, int(port)), _CONNECT_S)
+    except OSError as error:
+        said = f"no touch screen answers at {address} ({error})"
+        raise DeviceDisconnected(said, "start what sends its events") from error
+    close = connection.close
+    return TouchReports(connection.fileno(), TouchEvents(None), name=address, close=close)
 
 
 def _has_slots(device: Any, path: str) -> bool:

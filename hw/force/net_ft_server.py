@@ -23,6 +23,8 @@ _COUNT_END = (1 << 31) - 1
 _COUNTER_MODULUS = 1 << 32
 _POLL_S = 0.02
 BAD_STATUS_RAW = 0x80020000
+# who connects takes a bias until then if ever, and sees by then that it is right
+UNTIL_BIAS_S, BIAS_SEEN_S = 5.0, 1.0
 
 
 class NetFtServer(Running):
@@ -53,6 +55,7 @@ class NetFtServer(Running):
         self._f_t_sequence = 0
         self._remaining = 0.0
         self._client: tuple[str, int] | None = None
+        self._finger_from_s = -math.inf
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -71,6 +74,11 @@ class NetFtServer(Running):
         if self._thread.is_alive():
             self._thread.join()
         self._socket.close()
+
+    @property
+    def may_be_pressed(self) -> bool:
+        """Whether somebody listens, and has taken the bias, or has had the time to."""
+        return self._client is not None and time.monotonic() > self._finger_from_s
 
     def emit(self, count: int) -> None:
         """Send `count` records now, if a client has asked for any."""
@@ -105,11 +113,13 @@ class NetFtServer(Running):
                 case 0:
                     self._client = None
                 case 2:
+                    self._finger_from_s = time.monotonic() + UNTIL_BIAS_S
                     self._client, self._remaining = client, count or math.inf
                     self._emit()
                 case 0x41:
                     self.status_raw = 0
                 case 0x42:
+                    self._finger_from_s = time.monotonic() + BIAS_SEEN_S
                     self._bias = self._wrench()
 
     def _emit(self) -> None:

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from haptic_driver.simulation.served import LOAD_STAGE, ServedRig
+from haptic_driver.simulation.served import ServedRig
+from haptic_driver.simulation.twin import LOAD_STAGE, as_real
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
 from hw.safety import interlock, simulated_interlock
@@ -52,7 +53,7 @@ def living_rig(rig_config, touch):
     The interlock box and its driver have the patience of a busy machine; `tests/hw/safety` has
     their times.
     """
-    with pytest.MonkeyPatch.context() as patch, ServedRig(rig_config, touch) as rig:
+    with pytest.MonkeyPatch.context() as patch, ServedRig(as_real(rig_config), touch) as rig:
         patch.setattr(simulated_interlock, "SILENCE_S", PATIENCE_S)
         patch.setattr(interlock, "HeartbeatInterlock", _patient_box)
         ended = threading.Event()

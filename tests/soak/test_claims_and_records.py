@@ -25,7 +25,8 @@ from haptic_driver.recording.read import read_run
 from haptic_driver.recording.records import records_of
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import connect_devices
-from haptic_driver.simulation.served import ServedRig, as_real
+from haptic_driver.simulation.served import ServedRig
+from haptic_driver.simulation.twin import as_real
 from model.touch_model import TouchModel
 from tests.soak.test_attack import served
 from tests.waiting import until
@@ -49,8 +50,8 @@ def test_a_rig_is_of_one_program_however_that_ends():
     """Two daemons on one rig: one said "idle, 0 V" while the other held 95 V."""
     chance, spawning = random.Random(7), get_context("spawn")
     config, touch = load_rig("simulated"), TouchModel(load_model("reference"))
-    with ServedRig(config, touch) as instruments:
-        rig = as_real(config, instruments.endpoints)
+    with ServedRig(as_real(config), touch) as instruments:
+        rig = instruments.config
         for _ in range(ROUNDS):
             has = spawning.Event()
             first = spawning.Process(target=having, args=(rig, has), daemon=True)

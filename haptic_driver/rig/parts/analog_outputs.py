@@ -100,6 +100,8 @@ class SomeAnalogOutput(SignedFigures, PartSection):
 class SimulatedAnalogOutputConfig(SomeAnalogOutput, ServedSection):
     """The simulated rig's own."""
 
+    served_as = "analog_output"
+
     kind: Literal["simulated"]
 
     def make(self, wiring: Wiring) -> Part[AnalogOutput]:

@@ -61,6 +61,8 @@ class SomeElectrodeMonitor(PartSection):
 class SimulatedElectrodeMonitorConfig(SomeElectrodeMonitor, ServedSection):
     """A converter on the simulated amplifier's monitor lines and on the generator's output."""
 
+    served_as = "amplifier_lines"
+
     kind: Literal["simulated"]
     sample_rate_hz: SampleRate = Field(description="of each channel")
     record_s: Seconds = Field(

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import datetime
-import socket
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Field
 
@@ -18,10 +17,8 @@ from haptic_driver.rig.part import (
     NoPart,
     Part,
     PartSection,
-    ServedSection,
     Wiring,
 )
-from hw.errors import DeviceDisconnected
 
 if TYPE_CHECKING:
     from hw.finger.touch_screen import TouchCalibration
@@ -81,8 +78,12 @@ class EvdevFingerConfig(PartSection):
     `report_rate_hz` is how often it reports, for the latency by which positions are extrapolated.
     """
 
+    served_as = "finger_tracker"
+
     kind: Literal["evdev"]
-    device: str = Field(description="event device of the touch screen")
+    device: str = Field(
+        description="event device of the touch screen, or `host:port` that sends its events"
+    )
     report_rate_hz: Annotated[
         float, Within(1.0, 1e5, "no touch screen tells less or more often")
     ] = Field(
@@ -99,6 +100,10 @@ class EvdevFingerConfig(PartSection):
     def calibration(self) -> str:
         """When, and whether it was."""
         return f"{self.measured_at}{', placeholder' if self.placeholder else ''}"
+
+    def served_at(self, where: str) -> Self:
+        """The simulated screen there has counts and a pace of its own."""
+        return self.model_copy(update={"device": where, **_simulated_screen()})
 
     def touch_calibration(self) -> TouchCalibration:
         """The same, as the driver takes it; BadInputError for a matrix that is no map of a
@@ -176,30 +181,26 @@ class RecordedFingerConfig(PartSection):
         )
 
 
-class SimulatedFingerConfig(ServedSection):
-    """The touch screen of a simulated rig, whose events come over a socket."""
+class SimulatedFingerConfig(PartSection):
+    """The touch screen of a simulated rig."""
+
+    served_as = "finger_tracker"
 
     kind: Literal["simulated"] = "simulated"
 
-    def make(self, wiring: Wiring) -> Part[FingerTracker]:
+    def served_at(self, where: str) -> EvdevFingerConfig:
+        """As a real one, whose events come over a socket."""
         from hw.finger.simulated_touch_screen import SCREEN
-        from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
 
-        connection = _connected(self._where)
-        reports = TouchReports(
-            connection.fileno(),
-            TouchEvents(None),
-            name="simulated touch screen",
-            close=connection.close,
-        )
-        screen = TouchScreen(reports, SCREEN)
-        return Part(screen, closing=[screen.close])
+        screen = {"measured_at": SCREEN.measured_on, **_simulated_screen()}
+        return EvdevFingerConfig(kind="evdev", device=where, **screen)
 
 
-def _connected(where: str) -> socket.socket:
-    host, port = where.split(":")
-    try:
-        return socket.create_connection((host, int(port)))
-    except OSError as error:
-        said = f"the simulated touch screen is gone ({error})"
-        raise DeviceDisconnected(said, "restart the daemon") from error
+def _simulated_screen() -> dict[str, Any]:
+    from hw.finger.simulated_touch_screen import PANEL, SCREEN
+
+    return {
+        "report_rate_hz": PANEL.report_rate_hz,
+        "matrix_m": [list(row) for row in SCREEN.matrix_m],
+        "placeholder": SCREEN.placeholder,
+    }

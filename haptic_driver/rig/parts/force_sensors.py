@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
 
@@ -60,6 +60,8 @@ class SimulatedForceSensorConfig(ForceSensorSection, ServedSection):
     """The simulated rig's own, a Net F/T box; its zero is right from the start, since a simulated
     finger may press.
     """
+
+    served_as = "force_sensor"
 
     kind: Literal["simulated"] = "simulated"
 
@@ -190,6 +192,8 @@ class NiForceSensorConfig(ForceSensorSection):
 class NetFtForceSensorConfig(ForceSensorSection):
     """An ATI Net F/T box; see `hw.force.net_ft.NetFtSettings`."""
 
+    served_as = "force_sensor"
+
     kind: Literal["net_ft"]
     host: str = Field(description="address of the box")
     port: Port = Field(default=49152, description="its UDP port")
@@ -215,6 +219,14 @@ class NetFtForceSensorConfig(ForceSensorSection):
     def calibration(self) -> str:
         """The box's own scale."""
         return f"{self.counts_per_n:g} counts per N, {self.counts_per_n_m:g} per N m"
+
+    def served_at(self, where: str) -> Self:
+        """The simulated box there has a scale and axes of its own."""
+        from hw.force.net_ft_server import SCALE
+
+        host, port = where.split(":")
+        own = {"normal_axis": "-z", "lateral_axis": "x", **SCALE._asdict()}
+        return self.model_copy(update={"host": host, "port": int(port), **own})
 
     def settings(self) -> NetFtSettings:
         """The same, as the driver takes it."""

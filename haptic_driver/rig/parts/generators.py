@@ -60,6 +60,8 @@ class GeneratorConfig(DeviceSection):
     it.
     """
 
+    served_as = "waveform_generator"
+
     model: Annotated[str, AfterValidator(_installed_model)] = Field(
         default="agilent_33220a",
         description="an installed kind; a wrong name is answered by the list of all",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AliasChoices, Field
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from hw.analog.ni_daq import NiDigitalOutput
     from hw.safety.interlock import HeartbeatInterlock, ModemLine
 
+SERVED_REPLY_S = 0.1
+
 
 class NoInterlock(NoPart):
     """Nothing in the amplifier's enable line, said plainly: its state stays unknown."""
@@ -41,11 +43,17 @@ class NoInterlock(NoPart):
 class InterlockBox(PartSection):
     """A heartbeat interlock box; see `hw.safety.interlock`."""
 
+    served_as = "interlock"
+
     kind: Literal["box"]
     resource: Resource = Field(description="serial port or socket of the box")
     reply_timeout_s: Annotated[
         float, Within(1e-3, 0.1, "the box is asked on the way to every set point")
     ] = Field(default=0.05, description="for one answer of the box")
+
+    def served_at(self, where: str) -> Self:
+        """One that shares its processor with everything else is waited for."""
+        return self.model_copy(update={"resource": where, "reply_timeout_s": SERVED_REPLY_S})
 
     def examine(self, at: Examination) -> Checks:
         """Hang up without sending anything: the driver's own closing opens the contact."""
@@ -114,6 +122,8 @@ class NiInterlock(PartSection):
 
 class SimulatedInterlockConfig(ServedSection):
     """The enable line of a simulated amplifier, and with it its voltage monitor."""
+
+    served_as = "amplifier_lines"
 
     kind: Literal["simulated"] = "simulated"
 

@@ -168,6 +168,8 @@ class OnLts150(LoadStageSection):
 class SimulatedLoadStageConfig(OnLts150):
     """A simulated LTS150, and the body of the finger that it presses."""
 
+    served_as = "load_stage"
+
     kind: Literal["simulated"]
     higher_presses: bool = Field(default=True, description=PRESSES)
     clear_m: Metres = Field(default=10e-3, description=CLEAR)
@@ -190,6 +192,8 @@ class SimulatedLoadStageConfig(OnLts150):
 
 class Lts150LoadStageConfig(OnLts150):
     """A Thorlabs LTS150 along the normal; unverified on the instrument."""
+
+    served_as = "load_stage"
 
     kind: Literal["lts150"]
     resource: Resource = Field(description="serial port")

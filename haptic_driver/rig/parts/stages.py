@@ -39,7 +39,7 @@ class StageSection(PartSection):
 class Lts150StageConfig(StageSection):
     """A Thorlabs LTS150; see `hw.stage.lts150.StageSettings`."""
 
-    told_by = "resource"
+    told_by, served_as = "resource", "stage"
 
     kind: Literal["lts150"] = "lts150"
     resource: Resource = Field(description="serial port, or `simulated`")

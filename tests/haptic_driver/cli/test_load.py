@@ -17,7 +17,7 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import connect_load
 from haptic_driver.rig.load_loop import LoadLoop
 from haptic_driver.rig.parts.load_stages import LoadStageSection
-from haptic_driver.simulation.served import LOAD_STAGE
+from haptic_driver.simulation.twin import LOAD_STAGE
 from hw.force.net_ft import NetFt
 from hw.force.sensor import ForceReading
 from tests.haptic_driver.config_texts import served_rig_text

@@ -1,6 +1,8 @@
 """`haptic simulate` in a process of its own, talked to by software that is not ours."""
 
+import datetime
 import json
+import re
 import signal
 import socket
 import struct
@@ -11,8 +13,15 @@ import pytest
 import serial
 from pymeasure.instruments.agilent import Agilent33220A
 
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.devices import connect_devices
+from haptic_driver.rig.doctor import examine
+from tests.haptic_driver.config_texts import CONFIGS
+from tests.waiting import until
+
 pytestmark = pytest.mark.process
 
+TODAY = datetime.date(2026, 6, 1)
 TIMEOUT_S = 120.0  # of a busy machine
 
 
@@ -152,6 +161,42 @@ def test_sigterm_ends_it_too_and_a_port_can_be_chosen():
         running.terminate()
         _, err = running.communicate(timeout=TIMEOUT_S)
     assert (running.returncode, err) == (0, "")
+
+
+def test_ones_own_rig_has_twins_on_which_its_drivers_run(haptic, tmp_path):
+    mine, copy = tmp_path / "mine.toml", tmp_path / "twin.toml"
+    text = (CONFIGS / "rigs" / "template.toml").read_text(encoding="utf-8")
+    signed = 'measured_by = "A. Smith"\nmeasured_at = 2026-01-31'
+    mine.write_text(re.sub('measured_by = ""', signed, text), encoding="utf-8")
+    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate"]
+    told = ["--like", mine, "--out", copy, "--json"]
+    with subprocess.Popen([*command, *told], stdout=subprocess.PIPE, text=True) as running:
+        try:
+            said = json.loads(running.stdout.readline())
+            rig = load_rig(said["rig"])
+            checks = {check.name: check.status.value for check in examine(rig, TODAY)}
+            with connect_devices(rig) as devices:
+                assert devices.rig.state.value == "off"
+                until(lambda: devices.force_sensor.read().normal_force_n > 0.4)  # it slides
+                until(lambda: devices.tracker.read().touching)
+        finally:
+            running.terminate()
+    assert said["rig"] == str(copy)
+    assert "event_line: no simulator of kind trigger_box" in said["left_out"]
+    assert "failed" not in checks.values()
+    asked = ("waveform generator", "interlock", "stage", "force sensor", "touch screen")
+    assert {checks[name] for name in asked} == {"ok"}
+
+
+def test_a_copy_goes_over_no_file_of_a_person(haptic, tmp_path):
+    mine = tmp_path / "mine.toml"
+    mine.write_text((CONFIGS / "rigs" / "template.toml").read_text(encoding="utf-8"))
+    done = haptic("simulate", "--like", mine, "--out", mine, "--json")
+    assert (done.status, done.said["error"]["code"]) == (2, "file_exists")
+    done = haptic("simulate", "--like", "simulated", "--out", tmp_path / "twin.toml", "--json")
+    assert (done.status, done.said["error"]["code"]) == (2, "simulated")
+    done = haptic("simulate", "--out", tmp_path / "twin.toml", "--json")
+    assert (done.status, done.said["error"]["code"]) == (2, "usage")
 
 
 def test_what_cannot_be_served_is_said(haptic, tmp_path):

@@ -11,7 +11,7 @@ from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.load import HeldLoad
 from haptic_driver.daemon.messages import LoadPhase
 from haptic_driver.rig.config import load_rig
-from haptic_driver.simulation.served import LOAD_STAGE
+from haptic_driver.simulation.twin import LOAD_STAGE
 from tests.haptic_driver.rig.load_rig import FACE_M, Finger
 from tests.haptic_driver.stand_ins import with_load_stage
 

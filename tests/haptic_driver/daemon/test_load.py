@@ -26,7 +26,7 @@ from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import HapticError
 from haptic_driver.public.connection import Rig
 from haptic_driver.rig.config import load_rig
-from haptic_driver.simulation.served import LOAD_STAGE, as_real
+from haptic_driver.simulation.twin import LOAD_STAGE
 from hw.amplifier.served_lines import ServedLines
 from hw.errors import DeviceError
 from hw.force.net_ft import NetFt, NetFtSettings
@@ -319,7 +319,7 @@ def other_reader(endpoints):
 def test_at_its_end_a_daemon_lifts_the_finger_of_a_real_rig(rig_config, touch, surface_file):
     """By the drivers of the rig's file, on a stage whose carriage is looked at."""
     with living_rig(rig_config, touch) as served:
-        config = with_load_stage(as_real(rig_config, served.endpoints), served.endpoints)
+        config = with_load_stage(served.config, served.endpoints)
         near = {"clear_m": LOAD_STAGE.face_m - 0.5e-3}
         config = config.model_copy(update={"load_stage": config.load_stage.model_copy(update=near)})
         render = render_settings(config, surface_file)

@@ -20,7 +20,6 @@ from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.rig.parts.generators import WatchdogConfig
-from haptic_driver.simulation.served import as_real
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import LEASE_S, reset
@@ -43,7 +42,7 @@ def served(rig_config, touch):
 
 @pytest.fixture(scope="module")
 def real_config(rig_config, served):
-    return as_real(rig_config, served.endpoints)
+    return served.config
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ from haptic_driver.errors import HapticError
 from haptic_driver.rig.claims import Claims, same_place
 from haptic_driver.rig.devices import _claim_itself, build_rig, connect_devices
 from haptic_driver.rig.part import Wiring
-from haptic_driver.simulation.served import ServedRig, as_real
+from haptic_driver.simulation.served import ServedRig
+from haptic_driver.simulation.twin import as_real
 from hw.transport.resource import make_transport
 from tests.haptic_driver.stand_ins import BreakableSensor
 from tests.waiting import until
@@ -119,8 +120,8 @@ def test_what_counts_as_one_instrument(one, other, same):
 @pytest.mark.process
 def test_a_second_program_on_a_rig_touches_nothing(rig_config, touch):
     """Two daemons once ran one generator: one said "idle, 0 V" while the other held 95 V."""
-    with ServedRig(rig_config, touch) as served:
-        real = as_real(rig_config, served.endpoints)
+    with ServedRig(as_real(rig_config), touch) as served:
+        real = served.config
         with connect_devices(real):
             with pytest.raises(HapticError) as refused:
                 connect_devices(real).open()
@@ -132,8 +133,8 @@ def test_a_second_program_on_a_rig_touches_nothing(rig_config, touch):
 @pytest.mark.process
 def test_a_second_program_by_another_address_of_the_generator_touches_nothing(rig_config, touch):
     """A claim was of the address alone; the output of the first must not even be switched off."""
-    with ServedRig(rig_config, touch) as served:
-        real = as_real(rig_config, served.endpoints)
+    with ServedRig(as_real(rig_config), touch) as served:
+        real = served.config
         port = make_transport(served.endpoints["waveform_generator_serial"])
         claims = Claims([])
         other = build_rig(real, port, BreakableSensor(), Wiring())

@@ -20,7 +20,6 @@ from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox
 from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
-from haptic_driver.simulation.served import as_real
 from hw.errors import DeviceError, DeviceTimeout
 from hw.transport import resource
 from tests.haptic_driver.config_texts import as_real_rig, changed
@@ -56,7 +55,7 @@ def touching(devices):
 
 
 def test_a_whole_rig_comes_on_is_felt_and_goes_off(rig_config, served):
-    config = as_real(rig_config, served.endpoints)
+    config = served.config
     devices = connect_devices(config)
     with devices:
         assert devices.rig.state is RigState.OFF
@@ -114,7 +113,7 @@ def test_the_amplifier_that_is_opened_is_the_one_that_is_switched(tmp_path, monk
 
 
 def test_what_fails_on_the_way_closes_what_was_opened(rig_config, served):
-    config = as_real(rig_config, served.endpoints)
+    config = served.config
     config = config.model_copy(
         update={"force_sensor": config.force_sensor.model_copy(update={"port": 1})}
     )
@@ -122,7 +121,7 @@ def test_what_fails_on_the_way_closes_what_was_opened(rig_config, served):
     with pytest.raises(DeviceError), devices:
         pytest.fail("opened without a force sensor")
     assert devices.watchdog.pid is None
-    with connect_devices(as_real(rig_config, served.endpoints)):  # every port is free again
+    with connect_devices(served.config):  # every port is free again
         pass
 
 
@@ -136,7 +135,7 @@ def test_a_box_that_answers_late_at_the_start_is_asked_again(rig_config, served,
         return handle(data)
 
     monkeypatch.setattr(served.interlock, "handle", late)
-    config = as_real(rig_config, served.endpoints)
+    config = served.config
     patient = InterlockBox.model_construct(
         kind="box", resource=config.interlock.resource, reply_timeout_s=0.1
     )
@@ -162,7 +161,7 @@ def test_a_close_that_fails_exits_or_hangs_skips_no_other(rig_config, served, mo
     closed = []
     if closing is hangs:
         monkeypatch.setattr("haptic_driver.rig.devices.CLOSE_S", 2.0)  # enough for the others
-    devices = connect_devices(as_real(rig_config, served.endpoints))
+    devices = connect_devices(served.config)
     devices = dataclasses.replace(
         devices, closing=[closing, lambda: closed.append("last"), *devices.closing]
     )
@@ -173,7 +172,7 @@ def test_a_close_that_fails_exits_or_hangs_skips_no_other(rig_config, served, mo
 
 
 def test_an_unverified_rig_connects_and_refuses_to_come_on(rig_config, served):
-    config = as_real(rig_config, served.endpoints)
+    config = served.config
     config = config.model_copy(
         update={"limits": config.limits.model_copy(update={"measured_by": ""})}
     )
@@ -319,7 +318,7 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(
 def test_a_recording_says_what_each_figure_rests_on(rig_config, served):
     signed = {"limits": "simulation, 2024-01-01", "amplifier": "simulation, 2024-01-01"}
     assert calibration_ids(rig_config) == signed
-    real = as_real(rig_config, served.endpoints)
+    real = served.config
     assert calibration_ids(real) == signed | {"force_sensor": "1e+06 counts per N, 1e+06 per N m"}
     screen = EvdevFingerConfig(
         kind="evdev",
@@ -345,6 +344,6 @@ def test_the_stage_asks_for_flow_control(rig_config, served, monkeypatch):
         return make(name, **given)
 
     monkeypatch.setattr(resource, "make_transport", recorded)
-    config = as_real(rig_config, served.endpoints)
+    config = served.config
     connect_devices(config)
     assert asked[config.stage.resource] == {"rtscts": True}

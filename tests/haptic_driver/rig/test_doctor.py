@@ -15,7 +15,8 @@ from haptic_driver.rig.doctor import examine
 from haptic_driver.rig.parts.analog_inputs import NiAnalogInputsConfig
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
 from haptic_driver.rig.parts.interlocks import NoInterlock
-from haptic_driver.simulation.served import ServedRig, as_real
+from haptic_driver.simulation.served import ServedRig
+from haptic_driver.simulation.twin import as_real
 from hw.errors import DeviceError
 from hw.force.sensor import ForceReading
 from hw.generator.agilent_33220a.simulator import Simulated33220A
@@ -35,7 +36,7 @@ SETTINGS = b"FUNC?;FREQ?;VOLT?;VOLT:OFFS?;VOLT:UNIT?;OUTP?;OUTP:LOAD?;AM:STAT?;S
 
 @pytest.fixture
 def served(rig_config, touch):
-    with ServedRig(rig_config, touch) as rig:
+    with ServedRig(as_real(rig_config), touch) as rig:
         yield rig
 
 
@@ -63,9 +64,7 @@ def test_nothing_is_set_and_nothing_comes_on(rig_config, served):
     before = Simulated33220A()  # the same, to compare with
     before.handle(b"FUNC SQU;FREQ 777;VOLT 3.3;VOLT:OFFS 0.5;BOGUS\n")
     with TcpServer(generator) as server:
-        checks = examine(
-            with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY
-        )
+        checks = examine(with_generator(served.config, server.resource), TODAY)
     assert generator.messages
     assert all(
         m.strip().endswith("?") and ";" not in m and " " not in m.strip()
@@ -81,7 +80,7 @@ def test_nothing_is_set_and_nothing_comes_on(rig_config, served):
 
 
 def test_a_sound_rig(rig_config, served):
-    checks = examine(as_real(rig_config, served.endpoints), TODAY)
+    checks = examine(served.config, TODAY)
     assert {
         ("waveform generator", CheckStatus.OK),
         ("watchdog", CheckStatus.OK),
@@ -99,7 +98,7 @@ def test_a_sound_rig(rig_config, served):
 
 
 def test_what_stays_on_without_an_interlock_is_told(rig_config, served):
-    without = as_real(rig_config, served.endpoints).model_copy(update={"interlock": NoInterlock()})
+    without = served.config.model_copy(update={"interlock": NoInterlock()})
     check = found(examine(without, TODAY), "interlock")
     assert check.status is CheckStatus.WARNING
     assert (
@@ -109,7 +108,7 @@ def test_what_stays_on_without_an_interlock_is_told(rig_config, served):
 
 def test_what_somebody_left_on_is_told(rig_config, served):
     served.generator.handle(b"OUTP:LOAD INF;:OUTP 1\n")
-    checks = examine(as_real(rig_config, served.endpoints), TODAY)
+    checks = examine(served.config, TODAY)
     assert found(checks, "output").status is CheckStatus.WARNING
     assert found(checks, "load setting").status is CheckStatus.OK
     assert served.generator.handle(b"OUTP?\n") == b"1\n"  # it is somebody else's
@@ -124,9 +123,7 @@ def test_the_electrodes_monitors_are_asked_who_they_are(rig_config, served, answ
     )
     with TcpServer(scope if answers else Stranger()) as server:
         section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
-        real = as_real(rig_config, served.endpoints).model_copy(
-            update={"electrode_monitors": [section]}
-        )
+        real = served.config.model_copy(update={"electrode_monitors": [section]})
         check = found(examine(real, TODAY), "electrode monitor, infiniivision")
     assert check.status is status
     assert ("DSO-X" if answers else "4711") in check.message
@@ -140,9 +137,7 @@ class Stranger:
 
 def test_another_instrument_at_the_address_fails(rig_config, served):
     with TcpServer(Stranger()) as server:
-        checks = examine(
-            with_generator(as_real(rig_config, served.endpoints), server.resource), TODAY
-        )
+        checks = examine(with_generator(served.config, server.resource), TODAY)
     check = found(checks, "waveform generator")
     assert check.status is CheckStatus.FAILED
     assert "ACME" in check.message
@@ -156,8 +151,8 @@ class Mute:
 
 def test_an_absent_rig_fails_device_by_device_with_hints(rig_config, touch):
     """Every device is asked, whatever the others say."""
-    with ServedRig(rig_config, touch) as served:
-        config = as_real(rig_config, served.endpoints)
+    with ServedRig(as_real(rig_config), touch) as served:
+        config = served.config
     checks = examine(config, TODAY)
     failed = {check.name for check in checks if check.status is CheckStatus.FAILED}
     assert {"waveform generator", "interlock", "force sensor", "stage"} <= failed
@@ -166,7 +161,7 @@ def test_an_absent_rig_fails_device_by_device_with_hints(rig_config, touch):
 
 def test_a_silent_instrument_does_not_hold_it_up(rig_config, served):
     with TcpServer(Mute()) as server:
-        config = with_generator(as_real(rig_config, served.endpoints), server.resource)
+        config = with_generator(served.config, server.resource)
         checks = examine(config, TODAY)
     assert found(checks, "waveform generator").status is CheckStatus.FAILED
     assert found(checks, "stage").status is CheckStatus.OK
@@ -287,9 +282,7 @@ def test_a_scope_that_holds_otherwise_is_told_and_left(rig_config, served):
     )
     with TcpServer(scope) as server:
         section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
-        real = as_real(rig_config, served.endpoints).model_copy(
-            update={"electrode_monitors": [section]}
-        )
+        real = served.config.model_copy(update={"electrode_monitors": [section]})
         held = found(examine(real, TODAY), "electrode monitor, infiniivision").held
     told = {one.name: (one.asked, one.got) for one in held}
     assert told[":TRIG:EDGE:SOUR"] == ("EXT", "CHAN1")

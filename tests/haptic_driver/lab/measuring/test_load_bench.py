@@ -16,7 +16,8 @@ from haptic_driver.lab.measuring.run import prepare, run
 from haptic_driver.lab.measuring.simulated_stages import SimulatedStageBench
 from haptic_driver.lab.measuring.stroke import stage_of
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.simulation.served import LOAD_STAGE, ServedRig, as_real
+from haptic_driver.simulation.served import ServedRig
+from haptic_driver.simulation.twin import LOAD_STAGE
 from hw.force.sensor import ForceReading
 from model.conditions import Conditions
 from model.touch_model import TouchModel
@@ -35,7 +36,7 @@ def served(config: RigConfig, model: TouchModel) -> Iterator[ServedRig]:
 @pytest.fixture
 def real(config: RigConfig, served: ServedRig) -> RigConfig:
     """With strokes in the middle of a short travel, as homing and the way there take time."""
-    real = with_load_stage(as_real(config, served.endpoints), served.endpoints)
+    real = with_load_stage(served.config, served.endpoints)
     quick = {"velocity_m_s": 0.05, "acceleration_m_s2": 0.05, "travel_m": [0.0, 0.07]}
     return real.model_copy(update={"stage": stage_of(real).model_copy(update=quick)})
 

@@ -29,7 +29,9 @@ from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
 from haptic_driver.rig.parts.stages import Lts150StageConfig
 from haptic_driver.simulation.finger_model import electrode_of
-from haptic_driver.simulation.served import NORMAL_FORCE_N, ServedRig, as_real
+from haptic_driver.simulation.hand import CARRIED_N
+from haptic_driver.simulation.served import ServedRig
+from haptic_driver.simulation.twin import as_real
 from hw.force.sensor import ForceReading
 from hw.monitor.simulated import ElectrodeState, SimulatedLines
 from hw.serving.tcp import TcpServer
@@ -44,7 +46,7 @@ from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
 pytestmark = [pytest.mark.timeout(300), pytest.mark.realtime]
 
 SPEED_M_S = 0.02
-DRIVEN = Setting(250.0, 75.0, NORMAL_FORCE_N, SPEED_M_S)
+DRIVEN = Setting(250.0, 75.0, CARRIED_N, SPEED_M_S)
 
 
 @pytest.fixture
@@ -60,7 +62,7 @@ def real(config: RigConfig, served: ServedRig) -> RigConfig:
         "acceleration_m_s2": 0.05,
         "travel_m": [0.0, 0.07],
     }  # strokes lie in its middle
-    real = as_real(config, served.endpoints)
+    real = served.config
     return real.model_copy(update={"stage": stage_of(real).model_copy(update=quick)})
 
 
@@ -141,7 +143,7 @@ def test_each_row_is_a_stroke_under_its_load(served, real, model, tmp_path):
     conditions = Conditions(
         np.array([250.0, 250.0]),
         np.array([0.0, 75.0]),
-        np.full(2, NORMAL_FORCE_N),
+        np.full(2, CARRIED_N),
         speed_m_s=np.full(2, SPEED_M_S),
     )
     cof = model.predict(conditions).cof
@@ -149,7 +151,7 @@ def test_each_row_is_a_stroke_under_its_load(served, real, model, tmp_path):
     for row, expected in zip((without, driven), cof, strict=True):
         assert float(row["cof"]) == pytest.approx(expected, rel=0.02)
     for row in (without, driven):
-        assert float(row["measured_normal_force_n"]) == pytest.approx(NORMAL_FORCE_N, rel=0.01)
+        assert float(row["measured_normal_force_n"]) == pytest.approx(CARRIED_N, rel=0.01)
         assert row["simulated"] == "false"
     assert 0.0 < float(without["time_s"]) < float(driven["time_s"])
     assert served.amplifier.max_voltage_v == pytest.approx(75.0, rel=0.01)
@@ -171,7 +173,7 @@ def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(served, real, model, 
         SimulatedLines(state, real.amplifier.monitor_lines(), (2e-4, 2e-4), 1)
     )
     server = TcpServer(scope)
-    resting = Setting(20e3, 5.0, NORMAL_FORCE_N, 0.0, finger="resting", sweep=True)
+    resting = Setting(20e3, 5.0, CARRIED_N, 0.0, finger="resting", sweep=True)
     with server:
         section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
         seen = real.model_copy(update={"electrode_monitors": [section]})
@@ -186,13 +188,13 @@ def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(served, real, model, 
     slid, rested = table(tmp_path / "data.csv")
     assert float(slid["cof"]) > 0.5
     assert rested["cof"] == ""
-    assert float(rested["measured_normal_force_n"]) == pytest.approx(NORMAL_FORCE_N, rel=0.01)
+    assert float(rested["measured_normal_force_n"]) == pytest.approx(CARRIED_N, rel=0.01)
     for row, finger, speed in ((slid, "sliding", SPEED_M_S), (rested, "resting", 0.0)):
         f, v = float(row["frequency_hz"]), float(row["voltage_v"])
         conditions = Conditions(
             np.array([f]),
             np.array([v]),
-            np.array([NORMAL_FORCE_N]),
+            np.array([CARRIED_N]),
             speed_m_s=np.array([speed]),
             finger=np.array([finger]),
         )
@@ -211,12 +213,12 @@ def test_a_load_that_nobody_brings_is_asked_for_and_then_given_up(
 ):
     monkeypatch.setattr(stage_bench, "LOAD_WAIT_S", 0.6)
     told: list[str] = []
-    heavy = plan(DRIVEN._replace(normal_force_n=2.0 * NORMAL_FORCE_N))
+    heavy = plan(DRIVEN._replace(normal_force_n=2.0 * CARRIED_N))
     with pytest.raises(HapticError) as error:
         measured(real, model, heavy, tmp_path / "data.csv", told.append)
     assert error.value.code == "load_missed"
     said_n = re.search(r"the load is (\S+) N", error.value.message)
-    assert float(said_n[1]) == pytest.approx(NORMAL_FORCE_N, abs=0.02)  # six times its noise
+    assert float(said_n[1]) == pytest.approx(CARRIED_N, abs=0.02)  # six times its noise
     assert any("press with 1 N, now 0.5" in what for what in told)
     assert off(served)
     assert served.amplifier.max_voltage_v == 0.0
@@ -313,11 +315,7 @@ def test_a_stage_that_rests_when_it_should_slide_makes_no_row(
 
 
 def test_what_the_stage_cannot_do_is_refused_before_anything_moves(config, model):
-    endpoints = {"force_sensor": "127.0.0.1:1", "waveform_generator": "TCPIP::127.0.0.1::1::SOCKET"}
-    real = as_real(
-        config,
-        endpoints | dict.fromkeys(("interlock", "interlock_tcp", "stage"), "ASRL/dev/null::INSTR"),
-    )
+    real = as_real(config)
     fast, long = DRIVEN._replace(speed_m_s=0.06), DRIVEN._replace(speed_m_s=0.05)
     given = plan(DRIVEN, fast, long, settle_s=1.0, average_s=2.0)
     points, refusals = check(given.settings, given, real, model)
@@ -340,7 +338,7 @@ PLAN = f"""
 name = "short"
 frequency_hz = 250.0
 voltage_v = 75.0
-normal_force_n = {NORMAL_FORCE_N}
+normal_force_n = {CARRIED_N}
 speed_m_s = {SPEED_M_S}
 settle_s = 0.2
 average_s = 1.0  # twice the readings that are needed: the machine may be busy
