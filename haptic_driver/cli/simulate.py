@@ -56,7 +56,7 @@ def simulate(
     it, except under `nohup`.
 
     With `--like` it serves simulated twins of your own rig, and writes a copy of its file that
-    points at them: doctor, measure and daemon run on the copy, by their real drivers.
+    points at them. Doctor, measure and daemon run on the copy, by your rig's own drivers.
 
     Example: `haptic simulate --rig simulated --port 5025`
     """

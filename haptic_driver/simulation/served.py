@@ -167,8 +167,8 @@ class ServedRig(RunningTogether):
     def catch_up(self) -> None:
         """Let the time pass that has passed.
 
-        What a busy machine missed has happened all the same: in steps as short as ever up to a
-        limit, where the finger answers at once.
+        What a busy machine missed has happened all the same. Where the finger answers at once, it
+        has in steps as short as ever, up to a limit.
         """
         with self._stepping:
             missed = int((time.monotonic() - self.instruments.time_s) / STEP_S + ROUNDING)

@@ -23,8 +23,10 @@ class TouchServer:
     def pump(self) -> None:
         """Pass on what there is; without a client it is thrown away."""
         with suppress(BlockingIOError):
-            self._client, _ = self._listener.accept()
-            self._client.setblocking(False)
+            client, _ = self._listener.accept()
+            self._hang_up()
+            self._client = client
+            client.setblocking(False)
             self._screen.repeat()  # it missed where the finger is, and only changes are reported
         try:
             events = os.read(self._screen.descriptor, 1 << 16)
@@ -33,10 +35,14 @@ class TouchServer:
         except BlockingIOError:
             pass
         except OSError:
-            self._client = None
+            self._hang_up()
 
     def close(self) -> None:
         """Hang up, and free the port."""
         self._listener.close()
+        self._hang_up()
+
+    def _hang_up(self) -> None:
         if self._client is not None:
             self._client.close()
+        self._client = None
