@@ -55,7 +55,7 @@ def band_spectra(pieces: Sequence[Stroke], tick_s: float) -> BandSpectra:
     """
     longest = round(SEGMENT_S / tick_s)
     size = 4 * longest  # so that bins fill the narrow bands evenly
-    frequency_hz = fft.rfftfreq(size, tick_s)
+    frequency_hz = np.asarray(fft.rfftfreq(size, tick_s), dtype=np.float64)
     cross = np.zeros(frequency_hz.size, dtype=complex)
     asked, felt = np.zeros((2, frequency_hz.size))
     weight, windows_s = 0.0, 0.0

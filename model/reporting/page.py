@@ -9,12 +9,13 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from model.diagnosis.priors import words
+from model.diagnosis.priors import NONE, UNKNOWN, words
 from model.diagnosis.where import ALARM, DRAWS
 from model.diagnosis.witness import BY_COLUMN
 from model.effects.learned import LEARNED
 
 PAGE = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
+LEADING = 5  # hypotheses that are listed one by one
 PIXELS = 1.3  # of the page to one point of a picture: its letters are as large as the page's
 COLOURS = {
     "no_discrepancy": "#5b8c5a",
@@ -41,12 +42,9 @@ def sentence(content: Mapping[str, Any]) -> str:
     if content["verdict"] == "effect_found":
         verb = "is" if len(names) == 1 else "are"
         text = f"{_upper(_and(names))} {verb} missing from the model: probability {probability}"
-        closed = content["fit"]["gap_closed"]
-        return text + (
-            "."
-            if closed is None
-            else f"; adding {'it' if verb == 'is' else 'them'} {gap_said(closed)}."
-        )
+        closes = _closes(content)
+        it = "it" if verb == "is" else "them"
+        return f"{text}; adding {it} {closes}; {_left(content)}." if closes else f"{text}."
     if content["verdict"] == "ambiguous":
         members = [words(n) for n in content["checks"]]
         if len(members) > 1:
@@ -62,22 +60,37 @@ def sentence(content: Mapping[str, Any]) -> str:
         text = (
             "The data disagree with the model, and no effect that this program knows explains how"
         )
-        closed = content["fit"]["gap_closed"]
-        return text + (
-            f"; a learned term {gap_said(closed)}." if names and closed is not None else "."
-        )
+        closes = _closes(content) if names else ""
+        return f"{text}; a learned term {closes}; {_left(content)}." if closes else f"{text}."
     return f"These data cannot test the model: {'; '.join(content['reasons'])}."
 
 
-def gap_said(share: float) -> str:
-    """What share of the gap closes on data left out of the fit, in words."""
+def _closes(content: Mapping[str, Any]) -> str:
+    """What adding it does to the error on data left out of the fit; empty where that is unknown."""
+    fit = content["fit"]
+    if fit["gap_closed"] is None:
+        return ""
+    return gap_said(fit["gap_closed"], fit["gap_closed_interval"])
+
+
+def _left(content: Mapping[str, Any]) -> str:
+    """What disagrees with the model that has it, and where."""
+    if not content["left"]:
+        if content["adequate"]:
+            return "nothing is left beyond chance"
+        return "something of another shape is left, in no one region"
+    return f"what is left is most at {' and '.join(_range(content['left'][0]))}"
+
+
+def gap_said(share: float, interval: Sequence[float | None]) -> str:
+    """What share of the gap closes on data left out of the fit, with its interval, in words."""
     percent = 100.0 * share
+    low, high = interval
+    within = "" if low is None or high is None else f" ({_share(low)} to {_share(high)})"
     if percent <= 0.0:
-        return "closes nothing of the gap on data left out of the fit"
-    return (
-        f"closes {'all' if percent >= 99.5 else f'{percent:.0f} %'} of the gap on data left out of"
-        " the fit"
-    )
+        return f"closes nothing of the gap on data left out of the fit{within}"
+    much = "all" if percent >= 99.5 else f"{percent:.0f} %"
+    return f"closes {much} of the gap on data left out of the fit{within}"
 
 
 def _meaning(content: Mapping[str, Any]) -> str:
@@ -231,7 +244,24 @@ def _which(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
     ]
     head = ["model", "probability", "log evidence gained", "squared error per point", "fitted"]
     reasons = "; ".join(content["reasons"])
-    return f"<p>{escape(_upper(reasons))}.</p>{bars}{prints}{_rows(head, rows)}" if rows else ""
+    whole = [[_upper(said), _probability(p)] for said, p in leading_hypotheses(content)]
+    said = f"<p>{escape(_upper(reasons))}.</p>{_rows(['hypothesis', 'probability'], whole)}"
+    return f"{said}{bars}{prints}{_rows(head, rows)}" if rows else ""
+
+
+def leading_hypotheses(content: Mapping[str, Any]) -> list[tuple[str, float]]:
+    """The most probable whole hypotheses in words, and all others together, summing to one."""
+    found = [(whole_hypothesis(h["names"]), h["probability"]) for h in content["hypotheses"]]
+    others = sum(p for _, p in found[LEADING:])
+    return [*found[:LEADING], *([("all others together", others)] if others else [])]
+
+
+def whole_hypothesis(names: Sequence[str]) -> str:
+    """All that a hypothesis holds, as people say it."""
+    effects = [words(name) for name in names if name not in (NONE, UNKNOWN)]
+    if not effects:
+        return words(names[0])
+    return _and([*effects, "something unknown"] if UNKNOWN in names else effects)
 
 
 def _values(effects: Mapping[str, Any]) -> str:

@@ -17,7 +17,7 @@ from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.priors import NONE, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN
 from model.diagnosis.proof import prove
-from model.diagnosis.where import Disagreement, Region
+from model.diagnosis.where import ALARM, Disagreement, Region
 from model.diagnosis.witness import WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, CATALOGUE
@@ -47,7 +47,9 @@ def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str)
         "adequate": False,
         "effects": [],
         "alternatives": _alternatives(diagnosis),
+        "hypotheses": [],
         "where": [],
+        "left": [],
         "fit": {
             "chi2_per_point": {"before": None, "after": None},
             "held_out_chi2_per_point": {"before": None, "after": None},
@@ -96,7 +98,11 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
             }
             for name, values in effects.items()
         ],
+        "hypotheses": [
+            {"names": names, "probability": p} for names, p in verdict.posterior.hypotheses.items()
+        ],
         "where": [_region(r) for r in found.before.regions],
+        "left": [_region(r) for r in found.after.regions if r.p_value < ALARM],
         "fit": {
             "chi2_per_point": {
                 "before": base.fit.chi2 / rows,

@@ -48,7 +48,7 @@ from model.diagnosis.workflow import diagnose as run
 from model.effects.learned import LEARNED
 from model.planning.resolution import Resolution, resolution
 from model.planning.separation import APART
-from model.reporting.page import gap_said, sentence
+from model.reporting.page import gap_said, leading_hypotheses, sentence
 from model.reporting.report import write_report
 from model.support.reading import read_text
 from model.support.tables import BadRowsError, Named
@@ -286,11 +286,9 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
             stdout.print(
                 f"    these data cannot tell it from {', '.join(effect['indistinguishable_from'])}"
             )
-    table = Table("candidate", "probability", title="most probable", title_justify="left")
-    untested = {row["name"] for row in found["not_tested"]}
-    for row in found["alternatives"][:5]:
-        name = f"{row['name']} (no data on it)" if row["name"] in untested else row["name"]
-        table.add_row(name, f"{row['probability']:.3g}")
+    table = Table("hypothesis", "probability", title="most probable", title_justify="left")
+    for said, p in leading_hypotheses(found):
+        table.add_row(said, f"{p:.3g}")
     stdout.print(table)
     for region in [r for r in found["where"][:3] if r["p_value"] < ALARM]:
         said = f"p = {region['p_value']:.2g}, sign {region['sign']:+d}"
@@ -300,7 +298,7 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
         held = fit["held_out_chi2_per_point"]
         stdout.print(
             f"held out: {held['before']:.2f} -> {held['after']:.2f} per point (1 is noise);"
-            f" the new model {gap_said(fit['gap_closed'])}"
+            f" the new model {gap_said(fit['gap_closed'], fit['gap_closed_interval'])}"
         )
     for warning in found.get("warnings", []):
         stdout.print(f"warning: {warning}")

@@ -283,13 +283,28 @@ def test_two_effects_read_as_a_sentence():
         "verdict": "effect_found",
         "effects": [{"name": "floating_body"}, {"name": "drive_gain_error"}],
         "probability": 0.98,
-        "fit": {"gap_closed": 0.913},
+        "adequate": True,
+        "fit": {"gap_closed": 0.913, "gap_closed_interval": [0.8, 0.97]},
+        "left": [],
     }
-    expected = "Floating body and drive gain error are missing from the model: probability 0.980; "
-    assert (
-        sentence(content)
-        == expected + "adding them closes 91 % of the gap on data left out of the fit."
+    expected = (
+        "Floating body and drive gain error are missing from the model: probability 0.980; adding"
+        " them closes 91 % of the gap on data left out of the fit (80 % to 97 %); "
     )
+    assert sentence(content) == expected + "nothing is left beyond chance."
+    place = {"axis": "frequency_hz", "low": 100.0, "high": 250.0}
+    beside = content | {"adequate": False, "left": [place]}
+    assert sentence(beside) == expected + "what is left is most at frequency 100 to 250 Hz."
+
+
+def test_whole_hypotheses_sum_to_one_and_agree_with_the_names(run):
+    listed = run.content["hypotheses"]
+    assert bool(listed) == (run.case.verdict != "not_testable")
+    total = sum(row["probability"] for row in listed)
+    assert not listed or total == pytest.approx(1.0)
+    for effect in run.content["effects"] if run.case.verdict == "effect_found" else ():
+        held = sum(row["probability"] for row in listed if effect["name"] in row["names"])
+        assert held == pytest.approx(effect["probability"], rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["caf\udce9 $x_1$.csv", "a<b>&\x1b[2J.csv"])
