@@ -85,6 +85,8 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("haptic-driver")
     for home, names in _HOMES.items():
         if name in names:
             return getattr(importlib.import_module(f"haptic_driver.{home}"), name)

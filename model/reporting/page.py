@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from html import escape
+from math import log
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from model.diagnosis.priors import NONE, UNKNOWN, words
 from model.diagnosis.where import ALARM, DRAWS
 from model.diagnosis.witness import BY_COLUMN
+from model.effects.drive_gain_error import DriveGainError
 from model.effects.learned import LEARNED
 
 PAGE = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
@@ -24,6 +26,14 @@ COLOURS = {
     "unexplained": "#d1495b",
     "not_testable": "#9aa0a6",
 }
+# By which a file's voltages differ from peak amplitudes, and what they are then.
+UNITS = {
+    0.5: "peak to peak",
+    0.5**0.5: "peak values, taken for rms and converted",
+    2.0**0.5: "rms",
+    2.0: "those of a generator that is set for 50 ohm and drives a high impedance",
+}
+NEAR = 0.1  # to such a factor: so much is a usual amplifier off
 AXIS_WORDS = {
     "frequency_hz": ("frequency", "Hz"),
     "voltage_v": ("voltage", "V"),
@@ -63,6 +73,23 @@ def sentence(content: Mapping[str, Any]) -> str:
         closes = _closes(content) if names else ""
         return f"{text}; a learned term {closes}; {_left(content)}." if closes else f"{text}."
     return f"These data cannot test the model: {'; '.join(content['reasons'])}."
+
+
+def question(content: Mapping[str, Any]) -> str:
+    """What to ask about the file before an effect is believed; empty where nothing is."""
+    gains = [
+        e["parameters"]["gain"]["value"]
+        for e in content["effects"]
+        if e["name"] == DriveGainError.name
+    ]
+    for gain in gains:
+        factor = min(UNITS, key=lambda factor: abs(log(gain / factor)))
+        if abs(log(gain / factor)) < NEAR:
+            return (
+                f"Are the voltages of these data {UNITS[factor]}? They are read as peak amplitudes,"
+                f" and a gain of {gain:.3g} was found: check the file before the drive."
+            )
+    return ""
 
 
 def _closes(content: Mapping[str, Any]) -> str:
@@ -147,7 +174,7 @@ def write_html(content: Mapping[str, Any], drawn: Mapping[str, bytes], path: Pat
         colour=COLOURS[content["verdict"]],
         source=escape(content["data"].get("file") or "measured friction"),
         sentence=escape(sentence(content)),
-        meaning=escape(_meaning(content)),
+        meaning=escape(f"{question(content)} {_meaning(content)}".strip()),
         body="\n".join(f"<h2>{escape(title)}</h2>\n{body}" for title, body in sections if body),
     )
     path.write_bytes(page.encode(errors="backslashreplace"))  # the name of a file may be no UTF-8

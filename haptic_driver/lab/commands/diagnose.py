@@ -48,7 +48,7 @@ from model.diagnosis.workflow import diagnose as run
 from model.effects.learned import LEARNED
 from model.planning.resolution import Resolution, resolution
 from model.planning.separation import APART
-from model.reporting.page import gap_said, leading_hypotheses, sentence
+from model.reporting.page import gap_said, leading_hypotheses, question, sentence
 from model.reporting.report import write_report
 from model.support.reading import read_text
 from model.support.tables import BadRowsError, Named
@@ -271,6 +271,8 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
             "verdict: ", (found["verdict"], "bold"), still, f": {'; '.join(found['reasons'])}"
         )
     )
+    if asked := question(found):
+        stdout.print(asked)
     stdout.print(sentence(found))
     for said in found["learned"]["words"] if found["learned"] else ():
         stdout.print(f"  {said}")
@@ -286,10 +288,11 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
             stdout.print(
                 f"    these data cannot tell it from {', '.join(effect['indistinguishable_from'])}"
             )
-    table = Table("hypothesis", "probability", title="most probable", title_justify="left")
-    for said, p in leading_hypotheses(found):
-        table.add_row(said, f"{p:.3g}")
-    stdout.print(table)
+    if found["hypotheses"]:
+        table = Table("hypothesis", "probability", title="most probable", title_justify="left")
+        for said, p in leading_hypotheses(found):
+            table.add_row(said, f"{p:.3g}")
+        stdout.print(table)
     for region in [r for r in found["where"][:3] if r["p_value"] < ALARM]:
         said = f"p = {region['p_value']:.2g}, sign {region['sign']:+d}"
         stdout.print(f"  disagrees at {place(region)}: {said}")

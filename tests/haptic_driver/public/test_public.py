@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -32,6 +34,11 @@ def test_every_name_is_there_and_says_what_it_is(name):
 def test_every_name_stays_what_it_is_whatever_was_imported_before():
     hd.load_model("reference")
     assert all(callable(getattr(hd, name)) for name in hd.__all__)
+
+
+def test_the_version_is_that_of_the_project():
+    project = Path(__file__).parents[3] / "pyproject.toml"
+    assert hd.__version__ == tomllib.loads(project.read_text("utf-8"))["project"]["version"]
 
 
 def test_an_unknown_name_is_an_attribute_error():

@@ -20,7 +20,7 @@ from model.diagnosis.data import Array, read_measurements
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
-from model.reporting.page import sentence
+from model.reporting.page import question, sentence
 from model.reporting.report import report, write_report
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
@@ -295,6 +295,17 @@ def test_two_effects_read_as_a_sentence():
     place = {"axis": "frequency_hz", "low": 100.0, "high": 250.0}
     beside = content | {"adequate": False, "left": [place]}
     assert sentence(beside) == expected + "what is left is most at frequency 100 to 250 Hz."
+
+
+@pytest.mark.parametrize(
+    ("gain", "asked"),
+    [(0.464, "peak to peak?"), (1.43, "rms?"), (2.05, "50 ohm"), (1.15, ""), (0.6, "")],
+)
+def test_a_gain_like_that_of_another_unit_is_asked_about(gain, asked):
+    effect = {"name": "drive_gain_error", "parameters": {"gain": {"value": gain}}}
+    said = question({"effects": [effect]})
+    assert asked in said
+    assert bool(said) == bool(asked)
 
 
 def test_whole_hypotheses_sum_to_one_and_agree_with_the_names(run):
