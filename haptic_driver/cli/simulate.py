@@ -23,6 +23,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import write_text
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.parent import outlived
+from haptic_driver.processes.real_time import settle_memory
 from haptic_driver.rig.config import RigConfig, load_rig, load_simulated_rig
 from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.slide import synthetic_slide
@@ -81,6 +82,7 @@ def simulate(
         if out is not None:
             write_text(out, HEAD + file_of(served.config))
             said |= {"rig": str(out), "left_out": left_out}
+        settle_memory()
         report(as_json, said, partial(_show, served.endpoints, out, left_out))
         while not (ended.wait(STEP_S) or alone()):
             served.catch_up()

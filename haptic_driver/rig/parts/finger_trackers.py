@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field
 
@@ -17,6 +17,7 @@ from haptic_driver.rig.part import (
     NoPart,
     Part,
     PartSection,
+    ServedSection,
     Wiring,
 )
 
@@ -103,7 +104,14 @@ class EvdevFingerConfig(PartSection):
 
     def served_at(self, where: str) -> Self:
         """The simulated screen there has counts and a pace of its own."""
-        return self.model_copy(update={"device": where, **_simulated_screen()})
+        from hw.finger.simulated_touch_screen import PANEL, SCREEN
+
+        own = {
+            "report_rate_hz": PANEL.report_rate_hz,
+            "matrix_m": [list(row) for row in SCREEN.matrix_m],
+            "placeholder": False,
+        }
+        return self.model_copy(update={"device": where, **own})
 
     def touch_calibration(self) -> TouchCalibration:
         """The same, as the driver takes it; BadInputError for a matrix that is no map of a
@@ -181,26 +189,16 @@ class RecordedFingerConfig(PartSection):
         )
 
 
-class SimulatedFingerConfig(PartSection):
-    """The touch screen of a simulated rig."""
+class SimulatedFingerConfig(ServedSection):
+    """The touch screen of a simulated rig, whose events come over a socket."""
 
     served_as = "finger_tracker"
 
     kind: Literal["simulated"] = "simulated"
 
-    def served_at(self, where: str) -> EvdevFingerConfig:
-        """As a real one, whose events come over a socket."""
+    def make(self, wiring: Wiring) -> Part[FingerTracker]:
         from hw.finger.simulated_touch_screen import SCREEN
+        from hw.finger.touch_screen import EvdevTouchScreen
 
-        screen = {"measured_at": SCREEN.measured_on, **_simulated_screen()}
-        return EvdevFingerConfig(kind="evdev", device=where, **screen)
-
-
-def _simulated_screen() -> dict[str, Any]:
-    from hw.finger.simulated_touch_screen import PANEL, SCREEN
-
-    return {
-        "report_rate_hz": PANEL.report_rate_hz,
-        "matrix_m": [list(row) for row in SCREEN.matrix_m],
-        "placeholder": SCREEN.placeholder,
-    }
+        screen = EvdevTouchScreen(self._where, SCREEN)
+        return Part(screen, [screen.open], [screen.close])
