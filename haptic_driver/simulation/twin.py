@@ -48,6 +48,7 @@ def as_real(config: RigConfig) -> RigConfig:
             "electrode_monitors": [] if none is None else config.electrode_monitors,
             "camera": NoPart(),
             "load_stage": NoPart(),
+            "waveform_generator": config.waveform_generator.served_at(HERE),
             "interlock": InterlockBox(kind="box", resource=HERE),
             "watchdog": WatchdogConfig(generator=HERE, interlock=HERE),
             "force_sensor": none or FORCE_BOX,
@@ -126,7 +127,7 @@ def _found(key: str, section: DeviceSection, endpoints: Mapping[str, str]) -> De
 def _watchdog(config: RigConfig, endpoints: Mapping[str, str]) -> WatchdogConfig | None:
     """The rig's own, or one that a simulated rig has no section for."""
     own, generator = config.watchdog, endpoints["waveform_generator"]
-    if config.waveform_generator.is_simulated and config.simulated:
+    if config.waveform_generator.is_simulated:
         return WatchdogConfig(generator=generator, give_up_s=WATCHDOG_GIVE_UP_S)
     if own is None or own.generator == NO_WATCHDOG:
         return own
