@@ -45,7 +45,6 @@ from hw.serving.memory import MemoryTransport
 from hw.serving.responder import Responder
 from hw.stage.lts150 import Lts150, StageSettings
 from hw.stage.simulated import SimulatedLts150
-from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 from model.touch_model import TouchModel
 
@@ -68,11 +67,10 @@ class SimulatedRig:
     `rig` is what a driver sees, `instruments` what lies behind; `instruments.amplifier` keeps the
     record of what really was at the electrode. `friction` and `electrode` are any functions, in
     place of the model's with the effects that the rig's configuration hides. Friction without the
-    other leaves nothing to read at the electrode. `wrap`: see `SimulatedInstruments`. `through` may
-    put something around the driver's transport, such as a wire log. `reply_timeout_s`: how long the
-    driver waits for the generator, in place of the configuration's, which is meant for real time.
-    With `envelope` the generator's amplitude follows the analog output of a rig that has one;
-    `analog_output` is its driver's end.
+    other leaves nothing to read at the electrode. `wrap`: see `SimulatedInstruments`.
+    `reply_timeout_s`: how long the driver waits for the generator, in place of the configuration's,
+    which is meant for real time. With `envelope` the generator's amplitude follows the analog
+    output of a rig that has one; `analog_output` is its driver's end.
 
     Stages are LTS150s behind their own drivers. Time passes as their wires answer, and as whoever
     waits sleeps. Until one has moved, the finger presses with `asked_n`, as a person does who is
@@ -86,7 +84,6 @@ class SimulatedRig:
         wrap: Callable[[Responder], Responder] = lambda generator: generator,
         friction: FrictionLaw | None = None,
         electrode: ElectrodeLaw | None = None,
-        through: Callable[[Transport], Transport] = lambda transport: transport,
         reply_timeout_s: float = TIMEOUT_S,
         envelope: bool = False,
     ) -> None:
@@ -112,9 +109,8 @@ class SimulatedRig:
         )
         self.config = config
         self.analog_output = self._analog_output() if envelope else None
-        port = self._carrier_output() or through(
-            TcpTransport.from_resource(self.instruments.generator_server.resource)
-        )
+        resource = self.instruments.generator_server.resource
+        port = self._carrier_output() or TcpTransport.from_resource(resource)
         self._force = _SteppedForceSensor(self.instruments)
         given = config.without_force
         sensor = self._force if given is None else NoForceSensor(given.load_n, self.clock)

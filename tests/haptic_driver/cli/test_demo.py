@@ -100,23 +100,6 @@ def test_for_a_person(haptic, surface_path, tmp_path):
     assert "generator says off, amplifier disabled" in done.out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        (["--texture", "gratin"], "unknown_texture", "grating"),
-        (["--rig", "simulatd"], "unknown_rig", "simulated"),
-        (["--model", "refrence"], "unknown_model", "reference"),
-        (["--trace", "none.csv"], "file_not_found", "CSV"),
-        (["--trace", str(CONFIGS / "textures" / "linen.png")], "file_unreadable", "CSV"),
-    ],
-)
-def test_what_it_cannot_use(demo, arguments, code, words):
-    status, said = demo(*arguments)
-    assert status == 2
-    assert said["error"]["code"] == code
-    assert words in said["error"]["hint"]
-
-
 def test_a_trace_with_a_mistake_names_the_line(demo, tmp_path):
     status, said = demo("--trace", trace(tmp_path, extra=["0.60,half,0.5"]))
     assert status == 2

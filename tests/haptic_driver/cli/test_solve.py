@@ -123,13 +123,10 @@ def test_out_of_reach_is_status_2_with_the_range_in_the_hint(solve, target):
     [
         (["--policy", "min_volage"], "bad_policy", "Did you mean 'min_voltage'?"),
         (["--policy", "min_voltage", "--frequency", "250"], "bad_policy", "--frequency auto"),
-        (["--policy", "fixed_frequency"], "bad_frequency", "Hz"),
-        (["--frequency", "250Hz"], "bad_frequency", "'auto' or a number in Hz"),
         (["--frequency", "nan"], "bad_frequency", "'auto' or a number in Hz"),
         (["--frequency", "-250"], "bad_frequency", "'auto' or a number in Hz"),
         (["--frequency", "0.5"], "bad_frequency", "1..1e+06 Hz"),
         (["--normal-force", "5"], "out_of_range", "0.1 to 2 N"),
-        (["--rig", "simulatd"], "unknown_rig", "Did you mean 'simulated'?"),
     ],
 )
 def test_wrong_arguments(solve, arguments, code, hint):
@@ -139,33 +136,12 @@ def test_wrong_arguments(solve, arguments, code, hint):
     assert hint in content["error"]["hint"]
 
 
-def test_a_fixed_frequency_that_nobody_gave_is_asked_for(haptic, surface_path):
-    done = haptic(
-        "solve", "--friction", 0.6, "--surface", surface_path, "--policy", "fixed_frequency"
-    )
-    assert done.status == 2
-    assert "None" not in done.err
-    assert "--frequency" in done.err
-
-
 @pytest.mark.parametrize("friction", ["nan", "inf", "-0.6", "0", "11"])
 def test_friction_that_is_none(solve, friction):
     status, content = solve(friction)
     assert status == 2
     assert content["error"]["code"] == "out_of_range"
     assert friction in content["error"]["message"]
-
-
-@pytest.mark.parametrize(
-    ("content", "code"), [(b"time_s\n", "surface_corrupt"), (None, "surface_not_found")]
-)
-def test_a_surface_that_cannot_be_used(haptic, tmp_path, content, code):
-    path = tmp_path / "s.h5"
-    if content is not None:
-        path.write_bytes(content)
-    done = haptic("solve", "--friction", 0.6, "--surface", path, "--json")
-    assert done.status == 2
-    assert done.said["error"]["code"] == code
 
 
 def test_a_surface_without_uncertainty_gives_no_interval(solve):

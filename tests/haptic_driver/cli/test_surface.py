@@ -97,39 +97,3 @@ def test_plot_writes_a_picture(haptic, surface_path, tmp_path):
     assert said["picture"] == str(out)
     assert said["normal_force_n"] == 0.5
     assert matplotlib.image.imread(out)[..., :3].std() > 0.05
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--voltage-count", "3"], "voltage"),
-        (["--frequency-count", "0"], "frequency"),
-        (["--force-count", "-1"], "force"),
-        (["--voltage-high-v", "-5"], "-5"),
-        (["--voltage-high-v", "nan"], "nan"),
-    ],
-)
-def test_axes_that_cannot_be_are_refused_by_name(haptic, tmp_path, arguments, words):
-    done = haptic("surface", "build", "--out", tmp_path / "s.h5", "--json", *arguments)
-    assert done.status == 2
-    error = done.said["error"]
-    assert error["code"] == "bad_axes"
-    assert words in error["message"]
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_damaged_file(haptic, surface_path, tmp_path):
-    content = bytearray(surface_path.read_bytes())
-    content[len(content) // 2] ^= 0xFF
-    (tmp_path / "s.h5").write_bytes(content)
-    for command in ("info", "plot"):
-        done = haptic("surface", command, tmp_path / "s.h5", "--json")
-        assert done.status == 2
-        assert done.said["error"]["code"] == "surface_corrupt"
-
-
-def test_an_out_that_cannot_be_written(haptic, tmp_path):
-    (tmp_path / "file").write_text("")
-    done = haptic("surface", "build", "--out", tmp_path / "file" / "s.h5", *SMALL, "--json")
-    assert done.status == 1
-    assert done.said["error"]["code"] == "not_written"

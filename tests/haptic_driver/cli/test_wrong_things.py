@@ -305,7 +305,9 @@ def _desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_file: SurfaceFi
 def test_a_wrong_thing_is_said(haptic, command, status, code, said, hint):
     done = haptic(*command, "--json")
     assert done.status == status, done.err
+    assert set(done.said) == {"error"}
     error = done.said["error"]
+    assert set(error) == {"code", "message", "hint"}
     assert error["code"] == code
     assert said in error["message"]
     assert hint in error["hint"]

@@ -65,8 +65,8 @@ def test_a_tenth_of_friction_along_the_normal_is_still_held():
     assert found.slow < 0.05
 
 
-@pytest.mark.parametrize("exponent", [1.5, 1.75, 2.0])
-@pytest.mark.parametrize("factor", [1 / 3, 0.5, 2.0, 3.0])
+@pytest.mark.parametrize("exponent", [1.5, 2.0])
+@pytest.mark.parametrize("factor", [1 / 3, 3.0])
 def test_it_holds_fingers_of_a_third_to_three_times_the_stiffness(factor, exponent):
     """By the settings of one of the usual stiffness, which are not told. A loop at its margin would
     not come back to rest: the last seconds are as quiet as the first.

@@ -38,6 +38,7 @@ KINDS = {
     "zero falls by 5 mN/s": lambda: shifted(0.0, -5e-3),
     "zero rises by 5 mN/s": lambda: shifted(0.0, 5e-3),
 }
+SAYS_NOTHING = {"dead, 3 mN of noise", "sign turned", "gain 0.1"}
 
 
 # A usual finger gets less: its loads are printed for docs/load.md.
@@ -51,19 +52,14 @@ def test_no_fault_of_the_sensor_presses_beyond_the_signed_limit(name, factor):
         said = outcome.reason or "goes on"
         print(f"\n{name}, {moment}, {factor:g} x: {outcome.highest_n:.2f} N; {said}", end="")
     assert max(outcome.highest_n for outcome in found.values()) < LIMIT_N
+    assert name not in SAYS_NOTHING or all(outcome.reason for outcome in found.values())
 
 
-@pytest.mark.parametrize("name", ["dead, 3 mN of noise", "sign turned", "gain 0.1"])
-def test_a_sensor_that_says_nothing_is_found_out(name):
-    for moment in MOMENTS:
-        assert Trial(KINDS[name], moment, 3.0).run().reason
-
-
-@pytest.mark.parametrize("target_n", [0.25, 0.5, 1.0])
-@pytest.mark.parametrize("factor", [0.8, 1.0, 3.0])
+@pytest.mark.parametrize("target_n", [0.25, 1.0])
+@pytest.mark.parametrize("factor", [0.8, 3.0])
 def test_a_finger_under_a_sensor_without_fault_is_held(target_n, factor):
-    """For a minute, in which all tissue relaxes."""
-    outcome = Trial(lambda: scaled(1.0), "held", factor, 60.0, LoadSettings(target_n)).run()
+    """For ten times as long as the slowest tissue takes to relax."""
+    outcome = Trial(lambda: scaled(1.0), "held", factor, 40.0, LoadSettings(target_n)).run()
     assert outcome.reason == ""
     assert outcome.highest_n < 1.5 * target_n
 

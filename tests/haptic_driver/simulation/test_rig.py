@@ -67,6 +67,29 @@ def record(stages, rig_config, touch):
         return render_slide(synthetic_slide(), GRATING, stages(GRATING), bench, lambda _: None)
 
 
+class Heard:
+    """A wrap for the rig that keeps all that is sent."""
+
+    def __call__(self, core):
+        self.core, self.data = core, b""
+        return self
+
+    def handle(self, data):
+        self.data += data
+        return self.core.handle(data)
+
+
+def test_the_same_slide_is_the_same_bytes_on_the_wire(stages, rig_config, touch):
+    heard, voltages = [Heard(), Heard()], []
+    for wrap in heard:
+        with SimulatedRig(rig_config, touch, wrap=wrap) as bench:
+            record = render_slide(press(), GRATING, stages(GRATING), bench, lambda _: None)
+        voltages.append(record.voltage_v)
+    assert heard[0].data == heard[1].data
+    assert heard[0].data.count(b"VOLT") > 20
+    np.testing.assert_array_equal(*voltages)
+
+
 def test_grating_is_rendered_within_5_percent(record):
     result = score(record)
     assert result.fidelity.share_within_5_percent >= 0.95

@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,7 +24,6 @@ from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import closed_port
 from tests.hw.testing.faulty_transport import Faulty
-from tests.hw.testing.recording import Recording
 from tests.hw.testing.usb_backend import SimulatedUsbBackend
 
 pytestmark = pytest.mark.timeout(60)
@@ -37,11 +35,9 @@ KINDS = [
     "usbtmc",
     "visa-tcp",
     "visa-serial",
-    "recording-tcp",
-    "recording-usbtmc",
     "faulty-memory",
     "faulty-tcp",
-    "recording-faulty-serial",
+    "faulty-serial",
 ]
 LONG = bytes(range(256)) * 560  # 143,360 bytes of every value
 LONGEST_REPLY = 150_000
@@ -81,14 +77,10 @@ def echo_marker(number: int) -> tuple[bytes, bytes]:
     return b"ECHO? marker %d\n" % number, b"marker %d" % number
 
 
-def build(kind: str, stack: ExitStack, folder: Path) -> Transport:
+def build(kind: str, stack: ExitStack) -> Transport:
     """A transport of `kind`, not yet open, to an Instrument that lives as long as `stack`."""
     around, _, rest = kind.partition("-")
-    if around == "recording":
-        recording = Recording(build(rest, stack, folder), folder / "wire.jsonl")
-        stack.callback(recording.finish)
-        return recording
-    return Faulty(build(rest, stack, folder), []) if around == "faulty" else build_link(kind, stack)
+    return Faulty(build_link(rest, stack), []) if around == "faulty" else build_link(kind, stack)
 
 
 def build_link(kind: str, stack: ExitStack) -> Transport:
@@ -112,9 +104,9 @@ def build_link(kind: str, stack: ExitStack) -> Transport:
 
 
 @pytest.fixture(params=KINDS)
-def transport(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Transport]:
+def transport(request: pytest.FixtureRequest) -> Iterator[Transport]:
     with ExitStack() as stack:
-        transport = build(request.param, stack, tmp_path)
+        transport = build(request.param, stack)
         transport.open()
         stack.callback(transport.close)
         yield transport

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
-import math
 import shlex
-from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
 
-from haptic_driver.cli.main import main
 from haptic_driver.lab.commands.diagnose import once_more, place
 from haptic_driver.lab.measuring.plan import load_plan
-from model.effects import BY_NAME, CATALOGUE
+from model.effects import BY_NAME
+from tests.haptic_driver.commands import rows_of, said_by
 from tests.reports import without_pictures
 
-KEYS = {"verdict", "adequate", "effects", "alternatives", "where", "fit", "model", "seed"}
 FRICTION = (
     "frequency_hz",
     "voltage_v",
@@ -47,21 +43,7 @@ def plan(tmp_path_factory):
 def data(plan, tmp_path_factory):
     """Friction and current on a simulated rig whose finger hides humid conduction in the gap."""
     path = tmp_path_factory.mktemp("measured") / "data.csv"
-    assert (
-        main(
-            [
-                "measure",
-                "--rig",
-                "hidden_humidity",
-                "--plan",
-                str(plan),
-                "--out",
-                str(path),
-                "--json",
-            ]
-        )
-        == 0
-    )
+    said_by("measure", "--rig", "hidden_humidity", "--plan", plan, "--out", path)
     return path
 
 
@@ -76,19 +58,8 @@ def measured_friction(plan, path, seed: int) -> None:
     hide = path.with_name("hide.toml")
     hide.write_text("[johnsen_rahbek]\ninsulator_conductivity_s_per_m = 1e-9\n")
     both = path.with_name("both.csv")
-    measure = [
-        "measure",
-        "--rig",
-        "simulated",
-        "--plan",
-        str(plan),
-        "--hide",
-        str(hide),
-        "--out",
-        str(both),
-        "--force",
-    ]
-    assert main([*measure, "--seed", str(seed), "--json"]) == 0
+    measure = ("measure", "--rig", "simulated", "--plan", plan, "--hide", hide, "--seed", seed)
+    said_by(*measure, "--out", both, "--force")
     with both.open() as file, path.open("w", newline="") as out:
         rows = list(csv.DictReader(file))
         writer = csv.DictWriter(out, FRICTION, extrasaction="ignore")
@@ -98,56 +69,14 @@ def measured_friction(plan, path, seed: int) -> None:
 
 @pytest.fixture(scope="module")
 def found(data, tmp_path_factory):
-    out, printed = tmp_path_factory.mktemp("found"), io.StringIO()
-    with redirect_stdout(printed):
-        assert (
-            main(
-                [
-                    "diagnose",
-                    str(data),
-                    "--model",
-                    "reference",
-                    "--out",
-                    str(out),
-                    "--seed",
-                    "3",
-                    "--json",
-                ]
-            )
-            == 0
-        )
-    (out / "stdout").write_text(printed.getvalue())
-    return out, json.loads((out / "report.json").read_text())
-
-
-def test_the_contract(found):
-    _, said = found
-    assert set(said) >= KEYS
-    assert said["seed"] == 3
-    assert said["verdict"] in {
-        "no_discrepancy",
-        "effect_found",
-        "ambiguous",
-        "unexplained",
-        "not_testable",
-    }
-    assert set(said["fit"]) >= {
-        "chi2_per_point",
-        "held_out_chi2_per_point",
-        "gap_closed",
-        "gap_closed_interval",
-    }
-    assert len(said["alternatives"]) == len(CATALOGUE) + 2
-    assert {"none", "unknown"} <= {a["name"] for a in said["alternatives"]}
-    probabilities = [a["probability"] for a in said["alternatives"]]
-    assert math.isclose(sum(probabilities), 1.0, abs_tol=1e-9)
-    assert probabilities == sorted(probabilities, reverse=True)
-    for region in said["where"]:
-        assert set(region) >= {"axis", "low", "high", "p_value", "sign"}
+    out = tmp_path_factory.mktemp("found")
+    return out, said_by("diagnose", data, "--model", "reference", "--out", out, "--seed", 3)
 
 
 def test_the_hidden_effect_is_found_or_listed(found):
-    _, said = found
+    out, said = found
+    assert said == json.loads((out / "report.json").read_text())
+    assert said["seed"] == 3
     assert said["verdict"] in {"effect_found", "ambiguous"}
     listed = {e["name"] for e in said["effects"]} | {
         n for e in said["effects"] for n in e["indistinguishable_from"]
@@ -159,7 +88,7 @@ def test_the_hidden_effect_is_found_or_listed(found):
 
 @pytest.mark.usefixtures("unillustrated")
 @pytest.mark.soak
-def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_path, capsys):
+def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_path):
     plan = tmp_path / "few.toml"
     plan.write_text(
         'name = "few"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60, 130]\nnormal_force_n ='
@@ -168,8 +97,7 @@ def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_pa
     )
     out, data, more = tmp_path / "first", tmp_path / "data.csv", tmp_path / "more.csv"
     measured_friction(plan, data, 1)
-    assert main(["diagnose", str(data), "--out", str(out), "--json"]) == 0
-    said = json.loads((out / "report.json").read_text())
+    said = said_by("diagnose", data, "--out", out)
     asked = [step for step in said["next_experiments"] if step["kind"] == "setting"]
     assert asked
     proposed = load_plan(str(out / "next_plan.toml"))
@@ -181,24 +109,18 @@ def test_what_to_measure_next_is_a_plan_whose_data_go_in_beside_the_first(tmp_pa
     assert {setting.time_s for setting in proposed.settings} == {s.get("time_s") for s in asked}
     assert proposed.repeats == asked[0]["repeats"]
     measured_friction(out / "next_plan.toml", more, 9)
-    capsys.readouterr()
-    assert (
-        main(
-            ["diagnose", str(data), "--also", str(more), "--out", str(tmp_path / "both"), "--json"]
-        )
-        == 0
-    )
-    both = json.loads(capsys.readouterr().out)
+    both = said_by("diagnose", data, "--also", more, "--out", tmp_path / "both")
     assert both["data"]["rows"] == said["data"]["rows"] + len(more.read_text().splitlines()) - 1
     assert both["data"]["sessions"] == said["data"]["sessions"] + 1
 
 
-def test_data_of_other_columns_do_not_go_together(data, tmp_path, capsys):
+def test_data_of_other_columns_do_not_go_together(haptic, data, tmp_path):
     other = tmp_path / "other.csv"
     other.write_text("frequency_hz,voltage_v,normal_force_n,cof,cof_std\n100,75,0.5,0.7,0.01\n")
-    assert main(["diagnose", str(data), "--also", str(other), "--out", str(tmp_path / "out")]) == 2
-    err = " ".join(capsys.readouterr().err.split())
-    assert f"{other}: has no column speed_m_s, which {data} has" in err
+    done = haptic("diagnose", data, "--also", other, "--out", tmp_path / "out")
+    assert done.status == 2
+    said = " ".join(done.err.split())
+    assert f"{other}: has no column speed_m_s, which {data} has" in said
 
 
 def test_the_model_it_writes_can_be_used(found, tmp_path):
@@ -208,72 +130,35 @@ def test_the_model_it_writes_can_be_used(found, tmp_path):
     conditions.write_text("frequency_hz,voltage_v,normal_force_n\n50,100,0.5\n")
     answer = {}
     for model in ("reference", said["model"]):
-        target = tmp_path / "out.csv"
-        assert (
-            main(["predict", "--table", str(conditions), "--out", str(target), "--model", model])
-            == 0
-        )
-        with target.open() as file:
-            answer[model] = float(next(csv.DictReader(file))["cof"])
+        said_by("predict", "--table", conditions, "--out", tmp_path / "out.csv", "--model", model)
+        answer[model] = float(rows_of(tmp_path / "out.csv")[0]["cof"])
     assert (
         answer[said["model"]] < answer["reference"] - 0.01
     )  # conduction takes force away at 50 Hz
 
 
-def test_the_page_is_there(found):
-    out, _ = found
-    page = (out / "report.html").read_text()
-    assert "humid" in page
-    assert "<script" not in page
-
-
-def test_stdout_holds_the_report_alone(found):
-    out, _ = found
-    assert set(json.loads((out / "stdout").read_text())) >= KEYS
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "the file is empty"),
-        ("frequency_hz,voltage_v,normal_force_n,cof\n", "has no rows"),
-        ("frequency_hz,voltage_v,cof\n250,75,0.6\n", "normal_force_n is missing"),
-        ("frequency_hz,voltage_v,normal_force_n,cof\n250,75,0.5,high\n", "line 2: cof is 'high'"),
-        (
-            "frequency_hz,voltage_v,normal_force_n,cof\n250,75,500,0.6\n",
-            "normal_force_n = 500 is out of range",
-        ),
-        (
-            "frequency_hz,voltage_v,normal_force_n,cof,waveform\n250,75,0.5,0.6,triangle\n",
-            "triangle",
-        ),
-    ],
-)
-def test_bad_data_are_told_where(tmp_path, capsys, text, words):
+def test_bad_data_are_told_where(haptic, tmp_path):
     path = tmp_path / "bad.csv"
-    path.write_text(text)
-    assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]) == 2
-    error = json.loads(capsys.readouterr().out)["error"]
-    assert words in error["message"]
-    assert error["hint"]
+    path.write_text("frequency_hz,voltage_v,normal_force_n,cof\n250,75,0.5,high\n")
+    done = haptic("diagnose", path, "--out", tmp_path / "out", "--json")
+    assert done.status == 2
+    assert "line 2: cof is 'high'" in done.said["error"]["message"]
     assert not (tmp_path / "out").exists()
 
 
-def test_bad_rows_are_counted_in_the_report(tmp_path, capsys):
+def test_bad_rows_are_counted_in_the_report(haptic, tmp_path):
     rows = [f"{10 * (i + 1)},{50 + i},0.5,{0.55 + 0.001 * i}" for i in range(11)]
     path = tmp_path / "some.csv"
     path.write_text(
         "frequency_hz,voltage_v,normal_force_n,cof\n"
         + "\n".join([*rows, "250,75,300,0.6", "250,75,0.5,"])
     )
-    command = ["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]
-    assert main(command) == 2
-    error = json.loads(capsys.readouterr().out)["error"]
+    command = ("diagnose", path, "--out", tmp_path / "out", "--json")
+    error = haptic(*command).said["error"]
     assert "line 13: normal_force_n = 300" in error["message"]
     assert "line 14: cof is ''" in error["message"]
     assert "--leave-out-bad" in error["hint"]
-    assert main([*command, "--leave-out-bad"]) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = haptic(*command, "--leave-out-bad").said
     assert said["data"]["rows"] == 11
     assert said["data"]["rows_left_out"] == 2
     (told,) = [word for word in said["reasons"] if "left out" in word]
@@ -281,22 +166,7 @@ def test_bad_rows_are_counted_in_the_report(tmp_path, capsys):
     assert "line 14: cof is ''" in told
 
 
-def test_a_missing_file(tmp_path, capsys):
-    assert main(["diagnose", str(tmp_path / "no.csv"), "--json"]) == 2
-    assert json.loads(capsys.readouterr().out)["error"]["code"] == "bad_data"
-
-
-def test_without_noise_nothing_can_be_tested(tmp_path, capsys):
-    rows = [f"{10 * (i + 1)},{50 + i},{0.3 + 0.01 * i},{0.55 + 0.001 * i}" for i in range(30)]
-    path = tmp_path / "single.csv"
-    path.write_text("frequency_hz,voltage_v,normal_force_n,cof\n" + "\n".join(rows) + "\n")
-    assert main(["diagnose", str(path), "--out", str(tmp_path / "out"), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["verdict"] == "not_testable"
-    assert len(said["alternatives"]) == len(CATALOGUE) + 2
-
-
-def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys, monkeypatch):
+def test_a_plan_is_judged_before_it_is_measured(tmp_path, monkeypatch):
     """By some effects of the catalogue, every two of which are compared; the next test asks them
     all.
     """
@@ -316,23 +186,7 @@ def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys, monkeypatch):
         "normal_force_n = [0.25, 0.5]\nspeed_m_s = 0.02\n"
     )
     weak = ["--strength", "-2"]  # few leave a trace: soon done
-    assert (
-        main(
-            [
-                "diagnose",
-                "--plan",
-                str(plan),
-                "--rig",
-                "simulated",
-                "--out",
-                str(tmp_path),
-                "--json",
-                *weak,
-            ]
-        )
-        == 0
-    )
-    said = json.loads(capsys.readouterr().out)
+    said = said_by("diagnose", "--plan", plan, "--rig", "simulated", "--out", tmp_path, *weak)
     assert [level["name"] for level in said["levels"]] == [
         "as it is",
         "current by a card",
@@ -347,7 +201,7 @@ def test_a_plan_is_judged_before_it_is_measured(tmp_path, capsys, monkeypatch):
     assert (tmp_path / "resolution.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_data_are_held_against_a_plan(tmp_path, capsys):
+def test_data_are_held_against_a_plan(tmp_path):
     """What is measured at one setting tells less than a plan of several."""
     data, plan = tmp_path / "data.csv", tmp_path / "small.toml"
     rows = [f"20,{v},0.5,0.6,0.012,0.02" for v in (0, 75)]
@@ -359,20 +213,15 @@ def test_data_are_held_against_a_plan(tmp_path, capsys):
         "normal_force_n = [0.25, 0.5]\n"
     )
     weak = ["--strength", "-2"]
-    assert (
-        main(["diagnose", str(data), "--plan", str(plan), "--out", str(tmp_path), "--json", *weak])
-        == 0
-    )
-    said = json.loads(capsys.readouterr().out)
+    said = said_by("diagnose", data, "--plan", plan, "--out", tmp_path, *weak)
     assert [level["name"] for level in said["levels"]][:2] == ["the data", "as it is"]
     assert said["levels"][0]["observations"] == 2
     seen = [sum(e["visible"] for e in level["effects"].values()) for level in said["levels"]]
     assert seen[0] < seen[2]
 
 
-def test_neither_data_nor_a_plan_is_told(capsys):
-    assert main(["diagnose"]) != 0
-    assert "give data or --plan" in capsys.readouterr().err
+def test_neither_data_nor_a_plan_is_told(haptic):
+    assert "give data or --plan" in haptic("diagnose").err
 
 
 def test_what_is_printed_next_may_be_pasted(tmp_path):

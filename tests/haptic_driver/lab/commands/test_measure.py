@@ -20,7 +20,6 @@ from haptic_driver.lab.measuring.bench import SimulatedBench
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
-from tests.haptic_driver.config_texts import as_real_rig
 
 PLAN = """
 name = "short"
@@ -40,23 +39,8 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_json_says_what_was_measured(plan, capsys):
-    assert (
-        main(
-            [
-                "measure",
-                "--rig",
-                "simulated",
-                "--plan",
-                plan,
-                "--out",
-                "data.csv",
-                "--seed",
-                "3",
-                "--json",
-            ]
-        )
-        == 0
-    )
+    command = f"measure --rig simulated --plan {plan} --out data.csv --seed 3 --json"
+    assert main(command.split()) == 0
     out, err = capsys.readouterr()
     said = json.loads(out)
     assert {key: said[key] for key in ("rows", "skipped", "out", "plan", "simulated")} == {
@@ -85,28 +69,6 @@ def test_strict_refuses_the_plan_and_writes_nothing(plan, capsys):
     out, err = capsys.readouterr()
     assert json.loads(out)["error"]["code"] == "refused"
     assert "worst-case finger current" in err
-    assert not Path("data.csv").exists()
-
-
-def test_overwriting_needs_force_and_resuming_changes_nothing_when_done(plan, capsys):
-    command = ["measure", "--plan", plan, "--out", "data.csv"]
-    assert main(command) == 0
-    first = Path("data.csv").read_text()
-    assert main(command) == 2
-    assert "--force" in capsys.readouterr().err
-    assert main([*command, "--resume"]) == 0
-    assert Path("data.csv").read_text() == first
-    assert main([*command, "--resume", "--force"]) == 2
-    assert main([*command, "--force"]) == 0
-    assert Path("data.csv").read_text() == first
-
-
-def test_a_rig_whose_finger_nothing_slides_is_refused(plan, capsys):
-    Path("real.toml").write_text(as_real_rig("TCPIP::127.0.0.1::1::SOCKET"))
-    assert (
-        main(["measure", "--rig", "real.toml", "--plan", plan, "--out", "data.csv", "--yes"]) == 2
-    )
-    assert "has no stage" in " ".join(capsys.readouterr().err.split())
     assert not Path("data.csv").exists()
 
 
@@ -176,16 +138,8 @@ def rows() -> list[dict[str, str]]:
 def test_a_finger_of_ones_own_has_friction_voltage_and_current(plan, capsys):
     Path("witness.toml").write_text(WITNESS)
     Path("mine.py").write_text(FINGER)
-    command = [
-        "measure",
-        "--plan",
-        "witness.toml",
-        "--out",
-        "data.csv",
-        "--finger",
-        "mine.py:finger",
-        "--json",
-    ]
+    words = "measure --plan witness.toml --out data.csv --finger mine.py:finger --json"
+    command = words.split()
     assert main(command) == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["rows"], said["skipped"]) == (27, 0)
@@ -247,18 +201,14 @@ def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(p
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--hide", "missing.toml"], "does not exist"),
-        (["--hide", "bad.toml"], "series_resistanse"),
         (["--hide", "short.toml"], "hide"),
         (["--finger", "nowhere:friction"], "cannot be loaded"),
         (["--finger", "json"], "cannot be loaded"),
         (["--finger", "json:__name__"], "not a function"),
         (["--hide", "good.toml", "--finger", "json:loads"], "Give one of them"),
-        (["--seed", "-1"], "seed"),
     ],
 )
 def test_bad_options_are_named(plan, options, said, capsys):
-    Path("bad.toml").write_text("[series_resistanse]\nresistance_ohm = 1.0\n")
     Path("good.toml").write_text("[series_resistance]\nresistance_ohm = 1.0\n")
     assert main(["measure", "--plan", plan, "--out", "data.csv", *options]) == 2
     assert said in capsys.readouterr().err

@@ -71,6 +71,19 @@ def measured(
     return bench
 
 
+def failed(experiment: Experiment, bench: SimulatedBench, out: Path, code: str) -> DataFile:
+    """The file of a measurement that ends with that error, and with the output off."""
+    with (
+        DataFile.create(out, experiment.identity()) as data,
+        bench,
+        pytest.raises(HapticError) as error,
+    ):
+        run(experiment, bench, data)
+    assert error.value.code == code
+    assert bench.simulated.amplifier.voltage_v == 0.0
+    return data
+
+
 def table(path: Path) -> list[dict[str, str]]:
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
@@ -444,14 +457,8 @@ def test_a_load_missed_again_and_again_is_no_row(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     bench = Straying(config, model, seed=1)
     bench.missed = 1000
-    with (
-        DataFile.create(tmp_path / "data.csv", experiment.identity()) as data,
-        bench,
-        pytest.raises(HapticError, match="load was") as error,
-    ):
-        run(experiment, bench, data)
-    assert (error.value.code, data.done, bench.begun) == ("load_missed", 0, ATTEMPTS)
-    assert bench.simulated.amplifier.voltage_v == 0.0
+    data = failed(experiment, bench, tmp_path / "data.csv", "load_missed")
+    assert (data.done, bench.begun) == (0, ATTEMPTS)
 
 
 def test_a_sensor_too_slow_for_the_window_is_named(config, model, tmp_path):
@@ -461,13 +468,8 @@ def test_a_sensor_too_slow_for_the_window_is_named(config, model, tmp_path):
             return super().read_force()
 
     experiment = prepare(config, model, small_plan())
-    with (
-        DataFile.create(tmp_path / "data.csv", experiment.identity()) as data,
-        Slow(config, model, seed=1) as bench,
-        pytest.raises(HapticError, match="force readings") as error,
-    ):
-        run(experiment, bench, data)
-    assert (error.value.code, data.done) == ("too_few_readings", 0)
+    bench = Slow(config, model, seed=1)
+    assert failed(experiment, bench, tmp_path / "data.csv", "too_few_readings").done == 0
 
 
 def test_a_file_of_other_columns_is_not_continued(config, model, tmp_path):
@@ -529,15 +531,8 @@ def test_the_output_is_held_through_settling_and_averaging(config, model, tmp_pa
 def test_a_row_whose_output_was_lost_is_not_a_row(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     bench = Jumping(config, model, seed=1)
-    with (
-        DataFile.create(tmp_path / "stalled.csv", experiment.identity()) as data,
-        bench,
-        pytest.raises(HapticError, match="not refreshed") as error,
-    ):
-        run(experiment, bench, data)
-    assert error.value.code == "output_lost"
+    failed(experiment, bench, tmp_path / "stalled.csv", "output_lost")
     assert all(float(row["voltage_v"]) == 0.0 for row in table(tmp_path / "stalled.csv"))
-    assert bench.simulated.amplifier.voltage_v == 0.0
 
 
 def test_a_hidden_effect_need_not_say_what_is_usual(model):

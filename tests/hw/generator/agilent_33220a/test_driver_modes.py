@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hw.errors import BadReply, LimitExceeded
+from hw.errors import BadReply
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.contract import GeneratorLatency, TerminalOutput
@@ -165,21 +165,3 @@ def test_pymeasure_sees_what_the_driver_set():
             assert [client.shape, client.offset] == ["DC", pytest.approx(0.6)]
             assert client.check_errors() == []
             assert driver.close() is True
-
-
-def test_the_last_gate_holds_when_the_drivers_own_reckoning_is_wrong(
-    monkeypatch,
-):
-    bench = Bench()
-    bench.driver.set_point(250.0, 100.0)
-    bench.driver.set_output(True)
-    right = Agilent33220A._wanted
-
-    def twice_too_much(*arguments: Any) -> Any:
-        wanted = right(*arguments)
-        return wanted._replace(amplitude_vpp=2.0 * wanted.amplitude_vpp)
-
-    monkeypatch.setattr(Agilent33220A, "_wanted", twice_too_much)
-    with pytest.raises(LimitExceeded, match="last gate"):
-        bench.driver.set_point(250.0, 200.0)
-    assert bench.peak_v == pytest.approx(100.0)

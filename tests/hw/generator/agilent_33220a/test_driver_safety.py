@@ -45,15 +45,6 @@ class Rig:
         self.seen.clear()
 
 
-def test_a_set_point_is_volts_at_the_electrode():
-    rig = Rig()
-    rig.connect()
-    rig.driver.set_output(True)
-    rig.driver.set_point(250.0, 120.0)
-    assert rig.generator.output()[:4] == (250.0, pytest.approx(1.2), 0.0, True)
-    assert rig.amplifier.voltage_v == pytest.approx(120.0)
-
-
 @pytest.mark.parametrize("load", ["50", "1", "10E3"])
 def test_a_load_left_behind_is_corrected_and_read_back(load):
     rig = Rig()
