@@ -43,7 +43,7 @@ def run(*command: object, folder: Path, timeout_s: float = 250.0) -> str:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(tmp_path_factory):
     """Built from a copy, so that nothing is left behind in the checkout, and nothing old gets
     in.
     """

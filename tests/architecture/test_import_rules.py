@@ -157,7 +157,7 @@ def test_the_sources_keep_every_rule(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def broken(tmp_path_factory: pytest.TempPathFactory) -> str:
+def broken(tmp_path_factory):
     """What is said of the sources with all these imports in them, each reported with its line, on
     one line.
     """
@@ -184,7 +184,7 @@ def test_a_forbidden_import_breaks_its_rule(broken, rule, file, statement):
 
 
 @pytest.fixture(scope="module")
-def unlisted(tmp_path_factory: pytest.TempPathFactory) -> str:
+def unlisted(tmp_path_factory):
     """What is said of the sources with a room more in each container of rooms."""
     folder = copy(tmp_path_factory.mktemp("unlisted"))
     for container in EXHAUSTIVE:

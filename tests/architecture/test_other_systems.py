@@ -2,8 +2,6 @@
 has.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -15,7 +15,7 @@ CONTAINERS = (*PACKAGES, "haptic_driver.lab")  # their children are rooms, or si
 
 
 @pytest.fixture(scope="module")
-def graph() -> grimp.ImportGraph:
+def graph():
     return grimp.build_graph(*PACKAGES, cache_dir=None)
 
 

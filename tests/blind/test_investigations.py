@@ -2,11 +2,9 @@
 touch is good for.
 """
 
-from __future__ import annotations
-
 import pytest
 
-from haptic_driver.lab.measuring.plan import Plan, load_plan
+from haptic_driver.lab.measuring.plan import load_plan
 
 from .generator.families import specs
 from .investigations import FEW, ROUNDS, asked, finger_function, truth_of
@@ -15,7 +13,7 @@ SEED = 7801
 
 
 @pytest.fixture(scope="module")
-def few(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def few(tmp_path_factory):
     path = tmp_path_factory.mktemp("plan") / "few.toml"
     path.write_text(FEW)
     return load_plan(str(path))

@@ -1,11 +1,8 @@
 """The effect that `CONTRIBUTING.md` adds is one that the model can have."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +11,7 @@ import pytest
 
 from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
-from model.effects import BY_NAME, CATALOGUE, Effect
+from model.effects import BY_NAME, CATALOGUE
 from model.parameters import Parameter
 from model.touch_model import TouchModel
 
@@ -22,7 +19,7 @@ PAGE = Path(__file__).resolve().parents[2] / "CONTRIBUTING.md"
 
 
 @pytest.fixture(scope="module")
-def dry_film(tmp_path_factory: pytest.TempPathFactory) -> Iterator[type[Effect]]:
+def dry_film(tmp_path_factory):
     (block,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     folder = tmp_path_factory.mktemp("effect")
     (folder / "dry_film.py").write_text(block)

@@ -20,7 +20,6 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock
@@ -117,7 +116,7 @@ def name_of(page: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """One reader's folder, with what the pages ask to write, or what a session has from another
     command.
     """
@@ -139,14 +138,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def reader(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def reader(folder, monkeypatch):
     """The reader, in that folder."""
     monkeypatch.chdir(folder)
     return folder
 
 
 @pytest.fixture(scope="module")
-def done() -> set[str]:
+def done():
     """Commands that the reader has given: those that several pages show are given once."""
     return set()
 
@@ -216,7 +215,7 @@ def test_no_command_hides_in_a_block_without_a_mark(page):
 
 
 @pytest.fixture(scope="module")
-def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+def daemon(tmp_path_factory):
     """The environment of a reader in whose terminal `SERVED` runs, at its usual place; ended by
     Ctrl-C.
 
@@ -343,9 +342,7 @@ RECIPES = ROOT / "docs" / "recipes.md"
 
 
 @pytest.fixture
-def lab(
-    daemon: dict[str, str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> Iterator[dict[str, str]]:
+def lab(daemon, monkeypatch, tmp_path):
     """Somebody at a desk beside that daemon; nobody is armed before or after."""
     monkeypatch.delenv("HAPTIC_SOCKET", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", daemon["XDG_RUNTIME_DIR"])
@@ -493,7 +490,7 @@ def at_the_page(lab: dict[str, str], code: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def program() -> Any:
+def program():
     found = known()
     return typer.main.get_command(build_app(found, found))
 

@@ -1,7 +1,5 @@
 """The device with calls instead of a wire that the page about hardware shows runs as it stands."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pages and docstrings keep to short sentences and to the words of the field, without exception."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
@@ -10,14 +8,13 @@ from tests.docs.plain_english import (
     LONGEST_WORDS,
     NOT_OURS,
     PAGES,
-    Sentence,
     of_docstrings,
     of_pages,
 )
 
 
 @pytest.fixture(scope="module", params=[of_pages, of_docstrings], ids=["pages", "docstrings"])
-def sentences(request: pytest.FixtureRequest) -> list[Sentence]:
+def sentences(request):
     return list(request.param())
 
 

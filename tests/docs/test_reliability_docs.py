@@ -1,7 +1,5 @@
 """What docs/reliability.md names is there."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,7 +117,7 @@ class Reach(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def brute_force(surface, grid) -> Callable[[float, float], Reach]:
+def brute_force(surface, grid):
     """Every frequency node of the surface tried in turn, in numpy: (normal_force_n, target_cof) ->
     Reach.
     """
@@ -148,7 +147,7 @@ def brute_force(surface, grid) -> Callable[[float, float], Reach]:
 
 
 @pytest.fixture(scope="session")
-def make_file() -> Callable[..., SurfaceFile]:
+def make_file():
     """A surface file by hand: friction 0.5 + `rise` V^2, `rise` [f, n], and whatever else differs
     from a plain one.
     """
@@ -194,7 +193,7 @@ class Outcome(NamedTuple):
 
 
 @pytest.fixture
-def haptic(capsys) -> Callable[..., Outcome]:
+def haptic(capsys):
     """Run one command line in this process."""
 
     def run(*arguments: object) -> Outcome:

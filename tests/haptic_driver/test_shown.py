@@ -1,7 +1,5 @@
 """Names and words from outside never reach a terminal, a log or a page as they are."""
 
-from __future__ import annotations
-
 import io
 import logging
 

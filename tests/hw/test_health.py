@@ -1,7 +1,5 @@
 """One record with every reading, kept in a device's place, whatever the device's make."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

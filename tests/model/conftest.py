@@ -5,7 +5,6 @@ printed, done slowly.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ REFERENCE = Path(__file__).parent / "reference.json"
 
 
 @pytest.fixture(scope="session")
-def reference() -> dict[str, Any]:
+def reference():
     """Values of an independent implementation, good to 0.05 %; columns as arrays."""
     content: dict[str, Any] = _columns(json.loads(REFERENCE.read_text(encoding="utf-8")))
     return content
@@ -42,8 +41,8 @@ def _columns(node: Any) -> Any:
 
 @pytest.fixture(scope="session")
 def fresh_tables(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[Callable[[TouchModel], TouchModel]]:
+    tmp_path_factory,
+):
     """Gives a model its gap table from a folder of this session: no test ever reads a table of an
     earlier source.
     """
@@ -61,7 +60,7 @@ def fresh_tables(
 
 
 @pytest.fixture(scope="session")
-def models(fresh_tables: Callable[[TouchModel], TouchModel]) -> dict[str, TouchModel]:
+def models(fresh_tables):
     """The two shipped models by name."""
     return {
         name: fresh_tables(TouchModel(read_model(MODELS / f"{name}.toml")))
@@ -70,9 +69,7 @@ def models(fresh_tables: Callable[[TouchModel], TouchModel]) -> dict[str, TouchM
 
 
 @pytest.fixture(scope="session")
-def variant(
-    fresh_tables: Callable[[TouchModel], TouchModel], models: dict[str, TouchModel]
-) -> Callable[..., TouchModel]:
+def variant(fresh_tables, models):
     """The reference model with other numbers, or another dielectric set or friction law."""
 
     def make(base: str = "reference", **changes: Any) -> TouchModel:
@@ -100,7 +97,7 @@ class Chosen(ModelDescription):
 
 
 @pytest.fixture(scope="session")
-def with_effects(models: dict[str, TouchModel]) -> Callable[..., TouchModel]:
+def with_effects(models):
     """A model of another (the reference by default) with these effects, on the same table."""
 
     def make(*effects: Effect, base: TouchModel | None = None) -> TouchModel:
@@ -122,7 +119,7 @@ class Scales:
 
 
 @pytest.fixture(scope="session")
-def scales_of() -> Callable[[TouchModel], Scales]:
+def scales_of():
     def of(model: TouchModel) -> Scales:
         v = model.description.values
         return Scales(
@@ -146,7 +143,7 @@ class Stack:
 
 
 @pytest.fixture(scope="session")
-def stack_of() -> Callable[[TouchModel, NDArray], Stack]:
+def stack_of():
     """The layers of a model without effects at frequencies of any shape."""
 
     def of(model: TouchModel, frequency_hz: NDArray) -> Stack:
@@ -158,7 +155,7 @@ def stack_of() -> Callable[[TouchModel, NDArray], Stack]:
 
 
 @pytest.fixture(scope="session")
-def circuit_of() -> Callable[..., GapCircuit]:
+def circuit_of():
     """A circuit from scales, (stack, mean square voltage) of each branch and load, all but the
     scales [n].
     """
@@ -195,7 +192,7 @@ def circuit_of() -> Callable[..., GapCircuit]:
 
 
 @pytest.fixture(scope="session")
-def sine_circuit() -> Callable[..., GapCircuit]:
+def sine_circuit():
     """The circuit of a model as the chain prepares it, for sines; everything broadcasts."""
 
     def of(model: TouchModel, frequency_hz: Any, voltage_v: Any, load_pa: Any) -> GapCircuit:
@@ -335,7 +332,7 @@ class PrintedTheory:
 
 
 @pytest.fixture(scope="session")
-def printed_theory() -> Callable[[TouchModel], PrintedTheory]:
+def printed_theory():
     """The slow theory of a model's finger; Y* of (38) from its moduli."""
 
     def of(model: TouchModel) -> PrintedTheory:

@@ -7,7 +7,6 @@ Each test of a slip fails if the correction were what is printed.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +46,7 @@ DG = U + EGP * (D1 / E1P + D2 / E2P)
 
 
 @pytest.fixture(scope="module")
-def charging() -> tuple[sp.Expr, sp.Expr]:
+def charging():
     """-d rho1/dt and -d rho2/dt from (2)-(8) alone, solved by sympy."""
     f1, fg, f2 = sp.symbols("E1 Eg E2")
     laws = [
@@ -379,12 +378,12 @@ class _At:
 
 
 @pytest.fixture(scope="module")
-def at(models) -> _At:
+def at(models):
     return _At(models["table1"])
 
 
 @pytest.fixture(scope="module")
-def numbers(at: _At, fresh_tables: Callable[[TouchModel], TouchModel]) -> dict[str, float]:
+def numbers(at, fresh_tables):
     """Everything that the page quotes, computed."""
     d, v = at.description, at.description.values
     f, gap = np.array([F_HZ]), np.array([at.gap_m])

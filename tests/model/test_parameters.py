@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model.description import ModelDescription, read_model
+from model.description import read_model
 from model.electric.dielectrics import GABRIEL_DRY, GABRIEL_WET, PowerLaw, Tabulated
 from model.parameters import SPECIFICATION, TouchParameters
 from model.support.errors import ModelError, nearest
@@ -301,7 +301,7 @@ def test_nearest_lists_all_where_nothing_is_near():
 
 class TestIdentity:
     @pytest.fixture
-    def model(self) -> ModelDescription:
+    def model(self):
         return read_model(MODELS / "reference.toml")
 
     def test_name_comments_sources_and_order_do_not_count(self, model, write):

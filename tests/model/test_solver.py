@@ -317,12 +317,12 @@ def folding(variant):
 
 
 @pytest.fixture(scope="module")
-def load_pa(folding, scales_of) -> float:
+def load_pa(folding, scales_of):
     return FOLDING_LOAD * scales_of(folding).pressure_pa
 
 
 @pytest.fixture(scope="module")
-def curve(folding, load_pa, scales_of, gain_by_quadrature) -> tuple[np.ndarray, np.ndarray]:
+def curve(folding, load_pa, scales_of, gain_by_quadrature):
     """p_e and V(p_e) by quadrature; V has a maximum, falls by 5e-4 and rises again."""
     p = (
         np.exp(np.linspace(np.log(1.01 * FOLDING_LOAD), np.log(9.9), 250))

@@ -1,7 +1,5 @@
 """The killable daemon of the daemon's own tests, and a load."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

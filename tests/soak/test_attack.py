@@ -59,7 +59,7 @@ class Served:
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[Served]:
+def served(tmp_path):
     daemon = Served(tmp_path)
     yield daemon
     assert daemon.process.stdin is not None

@@ -4,8 +4,6 @@
 client asks for the status and the ticks 10 times a second meanwhile.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The demos that take minutes end, and show what they are there for."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -2,8 +2,6 @@
 speeds, both rigs.
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

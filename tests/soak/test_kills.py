@@ -11,8 +11,6 @@ How long each took to zero is printed as a histogram. What is late is late; how 
 itself stood still meanwhile (`standstill.py`) is printed beside each.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import signal

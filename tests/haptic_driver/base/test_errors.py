@@ -1,7 +1,5 @@
 """One tree of errors: whoever catches its root has what each room refuses."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """An API in this process that commands find by themselves."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving

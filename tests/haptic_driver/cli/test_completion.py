@@ -2,8 +2,6 @@
 folders.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -32,7 +30,7 @@ LINES = [
 
 
 @pytest.fixture(autouse=True)
-def _a_texture_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _a_texture_of_ones_own(tmp_path, monkeypatch):
     textures = tmp_path / "configs" / "textures"
     textures.mkdir(parents=True)
     (textures / "mine.toml").write_text('kind = "uniform"\ncof = 0.6\n')

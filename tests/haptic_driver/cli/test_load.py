@@ -37,7 +37,7 @@ when_wrong = "retract"
 
 
 @pytest.fixture
-def served(rig_config: Any, touch: Any) -> Any:
+def served(rig_config, touch):
     with living_rig(rig_config, touch) as rig:
         yield rig
 
@@ -48,7 +48,7 @@ def said(outcome: Any) -> dict[str, Any]:
 
 
 @pytest.fixture
-def rig(served: Any, tmp_path: Path) -> str:
+def rig(served, tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(served_rig_text(served.endpoints) + SECTION.format(**served.endpoints))
     return str(path)

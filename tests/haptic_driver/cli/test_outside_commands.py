@@ -1,7 +1,5 @@
 """Commands of packages outside: one joins the command line, one that fails is left out."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """`haptic watch`: JSON lines in a pipe, and a picture that says what matters."""
 
-from __future__ import annotations
-
 import json
 import os
 

@@ -1,12 +1,8 @@
 """What newcomers get wrong: the exit status, and a message that says what, where and what to do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
-
-from haptic_driver.lookup.file import SurfaceFile
 
 BASE = "frequency_hz,voltage_v,normal_force_n"
 SLIDE = "time_s,position_m,normal_force_n"
@@ -287,7 +283,7 @@ WRONG = [
 
 
 @pytest.fixture(autouse=True)
-def _desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_file: SurfaceFile) -> None:
+def _desk(tmp_path, monkeypatch, small_file):
     """A folder with the files of somebody who is new here."""
     for name, content in FILES.items():
         (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())

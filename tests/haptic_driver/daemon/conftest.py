@@ -1,7 +1,5 @@
 """One daemon for the tests of a module, on the simulated rig that it names as `RIG`."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`haptic daemon run` on the simulated rig, used through its socket as a user would."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """What was asked for a moment, against numpy's interpolation over all that was ever said."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The daemon on a rig whose carrier and envelope come from one card: linen at 80 mm/s."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -2,8 +2,6 @@
 simulated electrode.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

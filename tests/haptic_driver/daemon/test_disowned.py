@@ -1,7 +1,5 @@
 """A reading that cannot be true stands in the record of whose it is."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

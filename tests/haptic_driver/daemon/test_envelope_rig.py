@@ -1,7 +1,5 @@
 """The daemon on the rig with an analog output: what comes out at the simulated electrode."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """Events of the daemon as edges on a line: codes, order, times, and a line that fails."""
 
-from __future__ import annotations
-
 import time
 from itertools import pairwise
 

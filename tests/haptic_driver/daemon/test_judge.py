@@ -1,7 +1,5 @@
 """How well the daemon renders now, told of samples that are made for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,8 +2,6 @@
 amplifier's own record.
 """
 
-from __future__ import annotations
-
 from signal import SIGKILL, SIGSTOP
 
 import pytest

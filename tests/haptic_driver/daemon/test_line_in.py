@@ -1,7 +1,5 @@
 """Edges on a rig's line in: recordings that they begin and end, and a line that fails."""
 
-from __future__ import annotations
-
 import threading
 import time
 from contextlib import contextmanager

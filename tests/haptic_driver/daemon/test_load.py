@@ -2,8 +2,6 @@
 behind their wires.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -1,7 +1,5 @@
 """The observer's process: started again when it dies, and heard."""
 
-from __future__ import annotations
-
 import os
 import signal
 from itertools import count

@@ -108,7 +108,7 @@ class Followed:
 
 
 @pytest.fixture(scope="module")
-def followed() -> Followed:
+def followed():
     return Followed()
 
 

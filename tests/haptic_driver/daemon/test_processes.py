@@ -1,7 +1,5 @@
 """One daemon per place; children say that they are ready, and how they ended."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

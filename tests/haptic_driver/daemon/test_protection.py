@@ -40,7 +40,7 @@ REFITS = {
 
 
 @pytest.fixture(scope="module")
-def first() -> DaemonSettings:
+def first():
     config = load_rig("simulated")
     surface = build_surface(load_model("reference"), config.operating_limits(), AXES)
     return DaemonSettings(

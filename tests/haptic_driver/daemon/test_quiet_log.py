@@ -1,7 +1,5 @@
 """One kind of trouble does not fill the log."""
 
-from __future__ import annotations
-
 import logging
 
 from haptic_driver.daemon.quiet_log import OncePerSecond

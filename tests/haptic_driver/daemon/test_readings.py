@@ -2,8 +2,6 @@
 what and where.
 """
 
-from __future__ import annotations
-
 import math
 import time
 

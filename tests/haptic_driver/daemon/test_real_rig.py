@@ -2,8 +2,6 @@
 their own wires.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import signal

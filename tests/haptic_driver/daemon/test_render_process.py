@@ -1,7 +1,5 @@
 """What render does by itself when the world around it goes wrong; time is made up."""
 
-from __future__ import annotations
-
 import math
 import os
 import pickle

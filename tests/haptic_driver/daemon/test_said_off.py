@@ -3,8 +3,6 @@
 The daemon's own control, unstarted, on a rig of simulated instruments by a clock that tests step.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from contextlib import suppress

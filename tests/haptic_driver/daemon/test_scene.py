@@ -1,7 +1,5 @@
 """A scene on the daemon: changed as one, off stays off, refused as textures are, and replayed."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

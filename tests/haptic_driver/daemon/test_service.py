@@ -1,7 +1,5 @@
 """What systemd hears, and the unit that starts the daemon."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import socket

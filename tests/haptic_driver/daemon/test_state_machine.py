@@ -1,7 +1,5 @@
 """Output is possible in one state alone, and only the holder of the lease gets there."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """What the status says was asked for."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -2,8 +2,6 @@
 told once.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """What is held against the model while something renders, whatever pieces the samples come in."""
 
-from __future__ import annotations
-
 from itertools import count
 
 import numpy as np

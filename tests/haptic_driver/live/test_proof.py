@@ -1,7 +1,5 @@
 """Which windows judge a mended model."""
 
-from __future__ import annotations
-
 import pytest
 
 from haptic_driver.live.proof import split

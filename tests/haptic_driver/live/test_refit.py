@@ -1,7 +1,5 @@
 """A model mended by rows: of the blind generator's finger, which shares no code with the model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

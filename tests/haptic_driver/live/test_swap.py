@@ -1,7 +1,5 @@
 """Render goes on with what comes of mending, and back."""
 
-from __future__ import annotations
-
 import pytest
 
 from haptic_driver.daemon.event_log import EventLog

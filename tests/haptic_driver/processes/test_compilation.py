@@ -2,8 +2,6 @@
 wanted.
 """
 
-from __future__ import annotations
-
 import io
 from contextlib import nullcontext
 

@@ -32,7 +32,7 @@ with start_workers("study", 1) as pool:
 
 
 @pytest.fixture
-def foreign(tmp_path: Path) -> Path:
+def foreign(tmp_path):
     set_traps(tmp_path)
     return tmp_path
 

@@ -1,7 +1,5 @@
 """Instants are kept absolutely; those that are missed are counted and never made up for."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Readers of the shared memory see whole records, are told what they missed, and never wait."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What a script gives goes in by name and unit, and what is no input is a BadInputError."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The names of `import haptic_driver as hd`, used as a script uses them."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

@@ -19,7 +19,7 @@ SOURCES = Path(haptic_driver.__file__).parent
 
 
 @pytest.fixture
-def package(tmp_path) -> Path:
+def package(tmp_path):
     """A small package of its own: what compiles, signals, a constant, and a kernel that uses
     both.
     """

@@ -1,7 +1,5 @@
 """Scenes: areas by geometry, order, edges, and textures that move with their objects."""
 
-from __future__ import annotations
-
 import math
 import pickle
 

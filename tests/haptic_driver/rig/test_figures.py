@@ -2,8 +2,6 @@
 what it is for.
 """
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 from typing import Annotated, get_args, get_origin

@@ -1,7 +1,5 @@
 """What a load stage's tuning writes down is read back."""
 
-from __future__ import annotations
-
 import datetime
 
 import pytest

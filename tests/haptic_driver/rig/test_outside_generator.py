@@ -2,8 +2,6 @@
 entry point.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -107,7 +107,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench(rig_config: RigConfig):
+def bench(rig_config):
     return Bench(rig_config)
 
 

@@ -4,8 +4,6 @@ Scripts of calls, pauses and faults, drawn at random, run on simulated instrumen
 clock. The truth is the simulated amplifier's own voltage; the rig is judged by it after every call.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The carrier's ripple: where it lies among the bands, whether it is felt, and what quiet costs."""
 
-from __future__ import annotations
-
 import pytest
 
 from haptic_driver.limits import OperatingLimits

@@ -1,7 +1,5 @@
 """Demodulation against signals written down exactly, and against noise of known size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

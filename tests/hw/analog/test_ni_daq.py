@@ -70,7 +70,7 @@ SETTINGS = AnalogOutputSettings(
 
 
 @pytest.fixture
-def card(monkeypatch: pytest.MonkeyPatch) -> Card:
+def card(monkeypatch):
     return install(monkeypatch)
 
 

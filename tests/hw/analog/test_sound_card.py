@@ -25,7 +25,7 @@ SETTINGS = AnalogOutputSettings(
 
 
 @pytest.fixture(autouse=True)
-def _sounddevice(monkeypatch: pytest.MonkeyPatch) -> None:
+def _sounddevice(monkeypatch):
     install(monkeypatch)
 
 

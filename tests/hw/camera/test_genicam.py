@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from hw.camera.genicam import OPTIONAL, GenicamCamera, GenicamSettings
 from hw.errors import DeviceError, DeviceTimeout, InstrumentRejected
-from tests.hw.testing.genicam import FEATURES, GenicamDevice, install
+from tests.hw.testing.genicam import FEATURES, install
 
 SETTINGS = GenicamSettings("a.cti", count=4, rate_hz=20.0, exposure_s=5e-4)
 
 
 @pytest.fixture
-def device(monkeypatch: pytest.MonkeyPatch) -> GenicamDevice:
+def device(monkeypatch):
     return install(monkeypatch)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 
 import pytest
 
@@ -33,7 +32,7 @@ class Reader:
 
 
 @pytest.fixture
-def reader(request: pytest.FixtureRequest) -> Iterator[Reader]:
+def reader(request):
     reader = Reader(request.param)
     yield reader
     reader.screen.unplug()

@@ -7,7 +7,6 @@ import os
 import struct
 import sys
 import time
-from collections.abc import Iterator
 from types import SimpleNamespace
 
 import numpy as np
@@ -67,7 +66,7 @@ class Bench:
 
 
 @pytest.fixture(params=[10, 0], ids=["slots", "one finger"])
-def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+def bench(request):
     bench = Bench(request.param)
     yield bench
     bench.tracker.close()
@@ -75,7 +74,7 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
 
 
 @pytest.fixture
-def slotted() -> Iterator[Bench]:
+def slotted():
     bench = Bench(slots=10)
     yield bench
     bench.tracker.close()

@@ -8,7 +8,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -42,13 +42,13 @@ def read_until(client: NetFt, done: Callable[[], bool]) -> None:
 
 
 @pytest.fixture
-def box() -> Iterator[FaultyNetFt]:
+def box():
     with FaultyNetFt(lambda: LOAD) as server:
         yield server
 
 
 @pytest.fixture
-def client(box: FaultyNetFt) -> Iterator[NetFt]:
+def client(box):
     device = client_of(box.port)
     device.open()
     yield device

@@ -2,8 +2,6 @@
 converter leave.
 """
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The oscilloscope's driver against its simulator: what is at the electrode is what is read."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

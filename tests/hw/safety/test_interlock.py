@@ -4,8 +4,6 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -43,7 +41,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Bench:
+def bench():
     return Bench()
 
 
@@ -172,7 +170,7 @@ def test_something_else_is_refused():
 
 
 @pytest.fixture(params=["tcp", "pty"])
-def served(request: pytest.FixtureRequest) -> Iterator[tuple[SimulatedInterlock, str]]:
+def served(request):
     box = SimulatedInterlock()
     with TcpServer(box) if request.param == "tcp" else SerialServer(box) as server:
         yield box, server.resource
@@ -234,7 +232,7 @@ class Port:
 
 
 @pytest.fixture
-def port(monkeypatch: pytest.MonkeyPatch) -> Port:
+def port(monkeypatch):
     made = Port()
     monkeypatch.setattr("serial.Serial", lambda: made)
     return made

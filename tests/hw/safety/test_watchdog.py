@@ -12,7 +12,6 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from math import inf
@@ -86,14 +85,14 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
+def bench():
     bench = Bench()
     with bench.server:
         yield bench
 
 
 @pytest.fixture
-def drivers() -> Iterator[list[subprocess.Popen[str]]]:
+def drivers():
     started: list[subprocess.Popen[str]] = []
     yield started
     for process in started:
@@ -440,7 +439,7 @@ def full_pipe() -> tuple[int, int]:
 
 
 @pytest.fixture
-def box() -> Iterator[FaultyInstrument]:
+def box():
     """An interlock that may fall silent; `resource` is where it is served."""
     found = FaultyInstrument(SimulatedInterlock(ManualClock()))
     with TcpServer(found) as server:

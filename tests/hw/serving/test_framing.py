@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from hw.serving.framing import MAX_MESSAGE_BYTES, MessageFramer, MessageTooLong

@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -61,7 +61,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Bench:
+def bench():
     return Bench()
 
 
@@ -343,7 +343,7 @@ def test_whatever_happens_the_stage_stays_within_its_travel_and_nothing_hangs(
 
 
 @pytest.fixture
-def real_time() -> Iterator[tuple[FaultyLts150, Lts150, list[bool]]]:
+def real_time():
     """Over a pseudo-terminal, which has no RTS line."""
     instrument = FaultyLts150(time.monotonic, start_mm=1.0)
     had_line: list[bool] = []

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import errno
 import struct
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -17,14 +16,14 @@ pytestmark = pytest.mark.timeout(30)
 
 
 @pytest.fixture
-def backend() -> Iterator[SimulatedUsbBackend]:
+def backend():
     generator = Simulated33220A(IMMEDIATE)
     with SimulatedUsbBackend(generator, serial_number="MY44000001") as backend:
         yield backend
 
 
 @pytest.fixture
-def device(backend: SimulatedUsbBackend) -> Iterator[Any]:
+def device(backend):
     device: Any = usb.core.find(idVendor=0x0957, idProduct=0x0407, backend=backend)
     usb.util.claim_interface(device, 0)
     yield device

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from typing import Any
@@ -104,7 +103,7 @@ def build_link(kind: str, stack: ExitStack) -> Transport:
 
 
 @pytest.fixture(params=KINDS)
-def transport(request: pytest.FixtureRequest) -> Iterator[Transport]:
+def transport(request):
     with ExitStack() as stack:
         transport = build(request.param, stack)
         transport.open()
@@ -211,7 +210,7 @@ def test_an_error_says_what_where_and_what_to_do(transport):
 
 
 @pytest.fixture
-def eager_threads() -> Iterator[None]:
+def eager_threads():
     usual_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     yield

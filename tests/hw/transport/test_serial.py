@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
 
 import pytest
 
@@ -27,7 +26,7 @@ class Box:
 
 
 @pytest.fixture
-def server() -> Iterator[SerialServer]:
+def server():
     with SerialServer(Box()) as server:
         yield server
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Iterator
 
 import pytest
 
@@ -52,7 +51,7 @@ def test_other_resources_are_refused(resource):
 
 
 @pytest.fixture
-def silent(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+def silent(monkeypatch):
     """Makes the name server silent for whoever asks from now on, and says who did."""
     asked: list[str] = []
     over = threading.Event()

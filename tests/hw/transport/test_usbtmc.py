@@ -80,13 +80,13 @@ class SpyingBackend(SimulatedUsbBackend):
 
 
 @pytest.fixture
-def backend() -> Iterator[SpyingBackend]:
+def backend():
     with SpyingBackend(Echo()) as backend:
         yield backend
 
 
 @pytest.fixture
-def transport(backend: SpyingBackend) -> Iterator[UsbTmcTransport]:
+def transport(backend):
     transport = UsbTmcTransport(0x0957, 0x0407, "SIM0001", backend=backend)
     transport.open()
     backend.out.clear()
@@ -355,7 +355,7 @@ def test_a_pulled_cable_is_a_disconnect_and_the_device_is_found_again(transport,
 
 
 @pytest.fixture
-def system_backend(monkeypatch: pytest.MonkeyPatch) -> Iterator[SpyingBackend]:
+def system_backend(monkeypatch):
     """The simulated device where every pyusb program looks for devices."""
     generator = Simulated33220A(IMMEDIATE)
     with SpyingBackend(generator) as backend:
@@ -364,9 +364,7 @@ def system_backend(monkeypatch: pytest.MonkeyPatch) -> Iterator[SpyingBackend]:
 
 
 @pytest.fixture
-def pyvisa_py_with_usb(
-    system_backend: SpyingBackend, monkeypatch: pytest.MonkeyPatch
-) -> SpyingBackend:
+def pyvisa_py_with_usb(system_backend, monkeypatch):
     """pyvisa-py looks for a USB library once, at import; here it looks again, and forgets it
     afterwards.
     """

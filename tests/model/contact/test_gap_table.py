@@ -203,7 +203,7 @@ class TestCache:
     """`build_table` is replaced by constants: what counts here is where numbers are kept."""
 
     @pytest.fixture
-    def builds(self, monkeypatch: pytest.MonkeyPatch) -> list[SelfAffineShape]:
+    def builds(self, monkeypatch):
         calls: list[SelfAffineShape] = []
 
         def build(shape: SelfAffineShape) -> GapTable:

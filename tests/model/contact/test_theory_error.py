@@ -1,7 +1,5 @@
 """The contact theory's own error: its table against the committed comparison, and its use."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from model.effects import Effect
 
 
 @pytest.fixture(scope="session")
-def median() -> Callable[[type[Effect]], Effect]:
+def median():
     """An effect at its prior medians, moved by `x` standard deviations."""
 
     def make(effect: type[Effect], x: float = 0.0) -> Effect:
@@ -37,13 +36,13 @@ def columns(n: int, seed: int) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
-def unbiased() -> Conditions:
+def unbiased():
     """Sines, square waves and direct voltages, some of them of 0 V; speeds, times."""
     return Conditions(**columns(45, 1))
 
 
 @pytest.fixture(scope="session")
-def biased() -> Conditions:
+def biased():
     """The same kinds, most of them with a bias of either sign."""
     offset = np.where(
         np.arange(45) % 4 == 3, 0.0, np.random.default_rng(3).uniform(-60.0, 60.0, 45)

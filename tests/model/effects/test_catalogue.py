@@ -53,7 +53,7 @@ def assert_same(one: Prediction, other: Prediction, rtol: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def both_kinds(unbiased, biased) -> tuple[Conditions, Conditions]:
+def both_kinds(unbiased, biased):
     return unbiased, biased
 
 
@@ -232,7 +232,7 @@ def test_no_effect_is_no_effect(models, with_effects, biased, table):
 
 
 @pytest.fixture(scope="module")
-def found(models) -> Found:
+def found(models):
     """Pressure, friction, current of one call of the chain, in the shape of the conditions."""
 
     def run(effects: tuple[Effect, ...], conditions: Conditions) -> tuple[np.ndarray, ...]:
@@ -276,7 +276,7 @@ def test_all_effects_at_once_take_many_values(found, median, unbiased):
 
 
 @pytest.fixture(scope="module")
-def alone(with_effects, median, both_kinds) -> dict[str, list[Prediction]]:
+def alone(with_effects, median, both_kinds):
     """What each effect at its medians answers, without bias and with."""
     models = {kind.name: with_effects(median(kind)) for kind in CATALOGUE}
     return {name: [model.predict(c) for c in both_kinds] for name, model in models.items()}

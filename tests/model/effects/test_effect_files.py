@@ -1,7 +1,6 @@
 """Effects in a model file: `[effects.NAME]`."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,7 @@ every_effect = pytest.mark.parametrize(
 
 
 @pytest.fixture
-def read(tmp_path) -> Callable[..., ModelDescription]:
+def read(tmp_path):
     """The shipped finger with more lines at its end."""
 
     def model(*tables: str) -> ModelDescription:

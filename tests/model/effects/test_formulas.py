@@ -2,7 +2,6 @@
 integral.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -46,7 +45,7 @@ def assert_same(
 
 
 @pytest.fixture
-def prepared(models) -> Callable[..., PreparedTouch]:
+def prepared(models):
     def run(
         conditions: Conditions, *effects: e.Effect, model: TouchModel | None = None
     ) -> PreparedTouch:

@@ -63,7 +63,7 @@ for text in reference.texts().values():
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """Effects as they are, with the new file among them and two more lines in the list's file."""
     folder = tmp_path_factory.mktemp("extended")
     inside = shutil.copytree(Path(effects.__file__).parent, folder / "effects")
@@ -94,7 +94,7 @@ def python(folder: Path, code: str, *words: str, given: str = "") -> str:
 
 
 @pytest.fixture(scope="module")
-def done(folder: Path) -> Path:
+def done(folder):
     """The folder after the commands."""
     values = f"rise = {RISE}\nspeed_scale_m_s = {SCALE_M_S}\n"
     model = (ROOT / "configs" / "models" / "reference.toml").read_text(encoding="utf-8")

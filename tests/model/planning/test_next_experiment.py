@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -61,7 +60,7 @@ def _diagnosed(effect: str, **values: float) -> Diagnosis:
 
 
 @pytest.fixture(scope="module")
-def separable() -> tuple[Diagnosis, list[dict[str, Any]]]:
+def separable():
     """Two loads alone confuse a load exponent with capillary adhesion; a third load does not."""
     found = _diagnosed("load_dependent_friction", exponent=0.8)
     return found, next_experiments(found, FINGER)

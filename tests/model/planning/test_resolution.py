@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,7 @@ from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from model.diagnosis.data import Measurements
 from model.effects import BY_NAME
-from model.planning.resolution import Resolution, resolution
+from model.planning.resolution import resolution
 from model.touch_model import TouchModel
 
 SETTINGS = tuple(
@@ -41,7 +39,7 @@ def sets(cof_std: float) -> dict[str, Measurements]:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def few() -> Iterator[None]:
+def few():
     """Every two are compared: some of the catalogue, from every stage, stand for it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -52,7 +50,7 @@ def few() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def by_way() -> dict[str, Resolution]:
+def by_way():
     return {name: resolution(load_model("reference"), data) for name, data in sets(0.01).items()}
 
 

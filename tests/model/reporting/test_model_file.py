@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.description import ModelDescription, read_model
+from model.description import read_model
 from model.diagnosis.data import Array, Measurements
 from model.diagnosis.decide import Decision, Verdict
 from model.diagnosis.evidence import Evidence
@@ -40,7 +40,7 @@ TABLE = Tabulated(
 
 
 @pytest.fixture
-def finger() -> ModelDescription:
+def finger():
     return read_model(REFERENCE)
 
 

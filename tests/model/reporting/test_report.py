@@ -106,7 +106,7 @@ class Run:
 
 
 @pytest.fixture(scope="module", params=CASES, ids=lambda case: case.verdict)
-def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(request, tmp_path_factory):
     folder: Path = tmp_path_factory.mktemp("report")
     source = folder / "slides <i>& more.csv"
     write_data(source, request.param)

@@ -18,7 +18,7 @@ SOURCES = Path(model.__file__).parent
 
 
 @pytest.fixture
-def package(tmp_path) -> Path:
+def package(tmp_path):
     """A small package `model` of its own: the compiler wrapper, a constant, and a kernel that uses
     it.
     """

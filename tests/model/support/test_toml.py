@@ -1,7 +1,5 @@
 """What is written as TOML is read back by the standard library's reader."""
 
-from __future__ import annotations
-
 import datetime
 import tomllib
 

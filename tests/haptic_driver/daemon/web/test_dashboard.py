@@ -1,7 +1,5 @@
 """The page as its users use it: what it asks of the daemon, says of it, and never hides."""
 
-from __future__ import annotations
-
 import time
 from datetime import datetime
 

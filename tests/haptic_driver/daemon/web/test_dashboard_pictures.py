@@ -2,8 +2,6 @@
 and by night.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 

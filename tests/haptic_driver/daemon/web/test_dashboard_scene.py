@@ -1,7 +1,5 @@
 """A scene on the page: its objects where they are, and one that is dragged while armed."""
 
-from __future__ import annotations
-
 import pytest
 
 from haptic_driver.daemon.verbs import SceneChange

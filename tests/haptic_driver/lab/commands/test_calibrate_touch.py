@@ -9,7 +9,6 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -39,7 +38,7 @@ DEVICE = "/dev/input/by-id/usb-touch-event"
 
 
 @pytest.fixture(autouse=True)
-def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("HAPTIC_CONFIGS", raising=False)
     write("places.csv", SIX)
@@ -53,7 +52,7 @@ def write(name: str, places: list[tuple[float, float]]) -> None:
 
 
 @pytest.fixture
-def follow(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., User]]:
+def follow(monkeypatch):
     """Put a screen where the rig's file says one is, and a user in front of it; all of it is closed
     at the end.
     """

@@ -1,7 +1,5 @@
 """Commands with a model that has learned a term: they keep to its range, and say so."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

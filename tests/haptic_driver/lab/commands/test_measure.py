@@ -32,7 +32,7 @@ voltage_off_every = 2
 
 
 @pytest.fixture
-def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def plan(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "short.toml").write_text(PLAN)
     return "short.toml"

@@ -13,7 +13,6 @@ from haptic_driver.lab.contact.judge import (
     MOTION,
     NO_FINGER,
     OUTSIDE,
-    FrameSeen,
     summary,
     watch,
 )
@@ -43,7 +42,7 @@ def pictures() -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def found() -> dict[str, FrameSeen]:
+def found():
     images = {name: image / 255.0 for name, image in pictures().items()}
     seen = watch(lambda: list(images.values()), np.arange(6.0), OPTICS.scale_m).found
     return dict(zip(images, seen, strict=True))

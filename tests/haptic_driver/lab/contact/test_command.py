@@ -27,7 +27,7 @@ TIMES_S = ("10.00", "10.02", "10.05")
 
 
 @pytest.fixture(scope="module")
-def images() -> list[np.ndarray]:
+def images():
     """The screen alone, and a touch that grows."""
     random = np.random.default_rng(5)
     return [bare(OPTICS, random), *(drawn(Touch(a), OPTICS, random).image for a in AREAS_M2)]
@@ -50,7 +50,7 @@ def write_dng(path: Path, image: np.ndarray) -> None:
 
 
 @pytest.fixture(scope="module")
-def films(images: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def films(images, tmp_path_factory):
     """The same as a video, a stack, and a folder with time stamps."""
     folder = tmp_path_factory.mktemp("films")
     colours = np.repeat(np.stack(images)[..., None], 3, axis=3)

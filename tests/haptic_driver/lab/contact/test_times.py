@@ -1,7 +1,5 @@
 """Time stamps of films as cameras and people write them."""
 
-from __future__ import annotations
-
 from datetime import datetime, timedelta
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of any kind as friction: what is read, stretched and mapped, and what is said of it."""
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

@@ -63,14 +63,14 @@ def hiding(effects: dict[str, dict[str, float]]) -> RigConfig:
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def short(tmp_path_factory):
     path = tmp_path_factory.mktemp("plan") / "short.toml"
     path.write_text(PLAN)
     return load_plan(str(path))
 
 
 @pytest.fixture(scope="module")
-def found(short: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Investigation, Path]:
+def found(short, tmp_path_factory):
     out = tmp_path_factory.mktemp("investigation")
     subject = Subject(hiding(SWEAT), load_model("reference"), short)
     with without_pictures():

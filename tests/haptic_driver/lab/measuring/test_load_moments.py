@@ -2,8 +2,6 @@
 `tests/soak/test_loads.py`.
 """
 
-from __future__ import annotations
-
 import pytest
 
 from tests.haptic_driver.lab.measuring.load_moments import failed, serving

@@ -7,7 +7,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -50,13 +50,13 @@ DRIVEN = Setting(250.0, 75.0, CARRIED_N, SPEED_M_S)
 
 
 @pytest.fixture
-def served(config: RigConfig, model: TouchModel) -> Iterator[ServedRig]:
+def served(config, model):
     with living_rig(config, model) as rig:
         yield rig
 
 
 @pytest.fixture
-def real(config: RigConfig, served: ServedRig) -> RigConfig:
+def real(config, served):
     quick = {
         "velocity_m_s": 0.05,
         "acceleration_m_s2": 0.05,
@@ -356,7 +356,7 @@ acceleration_limit_m_s2 = 0.05
 
 
 @pytest.fixture
-def typed(served: ServedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def typed(served, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = served_rig_text(served.endpoints) + STAGE.format(**served.endpoints)
     Path("mine.toml").write_text(text, encoding="utf-8")

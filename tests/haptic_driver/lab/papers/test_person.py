@@ -1,7 +1,5 @@
 """A person is guided through passes; here a finger that does what it is told, in simulated time."""
 
-from __future__ import annotations
-
 import re
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """How a data sheet says a number: its unit, and as many digits as its interval deserves."""
 
-from __future__ import annotations
-
 import pytest
 
 from haptic_driver.lab.papers.data_sheet import readable

@@ -1,7 +1,5 @@
 """Psychometric functions as they are drawn: what the axis says, and where an interval goes on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Trials as a client of the daemon presents them; the daemon is made up."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

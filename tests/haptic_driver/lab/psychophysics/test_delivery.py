@@ -1,7 +1,5 @@
 """What was felt, by samples that are made for it, and what counts as delivered."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What an experiment's file may say, and what is said of one that is wrong."""
 
-from __future__ import annotations
-
 import pytest
 
 from haptic_driver.errors import BadInputError

@@ -2,8 +2,6 @@
 markers.
 """
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -2,8 +2,6 @@
 and over HTTP.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

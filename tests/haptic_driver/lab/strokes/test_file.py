@@ -23,7 +23,7 @@ from tests.haptic_driver.lab.strokes.stroke_files import ABOUT, stroke, written
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     return strokes_path(tmp_path / "data.csv")
 
 

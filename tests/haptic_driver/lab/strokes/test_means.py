@@ -29,7 +29,7 @@ def trials(**changes: float) -> list[KeptStroke]:
 
 
 @pytest.fixture
-def data(tmp_path: Path) -> Path:
+def data(tmp_path):
     return data_file(tmp_path / "data.csv", trials())
 
 

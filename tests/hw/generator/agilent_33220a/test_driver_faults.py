@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 
 import pytest
@@ -56,7 +56,7 @@ class Bench:
 
 
 @pytest.fixture(params=["tcp", "memory"])
-def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+def bench(request):
     if request.param == "memory":
         clock = ManualClock()
         bench = Bench(clock.sleep)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 
 import pytest
@@ -41,7 +41,7 @@ LINKS: dict[str, Callable[[Simulated33220A, ExitStack], Transport]] = {
 
 
 @pytest.fixture(params=LINKS)
-def pair(request: pytest.FixtureRequest) -> Iterator[tuple[Simulated33220A, Agilent33220A]]:
+def pair(request):
     core = Simulated33220A()
     settings = GeneratorSettings(100.0, 150.0, 1.0, 1e6, reply_timeout_s=5.0)
     with ExitStack() as stack:

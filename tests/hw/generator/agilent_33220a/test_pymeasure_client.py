@@ -1,10 +1,5 @@
 """pymeasure's own driver, an independent client, against the simulated generator over TCP."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from typing import Any
-
 import pytest
 
 from hw.generator.agilent_33220a.simulator import Simulated33220A
@@ -15,12 +10,12 @@ pytestmark = pytest.mark.timeout(60)
 
 
 @pytest.fixture
-def simulated() -> Simulated33220A:
+def simulated():
     return Simulated33220A(IMMEDIATE)
 
 
 @pytest.fixture
-def client(simulated: Simulated33220A) -> Iterator[Any]:
+def client(simulated):
     with (
         TcpServer(simulated) as server,
         pymeasure_client("agilent", "Agilent33220A", server.resource) as client,

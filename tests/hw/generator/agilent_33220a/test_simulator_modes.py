@@ -30,7 +30,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Bench:
+def bench():
     return Bench()
 
 

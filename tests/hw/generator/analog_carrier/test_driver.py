@@ -4,7 +4,6 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import pi
 
 import numpy as np
@@ -22,7 +21,7 @@ CREST = 0.0125  # of 20 samples a period none need be at the crest: 1 - cos(pi /
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
+def bench():
     made = Bench()
     made.driver.connect()
     yield made

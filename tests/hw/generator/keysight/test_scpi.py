@@ -40,7 +40,7 @@ class Lamp:
 
 
 @pytest.fixture
-def lamp() -> Lamp:
+def lamp():
     return Lamp()
 
 

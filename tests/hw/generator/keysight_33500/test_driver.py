@@ -10,7 +10,7 @@ from tests.hw.generator.kinds import SETTINGS, Bench
 
 
 @pytest.fixture
-def bench() -> Bench:
+def bench():
     bench = Bench("keysight_33500")
     bench.connect()
     return bench

@@ -2,11 +2,6 @@
 TCP.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from typing import Any
-
 import pytest
 
 from hw.generator.keysight_33500.driver import Keysight33500
@@ -20,18 +15,18 @@ pytestmark = pytest.mark.timeout(60)
 
 
 @pytest.fixture
-def simulated() -> Simulated33500:
+def simulated():
     return Simulated33500(IMMEDIATE)
 
 
 @pytest.fixture
-def server(simulated: Simulated33500) -> Iterator[TcpServer]:
+def server(simulated):
     with TcpServer(simulated) as server:
         yield server
 
 
 @pytest.fixture
-def client(server: TcpServer) -> Iterator[Any]:
+def client(server):
     with pymeasure_client("agilent", "Agilent33500", server.resource) as client:
         yield client
 

@@ -2,11 +2,6 @@
 simulated SDG.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from typing import Any
-
 import pytest
 
 from hw.generator.siglent_sdg.simulator import SimulatedSdg
@@ -17,12 +12,12 @@ pytestmark = pytest.mark.timeout(60)
 
 
 @pytest.fixture
-def simulated() -> SimulatedSdg:
+def simulated():
     return SimulatedSdg(IMMEDIATE)
 
 
 @pytest.fixture
-def client(simulated: SimulatedSdg) -> Iterator[Any]:
+def client(simulated):
     with (
         TcpServer(simulated) as server,
         pymeasure_client("teledyne", "TeledyneT3AFG", server.resource) as client,
