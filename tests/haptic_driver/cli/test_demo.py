@@ -163,19 +163,3 @@ def test_a_rig_that_is_not_simulated_is_refused(demo, tmp_path):
     status, said = demo("--rig", str(tmp_path / "real.toml"))
     assert status == 2
     assert said["error"]["code"] == "not_simulated"
-
-
-def test_an_out_that_is_a_file(haptic, surface_path, tmp_path):
-    (tmp_path / "taken").write_text("")
-    done = haptic(
-        "demo",
-        "--surface",
-        surface_path,
-        "--out",
-        tmp_path / "taken",
-        "--trace",
-        trace(tmp_path),
-        "--json",
-    )
-    assert done.status == 1
-    assert done.said["error"]["code"] == "not_written"

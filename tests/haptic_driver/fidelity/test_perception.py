@@ -92,12 +92,6 @@ def test_a_file_that_is_not_there_is_said(tmp_path, name):
         load_perception(str(tmp_path / name))
 
 
-def test_an_unknown_key_is_answered_with_the_nearest(tmp_path):
-    error = refused(tmp_path, OWN.replace("relative_low", "relative_lo"))
-    assert "unknown key 'friction_jnd.relative_lo'" in error.message
-    assert "Did you mean 'relative_low'?" in error.hint
-
-
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

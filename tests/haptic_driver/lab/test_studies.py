@@ -192,10 +192,8 @@ def test_statistics_are_percentiles_per_combination(few, tmp_path):
     ("old", "new", "code"),
     [
         ("leak_scale = 0.4", "leak_scal = 0.4", "unknown_key"),
-        ("seed = 7", "sede = 7", "unknown_key"),
         ("[1e-6, 2e-6]", "[1e-6, 2.0]", "bad_config"),
         ("fingers = 3", "fingers = 900000", "bad_config"),
-        ("fingers = 3", "fingers = 0", "bad_config"),
     ],
 )
 def test_plans_that_cannot_be_are_refused(plan, old, new, code):
@@ -318,9 +316,3 @@ def test_the_command_writes_table_statistics_and_pictures(haptic, plan, tmp_path
     assert len(rows) == 6
     assert float(rows[0]["cof"]) == pytest.approx(found["statistics"][0]["cof"]["p50"], rel=0.5)
     assert json.loads((tmp_path / "out" / "statistics.json").read_text()) == found["statistics"]
-
-
-def test_an_unknown_study_is_named(haptic):
-    done = haptic("study", "fingres", "--json")
-    assert done.status == 2
-    assert "fingers" in done.said["error"]["hint"]

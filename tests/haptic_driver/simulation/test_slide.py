@@ -50,17 +50,6 @@ def test_a_slide_is_resampled_to_the_tick(tmp_path):
     np.testing.assert_array_equal(slide.normal_force_n, 0.5)
 
 
-def test_columns_may_stand_in_any_order_among_others(tmp_path):
-    path = write(
-        tmp_path,
-        [f"x,0.5,{1e-4 * i},{0.005 * i}" for i in range(20)],
-        "note,normal_force_n,position_m,time_s",
-    )
-    slide = read_slide(path)
-    assert slide.normal_force_n[0] == 0.5
-    assert slide.position_m[50] == pytest.approx(1e-3, abs=1e-12)
-
-
 def test_uneven_times_are_interpolated(tmp_path):
     times = [0.0, 0.001, 0.004, 0.010, 0.011, 0.02, 0.03, 0.05, 0.06, 0.09]
     slide = read_slide(write(tmp_path, [f"{t},{2.0 * t},{0.1 + t}" for t in times]))
@@ -68,35 +57,11 @@ def test_uneven_times_are_interpolated(tmp_path):
     np.testing.assert_allclose(slide.normal_force_n, 0.1 + slide.time_s, atol=1e-12)
 
 
-@pytest.mark.parametrize("missing", ["time_s", "position_m", "normal_force_n"])
-def test_a_missing_column_is_named(tmp_path, missing):
-    path = write(tmp_path, rows(), HEADER.replace(missing, "other"))
-    assert f"column {missing} is missing" in refused(path).message
-
-
-@pytest.mark.parametrize("text", ["nan", "inf", "half", "", " "])
-@pytest.mark.parametrize("column", [0, 1, 2])
-def test_what_is_no_number_is_named_with_its_line(tmp_path, text, column):
-    lines = rows()
-    fields = lines[6].split(",")
-    fields[column] = text
-    lines[6] = ",".join(fields)
-    message = refused(write(tmp_path, lines)).message
-    assert "line 8" in message
-    assert HEADER.split(",")[column] in message
-
-
 def test_a_short_line_is_named(tmp_path):
     assert (
         "line 3"
         in refused(write(tmp_path, ["0.0,0.0,0.5", "0.01,0.0", *rows(20, start_s=1.0)])).message
     )
-
-
-def test_a_blank_line_does_not_shift_the_line_numbers(tmp_path):
-    lines = rows()
-    lines[10] = "0.05,half,0.5"
-    assert "line 13" in refused(write(tmp_path, [lines[0], "", *lines[1:]])).message
 
 
 @pytest.mark.parametrize("time_s", ["0.02", "0.01"])
@@ -123,33 +88,11 @@ def test_time_in_milliseconds_is_guessed(tmp_path):
     assert "is time_s in seconds?" in refused(write(tmp_path, rows(1000, 5.0))).message
 
 
-def test_an_empty_file(tmp_path):
-    (tmp_path / "slide.csv").write_text("")
-    assert "column time_s is missing" in refused(tmp_path / "slide.csv").message
-
-
-def test_no_file_a_folder_and_bytes(tmp_path):
-    assert "does not exist" in refused(tmp_path / "none.csv").message
-    assert "is a folder" in refused(tmp_path).message
-    (tmp_path / "slide.csv").write_bytes(b"\x89PNG\r\n\x1a\n\xff")
-    assert "is not UTF-8 text" in refused(tmp_path / "slide.csv").message
-
-
 @pytest.mark.parametrize("force_n", ["0", "-0.5"])
 def test_a_finger_that_never_touches_is_no_slide(tmp_path, force_n):
     """A force of the wrong sign would give an empty result without a word."""
     lines = [line.replace(",0.5", f",{force_n}") for line in rows()]
     assert "never touches" in refused(write(tmp_path, lines)).message
-
-
-def test_a_field_that_csv_refuses_is_no_traceback(tmp_path):
-    refused(write(tmp_path, [*rows(), '"' + "x" * 200_000 + '",0,0']))
-
-
-def test_a_table_saved_by_a_spreadsheet_is_read(tmp_path):
-    """It begins with a byte order mark, which `haptic predict` reads past as well."""
-    slide = read_slide(write(tmp_path, rows(), encoding="utf-8-sig"))
-    assert slide.position_m[50] == pytest.approx(1e-3, abs=1e-12)
 
 
 # --- made up

@@ -81,15 +81,6 @@ class TestShipped:
         assert texture_names(SHIPPED) == sorted([*TEN, "steps"])
         assert script_names(SHIPPED) == ["steps"]
 
-    def test_uniform(self):
-        assert load_texture("uniform", SHIPPED) == Uniform(0.60)
-
-    def test_grating(self):
-        grating = load_texture("grating", SHIPPED)
-        assert isinstance(grating, Grating)
-        assert grating.cof_at(0.0025, 0.0) == pytest.approx(0.80)
-        assert grating.cof_at(0.0075, 0.0) == pytest.approx(0.60)
-
     def test_ramp(self):
         ramp = load_texture("ramp", SHIPPED)
         assert ramp.cof_at(0.040, 0.0) == pytest.approx(0.625)
@@ -193,12 +184,9 @@ class TestDescriptions:
             ("kind = 3", "kind is '3'"),
             ('kind = "uniform"', "cof is missing"),
             ('kind = "uniform"\ncof = 0.001', ": cof"),
-            ('kind = "uniform"\ncof = 5.1', ": cof"),
             ('kind = "uniform"\ncof = nan', ": cof"),
-            ('kind = "uniform"\ncof = inf', ": cof"),
             ('kind = "uniform"\ncof = "0.6"', ": cof"),
             ('kind = "uniform"\ncof = 1' + "0" * 400, ": cof"),
-            ('kind = "uniform"\ncof = true', ": cof"),
             ('kind = "grating"\nmean_cof = 0.6\namplitude_cof = 0.1\nperiod_mm = 0', ": period_mm"),
             (
                 'kind = "grating"\nmean_cof = 0.6\namplitude_cof = -0.1\nperiod_mm = 1',
@@ -209,15 +197,10 @@ class TestDescriptions:
                 "reach 0 to 1.2",
             ),
             ('kind = "profile"', "file is missing"),
-            ('kind = "profile"\nfile = ""', ": file"),
             ('kind = "map"\nfile = "a.png"', "pitch_mm is missing"),
             ('kind = "map"\nfile = "a.png"\npitch_mm = 0', ": pitch_mm"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = inf', ": pitch_mm"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = [1]', ": pitch_mm"),
             ('kind = "map"\nfile = "a.png"\npitch_mm = [1, -1]', ": pitch_mm"),
             ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = [1, nan]', ": origin_mm"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\norigin_mm = 1', ": origin_mm"),
-            ('kind = "map"\nfile = "a.png"\npitch_mm = 1\noutside = 1', ": outside"),
             (
                 'kind = "map"\nfile = "a.png"\npitch_mm = 1\ncof_black = 0.5',
                 "cof_black and cof_white go together",
@@ -273,11 +256,6 @@ class TestDescriptions:
         assert "unknown key 'period'" in error.message
         assert "Did you mean 'cof'?" in error.hint
 
-    def test_not_utf8(self, folder):
-        (folder / "texture.toml").write_bytes(b"kind = '\xff'")
-        with pytest.raises(BadInputError, match="not UTF-8"):
-            load_texture(str(folder / "texture.toml"), SHIPPED)
-
     def test_a_folder_is_no_texture(self, folder):
         (folder / "texture.toml").mkdir()
         with pytest.raises(BadInputError):
@@ -313,20 +291,13 @@ class TestProfiles:
     @pytest.mark.parametrize(
         ("text", "words"),
         [
-            ("", "column cof is missing (the file is empty)"),
-            ("position_m;cof\n0;0.5\n", "has 1 points"),
             ("position_m,mu\n0,0.5\n", "column cof is missing; found: position_m, mu"),
             ("along,cof\n0,0.5\n", "column position_m is missing; found: along, cof"),
             ("position_m,cof\n", "has 0 points"),
             ("position_m,cof\n0,0.5\n", "has 1 points"),
             ("position_m,cof\n0,0.5\n0,0.6\n", "line 3: position_m 0"),
             ("position_m,cof\n0.2,0.5\n\n0.1,0.6\n", "line 4: position_m 0.1"),
-            ("position_m,cof\n0,0.5\nnan,0.6\n", "line 3: position_m is 'nan', not a number"),
-            ("position_m,cof\n0,0.5\ninf,0.6\n", "line 3: position_m is 'inf', not a number"),
-            ("position_m,cof\n0,nan\n1,0.6\n", "line 2: cof is 'nan', not a number"),
             ("position_m,cof\n0,0.5\n1,7\n", "line 3: cof 7"),
-            ("position_m,cof\n0,0.5\n1\n", "line 3: cof is '', not a number"),
-            ("position_m,cof\n0,0.5\n1,x\n", "line 3: cof is 'x', not a number"),
         ],
     )
     def test_fault_is_named_with_file_and_line(self, folder, text, words):

@@ -217,8 +217,6 @@ def test_a_rig_without_a_touch_screen_is_refused_with_one_that_has_it(haptic, ri
     ("arguments", "status", "code"),
     [
         (["places.csv"], 2, "usage"),
-        (["places.csv", "--rig", "mine"], 2, "unknown_rig"),
-        (["none.csv", "--rig", "mine.toml"], 2, "file_not_found"),
         (["places.csv", "--rig", "mine.toml", "--spread-raw", "-1"], 2, "usage"),
     ],
 )

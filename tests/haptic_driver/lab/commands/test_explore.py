@@ -81,10 +81,3 @@ def test_equations_that_know_only_the_sine_are_refused(haptic, tmp_path):
     assert done.status == 2
     assert "no drive but the sine" in done.said["error"]["message"]
     assert not (tmp_path / "new").exists()
-
-
-def test_a_folder_that_cannot_be_made_is_a_failure(haptic, tmp_path):
-    (tmp_path / "file").write_text("in the way")
-    done = haptic("explore", "--out", tmp_path / "file" / "folder", "--json")
-    assert done.status == 1
-    assert done.said["error"]["code"] == "not_written"

@@ -82,12 +82,9 @@ def test_what_is_left_out_is_said(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [
-        (("nothing.csv",), "file_not_found"),
         (("data.strokes.h5",), "file_unreadable"),
-        (("data.csv", "--out", "f.jpg"), "bad_ending"),
         (("data.csv", "--voltage", "60"), "no_such_condition"),
         (("data.csv", "--diagnosis", "."), "no_diagnosis"),
-        (("data.csv", "--model", "nobodys"), "unknown_model"),
     ],
 )
 def test_what_cannot_be_drawn_is_an_error_and_nothing_is_written(

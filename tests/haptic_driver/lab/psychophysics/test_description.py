@@ -73,8 +73,6 @@ def test_guessing_follows_from_the_task(tmp_path, head, form, guess):
 @pytest.mark.parametrize(
     ("head", "tables", "conditions", "words"),
     [
-        ("sed = 3", CONSTANT, CONDITION, "unknown key 'sed'"),
-        ("", "", CONDITION, "method is missing"),
         ("", '[method]\nkind = "stair"\n', CONDITION, "method.kind is 'stair'"),
         ("", CONSTANT, CONDITION + CONDITION, "same name"),
         ("", CONSTANT, CONDITION.replace('"a"', '" a"'), "neither begins nor ends with a space"),

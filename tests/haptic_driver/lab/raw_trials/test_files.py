@@ -34,9 +34,9 @@ from tests.haptic_driver.lab.raw_trials.made import (
 
 SIGNALS = signals(seed=3)
 FILE = settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-FEW = settings(FILE, max_examples=8)
+FEW = settings(FILE, max_examples=5)
 # how many of the unit is one in SI, for time, both forces, voltage and position
 UNITS = {
     "t": {"s": 1.0, "ms": 1e3, "us": 1e6, "min": 1 / 60},

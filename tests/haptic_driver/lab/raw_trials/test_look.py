@@ -23,7 +23,7 @@ from tests.haptic_driver.lab.raw_trials.made import (
 )
 
 FILE = settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 INSIDE = (WINDOW_S[0] < TIME_S) & (WINDOW_S[1] > TIME_S)
 # a mean of 250 samples with 0.4 % noise of each of both forces, five standard errors

@@ -110,10 +110,6 @@ def write_labview(path: Path) -> None:
     path.write_text(text("\t", ",", head))
 
 
-def write_csv(path: Path) -> None:
-    path.write_text(text(",", ".", "made,at,noon\n\nt,Fz,Fx,HV,x\n"))
-
-
 WRITERS: list[tuple[str, Callable[[Path], None]]] = [
     (".npz", write_npz),
     (".npy", write_records),
@@ -163,21 +159,6 @@ def test_a_table_without_names_goes_by_numbers(tmp_path):
     np.save(path, RAW)
     order = ("time", "normal_force", "lateral_force", "voltage", "position")
     columns = {role: MAP["columns"][role] | {"name": i + 1} for i, role in enumerate(order)}
-    assert rows(path, made(columns=columns))[1]["cof"] == pytest.approx(ON_COF, rel=1e-6)
-
-
-def test_semicolons_decimal_commas_and_a_row_of_units(tmp_path):
-    path = tmp_path / f"{NAME}.txt"
-    path.write_bytes(text(";", ",", "Prüfer;Ö\nt;Fz;Fx;HV;x\nms;gf;mN;V;mm\n").encode("cp1252"))
-    look = {"separator": ";", "decimal": ",", "units_row": True}
-    columns = {role: column | {"unit": None} for role, column in MAP["columns"].items()}
-    assert rows(path, made(file=look, columns=columns))[1]["cof"] == pytest.approx(ON_COF, rel=1e-6)
-
-
-def test_the_unit_may_stand_behind_the_name(tmp_path):
-    path = tmp_path / f"{NAME}.csv"
-    path.write_text(text(",", ".", "t (ms),Fz [gf],Fx [mN],HV (V),x (mm)\n"))
-    columns = {role: column | {"unit": None} for role, column in MAP["columns"].items()}
     assert rows(path, made(columns=columns))[1]["cof"] == pytest.approx(ON_COF, rel=1e-6)
 
 
