@@ -1,7 +1,5 @@
 """The one served rig: by the clock, under real drivers."""
 
-from __future__ import annotations
-
 import threading
 from contextlib import closing
 

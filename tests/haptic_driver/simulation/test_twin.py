@@ -1,7 +1,5 @@
 """Simulated twins of a real rig, and the file that points at them."""
 
-from __future__ import annotations
-
 import pytest
 
 from haptic_driver.rig.config import load_rig

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -15,12 +13,11 @@ from haptic_driver.lab.measuring.plan import Setting
 from haptic_driver.lab.measuring.run import prepare, run
 from haptic_driver.lab.measuring.simulated_stages import SimulatedStageBench
 from haptic_driver.lab.measuring.stroke import stage_of
-from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.served import ServedRig
 from haptic_driver.simulation.twin import LOAD_STAGE
 from hw.force.sensor import ForceReading
 from model.conditions import Conditions
-from model.touch_model import TouchModel
 from tests.haptic_driver.lab.measuring.test_stage_bench import SPEED_M_S, measured, off, plan, table
 from tests.haptic_driver.stand_ins import living_rig, with_load_stage
 
@@ -28,13 +25,13 @@ pytestmark = [pytest.mark.timeout(300), pytest.mark.realtime]
 
 
 @pytest.fixture
-def served(config: RigConfig, model: TouchModel) -> Iterator[ServedRig]:
+def served(config, model):
     with living_rig(config, model) as rig:
         yield rig
 
 
 @pytest.fixture
-def real(config: RigConfig, served: ServedRig) -> RigConfig:
+def real(config, served):
     """With strokes in the middle of a short travel, as homing and the way there take time."""
     real = with_load_stage(served.config, served.endpoints)
     quick = {"velocity_m_s": 0.05, "acceleration_m_s2": 0.05, "travel_m": [0.0, 0.07]}
