@@ -100,12 +100,6 @@ def test_for_a_person(haptic, surface_path, tmp_path):
     assert "generator says off, amplifier disabled" in done.out
 
 
-def test_a_trace_with_a_mistake_names_the_line(demo, tmp_path):
-    status, said = demo("--trace", trace(tmp_path, extra=["0.60,half,0.5"]))
-    assert status == 2
-    assert "line 62" in said["error"]["message"]
-
-
 def test_a_force_that_the_model_cannot_take_is_about_the_trace(demo, tmp_path):
     """3000 N on a fingertip: said of the trace, and not of a row of something that the user never
     wrote.
