@@ -33,7 +33,7 @@ def plan(tmp_path_factory):
     plan = tmp_path_factory.mktemp("plan") / "plan.toml"
     plan.write_text(
         'name = "small"\nabout = "for a test"\nfrequency_hz = [5, 20, 80, 250]\nvoltage_v = [60,'
-        " 100, 130]\nnormal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions ="
+        " 130]\nnormal_force_n = [0.3, 0.8]\nspeed_m_s = [0.02]\nrepeats = 1\nsessions ="
         " 3\nvoltage_off_every = 4\nsettle_s = 0.2\naverage_s = 0.25\npause_s = 0.0\n"
     )
     return plan
