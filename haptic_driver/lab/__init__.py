@@ -5,6 +5,7 @@
   becomes a texture;
 - `psychophysics` does experiments with people;
 - `figures` and `pictures` draw, `papers` write what a rig may do and does;
+- `challenge` makes and scores a benchmark of diagnoses;
 - `studies` look at a population of fingers; `findings` say what data mean, for Python;
 - `commands` are what the command line has of all this.
 

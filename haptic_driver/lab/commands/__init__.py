@@ -33,5 +33,6 @@ PANELS = {
         "diagnose": "Find which effect is missing from the model.",
         "investigate": "Measure and diagnose until the effect has a name.",
         "calibrate": "Fit a finger's own numbers to its data.",
+        "challenge": "Make, answer and score sets with hidden effects.",
     },
 }

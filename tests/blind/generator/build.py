@@ -56,10 +56,13 @@ class Spec:
 
 @dataclass(frozen=True)
 class BlindSet:
-    """Columns to write and the sealed label."""
+    """Columns to write, the sealed label, and by what share of friction without them the hidden
+    effects change each row; NaN in rows without friction.
+    """
 
     columns: dict[str, np.ndarray]
     label: dict
+    change: np.ndarray
 
 
 def find(name: str) -> Effect:
@@ -185,8 +188,9 @@ def build(spec: Spec, seed: int) -> BlindSet:
     elif trials is not None:
         design, factor = in_windows(chance, design, trials)
         sigma = np.repeat(sigma, design.session.size // sigma.size)
-    clean = clean_friction(design, finger, hidden) * factor
-    measured = _measured(rng, spec, design, clean, sigma)
+    clean = clean_friction(design, finger, hidden)
+    change = clean / clean_friction(design, finger, ()) - 1.0
+    measured = _measured(rng, spec, design, clean * factor, sigma)
     off_frequency = float(rng.choice([250.0, 250.0, 0.0]))
     aliases = _aliases(planned, finger, sight, hidden) if spec.rivals and len(hidden) == 1 else None
     label = {
@@ -226,7 +230,7 @@ def build(spec: Spec, seed: int) -> BlindSet:
         if trials.columns == COMMANDED:
             load_n = np.repeat(planned.rows.n, design.session.size // planned.session.size)
             columns |= {"trial": design.trial, "commanded_normal_force_n": load_n}
-    return BlindSet(columns, label)
+    return BlindSet(columns, label, change)
 
 
 def build_twins(spec: Spec, seed: int) -> list[BlindSet]:

@@ -232,7 +232,9 @@ def build_pair(spec: Spec, seed: int) -> list[BlindSet]:
     """One truth twice: with every witness, and its friction alone."""
     rng, sight, truth, seen = _drawn(spec, seed)
     design, finger, rig, noise = sight.design, sight.finger, sight.rig, sight.noise
-    values = measured(rng, design, observe(design, finger, rig, truth), noise)
+    observed = observe(design, finger, rig, truth)
+    change = observed.cof / observe(design, finger, rig, ()).cof - 1.0
+    values = measured(rng, design, observed, noise)
     alone = friction_lambda(design, finger, noise, truth)
     made = []
     for electric, visible in ((True, seen), (False, alone)):
@@ -256,5 +258,5 @@ def build_pair(spec: Spec, seed: int) -> list[BlindSet]:
             "rig": asdict(rig),
             "finger": nuisance.finger_record(finger),
         }
-        made.append(BlindSet(columns, label))
+        made.append(BlindSet(columns, label, change if electric else change[design.slides]))
     return made

@@ -55,6 +55,9 @@ COMMANDS = [
     ["experiment", "simulate"],
     ["experiment", "analyse"],
     ["experiment", "check"],
+    ["challenge", "make"],
+    ["challenge", "answer"],
+    ["challenge", "score"],
 ]
 
 

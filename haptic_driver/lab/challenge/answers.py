@@ -1,0 +1,99 @@
+"""What somebody answers to the sets of a challenge: JSON that a person can write by hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, FiniteFloat
+
+from haptic_driver.config import Section, parse
+from haptic_driver.errors import BadInputError
+from model.effects import BY_NAME
+from model.support.errors import nearest
+from model.support.reading import read_text
+
+AXES = (
+    "frequency_hz",
+    "voltage_v",
+    "normal_force_n",
+    "speed_m_s",
+    "time_s",
+    "session",
+    "trial",
+)
+Range = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
+Region = dict[str, Range]
+CODE = "bad_answers"
+
+
+class Answer(Section):
+    """What is said of one set; whatever is None is not answered.
+
+    `probability` is that of the verdict. `where` are regions of the rows in which friction is
+    changed, each a range of some columns, both ends included. `strength` is the root mean square of
+    the relative change of friction.
+    """
+
+    verdict: Literal["named", "listed", "unknown", "nothing"] | None = None
+    effects: list[str] = Field(default_factory=list)
+    probability: float | None = Field(default=None, ge=0.0, le=1.0)
+    where: list[Region] | None = None
+    strength: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+
+
+def read_answers(path: Path, columns: Mapping[str, Collection[str]]) -> dict[str, Answer]:
+    """The answers of a file to sets, of which `columns` are known; BadInputError names what is
+    wrong, and where.
+    """
+    said = _content(path)
+    found = {}
+    for name, content in said.items():
+        if name not in columns:
+            hint = nearest(name, list(columns))
+            raise BadInputError(CODE, f"{path}: there is no set '{name}'", hint)
+        where = f"{path}: {name}"
+        if not isinstance(content, dict):
+            raise BadInputError(CODE, f"{where}: is no object", 'Such as {"verdict": "nothing"}')
+        found[name] = parse(Answer, content, where, CODE)
+        _check_names(found[name], where)
+        _check_regions(found[name], where, columns[name])
+    return found
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        hint = "Write it as README.md of the challenge shows"
+        raise BadInputError(CODE, f"{path}: is not JSON: {error}", hint) from None
+    if not isinstance(content, dict):
+        said = f"{path}: is no object with an answer to each set"
+        raise BadInputError(CODE, said, 'Such as {"001.csv": {"verdict": "nothing"}}')
+    return content
+
+
+def _check_names(answer: Answer, where: str) -> None:
+    for name in answer.effects:
+        if name not in BY_NAME:
+            hint = nearest(name, list(BY_NAME))
+            raise BadInputError(CODE, f"{where}: there is no effect '{name}'", hint)
+    with_names = answer.verdict in ("named", "listed")
+    if with_names != bool(answer.effects):
+        said = f"{where}: verdict {answer.verdict or 'none'} with {len(answer.effects)} effects"
+        hint = "named and listed have effects; unknown and nothing have none"
+        raise BadInputError(CODE, said, hint)
+
+
+def _check_regions(answer: Answer, where: str, columns: Collection[str]) -> None:
+    axes = [axis for axis in AXES if axis in columns]
+    for region in answer.where or ():
+        for axis, (low, high) in region.items():
+            if axis not in axes:
+                said = f"{where}: where: '{axis}' is no column to say a region by"
+                raise BadInputError(CODE, said, nearest(axis, axes))
+            if low > high:
+                said = f"{where}: where: {axis} from {low:g} to {high:g} is empty"
+                raise BadInputError(CODE, said, "Give [low, high]")

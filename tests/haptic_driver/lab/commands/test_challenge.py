@@ -1,0 +1,184 @@
+"""`haptic challenge`: a folder without labels, answers by hand, what is refused, and the scores."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from haptic_driver.errors import HapticError
+from haptic_driver.lab.challenge.answers import read_answers
+from haptic_driver.lab.challenge.own import write_answers
+from haptic_driver.lab.challenge.sets import generator
+from model.effects import BY_NAME
+from tests.haptic_driver.commands import rows_of, said_by
+
+# its three small sets: an effect of the catalogue, nothing, and something of no catalogue
+SEED = 339
+RIGHT = {
+    "001.csv": {"verdict": "named", "effects": ["skin_hydration"], "probability": 0.9},
+    "002.csv": {"verdict": "nothing", "where": []},
+    "003.csv": {"verdict": "unknown"},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("challenge") / "sets-of-three"
+    said_by("challenge", "make", folder, "--seed", SEED, "--sets", 3, "--friction")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def of_nothing(tmp_path_factory):
+    """Two sets in which nothing is hidden."""
+    folder = tmp_path_factory.mktemp("challenge") / "of-nothing"
+    said_by("challenge", "make", folder, "--seed", 7, "--sets", 2, "--friction")
+    return folder
+
+
+def written(path: Path, answers: object) -> Path:
+    path.write_text(json.dumps(answers))
+    return path
+
+
+def test_a_folder_has_sets_a_data_sheet_and_no_label(folder):
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    names = {f"sets/{name}" for name in RIGHT}
+    assert files == {"README.md", "challenge.json"} | names
+    about = json.loads((folder / "challenge.json").read_text())
+    assert set(about) == {"seed", "friction_alone", "files"}
+    sheet = (folder / "README.md").read_text()
+    for name in names:
+        assert all(f"`{column}`" in sheet for column in rows_of(folder / name)[0])
+    for effect, kind in BY_NAME.items():
+        assert f"- `{effect}`: {kind.physics}\n" in sheet
+
+
+def test_the_answer_on_the_data_sheet_is_read(folder, tmp_path):
+    (shown,) = re.findall(r"```json\n(.*?)```", (folder / "README.md").read_text(), re.DOTALL)
+    path = tmp_path / "shown.json"
+    path.write_text(shown)
+    columns = dict.fromkeys(json.loads(shown), ("voltage_v", "frequency_hz"))
+    assert read_answers(path, columns)["002.csv"].verdict == "listed"
+
+
+def test_a_set_is_the_same_however_many_are_made(folder, tmp_path):
+    said_by("challenge", "make", tmp_path / "c", "--seed", SEED, "--sets", 1, "--friction")
+    one, same = (path / "sets" / "001.csv" for path in (folder, tmp_path / "c"))
+    assert one.read_bytes() == same.read_bytes()
+
+
+def test_answers_by_hand_are_scored(folder, tmp_path):
+    found = said_by("challenge", "score", folder, written(tmp_path / "a.json", RIGHT))
+    once = {"count": 1, "of": 1}
+    assert found["names"]["single_named"] == found["names"]["outside_unknown"] == once
+    assert found["names"]["wrong_name"] == {"count": 0, "of": 3}
+    assert found["names"]["nothing_named"] == {"count": 0, "of": 1}
+    assert found["place"] == {"f1": None, "sets": 0, "invented": {"count": 0, "of": 1}}
+    assert found["calibration"]["error"] == pytest.approx(0.1)
+    assert found["answered"] == {"verdict": 3, "probability": 1, "where": 1, "strength": 0}
+
+
+def test_scores_are_shown(of_nothing, tmp_path, haptic):
+    answers = {"002.csv": {"verdict": "listed", "effects": ["sweat_film"]}}
+    done = haptic("challenge", "score", of_nothing, written(tmp_path / "a.json", answers))
+    assert done.status == 0
+    line = next(line for line in done.out.splitlines() if "a name or a list" in line)
+    assert [cell.strip() for cell in line.strip("│").split("│")][1:] == ["1", "1"]
+    assert "answered of 2 sets: verdict 1, probability 0" in done.out
+
+
+NAMED = {"verdict": "named", "effects": ["skin_hydration"]}
+REFUSED = [
+    ({"01.csv": {}}, "no set '01.csv'", "'001.csv'"),
+    ({"001.csv": NAMED | {"effects": ["skin_hydratoin"]}}, "'skin_hydratoin'", "'skin_hydration'"),
+    ({"001.csv": NAMED | {"probability": 1.2}}, "001.csv: probability", "'probability'"),
+    ({"001.csv": NAMED | {"probability": -0.1}}, "001.csv: probability", "'probability'"),
+    ({"001.csv": NAMED | {"probabilty": 0.5}}, "'probabilty'", "'probability'"),
+    ({"001.csv": {"verdict": "maybe"}}, "001.csv: verdict", "'verdict'"),
+    ({"001.csv": {"verdict": "named"}}, "001.csv: verdict named with 0 effects", "named"),
+    ({"001.csv": NAMED | {"verdict": "nothing"}}, "verdict nothing with 1 effects", "named"),
+    ({"001.csv": {"where": [{"voltage": [0, 1]}]}}, "'voltage'", "'voltage_v'"),
+    ({"001.csv": {"where": [{"cof": [0, 1]}]}}, "'cof'", "voltage_v"),
+    ({"001.csv": {"where": [{"voltage_v": [9, 1]}]}}, "from 9 to 1 is empty", "[low, high]"),
+    ({"001.csv": {"where": [{"voltage_v": [9]}]}}, "001.csv: where", "where"),
+    ({"001.csv": {"strength": -1}}, "001.csv: strength", "strength"),
+    ({"001.csv": "nothing"}, "001.csv: is no object", '{"verdict": "nothing"}'),
+    ([], "no object", '{"001.csv"'),
+]
+
+
+@pytest.mark.parametrize(("answers", "said", "hint"), REFUSED)
+def test_an_answer_that_cannot_be_one_is_refused(folder, tmp_path, haptic, answers, said, hint):
+    done = haptic("challenge", "score", folder, written(tmp_path / "a.json", answers), "--json")
+    assert done.status == 2
+    error = done.said["error"]
+    assert error["code"] == "bad_answers"
+    assert said in error["message"]
+    assert hint in error["hint"]
+
+
+def test_what_is_no_json_is_refused(folder, tmp_path, haptic):
+    (tmp_path / "a.json").write_text("{'001.csv'")
+    done = haptic("challenge", "score", folder, tmp_path / "a.json", "--json")
+    assert (done.status, done.said["error"]["code"]) == (2, "bad_answers")
+
+
+def changed(folder: Path, to: Path, name: str, before: str, after: str) -> Path:
+    shutil.copytree(folder, to)
+    text = (to / name).read_text()
+    assert before in text
+    (to / name).write_text(text.replace(before, after, 1))
+    return to
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after", "code"),
+    [
+        ("sets/002.csv", ",", ";", "changed_set"),
+        # as if another version of the generator had made the sets
+        ("challenge.json", f'"seed": {SEED}', '"seed": 7', "another_generator"),
+        ("challenge.json", '"seed"', '"sead"', "bad_challenge"),
+        ("challenge.json", "{", "", "bad_challenge"),
+    ],
+)
+def test_a_folder_that_is_not_as_made_is_refused(
+    folder, tmp_path, haptic, name, before, after, code
+):
+    other = changed(folder, tmp_path / "c", name, before, after)
+    done = haptic("challenge", "score", other, written(tmp_path / "a.json", {}), "--json")
+    assert done.said["error"]["code"] == code
+    if code == "changed_set":
+        assert "002.csv" in done.said["error"]["message"]
+
+
+def test_a_challenge_is_not_overwritten(folder, haptic):
+    done = haptic("challenge", "make", folder, "--seed", 1, "--json")
+    assert (done.status, done.said["error"]["code"]) == (2, "file_exists")
+
+
+def test_an_installation_without_the_test_tree_says_so(tmp_path):
+    with pytest.raises(HapticError, match="made by the test tree") as told:
+        generator(tmp_path)
+    assert told.value.code == "no_test_tree"
+    assert "clone" in told.value.hint
+
+
+def test_the_program_answers_what_is_not_answered_yet(of_nothing, tmp_path, haptic):
+    path = written(tmp_path / "a.json", {"002.csv": {"verdict": "unknown"}})
+    done = haptic("challenge", "answer", of_nothing, "--out", path, "--json")
+    assert (done.status, done.said["answers"]) == (0, 2)
+    said = json.loads(path.read_text())
+    assert said["002.csv"] == {"verdict": "unknown"}
+    assert said["001.csv"]["verdict"] == "nothing"
+    assert 0.5 < said["001.csv"]["probability"] <= 1.0
+    assert (said["001.csv"]["where"], said["001.csv"]["strength"]) == ([], 0.0)
+
+
+def test_written_answers_are_read_as_they_were(folder, tmp_path):
+    columns = {name: rows_of(folder / "sets" / name)[0] for name in RIGHT}
+    answers = read_answers(written(tmp_path / "a.json", RIGHT), columns)
+    write_answers(tmp_path / "b.json", answers)
+    assert read_answers(tmp_path / "b.json", columns) == answers
