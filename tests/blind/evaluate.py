@@ -19,6 +19,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from haptic_driver.lab.challenge.own import aicc, bic
+
 from .pairs import pairs_of, pairs_table, so_far
 from .peers import peers_table
 from .scores import Answer, Guess, bins, calibration_error, chance_error, reliability, wilson
@@ -59,15 +61,6 @@ def answer(path: str) -> Answer:
         adequate=verdict.adequate,
         bic=bic_name,
     )
-
-
-def aicc(k: int, n: int) -> float:
-    """What AICc charges k parameters with n observations."""
-    return 2 * k + 2 * k * (k + 1) / max(n - k - 1, 1)
-
-
-def bic(k: int, n: int) -> float:
-    return k * math.log(n)
 
 
 def _least(found: Any, charge: Callable[[int, int], float], n: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,7 +24,10 @@ AXES = (
     "session",
     "trial",
 )
+FINGER = ("cof_off", "roughness_rms_m", "skin_thickness_m", "leak_scale", "contact_area_m2")
 Range = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
+Positive = Annotated[FiniteFloat, Field(gt=0.0)]
+ValueAndStd = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 Region = dict[str, Range]
 CODE = "bad_answers"
 
@@ -34,7 +37,8 @@ class Answer(Section):
 
     `probability` is that of the verdict. `where` are regions of the rows in which friction is
     changed, each a range of some columns, both ends included. `strength` is the root mean square of
-    the relative change of friction.
+    the relative change of friction. `finger` has numbers of FINGER, each with its standard
+    deviation.
     """
 
     verdict: Literal["named", "listed", "unknown", "nothing"] | None = None
@@ -42,6 +46,7 @@ class Answer(Section):
     probability: float | None = Field(default=None, ge=0.0, le=1.0)
     where: list[Region] | None = None
     strength: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    finger: dict[str, ValueAndStd] | None = None
 
 
 def read_answers(path: Path, columns: Mapping[str, Collection[str]]) -> dict[str, Answer]:
@@ -58,7 +63,9 @@ def read_answers(path: Path, columns: Mapping[str, Collection[str]]) -> dict[str
         if not isinstance(content, dict):
             raise BadInputError(CODE, f"{where}: is no object", 'Such as {"verdict": "nothing"}')
         found[name] = parse(Answer, content, where, CODE)
-        _check_names(found[name], where)
+        _check_known(found[name].effects, list(BY_NAME), f"{where}: there is no effect")
+        _check_known(found[name].finger or (), list(FINGER), f"{where}: a finger has no")
+        _check_verdict(found[name], where)
         _check_regions(found[name], where, columns[name])
     return found
 
@@ -75,11 +82,13 @@ def _content(path: Path) -> dict[str, Any]:
     return content
 
 
-def _check_names(answer: Answer, where: str) -> None:
-    for name in answer.effects:
-        if name not in BY_NAME:
-            hint = nearest(name, list(BY_NAME))
-            raise BadInputError(CODE, f"{where}: there is no effect '{name}'", hint)
+def _check_known(names: Iterable[str], known: list[str], said: str) -> None:
+    for name in names:
+        if name not in known:
+            raise BadInputError(CODE, f"{said} '{name}'", nearest(name, known))
+
+
+def _check_verdict(answer: Answer, where: str) -> None:
     with_names = answer.verdict in ("named", "listed")
     if with_names != bool(answer.effects):
         said = f"{where}: verdict {answer.verdict or 'none'} with {len(answer.effects)} effects"

@@ -1,25 +1,30 @@
-"""A challenge answered by this program: diagnoses as answers."""
+"""A challenge answered by this program: by diagnoses, and by what people do instead."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_text
-from haptic_driver.lab.challenge.answers import Answer, Region
+from haptic_driver.lab.challenge.answers import FINGER, Answer, Region
 from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements, read_measurements
+from model.diagnosis.hypotheses import Candidate
+from model.diagnosis.model_fit import Fit
 from model.diagnosis.where import Region as Found
 from model.diagnosis.witness import FRICTION
-from model.diagnosis.workflow import Diagnosis, diagnose
-from model.reporting.model_file import fitted_model
+from model.diagnosis.workflow import Diagnosis, Findings, diagnose
+from model.reporting.model_file import fitted_model, fitted_nuisances
+from model.support.errors import nearest
 from model.touch_model import TouchModel
 
 VERDICTS: dict[str, Literal["named", "listed", "unknown", "nothing"]] = {
@@ -31,20 +36,76 @@ VERDICTS: dict[str, Literal["named", "listed", "unknown", "nothing"]] = {
 CONDITIONS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")
 
 
-def own_answer(path: Path, model: str = "reference") -> Answer:
-    """What a diagnosis of a file says; an empty answer where nothing can be tested."""
+def aicc(k: int, n: int) -> float:
+    """What AICc charges k parameters with n observations."""
+    return 2 * k + 2 * k * (k + 1) / max(n - k - 1, 1)
+
+
+def bic(k: int, n: int) -> float:
+    """What BIC charges them."""
+    return k * math.log(n)
+
+
+CRITERIA: dict[str, Callable[[int, int], float]] = {"aicc": aicc, "bic": bic}
+METHODS = ("diagnosis", "base", *CRITERIA)
+
+
+def own_answer(path: Path, method: str, model: str = "reference") -> Answer:
+    """What one of METHODS says of a file; an empty answer where nothing can be tested.
+
+    `base` names nothing and fits the finger alone. `aicc` and `bic` take the best single effect.
+    """
+    if method not in METHODS:
+        hint = nearest(method, list(METHODS))
+        raise BadInputError("bad_method", f"there is no method '{method}'", hint)
     description = load_model(model)
-    found = diagnose(description, read_measurements(path))
+    return answer_of(diagnose(description, read_measurements(path)), description, method)
+
+
+def answer_of(found: Diagnosis, description: ModelDescription, method: str) -> Answer:
+    """The same, of data that are diagnosed."""
     if found.findings is None:
         return Answer()
-    verdict = found.findings.verdict
+    if method == "diagnosis":
+        return _by_diagnosis(found, found.findings, description)
+    chosen = _chosen(found.findings, method, found.data.count)
+    effects = [kind.name for kind in chosen.fit.kinds]
+    return Answer(
+        verdict="named" if effects else "nothing",
+        effects=effects,
+        finger=_finger(found.findings, chosen.fit, description),
+    )
+
+
+def _chosen(found: Findings, method: str, count: int) -> Candidate:
+    """The base model, or the one of the least criterion among it and the single effects."""
+    if method == "base":
+        return found.hypotheses.base
+    models = [found.hypotheses.base, *found.hypotheses.singles]
+    charge = CRITERIA[method]
+    return min(models, key=lambda c: float(c.fit.chi2 + charge(c.fit.vector.size, count)))
+
+
+def _by_diagnosis(found: Diagnosis, findings: Findings, description: ModelDescription) -> Answer:
+    verdict = findings.verdict
     return Answer(
         verdict=VERDICTS[found.name],
         effects=verdict.suspects,
         probability=min(verdict.probability, 1.0),
-        where=[_region(r) for r in found.findings.before.certain if r.witness == FRICTION],
+        where=[_region(r) for r in findings.before.certain if r.witness == FRICTION],
         strength=_strength(found, description),
+        finger=_finger(findings, findings.chosen.fit, description),
     )
+
+
+def _finger(found: Findings, fit: Fit, description: ModelDescription) -> dict[str, list[float]]:
+    """The finger's numbers with their standard deviations."""
+    numbers = fitted_nuisances(description, fit, found.problem.predictor.free)
+    return {
+        name: [number.value, number.std]
+        for name, number in numbers.items()
+        if name in FINGER and number.std
+    }
 
 
 def _region(region: Found) -> Region:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ class Truth:
     """What was hidden in one set, and of its n rows of friction how much that changed it.
 
     `visibility` is the lambda of the least visible effect. `columns` [n], `change` [n] and `noise`
-    [n] are of those rows, the last two relative to friction.
+    [n] are of those rows, the last two relative to friction. `finger` are its own numbers.
     """
 
     effects: frozenset[str]
@@ -34,6 +34,7 @@ class Truth:
     columns: Mapping[str, Array]
     change: Array
     noise: Array
+    finger: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_visible(self) -> bool:
@@ -123,7 +124,7 @@ def scores(answers: Mapping[str, Answer], truths: Mapping[str, Truth]) -> dict[s
     """Everything as JSON can hold it, of the sets in `truths`; None where nothing was answered."""
     judged = [Judged(truth, answers.get(name, Answer())) for name, truth in truths.items()]
     given = [one for one in judged if one.got.verdict is not None]
-    parts = ("verdict", "probability", "where", "strength")
+    parts = ("verdict", "probability", "where", "strength", "finger")
     return {
         "sets": len(truths),
         "answered": {
@@ -132,6 +133,7 @@ def scores(answers: Mapping[str, Answer], truths: Mapping[str, Truth]) -> dict[s
         "names": {rate.key: _share(rate, given) for rate in RATES},
         "place": _place(judged),
         "strength": _strength(judged),
+        "finger": _finger(judged),
         "calibration": _calibration(
             [
                 (one.got.probability, is_right(one))
@@ -206,6 +208,24 @@ def _strength(judged: Sequence[Judged]) -> dict[str, Any]:
 
 def _factor(said: float, true: float) -> float:
     return max(said / true, true / said) if said > 0.0 else float("inf")
+
+
+def _finger(judged: Sequence[Judged]) -> dict[str, Any]:
+    """How many standard deviations numbers of the finger are off where something is hidden: the
+    median, of each and of all.
+    """
+    off = [
+        (name, abs(value - one.truth.finger[name]) / std)
+        for one in judged
+        if one.truth.effects
+        for name, (value, std) in (one.got.finger or {}).items()
+    ]
+    each = {name: median(x for other, x in off if other == name) for name in dict(off)}
+    return {
+        "off_std": median(x for _, x in off) if off else None,
+        "beyond_two": {"count": sum(x > 2.0 for _, x in off), "of": len(off)},
+        "each": each,
+    }
 
 
 def _calibration(stated: Sequence[tuple[float, bool]]) -> dict[str, Any]:

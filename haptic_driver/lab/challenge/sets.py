@@ -114,24 +114,26 @@ def truths(about: About, advance: Advance) -> dict[str, Truth]:
         if _hash(source.csv_text(made.columns).encode()) != expected:
             said = f"{name}: another version of the generator made it"
             raise HapticError("another_generator", said, f"Score with that version. {MAKE}")
-        found[name] = truth_of(made.label["effects"], made.columns, made.change)
+        found[name] = _truth(made, source.FINGER)
         advance(i + 1)
     return found
 
 
-def truth_of(
-    effects: list[dict[str, Any]], columns: Mapping[str, np.ndarray], change: np.ndarray
-) -> Truth:
-    """The truth of the rows of friction, from a label of the generator."""
-    rows = np.isfinite(columns["cof"])
-    own = {name: values[rows] for name, values in columns.items()}
+def _truth(made: Any, finger: Mapping[str, str]) -> Truth:
+    """The truth of the rows of friction, from a set of the generator, which calls the numbers of a
+    `finger` otherwise.
+    """
+    effects = made.label["effects"]
+    rows = np.isfinite(made.columns["cof"])
+    columns = {name: values[rows] for name, values in made.columns.items()}
     return Truth(
         effects=frozenset(effect["name"] for effect in effects),
         in_catalogue=not any(effect["stranger"] for effect in effects),
         visibility=min((effect["lambda"] for effect in effects), default=0.0),
-        columns=own,
-        change=change[rows],
-        noise=own["cof_std"] / own["cof"],
+        columns=columns,
+        change=made.change[rows],
+        noise=columns["cof_std"] / columns["cof"],
+        finger={name: made.label["finger"][theirs] for name, theirs in finger.items()},
     )
 
 

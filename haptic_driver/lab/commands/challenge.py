@@ -44,9 +44,12 @@ def make(
 def answer(
     folder: Folder,
     out: Annotated[Path, Option(help="JSON to write.")] = Path("answers.json"),
+    method: Annotated[
+        str, Option(help="diagnosis, base (nothing is ever missing), aicc or bic.")
+    ] = "diagnosis",
     as_json: Json = False,
 ) -> None:
-    """Answer a challenge by diagnoses, as `haptic diagnose` makes them.
+    """Answer a challenge by diagnoses, as `haptic diagnose` makes them, or by a simpler method.
 
     A set takes about a minute. What is answered is on the disk, and is not asked again.
 
@@ -61,7 +64,7 @@ def answer(
     with progress("diagnoses", len(about.files)) as advance:
         for i, name in enumerate(about.files):
             if name not in found:
-                found[name] = own_answer(folder / "sets" / name)
+                found[name] = own_answer(folder / "sets" / name, method)
                 write_answers(out, found)
             advance(i + 1)
     said = f"{len(found)} answers in {out}"
@@ -98,12 +101,17 @@ def _show(found: dict[str, Any]) -> None:
     for rate in RATES:
         count, of = found["names"][rate.key].values()
         table.add_row(rate.said, f"{count}" if of else "-", str(of))
-    place, strength, calibration = found["place"], found["strength"], found["calibration"]
+    place, strength, finger, calibration = (
+        found[part] for part in ("place", "strength", "finger", "calibration")
+    )
     table.add_row("place, F1 over rows", _number(place["f1"]), str(place["sets"]))
     count, of = place["invented"].values()
     table.add_row("a place where no row is changed", f"{count}" if of else "-", str(of))
     off = strength["factor_off"]
     table.add_row("strength, median factor off", _number(off), str(strength["sets"]))
+    off, (count, of) = finger["off_std"], finger["beyond_two"].values()
+    table.add_row("finger's own numbers, median deviations off", _number(off), "")
+    table.add_row("the same, beyond two, of numbers", f"{count}" if of else "-", str(of))
     said = f"{_number(calibration['error'])} (by chance {_number(calibration['by_chance'])})"
     table.add_row("stated probability, off in the mean", said, str(calibration["sets"]))
     stdout.print(table)

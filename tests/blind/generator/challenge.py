@@ -20,6 +20,14 @@ from .witnesses import build_pair
 
 MIX = {"nothing": 0.15, "one": 0.5, "outside": 0.2, "two": 0.15}
 FAMILY = "challenge"
+# what answers call the numbers of a finger, and what a label does
+FINGER = {
+    "cof_off": "mu_off",
+    "roughness_rms_m": "h_rms",
+    "skin_thickness_m": "skin",
+    "leak_scale": "leak",
+    "contact_area_m2": "area",
+}
 
 
 def challenge_set(i: int, seed: int, friction_alone: bool) -> BlindSet:
@@ -61,4 +69,4 @@ def _design(names: list[str], rng: np.random.Generator) -> str:
     return str(rng.choice(sorted(set(SMALL).intersection(*map(suitable, names)))))
 
 
-__all__ = ["challenge_set", "csv_text", "data_sheet"]
+__all__ = ["FINGER", "challenge_set", "csv_text", "data_sheet"]

@@ -14,7 +14,9 @@ NOISE = np.full(4, 0.02)
 
 
 def truth(*names, visibility=100.0, in_catalogue=True, change=(0.0, 0.01, -0.03, 0.05)):
-    return Truth(frozenset(names), in_catalogue, visibility, COLUMNS, np.array(change), NOISE)
+    finger = {"cof_off": 0.5, "skin_thickness_m": 2e-4}
+    of_rows = COLUMNS, np.array(change), NOISE
+    return Truth(frozenset(names), in_catalogue, visibility, *of_rows, finger)
 
 
 NOTHING = truth(visibility=0.0, change=(0.0, 0.0, 0.0, 0.0))
@@ -76,7 +78,13 @@ def test_abstention():
     assert count(got, "outside_unknown") == (1, 2)
     assert count(got, "outside_named") == (1, 2)
     assert count(got, "wrong_name") == (1, 4)
-    assert got["answered"] == {"verdict": 4, "probability": 0, "where": 0, "strength": 0}
+    assert got["answered"] == {
+        "verdict": 4,
+        "probability": 0,
+        "where": 0,
+        "strength": 0,
+        "finger": 0,
+    }
     assert got["sets"] == 5
 
 
@@ -119,6 +127,21 @@ def test_strength_is_the_median_factor_off():
 def test_no_strength_where_there_is_some_is_off_without_bound():
     got = scores({"1": Answer(strength=0.0)}, {"1": truth(GAIN)})["strength"]
     assert got["factor_off"] == math.inf
+
+
+def test_a_finger_is_off_by_so_many_of_its_own_deviations():
+    said = {
+        # one, three and two and a half deviations off
+        "1": {"cof_off": [0.51, 0.01], "skin_thickness_m": [1.4e-4, 2e-5]},
+        "2": {"cof_off": [0.45, 0.02]},
+        # nothing is hidden: not asked
+        "3": {"cof_off": [0.9, 0.01]},
+    }
+    answers = {name: Answer(finger=finger) for name, finger in said.items()}
+    got = scores(answers, {"1": truth(GAIN), "2": truth(GAP), "3": NOTHING})["finger"]
+    assert got["off_std"] == pytest.approx(2.5)
+    assert got["beyond_two"] == {"count": 2, "of": 3}
+    assert got["each"] == pytest.approx({"cof_off": 1.75, "skin_thickness_m": 3.0})
 
 
 def test_calibration_is_by_the_truth_of_each_verdict():

@@ -78,7 +78,13 @@ def test_answers_by_hand_are_scored(folder, tmp_path):
     assert found["names"]["nothing_named"] == {"count": 0, "of": 1}
     assert found["place"] == {"f1": None, "sets": 0, "invented": {"count": 0, "of": 1}}
     assert found["calibration"]["error"] == pytest.approx(0.1)
-    assert found["answered"] == {"verdict": 3, "probability": 1, "where": 1, "strength": 0}
+    assert found["answered"] == {
+        "verdict": 3,
+        "probability": 1,
+        "where": 1,
+        "strength": 0,
+        "finger": 0,
+    }
 
 
 def test_scores_are_shown(of_nothing, tmp_path, haptic):
@@ -105,6 +111,8 @@ REFUSED = [
     ({"001.csv": {"where": [{"voltage_v": [9, 1]}]}}, "from 9 to 1 is empty", "[low, high]"),
     ({"001.csv": {"where": [{"voltage_v": [9]}]}}, "001.csv: where", "where"),
     ({"001.csv": {"strength": -1}}, "001.csv: strength", "strength"),
+    ({"001.csv": {"finger": {"area": [1e-4, 1e-5]}}}, "a finger has no 'area'", "contact_area_m2"),
+    ({"001.csv": {"finger": {"cof_off": [0.5, 0.0]}}}, "001.csv: finger.cof_off", "cof_off"),
     ({"001.csv": "nothing"}, "001.csv: is no object", '{"verdict": "nothing"}'),
     ([], "no object", '{"001.csv"'),
 ]
@@ -175,6 +183,18 @@ def test_the_program_answers_what_is_not_answered_yet(of_nothing, tmp_path, hapt
     assert said["001.csv"]["verdict"] == "nothing"
     assert 0.5 < said["001.csv"]["probability"] <= 1.0
     assert (said["001.csv"]["where"], said["001.csv"]["strength"]) == ([], 0.0)
+    # a simulated finger of the generator has 0.3 to 0.8
+    value, std = said["001.csv"]["finger"]["cof_off"]
+    assert 0.25 < value < 0.85
+    assert 0.0 < std < 0.1
+
+
+def test_a_method_that_is_not_there_is_refused(of_nothing, tmp_path, haptic):
+    words = ["--out", tmp_path / "a.json", "--method", "aic"]
+    done = haptic("challenge", "answer", of_nothing, *words, "--json")
+    assert (done.status, done.said["error"]["code"]) == (2, "bad_method")
+    assert "'aicc'" in done.said["error"]["hint"]
+    assert not (tmp_path / "a.json").exists()
 
 
 def test_written_answers_are_read_as_they_were(folder, tmp_path):

@@ -1,0 +1,39 @@
+"""Simpler methods: which model they choose among fits, by criteria computed by hand."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from haptic_driver.lab.challenge.own import _chosen, aicc, bic
+
+
+def fitted(chi2, parameters):
+    return SimpleNamespace(fit=SimpleNamespace(chi2=chi2, vector=np.zeros(parameters)))
+
+
+def test_criteria_charge_for_parameters():
+    # 2k + 2k(k+1)/(n-k-1), and k ln n
+    assert aicc(5, 31) == pytest.approx(10 + 60 / 25)
+    assert bic(5, 31) == pytest.approx(5 * math.log(31))
+
+
+@pytest.mark.parametrize(
+    ("method", "gain", "chosen"),
+    [
+        # one parameter more costs 2.22 with AICc and 4.6 with BIC at 100 observations
+        ("aicc", 2.0, "base"),
+        ("aicc", 2.5, "single"),
+        ("bic", 4.0, "base"),
+        ("bic", 5.0, "single"),
+        ("base", 50.0, "base"),
+    ],
+)
+def test_an_effect_is_chosen_where_it_gains_more_than_it_costs(method, gain, chosen):
+    models = {"base": fitted(120.0, 4), "single": fitted(120.0 - gain, 5)}
+    other = fitted(119.0, 6)
+    found = SimpleNamespace(
+        hypotheses=SimpleNamespace(base=models["base"], singles=[other, models["single"]])
+    )
+    assert _chosen(found, method, 100) is models[chosen]
