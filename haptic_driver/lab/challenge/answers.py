@@ -28,7 +28,7 @@ FINGER = ("cof_off", "roughness_rms_m", "skin_thickness_m", "leak_scale", "conta
 Range = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
 Positive = Annotated[FiniteFloat, Field(gt=0.0)]
 ValueAndStd = Annotated[list[Positive], Field(min_length=2, max_length=2)]
-Region = dict[str, Range]
+Region = Annotated[dict[str, Range], Field(min_length=1)]
 CODE = "bad_answers"
 
 
@@ -72,14 +72,23 @@ def read_answers(path: Path, columns: Mapping[str, Collection[str]]) -> dict[str
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(read_text(path))
+        content = json.loads(read_text(path), object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:
         hint = "Write it as README.md of the challenge shows"
-        raise BadInputError(CODE, f"{path}: is not JSON: {error}", hint) from None
+        raise BadInputError(CODE, f"{path}: cannot be read: {error}", hint) from None
     if not isinstance(content, dict):
         said = f"{path}: is no object with an answer to each set"
         raise BadInputError(CODE, said, 'Such as {"001.csv": {"verdict": "nothing"}}')
     return content
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of a file in which no key stands twice: one of two answers would be lost."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for i, (key, _) in enumerate(pairs) if key in dict(pairs[:i]))
+        raise ValueError(f"'{twice}' stands there twice")
+    return found
 
 
 def _check_known(names: Iterable[str], known: list[str], said: str) -> None:

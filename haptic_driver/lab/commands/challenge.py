@@ -61,14 +61,16 @@ def answer(
 
     about = read_about(folder)
     found = read_answers(out, columns_of(folder, about)) if out.exists() else {}
+    kept = len(found)
     with progress("diagnoses", len(about.files)) as advance:
         for i, name in enumerate(about.files):
             if name not in found:
                 found[name] = own_answer(folder / "sets" / name, method)
                 write_answers(out, found)
             advance(i + 1)
-    said = f"{len(found)} answers in {out}"
-    report(as_json, {"out": str(out), "answers": len(found)}, lambda: stdout.print(said))
+    payload = {"out": str(out), "answers": len(found), "kept": kept}
+    said = f"{len(found)} answers in {out}, {kept} of them as they were there"
+    report(as_json, payload, lambda: stdout.print(said))
 
 
 @app.command()

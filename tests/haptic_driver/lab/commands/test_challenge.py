@@ -87,6 +87,17 @@ def test_answers_by_hand_are_scored(folder, tmp_path):
     }
 
 
+def test_rows_of_a_sweep_have_no_place(tmp_path):
+    """A set with the electrode's witnesses, in which nothing is hidden; 5 V are those of sweeps."""
+    folder = tmp_path / "c"
+    said_by("challenge", "make", folder, "--seed", 7, "--sets", 1)
+    rows = rows_of(folder / "sets" / "001.csv")
+    assert {row["cof"] == "" for row in rows if row["voltage_v"] == "5"} == {True}
+    answers = {"001.csv": {"where": [{"voltage_v": [5, 5]}], "strength": 0.0}}
+    found = said_by("challenge", "score", folder, written(tmp_path / "a.json", answers))
+    assert found["place"]["invented"] == {"count": 0, "of": 1}
+
+
 def test_scores_are_shown(of_nothing, tmp_path, haptic):
     answers = {"002.csv": {"verdict": "listed", "effects": ["sweat_film"]}}
     done = haptic("challenge", "score", of_nothing, written(tmp_path / "a.json", answers))
@@ -110,6 +121,7 @@ REFUSED = [
     ({"001.csv": {"where": [{"cof": [0, 1]}]}}, "'cof'", "voltage_v"),
     ({"001.csv": {"where": [{"voltage_v": [9, 1]}]}}, "from 9 to 1 is empty", "[low, high]"),
     ({"001.csv": {"where": [{"voltage_v": [9]}]}}, "001.csv: where", "where"),
+    ({"001.csv": {"where": [{}]}}, "001.csv: where", "where"),
     ({"001.csv": {"strength": -1}}, "001.csv: strength", "strength"),
     ({"001.csv": {"finger": {"area": [1e-4, 1e-5]}}}, "a finger has no 'area'", "contact_area_m2"),
     ({"001.csv": {"finger": {"cof_off": [0.5, 0.0]}}}, "001.csv: finger.cof_off", "cof_off"),
@@ -128,10 +140,20 @@ def test_an_answer_that_cannot_be_one_is_refused(folder, tmp_path, haptic, answe
     assert hint in error["hint"]
 
 
-def test_what_is_no_json_is_refused(folder, tmp_path, haptic):
-    (tmp_path / "a.json").write_text("{'001.csv'")
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{'001.csv'", "cannot be read"),
+        ('{"001.csv": {}, "002.csv": {}, "001.csv": {}}', "'001.csv' stands there twice"),
+        ('{"001.csv": {"probability": NaN}}', "001.csv: probability"),
+        ('{"001.csv": {"strength": Infinity}}', "001.csv: strength"),
+    ],
+)
+def test_what_is_no_json_is_refused(folder, tmp_path, haptic, text, said):
+    (tmp_path / "a.json").write_text(text)
     done = haptic("challenge", "score", folder, tmp_path / "a.json", "--json")
     assert (done.status, done.said["error"]["code"]) == (2, "bad_answers")
+    assert said in done.said["error"]["message"]
 
 
 def changed(folder: Path, to: Path, name: str, before: str, after: str) -> Path:
@@ -177,7 +199,7 @@ def test_an_installation_without_the_test_tree_says_so(tmp_path):
 def test_the_program_answers_what_is_not_answered_yet(of_nothing, tmp_path, haptic):
     path = written(tmp_path / "a.json", {"002.csv": {"verdict": "unknown"}})
     done = haptic("challenge", "answer", of_nothing, "--out", path, "--json")
-    assert (done.status, done.said["answers"]) == (0, 2)
+    assert (done.status, done.said["answers"], done.said["kept"]) == (0, 2, 1)
     said = json.loads(path.read_text())
     assert said["002.csv"] == {"verdict": "unknown"}
     assert said["001.csv"]["verdict"] == "nothing"
