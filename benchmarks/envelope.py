@@ -36,7 +36,7 @@ IN_BULK = 2.0
 def run() -> Iterator[Claim]:
     limits = load_rig("simulated").operating_limits()
     file = build_surface(load_model("reference"), limits)
-    surface, worst_case = ready_for_lookup(file, limits), table_of(file.worst_case)
+    surface, worst_case = ready_for_lookup(file, limits), table_of(file.worst_case(limits))
     controller = Controller(ControllerSettings(surface, limits, "fixed_frequency", 250.0))
     stages = TickSettings(
         FingerSettings(), Grating(0.7, 0.1, 1e-4), controller, limits, DriveSettings(), worst_case

@@ -188,7 +188,7 @@ class Arm:
             self.controller(self.model),
             LIMITS,
             DriveSettings(),
-            table_of(build_surface(self.model, LIMITS, AXES).worst_case),
+            table_of(build_surface(self.model, LIMITS, AXES).worst_case(LIMITS)),
         )
         self.other = self.controller(self.model, OTHER_HZ)
         self.rows: deque[Window] = deque(maxlen=MOST_WINDOWS)

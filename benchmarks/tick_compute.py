@@ -48,7 +48,7 @@ def settings() -> tuple[TickSettings, SurfaceFile]:
         controller,
         limits,
         DriveSettings(),
-        table_of(file.worst_case),
+        table_of(file.worst_case(limits)),
     )
     return stages, file
 

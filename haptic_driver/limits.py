@@ -23,7 +23,12 @@ from haptic_driver.signals import Array
 # kHz to 100 kHz.
 ICNIRP_PUBLIC_A_RMS = ((1.0, 0.5e-3), (2.5e3, 0.5e-3), (100e3, 20e-3), (10e6, 20e-3))
 
+# 0.50 % of the body's surface (Agarwal and Sahu 2010, Indian J. Plast. Surg. 43:49, 300 adults), of
+# which 1.8 m2 are usual.
+PALM_M2 = 9e-3
+
 ON_NODE = 1e-9  # of a cell: so near to a node is the node
+ROUNDING = 1e-9
 TINY = 1e-300  # stands for 0 in logarithms
 
 
@@ -35,6 +40,8 @@ class OperatingLimits:
     axes and held at the ends. `slew_v_per_s` and `amplifier_current_a` (peak) are the amplifier's;
     the latter charges `panel_capacitance_f`. `series_resistance_ohm` and `amplifier_current_a`
     bound the worst-case finger current; leave them at 0 and inf where they have not been measured.
+    Current is limited through `touching_area_m2` of contact in all, or one touch where that is
+    more.
     """
 
     voltage_v: float
@@ -45,6 +52,23 @@ class OperatingLimits:
     series_resistance_ohm: float = 0.0
     amplifier_current_a: float = inf
     panel_capacitance_f: float = 0.0
+    touching_area_m2: float = 0.0
+
+    def stuck_current(self, of_one: Array | float, per_m2: Array | float) -> Array:
+        """That of all contact which a limit has to hold for, from that of one touch and of a square
+        metre.
+        """
+        return np.maximum(of_one, self.touching_area_m2 * np.asarray(per_m2))
+
+    def touches(self, one_touch_m2: float) -> int:
+        """How many touches of this area it holds for, one at least."""
+        return max(int(self.touching_area_m2 / one_touch_m2 * (1.0 + ROUNDING)), 1)
+
+    def holds_for(self, one_touch_m2: float) -> str:
+        """For how much contact, in words; `one_touch_m2` is that of the model's finger."""
+        if self.touching_area_m2 <= one_touch_m2:
+            return f"one touch of {1e6 * one_touch_m2:.3g} mm² alone"
+        return f"{1e6 * self.touching_area_m2:.3g} mm² of contact in all"
 
     def contact_current_limit_a_rms(self, frequency_hz: Array | float) -> Array:
         """The limit curve at each frequency."""

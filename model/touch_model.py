@@ -305,14 +305,16 @@ class TouchModel:
             notes=attraction.notes,
         )
 
-    def worst_case(self, drive: Drive) -> tuple[Array, Array]:
-        """Stuck current in A rms and the electrode's peak voltage, as `answer` has them; without
-        any contact theory.
+    def worst_case(self, drive: Drive) -> tuple[Array, Array, Array]:
+        """Stuck current of one touch in A rms, that in A/m2, and the electrode's peak voltage, as
+        `answer` has them; without any contact theory.
         """
         touch = self._prepare(drive)
         admittance = current.stuck_admittance_per_m(touch.circuit)
-        stuck_a = current.current_rms_a(admittance, touch.omega, touch.rms_v, touch.area_m2)
-        return stuck_a.reshape(touch.shape), np.abs(touch.electrode_v).reshape(touch.shape)
+        density = current.current_rms_a(admittance, touch.omega, touch.rms_v, 1.0)
+        answers = touch.area_m2 * density, density, np.abs(touch.electrode_v)
+        stuck_a, per_m2, electrode_v = (values.reshape(touch.shape) for values in answers)
+        return stuck_a, per_m2, electrode_v
 
     def contact_area_m2(self, normal_force_n: float) -> float:
         """Apparent area of the touch under a load, by the model."""

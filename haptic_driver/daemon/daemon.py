@@ -6,6 +6,7 @@ is started again (`supervision.py`), and the daemon stays in fault until somebod
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -121,6 +122,7 @@ class Daemon:
             settings.render,
             lambda: advice(self.supervisor.real_time),
             lambda: self._latency(self._judged()),
+            settings.not_covered,
         )
         self._apart: list[WithHealth] = []  # devices that are none of the rig's
         self.event_line = self._event_line(settings)
@@ -259,6 +261,7 @@ class Daemon:
                 estimated_cof=_mean(newest, "estimated_cof"),
                 estimated_cof_std=_mean(newest, "estimated_cof_std"),
                 **_touch(newest),
+                contacts=_count(self.shared.sensed.read().contacts),
                 reachable_cof=list(reachable_cof),
                 frequency_hz=output.frequency_hz if rendering and known.on else None,
                 voltage_v=0.0 if known.on is False else output.voltage_v if rendering else None,
@@ -440,6 +443,10 @@ class Daemon:
     def tile(self, asked: TileRequest) -> Tile:
         """A part of a texture of the library, as a picture."""
         return drawings.tile(self._painter, asked)
+
+
+def _count(contacts: float) -> int | None:
+    return None if math.isnan(contacts) else int(contacts)
 
 
 def _reachable(basis: Basis, normal_force_n: float) -> tuple[float, float]:

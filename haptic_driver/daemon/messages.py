@@ -252,6 +252,7 @@ class Status(Checked):
     position_x_m: float | None = None  # likewise
     position_y_m: float | None = None
     speed_m_s: float | None = None
+    contacts: int | None = None  # fingers and palms on the screen; null where it tells one alone
     current_a: float | None = None  # peak, into the electrode, as monitors read it last
     load: LoadStatus | None = None  # of the load stage; null without one
     feedback: bool = True  # friction is held by what is felt; else by the model alone
@@ -293,6 +294,7 @@ class Status(Checked):
                 f" {self.timing.last_cause}"
             )
         said: dict[str, str | None] = {
+            "on the screen:": None if self.contacts is None else f"{self.contacts} contacts",
             "load stage:": None if self.load is None else str(self.load),
             "lease held by": self.lease_holder,
             "fault:": self.fault,

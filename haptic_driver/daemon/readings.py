@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from haptic_driver.limits import PALM_M2, OperatingLimits
 from haptic_driver.live.current_sensor import Seen, TouchEstimate
 from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.config import RigConfig
@@ -79,6 +80,8 @@ class Readings:
             force.normal_force_n,
             force.lateral_force_n,
             force.saturated,
+            contacts=math.nan if finger.contacts is None else finger.contacts,
+            palm=finger.palm,
         )
 
     @contextmanager
@@ -129,6 +132,19 @@ class Readings:
 def _refuse(wrong: Iterator[tuple[str, str]]) -> None:
     for said, hint in wrong:
         raise NotBelieved(said, hint)
+
+
+def not_covered(sensed: Sensed, limits: OperatingLimits, one_touch_m2: float) -> str | None:
+    """Why a rig's limits of current do not hold for what touches its screen, as far as that tells;
+    `one_touch_m2` is that of the signed model's finger.
+    """
+    holds_for = f"limits.touching_area_m2 has the limits hold for {limits.holds_for(one_touch_m2)}"
+    if sensed.palm and limits.touching_area_m2 < PALM_M2:
+        return f"a palm lies on the screen, up to {1e6 * PALM_M2:g} mm², and {holds_for}"
+    most = limits.touches(one_touch_m2)
+    if sensed.contacts > most:
+        return f"{sensed.contacts:.0f} fingers touch the screen, more than {most}: {holds_for}"
+    return None
 
 
 def touch_estimate(config: RigConfig, model: Callable[[], str]) -> TouchEstimate | None:

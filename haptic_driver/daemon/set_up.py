@@ -9,6 +9,7 @@ from pathlib import Path
 
 from haptic_driver.daemon.envelope_process import BEHIND_S
 from haptic_driver.daemon.judge import JudgeSettings
+from haptic_driver.daemon.readings import not_covered
 from haptic_driver.daemon.render_process import Nothing, RenderSettings
 from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.perception import load_perception
@@ -18,6 +19,7 @@ from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.file import SurfaceFile
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.samples import Flag
+from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.part import NoPart
@@ -71,6 +73,14 @@ class DaemonSettings:
     def protected(self) -> SurfaceFile:
         """The surface with the worst case by which voltages are judged."""
         return self.surface if self.signed is None else self.surface.protected_by(self.signed)
+
+    def not_covered(self, sensed: Sensed) -> str | None:
+        """See `readings.not_covered`; one touch is that of the signed model's finger."""
+        if not (sensed.palm or sensed.contacts > 1.0):
+            return None
+        signed = self.surface if self.signed is None else self.signed
+        one_touch_m2 = signed.provenance["model"]["parameters"]["contact_area_m2"]["value"]
+        return not_covered(sensed, self.config.operating_limits(), float(one_touch_m2))
 
     def with_model(self, model: str, description: ModelDescription) -> DaemonSettings:
         """The same with another model's surface, which is solved. Raises BadInputError."""

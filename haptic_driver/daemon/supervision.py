@@ -24,6 +24,7 @@ from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
 from haptic_driver.daemon.set_up import DaemonSettings
+from haptic_driver.daemon.watchers import LIFT_HINT
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.live.current_sensor import Carried
 from haptic_driver.processes.child import Child
@@ -157,6 +158,8 @@ class Supervisor:
             raise RefusedError("not_ready", self.missing, "wait until it is back")
         if silent := self.silent():
             raise RefusedError("not_ready", silent, "check the sensors; look at the events")
+        if why := settings.not_covered(self._shared.sensed.read()):
+            raise RefusedError("not_covered", why, LIFT_HINT)
         config = settings.config
         require_verified(config)
         if not (config.simulated or self.real_time or settings.allow_no_rt):

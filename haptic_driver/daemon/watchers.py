@@ -15,7 +15,7 @@ from haptic_driver.daemon.render_process import RenderSettings
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.timing import ENOUGH, RECENT_TICKS, timing_of
 from haptic_driver.processes.samples import Flag
-from haptic_driver.processes.shared_memory import SharedState
+from haptic_driver.processes.shared_memory import Sensed, SharedState
 from haptic_driver.render.texture import Script
 
 SILENT_S = 0.5  # as long as the watchdog waits for the driver
@@ -24,6 +24,7 @@ TIMING_TOLD_S = 10.0  # the same
 DRIFT_TOLD_S = 5.0  # the same: while it is learnt it moves many times
 DRIFT = 0.2  # a change of the finger's gain, relative, that is worth an event
 LATENCY_KEY = "output.latency_s"  # of the rig's file
+LIFT_HINT = "lift what is too much"
 NO_FLAGS = Flag(0)
 
 
@@ -42,6 +43,7 @@ class Watched:
     render: RenderSettings
     advice: Callable[[], str]
     latency: Callable[[], MeasuredLatency]
+    not_covered: Callable[[Sensed], str | None]
     arming: int = 0
     flags: Flag = NO_FLAGS
     gain: float = 1.0
@@ -62,6 +64,13 @@ def lease(watched: Watched, now_s: float) -> None:
         orders.raise_flag(Flag.LEASE_LOST)
         orders.withdraw(orders.machine.disarm)
         watched.events.tell("lease", f"the lease ran out; {orders.said}")
+
+
+def contacts(watched: Watched, now_s: float) -> None:
+    """A second finger feels the same voltage: what the limits do not hold for is a fault."""
+    orders = watched.orders
+    if orders.machine.armed and (why := watched.not_covered(watched.shared.sensed.read())):
+        orders.fail(f"{why}; {LIFT_HINT}")
 
 
 def render(watched: Watched, now_s: float) -> None:
@@ -164,6 +173,7 @@ def latency(watched: Watched, now_s: float) -> None:
 
 WATCHERS: tuple[Callable[[Watched, float], None], ...] = (
     lease,
+    contacts,
     render,
     underruns,
     timing,

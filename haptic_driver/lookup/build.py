@@ -154,8 +154,8 @@ def build_surface(
             "outside_range", f"model '{description.name}' has learned nothing at {outside}", hint
         )
     touch = TouchModel(description)
-    stuck_a_per_v, electrode_gain = worst_case(description, f, v)
-    if not (np.isfinite(stuck_a_per_v).all() and np.isfinite(electrode_gain).all()):
+    stuck_a_per_v, density, electrode_gain = worst_case(description, f, v)
+    if not (np.isfinite(density).all() and np.isfinite(electrode_gain).all()):
         said = (
             f"model '{description.name}' gives no finite current or voltage somewhere on these axes"
         )
@@ -172,6 +172,7 @@ def build_surface(
         electrostatic_force_n=solved.electrostatic_force_n,
         current_rms_a=solved.current_rms_a,
         stuck_current_a_per_v=stuck_a_per_v,
+        stuck_density_a_per_v_m2=density,
         electrode_gain=electrode_gain,
         slew_v_per_s=2.0 * np.pi * f[:, None] * v,
         pulled_in=solved.pulled_in | _pulled_in_at_other_speeds(touch, f, v, n),
@@ -180,7 +181,7 @@ def build_surface(
             f[:, None, None],
             v[:, None],
             solved.current_rms_a,
-            (v * stuck_a_per_v)[:, :, None],
+            (v * limits.stuck_current(stuck_a_per_v, density))[:, :, None],
             (v * electrode_gain)[:, :, None],
         ),
         provenance={

@@ -5,9 +5,10 @@ Datasets: `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]. [f, v, n] a
 `electrostatic_force_n`, `current_rms_a` and the masks `pulled_in`, `within_theory`,
 `within_limits`. `slew_v_per_s` is [f, v].
 
-Per volt that is set, for the worst load and time, there are `stuck_current_a_per_v` (A rms) and
-`electrode_gain` [f, v]. A reader works these out anew from the model in the provenance. Where speed
-or time matter, the fields of `render/correction.py` follow as `correction_*`. Where the model's
+Per volt that is set, for the worst load and time, there are `stuck_current_a_per_v` of one touch
+(A rms), `stuck_density_a_per_v_m2` of a square metre of contact, and `electrode_gain` [f, v]. A
+reader works these out anew from the model in the provenance. Where speed or time matter, the fields
+of `render/correction.py` follow as `correction_*`. Where the model's
 uncertainty was carried along, friction lies between `cof_low` and `cof_high` [f, v, n] with 68 %
 probability. Attributes are strings and floats only (MATLAB's h5readatt fails on integers).
 """
@@ -38,7 +39,7 @@ from model.description import ModelDescription
 from model.support.interpolation import linear_weights, polynomial_weights
 
 FORMAT = "haptic-driver surface"
-FORMAT_VERSION = 2.0  # those before have no worst case by which a voltage could be judged
+FORMAT_VERSION = 3.0  # those before know the worst case of one touch alone, or of none
 CORRECTION, COF = (
     "correction_",
     "cof_",
@@ -72,6 +73,7 @@ class SurfaceFile:
     electrostatic_force_n: Array
     current_rms_a: Array
     stuck_current_a_per_v: Array
+    stuck_density_a_per_v_m2: Array
     electrode_gain: Array
     slew_v_per_s: Array
     pulled_in: Mask
@@ -126,26 +128,31 @@ class SurfaceFile:
         """Into a stuck or wet finger [f, v], A rms."""
         return self.voltage_v * self.stuck_current_a_per_v
 
-    @cached_property
-    def worst_case(self) -> WorstCase:
-        """What finger and electrode get at most, for whatever judges voltages."""
-        return WorstCase.of(
-            self.frequency_hz, self.voltage_v, self.stuck_current_a_per_v, self.electrode_gain
-        )
+    def worst_case(self, limits: OperatingLimits) -> WorstCase:
+        """What electrode, and all contact that `limits` hold for, get at most."""
+        stuck = limits.stuck_current(self.stuck_current_a_per_v, self.stuck_density_a_per_v_m2)
+        return WorstCase.of(self.frequency_hz, self.voltage_v, stuck, self.electrode_gain)
+
+    @property
+    def _worst(self) -> tuple[Array, Array, Array]:
+        """What `lookup.worst_case` has worked out."""
+        return self.stuck_current_a_per_v, self.stuck_density_a_per_v_m2, self.electrode_gain
 
     def protected_by(self, signed: SurfaceFile) -> SurfaceFile:
         """The same with the larger worst case of both, so that no point is allowed which either
         forbids.
         """
-        worst = signed.stuck_current_a_per_v, signed.electrode_gain
+        worst = signed._worst
         axes = ((self.frequency_hz, signed.frequency_hz), (self.voltage_v, signed.voltage_v))
         if not all(np.array_equal(own, other) for own, other in axes):
             model = ModelDescription.of(signed.provenance["model"])
             worst = worst_case(model, self.frequency_hz, self.voltage_v)
+        stuck, density, gain = map(np.maximum, self._worst, worst)
         return replace(
             self,
-            stuck_current_a_per_v=np.maximum(self.stuck_current_a_per_v, worst[0]),
-            electrode_gain=np.maximum(self.electrode_gain, worst[1]),
+            stuck_current_a_per_v=stuck,
+            stuck_density_a_per_v_m2=density,
+            electrode_gain=gain,
         )
 
     def _datasets(self) -> dict[str, NDArray[Any]]:
@@ -250,9 +257,7 @@ def read_surface(path: Path) -> SurfaceFile:
             f" {error})"
         )
         raise BadInputError("surface_corrupt", f"{path}: {said}", rebuild) from error
-    if not np.allclose(
-        worst, (surface.stuck_current_a_per_v, surface.electrode_gain), rtol=SAME, atol=0.0
-    ):
+    if not np.allclose(worst, surface._worst, rtol=SAME, atol=0.0):
         said = (
             "its worst case is not that of the model which it names, and limits are judged by that"
         )
@@ -302,7 +307,8 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
         <= limits.contact_current_limit_a_rms(file.frequency_hz)[:, None, None]
     )
     last_sound = np.where(sound.all(axis=1), sound.shape[1], np.argmin(sound, axis=1)) - 1
-    allowed_v = limits.highest_within_v(file.worst_case) * (1.0 - ROUNDING)
+    worst = file.worst_case(limits)
+    allowed_v = limits.highest_within_v(worst) * (1.0 - ROUNDING)
     limit_v = np.minimum(allowed_v[:, None], file.voltage_v[np.maximum(last_sound, 0)])
     return Surface(
         log_frequency=np.log(file.frequency_hz),
@@ -310,8 +316,8 @@ def ready_for_lookup(file: SurfaceFile, limits: OperatingLimits) -> Surface:
         voltage_v=file.voltage_v,
         cof=np.ascontiguousarray(cof.transpose(0, 2, 1)),
         current_rms_a=np.ascontiguousarray(np.nan_to_num(current).transpose(0, 2, 1)),
-        stuck_current_a_per_v=file.worst_case.stuck_current_a_per_v,
-        electrode_gain=file.worst_case.electrode_gain,
+        stuck_current_a_per_v=worst.stuck_current_a_per_v,
+        electrode_gain=worst.electrode_gain,
         voltage_limit_v=np.ascontiguousarray(limit_v),
     )
 

@@ -14,6 +14,7 @@ UNITS = {
     "_m_s": "m/s",
     "_v_per_s": "V/s",
     "_a_per_v": "A/V",
+    "_a_per_v_m2": "A/(V m²)",
     "_hz": "Hz",
     "_v": "V",
     "_a": "A",

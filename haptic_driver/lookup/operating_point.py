@@ -62,8 +62,10 @@ def operating_point(
             f" {controller.settings.policy}"
         )
         raise BadInputError("unreachable", said, f"Reachable: {low:.4g} to {high:.4g}")
-    worst = Worst(*worst_at(table_of(file.worst_case), point.frequency_hz, point.voltage_v))
-    refused = violation(controller.settings.limits, point, worst)
+    limits = controller.settings.limits
+    table = table_of(file.worst_case(limits))
+    worst = Worst(*worst_at(table, point.frequency_hz, point.voltage_v))
+    refused = violation(limits, point, worst)
     if refused is not None:
         raise HapticError(
             "refused",

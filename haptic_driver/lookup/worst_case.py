@@ -20,9 +20,9 @@ WITHIN = (0.25, 0.5, 0.75)  # of a cell of voltage, where a learned term may hav
 
 def worst_case(
     description: ModelDescription, frequency_hz: Array, voltage_v: Array
-) -> tuple[Array, Array]:
-    """Worst-case finger current (A rms) and peak voltage at the electrode [f, v], each per volt
-    that is set.
+) -> tuple[Array, Array, Array]:
+    """Worst-case current of one touch (A rms), that of a square metre of contact, and peak voltage
+    at the electrode [f, v], each per volt that is set.
 
     A cell of voltage is bounded by its ends (`WorstCase.of`). A learned term may have a hump
     inside, so with one it is asked within cells too; `make limits` tries the catalogue's effects.
@@ -44,20 +44,21 @@ def worst_case(
 
 def _at(
     description: ModelDescription, frequency_hz: Array, voltage_v: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """The same at the given voltages [v] alone."""
     touch = TouchModel(description)
     set_v = np.concatenate([[NEXT_TO_NOTHING * voltage_v[1]], voltage_v[1:]])
-    stuck_a = electrode_v = np.zeros((frequency_hz.size, voltage_v.size))
+    stuck_a = per_m2 = electrode_v = np.zeros((frequency_hz.size, voltage_v.size))
     f, v = frequency_hz[:, None, None], set_v[:, None]
     for time_s in CORRECTION_TIMES_S if _changes_with_time(description) else (0.0,):
         with np.errstate(over="ignore", invalid="ignore"):  # who asks looks whether it is finite
-            stuck, electrode = touch.worst_case(
+            stuck, density, electrode = touch.worst_case(
                 sines(f, v, LOADS_N, SPEED_REFERENCE_M_S, float(time_s))
             )
         stuck_a = np.maximum(stuck_a, stuck.max(axis=2))
+        per_m2 = np.maximum(per_m2, density.max(axis=2))
         electrode_v = np.maximum(electrode_v, electrode.max(axis=2))
-    return stuck_a / set_v, electrode_v / set_v
+    return stuck_a / set_v, per_m2 / set_v, electrode_v / set_v
 
 
 def _changes_with_time(description: ModelDescription) -> bool:

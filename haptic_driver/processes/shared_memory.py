@@ -49,7 +49,8 @@ class Sensed(NamedTuple):
     render.
 
     Without a force sensor the lateral force is what friction is estimated to be, NaN where that
-    tells nothing of the finger. NaN is what nobody has read.
+    tells nothing of the finger. NaN is what nobody has read, as `contacts` of a screen that tells
+    one touch alone; `palm` is among them.
     """
 
     finger_time_s: float
@@ -62,6 +63,8 @@ class Sensed(NamedTuple):
     saturated: bool
     estimated_cof: float = nan
     estimated_cof_std: float = nan
+    contacts: float = nan
+    palm: bool = False
     electrode_time_s: float = nan
     electrode_voltage_v: float = nan
     electrode_voltage_phase_rad: float = nan

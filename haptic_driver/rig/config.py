@@ -89,6 +89,11 @@ CurvePoint = Annotated[
 ]
 
 
+TouchingArea = Annotated[
+    float, Within(1e-5, 0.05, "a fingertip touches with more, and two hands with less")
+]
+
+
 class LimitsConfig(SignedFigures):
     """What the rig allows at the electrode; see `OperatingLimits`."""
 
@@ -125,6 +130,14 @@ class LimitsConfig(SignedFigures):
         ),
     )
 
+    touching_area_m2: TouchingArea | None = Field(
+        default=None,
+        description=(
+            "most contact at a time that the limit of current holds for, in all; one finger has"
+            " 88e-6 (median of 10 people), a hand's fingers 471e-6 (95 %) and 684e-6 at most, a"
+            " palm 9e-3; docs/safety.md"
+        ),
+    )
     model: str = Field(
         default="",
         description=(
@@ -362,6 +375,8 @@ class RigConfig(RigParts):
             for name, section in self.signed_sections.items()
             if not section.verified
         ]
+        if self.limits.touching_area_m2 is None and not self.simulated:
+            missing.append("limits.touching_area_m2 (its limits hold for one touch alone)")
         if self.watchdog is None and not self.waveform_generator.is_simulated:
             missing.append('watchdog.generator (a resource, or "none")')
         if self.interlock is None:
@@ -474,6 +489,7 @@ class RigConfig(RigParts):
             series_resistance_ohm=limits.series_resistance_ohm,
             amplifier_current_a=self.amplifier.current_limit_a,
             panel_capacitance_f=limits.panel_capacitance_f,
+            touching_area_m2=limits.touching_area_m2 or 0.0,
         )
 
 

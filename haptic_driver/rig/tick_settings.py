@@ -49,7 +49,7 @@ def tick_settings(
         Controller(controller),
         limits,
         DriveSettings(config.output.voltage_rise_v_per_s),
-        table_of(file.worst_case),
+        table_of(file.worst_case(limits)),
     )
 
 

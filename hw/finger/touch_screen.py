@@ -40,7 +40,7 @@ _SLOT_TOOL, _SLOT_DISTANCE = 0x37, 0x3B
 _SLOT_MAJOR, _SLOT_PRESSURE = 0x30, 0x3A
 _SLOT_AXES = {_SLOT_CONTACT, _SLOT_X, _SLOT_Y, _SLOT_TOOL, _SLOT_DISTANCE, _SLOT_MAJOR}
 _SLOT_AXES |= {_SLOT_PRESSURE}
-_FINGER, _PEN = 0, 1  # MT_TOOL_FINGER, MT_TOOL_PEN; a palm is 2
+_FINGER, _PEN, _PALM = 0, 1, 2  # MT_TOOL_FINGER, MT_TOOL_PEN, MT_TOOL_PALM
 _SET_CLOCK = 0x400445A0  # EVIOCSCLOCKID, _IOW('E', 0xa0, int)
 _SLOT_VALUES = 0x8000450A  # EVIOCGMTSLOTS(0), to which the size of the answer is added at bit 16
 
@@ -143,12 +143,17 @@ class _Contact:
     telling: Set[int] = frozenset()
 
     @property
-    def touching(self) -> bool:
-        """Whether it is a finger on the screen: one that hovers, a palm and a pen are none. Nor is
-        what has no pressure or no area by an axis of `telling`.
+    def on_screen(self) -> bool:
+        """Whether skin is on the screen. A pen is none, nor is what hovers, or has no pressure or
+        no area by an axis of `telling`.
         """
         is_near = self.distance_raw <= 0 and not self.weightless & self.telling
-        return self.down and is_near and self.tool == _FINGER
+        return self.down and is_near and self.tool != _PEN
+
+    @property
+    def touching(self) -> bool:
+        """Whether it is a finger on the screen, which a palm is not."""
+        return self.on_screen and self.tool == _FINGER
 
     def report(self, time_s: float) -> RawTouch | None:
         if self.x_raw is None or self.y_raw is None:
@@ -168,6 +173,8 @@ class TouchEvents:
     After the kernel has dropped events, only what the screen reports again is believed. A touch may
     be missed for a while (on a screen without slots until the next one), but is never made up.
     `standing` then asks the screen for what it would not repeat.
+
+    `contacts` and `palm` are of the last report, as in `FingerReading`.
     """
 
     def __init__(
@@ -185,6 +192,8 @@ class TouchEvents:
         self._is_key_up = False  # BTN_TOUCH 0, on a screen with slots
         self._dropping = False
         self._unfinished = b""
+        self.contacts: int | None = None if current_slot is None else 0
+        self.palm = False
         self._telling: set[int] = set()  # axes of pressure and area that have been above 0
 
     def feed(self, data: bytes) -> RawTouch | None:
@@ -288,6 +297,7 @@ class TouchEvents:
         if self._dropping:
             return self._forget(time_s)
         self._settle()
+        self._count()
         if not self._is_down(self._followed) and not self._touched:
             self._followed = min(
                 (slot for slot in self._fingers if self._is_down(slot)), default=self._followed
@@ -297,11 +307,18 @@ class TouchEvents:
         self._touched = report is not None and report.touching
         return report
 
+    def _count(self) -> None:
+        there = [finger for finger in self._fingers.values() if finger.on_screen]
+        self.palm = any(finger.tool == _PALM for finger in there)
+        if self._current_slot is not None:
+            self.contacts = len(there)
+
     def _forget(self, time_s: float) -> RawTouch | None:
         """Believe nothing any more; a touch so far has ended at its last place."""
         finger = self._fingers.get(self._followed)
         report = finger.report(time_s) if finger else None
         self._fingers.clear()
+        self._count()
         self._standing = self._ask_standing()
         self._dropping, self._touched, self._slot = False, False, self._ask_slot()
         self._is_key_up = False
@@ -354,6 +371,11 @@ class TouchReports:
             ) from error
         return self._newest
 
+    @property
+    def contacts(self) -> tuple[int | None, bool]:
+        """How many touch, and whether a palm does, by the newest report; see `FingerReading`."""
+        return self._events.contacts, self._events.palm
+
     def close(self) -> None:
         """Hang up; does nothing when already closed."""
         if self._is_open:
@@ -400,11 +422,10 @@ class TouchScreen:
         self._told_s = max(
             self._told_s, now_s if now_s - touch.time_s > _STILL_AFTER_S else touch.time_s
         )
-        if touch.time_s == -math.inf:
-            return FingerReading(self._told_s, math.nan, math.nan, False)
-        return FingerReading(
-            self._told_s, *self.calibration.apply(touch.x_raw, touch.y_raw), touch.touching
-        )
+        place_m = (math.nan, math.nan)
+        if touch.time_s > -math.inf:
+            place_m = self.calibration.apply(touch.x_raw, touch.y_raw)
+        return FingerReading(self._told_s, *place_m, touch.touching, *self._reports.contacts)
 
     def close(self) -> None:
         """Hang up; does nothing when already closed."""

@@ -26,13 +26,16 @@ class FingerReading(NamedTuple):
     """One reading: when the position was true (CLOCK_MONOTONIC), the position in screen
     coordinates, and touch.
 
-    Before the first touch the position is NaN; after a lift it is the last one.
+    Before the first touch the position is NaN; after a lift it is the last one. `contacts` counts
+    all fingers and palms on the screen, None where it tells one alone; `palm` is among them.
     """
 
     time_s: float
     position_x_m: float
     position_y_m: float
     touching: bool
+    contacts: int | None = None
+    palm: bool = False
 
 
 class FingerTracker(Protocol):

@@ -64,14 +64,12 @@ def surface(surface_file, limits):
 
 
 @pytest.fixture(scope="session")
-def refusal(surface_file):
+def refusal(surface_file, limits):
     """Why the gate refuses a point, by its own table."""
-    table = table_of(surface_file.worst_case)
+    table = table_of(surface_file.worst_case(limits))
 
-    def why(limits, point):
-        return violation(
-            limits, point, Worst(*worst_at(table, point.frequency_hz, point.voltage_v))
-        )
+    def why(given, point):
+        return violation(given, point, Worst(*worst_at(table, point.frequency_hz, point.voltage_v)))
 
     return why
 
@@ -163,6 +161,7 @@ def make_file():
             "electrostatic_force_n": np.broadcast_to(1e-4 * v[:, None] ** 2, shape).copy(),
             "current_rms_a": np.broadcast_to(1e-7 * v[:, None], shape).copy(),
             "stuck_current_a_per_v": np.full(shape[:2], 1e-6),
+            "stuck_density_a_per_v_m2": np.full(shape[:2], 1e-2),
             "electrode_gain": np.ones(shape[:2]),
             "slew_v_per_s": 2.0 * np.pi * f[:, None] * v,
             "pulled_in": np.zeros(shape, bool),

@@ -3,6 +3,7 @@
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,6 +47,35 @@ def test_what_bounds_the_voltage_for_a_worst_case_of_1_ma_per_volt(
 ):
     limits = OperatingLimits(150.0, 10.0, 1e6, **changed)
     assert limits.highest_voltage_v(frequency_hz, 1e-3) == pytest.approx(expected_v, rel=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("touching_m2", "expected_v"),
+    [(0.0, 50.0), (100e-6, 50.0), (471e-6, 50.0 / 4.71), (684e-6, 50.0 / 6.84)],
+)
+def test_a_hand_gets_what_one_finger_may_get(touching_m2, expected_v):
+    """Stuck fingers of 684 mm2 once carried 6.84 times the limit at a voltage allowed for one of
+    100 mm2: 0.5 mA over 10 uA/V.
+    """
+    limits = replace(PLAIN, touching_area_m2=touching_m2)
+    stuck = limits.stuck_current(1e-5, 1e-5 / 100e-6)
+    assert limits.highest_voltage_v(1e3, stuck) == pytest.approx(expected_v, rel=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("touching_m2", "touches", "said"),
+    [
+        (0.0, 1, "one touch of 100 mm² alone"),
+        (99e-6, 1, "one touch of 100 mm² alone"),
+        (199e-6, 1, "199 mm² of contact in all"),
+        (300e-6, 3, "300 mm² of contact in all"),
+        (471e-6, 4, "471 mm² of contact in all"),
+    ],
+)
+def test_as_many_touches_are_covered_as_fit(touching_m2, touches, said):
+    limits = replace(PLAIN, touching_area_m2=touching_m2)
+    assert limits.touches(100e-6) == touches
+    assert limits.holds_for(100e-6) == said
 
 
 def test_outside_the_band_no_voltage_is_allowed():

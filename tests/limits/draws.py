@@ -28,6 +28,7 @@ from model.touch_model import TouchModel
 POINTS = 12  # for each draw
 FREQUENCIES_HZ = (1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6)
 VOLTAGES_V = (0.0, 30.0, 80.0, 150.0)
+AREAS_M2 = (471e-6, 684e-6, 9e-3)
 COARSE = SurfaceAxes(frequency_count=60, voltage_count=32)
 SCANNED = 1500  # voltages
 
@@ -89,7 +90,7 @@ def drawn(
         lookup = ready_for_lookup(file, limits)
     except BadInputError:
         return None
-    table = table_of(file.worst_case)
+    table = table_of(file.worst_case(limits))
     policy = str(rng.choice(list(POLICIES)))
     low, high = np.log(file.frequency_hz[[0, -1]])
     settings = ControllerSettings(
@@ -137,8 +138,9 @@ def shares(draw: Draw, voltage_v: list[float]) -> Shares:
             deliverable_a, electrode_v / (np.sqrt(2.0) * limits.series_resistance_ohm)
         )
     slew = 2.0 * np.pi * p.frequency_hz * electrode_v
-    sliding_a = np.fmax(moving.current_rms_a, resting.current_rms_a)
-    stuck_a = np.fmax(moving.stuck_current_rms_a, resting.stuck_current_rms_a)
+    more = _touches(draw, p.normal_force_n)
+    sliding_a = more * np.fmax(moving.current_rms_a, resting.current_rms_a)
+    stuck_a = more * np.fmax(moving.stuck_current_rms_a, resting.stuck_current_rms_a)
     return Shares(
         np.minimum(stuck_a, deliverable_a) / allowed_a,
         np.minimum(np.nan_to_num(sliding_a), deliverable_a) / allowed_a,
@@ -146,6 +148,14 @@ def shares(draw: Draw, voltage_v: list[float]) -> Shares:
         slew / limits.slew_v_per_s,
         slew * limits.panel_capacitance_f / limits.amplifier_current_a,
     )
+
+
+def _touches(draw: Draw, load_n: np.ndarray) -> np.ndarray:
+    """How many touches of its finger under each load [n] the rig's contact is, one at least."""
+    loads, which = np.unique(load_n, return_inverse=True)
+    touch = TouchModel(draw.description)
+    area_m2 = np.array([touch.contact_area_m2(float(load)) for load in loads])
+    return np.maximum(draw.limits.touching_area_m2 / area_m2, 1.0)[which]
 
 
 def authority_left(draw: Draw) -> float:
@@ -213,10 +223,13 @@ def _parameter(p: EffectParameter, rng: np.random.Generator, wide: bool) -> Para
 
 
 def _limits(rng: np.random.Generator) -> OperatingLimits:
-    """Of a rig as files of the project have them, or with every limit drawn."""
+    """Of a rig as files of the project have them, or with every limit drawn; for one touch, one
+    hand's fingers, or a palm.
+    """
     voltage_v = float(rng.choice([150.0, 150.0, 120.0, 60.0]))
+    touching_area_m2 = float(rng.choice([0.0, *AREAS_M2]))
     if rng.random() < 0.4:
-        return OperatingLimits(voltage_v, 1.0, 1e6)
+        return OperatingLimits(voltage_v, 1.0, 1e6, touching_area_m2=touching_area_m2)
     return OperatingLimits(
         voltage_v,
         1.0,
@@ -225,6 +238,7 @@ def _limits(rng: np.random.Generator) -> OperatingLimits:
         series_resistance_ohm=float(rng.choice([0.0, _log(rng, 1e3, 1e6)])),
         amplifier_current_a=float(rng.choice([np.inf, _log(rng, 1e-3, 1.0)])),
         panel_capacitance_f=float(rng.choice([0.0, _log(rng, 1e-11, 1e-8)])),
+        touching_area_m2=touching_area_m2,
     )
 
 

@@ -65,7 +65,7 @@ def _limits_v(surface: SurfaceFile, limits: OperatingLimits, load: int) -> dict[
     by_theory = np.where(
         sound.all(axis=1), math.inf, v[np.maximum(np.argmin(sound, axis=1) - 1, 0)]
     )
-    return limits.highest_within_by_limit_v(surface.worst_case) | {
+    return limits.highest_within_by_limit_v(surface.worst_case(limits)) | {
         "finger current": np.array(by_current),
         "validity of the model": by_theory,
     }

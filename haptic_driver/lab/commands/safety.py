@@ -39,6 +39,7 @@ def safety(
             f"rig {paper.facts['rig']}: worst-case current up to {worst['share']:.0%} of the file's"
             f" curve, at {worst['frequency_hz']:g} Hz and {worst['voltage_v']:.3g} V peak"
         )
+        stdout.print(f"this holds for {paper.facts['limits']['current_holds_for']}")
         missing = paper.facts["refuses_to_come_on"]
         if missing:
             stdout.print(f"it refuses to come on without: {'; '.join(missing)}")

@@ -14,7 +14,7 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.safety import Worst, violation
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import MONITOR_QUIET_V
-from haptic_driver.signals import OperatingPoint
+from haptic_driver.signals import Array, OperatingPoint
 from hw.generator.settings import Shape
 from model.conditions import Conditions
 from model.touch_model import Prediction, TouchModel
@@ -69,11 +69,12 @@ def check(
     answer = model.predict(_conditions(settings))
     electrode_v = _electrode_v(answer, settings)
     limits = config.sweep_limits()
+    stuck_a = _stuck_a(settings, limits, model)
     points: dict[Setting, Judged] = {}
     refusals: list[Refusal] = []
     for i, setting in enumerate(settings):
         cof = float(answer.cof[i])
-        currents = float(answer.current_rms_a[i]), float(answer.stuck_current_rms_a[i])
+        currents = float(answer.current_rms_a[i]), float(stuck_a[i])
         # of a direct voltage: the strictest
         frequency_hz = setting.frequency_hz or config.limits.frequency_hz[0]
         point = OperatingPoint(frequency_hz, setting.peak_v, cof, *currents, True, cof, cof)
@@ -109,7 +110,7 @@ def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) 
     found: list[Setting] = []
     electrode_v = _electrode_v(answer, settings)
     for setting, stuck_a, most_v in zip(
-        settings, answer.stuck_current_rms_a, electrode_v, strict=True
+        settings, _stuck_a(settings, limits, model), electrode_v, strict=True
     ):
         if setting.sweep:
             per_volt = (stuck_a / setting.voltage_v, most_v / setting.voltage_v)
@@ -128,6 +129,12 @@ def resolved(settings: Sequence[Setting], config: RigConfig, model: TouchModel) 
                 )
         found.append(setting)
     return found
+
+
+def _stuck_a(settings: Sequence[Setting], limits: OperatingLimits, model: TouchModel) -> Array:
+    """Into all stuck contact that the limits hold for [n], A rms."""
+    of_one, per_m2, _ = model.worst_case(_conditions(settings).drive())
+    return limits.stuck_current(of_one, per_m2)
 
 
 def _electrode_v(answer: Prediction, settings: Sequence[Setting]) -> list[float]:
@@ -213,7 +220,7 @@ def _beyond_harmonics(setting: Setting, limits: OperatingLimits, model: TouchMod
         sine._replace(frequency_hz=f, voltage_v=v)
         for f, v in zip(frequency_hz, voltage_v, strict=True)
     ]
-    worst_a = model.predict(_conditions(harmonics)).stuck_current_rms_a
+    worst_a = _stuck_a(harmonics, limits, model)
     share = float(np.sum(worst_a / limits.contact_current_limit_a_rms(frequency_hz)))
     return (
         None

@@ -69,9 +69,9 @@ def touch_currents(config: RigConfig, description: ModelDescription) -> TouchCur
     )
     low_hz, high_hz = axes.frequency_low_hz, axes.frequency_high_hz
     frequency_hz = np.union1d(axes.frequency_hz, listed_hz(low_hz, high_hz))
-    worst = WorstCase.of(
-        frequency_hz, axes.voltage_v, *worst_case(description, frequency_hz, axes.voltage_v)
-    )
+    of_one, per_m2, gain = worst_case(description, frequency_hz, axes.voltage_v)
+    stuck = limits.stuck_current(of_one, per_m2)
+    worst = WorstCase.of(frequency_hz, axes.voltage_v, stuck, gain)
     voltage_v = limits.highest_within_v(worst)
     stuck_a, electrode_v = (
         _highest(per_volt, worst.voltage_v, voltage_v)

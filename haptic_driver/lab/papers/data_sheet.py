@@ -124,8 +124,11 @@ def sheet_facts(
         "program": f"haptic-driver {version('haptic-driver')}",
         "model": {"name": description.name, "hash": description.content_hash},
         "interval": CONFIDENCE,
+        "current_holds_for": config.operating_limits().holds_for(
+            description.values.contact_area_m2
+        ),
         "range": list(_range(found)),
-        "numbers": {line.name: line.facts for line in _lines(found, description)},
+        "numbers": {line.name: line.facts for line in _lines(found, config, description)},
         "not_measured": [
             "information that a user takes up per second: needs pointing tasks with people"
         ],
@@ -175,7 +178,7 @@ class Line(NamedTuple):
         return {**_as_facts(self.number), "unit": self.unit, "what": self.what, "how": self.how}
 
 
-def _lines(found: Measured, description: ModelDescription) -> Iterator[Line]:
+def _lines(found: Measured, config: RigConfig, description: ModelDescription) -> Iterator[Line]:
     yield from _contrast_lines(found)
     for speed_m_s in (SPEED_M_S, SLOW_M_S):
         yield from _step_lines(found, speed_m_s)
@@ -191,8 +194,8 @@ def _lines(found: Measured, description: ModelDescription) -> Iterator[Line]:
     yield from _steadiness_lines(found)
     for name, what, value in zip(
         ("sliding_current", "stuck_current"),
-        ("highest touch current, sliding", "the same, finger without a gap"),
-        highest_current_a(found, description),
+        ("highest touch current, sliding", "the same, all contact without a gap"),
+        highest_current_a(found, config, description),
         strict=True,
     ):
         how = "computed by the model at each voltage and carrier that went out"
@@ -249,8 +252,12 @@ def _mm_s(speed_m_s: float) -> str:
     return f"{1e3 * speed_m_s:g} mm/s"
 
 
-def highest_current_a(found: Measured, description: ModelDescription) -> tuple[float, float]:
-    """Into the sliding finger, and into one without a gap, A rms, at all that went out."""
+def highest_current_a(
+    found: Measured, config: RigConfig, description: ModelDescription
+) -> tuple[float, float]:
+    """Into the sliding finger, and into all contact without a gap that the rig's limits hold for,
+    A rms, at all that went out.
+    """
     out = np.concatenate([samples for _, samples in found.passes])
     out = out[out["voltage_v"] > 0.0]
     if not out.size:
@@ -265,7 +272,8 @@ def highest_current_a(found: Measured, description: ModelDescription) -> tuple[f
         ]
     )
     touch = TouchModel(description)
-    stuck_a, _ = touch.worst_case(sines(f, v, n, SPEED_M_S, 0.0))
+    of_one, per_m2, _ = touch.worst_case(sines(f, v, n, SPEED_M_S, 0.0))
+    stuck_a = config.operating_limits().stuck_current(of_one, per_m2)
     sliding_a = touch.predict(Conditions(f, v, n)).current_rms_a
     return float(np.nanmax(sliding_a)), float(stuck_a.max())
 
@@ -303,7 +311,8 @@ def _blocks(found: Measured, facts: dict[str, Any]) -> Iterator[Block]:
     yield Table(("quantity", "value", "interval", "how it was got"), cells, (3.2, 1.3, 2.0, 5.6))
     yield Paragraph(
         "After a proposal for haptic touch screens (arXiv:2308.15190, abstract read). Not measured:"
-        f" {'; '.join(facts['not_measured'])}. Feedback was off. Friction is lateral over normal"
+        f" {'; '.join(facts['not_measured'])}. Limits of current hold for"
+        f" {facts['current_holds_for']}. Feedback was off. Friction is lateral over normal"
         " force; a rate or delay shorter than a tick of 1 ms is that of the reading.",
         small=True,
     )

@@ -121,6 +121,10 @@ def _electric(seen: Inspected, facts: dict[str, Any]) -> Iterator[Block]:
         " no software does.",
         small=True,
     )
+    yield Paragraph(
+        f"These currents and limits hold for {facts['limits']['current_holds_for']}. Other fingers"
+        " and hands, and a palm, feel the same voltage."
+    )
     yield Paragraph(_stored_said(stored))
 
 

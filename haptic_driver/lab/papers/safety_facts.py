@@ -98,6 +98,7 @@ def inspect(rig: str, model: str, today: datetime.date) -> Inspected:
 
 def facts_of(seen: Inspected) -> dict[str, Any]:
     rig, limits = seen.config, seen.config.limits
+    holds_for = rig.operating_limits().holds_for(seen.model.values.contact_area_m2)
     return {
         "rig": rig.name,
         "file_sha256": seen.sha256,
@@ -114,6 +115,8 @@ def facts_of(seen: Inspected) -> dict[str, Any]:
             "direct_voltage_v": limits.direct_voltage_v,
             "contact_current_a_rms": [list(point) for point in limits.contact_current_a_rms],
             "series_resistance_ohm": limits.series_resistance_ohm,
+            "touching_area_m2": limits.touching_area_m2,
+            "current_holds_for": holds_for,
             "voltage_rise_v_per_s": rig.output.voltage_rise_v_per_s,
             "lease_s": rig.safety.lease_s,
         },
@@ -121,7 +124,7 @@ def facts_of(seen: Inspected) -> dict[str, Any]:
         "stored": _stored(rig),
         "hazards": [
             {"hazard": hazard, "source": source, "mitigation": mitigation}
-            for hazard, source, mitigation in _hazards(rig)
+            for hazard, source, mitigation in _hazards(rig, holds_for)
         ],
         "failures": [
             mechanism.facts(rig)
@@ -209,13 +212,19 @@ def _stored(rig: RigConfig) -> dict[str, float | None]:
     }
 
 
-def _hazards(rig: RigConfig) -> Iterator[tuple[str, str, str]]:
+def _hazards(rig: RigConfig, holds_for: str) -> Iterator[tuple[str, str, str]]:
     ohm = rig.limits.series_resistance_ohm
     yield (
         "current through the finger",
         "carrier under a finger that slides, sticks or is wet",
         "every set point is judged by the finger without a gap, in two places, and refused beyond"
         " the limit curve; remains: the model's insulator may not be this screen's",
+    )
+    yield (
+        "current through more than one finger",
+        "a second finger, another person's hand, a palm: all feel the same voltage",
+        f"the limits hold for {holds_for}; more that the touch screen tells switches off; remains:"
+        " what it does not tell, and a palm where the file names less than 9000 mm²",
     )
     yield (
         "current through a broken insulator",

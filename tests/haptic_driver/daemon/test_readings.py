@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_driver.daemon.messages import DaemonState
-from haptic_driver.daemon.readings import SLACK_S, Readings
+from haptic_driver.daemon.readings import SLACK_S, Readings, not_covered
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import SteppedDaemon
+from haptic_driver.limits import OperatingLimits
 from haptic_driver.render.texture import Uniform
 from haptic_driver.rig.config import ScreenConfig, load_rig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig, NoForceSensorConfig
@@ -60,6 +61,32 @@ def test_a_good_reading_is_taken_as_it_is_and_may_be_repeated():
     assert first[:8] == (NOW_S, 0.03, 0.02, True, NOW_S, 0.5, 0.3, False)
     bench.now_s += 0.05
     assert bench.says() == first
+
+
+def test_how_many_touch_is_passed_on():
+    bench = Bench()
+    assert math.isnan(bench.says().contacts)
+    sensed = bench.says(FINGER._replace(contacts=3, palm=True))
+    assert (sensed.contacts, sensed.palm) == (3.0, True)
+
+
+@pytest.mark.parametrize(
+    ("touching_m2", "contacts", "palm", "why"),
+    [
+        (0.0, math.nan, False, None),
+        (100e-6, 1, False, None),
+        (100e-6, 2, False, "2 fingers touch the screen, more than 1"),
+        (471e-6, 4, False, None),
+        (471e-6, 5, False, "5 fingers touch the screen, more than 4"),
+        (684e-6, 1, True, "a palm lies on the screen, up to 9000 mm²"),
+        (9e-3, 6, True, None),
+    ],
+)
+def test_contact_that_the_rigs_figure_does_not_cover_has_a_reason(touching_m2, contacts, palm, why):
+    limits = OperatingLimits(150.0, 1.0, 1e6, touching_area_m2=touching_m2)
+    sensed = Bench().says()._replace(contacts=contacts, palm=palm)
+    found = not_covered(sensed, limits, 100e-6)
+    assert found is None if why is None else found.startswith(why)
 
 
 @pytest.mark.parametrize(

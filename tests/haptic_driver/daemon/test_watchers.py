@@ -18,7 +18,7 @@ from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.watchers import UNDERRUN_TOLD_S, WATCHERS, Watched
 from haptic_driver.processes.samples import Flag
-from haptic_driver.processes.shared_memory import NO_OUTPUT, NOT_PLAYED
+from haptic_driver.processes.shared_memory import NO_OUTPUT, NOT_PLAYED, NOTHING_SENSED
 from haptic_driver.render.texture import Script, Step, Uniform
 from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.states import RigEvent, RigState
@@ -69,6 +69,7 @@ class Bench:
             settings.render,
             lambda: "do this",
             lambda: self.latency,
+            settings.not_covered,
         )
         self.orders.machine.connected()
 
@@ -99,6 +100,25 @@ class Bench:
 @pytest.fixture
 def bench(shared, rig_config, surface_file):
     return Bench(shared, rig_config, surface_file)
+
+
+@pytest.mark.parametrize(("contacts", "is_fault"), [(math.nan, False), (1.0, False), (2.0, True)])
+def test_a_second_finger_that_the_rigs_figure_does_not_cover_switches_off(
+    bench, contacts, is_fault
+):
+    """It feels the same voltage; the simulated rig's 100 mm2 are those of the model's finger."""
+    bench.arm()
+    bench.rendered()
+    bench.shared.sensed.write(NOTHING_SENSED._replace(contacts=contacts))
+    events = bench.watch()
+    assert (bench.orders.machine.state is DaemonState.FAULT) == is_fault
+    assert bench.switched_off == int(is_fault)
+    said = (
+        "2 fingers touch the screen, more than 1: limits.touching_area_m2 has the limits hold for"
+    )
+    assert [message.startswith(said) for kind, message in events if kind == "fault"] == (
+        [True] if is_fault else []
+    )
 
 
 def test_switching_off_waits_for_nobody_who_holds_the_lock(bench):

@@ -28,7 +28,12 @@ NUMBERS = (
     "electrostatic_force_n",
     "current_rms_a",
 )
-MORE_NUMBERS = ("stuck_current_a_per_v", "electrode_gain", "slew_v_per_s")
+MORE_NUMBERS = (
+    "stuck_current_a_per_v",
+    "stuck_density_a_per_v_m2",
+    "electrode_gain",
+    "slew_v_per_s",
+)
 MASKS = ("pulled_in", "within_theory", "within_limits")
 WIDE = OperatingLimits(
     voltage_v=1e3, frequency_low_hz=1e-3, frequency_high_hz=1e9, contact_current_a_rms=((1.0, 1e3),)
@@ -227,6 +232,7 @@ def test_a_worst_case_that_is_not_the_models_is_refused_whatever_the_hash_says(s
     nothing = np.zeros_like(small_file.stuck_current_a_per_v)
     for changed in (
         replace(small_file, stuck_current_a_per_v=nothing),
+        replace(small_file, stuck_density_a_per_v_m2=nothing),
         replace(small_file, electrode_gain=0.5 * small_file.electrode_gain),
     ):
         changed.write(written)
@@ -245,7 +251,7 @@ def test_the_interval_at_a_point_is_linear_between_nodes(small_file):
     assert cof_interval_at(small_file, f[2], v[3], n[1]) is None
 
 
-@pytest.mark.parametrize("version", [0.9, 1.1, 3.0])
+@pytest.mark.parametrize("version", [0.9, 2.0, 4.0])
 def test_another_format_version(written, version):
     with h5py.File(written, "a") as file:
         file.attrs["format_version"] = version

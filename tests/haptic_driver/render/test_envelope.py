@@ -34,7 +34,7 @@ def stages(surface, surface_file, limits):
         Controller(ControllerSettings(surface, limits, "fixed_frequency", CARRIER_HZ)),
         limits,
         DriveSettings(),
-        safety.table_of(surface_file.worst_case),
+        safety.table_of(surface_file.worst_case(limits)),
     )
 
 

@@ -26,7 +26,7 @@ def settings(surface, surface_file, limits):
         controller=Controller(ControllerSettings(surface, limits)),
         limits=limits,
         drive=DriveSettings(voltage_rise_v_per_s=10e3),
-        worst_case=table_of(surface_file.worst_case),
+        worst_case=table_of(surface_file.worst_case(limits)),
     )
 
 

@@ -104,6 +104,21 @@ def test_a_connection_that_the_driver_holds_is_refused_to_the_watchdog(tmp_path,
     assert load_rig(own).waveform_generator.resource == resource
 
 
+def test_no_word_about_how_much_contact_the_limits_hold_for_keeps_a_real_rig_off(tmp_path):
+    """A figure that nobody has seen would be one touch: a hand carries up to 6.8 times as much."""
+    said = ("touching_area_m2 = 471e-6", "")
+    silent = load_rig(rig_file(tmp_path, said))
+    assert [what for what in silent.unverified if "touching_area_m2" in what]
+    assert silent.operating_limits().touching_area_m2 == 0.0
+    assert load_rig(rig_file(tmp_path)).operating_limits().touching_area_m2 == 471e-6
+
+
+@pytest.mark.parametrize("area", ["1e-6", "0.1"])
+def test_contact_that_no_hand_has_is_refused(tmp_path, area):
+    with pytest.raises(BadInputError, match="a fingertip touches with more"):
+        load_rig(rig_file(tmp_path, ("touching_area_m2 = 471e-6", f"touching_area_m2 = {area}")))
+
+
 def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
     old = '# interlock = "TCPIP::192.168.0.6::4000::SOCKET"'
     error = refused(rig_file(tmp_path, (old, 'interlock = "/dev/ttyUSB0"')))

@@ -39,7 +39,12 @@ def stages(surface, surface_file, limits, rig_config):
         drive = DriveSettings(rig_config.output.voltage_rise_v_per_s)
         return RenderSettings(
             TickSettings(
-                finger, texture, controller, limits, drive, table_of(surface_file.worst_case)
+                finger,
+                texture,
+                controller,
+                limits,
+                drive,
+                table_of(surface_file.worst_case(limits)),
             )
         )
 

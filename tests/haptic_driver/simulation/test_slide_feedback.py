@@ -59,7 +59,7 @@ def render(surface, surface_file, limits, rig_config, touch):
             Controller(ControllerSettings(surface, limits, feedback=law)),
             limits,
             DriveSettings(rig_config.output.voltage_rise_v_per_s),
-            table_of(surface_file.worst_case),
+            table_of(surface_file.worst_case(limits)),
         )
         typical = friction_of(touch)
 
@@ -176,7 +176,7 @@ def test_a_saturated_sensor_teaches_nothing_and_is_shown(
         Controller(ControllerSettings(surface, limits, feedback=FeedbackSettings(latency_s))),
         limits,
         DriveSettings(),
-        table_of(surface_file.worst_case),
+        table_of(surface_file.worst_case(limits)),
     )
     with SimulatedRig(narrow, touch) as bench:
         record = render_slide(

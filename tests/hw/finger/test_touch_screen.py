@@ -113,7 +113,7 @@ def test_a_touch_where_the_last_one_ended_has_a_place(bench):
 def test_a_straight_slide_keeps_the_other_coordinate(bench):
     bench.put(0.02, 0.03)
     reading = bench.put(0.04, 0.03)
-    assert reading[1:] == (pytest.approx(0.04), pytest.approx(0.03), True)
+    assert reading[1:4] == (pytest.approx(0.04), pytest.approx(0.03), True)
 
 
 def test_a_finger_at_rest_is_where_it_is_now(bench):
@@ -122,7 +122,12 @@ def test_a_finger_at_rest_is_where_it_is_now(bench):
     bench.clock.sleep(0.04)
     assert bench.tracker.read().time_s == pytest.approx(touched_s, abs=1e-6)
     bench.clock.sleep(0.02)
-    assert bench.tracker.read() == (bench.clock(), pytest.approx(0.02), pytest.approx(0.03), True)
+    assert bench.tracker.read()[:4] == (
+        bench.clock(),
+        pytest.approx(0.02),
+        pytest.approx(0.03),
+        True,
+    )
     bench.clock.sleep(1.0)
     assert bench.tracker.read().time_s == bench.clock()
 
@@ -150,11 +155,15 @@ def test_times_never_go_back(script):
 
 def test_a_second_finger_changes_nothing_until_the_first_lifts(slotted):
     slotted.put(0.02, 0.03, finger=4)
-    assert slotted.put(0.09, 0.09, finger=1)[1:] == (pytest.approx(0.02), pytest.approx(0.03), True)
+    assert slotted.put(0.09, 0.09, finger=1)[1:4] == (
+        pytest.approx(0.02),
+        pytest.approx(0.03),
+        True,
+    )
     assert slotted.put(0.03, 0.03, finger=4).position_x_m == pytest.approx(0.03)
     lifted = slotted.lift(finger=4)
-    assert lifted[1:] == (pytest.approx(0.03), pytest.approx(0.03), False)
-    assert slotted.put(0.091, 0.09, finger=1)[1:] == (
+    assert lifted[1:4] == (pytest.approx(0.03), pytest.approx(0.03), False)
+    assert slotted.put(0.091, 0.09, finger=1)[1:4] == (
         pytest.approx(0.091),
         pytest.approx(0.09),
         True,
@@ -162,12 +171,43 @@ def test_a_second_finger_changes_nothing_until_the_first_lifts(slotted):
     assert slotted.lift(finger=1).touching is False
 
 
+def test_all_that_touches_is_counted(slotted):
+    """A second finger feels the same voltage, whoever is followed."""
+    assert slotted.tracker.read().contacts == 0
+    counted = [slotted.put(0.02 + 0.01 * k, 0.03, finger=k).contacts for k in range(3)]
+    assert counted == [1, 2, 3]
+    assert [slotted.lift(finger=k).contacts for k in range(3)] == [2, 1, 0]
+
+
+def test_a_screen_for_one_finger_counts_none():
+    bench = Bench(slots=0)
+    assert bench.put(0.02, 0.03).contacts is None
+    bench.tracker.close()
+    bench.screen.unplug()
+
+
+@pytest.mark.parametrize(
+    ("axis", "value", "contacts", "palm"),
+    [(0x37, 0, 2, False), (0x37, 2, 2, True), (0x37, 1, 1, False), (0x3B, 5, 1, False)],
+    ids=["finger", "palm", "pen", "hovers"],
+)
+def test_a_palm_counts_and_a_pen_does_not(axis, value, contacts, palm):
+    events = TouchEvents(lambda: 0)
+    first = [(10, 0, 3, 0x39, 1), (10, 0, 3, 0x35, 100), (10, 0, 3, 0x36, 200)]
+    second = [(10, 0, 3, 0x2F, 1), (10, 0, 3, 0x39, 2), (10, 0, 3, axis, value)]
+    for event in (*first, *second):
+        events.feed(EVENT.pack(*event))
+    assert events.contacts == 0  # not before the report has ended
+    events.feed(EVENT.pack(10, 0, 0, 0, 0))
+    assert (events.contacts, events.palm) == (contacts, palm)
+
+
 def test_dropped_events_end_a_touch_that_may_have_ended(bench):
     bench.put(0.02, 0.03)
     bench.screen.lose_events()
     bench.lift()
     bench.screen.find_events()
-    assert bench.tracker.read()[1:] == (pytest.approx(0.02), pytest.approx(0.03), False)
+    assert bench.tracker.read()[1:4] == (pytest.approx(0.02), pytest.approx(0.03), False)
     bench.clock.sleep(1.0)
     assert bench.tracker.read().touching is False
 
@@ -179,7 +219,7 @@ def test_after_dropped_events_a_finger_is_found_again_where_it_is(slotted):
     slotted.screen.find_events()
     assert slotted.tracker.read().touching is False
     assert slotted.put(0.07, 0.06).touching is False  # y is not known yet
-    assert slotted.put(0.07, 0.08)[1:] == (pytest.approx(0.07), pytest.approx(0.08), True)
+    assert slotted.put(0.07, 0.08)[1:4] == (pytest.approx(0.07), pytest.approx(0.08), True)
 
 
 def test_after_dropped_events_one_finger_counts_from_its_next_touch():
@@ -190,7 +230,7 @@ def test_after_dropped_events_one_finger_counts_from_its_next_touch():
     bench.screen.find_events()
     assert bench.put(0.07, 0.08).touching is False
     bench.lift()
-    assert bench.put(0.075, 0.085)[1:] == (pytest.approx(0.075), pytest.approx(0.085), True)
+    assert bench.put(0.075, 0.085)[1:4] == (pytest.approx(0.075), pytest.approx(0.085), True)
     bench.tracker.close()
     bench.screen.unplug()
 
@@ -223,7 +263,7 @@ def test_a_long_backlog_is_read_in_one_go(bench):
     for i in range(300):
         bench.clock.sleep(0.01)
         bench.screen.put(0.0001 * i, 0.0001 * i)
-    assert bench.tracker.read()[1:] == (pytest.approx(0.0299), pytest.approx(0.0299), True)
+    assert bench.tracker.read()[1:4] == (pytest.approx(0.0299), pytest.approx(0.0299), True)
 
 
 def test_a_backlog_that_ran_over_ends_the_touch(bench):
@@ -234,7 +274,7 @@ def test_a_backlog_that_ran_over_ends_the_touch(bench):
     assert bench.put(0.01, 0.01).touching is False
     bench.put(0.02, 0.02)
     bench.lift()
-    assert bench.put(0.03, 0.03)[1:] == (pytest.approx(0.03), pytest.approx(0.03), True)
+    assert bench.put(0.03, 0.03)[1:4] == (pytest.approx(0.03), pytest.approx(0.03), True)
 
 
 EVENT = struct.Struct("@llHHi")
@@ -538,7 +578,7 @@ def test_a_real_event_device():
         pad.write(codes.EV_KEY, codes.BTN_TOUCH, 1)
         pad.syn()
         reading = tracker.read()
-        assert reading[1:] == (pytest.approx(0.005), pytest.approx(0.005), True)
+        assert reading[1:4] == (pytest.approx(0.005), pytest.approx(0.005), True)
         assert before_s - 1e-3 <= reading.time_s <= time.monotonic()
         tracker.close()
 

@@ -360,6 +360,8 @@ function showFigures(status, newest) {
     status.frequency_hz === null ? "–" : `${Number(status.frequency_hz.toPrecision(4))} Hz`,
   );
   showRipple(status);
+  $("contacts").hidden = status.contacts === null;
+  say("contacts", `Fingers and palms on the screen: ${status.contacts}`);
   showLoad(status.load);
   say(
     "current_rms_a",

@@ -162,12 +162,12 @@ def test_touches_that_are_alike_repeat(slid):
 
 
 def test_highest_currents_are_those_of_the_highest_voltage(slid):
-    _, found = slid
+    config, found = slid
     out = np.concatenate([samples for _, samples in found.passes])
     i = int(np.argmax(out["voltage_v"]))
     loads = np.array([0.5, 1.0])
     answer = predicted(out["frequency_hz"][i], out["voltage_v"][i], loads)
-    sliding_a, stuck_a = highest_current_a(found, load_model("reference"))
+    sliding_a, stuck_a = highest_current_a(found, config, load_model("reference"))
     near(sliding_a, answer.current_rms_a.max())
     near(stuck_a, answer.stuck_current_rms_a.max())
 
