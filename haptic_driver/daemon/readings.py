@@ -135,8 +135,9 @@ def _refuse(wrong: Iterator[tuple[str, str]]) -> None:
 
 
 def not_covered(sensed: Sensed, limits: OperatingLimits, one_touch_m2: float) -> str | None:
-    """Why a rig's limits of current do not hold for what touches its screen, as far as that tells;
-    `one_touch_m2` is that of the signed model's finger.
+    """Why a rig's limits of current do not hold for what its screen tells; None where they do.
+
+    `one_touch_m2` is the contact of the signed model's finger.
     """
     holds_for = f"limits.touching_area_m2 has the limits hold for {limits.holds_for(one_touch_m2)}"
     if sensed.palm and limits.touching_area_m2 < PALM_M2:

@@ -5,8 +5,8 @@ Datasets: `frequency_hz` [f], `voltage_v` [v], `normal_force_n` [n]. [f, v, n] a
 `electrostatic_force_n`, `current_rms_a` and the masks `pulled_in`, `within_theory`,
 `within_limits`. `slew_v_per_s` is [f, v].
 
-Per volt that is set, for the worst load and time, there are `stuck_current_a_per_v` of one touch
-(A rms), `stuck_density_a_per_v_m2` of a square metre of contact, and `electrode_gain` [f, v]. A
+Per volt that is set there are `stuck_current_a_per_v` (A rms) of one touch,
+`stuck_density_a_per_v_m2` and `electrode_gain` [f, v]. All are for the worst load and time. A
 reader works these out anew from the model in the provenance. Where speed or time matter, the fields
 of `render/correction.py` follow as `correction_*`. Where the model's
 uncertainty was carried along, friction lies between `cof_low` and `cof_high` [f, v, n] with 68 %

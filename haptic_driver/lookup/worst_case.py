@@ -21,8 +21,9 @@ WITHIN = (0.25, 0.5, 0.75)  # of a cell of voltage, where a learned term may hav
 def worst_case(
     description: ModelDescription, frequency_hz: Array, voltage_v: Array
 ) -> tuple[Array, Array, Array]:
-    """Worst-case current of one touch (A rms), that of a square metre of contact, and peak voltage
-    at the electrode [f, v], each per volt that is set.
+    """Worst-case current of one touch (A rms) and of a square metre, and peak electrode voltage.
+
+    All are [f, v], each per volt that is set.
 
     A cell of voltage is bounded by its ends (`WorstCase.of`). A learned term may have a hump
     inside, so with one it is asked within cells too; `make limits` tries the catalogue's effects.

@@ -131,6 +131,14 @@ def test_what_nobody_vouches_for_is_listed_and_keeps_the_rig_from_being_armed(da
     assert daemon.status().state is DaemonState.IDLE
 
 
+def test_fingers_that_the_rigs_figure_does_not_cover_keep_it_off(daemon, monkeypatch):
+    """What is covered is in `test_readings.py`; while it is armed, in `test_watchers.py`."""
+    monkeypatch.setattr(DaemonSettings, "not_covered", lambda self, sensed: "2 fingers touch")
+    refused = refusal(daemon.arm, 1.0)
+    assert (refused.code, refused.message) == ("not_covered", "2 fingers touch")
+    assert daemon.status().state is DaemonState.IDLE
+
+
 def test_without_real_time_scheduling_it_is_not_armed(daemon, monkeypatch):
     monkeypatch.setattr(daemon.supervisor, "real_time", False)
     monkeypatch.setattr(daemon.basis, "settings", replace(daemon.basis.settings, allow_no_rt=False))
