@@ -27,7 +27,8 @@ _started: list[str] = []
 
 def _note_starts(event: str, arguments: tuple, starts: tuple = STARTS) -> None:
     # `starts` is there too when the interpreter has taken its modules apart
-    if event in starts and not str(arguments[0]).endswith(LOOKS):
+    # a fork has no arguments
+    if event in starts and not "".join(map(str, arguments[:1])).endswith(LOOKS):
         _started.append(str(arguments[:2]))
 
 
