@@ -25,6 +25,7 @@ from haptic_driver.daemon.scene import (
 from haptic_driver.daemon.verbs import Verbs
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import require_free, write_text
+from haptic_driver.textures.objects import Fit
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -56,6 +57,9 @@ def add(
     turn_deg: Annotated[float, Option("--turn", help="Degrees, from x towards y.")] = 0.0,
     order: Annotated[int, Option(help="The highest lies on top.")] = 0,
     soft_edge: Annotated[float, Option(help="mm, over which it fades into what is below.")] = 0.0,
+    fit: Annotated[
+        Fit, Option(help="A map or profile covers it, repeats, or has its 0, 0 at the middle.")
+    ] = "cover",
     nearest: Nearest = False,
     socket: SocketOption = None,
     as_json: Json = False,
@@ -78,7 +82,7 @@ def add(
         said = f"{name}: {len(where)} shapes are given"
         raise BadInputError("bad_shape", said, "Give one, such as --circle 30 20 8")
     changes = Together()
-    changes.add(name, where[0], made, turn_deg, order, soft_edge)
+    changes.add(name, where[0], made, turn_deg, order, soft_edge, fit=fit)
     _ask(changes, socket, as_json, nearest=nearest)
 
 

@@ -27,6 +27,7 @@ from haptic_driver.textures.objects import (
     AnyShape,
     Circle,
     Ellipse,
+    Fit,
     Mask,
     Polygon,
     Rectangle,
@@ -89,14 +90,16 @@ class Changes(ABC):
         order: int = 0,
         soft_edge_mm: float = 0.0,
         enabled: bool = True,
+        fit: Fit = "cover",
     ) -> SceneChanged | None:
         """An object of a friction, or of a texture that moves and turns with it.
 
-        The highest `order` lies on top. It fades into what is below over `soft_edge_mm`.
+        The highest `order` lies on top. It fades into what is below over `soft_edge_mm`. A map or
+        profile covers the outline, or is there as another `fit` says.
         """
         said = {"shape": where.shape.model_dump(), "origin_mm": [where.x_mm, where.y_mm]}
         more = {"rotation_deg": rotation_deg, "order": order, "soft_edge_mm": soft_edge_mm}
-        return self._do("add", name, **said, **more, enabled=enabled, **_of(made))
+        return self._do("add", name, **said, **more, enabled=enabled, fit=fit, **_of(made))
 
     def move(self, name: str, x_mm: float, y_mm: float) -> SceneChanged | None:
         """An object's place."""

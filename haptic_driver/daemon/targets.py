@@ -127,7 +127,8 @@ class Targets:
                     _require_near(material.name, asked, load_n, low, high)
                 drawn = drawn.with_material(material, made)
             self._require_on_screen(drawn, changes)
-            if not show and before is not None and drawn.materials is before.materials:
+            drawn = drawn.arranged()
+            if not show and before is not None and drawn.laid == before.laid:
                 self._rearrange(token, Live(drawn))
                 return self._tell_changes([change_said(change) for change in changes], EMPTY)
             drawn = drawn.without_leftovers()

@@ -112,8 +112,10 @@ class SceneReplay:
             for material, one in made.items()
             if content_hash(one.texture) != then.get(said_of(material))
         ]
-        self._drawn = Drawn(scenes[0], made)
-        self._scene = self._drawn.scene()
+        drawn = Drawn(scenes[0], made)
+        for scene in scenes:
+            drawn = drawn.changed(scene).arranged()
+        self._drawn, self._scene = drawn, drawn.scene()
 
     def described_at(self, time_s: float) -> SceneDescription | None:
         """The scene of a moment on the run's clock; None where there was none."""
@@ -154,7 +156,9 @@ def _moments(events: Sequence[Event]) -> Iterator[Moment]:
     waiting: list[dict[str, Any]] = []
     for event in events:
         if event.kind == "scene":
-            waiting += event.data["changes"]
+            # before objects had a fit, a texture's point 0, 0 lay at their place
+            changes = event.data["changes"]
+            waiting += [{"fit": "place", **c} if c["do"] == "add" else c for c in changes]
             if event.data["part"] < event.data["parts"]:
                 continue
             changes, waiting = _CHANGES.validate_python(waiting), []
@@ -170,4 +174,6 @@ def _said(record: Any) -> dict[str, Any]:
     said: dict[str, Any] = record.model_dump(mode="json", exclude_defaults=True)
     if getattr(record, "shape", None) is not None:
         said["shape"] = record.shape.model_dump(mode="json")
+    if getattr(record, "fit", None) is not None:
+        said["fit"] = record.fit
     return said

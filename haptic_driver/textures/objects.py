@@ -31,6 +31,7 @@ SizeMm = Annotated[float, Field(ge=0.1, le=2000.0, allow_inf_nan=False)]
 Order = Annotated[int, Field(ge=-1000, le=1000)]
 Id = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f]+$")]
 FileName = Annotated[str, Field(min_length=1, max_length=1000)]
+Fit = Literal["cover", "tile", "place"]
 
 
 class _Said(Checked):
@@ -110,11 +111,18 @@ class SceneObject(_Said):
 
     id: Id = Field(description="by which it is changed, once in a scene")
     shape: Shape
-    origin_mm: OriginMm = Field(description="its place, which is that of its texture's point 0, 0")
+    origin_mm: OriginMm = Field(description="its place: the middle of its outline")
     rotation_deg: Degrees = Field(default=0.0, description="turned about its place")
     cof: Cof | None = Field(default=None, description="friction; this or `texture`")
     texture: FileName | None = Field(
         default=None, description="name of a texture, or a file beside the scene"
+    )
+    fit: Fit = Field(
+        default="cover",
+        description=(
+            "a map or profile that ends covers the outline (`cover`), repeats from its corner on"
+            " (`tile`), or has its point 0, 0 at the object's place (`place`)"
+        ),
     )
     order: Order = Field(
         default=0, description="the highest lies on top; of equals the one that was added last"
@@ -226,6 +234,7 @@ class Set(_Filled):
     do: Literal["set"]
     id: Id
     shape: Shape | None = None
+    fit: Fit | None = None
     order: Order | None = None
     soft_edge_mm: EdgeMm | None = None
     enabled: bool | None = None

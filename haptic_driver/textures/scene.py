@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ from haptic_driver.render.scene import (
     Scene,
     materials_of,
 )
-from haptic_driver.render.texture import FrictionMap, Texture
+from haptic_driver.render.texture import FrictionMap, Outside, Placed, Profile, Texture
 from haptic_driver.textures.objects import (
     Background,
     Change,
@@ -67,11 +68,39 @@ class Made(NamedTuple):
         return cls(texture, *texture.bounds(), texture.detail_m)
 
 
+class Laid(NamedTuple):
+    """A material as an object has it: `scale` times as large, tiled or not, its point 0, 0 at x_m,
+    y_m from the object's place. With the texture's own place where `scale` is 0.
+    """
+
+    material: Material
+    scale: float = 0.0
+    x_m: float = 0.0
+    y_m: float = 0.0
+    tiled: bool = False
+
+    def of(self, texture: Texture) -> Texture:
+        """The texture so."""
+        own = _bare(texture)
+        if self.scale == 0.0 or not isinstance(own, FrictionMap | Profile):
+            return texture
+        outside: Outside = "tile" if self.tiled else own.outside
+        if isinstance(own, FrictionMap):
+            pitches = {"pitch_x_m": self.scale * own.pitch_x_m}
+            pitches["pitch_y_m"] = self.scale * own.pitch_y_m
+            return Placed(replace(own, outside=outside, **pitches), self.x_m, self.y_m)
+        positions = [self.scale * x_m for x_m in own.position_m]
+        return Placed(Profile(positions, own.cof, outside), self.x_m, self.y_m)
+
+
 class Drawn(NamedTuple):
-    """A scene as it is said, and the materials that were read for it, in their order."""
+    """A scene as it is said, the materials that were read for it, and how they are laid, each in
+    its order.
+    """
 
     described: SceneDescription
     materials: Mapping[Material, Made]
+    laid: tuple[Laid, ...] = ()
 
     @property
     def missing(self) -> list[Material]:
@@ -88,16 +117,22 @@ class Drawn(NamedTuple):
     def without_leftovers(self) -> Drawn:
         """Without what none of its objects needs any more."""
         wanted = Drawn(self.described, {}).missing
-        return self._replace(materials={each: self.materials[each] for each in wanted})
+        kept = {each: self.materials[each] for each in wanted}
+        return self._replace(materials=kept, laid=()).arranged()
+
+    def arranged(self) -> Drawn:
+        """With its materials as its objects have them, besides how they were laid before."""
+        now = [laid for each in self.all for laid in _laid(each, self.materials)]
+        return self._replace(laid=tuple(dict.fromkeys([*self.laid, *now])))
 
     def scene(self) -> Scene:
         """All of it, as render takes it."""
-        textures = [made.texture for made in self.materials.values()]
+        textures = [laid.of(self.materials[laid.material].texture) for laid in self.laid]
         return Scene(self.objects(), materials_of(textures))
 
     def objects(self) -> Objects:
         """The rows of what is enabled, the lowest first, with the corners of polygons."""
-        numbers = {material: k for k, material in enumerate(self.materials)}
+        numbers = {laid: k for k, laid in enumerate(self.laid)}
         corners: list[list[float]] = []
         ground = _background_row(self, numbers)
         rows = [] if ground is None else [ground]
@@ -131,7 +166,7 @@ def drawn(described: SceneDescription, read: Callable[[Material], Texture]) -> D
             except BadInputError as error:
                 who = f"object '{each.id}'" if isinstance(each, SceneObject) else "background"
                 raise BadInputError(error.code, f"{who}: {error.message}", error.hint) from None
-    return scene
+    return scene.arranged()
 
 
 class Live:
@@ -203,7 +238,7 @@ def read_outline(path: Path, width_mm: float) -> FrictionMap:
 
 def require_on_screen(each: SceneObject, drawn: Drawn, screen_m: tuple[float, float]) -> None:
     """Refuse an object no part of which can lie on a screen as large."""
-    row = _row(each, drawn.materials, dict.fromkeys(drawn.materials, 0), 0)
+    row = _row(each, drawn.materials, dict.fromkeys(_laid(each, drawn.materials), 0), 0)
     beyond = [max(-p, p - s, 0.0) for p, s in zip((row.x_m, row.y_m), screen_m, strict=True)]
     if math.hypot(*beyond) <= row.reach_m:
         return
@@ -221,7 +256,7 @@ def _materials(each: SceneObject | Background) -> list[Material]:
     return found
 
 
-def _background_row(drawn: Drawn, numbers: Mapping[Material, int]) -> ObjectRow | None:
+def _background_row(drawn: Drawn, numbers: Mapping[Laid, int]) -> ObjectRow | None:
     ground = drawn.described.background
     if ground.cof is None and ground.texture is None:
         return None
@@ -234,7 +269,7 @@ def _background_row(drawn: Drawn, numbers: Mapping[Material, int]) -> ObjectRow 
 def _row(
     each: SceneObject,
     materials: Mapping[Material, Made],
-    numbers: Mapping[Material, int],
+    numbers: Mapping[Laid, int],
     corner: int,
 ) -> ObjectRow:
     """An object whose corners, if it has any, begin at that number."""
@@ -267,7 +302,7 @@ def _row(
 def _outline(
     each: SceneObject,
     materials: Mapping[Material, Made],
-    numbers: Mapping[Material, int],
+    numbers: Mapping[Laid, int],
     corner: int,
 ) -> tuple[Outline, float, float, float, float, float, float]:
     """Kind, half of its size along x and y, radius of corners, reach, first corner, count."""
@@ -287,21 +322,74 @@ def _outline(
             return Outline.POLYGON, 0.0, 0.0, 0.0, reach_m, corner, len(shape.corners_mm)
         case Mask() as shape:
             key = Material(shape.file, shape.width_mm)
-            picture = materials[key].texture
-            assert isinstance(picture, FrictionMap)
-            rows, columns = picture.cof.shape
-            half_m = 0.5 * columns * picture.pitch_x_m, 0.5 * rows * picture.pitch_y_m
-            return Outline.MASK, *half_m, 0.0, math.hypot(*half_m), numbers[key], 0
+            width_m, height_m = _size(materials[key].texture)
+            half_m = 0.5 * width_m, 0.5 * height_m
+            return Outline.MASK, *half_m, 0.0, math.hypot(*half_m), numbers[Laid(key)], 0
 
 
 def _fill(
     each: SceneObject | Background,
     materials: Mapping[Material, Made],
-    numbers: Mapping[Material, int],
+    numbers: Mapping[Laid, int],
 ) -> tuple[float, float, float, float, float]:
     """Material, friction, the lowest and the highest, and the finest detail."""
     if each.texture is None:
         cof = math.nan if each.cof is None else each.cof
         return -1.0, cof, cof, cof, math.inf
-    made = materials[Material(each.texture)]
-    return float(numbers[Material(each.texture)]), math.nan, made.low, made.high, made.detail_m
+    made, (laid, *_) = materials[Material(each.texture)], _laid(each, materials)
+    detail_m = (laid.scale or 1.0) * made.detail_m
+    return float(numbers[laid]), math.nan, made.low, made.high, detail_m
+
+
+def _laid(each: SceneObject | Background, materials: Mapping[Material, Made]) -> list[Laid]:
+    """The texture of an object as it has it, and the outline of its picture."""
+    found = [Laid(material) for material in _materials(each)]
+    if each.texture is None or not isinstance(each, SceneObject) or each.fit == "place":
+        return found
+    own = _bare(materials[Material(each.texture)].texture)
+    if not isinstance(own, FrictionMap | Profile) or own.outside != "nothing":
+        return found  # it ends nowhere
+    left_m, top_m, width_m, height_m = _box(each, materials)
+    if isinstance(own, Profile):
+        begins_m, long_m, high_m = own.position_m[0], own.position_m[-1] - own.position_m[0], 0.0
+    else:
+        begins_m, (long_m, high_m) = 0.0, _size(own)
+    if each.fit == "tile":
+        found[0] = Laid(found[0].material, 1.0, left_m - begins_m, top_m, tiled=True)
+        return found
+    scale = max(width_m / long_m, height_m / high_m if high_m else 0.0)
+    x_m = left_m + 0.5 * (width_m - scale * long_m) - scale * begins_m
+    found[0] = Laid(found[0].material, scale, x_m, top_m + 0.5 * (height_m - scale * high_m))
+    return found
+
+
+def _bare(texture: Texture) -> Texture:
+    """A texture without the place that its file gives it on the screen."""
+    while isinstance(texture, Placed):
+        texture = texture.texture
+    return texture
+
+
+def _size(picture: Texture) -> tuple[float, float]:
+    """Width and height of a map."""
+    assert isinstance(picture, FrictionMap)
+    rows, columns = picture.cof.shape
+    return columns * picture.pitch_x_m, rows * picture.pitch_y_m
+
+
+def _box(
+    each: SceneObject, materials: Mapping[Material, Made]
+) -> tuple[float, float, float, float]:
+    """Around an object's outline, in its own axes: left, top, width and height, m."""
+    match each.shape:
+        case Circle() as shape:
+            width_m = height_m = 2e-3 * shape.radius_mm
+        case Polygon() as shape:
+            corners = 1e-3 * np.array(shape.corners_mm)
+            (left_m, top_m), (right_m, low_m) = corners.min(axis=0), corners.max(axis=0)
+            return float(left_m), float(top_m), float(right_m - left_m), float(low_m - top_m)
+        case Mask() as shape:
+            width_m, height_m = _size(materials[Material(shape.file, shape.width_mm)].texture)
+        case shape:
+            width_m, height_m = 1e-3 * shape.width_mm, 1e-3 * shape.height_mm
+    return -0.5 * width_m, -0.5 * height_m, width_m, height_m

@@ -173,9 +173,51 @@ def test_towards_nothing_an_edge_ends_in_its_middle():
     assert math.isnan(scene.cof_at(0.0401, 0.02))
 
 
+SQUARE = {"kind": "rectangle", "width_mm": 20.0, "height_mm": 20.0}
+QUARTERS = FrictionMap(np.array([[0.3, 0.5], [0.7, 0.9]]), 0.004, 0.002, "nothing")
+RAMP = Profile([0.001, 0.003], [0.3, 0.5], "nothing")
+
+
+@pytest.mark.parametrize("textured", [QUARTERS, Placed(QUARTERS, 0.1, 0.2), RAMP])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        SQUARE,
+        {"kind": "ellipse", "width_mm": 8.0, "height_mm": 18.0},
+        {"kind": "polygon", "corners_mm": [[-2, 1], [9, 1], [9, 8]]},
+    ],
+)
+@pytest.mark.parametrize("fit", ["cover", "tile"])
+def test_a_map_or_profile_leaves_no_part_of_an_object_empty(textured, shape, fit):
+    """A photo on a square once covered a quarter of it, and a profile a half."""
+    scene = scene_of([thing(shape, texture="t", fit=fit, rotation_deg=20.0)], {"t": textured})
+    plain = scene_of([thing(shape, rotation_deg=20.0)])
+    assert covered_mm2(scene.scene()) == covered_mm2(plain.scene()) > 0.0
+
+
+def test_a_map_that_covers_keeps_its_middle_and_its_proportions():
+    """2 by 2 pixels of 4 by 2 mm, on 20 by 20 mm: five times as large, and cut at both sides."""
+    asked = scene_of([thing(SQUARE, texture="t")], {"t": QUARTERS}).scene()
+    assert asked.cof_at(0.030, 0.020) == pytest.approx(0.6)
+    assert asked.cof_at(0.030 - 0.0099, 0.020 - 0.0099) == pytest.approx(0.301, abs=1e-3)
+    assert asked.cof_at(0.030, 0.020 + 0.005) == pytest.approx(0.8)
+
+
+def test_a_profile_that_covers_runs_from_side_to_side():
+    asked = scene_of([thing(SQUARE, texture="t")], {"t": RAMP}).scene()
+    assert asked.cof_at(0.0201, 0.012) == pytest.approx(0.301)
+    assert asked.cof_at(0.0399, 0.028) == pytest.approx(0.499)
+
+
+def test_a_tiled_map_begins_at_the_corner():
+    asked = scene_of([thing(SQUARE, texture="t", fit="tile")], {"t": QUARTERS}).scene()
+    assert asked.cof_at(0.022, 0.011) == pytest.approx(0.3)
+    assert asked.cof_at(0.022 + 0.008, 0.011 + 0.004) == pytest.approx(0.3)
+
+
 def test_what_a_texture_does_not_say_shows_what_is_below():
     hole = FrictionMap(np.full((2, 2), 0.9), 0.001, 0.001, "nothing")  # 2 mm of a 10 mm circle
-    disc = thing({"kind": "circle", "radius_mm": 5.0}, texture="hole")
+    disc = thing({"kind": "circle", "radius_mm": 5.0}, texture="hole", fit="place")
     scene = scene_of([disc], {"hole": hole}, {"cof": 0.6}).scene()
     assert scene.cof_at(0.031, 0.021) == 0.9
     assert scene.cof_at(0.027, 0.020) == 0.6
