@@ -86,9 +86,9 @@ class Laid(NamedTuple):
             return texture
         outside: Outside = "tile" if self.tiled else own.outside
         if isinstance(own, FrictionMap):
-            pitches = {"pitch_x_m": self.scale * own.pitch_x_m}
-            pitches["pitch_y_m"] = self.scale * own.pitch_y_m
-            return Placed(replace(own, outside=outside, **pitches), self.x_m, self.y_m)
+            x_m, y_m = self.scale * own.pitch_x_m, self.scale * own.pitch_y_m
+            laid = replace(own, pitch_x_m=x_m, pitch_y_m=y_m, outside=outside)
+            return Placed(laid, self.x_m, self.y_m)
         positions = [self.scale * x_m for x_m in own.position_m]
         return Placed(Profile(positions, own.cof, outside), self.x_m, self.y_m)
 
