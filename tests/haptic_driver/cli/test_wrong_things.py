@@ -278,7 +278,7 @@ WRONG = [
     (["status"], 1, "no_daemon", "none.sock", "haptic daemon run"),
     (["off", "--socket", "folder"], 1, "no_daemon", "folder", "haptic daemon run"),
     (["daemon", "run", "--osc", "nowhere"], 2, "bad_address", "'nowhere'", "127.0.0.1:9000"),
-    (["simulate", "--rig", "paper"], 2, "not_simulated", "rig paper", "simulated"),
+    (["simulate", "--rig", "paper"], 2, "not_simulated", "rig paper", "--like"),
 ]
 
 
