@@ -23,15 +23,9 @@ from haptic_driver.processes.shared_memory import Sensed
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.part import NoPart
-from haptic_driver.rig.parts.finger_trackers import (
-    STAGE_INTERVAL_S,
-    EvdevFingerConfig,
-    SimulatedFingerConfig,
-    StageFingerConfig,
-)
+from haptic_driver.rig.parts.finger_trackers import reports_of
 from haptic_driver.rig.slide import read_slide
 from haptic_driver.rig.tick_settings import tick_settings
-from hw.finger.simulated_touch_screen import PANEL
 from model.description import ModelDescription
 
 PERIOD_S = 0.001
@@ -160,7 +154,7 @@ def render_settings(
     lead_s = 0.0 if isinstance(output, NoPart) else output.lead_s or LEAST_LEAD_S
     latency_s = latency_budget_s(config, PERIOD_S, lead_s)
     since_tick_s = latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
-    usual_s = 2.0 * _sensor_period_s(config) + SCHEDULING_S
+    usual_s = 2.0 * reports_of(config.finger_tracker).interval_s + SCHEDULING_S
     stages = tick_settings(
         config,
         surface,
@@ -191,7 +185,7 @@ def latency_budget_s(config: RigConfig, period_s: float, lead_s: float) -> dict[
     written ahead by `lead_s`, of which the tick that writes it is yet to come. There
     `output.latency_s` is what the instruments take besides.
     """
-    parts = {"sensor": 0.5 * _sensor_period_s(config), "tick": 0.5 * period_s}
+    parts = {"sensor": 0.5 * reports_of(config.finger_tracker).interval_s, "tick": 0.5 * period_s}
     if isinstance(config.analog_output, NoPart):
         wait_s = 0.5 * config.output.setpoint_interval_s
         instrument_s = max(config.output.latency_s - wait_s, 0.0)
@@ -209,15 +203,3 @@ def reach_hz(config: RigConfig) -> float:
     if isinstance(config.analog_output, NoPart):
         return 0.5 / config.output.setpoint_interval_s
     return 0.5 / PERIOD_S
-
-
-def _sensor_period_s(config: RigConfig) -> float:
-    """How often the finger's place is reported."""
-    match config.finger_tracker:
-        case EvdevFingerConfig(report_rate_hz=rate_hz):
-            return 1.0 / rate_hz
-        case StageFingerConfig():
-            return STAGE_INTERVAL_S
-        case SimulatedFingerConfig():
-            return 1.0 / PANEL.report_rate_hz
-    return 0.0

@@ -1,4 +1,10 @@
-"""Finger stage: raw samples -> contact, velocity, and the position when the output acts."""
+"""Finger stage: raw samples -> contact, velocity, and the position when the output acts.
+
+Position and velocity are a Kalman filter's, for a finger that moves on at its velocity. One
+covariance serves both axes, since nothing tells them apart. Its gains follow from what is known of
+the reports (interval, resolution, doubt of their times) and from how fingers move: there is no time
+constant to choose.
+"""
 
 from __future__ import annotations
 
@@ -9,25 +15,34 @@ from typing import NamedTuple
 from haptic_driver.errors import BadInputError
 from haptic_driver.signals import FingerSample, FingerState
 
-# Samples closer together than this share of the time constant count as one: their difference is
-# noise, not speed.
-SHORTEST_INTERVAL = 0.01
+# Of how a finger changes its velocity, white noise by assumption: in proportion to its speed (5 /s:
+# by a third of itself in 20 ms), and where it is slow by no less than 14 mm/s in 20 ms. Of ten
+# paths on a touch panel these are as likely as any (likelihood of their reports, flat to a factor
+# of two).
+CHANGE_PER_S, LEAST_CHANGE_M2_S3 = 5.0, 0.01
+SHORTEST_S = 1e-4  # between reports of any tracker: what is closer tells no velocity
 
 
 @dataclass(frozen=True)
 class FingerSettings:
     """Contact begins at `contact_on_n` and ends below `contact_off_n` of normal force.
 
-    `velocity_time_constant_s` smooths the velocity; `output_latency_s` is the time from a tick
-    until the output that it decides acts on the finger. A reading is extrapolated to its tick by
-    `longest_age_s` at most. Beyond that the tracker may be silent because the finger stands still.
+    `position_noise_m` and `report_jitter_s` are standard deviations of a report's place and of its
+    time. `output_latency_s` is the time from a tick until the output that it decides acts on the
+    finger. A reading is extrapolated to its tick by `longest_age_s` at most. Beyond that the
+    tracker may be silent because the finger stands still.
     """
 
     contact_on_n: float = 0.08
     contact_off_n: float = 0.05
-    velocity_time_constant_s: float = 0.010
     output_latency_s: float = 0.0
     longest_age_s: float = 0.02
+    position_noise_m: float = 3e-6
+    report_jitter_s: float = 0.0
+
+    def ahead_s(self, time_s: float, now_s: float) -> float:
+        """From a report's time to when the output of the tick due at `now_s` acts."""
+        return min(max(now_s - time_s, 0.0), self.longest_age_s) + self.output_latency_s
 
     def __post_init__(self) -> None:
         """Refuse settings that have no meaning."""
@@ -38,57 +53,73 @@ class FingerSettings:
                 " hysteresis",
                 "choose 0 < contact_off_n <= contact_on_n",
             )
-        if not 0.0 < self.velocity_time_constant_s < math.inf:
+        if not 0.0 < self.position_noise_m < math.inf:
             raise BadInputError(
                 "bad_finger_settings",
-                f"velocity_time_constant_s {self.velocity_time_constant_s} is not a positive time",
-                "choose about 0.010",
+                f"position_noise_m {self.position_noise_m} is not a positive distance",
+                "choose the tracker's resolution divided by the root of 12",
             )
-        if not 0.0 <= self.output_latency_s < math.inf:
-            raise BadInputError(
-                "bad_finger_settings",
-                f"output_latency_s {self.output_latency_s} is not a time of zero or more",
-                "choose the measured time from a tick until the output acts",
-            )
-        if not 0.0 <= self.longest_age_s < math.inf:
-            raise BadInputError(
-                "bad_finger_settings",
-                f"longest_age_s {self.longest_age_s} is not a time of zero or more",
-                "choose some report intervals of the tracker",
-            )
+        for name, wanted in (
+            ("report_jitter_s", "the standard deviation of a report's time"),
+            ("output_latency_s", "the measured time from a tick until the output acts"),
+            ("longest_age_s", "some report intervals of the tracker"),
+        ):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise BadInputError(
+                    "bad_finger_settings",
+                    f"{name} {value} is not a time of zero or more",
+                    f"choose {wanted}",
+                )
 
 
 class FingerTracking(NamedTuple):
-    """What the stage remembers: the last time, the sample that velocity is measured from, the
-    velocity so far.
+    """What the stage remembers: the finger at the last report, by all reports of this touch.
 
-    `weight` is how much of the smoothing window the touch has filled, 0 to 1. It keeps the velocity
-    of a young touch from being drawn towards zero. `touched_s` is when the touch began.
+    The variances are those of one axis and of both alike: of position, of position with velocity,
+    of velocity. That of velocity is infinite until a second report. `touched_s` is when the touch
+    began.
     """
 
     time_s: float
-    anchor_time_s: float
-    anchor_x_m: float
-    anchor_y_m: float
-    velocity_x_m_s: float
-    velocity_y_m_s: float
-    weight: float
-    in_contact: bool
+    position_x_m: float = math.nan
+    position_y_m: float = math.nan
+    velocity_x_m_s: float = 0.0
+    velocity_y_m_s: float = 0.0
+    variance_m2: float = math.nan
+    covariance_m2_s: float = 0.0
+    variance_m2_s2: float = math.inf
+    in_contact: bool = False
     touched_s: float = math.nan
 
+    @property
+    def square_m2_s2(self) -> float:
+        """Mean square of the velocity along one axis, with its doubt."""
+        vx_m_s, vy_m_s = self.velocity_x_m_s, self.velocity_y_m_s
+        return 0.5 * (vx_m_s * vx_m_s + vy_m_s * vy_m_s) + self.variance_m2_s2
 
-INITIAL = FingerTracking(math.nan, math.nan, math.nan, math.nan, 0.0, 0.0, 0.0, False)
+    def std_m(self, ahead_s: float) -> float:
+        """Standard deviation, along each axis, of where it will be so long after the report; inf
+        while nobody knows its velocity.
+        """
+        if ahead_s == 0.0:
+            return math.sqrt(self.variance_m2)
+        by_velocity_m2 = ahead_s * (2.0 * self.covariance_m2_s + ahead_s * self.variance_m2_s2)
+        by_change_m2 = _change_m2_s3(self.square_m2_s2) * ahead_s * ahead_s * ahead_s / 3.0
+        return math.sqrt(self.variance_m2 + by_velocity_m2 + by_change_m2)
+
+
+INITIAL = FingerTracking(math.nan)
 
 
 def track(
     settings: FingerSettings, state: FingerTracking, sample: FingerSample
 ) -> tuple[FingerTracking, FingerState]:
-    """Decide contact, estimate velocity and extrapolate the position to when the output acts.
+    """Decide contact, estimate velocity and the position when the output acts.
 
     A steady speed is estimated without bias from the second sample of a touch on. Without contact
     the velocity is zero. A sample that is not finite or goes back in time is no contact, with
     position NaN and force zero. The next good one starts a new touch. A repeated time leaves the
-    velocity as it was: the stage cannot see that a tracker stands still.
+    estimate as it was: the stage cannot see that a tracker stands still.
     """
     time_s, x_m, y_m, force_n, lateral_n, now_s = sample
     if not math.isfinite(now_s):
@@ -100,37 +131,86 @@ def track(
     if force_n < (settings.contact_off_n if state.in_contact else settings.contact_on_n):
         return _untouched(time_s), FingerState(now_s, x_m, y_m, 0.0, 0.0, force_n, in_contact=False)
     if not state.in_contact:
-        touched = FingerTracking(
-            time_s, time_s, x_m, y_m, 0.0, 0.0, 0.0, in_contact=True, touched_s=time_s
-        )
-        return touched, FingerState(now_s, x_m, y_m, 0.0, 0.0, force_n, in_contact=True)
+        state = _first(settings, sample, touched_s=time_s)
+    elif time_s > state.time_s:
+        state = _followed(settings, state, sample)
 
-    state = _follow(settings.velocity_time_constant_s, state, time_s, x_m, y_m)
-    vx_m_s, vy_m_s = state.velocity_x_m_s, state.velocity_y_m_s
-    age_s = min(max(now_s - time_s, 0.0), settings.longest_age_s)
-    ahead_s = age_s + settings.output_latency_s
-    x_m += vx_m_s * ahead_s
-    y_m += vy_m_s * ahead_s
+    ahead_s = settings.ahead_s(time_s, now_s)
+    x_m = state.position_x_m + state.velocity_x_m_s * ahead_s
+    y_m = state.position_y_m + state.velocity_y_m_s * ahead_s
     if not math.isfinite(x_m + y_m):
         return _lost(time_s, now_s)
+    vx_m_s, vy_m_s = state.velocity_x_m_s, state.velocity_y_m_s
     contact_s = max(now_s - state.touched_s, 0.0)
     return state, FingerState(now_s, x_m, y_m, vx_m_s, vy_m_s, force_n, True, lateral_n, contact_s)
 
 
-def _follow(
-    time_constant_s: float, state: FingerTracking, time_s: float, x_m: float, y_m: float
+def _first(settings: FingerSettings, sample: FingerSample, touched_s: float) -> FingerTracking:
+    """Where a touch is by one report: nothing tells its velocity yet."""
+    noise_m2 = settings.position_noise_m * settings.position_noise_m
+    return FingerTracking(
+        sample.time_s,
+        sample.position_x_m,
+        sample.position_y_m,
+        variance_m2=noise_m2,
+        in_contact=True,
+        touched_s=touched_s,
+    )
+
+
+def _followed(
+    settings: FingerSettings, before: FingerTracking, sample: FingerSample
 ) -> FingerTracking:
-    """The velocity, smoothed exponentially over whatever intervals the samples come in."""
-    _, anchor_time_s, anchor_x_m, anchor_y_m, vx_m_s, vy_m_s, weight, _, touched_s = state
-    interval_s = time_s - anchor_time_s
-    if interval_s < SHORTEST_INTERVAL * time_constant_s:
-        return state._replace(time_s=time_s)
-    share = -math.expm1(-interval_s / time_constant_s)
-    weight += share * (1.0 - weight)
-    gain = share / weight
-    vx_m_s += gain * ((x_m - anchor_x_m) / interval_s - vx_m_s)
-    vy_m_s += gain * ((y_m - anchor_y_m) / interval_s - vy_m_s)
-    return FingerTracking(time_s, time_s, x_m, y_m, vx_m_s, vy_m_s, weight, True, touched_s)
+    """The touch by one report more: predicted to its time, then drawn towards it.
+
+    The doubt of a report is that of its place, and that of its time by the finger's speed.
+    """
+    _, x_m, y_m, vx_m_s, vy_m_s, variance_m2, covariance_m2_s, variance_m2_s2, _, _ = before
+    dt_s = sample.time_s - before.time_s
+    noise_m2 = settings.position_noise_m * settings.position_noise_m
+    jitter_s2 = settings.report_jitter_s * settings.report_jitter_s
+    if variance_m2_s2 == math.inf:  # the second report: all that is known of its velocity
+        if dt_s < SHORTEST_S:
+            return _first(settings, sample, before.touched_s)
+        vx_m_s, vy_m_s = (sample.position_x_m - x_m) / dt_s, (sample.position_y_m - y_m) / dt_s
+        x_m, y_m = sample.position_x_m, sample.position_y_m
+        square_m2_s2 = 0.5 * (vx_m_s * vx_m_s + vy_m_s * vy_m_s)
+        noise_m2 += jitter_s2 * square_m2_s2
+        variance_m2, covariance_m2_s = noise_m2, noise_m2 / dt_s
+        variance_m2_s2 = 2.0 * noise_m2 / (dt_s * dt_s) + _change_m2_s3(square_m2_s2) * dt_s / 3.0
+    else:
+        change_m2_s3 = _change_m2_s3(before.square_m2_s2)
+        variance_m2 += dt_s * (2.0 * covariance_m2_s + dt_s * variance_m2_s2)
+        variance_m2 += change_m2_s3 * dt_s * dt_s * dt_s / 3.0
+        covariance_m2_s += dt_s * (variance_m2_s2 + 0.5 * change_m2_s3 * dt_s)
+        variance_m2_s2 += change_m2_s3 * dt_s
+        square_m2_s2 = 0.5 * (vx_m_s * vx_m_s + vy_m_s * vy_m_s) + variance_m2_s2
+        noise_m2 += jitter_s2 * square_m2_s2
+        gain = variance_m2 / (variance_m2 + noise_m2)
+        gain_per_s = covariance_m2_s / (variance_m2 + noise_m2)
+        x_m, y_m = x_m + vx_m_s * dt_s, y_m + vy_m_s * dt_s
+        off_x_m, off_y_m = sample.position_x_m - x_m, sample.position_y_m - y_m
+        x_m, y_m = x_m + gain * off_x_m, y_m + gain * off_y_m
+        vx_m_s, vy_m_s = vx_m_s + gain_per_s * off_x_m, vy_m_s + gain_per_s * off_y_m
+        variance_m2_s2 -= gain_per_s * covariance_m2_s
+        variance_m2, covariance_m2_s = (1.0 - gain) * variance_m2, (1.0 - gain) * covariance_m2_s
+    return FingerTracking(
+        sample.time_s,
+        x_m,
+        y_m,
+        vx_m_s,
+        vy_m_s,
+        variance_m2,
+        covariance_m2_s,
+        variance_m2_s2,
+        True,
+        before.touched_s,
+    )
+
+
+def _change_m2_s3(square_m2_s2: float) -> float:
+    """Spectral density of what changes a velocity, by its mean square along one axis."""
+    return LEAST_CHANGE_M2_S3 + CHANGE_PER_S * square_m2_s2
 
 
 def _untouched(time_s: float) -> FingerTracking:

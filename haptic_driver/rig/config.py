@@ -263,9 +263,6 @@ class FingerConfig(Section):
         default=0.15, description="above the wobble of an unloaded force sensor"
     )
     contact_off_n: LoadNewtons = Field(default=0.10, description="the finger has left below")
-    velocity_time_constant_s: Annotated[
-        float, Within(1e-4, 1.0, "a shorter one is of noise, a longer one of another stroke")
-    ] = Field(default=0.010, description="over which velocity is smoothed")
 
 
 class ControllerConfig(Section):

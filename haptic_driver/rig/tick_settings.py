@@ -11,6 +11,7 @@ from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Target
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.parts.finger_trackers import reports_of
 
 
 def tick_settings(
@@ -40,8 +41,13 @@ def tick_settings(
         feedback=None if feedback_latency_s is None else _law(config, feedback_latency_s),
     )
     latency_s = config.output.latency_s if output_latency_s is None else output_latency_s
+    reports = reports_of(config.finger_tracker)
     finger = FingerSettings(
-        **config.finger.model_dump(), output_latency_s=latency_s, longest_age_s=longest_age_s
+        **config.finger.model_dump(),
+        output_latency_s=latency_s,
+        longest_age_s=longest_age_s,
+        position_noise_m=reports.noise_m,
+        report_jitter_s=reports.jitter_s,
     )
     return TickSettings(
         finger,

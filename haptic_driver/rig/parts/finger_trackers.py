@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import datetime
+import math
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field
 
@@ -31,6 +33,21 @@ STAGE_INTERVAL_S = 0.005  # between questions for the stage's place
 Direction = Annotated[float, Within(-1.0, 1.0, "it is a part of a unit vector")]
 
 
+class Reports(NamedTuple):
+    """What is known of a tracker's reports before it has told any: between two of them, the
+    smallest step of a place, the standard deviation of a report's time.
+    """
+
+    interval_s: float = 0.0
+    resolution_m: float = 1e-5
+    jitter_s: float = 0.0
+
+    @property
+    def noise_m(self) -> float:
+        """Standard deviation of a place, by its steps."""
+        return self.resolution_m / math.sqrt(12.0)
+
+
 class NoFingerTracker(NoPart):
     """No tracker: the place of the finger is unknown."""
 
@@ -54,6 +71,10 @@ class StageFingerConfig(PartSection):
     @property
     def is_simulated(self) -> None:
         """The stage has the finger's place on any rig."""
+
+    def reports(self) -> Reports:
+        """A stage is asked for its place, and says it of some moment since it was last asked."""
+        return Reports(STAGE_INTERVAL_S, jitter_s=STAGE_INTERVAL_S / math.sqrt(12.0))
 
     def examine(self, at: Examination) -> Checks:
         yield at.unverified("the stage carries the finger: see the stage")
@@ -91,6 +112,11 @@ class EvdevFingerConfig(PartSection):
         default=100.0,
         description="how often it tells; part of the latency by which positions are extrapolated",
     )
+    report_jitter_s: Annotated[float, Within(0.0, 0.1, "no screen is so late")] | None = Field(
+        default=None,
+        description="how far a report's time is off, standard deviation; left out: it may be old by"
+        " up to an interval",
+    )
     matrix_m: Annotated[
         list[Annotated[list[Metres], Field(min_length=3, max_length=3)]],
         Field(min_length=2, max_length=2),
@@ -108,10 +134,21 @@ class EvdevFingerConfig(PartSection):
 
         own = {
             "report_rate_hz": PANEL.report_rate_hz,
+            "report_jitter_s": 0.0,
             "matrix_m": [list(row) for row in SCREEN.matrix_m],
             "placeholder": False,
         }
         return self.model_copy(update={"device": where, **own})
+
+    def reports(self) -> Reports:
+        """One count is the step of a place. What nobody has measured of times: a screen that scans
+        by its own clock tells places of any age up to an interval.
+        """
+        (a, b, _), (c, d, _) = self.matrix_m
+        interval_s, jitter_s = 1.0 / self.report_rate_hz, self.report_jitter_s
+        if jitter_s is None:
+            jitter_s = interval_s / math.sqrt(12.0)
+        return Reports(interval_s, max(math.hypot(a, c), math.hypot(b, d)), jitter_s)
 
     def touch_calibration(self) -> TouchCalibration:
         """The same, as the driver takes it; BadInputError for a matrix that is no map of a
@@ -196,9 +233,21 @@ class SimulatedFingerConfig(ServedSection):
 
     kind: Literal["simulated"] = "simulated"
 
+    def reports(self) -> Reports:
+        """It stamps each as it takes it."""
+        from hw.finger.simulated_touch_screen import PANEL
+
+        return Reports(1.0 / PANEL.report_rate_hz, 1.0 / PANEL.x_counts_per_m)
+
     def make(self, wiring: Wiring) -> Part[FingerTracker]:
         from hw.finger.simulated_touch_screen import SCREEN
         from hw.finger.touch_screen import EvdevTouchScreen
 
         screen = EvdevTouchScreen(self._where, SCREEN)
         return Part(screen, [screen.open], [screen.close])
+
+
+def reports_of(tracker: object) -> Reports:
+    """Of a tracker's section; a kind of yours may say its own by a method `reports`."""
+    say: Callable[[], Reports] = getattr(tracker, "reports", Reports)
+    return say()

@@ -216,7 +216,6 @@ def test_a_refusal_of_the_envelopes_own_gate_is_counted(stages, limits):
     strict = replace(
         stages,
         limits=replace(limits, voltage_v=60.0),
-        finger=FingerSettings(velocity_time_constant_s=1e-3),
     )
     state, powers_v2 = play(strict, steep, 10)
     assert state.safety.rejections >= 1

@@ -1,0 +1,86 @@
+"""How far from the finger a place is rendered, by recorded paths of fingers on a touch panel.
+
+`FINGER_PATHS` names a folder of text files whose rows are time in s, x and y in pixels of 0.17 mm.
+Rows that repeat a place are no reports. Each report is extrapolated by a latency, and compared with
+where the panel says the finger is then, between reports on a line. So the panel's own doubt of a
+place counts twice.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.claim import Claim
+from haptic_driver.render.finger import INITIAL, FingerSettings, track
+from haptic_driver.signals import Array, FingerSample
+
+FOLDER, PIXEL_M = "FINGER_PATHS", 0.17e-3
+LATENCIES_S = 0.02, 0.04
+PRESSED_N = 0.5
+
+
+def run() -> Iterator[Claim]:
+    folder = os.environ.get(FOLDER)
+    if not folder:
+        yield Claim("placement on recorded paths", f"not measured: set {FOLDER} to their folder")
+        return
+    paths = [reports(path) for path in sorted(Path(folder).glob("*.txt"))]
+    for latency_s in LATENCIES_S:
+        rows = [row for path in paths for row in errors(path, latency_s)]
+        ours_m, held_m, std_m, turns = np.array(rows).T
+        at_turns = turns == 1.0
+        share = np.mean(ours_m < std_m * math.sqrt(2.0 * math.log(2.0)))
+        what = f"{len(paths)} paths, {1e3 * latency_s:.0f} ms ahead"
+        yield Claim(
+            f"{what}: error, median and 95 %",
+            f"{told(ours_m)}; by the last report {told(held_m)}",
+            "nearer than the last report",
+            bool(np.median(ours_m) < np.median(held_m)),
+        )
+        yield Claim(
+            f"{what}: the same at {at_turns.sum()} reports beside a turn",
+            f"{told(ours_m[at_turns])}; by the last report {told(held_m[at_turns])}"
+            if at_turns.any()
+            else "there is none",
+        )
+        yield Claim(f"{what}: within the half that its own deviation promises", f"{share:.0%}")
+
+
+def reports(path: Path) -> Array:
+    """Time, x and y in metres [n, 3]: rows at which the place has changed."""
+    rows = np.loadtxt(path, delimiter=",")
+    moved = np.any(np.diff(rows[:, 1:], axis=0) != 0.0, axis=1)
+    return rows[np.concatenate([[True], moved])] * [1.0, PIXEL_M, PIXEL_M]
+
+
+def errors(path: Array, latency_s: float) -> Iterator[tuple[float, float, float, bool]]:
+    """Of each report from the second on: distance to the finger, that of the last report, the
+    standard deviation along an axis, whether a turn is beside it.
+    """
+    jitter_s = float(np.median(np.diff(path[:, 0]))) / math.sqrt(12.0)
+    settings = FingerSettings(
+        output_latency_s=latency_s,
+        position_noise_m=PIXEL_M / math.sqrt(12.0),
+        report_jitter_s=jitter_s,
+    )
+    steps = np.diff(path[:, 1:], axis=0)
+    back = np.flatnonzero(np.sum(steps[1:] * steps[:-1], axis=1) < 0.0) + 1
+    turns = {int(k + d) for k in back for d in (-1, 0, 1)}
+    state = INITIAL
+    for k, (time_s, x_m, y_m) in enumerate(path.tolist()):
+        state, finger = track(settings, state, FingerSample(time_s, x_m, y_m, PRESSED_N))
+        due_s = time_s + latency_s
+        if k == 0 or due_s > path[-1, 0]:
+            continue
+        there = [float(np.interp(due_s, path[:, 0], column)) for column in path[:, 1:].T]
+        ours_m = math.dist((finger.position_x_m, finger.position_y_m), there)
+        yield ours_m, math.dist((x_m, y_m), there), state.std_m(latency_s), k in turns
+
+
+def told(error_m: Array) -> str:
+    return "{:.2f} and {:.2f} mm".format(*1e3 * np.percentile(error_m, [50.0, 95.0]))
