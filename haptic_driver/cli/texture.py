@@ -28,6 +28,7 @@ from haptic_driver.textures.reach import SCREEN_M, WEBER, Demand, demand
 if TYPE_CHECKING:
     from haptic_driver.render.controller import Controller
     from haptic_driver.rig.config import RigConfig
+    from haptic_driver.rig.placement import Placement
     from haptic_driver.textures.ripple import Ripple
 
 app = typer.Typer(no_args_is_help=True)
@@ -99,7 +100,9 @@ def check(
 
     Example: `haptic texture check linen --normal-force 0.5 --speed 0.05`
     """
-    from haptic_driver.rig.config import load_rig  # noqa: PLC0415  (slow to import)
+    # slow to import
+    from haptic_driver.daemon.set_up import placement_of  # noqa: PLC0415
+    from haptic_driver.rig.config import load_rig  # noqa: PLC0415
 
     require_range("speed", speed, *SPEED_M_S, unit=" m/s")
     loaded = load(name, texture_dirs())
@@ -112,6 +115,7 @@ def check(
     if isinstance(loaded.target, Texture):
         met = loaded.target.under(speed, normal_force)
         bands = predicted(*asked(met, speed, SCREEN_M), reachable, output_of(config), speed)
+    placed, detail_m = placement_of(config, speed), loaded.target.detail_m
     payload = {
         "name": name,
         "kind": loaded.kind,
@@ -121,10 +125,17 @@ def check(
         "speed_m_s": speed,
         "bands": [band._asdict() for band in bands],
         "ripple": carrier.payload(),
+        "detail_m": detail_m if math.isfinite(detail_m) else None,
+        "placement": {
+            "median_m": placed.median_m,
+            "most_m": placed.most_m,
+            "share_beyond_detail": placed.share_beyond(detail_m),
+        },
     }
 
     def show() -> None:
         _show(name, loaded.kind, found, reachable, normal_force)
+        stdout.print(_placed(placed, detail_m))
         if bands:
             _show_bands(bands, speed, carrier)
 
@@ -250,6 +261,18 @@ def _show(
     stdout.print(f"  nothing asked for on {found.share_nothing:.1%} of the screen")
     for flag in found.flags:
         stdout.print(Text(f"  {flag}", "bold yellow"))
+
+
+def _placed(placed: Placement, detail_m: float) -> str:
+    """What this rig does to the texture's finest detail: half a period of a grating."""
+    said = (
+        f"  place at {1e3 * placed.speed_m_s:.3g} mm/s: off by {1e3 * placed.median_m:.2g} mm"
+        f" (median), {1e3 * placed.most_m:.2g} mm (95 %); turns not reckoned"
+    )
+    if not math.isfinite(detail_m):
+        return said
+    share = f"{placed.share_beyond(detail_m):.0%}"
+    return f"{said}; its finest detail, {1e3 * detail_m:.3g} mm, is missed for {share} of the time"
 
 
 def _show_bands(bands: Sequence[Band], speed_m_s: float, carrier: _Carrier) -> None:

@@ -24,8 +24,9 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.finger_trackers import reports_of
+from haptic_driver.rig.placement import Placement, placement
 from haptic_driver.rig.slide import read_slide
-from haptic_driver.rig.tick_settings import tick_settings
+from haptic_driver.rig.tick_settings import finger_settings, tick_settings
 from model.description import ModelDescription
 
 PERIOD_S = 0.001
@@ -149,11 +150,8 @@ def render_settings(
     """How to render on one rig, with nothing to render yet; positions are extrapolated by the whole
     latency. `signed` as for `tick_settings`.
     """
-    output = config.analog_output
-    envelope = not isinstance(output, NoPart)
-    lead_s = 0.0 if isinstance(output, NoPart) else output.lead_s or LEAST_LEAD_S
-    latency_s = latency_budget_s(config, PERIOD_S, lead_s)
-    since_tick_s = latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
+    envelope = not isinstance(config.analog_output, NoPart)
+    lead_s, since_tick_s = _lead_s(config), _since_tick_s(config)
     usual_s = 2.0 * reports_of(config.finger_tracker).interval_s + SCHEDULING_S
     stages = tick_settings(
         config,
@@ -174,6 +172,24 @@ def render_settings(
         standing_flags=standing,
         model_std=0.0 if config.without_force is None else LEVEL_STD,
     )
+
+
+def placement_of(config: RigConfig, speed_m_s: float) -> Placement:
+    """How far from a finger that slides at this speed the rig renders."""
+    finger = finger_settings(config, _since_tick_s(config))
+    return placement(finger, reports_of(config.finger_tracker), speed_m_s)
+
+
+def _lead_s(config: RigConfig) -> float:
+    """What an envelope is written ahead, as far as a file says it."""
+    output = config.analog_output
+    return 0.0 if isinstance(output, NoPart) else output.lead_s or LEAST_LEAD_S
+
+
+def _since_tick_s(config: RigConfig) -> float:
+    """From a tick to what it does."""
+    latency_s = latency_budget_s(config, PERIOD_S, _lead_s(config))
+    return latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
 
 
 def latency_budget_s(config: RigConfig, period_s: float, lead_s: float) -> dict[str, float]:

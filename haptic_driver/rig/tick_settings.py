@@ -41,21 +41,27 @@ def tick_settings(
         feedback=None if feedback_latency_s is None else _law(config, feedback_latency_s),
     )
     latency_s = config.output.latency_s if output_latency_s is None else output_latency_s
-    reports = reports_of(config.finger_tracker)
-    finger = FingerSettings(
-        **config.finger.model_dump(),
-        output_latency_s=latency_s,
-        longest_age_s=longest_age_s,
-        position_noise_m=reports.noise_m,
-        report_jitter_s=reports.jitter_s,
-    )
     return TickSettings(
-        finger,
+        finger_settings(config, latency_s, longest_age_s),
         texture,
         Controller(controller),
         limits,
         DriveSettings(config.output.voltage_rise_v_per_s),
         table_of(file.worst_case(limits)),
+    )
+
+
+def finger_settings(
+    config: RigConfig, output_latency_s: float, longest_age_s: float = FingerSettings.longest_age_s
+) -> FingerSettings:
+    """The finger's stage of a rig, which knows how its tracker reports."""
+    reports = reports_of(config.finger_tracker)
+    return FingerSettings(
+        **config.finger.model_dump(),
+        output_latency_s=output_latency_s,
+        longest_age_s=longest_age_s,
+        position_noise_m=reports.noise_m,
+        report_jitter_s=reports.jitter_s,
     )
 
 

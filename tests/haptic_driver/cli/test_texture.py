@@ -61,6 +61,8 @@ def test_check_says_what_is_in_reach(haptic, surface_path):
         "speed_m_s",
         "bands",
         "ripple",
+        "detail_m",
+        "placement",
     }
     assert (said["share_below"], said["share_above"], said["flags"]) == (0.0, 0.0, [])
     low, high = said["reachable_cof"]

@@ -1,0 +1,52 @@
+"""How far from the finger a rig renders its place, by its reports and its latency."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from haptic_driver.render.finger import INITIAL, FingerSettings, track
+from haptic_driver.rig.parts.finger_trackers import Reports
+from haptic_driver.signals import FingerSample
+
+REPORTS = 200  # of one stroke: the filter has long settled
+FASTEST_REPORT_S = 1e-3  # a tick takes no more
+MEDIAN, MOST = 0.674, 1.960  # standard deviations that half and 95 % of normal errors stay within
+
+
+class Placement(NamedTuple):
+    """Error of a rendered place along a straight stroke, by the filter's own standard deviation.
+
+    Fingers that turn or start are further off; what the latency's own error adds is not in it.
+    """
+
+    speed_m_s: float
+    latency_s: float
+    std_m: float
+
+    @property
+    def median_m(self) -> float:
+        return MEDIAN * self.std_m
+
+    @property
+    def most_m(self) -> float:
+        """What 95 % of the errors stay within."""
+        return MOST * self.std_m
+
+    def share_beyond(self, distance_m: float) -> float:
+        """The share of time for which the error is greater."""
+        return math.erfc(distance_m / (math.sqrt(2.0) * self.std_m))
+
+
+def placement(settings: FingerSettings, reports: Reports, speed_m_s: float) -> Placement:
+    """Of a steady stroke: the mean variance between one report and the next."""
+    interval_s = max(reports.interval_s, FASTEST_REPORT_S)
+    state = INITIAL
+    for k in range(REPORTS):
+        time_s = k * interval_s
+        there = FingerSample(time_s, speed_m_s * time_s, 0.0, settings.contact_on_n)
+        state, _ = track(settings, state, there)
+    ages_s = [(k + 0.5) / 10.0 * interval_s for k in range(10)]
+    variances = [state.std_m(age_s + settings.output_latency_s) ** 2 for age_s in ages_s]
+    latency_s = settings.output_latency_s + 0.5 * interval_s
+    return Placement(speed_m_s, latency_s, math.sqrt(sum(variances) / len(variances)))

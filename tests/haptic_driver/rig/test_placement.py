@@ -1,0 +1,63 @@
+"""How far off a rig renders a place, against strokes whose velocity changes as the filter says."""
+
+import datetime
+import math
+
+import numpy as np
+import pytest
+
+from haptic_driver.daemon.set_up import placement_of
+from haptic_driver.render.finger import FingerSettings
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig, Reports
+from haptic_driver.rig.placement import placement
+
+PANEL = Reports(0.02, 2e-4, 0.02 / math.sqrt(12.0))
+
+
+def of(latency_s, speed_m_s, reports=PANEL):
+    settings = FingerSettings(
+        output_latency_s=latency_s,
+        position_noise_m=reports.noise_m,
+        report_jitter_s=reports.jitter_s,
+    )
+    return placement(settings, reports, speed_m_s)
+
+
+def test_a_faster_finger_and_a_longer_latency_are_further_off():
+    assert of(0.02, 0.05).std_m < of(0.02, 0.137).std_m < of(0.02, 0.5).std_m
+    assert of(0.0, 0.137).std_m < of(0.02, 0.137).std_m < of(0.04, 0.137).std_m
+
+
+def test_shares_are_those_of_a_normal_error():
+    found = of(0.02, 0.137)
+    assert found.share_beyond(found.median_m) == pytest.approx(0.5, abs=1e-3)
+    assert found.share_beyond(found.most_m) == pytest.approx(0.05, abs=1e-3)
+    assert found.share_beyond(math.inf) == 0.0
+
+
+def test_what_is_not_known_of_a_stroke_is_no_less_than_what_its_velocity_may_change():
+    """By the integral of white noise over the time ahead, twice: a bound no filter goes below."""
+    ahead_s, speed_m_s = 0.05, 0.2
+    least_m = math.sqrt((0.01 + 5.0 * 0.5 * speed_m_s**2) * ahead_s**3 / 3.0)
+    assert least_m < of(ahead_s, speed_m_s).std_m < 4.0 * least_m
+
+
+def test_a_panel_is_told_by_its_rate_and_its_counts():
+    """10 counts per mm along x, 5 along y: the coarser one."""
+    matrix = [[1e-4, 0.0, 0.0], [0.0, 2e-4, 0.0]]
+    said = {"kind": "evdev", "device": "/dev/null", "measured_at": datetime.date(2024, 1, 1)}
+    panel = EvdevFingerConfig(**said, placeholder=False, report_rate_hz=50.0, matrix_m=matrix)
+    found = panel.reports()
+    assert found[:2] == (0.02, 2e-4)
+    # a time that is anywhere within 20 ms, by a histogram of it
+    assert found.jitter_s == pytest.approx(np.std(np.linspace(0.0, 0.02, 100_001)), rel=1e-3)
+    known = panel.model_copy(update={"report_jitter_s": 0.001})
+    assert known.reports().jitter_s == 0.001
+
+
+def test_an_envelope_places_nearer_than_set_points():
+    near, far = (
+        placement_of(load_rig(name), 0.05).std_m for name in ("simulated-envelope", "simulated")
+    )
+    assert near < far / 5.0
