@@ -6,6 +6,7 @@ nothing of it.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -15,23 +16,28 @@ from typing import Any, NamedTuple, TypeVar
 Answer = TypeVar("Answer")
 
 REPEATS_S = 0.2  # what noise moves never rests for so long
+REST_S = 0.05  # a finger that causes no report for longer rests, whatever its tracker's rate
+REPORTS = 100  # the newest, which tell how often a tracker reports
 
 
 class Asking(NamedTuple):
     """How one asks a kind of device: by which of its methods, and what there is to a reading.
 
     `noise`: the field of a reading that its noise moves all the time. `order`: the method whose
-    first argument says what the reading's field `got` is to become.
+    first argument says what the reading's field `got` is to become. `places`: the fields of which
+    one changes with every report.
     """
 
     by: tuple[str, ...] = ()
     noise: str = ""
     order: str = ""
     got: str = ""
+    places: tuple[str, ...] = ()
 
 
 UNASKED = Asking()
 READ = Asking(("read",))
+TRACKER = Asking(("read",), places=("position_x_m", "position_y_m"))
 FORCE = Asking(("read",), noise="normal_force_n")
 STAGE = Asking(("read_status",), order="move_to", got="position_m")
 GENERATOR = Asking(("is_on", "set_output", "set_point", "off"))
@@ -49,7 +55,8 @@ class Health(NamedTuple):
     when it came; one that comes again with its stamp is no news. `took_s`: for so long the last
     question lasted. `same_since_s`: since when what noise should move has been one number.
     `ordered` and `got`: what it is to become, and what it is. `zero`: what was taken for zero at
-    `zero_s`, where it says so.
+    `zero_s`, where it says so. `every_s` and `jitter_s`: mean and standard deviation of the time
+    between reports of what moves, by their stamps.
     """
 
     name: str
@@ -65,6 +72,8 @@ class Health(NamedTuple):
     got: float | None = None
     zero: tuple[float, ...] = ()
     zero_s: float = -inf
+    every_s: float = nan
+    jitter_s: float = nan
 
     def age_s(self, now_s: float) -> float:
         """For so long nothing new has been heard; inf where nothing ever was."""
@@ -95,6 +104,9 @@ class HealthKeeper:
         self._asking, self._clock = asking, clock
         self._noting = threading.RLock()  # whoever is interrupted while noting may switch off
         self._last: tuple[object, object] = (None, None)  # stamp, and what noise moves
+        self._place: tuple[object, ...] = ()
+        self._place_s = -inf
+        self._reports = 0
 
     def ask(self, question: Callable[..., Answer], *args: Any, **named: Any) -> Answer:
         """Pass the question on, with whatever it answers or raises."""
@@ -145,9 +157,26 @@ class HealthKeeper:
             # of one who was not asked meanwhile, nobody knows whether it moved
             if moved is not None and (moved != value or self.health.age_s(now_s) > REPEATS_S):
                 news["same_since_s"] = now_s
+        place = tuple(getattr(reading, name, nan) for name in asking.places)
+        if place != self._place and all(map(math.isfinite, place)):
+            news |= self._reported(place, taken_s)
         if asking.got:
             news["got"] = _number(getattr(reading, asking.got, None))
         self._note(began_s, **news)
+
+    def _reported(self, place: tuple[object, ...], taken_s: float) -> dict[str, float]:
+        """What a report of another place says of the time between them; older ones fade."""
+        interval_s, self._place, self._place_s = taken_s - self._place_s, place, taken_s
+        if not 0.0 < interval_s < REST_S:
+            return {}
+        self._reports += 1
+        if self._reports == 1:
+            return {"every_s": interval_s, "jitter_s": 0.0}
+        share = 1.0 / min(self._reports, REPORTS)
+        mean_s, std_s = self.health.every_s, self.health.jitter_s
+        off_s = interval_s - mean_s
+        square_s2 = (1.0 - share) * (std_s * std_s + share * off_s * off_s)
+        return {"every_s": mean_s + share * off_s, "jitter_s": math.sqrt(square_s2)}
 
     def _note(self, began_s: float, missed: int = 0, failed: str = "", **news: Any) -> None:
         took_s = self._clock() - began_s

@@ -149,8 +149,9 @@ class InstrumentStatus(Checked):
 
     `age_s`: since something new was heard of it. `read_s`: for so long the last question lasted.
     `unchanged_s`: for so long it has repeated what noise should move. `ordered` and `got`: what it
-    is to become, and what it is. `zero_age_s`: since its zero was taken. `wrong`: why its newest
-    reading is not to be believed.
+    is to become, and what it is. `zero_age_s`: since its zero was taken. `every_s`: mean time
+    between reports of a finger that moves; `jitter_s`: its standard deviation. `wrong`: why its
+    newest reading is not to be believed.
     """
 
     name: str
@@ -164,6 +165,8 @@ class InstrumentStatus(Checked):
     got: float | None
     zero: list[float]
     zero_age_s: float | None
+    every_s: float | None
+    jitter_s: float | None
     wrong: str | None
 
     @classmethod
@@ -181,6 +184,8 @@ class InstrumentStatus(Checked):
             got=health.got,
             zero=list(health.zero),
             zero_age_s=known(now_s - health.zero_s),
+            every_s=known(health.every_s),
+            jitter_s=known(health.jitter_s),
             wrong=shown(health.wrong) or None,
         )
 
@@ -189,6 +194,8 @@ class InstrumentStatus(Checked):
         """Name, age, time of a reading, missed and what is wrong, for a person."""
         name = self.name.replace("_", " ").replace(".", " ")
         read = "-" if self.read_s is None else f"{1e3 * self.read_s:.2g} ms"
+        if self.every_s is not None and self.jitter_s is not None:
+            read += f", reports every {1e3 * self.every_s:.3g} ± {1e3 * self.jitter_s:.2g} ms"
         missed = f"{self.missed} of {self.asked}"
         return name, spell(self.age_s), read, missed, self.wrong or ""
 

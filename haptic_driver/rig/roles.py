@@ -46,6 +46,7 @@ from hw.health import (
     LINE_IN,
     READ,
     STAGE,
+    TRACKER,
     UNASKED,
     Asking,
 )
@@ -211,7 +212,7 @@ class RigParts(Section):
     ] = None
     finger_tracker: Annotated[
         PartSection,
-        KindRole("finger_trackers", AFTER, asking=READ),
+        KindRole("finger_trackers", AFTER, asking=TRACKER),
     ] = NoFingerTracker()
     electrode_monitors: Annotated[
         list[SomeElectrodeMonitor],

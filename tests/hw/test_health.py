@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from hw.errors import DeviceTimeout
+from hw.finger.tracker import FingerReading
 from hw.force.sensor import ForceReading, KeepsReadings
-from hw.health import FORCE, REPEATS_S, STAGE, with_health
+from hw.health import FORCE, REPEATS_S, STAGE, TRACKER, with_health
 from tests.clock import ManualClock
 
 TOOK_S = 0.003
@@ -138,3 +139,33 @@ def test_in_all_else_it_is_the_device(bench):
     assert bench.sensor.take_readings() == [bench.own.says]
     with pytest.raises(AttributeError, match="nowhere"):
         bench.sensor.nowhere()
+
+
+def test_a_tracker_is_told_by_the_reports_of_a_finger_that_moves():
+    """Polled every 2 ms: a report every 8 or 12 ms, a rest of 0.5 s that is none, then the same."""
+    clock, told = ManualClock(100.0), SimpleNamespace(says=None)
+    told.read = lambda: told.says
+    tracker = with_health(told, "finger_tracker", TRACKER, clock)
+    due_s, stamps_s = 100.0, []
+    for k in range(400):
+        due_s += 0.5 if k == 200 else (0.008, 0.012)[k % 2]
+        stamps_s.append(due_s)
+    assert math.isnan(tracker.health.every_s)
+    for k, stamp_s in enumerate(stamps_s):
+        told.says = FingerReading(stamp_s, 1e-4 * k, 0.02, True)
+        while clock.now_s < stamp_s + 0.008:
+            clock.now_s += 0.002
+            tracker.read()
+    # alternating by 2 ms to either side of 10; the newest hundred weigh most
+    assert tracker.health.every_s == pytest.approx(0.010, abs=1e-4)
+    assert tracker.health.jitter_s == pytest.approx(0.002, rel=0.05)
+
+
+def test_a_tracker_that_knows_no_place_tells_no_reports():
+    clock, told = ManualClock(100.0), SimpleNamespace()
+    told.read = lambda: FingerReading(clock.now_s, float("nan"), float("nan"), False)
+    tracker = with_health(told, "finger_tracker", TRACKER, clock)
+    for _ in range(10):
+        clock.now_s += 0.002
+        tracker.read()
+    assert math.isnan(tracker.health.every_s)

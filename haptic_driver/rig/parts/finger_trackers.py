@@ -183,6 +183,13 @@ class EvdevFingerConfig(PartSection):
 
         open_touch_reports(self.device).close()
         yield at.ok(self.device)
+        reports = self.reports()
+        said = (
+            f"a report every {1e3 * reports.interval_s:.3g} ms, its time off by"
+            f" {1e3 * reports.jitter_s:.2g} ms (report_rate_hz, report_jitter_s)"
+        )
+        hint = "slide a finger while the daemon runs: haptic status has both as they are"
+        yield at.called("touch reports").unverified(said, hint)
 
     def make(self, wiring: Wiring) -> Part[FingerTracker]:
         """Reads its event device."""

@@ -8,9 +8,10 @@ export function showInstruments(body, instruments) {
   body.replaceChildren(...instruments.flatMap(rows));
 }
 
-function rows({ name, age_s, read_s, missed, asked, wrong }) {
+function rows({ name, age_s, read_s, missed, asked, every_s, jitter_s, wrong }) {
   const row = document.createElement("tr"),
     words = [name.replace(/[_.]/g, " "), time(age_s), time(read_s), `${missed}`];
+  if (every_s !== null) words[2] += `, reports every ${time(every_s)} ± ${time(jitter_s)}`;
   for (const said of words) row.insertCell().textContent = said;
   row.lastChild.title = `of ${asked} questions`;
   if (!wrong) return [row];
