@@ -40,7 +40,7 @@ def test_texture_correlation_and_feeling_are_told():
     assert "at 40 Hz the gain is 0.70, coherence 1.00; 0 of 1 bands within 0.8 to 1.2" in found[1]
     assert "up to 50 Hz" in found[1]
     assert found[2].startswith("correlation 1.00, 1.00 at a lag of 0.0 ms")
-    assert "others report 0.35 to 0.46 and 0.52 to 0.69" in found[2]
+    assert "others report 0.35 to 0.71 and 0.69 to 0.79" in found[2]
     assert "above 11 % for 0 % of the time, and may feel what is wrong at 40 Hz (" in found[3]
     assert "factor of 10 either way" in found[3]
     assert found[4].startswith("unverified in 'published': detection thresholds")
