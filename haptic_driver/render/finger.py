@@ -1,9 +1,9 @@
 """Finger stage: raw samples -> contact, velocity, and the position when the output acts.
 
 Position and velocity are a Kalman filter's, for a finger that moves on at its velocity. One
-covariance serves both axes, since nothing tells them apart. Its gains follow from what is known of
-the reports (interval, resolution, doubt of their times) and from how fingers move: there is no time
-constant to choose.
+covariance serves both axes, since nothing tells them apart. Its gains follow from the reports
+(interval, resolution, doubt of their times) and from how fingers move. There is no time constant to
+choose.
 """
 
 from __future__ import annotations

@@ -34,8 +34,9 @@ Direction = Annotated[float, Within(-1.0, 1.0, "it is a part of a unit vector")]
 
 
 class Reports(NamedTuple):
-    """What is known of a tracker's reports before it has told any: between two of them, the
-    smallest step of a place, the standard deviation of a report's time.
+    """What is known of a tracker's reports before it has told any.
+
+    The time between two, the smallest step of a place, the standard deviation of a report's time.
     """
 
     interval_s: float = 0.0
