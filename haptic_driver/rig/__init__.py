@@ -27,6 +27,7 @@ __all__ = [
     "load_tuning",
     "part",
     "parts",
+    "placement",
     "rig",
     "roles",
     "slide",
