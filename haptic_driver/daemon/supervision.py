@@ -24,7 +24,6 @@ from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.output_pump import OUTPUT_STALE_S
 from haptic_driver.daemon.set_up import DaemonSettings
-from haptic_driver.daemon.watchers import LIFT_HINT
 from haptic_driver.errors import HapticError, message_of
 from haptic_driver.live.current_sensor import Carried
 from haptic_driver.processes.child import Child
@@ -58,6 +57,7 @@ SILENCE_POLL_S = 0.005
 
 RENDER, INSTRUMENTS, ENVELOPE, WATCHDOG = "render", "instruments", "envelope", "watchdog"
 
+LIFT_HINT = "lift what is too much"
 _log = logging.getLogger(__name__)
 
 

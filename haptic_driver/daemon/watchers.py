@@ -12,6 +12,7 @@ from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.judge import MeasuredLatency
 from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.render_process import RenderSettings
+from haptic_driver.daemon.supervision import LIFT_HINT
 from haptic_driver.daemon.targets import Targets
 from haptic_driver.daemon.timing import ENOUGH, RECENT_TICKS, timing_of
 from haptic_driver.processes.samples import Flag
@@ -24,7 +25,6 @@ TIMING_TOLD_S = 10.0  # the same
 DRIFT_TOLD_S = 5.0  # the same: while it is learnt it moves many times
 DRIFT = 0.2  # a change of the finger's gain, relative, that is worth an event
 LATENCY_KEY = "output.latency_s"  # of the rig's file
-LIFT_HINT = "lift what is too much"
 NO_FLAGS = Flag(0)
 
 
