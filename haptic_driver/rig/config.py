@@ -264,6 +264,14 @@ class FingerConfig(Section):
     )
     contact_off_n: LoadNewtons = Field(default=0.10, description="the finger has left below")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _drop_the_time_constant(cls, said: Any) -> Any:
+        """Files of people have one; the filter follows the panel and asks for none."""
+        if isinstance(said, dict):
+            return {key: value for key, value in said.items() if key != "velocity_time_constant_s"}
+        return said
+
 
 class ControllerConfig(Section):
     """How operating points are chosen when the user does not say."""

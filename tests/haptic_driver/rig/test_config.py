@@ -119,6 +119,13 @@ def test_contact_that_no_hand_has_is_refused(tmp_path, area):
         load_rig(rig_file(tmp_path, ("touching_area_m2 = 471e-6", f"touching_area_m2 = {area}")))
 
 
+def test_a_file_that_smooths_velocity_is_read_as_one_that_does_not(tmp_path):
+    older = changed(SIMULATED, ("[finger]", "[finger]\nvelocity_time_constant_s = 0.010"))
+    (tmp_path / "older.toml").write_text(older)
+    now = load_rig("simulated")
+    assert load_rig(str(tmp_path / "older.toml")).finger == now.finger
+
+
 def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
     old = '# interlock = "TCPIP::192.168.0.6::4000::SOCKET"'
     error = refused(rig_file(tmp_path, (old, 'interlock = "/dev/ttyUSB0"')))
