@@ -50,6 +50,14 @@ def test_the_lease_is_kept_while_ranges_are_sought():
     assert len(beats) >= 2
 
 
+@pytest.mark.parametrize("start_v", np.geomspace(10.0, 100.0, 7))
+def test_no_two_ranges_follow_each_other_for_ever(start_v):
+    """At voltages over one decade, by ranges in steps of 1, 2 and 5."""
+    for voltage_v in start_v * np.linspace(1.0, 1.4, 5):
+        found = bench(ElectrodeState(1e4, voltage_v, 1e-5j)).read(1e4, voltage_v)
+        assert abs(found.voltage_v) == pytest.approx(voltage_v, rel=2e-3)
+
+
 def test_a_signal_that_no_range_shows_whole_is_an_error():
     with pytest.raises(BadReply, match="largest range"):
         bench(ElectrodeState(1e4, 5e3, 1e-4j)).read(1e4, 5e3)
