@@ -30,8 +30,8 @@ from hw.transport.contract import Transport
 MODEL = re.compile(r"[DM]SO-?X ?\d{4}[A-Z]*")
 PERIODS = 20  # of the carrier in a record
 LEAST_RANGE_V, MOST_RANGE_V = 0.016, 40.0  # full scale of a channel
-# Of the range: beyond FULL a signal may be cut, below FAINT it drowns in steps. The next range is at
-# most five times larger, where it stays above FAINT: or two would follow each other for ever.
+# Of the range: beyond FULL a signal may be cut, below FAINT it drowns in steps. The next range is
+# at most five times larger, where it stays above FAINT: or two would follow each other for ever.
 FULL, FAINT = 0.9, 0.1
 ATTEMPTS = 6  # to find the range
 STEPS = 2**12  # of the high-resolution acquisition
