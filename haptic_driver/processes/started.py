@@ -12,6 +12,8 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from haptic_driver.processes.real_time import go_first
+
 if TYPE_CHECKING:  # who starts a thread does not wait for pools
     from concurrent.futures import ProcessPoolExecutor
 
@@ -92,6 +94,9 @@ MEMORY = (
     Memory("played", "envelope", "daemon/envelope_process.py", "how far the envelope is written"),
 )
 
+# What keeps output alive, or takes it off: these go before what is not in real time.
+URGENT = frozenset({"watch", "bring_out", "sense", "press", "door", "off"})
+
 _PROCESSES, _THREADS = ({part.name for part in parts} for parts in (PROCESSES, THREADS))
 
 
@@ -100,7 +105,13 @@ def start_thread(name: str, work: Callable[..., object], *arguments: object) -> 
     had.
     """
     _require(name, _THREADS)
-    thread = threading.Thread(target=work, args=arguments, name=name, daemon=True)
+
+    def run() -> None:
+        if name in URGENT:
+            go_first()
+        work(*arguments)
+
+    thread = threading.Thread(target=run, name=name, daemon=True)
     thread.start()
     return thread
 

@@ -25,7 +25,7 @@ from pathlib import Path
 
 from haptic_driver.processes import parent
 from haptic_driver.processes.compilation import compilation_said
-from haptic_driver.processes.real_time import Metronome, settle_memory
+from haptic_driver.processes.real_time import Metronome, go_first, settle_memory
 from haptic_driver.processes.started import start_thread
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.slide import read_slide, synthetic_slide
@@ -74,6 +74,7 @@ def main() -> None:
     with compilation_said("simulated instruments", parent.still):
         finger = _finger(config, given.model, given.finger)
     slide = synthetic_slide() if given.slide is None else read_slide(given.slide)
+    go_first(with_its_own=True)  # real instruments answer however busy the machine is
     with (
         closing(_Record(given.record)) as record,
         ServedRig(config, finger, slide, on_drive=record.note) as served,

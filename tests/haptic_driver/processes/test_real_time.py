@@ -165,6 +165,34 @@ def test_a_machine_that_allows_no_precedence_is_no_failure(monkeypatch):
     assert real_time.take_precedence() is False
 
 
+URGENT = """
+import os, subprocess, sys
+from haptic_driver.processes.real_time import go_first
+from haptic_driver.processes.started import start_thread
+ask = [sys.executable, "-c", "import os; print(os.sched_getscheduler(0))"]
+def tell():
+    itself = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    print(itself, subprocess.run(ask, capture_output=True, text=True).stdout.strip())
+print(go_first())
+os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+for name in ("bring_out", "off", "api"):
+    start_thread(name, tell).join()
+"""
+
+
+@pytest.mark.process
+def test_what_keeps_output_alive_goes_first_and_nothing_that_it_starts():
+    """Beside a load of 5 on 2 processors the pump was kept waiting for 0.1 s five times a second,
+    and the rig tripped for want of a refresh.
+    """
+    run = subprocess.run([sys.executable, "-c", URGENT], capture_output=True, text=True, check=True)
+    granted, *policies = run.stdout.splitlines()
+    if granted != "True":
+        pytest.skip("this machine grants no real-time scheduling")
+    first, ordinary = os.SCHED_FIFO, os.SCHED_OTHER
+    assert policies == [f"{first} {ordinary}"] * 2 + [f"{ordinary} {ordinary}"]
+
+
 CHILD = """
 import os
 from haptic_driver.processes.child import Child
