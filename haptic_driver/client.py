@@ -37,7 +37,7 @@ from haptic_driver.daemon.messages import (
     Status,
 )
 from haptic_driver.daemon.scene import Scene, circle, ellipse, mask, polygon, rectangle
-from haptic_driver.daemon.verbs import MOST_SAMPLES, Answer, Verb, Verbs, Written
+from haptic_driver.daemon.verbs import MOST_SAMPLES, Answer, Verb, Verbs, Written, all_verbs
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
@@ -45,8 +45,10 @@ from haptic_driver.recording.event import Event
 if TYPE_CHECKING:  # `haptic status` waits neither for numpy nor for WebSockets
     import numpy as np
     from numpy.typing import NDArray
+    from websockets.sync.client import ClientConnection
 
 __all__ = [
+    "Channel",
     "HapticClient",
     "LeaseLostError",
     "NoDaemonError",
@@ -107,6 +109,28 @@ class HapticClient(Verbs):
         with Session(self, self.arm(lease_s, holder)) as session:
             yield session
 
+    @contextmanager
+    def channel(self) -> Iterator[Channel]:
+        """A connection for many commands a second, which keeps the lease that it is given.
+
+        That lease is renewed by whatever is asked, and ends with the block or with this program.
+        """
+        from websockets.exceptions import WebSocketException  # noqa: PLC0415
+        from websockets.sync.client import connect  # noqa: PLC0415
+
+        try:
+            line = connect(
+                f"ws://{self.address.authority}/commands",
+                sock=self._line(None),
+                additional_headers=self._credentials,
+                compression=None,
+                max_size=None,
+            )
+        except (OSError, WebSocketException) as error:
+            raise self._no_daemon() from error
+        with line:
+            yield Channel(line)
+
     def textures(self) -> list[str]:
         """Names that `play` knows."""
         return self.texture_names().textures
@@ -137,10 +161,7 @@ class HapticClient(Verbs):
         A connection of its own, so that switching off never waits for what another thread has
         asked.
         """
-        for name, field in verb.schema.model_fields.items():
-            for how in field.metadata:
-                if isinstance(how, Written):
-                    said[name] = how.of(said.get(name))
+        _write(verb, said)
         path, content = verb.path, None
         if verb.method == "GET":
             path += "?" * bool(said) + urlencode(said)
@@ -201,6 +222,58 @@ class HapticClient(Verbs):
             " page"
         )
         return NoDaemonError("no_daemon", f"no daemon answers at {self.address}", hint)
+
+
+class Channel(Verbs):
+    """A daemon's command channel, for one thread: each method waits for its answer.
+
+    Methods are those of `Verbs`, without a lease's token. `tick` is that from which on the last
+    answer holds. Raises what `HapticClient` raises.
+    """
+
+    def __init__(self, line: ClientConnection) -> None:
+        self.token = ""  # the daemon's end keeps it
+        self.tick = 0
+        self._line = line
+        self._names = {verb.path + verb.method: name for name, verb in all_verbs().items()}
+        self._asked = 0
+
+    @property
+    def scene(self) -> Scene:
+        """The daemon's scene of objects."""
+
+        def change(changes: list[dict[str, Any]], show: bool) -> SceneChanged:
+            return self.ask(Verbs.change_scene, {"changes": changes, "show": show})
+
+        return Scene(change, self.scene_shown)
+
+    def ask(self, verb: Verb[..., Any, Answer], said: dict[str, Any], _: str = "") -> Answer:
+        """What the daemon answers."""
+        from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
+
+        _write(verb, said)
+        self._asked += 1
+        name = self._names[verb.path + verb.method]
+        command = {"id": self._asked, "verb": name, "asked": said}
+        try:
+            self._line.send(_as_json(command).decode())
+            answer = json.loads(self._line.recv(PATIENCE_S if verb.slow else TIMEOUT_S))
+        except (ConnectionClosed, TimeoutError) as error:
+            raise NoDaemonError(
+                "no_answer", f"the command channel does not answer ({error})", "look at its log"
+            ) from error
+        if "error" in answer:
+            raise _error_of(answer["status"], _as_json({"error": answer["error"]}))
+        self.tick = answer["tick"]
+        return verb.answer.model_validate(answer["answer"])
+
+
+def _write(verb: Verb[..., Any, Any], said: dict[str, Any]) -> None:
+    """Values as a client sends them."""
+    for name, field in verb.schema.model_fields.items():
+        for how in field.metadata:
+            if isinstance(how, Written):
+                said[name] = how.of(said.get(name))
 
 
 def new_samples(

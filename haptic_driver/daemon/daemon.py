@@ -422,6 +422,11 @@ class Daemon:
         """Names that `use_model` knows."""
         return config_names("models")
 
+    @property
+    def newest_tick(self) -> int:
+        """The last one that render has written; it may be computing the next."""
+        return self.shared.output.read().tick
+
     def samples(self, since_tick: int, most: int) -> NDArray[np.void]:
         """Records after `since_tick`, the newest `most`."""
         taken = self.shared.ring.newest(min(most, RING_SAMPLES))

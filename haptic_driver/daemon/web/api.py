@@ -1,5 +1,5 @@
-"""The daemon's API: HTTP and JSON for commands and views, two WebSockets for what changes;
-`server.py` serves it.
+"""The daemon's API: HTTP and JSON for commands and views, WebSockets for what changes and for many
+commands a second; `server.py` serves it.
 
 Every refusal is answered with `{"error": {"code", "message", "hint"}}`. 422 is for unusable input,
 409 for what the daemon's present state forbids, 403 for another's lease.
@@ -35,9 +35,10 @@ from haptic_driver.config import Checked, problem
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import LEASE_HEADER, ErrorReport
 from haptic_driver.daemon.verbs import Empty, Leased, Since, Verb, all_verbs
+from haptic_driver.daemon.web.commands import CommandChannel
 from haptic_driver.daemon.web.frames import state_frame
 from haptic_driver.daemon.web.off import OFF_VERBS, OffThreads
-from haptic_driver.daemon.web.security import BodyLimit, refusal
+from haptic_driver.daemon.web.security import BodyLimit, refusal, status_of
 from haptic_driver.errors import BadInputError, HapticError
 from model.support.errors import nearest
 
@@ -167,6 +168,23 @@ def _streams(daemon: Daemon, off: OffThreads | None) -> APIRouter:
         await socket.accept()
         await _until_gone(socket, send_events(), hear)
 
+    @router.websocket("/commands")
+    async def commands(socket: WebSocket) -> None:
+        """See `CommandChannel`."""
+        assert off is not None
+        channel = CommandChannel(daemon, off, socket.send_text)
+
+        async def serve() -> None:
+            async with create_task_group() as tasks:
+                tasks.start_soon(channel.work)
+                tasks.start_soon(channel.keep)
+
+        await socket.accept()
+        try:
+            await _until_gone(socket, serve(), channel.hear)
+        finally:
+            await channel.close()
+
     return router
 
 
@@ -192,10 +210,7 @@ def _answer_errors(app: FastAPI) -> None:
 
     @app.exception_handler(HapticError)
     async def refused(request: Request, error: HapticError) -> JSONResponse:
-        status = (
-            422 if isinstance(error, BadInputError) else 403 if error.code == "not_yours" else 409
-        )
-        return refusal(status, error)
+        return refusal(status_of(error), error)
 
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> JSONResponse:

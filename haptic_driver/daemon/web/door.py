@@ -33,7 +33,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
-from haptic_driver.daemon.web.off import OffThreads, begins_off
+from haptic_driver.daemon.web.off import Answered, OffThreads, as_http, begins_off
 from haptic_driver.daemon.web.security import TokenGate
 
 HEAD_TIMEOUT_S = 2.0  # from the connection to the end of the head; and for reading an answer to OFF
@@ -223,11 +223,11 @@ class Door:
         found = [bearer or query for bearer, query in _TOKEN.findall(said)]
         return any(secrets.compare_digest(one, token) for one in found)
 
-    def _answer(self, stream: socket.socket, response: Future[bytes]) -> None:
+    def _answer(self, stream: socket.socket, answer: Future[Answered]) -> None:
         """In a thread of its own; the client hangs up then, or is not waited for."""
         with suppress(OSError):
             stream.settimeout(UNREAD_S)
-            stream.sendall(response.result())
+            stream.sendall(as_http(answer.result()))
             stream.shutdown(socket.SHUT_WR)
         stream.setblocking(False)
         self._answered.append(stream)

@@ -8,7 +8,7 @@ import re
 from concurrent.futures import Future
 from contextlib import suppress
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, NamedTuple
 
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.verbs import Empty, Verb, all_verbs
@@ -22,6 +22,13 @@ OFF_VERBS = {name: verb for name, verb in all_verbs().items() if verb.switches_o
 _PATHS = {verb.path: verb for verb in OFF_VERBS.values()}
 _LINE = re.compile(rb"(?:\r?\n)*([A-Z]+) (?:(?i:https?)://[^/?#\s]*)?(/[^/?#\s]*)/?[?#\s]")
 _SAID = {200: "OK", 409: "Conflict", 500: "Internal Server Error"}
+
+
+class Answered(NamedTuple):
+    """The status of an HTTP response, and its body of JSON."""
+
+    status: int
+    body: bytes
 
 
 def begins_off(data: bytes) -> Verb[..., Any, Any] | None:
@@ -39,15 +46,17 @@ class OffThreads:
 
     def __init__(self, daemon: Daemon) -> None:
         self._daemon = daemon
-        self._asked: SimpleQueue[tuple[Verb[..., Any, Any], Future[bytes]] | None] = SimpleQueue()
+        self._asked: SimpleQueue[tuple[Verb[..., Any, Any], Future[Answered]] | None] = (
+            SimpleQueue()
+        )
         for _ in range(OFF_THREADS):
             start_thread("off", self._work)
 
-    def ask(self, verb: Verb[..., Any, Any]) -> Future[bytes]:
-        """The HTTP response to come; it never fails."""
-        response: Future[bytes] = Future()
-        self._asked.put((verb, response))
-        return response
+    def ask(self, verb: Verb[..., Any, Any]) -> Future[Answered]:
+        """The answer to come; it never fails."""
+        answer: Future[Answered] = Future()
+        self._asked.put((verb, answer))
+        return answer
 
     def close(self) -> None:
         """Begin nothing any more."""
@@ -56,21 +65,23 @@ class OffThreads:
 
     def _work(self) -> None:
         while (asked := self._asked.get()) is not None:
-            verb, response = asked
+            verb, answer = asked
             with suppress(MemoryError):  # the output is off by then; no answer goes out
-                response.set_result(self._response(verb))
+                answer.set_result(self._answer(verb))
 
-    def _response(self, verb: Verb[..., Any, Any]) -> bytes:
+    def _answer(self, verb: Verb[..., Any, Any]) -> Answered:
         try:
-            return _response(200, verb.said_json(self._daemon, Empty(), "").encode())
+            return Answered(200, verb.said_json(self._daemon, Empty(), "").encode())
         except HapticError as error:
-            return _response(409, bytes(refusal(409, error).body))
+            return Answered(409, bytes(refusal(409, error).body))
         except BaseException as error:  # of a plug-in, too
             said = HapticError("internal", message_of(error), "a fault of the program")
-            return _response(500, bytes(refusal(500, said).body))
+            return Answered(500, bytes(refusal(500, said).body))
 
 
-def _response(status: int, body: bytes) -> bytes:
+def as_http(answer: Answered) -> bytes:
+    """The whole HTTP response; its connection is closed after it."""
+    status, body = answer
     head = (
         f"HTTP/1.1 {status} {_SAID[status]}\r\ncontent-type: application/json\r\n"
         f"content-length: {len(body)}\r\nconnection: close\r\n\r\n"

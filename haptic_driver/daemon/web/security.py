@@ -20,7 +20,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from haptic_driver.daemon.messages import ErrorReport
-from haptic_driver.errors import HapticError
+from haptic_driver.errors import BadInputError, HapticError
 
 MOST_BODY_BYTES = 16 * 1024
 LARGER_BODY_BYTES = {"/scene": 256 * 1024}  # hundreds of objects at once
@@ -199,6 +199,13 @@ async def _body(receive: Receive, most: int) -> bytes | None:
         if not message.get("more_body", False):
             break
     return body
+
+
+def status_of(error: HapticError) -> int:
+    """Of a refusal: unusable input, another's lease, or not in this state."""
+    if isinstance(error, BadInputError):
+        return 422
+    return 403 if error.code == "not_yours" else 409
 
 
 def refusal(status: int, error: HapticError) -> JSONResponse:

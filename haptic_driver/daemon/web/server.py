@@ -32,7 +32,7 @@ START_TIMEOUT_S = 20.0
 STARTED_POLL_S = 0.005
 GRACE_S = 1  # for requests under way when the server ends
 END_S = 5.0  # at most for a web server that hangs
-MOST_MESSAGE_BYTES = 4096  # of a WebSocket client, which has little to say
+MOST_MESSAGE_BYTES = 256 * 1024  # of a WebSocket client: hundreds of objects of a scene at once
 
 
 class _Served(NamedTuple):

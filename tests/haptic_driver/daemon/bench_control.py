@@ -302,6 +302,10 @@ class BenchControl:
     def models(self):
         return ["other", "reference"]
 
+    @property
+    def newest_tick(self):
+        return self.ticks
+
     def samples(self, since_tick, most):
         samples = np.zeros(5, SAMPLE)
         samples["tick"] = np.arange(self.ticks, self.ticks + 5)
