@@ -57,11 +57,12 @@ def test_it():
 """
 
 
-def said(folder, test, late_s=0.0):
-    """The last lines of a run of one test beside a loop that was so late."""
+def said(folder, late_s, **tests):
+    """The last lines of a run of tests beside a loop that was so late."""
     (folder / "conftest.py").write_text(CONFTEST.replace("{late_s}", str(late_s)))
-    (folder / "test_it.py").write_text(test)
-    command = [sys.executable, "-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", str(folder)]
+    for name, text in tests.items():
+        (folder / f"test_{name}.py").write_text(text)
+    command = [sys.executable, "-m", "pytest", "-q", "-rA", "-p", "no:cacheprovider", str(folder)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False
@@ -69,22 +70,19 @@ def said(folder, test, late_s=0.0):
     return done.stdout + done.stderr
 
 
-def test_what_fails_twice_beside_a_late_loop_is_skipped_with_the_figure(tmp_path):
-    out = said(tmp_path, REAL_TIME.format(failures=9), late_s=0.31)
-    assert "1 skipped" in out
+def test_beside_a_late_loop_what_fails_once_passes_and_twice_is_skipped(tmp_path):
+    twice, once = (REAL_TIME.format(failures=failures) for failures in (9, 1))
+    out = said(tmp_path, 0.31, twice=twice, once=once, starts=STARTS)
+    assert "PASSED test_once.py" in out
+    assert "SKIPPED [1] test_twice.py" in out
     assert "waiting for 0.31 s; it failed with" in out
-
-
-def test_what_fails_once_beside_a_late_loop_passes(tmp_path):
-    assert "1 passed" in said(tmp_path, REAL_TIME.format(failures=1), late_s=0.31)
+    # A pure one that starts a process fails.
+    assert "FAILED test_starts.py" in out
+    assert "mark it process or realtime" in out
 
 
 def test_what_fails_on_a_machine_that_was_in_time_is_a_failure(tmp_path):
-    assert "1 failed" in said(tmp_path, REAL_TIME.format(failures=1))
-
-
-def test_a_pure_test_that_starts_a_process_fails(tmp_path):
-    assert "mark it process or realtime" in said(tmp_path, STARTS)
+    assert "1 failed" in said(tmp_path, 0.0, once=REAL_TIME.format(failures=1))
 
 
 def stopped(loop):
@@ -107,4 +105,4 @@ def test_the_loop_notices_that_it_was_kept_waiting():
 
 def test_a_kind_stands_in_its_files_text(tmp_path):
     """A run of one kind imports the files that name it alone."""
-    assert "its text has to name pytest.mark.process" in said(tmp_path, UNNAMED)
+    assert "its text has to name pytest.mark.process" in said(tmp_path, 0.0, unnamed=UNNAMED)

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import ast
 import json
-import math
 import re
 import runpy
-from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 import haptic_driver
-from haptic_driver.daemon.daemon import Daemon
-from haptic_driver.daemon.place import Place
-from haptic_driver.daemon.set_up import daemon_settings
-from haptic_driver.daemon.web.server import serve
-from haptic_driver.recording.read import read_run
-from haptic_driver.recording.scenes import SceneReplay
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -41,28 +33,8 @@ def test_it_runs_and_says_what_it_should(name, tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.realtime
-def test_an_object_is_dragged_on_a_daemon_recorded_and_exported(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("HAPTIC_SOCKET", str(tmp_path / "d" / "daemon.sock"))
-    place = Place(tmp_path / "d" / "daemon.sock")
-    with closing(place), Daemon(daemon_settings("simulated", "reference")) as daemon:
-        with serve(daemon, place):
-            runpy.run_path(str(EXAMPLES / "5_drag_an_object.py"))
-        assert daemon.status().output_on is False
-    rows = int(re.search(r"(\d+) ticks in drag.csv", capsys.readouterr().out)[1])
-    assert rows >= 3000 - 10  # of 1 ms, in 180 moves at 60 per second; some may be missed
-    with (tmp_path / "drag.csv").open() as table:
-        assert sum(1 for _ in table) == rows + 1
-    replay = SceneReplay(read_run(tmp_path / "drag.h5"))
-    assert len(replay.moments) == 181  # the scene as it was when the recording began
-    last = {each.id: each.origin_mm for each in replay.moments[-1].scene.object}
-    assert last["key"] == [50 + 20 * math.cos(179 / 30), 30 + 10 * math.sin(179 / 30)]
-    assert last["bar"] == [60.0, 48.0]
-
-
 def test_none_is_left_out():
-    """The first and the last need a daemon: `test_docs.py` runs the first."""
+    """The first and the last need a daemon: `test_docs.py` and `test_scene.py` run them."""
     named = {path.stem for path in EXAMPLES.glob("[1-9]*.py")}
     assert named == {*SAID, "5_drag_an_object"}
 

@@ -33,6 +33,7 @@ travel_m = [0.0, 0.15]
 higher_presses = true
 clear_m = {LOAD_STAGE.clear_m}
 when_wrong = "retract"
+acceleration_m_s2 = 0.5
 """
 
 
@@ -56,7 +57,7 @@ def rig(served, tmp_path):
 
 @pytest.mark.realtime
 def test_a_load_is_held_and_the_finger_lifted(haptic, rig, served):
-    held = said(haptic("load", "hold", "0.5", "--rig", rig, "--seconds", "2", "--yes", "--json"))
+    held = said(haptic("load", "hold", "0.5", "--rig", rig, "--seconds", "0.5", "--yes", "--json"))
     assert "mean_load_n" in held, held
     assert held["mean_load_n"] == pytest.approx(0.5, rel=0.1)
     assert held["depth_m"] > LOAD_STAGE.face_m

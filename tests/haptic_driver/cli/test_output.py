@@ -122,8 +122,10 @@ def test_a_letter_that_the_terminal_lacks_is_escaped(tmp_path):
     assert r"2 \xb5m" in done.stdout
 
 
-@pytest.mark.parametrize("word", ["off", "disarm"])
-@pytest.mark.parametrize("where", ["> /dev/full", ">&-", "> /dev/full 2> /dev/full"])
+@pytest.mark.parametrize(
+    ("word", "where"),
+    [("off", "> /dev/full"), ("disarm", ">&-"), ("off", "> /dev/full 2> /dev/full")],
+)
 def test_what_was_done_is_done_whoever_reads_about_it(control, socket, word, where):
     done = shell(f"{SCRIPT} {word} --json {where}")
     assert done.returncode == 0

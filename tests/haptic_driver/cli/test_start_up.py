@@ -58,7 +58,7 @@ def imported(*arguments: str) -> set[str]:
     return set(done.stderr.split())
 
 
-@pytest.mark.parametrize("after_s", [0.05, 0.2, 0.4, 0.6])
+@pytest.mark.parametrize("after_s", [0.1, 0.4])
 def test_ctrl_c_while_importing_ends_it_quietly(after_s):
     """Whatever it imports then; a later Ctrl-C meets the command, which says that it was."""
     code = "from haptic_driver.cli.start import run; run()"

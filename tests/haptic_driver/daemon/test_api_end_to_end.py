@@ -2,12 +2,10 @@
 
 import io
 import json
-import os
 import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import httpx
@@ -15,12 +13,10 @@ import pytest
 
 from haptic_driver.cli.main import main
 from haptic_driver.client import HapticClient
-from haptic_driver.daemon.messages import DaemonState, RefusedError
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.lab.psychophysics.data import sessions
 from haptic_driver.recording.read import read_run
 from tests.haptic_driver.commands import one_object
-from tests.haptic_driver.daemon.waiting import let_go
 from tests.waiting import HANG_S, until
 
 pytestmark = pytest.mark.realtime
@@ -159,46 +155,6 @@ def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(
     (result,) = one_object(capsys.readouterr().out)["results"]
     assert (result["trials"], result["left_out"]) == (3, len(rows) - 3)
     assert "too few" in result["why_none"]
-
-
-def test_an_experiment_that_is_killed_leaves_no_recording_running(announced, client, tmp_path):
-    """It went on for ever, and into the next participant's session."""
-    (tmp_path / "short.toml").write_text(EXPERIMENT)
-    command = [
-        SCRIPT,
-        "experiment",
-        "run",
-        tmp_path / "short.toml",
-        "--participant",
-        "P2",
-        "--out",
-        tmp_path / "out",
-    ]
-    environment = os.environ | {"HAPTIC_SOCKET": announced["socket"]}
-    with subprocess.Popen(
-        [*command, "--record"], stdin=subprocess.PIPE, env=environment
-    ) as experiment:
-        recording = until(lambda: client.status().recording)
-        experiment.kill()
-    until(lambda: client.status().recording is None)
-    assert client.status().recording_fault is None
-    until(lambda: read_run(Path(recording)).attributes["complete"])
-
-
-def test_a_lost_client_ends_off(client):
-    lease = client.arm(1.0)
-    with suppress(HapticError):  # a busy machine may be too late even for that
-        client.set(lease.token, 0.65)
-    let_go(client)
-    assert client.status().output_on is False
-    with pytest.raises(RefusedError):
-        client.renew(lease.token)
-
-
-@pytest.mark.parametrize("name", ["linnen", "\x00", "/", "~", "a\nb"])
-def test_what_is_no_texture_is_bad_input(client, name):
-    with client.armed(LONG_S) as session, pytest.raises(BadInputError):
-        session.play(name)
 
 
 def test_tcp_opens_to_the_token_alone(announced):

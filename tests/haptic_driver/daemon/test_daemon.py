@@ -36,7 +36,7 @@ from tests.waiting import HANG_S, exists, until
 
 pytestmark = pytest.mark.realtime
 
-RIG = "simulated"
+DAEMON_RIG = "simulated"
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_arming_waits_for_sensors_that_a_busy_machine_keeps_silent_for_a_moment(
 
 def test_off_is_off_at_once_and_stays_so_until_asked_again(daemon, electrode_v):
     lease = daemon.arm(LEASE_S)
-    for _ in range(10):
+    for _ in range(3):
         daemon.targets.set(lease.token, 0.65)
         keep_rendering(daemon, lease.token, lambda: electrode_v() > 1.5)
         daemon.off()
@@ -336,7 +336,7 @@ def test_a_recording_ends_with_the_lease_of_who_asked_for_it(daemon, tmp_path, m
     """`haptic experiment run --record` that was killed left it running for ever."""
     monkeypatch.setattr(recordings, "AFTER_LEASE_S", 0.2)
     since = max(event.number for event in daemon.events(0))
-    lease = daemon.arm(8.0)
+    lease = daemon.arm(2.0)
     daemon.record(str(tmp_path / "run.h5"), lease.token)
     keep_rendering(daemon, lease.token, lambda: read_run(tmp_path / "run.h5").samples.size)
     assert daemon.status().recording is not None
@@ -424,6 +424,27 @@ def test_a_full_disk_is_told_rendering_goes_on_and_recording_resumes(
     assert read_run(small_disk / "run-2.h5").attributes["complete"] is True
     status = daemon.status()
     assert (status.recording, status.recording_fault) == (None, None)
+
+
+def test_beside_a_force_sensor_current_and_monitors_are_in_samples_and_status(daemon):
+    lease = daemon.arm(LEASE_S)
+    daemon.targets.set(lease.token, 0.7)
+
+    def agrees():
+        """Both monitors with the command, once it has risen: they look seldom."""
+        last = daemon.samples(0, 1)
+        monitors_v = [last[name] for name in ("electrode_voltage_v", "monitor_voltage_v")]
+        told = np.isfinite(last["current_a"]) & np.isfinite(last["measured_cof"])
+        return told.all() and np.allclose(monitors_v, last["voltage_v"], rtol=0.1)
+
+    keep_rendering(daemon, lease.token, agrees)
+    made = daemon.samples(0, 100)
+    assert np.isnan(made["estimated_cof"]).all()
+    until(lambda: daemon.status().normal_force_n)
+    status = daemon.status()
+    assert status.estimated_cof is None
+    assert status.normal_force_n == pytest.approx(0.5, rel=0.2)
+    assert 0.0 < status.position_x_m < daemon.basis.settings.config.screen.width_m
 
 
 def test_nothing_is_rendered_without_the_lease(daemon, electrode_v):

@@ -45,7 +45,7 @@ def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
     daemon = denied_daemon("stderr+stdout")
     daemon.deny()
     client = HapticClient(daemon.path)
-    for _ in range(5):  # each tells an event
+    for _ in range(2):  # each tells an event
         assert b"200 OK" in daemon.off()
         client.disarm()
         assert client.status().state is DaemonState.IDLE
@@ -66,15 +66,11 @@ STOP = b"\x13"  # Ctrl-S
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("stopped", ["before", "after"])
-def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path, stopped):
-    """Where it was stopped before the daemon said that it was ready, SIGTERM once left the output
-    on.
-    """
+def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path):
+    """It was stopped before the daemon said that it was ready: SIGTERM once left the output on."""
     path = tmp_path / "d.sock"
     person, terminal = pty.openpty()
-    if stopped == "before":
-        os.write(person, STOP)
+    os.write(person, STOP)
     command = [Path(sys.executable).with_name("haptic"), "daemon", "run", "--socket", path]
     with subprocess.Popen(
         command, stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True
@@ -82,8 +78,6 @@ def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path, stopped):
         try:
             until(path.exists)
             with HapticClient(path) as client:
-                if stopped == "after":
-                    os.write(person, STOP)
                 client.set(client.arm(60.0).token, 0.65)
                 until(lambda: client.status().output_on)
             process.send_signal(signal.SIGTERM)

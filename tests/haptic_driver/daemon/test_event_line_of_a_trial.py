@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import pytest
 
 from haptic_driver.client import HapticClient
-from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.lab.psychophysics.apparatus import DaemonApparatus
@@ -16,16 +14,14 @@ from haptic_driver.lab.psychophysics.data import SessionFiles
 from haptic_driver.lab.psychophysics.rehearsal import pretended
 from haptic_driver.lab.psychophysics.run import run_session
 from haptic_driver.recording.read import read_run
-from haptic_driver.rig.part import Part
-from haptic_driver.rig.parts.event_lines import SimulatedEventLineConfig
-from hw.event_line.simulated import SimulatedEventLine
+from tests.haptic_driver.daemon.lines import LINE
 from tests.haptic_driver.daemon.waiting import LEASE_S
 from tests.haptic_driver.lab.psychophysics.files import made
 from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
-RIG = "simulated"
+DAEMON_RIG = "simulated with lines"
 ONE_TRIAL = """[trial]
 strokes = 1
 pause_s = 0.1
@@ -46,23 +42,7 @@ def up_to_its_end(codes: list[int]) -> list[int]:
     return codes[: len(codes) - codes[::-1].index(11)]
 
 
-@pytest.fixture(scope="module")
-def line():
-    return SimulatedEventLine()
-
-
-@pytest.fixture(scope="module")
-def running(settings, line):
-    """The module's daemon, with an event line whose box the tests can look at."""
-    section = SimulatedEventLineConfig(kind="simulated", pulse_s=2e-3)
-    config = settings.config.model_copy(update={"event_line": section})
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(SimulatedEventLineConfig, "make", lambda section, wiring: Part(line))
-        with Daemon(replace(settings, config=config)) as daemon:
-            yield daemon
-
-
-def test_a_forced_choice_trial_puts_its_edges_on_the_line_in_order(daemon, line, tmp_path):
+def test_a_forced_choice_trial_puts_its_edges_on_the_line_in_order(daemon, tmp_path):
     experiment = made(tmp_path, tables=ONE_TRIAL, conditions='[[condition]]\nname = "a"\ncof = 0.6')
     files = SessionFiles(tmp_path / "out", "P1", "01", "made")
     recording = tmp_path / "run.h5"
@@ -73,13 +53,13 @@ def test_a_forced_choice_trial_puts_its_edges_on_the_line_in_order(daemon, line,
             apparatus = DaemonApparatus(client, session, tmp_path)
             somebody = pretended(experiment, "P1", "01")
             assert run_session(experiment, files, apparatus, somebody, {}).done
-        until(lambda: [edge.code for edge in line.box.edges if edge.code >= 10][-1:] == [11])
+        until(lambda: [edge.code for edge in LINE.box.edges if edge.code >= 10][-1:] == [11])
         client.record(None)
     place.close()
     row = files.rows()[-1]  # on a busy machine the first may not have been delivered
     answer = 40 + ("first", "second").index(row.response) + 1
 
-    edges = line.box.edges
+    edges = LINE.box.edges
     assert [edge.code for edge in edges][1::2] == [0] * (len(edges) // 2)
     codes = [edge.code for edge in edges if edge.code]
     codes = up_to_its_end(codes[len(codes) - codes[::-1].index(10) - 1 :])
@@ -110,9 +90,9 @@ def test_a_forced_choice_trial_puts_its_edges_on_the_line_in_order(daemon, line,
     assert row.response_time_s == pytest.approx(answered.time_s - when["onset_s"], abs=0.5)
 
 
-def test_a_marker_touch_and_lift_of_the_simulated_finger_are_edges(daemon, line):
+def test_a_marker_touch_and_lift_of_the_simulated_finger_are_edges(daemon):
     daemon.mark("flash", {"code": 77})
-    until(lambda: {1, 2, 77} <= {edge.code for edge in line.box.edges})
+    until(lambda: {1, 2, 77} <= {edge.code for edge in LINE.box.edges})
     told = {event.message: event for event in daemon.events(0) if event.kind == "edge"}
     assert told["flash"].data["code"] == 77
     assert (told["touch"].data["code"], told["lift"].data["code"]) == (1, 2)

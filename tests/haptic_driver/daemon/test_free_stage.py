@@ -1,7 +1,8 @@
-"""A daemon's load stage is free if it shows so, whoever left it where it stands."""
+"""A load is wanted until somebody takes it away, and a stage is free if it shows so."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,18 +11,20 @@ import pytest
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.load import HeldLoad
 from haptic_driver.daemon.messages import LoadPhase
+from haptic_driver.daemon.orders import Orders
 from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.twin import LOAD_STAGE
+from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.rig.load_rig import FACE_M, Finger
 from tests.haptic_driver.stand_ins import with_load_stage
 
 
-def held_load(shared: Any, finger: Finger, **section: Any) -> HeldLoad:
+def held_load(shared: Any, finger: Finger, orders: Any = None, **section: Any) -> HeldLoad:
     config = with_load_stage(load_rig("simulated"), {"load_stage": "/dev/ttyUSB0"})
     given = {"clear_m": FACE_M - 1e-3, **section}
     changed = config.load_stage.model_copy(update=given)
     config = config.model_copy(update={"simulated": False, "load_stage": changed})
-    return HeldLoad(config, shared, None, EventLog(), lambda: finger.now_s)
+    return HeldLoad(config, shared, orders, EventLog(), lambda: finger.now_s)
 
 
 def phase(load: HeldLoad) -> LoadPhase:
@@ -101,3 +104,67 @@ def test_a_rig_that_is_safer_at_rest_is_not_moved(shared):
     load._lift()
     assert phase(load) is LoadPhase.STOPPED
     assert finger.stage.read_status().position_m == pytest.approx(FACE_M + 1e-3, abs=1e-6)
+
+
+def orders_of(shared: Any, finger: Finger) -> Orders:
+    settings: Any = SimpleNamespace(
+        config=load_rig("simulated"), render=SimpleNamespace(period_s=1e-3)
+    )
+    orders = Orders(settings, shared, EventLog(), lambda: finger.now_s)
+    orders.machine.connected()
+    return orders
+
+
+def lose(finger: Finger) -> None:
+    finger.now_s += 10.1
+
+
+TAKEN: dict[str, Callable[[Orders, HeldLoad, Finger], object]] = {
+    "off": lambda orders, load, finger: orders.withdraw(orders.machine.off),
+    "disarm": lambda orders, load, finger: orders.withdraw(orders.machine.disarm),
+    "release": lambda orders, load, finger: load.release(),
+    "fault": lambda orders, load, finger: orders.fail("something else is wrong"),
+    "lost": lambda orders, load, finger: lose(finger),
+}
+
+
+@pytest.mark.parametrize("how", TAKEN)
+def test_no_load_is_wanted_once_somebody_takes_it_away(shared, how):
+    finger = Finger()
+    orders = orders_of(shared, finger)
+    load = held_load(shared, finger, orders)
+    token = orders.arm(10.0).token
+    load.hold(token, 0.5)
+    status = load.status(None)
+    assert status is not None
+    assert status.target_n == 0.5
+    TAKEN[how](orders, load, finger)
+    status = load.status(None)
+    assert status is not None
+    assert status.target_n is None
+    if how == "disarm":  # who arms again has asked for none
+        orders.arm(10.0)
+        assert load.status(None) == status
+
+
+@pytest.mark.parametrize(
+    ("newtons", "token", "code"),
+    [(0.01, "", "bad_load"), (3.5, "", "bad_load"), (0.5, "another", "not_yours")],
+)
+def test_a_load_that_cannot_be_is_refused(shared, newtons, token, code):
+    finger = Finger()
+    orders = orders_of(shared, finger)
+    load = held_load(shared, finger, orders)
+    held = orders.arm(10.0).token
+    assert refusal(load.hold, token or held, newtons).code == code
+    status = load.status(None)
+    assert status is not None
+    assert status.target_n is None
+
+
+def test_a_rig_without_a_load_stage_refuses(rig_config, shared):
+    load = HeldLoad(rig_config, shared, orders_of(shared, Finger()), EventLog(), lambda: 0.0)
+    refused = refusal(load.hold, "token", 0.5)
+    assert refused.code == "no_load_stage"
+    assert "[load_stage]" in refused.hint
+    assert load.status(0.5) is None

@@ -94,16 +94,7 @@ def start(simulated, tmp_path):
         process.stderr.close()
 
 
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("from_the_start", [True, pytest.param(False, marks=pytest.mark.soak)])
-def test_a_tracker_that_hangs_does_not_keep_the_daemon_from_ending(start, tmp_path, from_the_start):
-    if from_the_start:
-        (tmp_path / "hang").touch()
-    process = start()
-    if not from_the_start:
-        until_ready(process)
-        (tmp_path / "hang").touch()
-    until((tmp_path / "hangs").exists)
+def ends(process):
     process.send_signal(signal.SIGTERM)
     _, said = process.communicate(timeout=HANG_S)
     assert process.returncode == 0, said
@@ -111,13 +102,23 @@ def test_a_tracker_that_hangs_does_not_keep_the_daemon_from_ending(start, tmp_pa
     assert "hangs and is left alone" in said
 
 
+@pytest.mark.soak
 @pytest.mark.timeout(600)
-def test_the_status_has_a_row_for_each_instrument_and_for_a_driver_of_ones_own(
+def test_a_tracker_that_hangs_from_the_start_does_not_keep_the_daemon_from_ending(start, tmp_path):
+    (tmp_path / "hang").touch()
+    process = start()
+    until((tmp_path / "hangs").exists)
+    ends(process)
+
+
+@pytest.mark.timeout(600)
+def test_a_tracker_that_hangs_is_told_and_does_not_keep_the_daemon_from_ending(
     start, tmp_path, haptic
 ):
-    """What the driver from outside is asked is known of it for nothing; so is that it hangs."""
+    """The status has a row for each instrument, and for a driver of one's own."""
     place = ["--socket", tmp_path / "daemon.sock"]
-    until_ready(start())
+    process = start()
+    until_ready(process)
 
     def rows():
         said = haptic("status", *place, "--json").said["instruments"]
@@ -143,3 +144,4 @@ def test_the_status_has_a_row_for_each_instrument_and_for_a_driver_of_ones_own(
     ] * 2
     (tmp_path / "hang").touch()
     until(lambda: rows()["finger_tracker"]["age_s"] > 1.0, rows)
+    ends(process)

@@ -3,45 +3,34 @@
 import threading
 import time
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.line_in import LineInWatch
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.processes import kept
 from haptic_driver.recording.read import read_run
 from haptic_driver.rig.line_in import LineInReader
-from haptic_driver.rig.part import Part
 from haptic_driver.rig.parts.lines_in import SimulatedLineInConfig
 from hw.event_line.simulated import SimulatedLineIn
+from tests.haptic_driver.daemon.lines import LINE_IN, LOW_S
 from tests.haptic_driver.daemon.waiting import LEASE_S, STOOD_STILL, keep_rendering
 from tests.waiting import HANG_S, until
 
-RIG = "simulated"
-LOW_S = 0.05
+DAEMON_RIG = "simulated with lines"
 pytestmark = [pytest.mark.timeout(4 * HANG_S), pytest.mark.realtime]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(autouse=True)
+def opened_again_soon(monkeypatch):
+    monkeypatch.setattr(kept, "RETRY_S", 0.01)
+
+
+@pytest.fixture
 def line():
-    return SimulatedLineIn(code=7)
-
-
-@pytest.fixture(scope="module")
-def running(settings, line, tmp_path_factory):
-    """The module's daemon, with a line in whose box the tests can reach."""
-    folder = str(tmp_path_factory.mktemp("recordings"))
-    section = SimulatedLineInConfig(kind="simulated", low_s=LOW_S, folder=folder, code=7)
-    config = settings.config.model_copy(update={"line_in": section})
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(SimulatedLineInConfig, "make", lambda section, wiring: Part(line))
-        patch.setattr(kept, "RETRY_S", 0.05)
-        with Daemon(replace(settings, config=config)) as daemon:
-            yield daemon
+    return LINE_IN
 
 
 @pytest.fixture
@@ -204,7 +193,7 @@ def test_a_folder_that_cannot_be_made_is_told_once(daemon, heard, monkeypatch, t
     assert "begins a recording" in heard()[1].message
 
 
-def test_a_line_that_stays_high_has_one_edge_at_most(monkeypatch):
+def test_a_line_that_stays_high_has_one_edge_at_most():
     """None where it was high from the start."""
     line, found = SimulatedLineIn(), []
     levels = iter([[True], [True], [False], [], [True]])
@@ -217,8 +206,7 @@ def test_a_line_that_stays_high_has_one_edge_at_most(monkeypatch):
     assert [edge.number for edge in found] == [1]
 
 
-def test_a_line_whose_driver_fails_in_closing_too_is_opened_again(monkeypatch):
-    monkeypatch.setattr(kept, "RETRY_S", 0.01)
+def test_a_line_whose_driver_fails_in_closing_too_is_opened_again():
     line, told = SimulatedLineIn(), []
     close, fails = line.close, iter([True])
 
@@ -237,9 +225,8 @@ def test_a_line_whose_driver_fails_in_closing_too_is_opened_again(monkeypatch):
     assert told[0].startswith("no edges are heard")
 
 
-def test_a_line_that_is_not_there_is_said_in_the_status(tmp_path, monkeypatch):
+def test_a_line_that_is_not_there_is_said_in_the_status():
     """And one whose edges are for strokes begins no recording."""
-    monkeypatch.setattr(kept, "RETRY_S", 0.01)
     events, recorded = EventLog(), []
     section = SimulatedLineInConfig(kind="simulated", start="stroke", low_s=1e-3)
     line = SimulatedLineIn()

@@ -11,7 +11,7 @@ import re
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
 
@@ -19,7 +19,6 @@ import pytest
 
 import haptic_driver
 from haptic_driver.cli.main import main
-from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.set_up import render_settings
 from haptic_driver.daemon.stepped import SteppedDaemon
@@ -30,7 +29,7 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
-RIG = "simulated"
+DAEMON_RIG = "simulated"
 COF = 0.6137
 SOURCES = Path(haptic_driver.__file__).parent
 HOUSE = Path(__file__).resolve().parents[3] / "docs" / "house.md"
@@ -113,18 +112,18 @@ def followed():
 
 
 @pytest.fixture(scope="module")
-def socket(followed, settings, tmp_path_factory):
-    """A daemon that is armed, with every thread of it looked at."""
+def socket(followed, running, tmp_path_factory):
+    """A daemon that is armed, with every thread looked at that answers from there."""
     path = tmp_path_factory.mktemp("verb") / "d.sock"
     before = threading.getprofile()
     threading.setprofile(followed)
     try:
-        with Daemon(settings) as daemon, serve(daemon, Place(path)):
-            until(lambda: not daemon.supervisor.missing and not daemon.supervisor.silent())
-            lease = daemon.arm(60.0)
+        with closing(Place(path)) as place, serve(running, place):
+            until(lambda: not running.supervisor.missing and not running.supervisor.silent())
+            lease = running.arm(60.0)
             path.with_name("d.sock.lease").write_text(lease.token)
             yield path
-            daemon.disarm()
+            running.disarm()
     finally:
         threading.setprofile(before)
 

@@ -18,15 +18,18 @@ from haptic_driver.daemon.set_up import DaemonSettings, render_settings
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.parts.finger_trackers import NoFingerTracker
 from haptic_driver.rig.parts.generators import WatchdogConfig
+from haptic_driver.simulation.twin import LOAD_STAGE
 from hw.serving.tcp import TcpServer
 from tests.haptic_driver.daemon.refusal import refusal
+from tests.haptic_driver.daemon.test_load import press
 from tests.haptic_driver.daemon.waiting import LEASE_S, reset
-from tests.haptic_driver.stand_ins import living_rig
+from tests.haptic_driver.stand_ins import living_rig, with_load_stage
 from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
 from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
+CLEAR_M = LOAD_STAGE.face_m - 0.5e-3
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
 
 
@@ -44,26 +47,34 @@ def real_config(rig_config, served):
 
 
 @pytest.fixture(scope="module")
-def settings(real_config, surface_file):
-    render = render_settings(real_config, surface_file)
-    return DaemonSettings(
-        "served", "reference", real_config, surface_file, render, allow_no_rt=True
-    )
+def settings(served, surface_file):
+    """With a load stage near the finger."""
+    config = with_load_stage(served.config, served.endpoints)
+    near = config.load_stage.model_copy(update={"clear_m": CLEAR_M})
+    config = config.model_copy(update={"load_stage": near})
+    render = render_settings(config, surface_file)
+    return DaemonSettings("served", "reference", config, surface_file, render, allow_no_rt=True)
 
 
 @pytest.fixture(scope="module")
 def running(settings, served):
-    """In the end it is closed while it renders, and knows that the output is off."""
+    """In the end it is closed while it renders and presses: it knows that the output is off, and
+    has lifted the finger.
+    """
     daemon = Daemon(settings)
     daemon.start()
     # the finger's place is known from here on, and it presses
     daemon.supervisor.instruments.devices.stage.home()
     until(lambda: daemon.shared.sensed.read().touching)
     yield daemon
-    render(daemon, served)
+    press(daemon)
+    assert served.load_stage.position_mm > 1e3 * LOAD_STAGE.face_m
     assert daemon.close().on is False
+    assert served.load_stage.position_mm == pytest.approx(1e3 * CLEAR_M, abs=0.01)
+    assert not served.load_stage.moving
     assert served.amplifier.voltage_v == 0.0
     assert not served.generator.output().on
+    served.instruments.generator_server.close()  # a test has put another there
 
 
 # --- what a file may say or leave out; before the daemon, as the instruments take one driver each

@@ -2,8 +2,11 @@
 
 import json
 import math
+import re
+import runpy
 import time
-from contextlib import closing
+from contextlib import chdir, closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +28,8 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.realtime
 
-RIG = "simulated"
+DAEMON_RIG = "simulated"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "5_drag_an_object.py"
 LEASE_S = 20.0
 CIRCLE = {"kind": "circle", "radius_mm": 8.0}
 BOX = {"kind": "rectangle", "width_mm": 200.0, "height_mm": 120.0}
@@ -200,6 +204,23 @@ def test_python_changes_the_scene_and_nothing_of_a_block_that_fails(daemon, sock
         assert rig.scene.show().rendering
         rig.scene.remove("key")
         assert rig.scene.described.object == []
+
+
+def test_the_example_drags_an_object_records_and_exports(daemon, socket, tmp_path, capsys):
+    folder = tmp_path / "example"
+    folder.mkdir()
+    with chdir(folder):
+        runpy.run_path(str(EXAMPLE))
+    assert daemon.status().output_on is False
+    rows = int(re.search(r"(\d+) ticks in drag.csv", capsys.readouterr().out)[1])
+    assert rows >= 3000 - 10  # of 1 ms, in 180 moves at 60 per second; some may be missed
+    with (folder / "drag.csv").open() as table:
+        assert sum(1 for _ in table) == rows + 1
+    replay = SceneReplay(read_run(folder / "drag.h5"))
+    assert len(replay.moments) == 181  # the scene as it was when the recording began
+    last = {each.id: each.origin_mm for each in replay.moments[-1].scene.object}
+    assert last["key"] == [50 + 20 * math.cos(179 / 30), 30 + 10 * math.sin(179 / 30)]
+    assert last["bar"] == [60.0, 48.0]
 
 
 def test_a_recording_is_replayed_with_the_scene_as_it_was(daemon, change, tmp_path, capsys):

@@ -75,31 +75,6 @@ def test_feedback_goes_by_the_current_where_there_is_no_force_sensor(settings):
             daemon.adapt(True)
 
 
-@pytest.mark.realtime
-def test_beside_a_force_sensor_current_and_monitors_are_in_samples_and_status(surface_file):
-    config = load_rig("simulated")
-    render = render_settings(config, surface_file)
-    with Daemon(DaemonSettings("simulated", "reference", config, surface_file, render)) as daemon:
-        lease = daemon.arm(LEASE_S)
-        daemon.targets.set(lease.token, 0.7)
-
-        def agrees():
-            """Both monitors with the command, once it has risen: they look seldom."""
-            last = daemon.samples(0, 1)
-            monitors_v = [last[name] for name in ("electrode_voltage_v", "monitor_voltage_v")]
-            told = np.isfinite(last["current_a"]) & np.isfinite(last["measured_cof"])
-            return told.all() and np.allclose(monitors_v, last["voltage_v"], rtol=0.1)
-
-        keep_rendering(daemon, lease.token, agrees)
-        made = daemon.samples(0, 100)
-        assert np.isnan(made["estimated_cof"]).all()
-        until(lambda: daemon.status().normal_force_n)
-        status = daemon.status()
-        assert status.estimated_cof is None
-        assert status.normal_force_n == pytest.approx(0.5, rel=0.2)
-        assert 0.0 < status.position_x_m < config.screen.width_m
-
-
 def test_without_a_reading_nothing_is_seen_and_a_failing_monitor_is_a_failing_sensor():
     answers = iter([DeviceTimeout("the monitor is silent", "look"), None])
     told = []

@@ -22,6 +22,7 @@ from haptic_driver.rig.states import RigState
 from haptic_driver.signals import DriveCommand
 from hw.errors import DeviceError, DeviceTimeout
 from hw.transport import resource
+from tests.haptic_driver import stand_ins
 from tests.haptic_driver.config_texts import as_real_rig, changed
 from tests.haptic_driver.stand_ins import living_rig
 from tests.waiting import until
@@ -135,6 +136,7 @@ def test_a_box_that_answers_late_at_the_start_is_asked_again(rig_config, served,
         return handle(data)
 
     monkeypatch.setattr(served.interlock, "handle", late)
+    monkeypatch.setattr(stand_ins, "PATIENCE_S", 1.0)
     config = served.config
     patient = InterlockBox.model_construct(
         kind="box", resource=config.interlock.resource, reply_timeout_s=0.1

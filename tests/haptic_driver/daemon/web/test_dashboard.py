@@ -383,22 +383,19 @@ def test_the_carriers_ripple_is_said_while_there_is_any(page, served):
     text(page, "#ripple", "–")
 
 
-@pytest.mark.parametrize(
-    ("carrier_hz", "quiet_above_hz", "said"),
-    [
+def test_the_page_judges_a_ripple_as_the_program_does(page):
+    ask = "async ([hz, rule]) => (await import('./ripple.js')).rippleWords(hz, rule)"
+    for carrier_hz, quiet_above_hz, said in (
         (5.0, 1000.0, "10 Hz, below the bands: felt"),
         (100.0, 200.0, "200 Hz, in the band of 200 to 317 Hz: not felt"),
         (419.87, 1000.0, "839.7 Hz, above the bands: felt"),
         (500.0, 1000.0, "1000 Hz, above the bands: not felt"),
-    ],
-)
-def test_the_page_judges_a_ripple_as_the_program_does(page, carrier_hz, quiet_above_hz, said):
-    ask = "async ([hz, rule]) => (await import('./ripple.js')).rippleWords(hz, rule)"
-    rule = {"quiet_above_hz": quiet_above_hz, "bands_hz": EDGES_HZ.tolist()}
-    assert page.evaluate(ask, [carrier_hz, rule]) == said
-    judged = ripple(carrier_hz, quiet_above_hz)
-    assert said.endswith(": felt") is judged.felt
-    assert said.partition(", ")[2].startswith(judged.place)
+    ):
+        rule = {"quiet_above_hz": quiet_above_hz, "bands_hz": EDGES_HZ.tolist()}
+        assert page.evaluate(ask, [carrier_hz, rule]) == said
+        judged = ripple(carrier_hz, quiet_above_hz)
+        assert said.endswith(": felt") is judged.felt
+        assert said.partition(", ")[2].startswith(judged.place)
 
 
 def test_the_score_and_the_bands_are_the_daemons_own(page, control):
