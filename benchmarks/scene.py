@@ -1,5 +1,5 @@
-"""A scene whose 200 objects all move 60 times a second, by a client over HTTP: whether ticks keep
-their time, and what a tick and a change take.
+"""A scene whose 200 objects all move 60 times a second, by a client over the command channel:
+whether ticks keep their time, and what a tick and a change take.
 
 The rig has an envelope, for which a tick looks up 21 places. An empty loop of the same scheduling
 runs beside it and misses instants by the machine's doing alone.
@@ -14,64 +14,53 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.claim import Claim
-from haptic_driver.client import HapticClient
-from haptic_driver.daemon.daemon import Daemon
-from haptic_driver.daemon.place import Place
-from haptic_driver.daemon.set_up import PERIOD_S, daemon_settings
-from haptic_driver.daemon.verbs import Verbs
-from haptic_driver.daemon.web.server import serve
-from haptic_driver.processes.real_time import SWITCH_INTERVAL_S
+from haptic_driver.client import HapticClient, new_samples
+from haptic_driver.daemon.set_up import PERIOD_S
 
 OBJECTS, RATE_HZ, SECONDS = 200, 60.0, 20.0
+SILENT_S = 10.0  # so long without a tick: the daemon has ended
 LEAST_SHARE = 0.98  # of the changes: the first comes when the client is there
 TEXTURES = ("linen", "grating", "fine_grating", "brushed_metal")
 
 
 def run() -> Iterator[Claim]:
-    switch_interval_s = sys.getswitchinterval()
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        closing(Place(Path(folder, "daemon.sock"))) as place,
-    ):
-        settings = daemon_settings("simulated-envelope", "reference")
-        sys.setswitchinterval(SWITCH_INTERVAL_S)
-        try:
-            with Daemon(settings) as daemon, serve(daemon, place):
-                token = daemon.arm(60.0).token
-                with HapticClient(place.path) as client:
-                    client.ask(Verbs.change_scene, {"changes": [*_objects()]}, token)
-                yield from _moved(daemon, place.path, token, Path(folder, "empty.npy"))
-                daemon.off()
-        finally:
-            sys.setswitchinterval(switch_interval_s)
+    with tempfile.TemporaryDirectory() as folder:
+        socket, empty = Path(folder, "daemon.sock"), Path(folder, "empty.npy")
+        haptic = str(Path(sys.executable).with_name("haptic"))
+        words = ["daemon", "run", "--rig", "simulated-envelope", "--socket", str(socket), "--json"]
+        with subprocess.Popen([haptic, *words], stdout=subprocess.PIPE) as running:
+            assert running.stdout is not None
+            running.stdout.readline()  # it can be used
+            try:
+                with HapticClient(socket) as client:
+                    yield from _moved(client, socket, empty)
+            finally:
+                running.terminate()
 
 
-def _moved(daemon: Daemon, socket: Path, token: str, empty: Path) -> Iterator[Claim]:
-    time.sleep(1.0)
+def _moved(daemon: HapticClient, socket: Path, empty: Path) -> Iterator[Claim]:
     loop_words = [str(round(SECONDS / PERIOD_S)), str(PERIOD_S), str(empty)]
-    client_words = [str(socket), token]
-    client = [sys.executable, "-m", "benchmarks.scene", *client_words]
-    before, last = daemon.status(), daemon.shared.output.read().tick
+    client = [sys.executable, "-m", "benchmarks.scene", str(socket)]
     parts = []
     with (
         subprocess.Popen(client, stdout=subprocess.PIPE, text=True) as mover,
         subprocess.Popen([sys.executable, "-m", "benchmarks.empty_loop", *loop_words]),
     ):
-        while mover.poll() is None:
-            time.sleep(1.0)
-            parts.append(daemon.samples(last, 1 << 14))
-            last = int(parts[-1]["tick"][-1])
         assert mover.stdout is not None
-        said = json.loads(mover.stdout.read())
-    samples, after = np.concatenate(parts), daemon.status()
-    missed = after.overruns - before.overruns
+        mover.stdout.readline()  # it begins to move them
+        before = daemon.status()
+        for samples in new_samples(daemon.samples, SILENT_S):
+            parts.append(samples)
+            if mover.poll() is not None:
+                break
+        after, said = daemon.status(), json.loads(mover.stdout.read())
+    samples, missed = np.concatenate(parts), after.overruns - before.overruns
     late_s, _ = np.load(empty).T
     by_machine = int(np.sum(late_s // PERIOD_S))
     share = said["sent"] / (RATE_HZ * said["seconds"])
@@ -110,10 +99,13 @@ def _place(k: int, time_s: float) -> tuple[float, float]:
     return 6.0 + 4.5 * (k % 20) + 4.0 * math.cos(turn), 6.0 + 5.0 * (k // 20) + 4.0 * math.sin(turn)
 
 
-def main(socket: str, token: str) -> None:
+def main(socket: str) -> None:
     """Move all of them at the rate; what came of it on standard output, as JSON."""
     took_s: list[float] = []
-    with HapticClient(socket) as client:
+    with HapticClient(socket) as client, client.channel() as channel:
+        channel.arm(60.0)
+        channel.scene.change([*_objects()])
+        print("begun", flush=True)
         start_s = time.monotonic()
         while (now_s := time.monotonic()) < start_s + SECONDS:
             places = ((k, *_place(k, now_s)) for k in range(OBJECTS))
@@ -121,7 +113,7 @@ def main(socket: str, token: str) -> None:
                 {"do": "move", "id": f"object {k}", "x_mm": x_mm, "y_mm": y_mm}
                 for k, x_mm, y_mm in places
             ]
-            client.ask(Verbs.change_scene, {"changes": changes}, token)
+            channel.scene.change(changes)
             took_s.append(time.monotonic() - now_s)
             time.sleep(max(start_s + len(took_s) / RATE_HZ - time.monotonic(), 0.0))
         seconds = time.monotonic() - start_s

@@ -26,6 +26,7 @@ from pydantic import TypeAdapter
 
 import haptic_driver
 from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.verbs import methods
 from haptic_driver.daemon.web.api import create_app
 from haptic_driver.lab.findings import Diagnosis
 from haptic_driver.lab.measuring.plan import PlanFile
@@ -368,9 +369,11 @@ def api() -> dict[str, str]:
     # Only the description is wanted: nothing calls the daemon behind it.
     described = create_app(cast(Daemon, None)).openapi()
     requests: list[str] = []
-    for path, methods in described["paths"].items():
-        for method, operation in methods.items():
-            requests += _operation(f"{method.upper()} {path}", operation)
+    names = {f"{verb.method} {verb.path}": name for name, verb in methods().items()}
+    for path, operations in described["paths"].items():
+        for method, operation in operations.items():
+            title = f"{method.upper()} {path}"
+            requests += _operation(title, names[title], operation)
     records: list[str] = []
     for name, schema in sorted(described["components"]["schemas"].items()):
         records += [f"### {name}", _said(schema.get("description", "")), _fields(schema)]
@@ -378,7 +381,7 @@ def api() -> dict[str, str]:
     return {name: "\n\n".join(filter(None, texts)) for name, texts in parts.items()}
 
 
-def _operation(title: str, operation: Schema) -> Iterator[str]:
+def _operation(title: str, name: str, operation: Schema) -> Iterator[str]:
     yield f"### `{title}`"
     yield _said(operation.get("description", ""))
     lines = [
@@ -389,6 +392,7 @@ def _operation(title: str, operation: Schema) -> Iterator[str]:
     if "requestBody" in operation:
         lines.append(f"- body: {_type(_json(operation['requestBody']))}")
     lines.append(f"- answer: {_type(_json(operation['responses']['200']))}")
+    lines.append(f"- in Python, and on `/commands`: `{name}`")
     yield "\n".join(lines)
 
 

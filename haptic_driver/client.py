@@ -37,7 +37,7 @@ from haptic_driver.daemon.messages import (
     Status,
 )
 from haptic_driver.daemon.scene import Scene, circle, ellipse, mask, polygon, rectangle
-from haptic_driver.daemon.verbs import MOST_SAMPLES, Answer, Verb, Verbs, Written, all_verbs
+from haptic_driver.daemon.verbs import MOST_SAMPLES, Answer, Verb, Verbs, Written, methods
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
@@ -235,7 +235,7 @@ class Channel(Verbs):
         self.token = ""  # the daemon's end keeps it
         self.tick = 0
         self._line = line
-        self._names = {verb.path + verb.method: name for name, verb in all_verbs().items()}
+        self._names = {verb.path + verb.method: name for name, verb in methods().items()}
         self._asked = 0
 
     @property

@@ -63,6 +63,13 @@ def run(
     lsl_markers: Annotated[
         str | None, Option(metavar="STREAM", help="Take markers from the LSL stream of that name.")
     ] = None,
+    allow_origin: Annotated[
+        list[str],
+        Option(
+            metavar="URL",
+            help="Let pages of this address use the API too, with the token; may be repeated.",
+        ),
+    ] = [],  # noqa: B006 - typer copies it
     slide: Annotated[
         Path | None,
         Option(
@@ -87,6 +94,9 @@ def run(
             f"a daemon does not listen at {address}",
             "Give a path as --socket, and --port",
         )
+    from haptic_driver.daemon.web.security import origin_of  # noqa: PLC0415
+
+    origins = frozenset(map(origin_of, allow_origin))
     if port is not None:
         listen(port).close()  # one that is taken is told now, not after seconds
     # A thread says it: a terminal that is stopped keeps nobody from starting.
@@ -108,7 +118,7 @@ def run(
     handler.addFilter(OncePerSecond())
     handler.setFormatter(Printable("%(asctime)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
-    links = Links(lsl, osc, lsl_markers)
+    links = Links(lsl, osc, lsl_markers, origins)
     status = run_daemon(rig, place, model, allow_no_rt, port, links, announce, slide)
     handler.flush()
     start_thread("say", sys.stdout.flush).join(FLUSH_S)

@@ -30,12 +30,14 @@ _log = logging.getLogger(__name__)
 
 class Links(NamedTuple):
     """To other programs: samples and events as streams of the Lab Streaming Layer, and the same by
-    OSC to HOST:PORT. Markers come from the LSL stream of that name.
+    OSC to HOST:PORT. Markers come from the LSL stream of that name. Pages of `origins` may use the
+    API, with its token.
     """
 
     lsl: bool = False
     osc: str | None = None
     lsl_markers: str | None = None
+    origins: frozenset[str] = frozenset()
 
 
 def run_daemon(
@@ -84,7 +86,9 @@ def _serve_until(
     try:
         page_folder = PAGE_FOLDER if PAGE_FOLDER.is_dir() else None
         with ExitStack() as running:
-            page = running.enter_context(serve(daemon, place, tcp_port, page=page_folder))
+            page = running.enter_context(
+                serve(daemon, place, tcp_port, page=page_folder, origins=partners.origins)
+            )
             running.enter_context(as_service(lambda: daemon.status().ticks))
             failed = partial(daemon.event_log.tell, "outlet")
             if partners.outlets:
@@ -115,6 +119,7 @@ class _Partners(NamedTuple):
 
     outlets: Sequence[Outlet]
     inlet: LslMarkers | None
+    origins: frozenset[str]
 
 
 def _partners(settings: DaemonSettings, links: Links) -> _Partners:
@@ -123,6 +128,5 @@ def _partners(settings: DaemonSettings, links: Links) -> _Partners:
     """
     lsl = [LslOutlet(1.0 / settings.render.period_s, settings.config.name)] if links.lsl else []
     osc = [OscOutlet(links.osc)] if links.osc is not None else []
-    return _Partners(
-        [*lsl, *osc], None if links.lsl_markers is None else LslMarkers(links.lsl_markers)
-    )
+    inlet = None if links.lsl_markers is None else LslMarkers(links.lsl_markers)
+    return _Partners([*lsl, *osc], inlet, links.origins)

@@ -608,11 +608,12 @@ class Verbs:
 
 def all_verbs() -> dict[str, Verb[..., Any, Any]]:
     """Every entry of the table by its name in the API."""
-    return {
-        verb.name or attribute: verb
-        for attribute, verb in vars(Verbs).items()
-        if isinstance(verb, Verb)
-    }
+    return {verb.name or attribute: verb for attribute, verb in methods().items()}
+
+
+def methods() -> dict[str, Verb[..., Any, Any]]:
+    """Every entry by its name in Python, and on the command channel."""
+    return {name: verb for name, verb in vars(Verbs).items() if isinstance(verb, Verb)}
 
 
 def commands() -> dict[str, Verb[..., Any, Any]]:

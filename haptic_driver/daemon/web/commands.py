@@ -5,10 +5,11 @@ many times a second.
     <- {"id": 1, "tick": 5120, "answer": {"token": "...", "lease_s": 2.0}}
     <- {"id": 2, "status": 409, "error": {"code": "not_armed", "message": "...", "hint": "..."}}
 
-Verbs are those of the API, by their names there; an answer holds from tick `tick` on. The channel
-keeps the lease that it was given, and ends it when it closes. What was asked is done in order.
-Changes of a scene that have come meanwhile become one, in which the newest place of an object
-counts. What switches off waits for nothing: what came before it and is not done yet is refused.
+Verbs are methods of the Python client, by their names. An answer holds from tick `tick` on. The
+channel keeps the lease that it was given, and ends it when it closes. What was asked is done in
+order. Changes of a scene that have come meanwhile become one, in which the newest place of an
+object counts. What switches off waits for nothing: what came before it and is not done yet is
+refused.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from haptic_driver.daemon.verbs import (
     Asked,
     SceneChange,
     Verbs,
-    all_verbs,
+    methods,
 )
 from haptic_driver.daemon.web.off import OFF_VERBS, OffThreads
 from haptic_driver.daemon.web.security import status_of
@@ -44,7 +45,7 @@ MOST_WAITING = 256
 RENEWAL_S = 0.025  # a quarter of the shortest lease
 TAKEN_TICKS = 2  # after the newest tick: render may be computing the next one
 
-_VERBS = all_verbs()
+_VERBS = methods()
 
 
 class Command(Checked):
@@ -193,7 +194,7 @@ def _understood(text: str) -> Command:
     except ValidationError as error:
         said = problem(error.errors()[0])
         raise BadInputError(
-            "bad_request", said, 'send {"id": 1, "verb": "set_target", "asked": {"cof": 0.6}}'
+            "bad_request", said, 'send {"id": 1, "verb": "set", "asked": {"cof": 0.6}}'
         ) from error
     if command.verb not in _VERBS:
         raise BadInputError(

@@ -20,7 +20,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from haptic_driver.daemon.messages import ErrorReport
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError, HapticError, shown
 
 MOST_BODY_BYTES = 16 * 1024
 LARGER_BODY_BYTES = {"/scene": 256 * 1024}  # hundreds of objects at once
@@ -42,8 +42,9 @@ HEADERS = {
 class TokenGate:
     """Lets through what knows the token and comes from a page of ours, or from no page at all.
 
-    `hosts`: what `Host` may say, as `name:port`. The static files below `public` need no token;
-    they hold no secrets. The token comes in `Authorization: Bearer` or, for WebSockets of a
+    `hosts`: what `Host` may say, as `name:port`. `origins`: whose pages may use the API besides, as
+    `http://name:port`; they need the token. The static files below `public` need none; they hold no
+    secrets. The token comes in `Authorization: Bearer` or, for WebSockets of a
     browser, which cannot send that, in `?token=`.
     """
 
@@ -51,6 +52,7 @@ class TokenGate:
     token: str
     hosts: frozenset[str]
     public: str
+    origins: frozenset[str] = frozenset()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         refused = self._refused(HTTPConnection(scope))
@@ -84,7 +86,9 @@ class TokenGate:
             )
         if origin is not None and not self._ours(origin):
             return 403, HapticError(
-                "bad_origin", "a page of another site may not use the API", "open its own page"
+                "bad_origin",
+                f"pages of {shown(origin)} may not use the API",
+                "open its own page, or start the daemon with --allow-origin",
             )
         if self._is_public(connection) or self._knows_token(connection):
             return None
@@ -97,7 +101,8 @@ class TokenGate:
             parts = urlsplit(origin)
         except ValueError:  # of `http://[`
             return False
-        return parts.scheme == "http" and parts.netloc.lower() in self.hosts
+        ours = parts.scheme == "http" and parts.netloc.lower() in self.hosts
+        return ours or origin.lower() in self.origins
 
     def _is_public(self, connection: HTTPConnection) -> bool:
         path, method = connection.scope["path"], connection.scope.get("method")
@@ -199,6 +204,19 @@ async def _body(receive: Receive, most: int) -> bytes | None:
         if not message.get("more_body", False):
             break
     return body
+
+
+def origin_of(page: str) -> str:
+    """What a browser says of pages of such an address. Raises BadInputError for another text."""
+    try:
+        parts = urlsplit(page)
+    except ValueError:
+        parts = urlsplit("")
+    if parts.scheme not in ("http", "https") or not parts.netloc:
+        raise BadInputError(
+            "bad_origin", f"'{shown(page)}' is no address of pages", "Try http://localhost:5173"
+        )
+    return f"{parts.scheme}://{parts.netloc}".lower()
 
 
 def status_of(error: HapticError) -> int:

@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import uvicorn
+from starlette.middleware.cors import CORSMiddleware
 
 from haptic_driver.daemon.address import LOOPBACK, listen
 from haptic_driver.daemon.daemon import Daemon
+from haptic_driver.daemon.messages import LEASE_HEADER
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.private_file import write_private
 from haptic_driver.daemon.web.api import PAGE, create_app
@@ -58,14 +60,18 @@ class _Served(NamedTuple):
 
 @contextmanager
 def serve(
-    daemon: Daemon, place: Place, tcp_port: int | None = None, page: Path | None = None
+    daemon: Daemon,
+    place: Place,
+    tcp_port: int | None = None,
+    page: Path | None = None,
+    origins: frozenset[str] = frozenset(),
 ) -> Iterator[str | None]:
     """Serve in threads inside the `with` block; gives the page's address with its token, None
     without TCP.
 
     At `place` whoever may open the socket may use the API. With `tcp_port` (0: any that is free) it
-    is on loopback too, for those who know the token. The token is also in a file of mode 0600
-    beside the socket. Raises HapticError when a port cannot be had.
+    is on loopback too, for those who know the token, and for pages of `origins` that do. The token
+    is also in a file of mode 0600 beside the socket. Raises HapticError when a port cannot be had.
     """
     listener = None if tcp_port is None else listen(tcp_port)
     off = OffThreads(daemon)
@@ -76,7 +82,7 @@ def serve(
         token_file = place.path.with_name(place.path.name + ".token")
         hosts = frozenset({f"{LOOPBACK}:{port}", f"localhost:{port}"})
         app = AtMost(create_app(daemon, page, off), MOST_AT_ONCE)
-        served.append(_served(listener, TokenGate(app, token, hosts, PAGE + "/"), off))
+        served.append(_served(listener, TokenGate(app, token, hosts, PAGE + "/", origins), off))
         url = f"http://{LOOPBACK}:{port}{PAGE}/?token={token}"
         write_private(token_file, token + "\n")
     try:
@@ -90,9 +96,10 @@ def serve(
 
 def _served(listener: socket.socket, app: TokenGate | AtMost, off: OffThreads) -> _Served:
     handed = Handed()
-    door = Door(listener, app if isinstance(app, TokenGate) else None, off, handed)
+    gate = app if isinstance(app, TokenGate) else None
+    door = Door(listener, gate, off, handed)
     config = uvicorn.Config(
-        OneRequest(app),
+        OneRequest(app if gate is None or not gate.origins else _with_cors(gate)),
         http="h11",
         log_config=None,
         log_level="warning",
@@ -107,6 +114,16 @@ def _served(listener: socket.socket, app: TokenGate | AtMost, off: OffThreads) -
         timeout_graceful_shutdown=GRACE_S,
     )
     return _Served(listener, door, handed, uvicorn.Server(config))
+
+
+def _with_cors(gate: TokenGate) -> CORSMiddleware:
+    """A browser asks first whether a page of another origin may send a token, and read answers."""
+    return CORSMiddleware(
+        gate,
+        allow_origins=sorted(gate.origins),
+        allow_methods=["GET", "POST"],
+        allow_headers=["Authorization", "Content-Type", LEASE_HEADER],
+    )
 
 
 @contextmanager

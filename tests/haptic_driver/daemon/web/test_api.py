@@ -31,8 +31,8 @@ from websockets.sync.client import connect, unix_connect
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.web import api, door, security, server
 from haptic_driver.daemon.web.api import create_app
-from haptic_driver.daemon.web.security import TokenGate
-from haptic_driver.errors import HapticError
+from haptic_driver.daemon.web.security import TokenGate, origin_of
+from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.samples import SAMPLE
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving
 from tests.waiting import until
@@ -658,6 +658,32 @@ def test_strangers_over_tcp_change_nothing(shared, headers, status, code):
         said = ask(address, "POST", path, **filled)
         assert (said[0], said[1]["error"]["code"]) == (status, code)
     assert shared.control.calls == []
+
+
+def test_pages_of_an_allowed_origin_may_use_the_api_with_the_token_alone(control, tmp_path):
+    lab, evil = "http://localhost:5173", "http://evil.example"
+    with serving(control, tmp_path, 0, origins=frozenset({origin_of(lab + "/app?x")})) as url:
+        base, _, token = url.partition("/page/?token=")
+        wanted = {"Access-Control-Request-Method": "POST"}
+        asked = httpx.options(base + "/arm", headers={"Origin": lab, **wanted})
+        assert asked.headers["access-control-allow-origin"] == lab
+        may = {"Authorization": f"Bearer {token}"}
+        said = httpx.get(base + "/status", headers={"Origin": lab, **may})
+        assert said.headers["access-control-allow-origin"] == lab
+        assert httpx.get(base + "/status", headers={"Origin": lab}).status_code == 401
+        assert httpx.get(base + "/status", headers={"Origin": evil, **may}).status_code == 403
+        channel = base.replace("http", "ws") + f"/commands?token={token}"
+        with connect(channel, origin=lab) as line:
+            line.send('{"verb": "status"}')
+            assert json.loads(line.recv(HANG_S))["answer"]["state"] == "idle"
+        with pytest.raises(InvalidStatus), connect(channel, origin=evil):
+            pass
+
+
+@pytest.mark.parametrize("page", ["null", "localhost:5173", "file:///app.html", "http://["])
+def test_what_is_no_address_of_pages_is_no_origin(page):
+    with pytest.raises(BadInputError, match="no address of pages"):
+        origin_of(page)
 
 
 def test_the_page_is_open_but_nothing_else(control, tmp_path):

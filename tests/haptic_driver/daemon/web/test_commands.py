@@ -79,7 +79,7 @@ def armed(line):
 
 def test_commands_are_done_in_order_and_answered_by_their_ids(line, control):
     say(line, "a", "arm", lease_s=5.0)
-    say(line, 2, "set_target", cof=0.6)
+    say(line, 2, "set", cof=0.6)
     say(line, 3, "status")
     first, second, third = answer(line), answer(line), answer(line)
     assert [first["id"], second["id"], third["id"]] == ["a", 2, 3]
@@ -93,8 +93,8 @@ def test_commands_are_done_in_order_and_answered_by_their_ids(line, control):
     [
         ("no JSON", 422, "bad_request"),
         ('{"verb": "sett"}', 422, "not_found"),
-        ('{"id": 1, "verb": "set_target", "asked": {"cof": -1}}', 422, "bad_request"),
-        ('{"id": 1, "verb": "set_target", "asked": {"cof": 0.6}}', 409, "not_armed"),
+        ('{"id": 1, "verb": "set", "asked": {"cof": -1}}', 422, "bad_request"),
+        ('{"id": 1, "verb": "set", "asked": {"cof": 0.6}}', 409, "not_armed"),
     ],
 )
 def test_what_cannot_be_done_is_refused_and_the_channel_goes_on(line, said, status, code):
@@ -136,7 +136,7 @@ def test_of_several_that_cannot_be_done_together_each_has_its_own_answer(line, c
 
 @pytest.mark.parametrize("written", ["off", '{"id": 9, "verb": "off"}'])
 def test_off_waits_for_nothing_and_what_came_before_it_is_refused(line, control, held, written):
-    say(line, 2, "set_target", cof=0.7)
+    say(line, 2, "set", cof=0.7)
     line.send(written)
     assert answer(line)["answer"]["state"] == "armed"
     overtaken = answer(line)
@@ -145,7 +145,7 @@ def test_off_waits_for_nothing_and_what_came_before_it_is_refused(line, control,
 
 def test_who_asks_faster_than_can_be_done_is_told(line, control, held):
     for number in range(2, MOST_WAITING + 3):
-        say(line, number, "set_target", cof=0.6)
+        say(line, number, "set", cof=0.6)
     refused = answer(line)
     assert (refused["id"], refused["error"]["code"]) == (MOST_WAITING + 2, "busy")
 

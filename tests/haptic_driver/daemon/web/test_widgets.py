@@ -1,0 +1,103 @@
+"""The example of an app's own page, in a real browser: what is drawn and what is felt move together."""
+
+import pytest
+
+from haptic_driver.daemon.messages import DaemonState
+from tests.haptic_driver.daemon.web import test_dashboard as dashboard
+from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect
+from tests.waiting import until
+
+pytestmark = pytest.mark.process
+
+one_control, control, served = dashboard.one_control, dashboard.control, dashboard.served
+
+
+@pytest.fixture
+def page(browser, served, control):
+    context = browser.new_context(viewport={"width": 1000, "height": 700})
+    page = context.new_page()
+    page.set_default_timeout(HANG_MS)
+    page.goto(served.url.replace("/page/", "/page/widgets.html"))
+    page.click("#arm")
+    expect(page.locator("#said")).to_have_text("armed")
+    yield page
+    context.close()
+
+
+def made(control, name):
+    (found,) = (each for each in control.scene.object if each.id == name)
+    return found
+
+
+def to(page, x_mm, y_mm):
+    """The pointer, at a place of the screen: 10 pixels are 1 mm."""
+    box = page.locator("#screen").bounding_box()
+    page.mouse.move(box["x"] + 10.0 * x_mm, box["y"] + 10.0 * y_mm, steps=5)
+
+
+def test_a_slider_stops_at_its_detents(page, control):
+    assert made(control, "thumb").origin_mm[0] == 50.0
+    to(page, 50.0, 12.0)
+    page.mouse.down()
+    to(page, 78.0, 12.0)
+    page.mouse.up()
+    assert page.locator("#level").text_content() == "7"
+    until(lambda: made(control, "thumb").origin_mm[0] == 80.0)
+
+
+def test_a_button_feels_otherwise_while_it_is_pressed(page, control):
+    released = made(control, "key").cof
+    to(page, 22.0, 38.0)
+    page.mouse.down()
+    until(lambda: made(control, "key").cof > released)
+    page.mouse.up()
+    until(lambda: made(control, "key").cof == released)
+
+
+def test_a_list_goes_on_after_it_is_let_go(page, control):
+    to(page, 70.0, 55.0)
+    page.mouse.down()
+    to(page, 70.0, 40.0)
+    page.mouse.up()
+    let_go = len(control.calls)
+    until(lambda: sum(call[0] == "change_scene" for call in control.calls[let_go:]) > 5)
+
+
+def test_off_is_there_and_leaving_is_off(page, control):
+    assert control.machine.state is DaemonState.RENDERING
+    page.keyboard.press("Escape")
+    expect(page.locator("#said")).to_have_text("off")
+    assert control.machine.state is DaemonState.IDLE
+    page.click("#arm")
+    expect(page.locator("#said")).to_have_text("armed")
+    page.goto("about:blank")
+    until(lambda: control.machine.state is DaemonState.IDLE)
+
+
+def test_two_hundred_objects_that_a_page_moves_as_often_as_it_draws(page, control):
+    """Each answer is waited for; places that came meanwhile go together with the next."""
+    moved = page.evaluate(
+        """async () => {
+      const { Haptic } = await import("./haptic.js");
+      document.getElementById("off").click();
+      const haptic = await Haptic.open(), circle = { kind: "circle", radius_mm: 3 };
+      await new Promise((done) => setTimeout(done, 200));
+      await haptic.arm();
+      const objects = Array.from({ length: 200 }, (_, k) => `object ${k}`);
+      await haptic.scene(
+        objects.map((id) => ({ do: "add", id, cof: 0.6, shape: circle, origin_mm: [10, 10] })), true);
+      let frames = 0;
+      haptic.lost = (error) => { frames = String(error); };
+      await new Promise((done) => {
+        const frame = () => {
+          objects.forEach((id, k) => haptic.move(id, 10 + (k % 20), 10 + frames));
+          if (++frames === 30) done();
+          else requestAnimationFrame(frame);
+        };
+        frame();
+      });
+      return frames;
+    }"""
+    )
+    assert moved == 30
+    until(lambda: made(control, "object 7").origin_mm == [17.0, 39.0])
