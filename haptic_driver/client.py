@@ -16,7 +16,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from socket import socket as Line  # noqa: N812  (arguments are called socket)
@@ -33,11 +33,21 @@ from haptic_driver.daemon.messages import (
     Lease,
     RefusedError,
     SceneChanged,
+    SceneShown,
     StateFrame,
     Status,
 )
 from haptic_driver.daemon.scene import Scene, circle, ellipse, mask, polygon, rectangle
-from haptic_driver.daemon.verbs import MOST_SAMPLES, Answer, Verb, Verbs, Written, methods
+from haptic_driver.daemon.verbs import (
+    MOST_SAMPLES,
+    Answer,
+    Client,
+    Holder,
+    Verb,
+    Verbs,
+    Written,
+    methods,
+)
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
@@ -225,7 +235,7 @@ class HapticClient(Verbs):
 
 
 class Channel(Verbs):
-    """A daemon's command channel, for one thread: each method waits for its answer.
+    """A daemon's command channel. Each method waits for its answer, whichever thread asks.
 
     Methods are those of `Verbs`, without a lease's token. `tick` is that from which on the last
     answer holds. Raises what `HapticClient` raises.
@@ -236,28 +246,23 @@ class Channel(Verbs):
         self.tick = 0
         self._line = line
         self._names = {verb.path + verb.method: name for name, verb in methods().items()}
-        self._asked = 0
+        self._alone = threading.Lock()
 
     @property
     def scene(self) -> Scene:
         """The daemon's scene of objects."""
+        return _scene(self, self.scene_shown)
 
-        def change(changes: list[dict[str, Any]], show: bool) -> SceneChanged:
-            return self.ask(Verbs.change_scene, {"changes": changes, "show": show})
-
-        return Scene(change, self.scene_shown)
-
-    def ask(self, verb: Verb[..., Any, Answer], said: dict[str, Any], _: str = "") -> Answer:
-        """What the daemon answers."""
+    def ask(self, verb: Verb[..., Any, Answer], said: dict[str, Any], token: str = "") -> Answer:
+        """What the daemon answers; by another lease than the channel's own with its token."""
         from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
 
         _write(verb, said)
-        self._asked += 1
-        name = self._names[verb.path + verb.method]
-        command = {"id": self._asked, "verb": name, "asked": said}
+        command = {"verb": self._names[verb.path + verb.method], "asked": said, "lease": token}
         try:
-            self._line.send(_as_json(command).decode())
-            answer = json.loads(self._line.recv(PATIENCE_S if verb.slow else TIMEOUT_S))
+            with self._alone:
+                self._line.send(_as_json(command).decode())
+                answer = json.loads(self._line.recv(PATIENCE_S if verb.slow else TIMEOUT_S))
         except (ConnectionClosed, TimeoutError) as error:
             raise NoDaemonError(
                 "no_answer", f"the command channel does not answer ({error})", "look at its log"
@@ -266,6 +271,13 @@ class Channel(Verbs):
             raise _error_of(answer["status"], _as_json({"error": answer["error"]}))
         self.tick = answer["tick"]
         return verb.answer.model_validate(answer["answer"])
+
+
+def _scene(holder: Holder, shown: Callable[[], SceneShown]) -> Scene:
+    def change(changes: list[dict[str, Any]], show: bool) -> SceneChanged:
+        return holder.ask(Verbs.change_scene, {"changes": changes, "show": show})
+
+    return Scene(change, shown)
 
 
 def _write(verb: Verb[..., Any, Any], said: dict[str, Any]) -> None:
@@ -316,19 +328,22 @@ class Session:
         self._ending = threading.Event()
         self._answered = threading.Event()  # the first renewal
         self._renewing: threading.Thread | None = None  # in the block
+        self._open = ExitStack()
+        self._channel: Channel | None = None
 
     def ask(self, verb: Verb[..., Any, Answer], said: dict[str, Any], _: str = "") -> Answer:
         """What the daemon answers the holder of the lease."""
-        return self._client.ask(verb, said, self.token)
+        asked: Client = self._client
+        if verb.path == "/scene":  # changed many times a second
+            if self._channel is None:
+                self._channel = self._open.enter_context(self._client.channel())
+            asked = self._channel
+        return asked.ask(verb, said, self.token)
 
     @property
     def scene(self) -> Scene:
         """The daemon's scene of objects."""
-
-        def change(changes: list[dict[str, Any]], show: bool) -> SceneChanged:
-            return self.ask(Verbs.change_scene, {"changes": changes, "show": show})
-
-        return Scene(change, self._client.scene_shown)
+        return _scene(self, self._client.scene_shown)
 
     def record(self, path: Path | None) -> Status:
         """Record into a file until the lease is over, whatever ends it, or stop that with None."""
@@ -386,6 +401,7 @@ class Session:
             if error is None:
                 raise
         finally:
+            self._open.close()
             if self._renewing is not None:
                 self._renewing.join()
 

@@ -49,11 +49,14 @@ _VERBS = methods()
 
 
 class Command(Checked):
-    """One message of a client; `id` comes back with the answer."""
+    """One message of a client; `id` comes back with the answer. `lease`: the token of another lease
+    than the channel's own.
+    """
 
     id: int | str | None = None
     verb: str
     asked: dict[str, JsonValue] = Field(default={})
+    lease: str = ""
 
 
 class _Waiting(NamedTuple):
@@ -62,6 +65,7 @@ class _Waiting(NamedTuple):
     id: int | str | None
     do: Callable[[Daemon, Asked, str], str]
     asked: Asked
+    lease: str
 
 
 class CommandChannel:
@@ -97,9 +101,10 @@ class CommandChannel:
             if verb.switches_off:
                 await self._switch_off(said_id, command.verb)
             elif verb is Verbs.renew:
-                await self._do([_Waiting(said_id, verb.said_json, asked)])
+                await self._do([_Waiting(said_id, verb.said_json, asked, command.lease)])
             else:
-                self._waiting.append(_Waiting(said_id, verb.said_json, asked))
+                waiting = _Waiting(said_id, verb.said_json, asked, command.lease)
+                self._waiting.append(waiting)
                 self._come.set()
 
     async def work(self) -> None:
@@ -141,11 +146,11 @@ class CommandChannel:
 
     async def _do(self, together: list[_Waiting]) -> None:
         """One command, or several as one; where that is refused, each by itself."""
-        do, asked = together[0].do, together[0].asked
+        _, do, asked, lease = together[0]
         if len(together) > 1:
             asked = _merged([one.asked for one in together if isinstance(one.asked, SceneChange)])
         try:
-            answer = await to_thread.run_sync(do, self._daemon, asked, self._token)
+            answer = await to_thread.run_sync(do, self._daemon, asked, lease or self._token)
         except HapticError as error:
             if len(together) == 1:
                 await self._refuse(together[0].id, error)
@@ -208,7 +213,8 @@ def _changes(one: _Waiting, first: _Waiting) -> int:
     a, b = one.asked, first.asked
     if not (isinstance(a, SceneChange) and isinstance(b, SceneChange)):
         return 0
-    return len(a.changes) if a.nearest == b.nearest else 0
+    alike = (one.lease, a.nearest) == (first.lease, b.nearest)
+    return len(a.changes) if alike else 0
 
 
 def _merged(asked: list[SceneChange]) -> SceneChange:

@@ -1,5 +1,7 @@
 """The example of an app's own page, in a real browser: what is drawn and what is felt move together."""
 
+from pathlib import Path
+
 import pytest
 
 from haptic_driver.daemon.messages import DaemonState
@@ -101,3 +103,18 @@ def test_two_hundred_objects_that_a_page_moves_as_often_as_it_draws(page, contro
     )
     assert moved == 30
     until(lambda: made(control, "object 7").origin_mm == [17.0, 39.0])
+
+
+def test_the_recipe_for_an_apps_own_page(browser, served, control):
+    recipes = (Path(__file__).parents[4] / "docs" / "recipes.md").read_text()
+    code = recipes.partition("```javascript\n")[2].partition("```")[0]
+    base = served.url.partition("/page/")[0]
+    code = code.replace("http://127.0.0.1:8470", base).replace("TOKEN", served.token)
+    context = browser.new_context(bypass_csp=True)
+    page = context.new_page()
+    page.goto(base + "/page/widgets.html")
+    page.add_script_tag(content=code, type="module")
+    until(lambda: control.scene is not None and control.scene.object)
+    page.mouse.move(350.0, 120.0)
+    until(lambda: made(control, "knob").origin_mm == [35.0, 12.0])
+    context.close()
