@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -26,9 +27,14 @@ MODULES = {"threading", "_thread", "subprocess", "multiprocessing", "concurrent"
 OURS = {"start_thread", "KeptOpen", "start_process", "start_workers", "Child", "Watchdog", "Loader"}
 
 
+@cache
+def nodes(source: str) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(source)))
+
+
 def starts(source: str) -> Iterator[str]:
     """What in a file starts a process or a thread without our tables."""
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes(source):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in MODULES:
             yield from (one.name for one in node.names if one.name in STARTERS | {"run", "call"})
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
@@ -43,7 +49,7 @@ def starts(source: str) -> Iterator[str]:
 def writes(source: str) -> Iterator[str]:
     """Records of the shared memory that a file writes."""
     names = {memory.name for memory in MEMORY}
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes(source):
         if (
             isinstance(node, ast.Call)
             and isinstance(node.func, ast.Attribute)
@@ -54,6 +60,7 @@ def writes(source: str) -> Iterator[str]:
             yield node.func.value.attr
 
 
+@cache
 def sources() -> dict[str, str]:
     return {file.relative_to(PACKAGE).as_posix(): file.read_text() for file in FILES}
 
@@ -102,9 +109,9 @@ def test_each_is_started_by_the_file_that_the_table_names():
     for part in (*PROCESSES, *THREADS):
         if part.name in BY_OTHERS:
             continue
-        nodes = list(ast.walk(ast.parse((PACKAGE / part.owner).read_text())))
-        said = {node.value for node in nodes if isinstance(node, ast.Constant)}
-        called = {getattr(node.func, "id", "") for node in nodes if isinstance(node, ast.Call)}
+        inside = nodes((PACKAGE / part.owner).read_text())
+        said = {node.value for node in inside if isinstance(node, ast.Constant)}
+        called = {getattr(node.func, "id", "") for node in inside if isinstance(node, ast.Call)}
         assert part.name in said, part
         assert called & OURS, part
 
@@ -113,7 +120,7 @@ def test_each_name_stands_for_one_part_in_the_file_that_starts_it():
     owners = {part.name: part.owner for part in THREADS}
     assert len(owners) == len(THREADS)
     for file, source in sources().items():
-        for node in ast.walk(ast.parse(source)):
+        for node in nodes(source):
             is_start = isinstance(node, ast.Call) and getattr(node.func, "id", "") == "start_thread"
             if is_start and isinstance(name := node.args[0], ast.Constant):
                 assert owners[name.value] == file

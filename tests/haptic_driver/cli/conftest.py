@@ -5,14 +5,25 @@ import pytest
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving
 
 
-@pytest.fixture
-def control():
-    return BenchControl()
+@pytest.fixture(scope="package")
+def served(tmp_path_factory):
+    """One for all, and where it serves."""
+    control, folder = BenchControl(), tmp_path_factory.mktemp("served")
+    with serving(control, folder):
+        yield control, folder / "d.sock"
 
 
 @pytest.fixture
-def socket(control, tmp_path, monkeypatch):
-    """Where an API serves; commands find it by themselves."""
-    monkeypatch.setenv("HAPTIC_SOCKET", str(tmp_path / "d.sock"))
-    with serving(control, tmp_path):
-        yield tmp_path / "d.sock"
+def control(served):
+    """Idle and as it was at first."""
+    control, socket = served
+    control.begin_anew()
+    socket.with_name("d.sock.lease").unlink(missing_ok=True)
+    return control
+
+
+@pytest.fixture
+def socket(served, control, monkeypatch):
+    """Where the API serves; commands find it by themselves."""
+    monkeypatch.setenv("HAPTIC_SOCKET", str(served[1]))
+    return served[1]

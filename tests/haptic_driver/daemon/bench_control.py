@@ -101,6 +101,11 @@ class BenchControl:
         self.lock = threading.RLock()
         self.tell("state", "idle")
 
+    def begin_anew(self):
+        """As it was at first, behind the same server."""
+        self.__dict__.clear()
+        self.__init__()
+
     def tell(self, kind, message, data=None):
         number, now_s = len(self.told) + 1, time.monotonic()
         self.told.append(

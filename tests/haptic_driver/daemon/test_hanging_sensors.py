@@ -24,8 +24,12 @@ import time
 from pathlib import Path
 from typing import Literal
 
+from haptic_driver.rig import devices
 from haptic_driver.rig.part import Part, PartSection
 from hw.finger.tracker import FingerReading
+
+
+devices.CLOSE_S = 1.0  # as long as a test has
 
 
 class Section(PartSection):

@@ -108,8 +108,9 @@ def some_ranks(rng):
     return rank
 
 
-@pytest.mark.parametrize("costs", [AUTHORITY, VOLTAGE, CURRENT])
-@pytest.mark.parametrize("ranked", [False, True])
+@pytest.mark.parametrize(
+    ("costs", "ranked"), [(AUTHORITY, False), (VOLTAGE, True), (CURRENT, False)]
+)
 def test_the_best_node_of_any_band_is_that_of_trying_all(surface, brute_force, rng, costs, ranked):
     """Those that reach the target, of them the least rank, of them the least cost or most
     authority.

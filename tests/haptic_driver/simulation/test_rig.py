@@ -68,8 +68,13 @@ def press(duration_s=0.4, force_n=0.5, speed_m_s=0.04):
 
 @pytest.fixture(scope="module")
 def record(stages, rig_config, touch):
+    """Its first stroke: `haptic demo` has both."""
+    whole = synthetic_slide()
+    first = Slide(
+        "stroke", whole.time_s[:3300], whole.position_m[:3300], whole.normal_force_n[:3300]
+    )
     with SimulatedRig(rig_config, touch) as bench:
-        return render_slide(synthetic_slide(), GRATING, stages(GRATING), bench, lambda _: None)
+        return render_slide(first, GRATING, stages(GRATING), bench, lambda _: None)
 
 
 class Heard:
@@ -99,7 +104,7 @@ def test_grating_is_rendered_within_5_percent(record):
     result = score(record)
     assert result.fidelity.share_within_5_percent >= 0.95
     assert result.fidelity.reachable_share == 1.0
-    assert result.fidelity.sliding_time_s > 3.0
+    assert result.fidelity.sliding_time_s > 1.5
     assert record.rejections == 0
 
 
@@ -161,7 +166,7 @@ def test_targets_out_of_reach_are_flagged_and_do_not_count(stages, rig_config, t
     assert record.rejections == 0
 
 
-@pytest.mark.parametrize("force_n", [0.0, 0.05, 0.09])
+@pytest.mark.parametrize("force_n", [0.0, 0.09])
 def test_a_wobble_below_the_contact_threshold_keeps_the_output_at_its_lowest(
     stages, rig_config, touch, force_n
 ):
@@ -236,8 +241,10 @@ class Faulty:
 
 
 @pytest.mark.timeout(60)
-@pytest.mark.parametrize("count", [1, math.inf])
-@pytest.mark.parametrize("fault", CODES)
+@pytest.mark.parametrize(
+    ("fault", "count"),
+    [*((fault, 1) for fault in CODES), (Fault.HANG, math.inf), (Fault.GARBAGE, math.inf)],
+)
 def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, touch, fault, count):
     faulty = Faulty()
     with SimulatedRig(rig_config, touch, wrap=faulty, reply_timeout_s=SILENT_S) as bench:

@@ -57,10 +57,6 @@ class SlidingControl(BenchControl):
         self.lifted = False
         self.aside_m = 0.0
 
-    def begin_anew(self):
-        """As it was at first, behind the same server."""
-        self.__init__()
-
     def samples(self, since_tick, most):
         newest = int(time.monotonic() * 1e3)
         ticks = np.arange(max(since_tick + 1, newest - most + 1), newest + 1)

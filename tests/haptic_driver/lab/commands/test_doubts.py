@@ -117,7 +117,9 @@ CASES = (
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{c.command} {c.source.__name__}" for c in CASES])
 def test_a_doubt_stands_beside_the_numbers(case, tmp_path, monkeypatch, capsys):
-    for as_json in (False, True):
+    """Of the commands with two cases one is read by a person, the other by a program."""
+    single = [one.command for one in CASES].count(case.command) == 1
+    for as_json in (False, True) if single else (case.source is table,):
         folder = tmp_path / ("json" if as_json else "text")
         folder.mkdir()
         monkeypatch.chdir(folder)

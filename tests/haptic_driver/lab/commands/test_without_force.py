@@ -21,12 +21,13 @@ from haptic_driver.render import feedback
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
-from haptic_driver.rig.slide import synthetic_slide
+from haptic_driver.rig.slide import Slide, synthetic_slide
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.textures.library import load_texture
 from hw.monitor.contract import ElectrodeReading
 from model.diagnosis.data import read_measurements
 from model.touch_model import TouchModel
+from tests.haptic_driver.cli.test_demo import trace
 
 WITHOUT = '\n[force_sensor]\nkind = "none"\nload_n = 0.5\n'
 PLAN = """
@@ -55,12 +56,13 @@ def rig(tmp_path, *, monitors: bool) -> str:
 
 
 def slide_of(path: str, surface_file):
-    config, finger = load_rig(path), load_model("reference")
+    config, finger, whole = load_rig(path), load_model("reference"), synthetic_slide()
+    first = Slide(
+        "stroke", whole.time_s[:3300], whole.position_m[:3300], whole.normal_force_n[:3300]
+    )
     settings = render_settings(config, surface_file)
     with SimulatedRig(config, TouchModel(finger), envelope=True) as bench:
-        return render_slide(
-            synthetic_slide(), load_texture("linen", texture_dirs()), settings, bench
-        )
+        return render_slide(first, load_texture("linen", texture_dirs()), settings, bench)
 
 
 @pytest.mark.parametrize("monitors", [False, True])
@@ -108,7 +110,8 @@ def test_the_doctor_says_where_friction_comes_from(haptic, tmp_path):
 
 def test_the_demo_says_that_nothing_was_measured(haptic, tmp_path):
     path = rig(tmp_path, monitors=False)
-    done = haptic("demo", "--rig", path, "--texture", "linen", "--out", tmp_path, "--json")
+    words = ("--texture", "linen", "--trace", trace(tmp_path), "--out", tmp_path, "--json")
+    done = haptic("demo", "--rig", path, *words)
     assert done.said["measured_cof"] is None
     assert done.said["share_within_5_percent"] is None
     assert done.said["estimated_cof_std"] == pytest.approx(LEVEL_STD * done.said["estimated_cof"])

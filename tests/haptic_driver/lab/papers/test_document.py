@@ -91,7 +91,7 @@ def test_another_ending_is_refused(tmp_path):
         write(document(), tmp_path / "paper.docx")
 
 
-@pytest.mark.parametrize("lines", range(44, 76, 4))  # whatever place is left on the page
+@pytest.mark.parametrize("lines", range(44, 76, 8))  # whatever place is left on the page
 def test_a_short_table_stays_with_its_heading_on_one_page(tmp_path, lines):
     rows = [("role", "name")] * 6
     blocks = [Paragraph("\n".join(["text"] * lines)), Heading("Signatures")]
