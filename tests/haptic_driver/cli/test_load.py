@@ -33,7 +33,6 @@ travel_m = [0.0, 0.15]
 higher_presses = true
 clear_m = {LOAD_STAGE.clear_m}
 when_wrong = "retract"
-acceleration_m_s2 = 0.5
 """
 
 

@@ -13,7 +13,6 @@ import sys
 import time
 from base64 import b64decode
 from contextlib import suppress
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -32,7 +31,7 @@ from hw.amplifier.served_lines import ServedLines
 from hw.transport.tcp import TcpTransport
 from tests.haptic_driver.daemon.refusal import refusal
 from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering, lose_the_client, reset
-from tests.waiting import HANG_S, exists, until
+from tests.waiting import exists, until
 
 pytestmark = pytest.mark.realtime
 
@@ -553,47 +552,3 @@ def test_a_trip_of_the_amplifier_is_a_fault_until_it_is_reset(daemon, electrode_
     assert refusal(daemon.arm, 1.0).code == "fault"
     assert daemon.reset().state is DaemonState.IDLE
     assert daemon.status().fault is None
-
-
-def since(daemon):
-    """A function that gives the events of one kind from now on."""
-    last = daemon.events(0)[-1].number
-    return lambda kind: [event for event in daemon.events(last) if event.kind == kind]
-
-
-def test_markers_of_a_script_are_told_when_they_pass(daemon, tmp_path):
-    script = tmp_path / "blocks.csv"
-    script.write_text(
-        "time_s,cof,label\n0,0.6,begin\n0.2,0.65,\n0.4,0.7,second block\n900,0.6,end\n"
-    )
-    new = since(daemon)
-    lease = daemon.arm(LEASE_S)
-    began_s = time.monotonic()
-    daemon.targets.play(lease.token, str(script))
-    keep_rendering(daemon, lease.token, lambda: len(new("marker")) >= 2)
-    markers = new("marker")
-    assert [marker.message for marker in markers] == ["begin", "second block"]
-    begin_s, second_s = (marker.data["due_s"] for marker in markers)
-    assert second_s - begin_s == pytest.approx(0.4)
-    assert begin_s >= began_s
-    assert all(marker.time_s >= marker.data["due_s"] for marker in markers)
-    daemon.targets.set(lease.token, 0.6)  # the script is over, and so are its markers
-    assert len(new("marker")) == 2
-
-
-def test_a_finger_that_is_another_than_the_surfaces_is_told_once_per_fifth(daemon):
-    lines = TcpTransport.from_resource(daemon.supervisor.endpoints["amplifier_lines"])
-    lines.open()
-    lines.query(b"GAIN 1.6\n", HANG_S)
-    try:
-        new = since(daemon)
-        lease = daemon.arm(LEASE_S)
-        daemon.targets.set(lease.token, 1.0)
-        keep_rendering(daemon, lease.token, lambda: new("drift"))
-        first = new("drift")[0].data["gain"]
-        assert first > 1.2
-        told = [1.0] + [event.data["gain"] for event in new("drift")]
-        assert all(abs(after / before - 1.0) > 0.2 for before, after in pairwise(told))
-    finally:
-        lines.query(b"GAIN 1\n", HANG_S)
-        lines.close()

@@ -218,7 +218,9 @@ def test_markers_are_told_once_and_again_when_the_script_begins_anew(bench):
         bench.targets.target = script.started(bench.clock.now_s)
         bench.orders.render(token, number)
         bench.rendered()
+        due_s = bench.clock.now_s
         assert bench.watch() == [("marker", "begin")]
+        assert bench.events.since(0)[-1].data["due_s"] == due_s
         assert bench.watch() == []
 
 

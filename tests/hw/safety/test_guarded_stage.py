@@ -27,9 +27,9 @@ from tests.waiting import HANG_S, exists, until
 
 pytestmark = [pytest.mark.timeout(2 * HANG_S), pytest.mark.realtime]
 
-SETTINGS = StageSettings(0.0, 0.15, 0.05, 0.5, 0.05, 0.5)
-PRESSED_MM = 13.0
-CLEAR_MM = 9.0
+SETTINGS = StageSettings(0.0, 0.15, 0.05, 0.05, 0.05, 0.05)
+PRESSED_MM = 6.0
+CLEAR_MM = 4.0
 DRIVER = """
 import sys, time
 from hw.safety.guarded_stage import GuardedStage

@@ -88,6 +88,7 @@ def test_an_overload_in_a_row_lifts_the_finger_with_the_output_off(
 
 
 @pytest.mark.realtime
+@pytest.mark.soak  # by a stepped clock: `test_load_moments.py`
 def test_a_sensor_that_falls_silent_lifts_the_finger(
     served,
     real,

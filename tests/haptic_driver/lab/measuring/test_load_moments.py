@@ -6,7 +6,7 @@ import pytest
 
 from tests.haptic_driver.lab.measuring.load_moments import failed, serving
 
-pytestmark = [pytest.mark.timeout(300), pytest.mark.realtime]
+pytestmark = pytest.mark.timeout(300)
 ATTEMPTS = 4
 
 
@@ -31,6 +31,7 @@ def test_whatever_fails_the_finger_feels_less_than_the_limit_and_the_output_is_o
         assert moment.last_n == 0.0
 
 
+@pytest.mark.realtime
 @pytest.mark.soak
 def test_a_killed_process_leaves_the_finger_to_the_watchdog(config, model, tmp_path):
     """Within the first row's stroke. Where the machine is too busy for the rig, the process ends by

@@ -211,7 +211,7 @@ def test_a_plan_without_voltage_energises_nothing(config, model, tmp_path):
 
 
 def test_the_output_is_on_for_rows_with_voltage_only(config, model, tmp_path):
-    experiment = prepare(config, model, small_plan())
+    experiment = prepare(config, model, small_plan(sessions=1, repeats=1))
     bench = SimulatedBench(config, model, seed=1)
     between: list[float] = []
     with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
@@ -437,7 +437,7 @@ class Straying(SimulatedBench):
 
 
 def test_a_row_whose_load_was_missed_is_measured_again(config, model, tmp_path):
-    experiment = prepare(config, model, small_plan())
+    experiment = prepare(config, model, small_plan(sessions=1, repeats=1))
     bench, told = Straying(config, model, seed=1), list[str]()
     bench.missed = ATTEMPTS - 1
     with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
@@ -493,7 +493,7 @@ class Dozing(SimulatedBench):
 
 
 def test_a_row_whose_output_went_off_once_is_measured_again(config, model, tmp_path):
-    experiment = prepare(config, model, small_plan())
+    experiment = prepare(config, model, small_plan(sessions=1, repeats=1))
     bench, told = Dozing(config, model, seed=1), list[str]()
     with DataFile.create(tmp_path / "data.csv", experiment.identity()) as data, bench:
         run(experiment, bench, data, tell=told.append)

@@ -33,10 +33,8 @@ from haptic_driver.simulation.finger_model import electrode_of
 from haptic_driver.simulation.hand import CARRIED_N
 from haptic_driver.simulation.served import ServedRig
 from haptic_driver.simulation.twin import as_real
-from hw.force.sensor import ForceReading
 from hw.monitor.simulated import ElectrodeState, SimulatedLines
 from hw.serving.tcp import TcpServer
-from hw.stage import apt
 from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.haptic_driver.config_texts import served_rig_text
@@ -183,36 +181,6 @@ def test_a_stage_of_another_scale_makes_no_row(
     assert off(served)
 
 
-@pytest.mark.realtime
-def test_a_stage_that_is_stopped_during_a_row_makes_no_row(
-    served,
-    real,
-    model,
-    tmp_path,
-    monkeypatch,
-):
-    experiment = prepare(real, model, plan(DRIVEN, voltage_off_every=0))
-    bench = StageBench(real, experiment.plan)
-    read = bench.rig.read_force
-    stop = apt.encode(apt.on_channel(apt.Message.STOP, apt.StopMode.IMMEDIATE))
-
-    def read_force() -> ForceReading:
-        if served.amplifier.voltage_v > 70.0:
-            served.stage.handle(stop)  # as its own panel does
-        return read()
-
-    monkeypatch.setattr(bench.rig, "read_force", read_force)
-    with (
-        DataFile.create(tmp_path / "data.csv", experiment.identity()) as data,
-        bench,
-        pytest.raises(HapticError) as error,
-    ):
-        run(experiment, bench, data)
-    assert error.value.code == "stroke_ended"
-    assert data.done == 0
-    assert off(served)
-
-
 @pytest.fixture(scope="module")
 def stepped(model):
     """On a simulated rig with a stage by a stepped clock, where the load is the finger's own."""
@@ -248,6 +216,16 @@ def test_a_stage_that_rests_when_it_should_slide_is_told(stepped):
     with pytest.raises(HapticError) as error:
         stepped.up_to_speed()
     assert error.value.code == "stage_rests"
+
+
+def test_a_stage_that_stops_before_the_row_is_over_is_told(stepped):
+    stepped.begin_row(0, Row(DRIVEN, 1, 1))
+    stepped.up_to_speed()
+    stepped.step(0.1, CARRIED_N, SPEED_M_S)
+    stepped._stage.stop()  # as its own panel does
+    with pytest.raises(HapticError) as error:
+        stepped.end_row()
+    assert error.value.code == "stroke_ended"
 
 
 def test_another_session_waits_for_the_finger_to_lift(stepped):
