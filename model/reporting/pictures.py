@@ -458,14 +458,16 @@ def held_out(found: Findings) -> Figure | None:
         both.append(
             (f"with the effect chosen anew ({words(chosen.name)})", proof.after, AFTER, 0.19)
         )
+    top = max(1.2, *(float(np.nanmax(values)) for _, values, _, _ in both))
+    low = 0.3 if top > 20.0 else 0.0  # of the axis, which is logarithmic then
     for label, values, colour, shift in both:
         place = at + (shift if len(both) > 1 else 0.0)
         ax.bar(place, values, 0.36, color=colour, label=label)
-        for x, value in zip(place, values, strict=True):
+        for x, value in zip(place, np.maximum(values, 0.0), strict=True):
             text = f"{value:.0f}" if value >= 9.95 else f"{value:.2f}"
             ax.text(
                 x,
-                value,
+                max(value, low),
                 text,
                 ha="center",
                 va="bottom",
@@ -475,9 +477,8 @@ def held_out(found: Findings) -> Figure | None:
                 zorder=4,
             )
     ax.axhline(1.0, color=DATA, lw=1.4, ls="--", label="noise alone")
-    top = max(1.2, *(float(np.nanmax(values)) for _, values, _, _ in both))
-    if top > 20.0:
-        ax.set(yscale="log", ylim=(0.3, 2.0 * top))
+    if low > 0.0:
+        ax.set(yscale="log", ylim=(low, 2.0 * top))
     else:
         ax.set_ylim(0.0, 1.12 * top)
     names = [f"session {_literal(n)}" if proof.by == "session" else n for n in proof.folds]

@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -17,10 +18,12 @@ import pytest
 from model.conditions import Conditions
 from model.description import ModelDescription, read_model
 from model.diagnosis.data import Array, read_measurements
+from model.diagnosis.proof import Proof
 from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
 from model.reporting.page import question, sentence
+from model.reporting.pictures import held_out
 from model.reporting.report import report, write_report
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
@@ -351,3 +354,15 @@ def test_a_model_with_the_effect_already_on_says_so(tmp_path):
         read_model(tmp_path / "out" / "model.toml").effect_parameters["load_dependent_friction"]
         == exponent
     )
+
+
+def test_a_fold_without_error_has_its_number_on_a_logarithmic_axis():
+    """At an error of zero the number lay infinitely far below, and there was no room for bars."""
+    errors = np.array([90.0, -2e-17])
+    proof = Proof("block", ("1", "2"), np.array([4, 4]), errors, errors / 9.0, 0.9, (0.8, 1.0), 1.0)
+    found = SimpleNamespace(proof=proof, chosen=SimpleNamespace(kinds=("one",), name="sweat_film"))
+    drawn = held_out(found)
+    drawn.canvas.draw()
+    (ax,) = drawn.axes
+    assert [text.get_text() for text in ax.texts] == ["90", "0.00", "10", "0.00"]
+    assert ax.get_position().height > 0.4
