@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.lookup.models import load_model
+from model.analysis.voltage_law import beyond_published, exponent
+from model.touch_model import TouchModel
 from validation import voltage
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -23,3 +25,16 @@ def test_a_skin_that_does_not_yield_has_the_exponent_two():
     found = voltage.growth(stiff, 0.5)
     assert found.exponent == pytest.approx(2.0, abs=0.02)
     assert found.ratio == pytest.approx(1.0, abs=0.02)
+
+
+def test_where_a_model_is_steeper_than_published_fingers_it_says_so():
+    reference = TouchModel(load_model("reference"))
+    stiff = TouchModel(voltage.changed(load_model("reference"), "skin_modulus_pa", 100.0))
+    said = beyond_published(reference, 125.0, 150.0, 0.5)
+    assert said is not None
+    assert "150 V and 0.5 N" in said
+    assert beyond_published(reference, 125.0, 70.0, 0.5) is None
+    assert beyond_published(stiff, 125.0, 150.0, 0.5) is None
+    between = voltage.growth(load_model("reference"), 0.5).exponent  # from 75 to 150 V
+    ends = [exponent(reference, 125.0, v, 0.5) for v in (75.0, 150.0)]
+    assert ends[0] < between < ends[1]

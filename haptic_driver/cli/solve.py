@@ -23,8 +23,10 @@ from haptic_driver.render.policies import POLICIES, description
 from haptic_driver.rig.config import load_rig
 from haptic_driver.textures.ripple import QuietReach, Ripple, quiet_reach, ripple
 from model.analysis import uncertainty
+from model.analysis.voltage_law import beyond_published
 from model.description import ModelDescription
 from model.support.cells import number
+from model.touch_model import TouchModel
 
 POLICIES_SAID = " ".join(f"{name}: {description(name)}" for name in POLICIES)
 
@@ -48,6 +50,7 @@ def solve(
     config = load_rig(rig)
     limits = config.operating_limits()
     fixed_hz = _frequency(frequency)
+    description = None
     if surface is not None:
         file = read_surface(surface)
         interval_at = partial(cof_interval_at, file)
@@ -59,9 +62,13 @@ def solve(
     controller = controller_by(file, limits, own, policy, fixed_hz)
     point = operating_point(controller, file, friction, normal_force)
     interval = interval_at(point.frequency_hz, point.voltage_v, normal_force)
+    steep = None
+    if description is not None:
+        at = point.frequency_hz, point.voltage_v, normal_force
+        steep = beyond_published(TouchModel(description), *at)
     left = ripple(point.frequency_hz, config.controller.quiet_above_hz)
     without = quiet_reach(controller.settings, normal_force)
-    payload = {
+    payload: dict[str, Any] = {
         "frequency_hz": point.frequency_hz,
         "voltage_v": point.voltage_v,
         "cof": point.cof,
@@ -72,11 +79,14 @@ def solve(
         "cof_interval": None if interval is None else list(interval),
         "ripple": left._asdict(),
         "quiet_reach": without._asdict(),
+        "notes": [] if steep is None else [steep],
     }
 
     def show() -> None:
         _show(payload, normal_force)
         _show_ripple(left, without)
+        for note in payload["notes"]:
+            stdout.print(f"  note: {note}")
 
     report(as_json, payload, show)
 

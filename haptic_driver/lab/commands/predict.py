@@ -24,6 +24,7 @@ from haptic_driver.lab.commands.columns import (
 )
 from haptic_driver.lab.raw_trials.folder import write_trials
 from haptic_driver.lookup.models import load_model
+from model.analysis.voltage_law import beyond_published
 from model.conditions import Conditions
 from model.support.arrays import Array
 from model.support.cells import written_cells
@@ -90,7 +91,9 @@ def predict(
                 f"effect learned knows nothing at {beyond}",
                 "Ask within its range, or measure there",
             )
-        answer = TouchModel(description).predict(conditions)
+        finger = TouchModel(description)
+        answer = finger.predict(conditions)
+        steep = _steep(finger, columns)
     except RowError as error:
         said = f"{given.where(error.row)}: {error.said}"
         raise BadInputError("bad_condition", said, error.hint) from error
@@ -105,7 +108,7 @@ def predict(
                 f"note: column {theirs} of {table} is kept as {name}; {theirs} is now the model's"
                 " answer"
             )
-    notes = [*given.notes, *given.doubted(), *answer.notes]
+    notes = [*given.notes, *given.doubted(), *answer.notes, *steep]
     for note in notes:
         stderr.print(f"note: {note}")
     count, outside = len(given.rows), int(np.sum(~answer.within_theory))
@@ -126,6 +129,14 @@ def predict(
         payload,
         lambda: stdout.print(f"{count} rows by model '{description.name}' -> {out}"),
     )
+
+
+def _steep(finger: TouchModel, columns: Mapping[str, Any]) -> list[str]:
+    """What is known of the row with the most voltage, which published fingers contradict first."""
+    names = ("frequency_hz", "voltage_v", "normal_force_n")
+    rows = np.column_stack([np.asarray(columns[name], dtype=float) for name in names])
+    said = beyond_published(finger, *map(float, rows[np.argmax(rows[:, 1])]))
+    return [] if said is None else [said]
 
 
 def _table(path: Path, named: Mapping[str, Named]) -> Table:

@@ -20,6 +20,7 @@ KEYS = {
     "cof_interval",
     "ripple",
     "quiet_reach",
+    "notes",
 }
 POLICIES = ["max_authority", "min_voltage", "min_current", "carrier", "quiet"]
 
