@@ -40,5 +40,6 @@ def beyond_published(
     return (
         f"at {voltage_v:.4g} V and {normal_force_n:.3g} N the model's force grows with voltage"
         f" to the power {found:.1f}, that of published fingers to the power"
-        f" {PUBLISHED_EXPONENT:g}, up to {PUBLISHED_V[1]:g} V: friction there is in doubt (docs/voltage-law.md)"
+        f" {PUBLISHED_EXPONENT:g}, up to {PUBLISHED_V[1]:g} V: friction there is in doubt"
+        " (docs/voltage-law.md)"
     )
