@@ -2,4 +2,4 @@
 current.
 """
 
-__all__ = ["calibration", "sensitivity", "spectra", "uncertainty"]
+__all__ = ["calibration", "sensitivity", "spectra", "uncertainty", "voltage_law"]

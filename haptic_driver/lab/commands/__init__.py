@@ -24,6 +24,7 @@ PANELS = {
     },
     "Record and experiment": {
         "export": "Write recordings or strokes as tables.",
+        "fidelity": "Compare felt with asked friction.",
         "experiment": "Run psychophysical experiments, and fit the answers.",
     },
     "When friction is not as the model says": {
