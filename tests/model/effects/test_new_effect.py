@@ -57,7 +57,7 @@ for line in filter(str.strip, sys.stdin):
 TESTS = "import pytest; sys.exit(pytest.main(sys.argv[1:]))"
 PAGES = """
 import reference
-for text in reference.texts().values():
+for text in (*reference.configuration().values(), reference.interventions()):
     print(text)
 """
 
