@@ -150,9 +150,7 @@ def test_off_without_evidence_is_an_error(client, control):
     ("ask", "kind", "code"),
     [
         (lambda c: c.set("token", 0.6), RefusedError, "not_armed"),
-        (lambda c: c.reset(), RefusedError, "no_fault"),
         (lambda c: c.set("token", float("nan")), BadInputError, "out_of_range"),
-        (lambda c: c.play("token", "linnen"), BadInputError, "unknown_texture"),
         (lambda c: c.mark("here", {"this": object()}), BadInputError, "bad_request"),
     ],
 )
@@ -184,15 +182,6 @@ def test_a_recording_is_named_by_its_whole_path(client, tmp_path, monkeypatch):
     client.record(Path("run.h5"))
     assert client.status().recording == str(tmp_path / "run.h5")
     assert client.record(None).recording is None
-
-
-def test_another_model_is_used_by_its_name_or_whole_path(client, control, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "finger.toml").write_text("")
-    assert client.use_model("other").model == "other"
-    with pytest.raises(BadInputError, match=r"there is no model .*finger\.toml"):
-        client.use_model("finger.toml")
-    assert control.calls == [("use_model", "other"), ("use_model", str(tmp_path / "finger.toml"))]
 
 
 def test_views(client, control):

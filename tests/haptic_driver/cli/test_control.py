@@ -100,20 +100,6 @@ def test_set_play_off_disarm(haptic, armed, control):
     assert control.machine.state is DaemonState.IDLE
 
 
-@pytest.mark.parametrize(
-    ("command", "status", "code"),
-    [
-        (["set", "-0.5e1"], 2, "out_of_range"),
-        (["texture", "play", "linnen"], 2, "unknown_texture"),
-        (["reset"], 1, "no_fault"),
-    ],
-)
-def test_refusals(haptic, armed, command, status, code):
-    done = haptic(*command, "--json")
-    assert done.status == status
-    assert done.said["error"]["code"] == code
-
-
 @pytest.mark.process
 @pytest.mark.parametrize("detach", [[], ["--detach"]])
 def test_a_second_arm_by_the_holder_says_so_and_is_no_error(haptic, armed, detach):
@@ -161,11 +147,6 @@ def test_detached_arm_fails_as_arm_does(haptic, socket):
     """Bad input exits with 2 from a process of its own too."""
     done = haptic("arm", "--detach", "--lease", "0.001", "--json")
     assert (done.status, done.said["error"]["code"]) == (2, "out_of_range")
-
-
-@pytest.mark.parametrize("cof", ["1e-3", "10"])
-def test_frictions_to_the_ends_of_the_daemons_range_are_passed_on(haptic, armed, cof):
-    assert done_json(haptic("set", cof, "--nearest", "--json"))["target_cof"] == float(cof)
 
 
 def test_a_slip_of_the_hand_is_refused_and_nearest_insists(haptic, armed):
