@@ -212,7 +212,7 @@ def test_sensors_that_fall_silent_are_connected_anew(daemon, served, monkeypatch
     # any more.
     until(lambda: daemon.shared.sensed.read().normal_force_n > 0.4)
     assert any("reset to go on" in event.message for event in daemon.events(0))
-    daemon.arm(1.0)
+    render(daemon, served)
 
 
 def test_a_watchdog_that_dies_is_started_again(daemon):
