@@ -102,9 +102,10 @@ class BenchControl:
         self.tell("state", "idle")
 
     def begin_anew(self):
-        """As it was at first, behind the same server."""
-        self.__dict__.clear()
+        """As it was at first, behind the same server, which may be asking."""
         self.__init__()
+        for name in vars(self).keys() - vars(type(self)()).keys():
+            delattr(self, name)
 
     def tell(self, kind, message, data=None):
         number, now_s = len(self.told) + 1, time.monotonic()
