@@ -4,7 +4,7 @@ BIN := .venv/bin
 # Hundreds of processes start in a test run: what one has compiled serves the next, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo demo-diagnosis demo-experiment demo-live test test-quick soak kills limits calibration mutate lint bench bench-live validate blind real-data investigations docs changelog wheels clean
+.PHONY: demo demo-diagnosis demo-experiment demo-live test test-quick soak kills limits calibration forms mutate lint bench bench-live validate blind real-data investigations docs changelog wheels clean
 
 .venv/.runtime: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -61,6 +61,10 @@ limits: .venv/.test
 # Probabilities of the diagnosis, as stated and as they come true, on sets from its own hypotheses: at most 40 minutes.
 calibration: .venv/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.calibration
+
+# How far published forms of effects are from the catalogue's, and strangers: after a change of an effect's parameters. Some 15 minutes.
+forms: .venv/.test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.forms
 
 # Small faults, one at a time, in what safety and truth rest on. Lines changed since BASE; ALL=1: a sample of everything.
 BASE ?= HEAD~1

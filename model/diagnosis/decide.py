@@ -133,7 +133,7 @@ class Verdict:
         off = "; its form is not quite the catalogue's" if form_is_off(self.chosen) else ""
         withheld = " with ".join(words(name) for name in self.posterior.withheld)
         if withheld:
-            off += f"; no name for {withheld}, which may not shrink the error on data left out"
+            off += f"; no name for {withheld}, which closes little of the gap on data left out"
         return self.decision.reason + off
 
 

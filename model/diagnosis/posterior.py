@@ -99,29 +99,14 @@ def posterior(found: Evidences) -> Posterior:
     return Posterior(ranked, shares, found.untestable)
 
 
-def held_against(found: Posterior, shrinks: Mapping[str, float]) -> Posterior:
-    """No effect is more probable than that it shrinks the error on held-out data, `shrinks`.
-
-    The weight that an effect loses goes to what is left without it, in proportion to their
-    probabilities. That is the other effect of a pair or nothing, or something unknown in its place.
-    """
-    p, withheld = dict(found.hypotheses), list[str]()
-    for name, sure in shrinks.items():
-        stated = found.inclusion[name]
-        if not sure < stated:  # NaN: nothing could be held out
-            continue
-        withheld += [name] if sure < SURE else []
-        for names in [held for held in p if name in held]:
-            others = tuple(n for n in names if n not in (name, UNKNOWN))
-            moved = p[names] * (1.0 - sure / stated)
-            p[names] -= moved
-            left = found.hypotheses.get(others or (NONE,), 0.0)
-            unknown = found.hypotheses.get((UNKNOWN,), 0.0)
-            share = left / (left + unknown) if left > 0.0 else 0.0
-            for held, part in (others or (NONE,), share), ((*others, UNKNOWN), 1.0 - share):
-                p[held] = p.get(held, 0.0) + part * moved
-    ranked = dict(sorted(p.items(), key=lambda item: -item[1]))
-    return replace(found, hypotheses=ranked, withheld=tuple(withheld))
+def held_against(found: Posterior, odds: Mapping[Names, float]) -> Posterior:
+    """What held-out data add: `odds` for some hypotheses, that they and not others are true."""
+    weights = {names: p * odds.get(names, 1.0) for names, p in found.hypotheses.items()}
+    total = sum(weights.values())
+    ranked = dict(sorted(weights.items(), key=lambda item: -item[1]))
+    held = replace(found, hypotheses={names: w / total for names, w in ranked.items()})
+    withheld = (n for n, p in found.inclusion.items() if p >= SURE > held.inclusion[n])
+    return replace(held, withheld=tuple(withheld))
 
 
 def _prior(names: Names, each: float) -> float:

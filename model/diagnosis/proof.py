@@ -15,7 +15,8 @@ from scipy.linalg import cholesky, solve_triangular
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import evidence
-from model.diagnosis.hypotheses import STARTS, Candidate
+from model.diagnosis.forms import Share
+from model.diagnosis.hypotheses import Candidate
 from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.priors import LOG_PRIOR_EACH
@@ -36,9 +37,8 @@ class Proof:
 
     `gap_closed`: share of the base model's excess over the noise that disappears, with a 95 %
     interval over folds. `inclusion`: share of folds in which the same effects were chosen again.
-    NaN where nothing could be held out. `sure`: how sure the error is to be smaller than the base
-    model's, see `surely_smaller`; `shrinks`: to be smaller with each effect than without it. NaN
-    and empty where nothing could be held out.
+    NaN where nothing could be held out. `shares`: of each leading model, what each of its effects
+    closes of the gap that is there without it. Empty where nothing could be held out.
     """
 
     by: str
@@ -49,8 +49,7 @@ class Proof:
     gap_closed: float
     interval: tuple[float, float]
     inclusion: float
-    sure: float = float("nan")
-    shrinks: dict[str, float] = field(default_factory=dict)
+    shares: dict[tuple[str, ...], list[Share]] = field(default_factory=dict)
 
 
 class Selected(NamedTuple):
@@ -65,7 +64,7 @@ def prove(
     data: Measurements,
     noise: Noise,
     chosen: Candidate,
-    alternatives: list[Candidate],
+    others: list[Candidate],
     scale: float,
     seed: int,
     progress: Callable[[str], None],
@@ -73,56 +72,41 @@ def prove(
     """Leave out sessions where there are three or more, else blocks of settings; errors in units of
     `scale` x noise.
 
-    Each fold chooses anew among the chosen model and `alternatives`. A fold that leaves no noise to
-    fit by, or hardly a row to judge, is left out.
+    Each fold chooses anew among the chosen model and `others`, which hold every effect of a pair
+    alone. A fold that leaves no noise to fit by, or hardly a row to judge, is left out.
     """
-    contenders = [chosen, *[r for r in alternatives if r.kinds != chosen.kinds]]
-    fewer = [_without(chosen.kinds, kind) for kind in chosen.kinds] if len(chosen.kinds) > 1 else []
+    models = {c.kinds: c for c in (chosen, *others)}
 
-    def select(problem: Problem, base: Fit) -> list[Selected]:
-        fits = [problem.fit(c.kinds, c.fit.vector) for c in contenders]
-        scores = [
-            evidence(f, problem.noise).log_evidence + LOG_PRIOR_EACH * len(f.kinds) for f in fits
-        ]
-        best = fits[int(np.argmax(scores))]
-        alone = [problem.best_fit(kinds, base.vector, STARTS) for kinds in fewer]
-        return [Selected(best, best.kinds == chosen.kinds), *(Selected(f, False) for f in alone)]
+    def select(problem: Problem, _base: Fit) -> list[Selected]:
+        fits = [problem.fit(c.kinds, c.fit.vector) for c in models.values()]
+        best = max(fits, key=lambda fit: _score(problem, fit))
+        return [Selected(fit, fit.kinds == chosen.kinds) for fit in (best, *fits)]
 
-    proof, *without = held_out(
+    proof, *each = held_out(
         description, data, noise, select, chosen.fit.vector, scale, seed, progress
     )
     if not proof.folds:
         return proof
-    others = [p.after for p in without] or [proof.before] * len(chosen.kinds)
-    _, fold, names = _folds(data, seed)
+    errors = {kinds: of.after for kinds, of in zip(models, each, strict=True)} | {(): proof.before}
+    draws = _draws(proof.rows.size, seed)
 
-    def sure(of: Kinds, error: Array) -> float:
-        """By the folds in which some of these effects are on: others say nothing about them."""
-        on = np.any([data.with_effect(kind.name) for kind in of], axis=0)
-        seen = np.array([bool(on[fold == names.index(name)].any()) for name in proof.folds])
-        if not seen.any():
-            return float("nan")
-        return surely_smaller(proof.after[seen], error[seen], proof.rows[seen], seed)
+    def share(kinds: Kinds, kind: type[Effect]) -> Share:
+        without, error = errors[_without(kinds, kind)], errors[kinds]
+        drawn = [_closed(without[d], error[d], proof.rows[d]) for d in draws]
+        std = float(np.nanstd(drawn)) if np.isfinite(drawn).any() else float("nan")
+        return Share(kind.name, _closed(without, error, proof.rows), std)
 
-    each = zip(chosen.kinds, others, strict=True)
-    shrinks = {kind.name: sure((kind,), error) for kind, error in each}
-    whole = sure(chosen.kinds, proof.before) if chosen.kinds else float("nan")
-    return replace(proof, sure=whole, shrinks=shrinks)
+    shares = {c.names: [share(kinds, kind) for kind in kinds] for kinds, c in models.items()}
+    return replace(proof, shares={names: of for names, of in shares.items() if of})
+
+
+def _score(problem: Problem, fit: Fit) -> float:
+    """log of prior times evidence."""
+    return evidence(fit, problem.noise).log_evidence + LOG_PRIOR_EACH * len(fit.kinds)
 
 
 def _without(kinds: Kinds, left_out: type[Effect]) -> Kinds:
     return tuple(kind for kind in kinds if kind is not left_out)
-
-
-def surely_smaller(error: Array, other: Array, rows: Array, seed: int) -> float:
-    """Level of the widest bootstrap interval of `other` - `error` that lies above zero, 0 to 1.
-
-    Errors [f] of the same folds of so many `rows` [f] each. Both have the noise of their fold in
-    common, which cancels.
-    """
-    draws = _draws(rows.size, seed)
-    smaller = np.sum((rows * (other - error))[draws], axis=1)
-    return max(1.0 - 2.0 * float(np.mean(smaller <= 0.0)), 0.0)
 
 
 def held_out(

@@ -13,8 +13,9 @@ from typing import NamedTuple
 from model.description import ModelDescription
 from model.diagnosis.audit import Audit, audited
 from model.diagnosis.data import Measurements
-from model.diagnosis.decide import Verdict, verdict_of
+from model.diagnosis.decide import WITHOUT_NAME, Verdict, verdict_of
 from model.diagnosis.ends import at_an_end
+from model.diagnosis.forms import share_odds
 from model.diagnosis.hypotheses import (
     FORCE_SENSOR,
     Candidate,
@@ -26,7 +27,7 @@ from model.diagnosis.hypotheses import (
 from model.diagnosis.learned import LearnedTerm, learn
 from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import Noise
-from model.diagnosis.posterior import held_against, posterior
+from model.diagnosis.posterior import Posterior, held_against, posterior
 from model.diagnosis.proof import Proof, prove
 from model.diagnosis.setting import Setting, fitted, nuisance_warnings
 from model.diagnosis.where import Disagreement, disagreement
@@ -129,14 +130,22 @@ def held_out_verdict(
     """The verdict by all data, compared with data left out of the fit."""
     stated = posterior(hypotheses.evidences)
     first = verdict_of(hypotheses, stated)
-    ranked = sorted(hypotheses.singles, key=lambda c: -c.alone.log_evidence)
     data, noise, chosen = setting.data, setting.problem.noise, first.chosen
     scale = chosen.beside_discrepancy.scale
-    proof = prove(description, data, noise, chosen, ranked[:LEADERS], scale, seed, progress)
-    # Members of a list stand in for each other: only names are judged one by one.
-    is_list = first.verdict == "ambiguous"
-    sure = {n: proof.sure if is_list else p for n, p in proof.shrinks.items()}
-    return Judged(verdict_of(hypotheses, held_against(stated, sure)), proof)
+    proof = prove(
+        description, data, noise, chosen, leading(hypotheses, stated), scale, seed, progress
+    )
+    odds = {names: share_odds(shares) for names, shares in proof.shares.items()}
+    return Judged(verdict_of(hypotheses, held_against(stated, odds)), proof)
+
+
+def leading(hypotheses: Hypotheses, stated: Posterior) -> list[Candidate]:
+    """The most probable models that hold effects, and every effect of these alone."""
+    no_model = {*WITHOUT_NAME, *stated.untestable}
+    most = [names for names in stated.hypotheses if not no_model & set(names)][:LEADERS]
+    return [
+        hypotheses.of(n) for n in dict.fromkeys([*most, *((n,) for names in most for n in names)])
+    ]
 
 
 def explored(

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from model.diagnosis.forms import form_errors
 from model.diagnosis.hypotheses import NO_TRACE
 from model.diagnosis.priors import (
     AMPLITUDES,
-    EXACT,
-    FORM_ERRORS,
     PRIOR_EFFECTS,
     PRIOR_NONE,
     PRIOR_UNKNOWN,
@@ -24,6 +23,7 @@ from model.diagnosis.priors import (
 from model.effects import CATALOGUE
 from model.planning.separation import ALIKE, APART
 
+FORMS = form_errors([])
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "verdict.md").read_text(encoding="utf-8")
 sys.path.insert(0, str(DOCS))
@@ -46,9 +46,9 @@ def rows() -> dict[str, str]:
         ("`none`", f"{PRIOR_NONE:g}"),
         ("`unknown`", f"{PRIOR_UNKNOWN:g}"),
         ("each effect", f"{PRIOR_EFFECTS:g} / {len(CATALOGUE)}"),
-        ("exact form", f"{EXACT:g}"),
-        ("inexact form, each witness", f"{percents(FORM_ERRORS[0])} of the signature"),
-        ("inexact form, all together", f"{percents(FORM_ERRORS[1])} of the strength"),
+        ("exact form", f"{FORMS.exact:.2g}"),
+        ("inexact form, each witness", f"{percents(FORMS.shares[0])} of the signature"),
+        ("inexact form, all together", f"{percents(FORMS.shares[1])} of the strength"),
         ("discrepancy", percents(AMPLITUDES)),
         ("force sensor", f"{percents(SENSOR_SHARES)} of the load"),
         ("no trace", f"*lambda* below {NO_TRACE:g}"),

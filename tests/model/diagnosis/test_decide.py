@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from model.diagnosis.decide import decide
 from model.diagnosis.hypotheses import FORCE_SENSOR, Evidences
-from model.diagnosis.posterior import held_against, posterior
+from model.diagnosis.posterior import Posterior, held_against, posterior
 from model.diagnosis.priors import NONE, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE, UNKNOWN
 
 FROZEN = json.loads(Path(__file__).with_name("frozen_evidences.json").read_text())
@@ -157,15 +157,20 @@ def test_every_name_is_sure_and_every_sure_effect_is_named(found):
     assert not set(decision.names) & set(found.untestable) or decision.verdict == "effect_found"
 
 
-@given(made(), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_no_effect_is_more_probable_than_that_it_shrinks_the_error(found, of_a, of_b):
+@given(made(), st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
+def test_held_out_data_multiply_the_odds_of_what_they_are_about(found, of_a, of_none):
     stated = posterior(found)
-    shrinks = {n: s for n, s in (("a", of_a), ("b", of_b)) if n in stated.inclusion}
-    held = held_against(stated, shrinks)
+    held = held_against(stated, {("a",): exp(of_a), (NONE,): exp(of_none)})
     assert sum(held.hypotheses.values()) == pytest.approx(1.0)
-    for name, p in stated.inclusion.items():
-        if name not in (NONE, UNKNOWN):
-            assert held.inclusion[name] == pytest.approx(min(p, shrinks.get(name, 1.0)), abs=1e-9)
+    for names, p in stated.hypotheses.items():
+        more = {("a",): of_a, (NONE,): of_none}.get(names, 0.0)
+        expected = p * exp(more) * stated_of(stated, held)
+        assert held.hypotheses[names] == pytest.approx(expected)
+
+
+def stated_of(stated: Posterior, held: Posterior) -> float:
+    """By how much all that nothing is said about became more probable."""
+    return held.hypotheses[UNKNOWN,] / stated.hypotheses[UNKNOWN,]
 
 
 def of(alone: dict[str, float], unknown: float = -90.0, sensor: float = -90.0) -> Evidences:
@@ -200,33 +205,25 @@ def test_what_cannot_be_told_apart_is_listed_by_its_place():
     assert listed.probability == pytest.approx(1.0)
 
 
-def test_an_effect_that_does_not_shrink_the_error_has_no_name():
-    """What it loses is something unknown, where that is more probable than nothing."""
-    stated = posterior(of({NONE: -90.0, "a": 0.0}, unknown=-60.0))
-    assert decide(held_against(stated, {"a": 0.97})).names == ("a",)
-    held = held_against(stated, {"a": 0.3})
-    assert held.inclusion[UNKNOWN] == pytest.approx(0.7, abs=1e-6)
-    assert decide(held).verdict == "unexplained"
+def test_an_effect_that_closes_too_little_has_no_name():
+    """It was 99 times as probable as something unknown, and loses nine tenths of that."""
+    unknown = log(PRIOR_EFFECTS / 20 / PRIOR_UNKNOWN / 99.0)
+    stated = posterior(of({NONE: -90.0, "a": 0.0}, unknown=unknown))
+    assert decide(held_against(stated, {("a",): 0.9})).names == ("a",)
+    held = held_against(stated, {("a",): 0.1})
+    assert held.inclusion[UNKNOWN] == pytest.approx(1.0 / (1.0 + 9.9))
+    assert decide(held).verdict == "ambiguous"
     assert (held.withheld, stated.withheld) == (("a",), ())
 
 
-def test_what_chance_explains_is_nothing():
-    """Nothing and an effect are as probable, and the effect does not predict."""
-    stated = posterior(of({NONE: 0.0, "a": -log(PRIOR_EFFECTS / 20 / PRIOR_NONE)}))
-    others = sum(stated.inclusion[f"other {i}"] for i in range(19))  # that these data cannot show
-    assert stated.inclusion["a"] == pytest.approx(stated.inclusion[NONE])
-    held = held_against(stated, {"a": 0.0})
-    assert held.inclusion[NONE] == pytest.approx(1.0 - others)
-    assert held.inclusion[UNKNOWN] < 1e-9
-
-
-def test_of_two_effects_the_one_that_shrinks_the_error_keeps_its_name():
-    """Something unknown takes the other's place beside it."""
-    logs = {NONE: -90.0, "a": -60.0, "b": -60.0, "a+b": 0.0}
-    stated = posterior(of(logs, unknown=-20.0))
-    decision = decide(held_against(stated, {"a": 1.0, "b": 0.2}))
+def test_of_two_effects_the_one_that_closes_what_the_other_leaves_keeps_its_name():
+    """The pair was 99 times as probable as its first effect alone."""
+    each = PRIOR_EFFECTS / 20
+    stated = posterior(of({NONE: -90.0, "a": 0.0, "b": -60.0, "a+b": log(99.0 / each)}))
+    assert decide(stated).names == ("a", "b")
+    decision = decide(held_against(stated, {("a", "b"): 0.1}))
     assert (decision.verdict, decision.names) == ("effect_found", ("a",))
-    assert "perhaps unknown effect as well" in decision.reason
+    assert "perhaps b as well" in decision.reason
 
 
 def test_what_is_not_of_the_touch_is_said_and_never_named():
