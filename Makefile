@@ -62,7 +62,7 @@ limits: .venv/.test
 calibration: .venv/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.calibration
 
-# How far published forms of effects are from the catalogue's, and strangers: after a change of an effect's parameters. Some 15 minutes.
+# How much of a gap effects in other forms close, and wrong ones: after a change of an effect's parameters. Some 15 minutes.
 forms: .venv/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.forms
 

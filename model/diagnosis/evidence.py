@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from model.diagnosis.forms import form_errors
 from model.diagnosis.model_fit import Fit
 from model.diagnosis.noise import Noise
-from model.diagnosis.priors import AMPLITUDES
+from model.diagnosis.priors import AMPLITUDES, EXACT, FORM_ERRORS
 from model.support.arrays import Array
 
 ROUNDING = 1e-11  # of squared singular values, as a share of the largest
@@ -27,7 +26,7 @@ class Evidence:
 
     Two more describe the form of the effect. `bend` is the share by which it differs, in the way of
     that number, and `at_bend` the log evidence with that alone. `exact` is the log evidence of the
-    exact form, which is probable by `p_exact`.
+    exact form.
     """
 
     log_evidence: float
@@ -38,12 +37,11 @@ class Evidence:
     way: int = 0
     at_bend: float = np.inf
     exact: float = np.inf
-    p_exact: float = 1.0
 
     @property
     def exact_share(self) -> float:
         """Probability of a form that is not off, beside those that are."""
-        return float(np.exp(min(np.log(self.p_exact) + self.exact - self.log_evidence, 0.0)))
+        return float(np.exp(min(np.log(EXACT) + self.exact - self.log_evidence, 0.0)))
 
 
 def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
@@ -65,17 +63,18 @@ def evidence(fit: Fit, noise: Noise, forms: Sequence[Array] = ()) -> Evidence:
             [_by_scale(target, np.hstack([fit.jacobian, bend * form]), noise) for bend in bends]
         )
 
-    p_exact, shares = form_errors(kind.name for kind in fit.kinds)
-    off = np.array([by_bend(form, errors) for form, errors in zip(forms, shares, strict=False)])
+    off = np.array(
+        [by_bend(form, errors) for form, errors in zip(forms, FORM_ERRORS, strict=False)]
+    )
     each = logsumexp(off, axis=2)
-    total = float(np.logaddexp(np.log(p_exact) + exact, np.log1p(-p_exact) + _mean(each)))
-    found = Evidence(total, scale, 0.0, at_bend=exact, exact=exact, p_exact=p_exact)
+    total = float(np.logaddexp(np.log(EXACT) + exact, np.log1p(-EXACT) + _mean(each)))
+    found = Evidence(total, scale, 0.0, at_bend=exact, exact=exact)
     if each.max() <= exact:
         return found
     way, bend = np.unravel_index(np.argmax(each), each.shape)
     scale = float(SCALES[np.argmax(off[way, bend])])
     return replace(
-        found, scale=scale, bend=shares[way][bend], way=int(way), at_bend=float(each.max())
+        found, scale=scale, bend=FORM_ERRORS[way][bend], way=int(way), at_bend=float(each.max())
     )
 
 

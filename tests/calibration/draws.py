@@ -20,12 +20,13 @@ from haptic_driver.rig.config import load_rig
 from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.form import form_terms
-from model.diagnosis.forms import form_errors
 from model.diagnosis.hypotheses import NO_TRACE, testable_effects
 from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.priors import (
     AMPLITUDES,
+    EXACT,
+    FORM_ERRORS,
     NONE,
     PRIOR_EFFECTS,
     PRIOR_NONE,
@@ -135,15 +136,14 @@ def _off(
         *single, together = problem.discrepancy
         term = together if rng.random() < 0.5 else single[rng.integers(len(single))]
         return float(rng.choice(AMPLITUDES)) * term @ rng.normal(size=term.shape[1])
-    p_exact, shares = form_errors(kind.name for kind in kinds)
-    if is_unknown or not kinds or rng.random() < p_exact:
+    if is_unknown or not kinds or rng.random() < EXACT:
         return nothing
     at = Fit(kinds, vector, nothing, nothing[:, None], np.eye(1), 0.0, 1.0, 0.0)
     forms = form_terms(problem, at)
     if not forms:
         return nothing
     way = int(rng.integers(len(forms)))
-    bend = float(rng.choice(shares[way]))
+    bend = float(rng.choice(FORM_ERRORS[way]))
     return bend * forms[way] @ rng.normal(size=forms[way].shape[1])
 
 

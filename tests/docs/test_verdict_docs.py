@@ -10,10 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from model.diagnosis.forms import form_errors
+from model.diagnosis.forms import Share, share_odds
 from model.diagnosis.hypotheses import NO_TRACE
 from model.diagnosis.priors import (
     AMPLITUDES,
+    EXACT,
+    FORM_ERRORS,
     PRIOR_EFFECTS,
     PRIOR_NONE,
     PRIOR_UNKNOWN,
@@ -23,7 +25,6 @@ from model.diagnosis.priors import (
 from model.effects import CATALOGUE
 from model.planning.separation import ALIKE, APART
 
-FORMS = form_errors([])
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "verdict.md").read_text(encoding="utf-8")
 sys.path.insert(0, str(DOCS))
@@ -46,9 +47,9 @@ def rows() -> dict[str, str]:
         ("`none`", f"{PRIOR_NONE:g}"),
         ("`unknown`", f"{PRIOR_UNKNOWN:g}"),
         ("each effect", f"{PRIOR_EFFECTS:g} / {len(CATALOGUE)}"),
-        ("exact form", f"{FORMS.exact:.2g}"),
-        ("inexact form, each witness", f"{percents(FORMS.shares[0])} of the signature"),
-        ("inexact form, all together", f"{percents(FORMS.shares[1])} of the strength"),
+        ("exact form", f"{EXACT:g}"),
+        ("inexact form, each witness", f"{percents(FORM_ERRORS[0])} of the signature"),
+        ("inexact form, all together", f"{percents(FORM_ERRORS[1])} of the strength"),
         ("discrepancy", percents(AMPLITUDES)),
         ("force sensor", f"{percents(SENSOR_SHARES)} of the load"),
         ("no trace", f"*lambda* below {NO_TRACE:g}"),
@@ -63,6 +64,19 @@ def test_the_table_has_the_numbers_of_the_program(name, value):
 
 def test_the_odds_against_something_unknown_are_said():
     assert f"by {(1.0 - PRIOR_UNKNOWN) / PRIOR_UNKNOWN:.1f} or more" in PAGE
+
+
+def test_the_odds_of_shares_are_said():
+    said = rows_of("share of the gap closed, known within 0.05"), rows_of("odds")
+    for share, odds in zip(*said, strict=True):
+        found = share_odds([Share("", float(share), 0.05)])
+        assert float(odds) == pytest.approx(found, rel=0.02)
+
+
+def rows_of(first: str) -> list[str]:
+    """All other cells of the row that begins so."""
+    line = next(line for line in PAGE.splitlines() if line.startswith(f"| {first} |"))
+    return line.strip("| ").split(" | ")[1:]
 
 
 def test_the_threshold_of_a_plan_is_said():
