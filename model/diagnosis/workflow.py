@@ -32,7 +32,7 @@ from model.diagnosis.proof import Proof, prove
 from model.diagnosis.setting import Setting, fitted, nuisance_warnings
 from model.diagnosis.where import Disagreement, disagreement
 
-LEADERS = 4  # alternatives that take part in the held-out proof
+LEADERS = 4  # models that take part in the held-out proof, at the least
 Progress = Callable[[str], None]
 
 
@@ -140,12 +140,14 @@ def held_out_verdict(
 
 
 def leading(hypotheses: Hypotheses, stated: Posterior) -> list[Candidate]:
-    """The most probable models that hold effects, and every effect of these alone."""
+    """All models with effects that may be the case, LEADERS or more, and each effect of them
+    alone.
+    """
     no_model = {*WITHOUT_NAME, *stated.untestable}
-    most = [names for names in stated.hypotheses if not no_model & set(names)][:LEADERS]
-    return [
-        hypotheses.of(n) for n in dict.fromkeys([*most, *((n,) for names in most for n in names)])
-    ]
+    models = [names for names in stated.hypotheses if not no_model & set(names)]
+    most = models[: max(LEADERS, len(stated.credible()))]
+    alone = [(name,) for names in most for name in names]
+    return [hypotheses.of(names) for names in dict.fromkeys([*most, *alone])]
 
 
 def explored(

@@ -196,7 +196,9 @@ def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_riv
         pytest.skip("nothing was named")
     fit, rival = run.content["fit"], run.content["held_out"]["best_rival"]
     assert fit["held_out_chi2_per_point"]["after"] < fit["held_out_chi2_per_point"]["before"]
-    assert fit["gap_closed"] > max(0.8, rival["gap_closed"])
+    # What is least probable of those that look alike is not listed, and closes as much.
+    alike = run.case.verdict == "ambiguous"
+    assert fit["gap_closed"] > (0.8 if alike else max(0.8, rival["gap_closed"]))
 
 
 def test_untestable_data_leave_the_priors(run):
@@ -241,7 +243,7 @@ def test_the_page_opens_with_the_verdict_in_words(run):
     words = {
         "no_discrepancy": "nothing missing",
         "effect_found": "Load dependent friction is missing from the model",
-        "ambiguous": "cannot tell which: series resistance, amplifier bandwidth",
+        "ambiguous": "cannot tell which: series resistance or amplifier bandwidth",
         "unexplained": "no effect that this program knows",
         "not_testable": "cannot test the model",
     }
