@@ -115,6 +115,12 @@ def test_the_recipe_for_an_apps_own_page(browser, served, control):
     page.goto(base + "/page/widgets.html")
     page.add_script_tag(content=code, type="module")
     until(lambda: control.scene is not None and control.scene.object)
-    page.mouse.move(350.0, 120.0)
-    until(lambda: made(control, "knob").origin_mm == [35.0, 12.0])
+
+    def follows():
+        """Once the page listens, which it does after it has heard that the knob is there."""
+        page.mouse.move(340.0, 120.0)
+        page.mouse.move(350.0, 120.0)
+        return made(control, "knob").origin_mm == [35.0, 12.0]
+
+    until(follows)
     context.close()
