@@ -139,7 +139,7 @@ class HapticClient(Verbs):
         except (OSError, WebSocketException) as error:
             raise self._no_daemon() from error
         with line:
-            yield Channel(line)
+            yield Channel(line, self)
 
     def textures(self) -> list[str]:
         """Names that `play` knows."""
@@ -241,10 +241,11 @@ class Channel(Verbs):
     answer holds. Raises what `HapticClient` raises.
     """
 
-    def __init__(self, line: ClientConnection) -> None:
+    def __init__(self, line: ClientConnection, client: HapticClient) -> None:
         self.token = ""  # the daemon's end keeps it
         self.tick = 0
-        self._line = line
+        self._line, self._client = line, client
+        self._asked = 0
         self._names = {verb.path + verb.method: name for name, verb in methods().items()}
         self._alone = threading.Lock()
 
@@ -257,12 +258,18 @@ class Channel(Verbs):
         """What the daemon answers; by another lease than the channel's own with its token."""
         from websockets.exceptions import ConnectionClosed  # noqa: PLC0415
 
+        if verb.switches_off:  # waits for no thread that asks here, and has to be shown
+            return self._client.ask(verb, said)
         _write(verb, said)
         command = {"verb": self._names[verb.path + verb.method], "asked": said, "lease": token}
+        patience_s = PATIENCE_S if verb.slow else TIMEOUT_S
         try:
             with self._alone:
-                self._line.send(_as_json(command).decode())
-                answer = json.loads(self._line.recv(PATIENCE_S if verb.slow else TIMEOUT_S))
+                self._asked += 1
+                self._line.send(_as_json({"id": self._asked, **command}).decode())
+                answer = json.loads(self._line.recv(patience_s))
+                while answer["id"] != self._asked:  # what came too late for who asked it
+                    answer = json.loads(self._line.recv(patience_s))
         except (ConnectionClosed, TimeoutError) as error:
             raise NoDaemonError(
                 "no_answer", f"the command channel does not answer ({error})", "look at its log"

@@ -88,7 +88,8 @@ class CommandChannel:
             said_id = command.id
             verb = _VERBS[command.verb]
             asked = verb.schema.model_validate_json(json.dumps(command.asked))
-            if len(self._waiting) >= MOST_WAITING:
+            at_once = verb.switches_off or verb is Verbs.renew
+            if len(self._waiting) >= MOST_WAITING and not at_once:
                 raise RefusedError(
                     "busy", f"{MOST_WAITING} commands wait", "wait for answers; OFF is still heard"
                 )

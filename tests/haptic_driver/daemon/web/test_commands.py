@@ -8,7 +8,7 @@ import threading
 import pytest
 from websockets.sync.client import unix_connect
 
-from haptic_driver.client import HapticClient, circle
+from haptic_driver.client import HapticClient, NoDaemonError, circle
 from haptic_driver.daemon.messages import DaemonState, RefusedError
 from haptic_driver.daemon.web.commands import MOST_WAITING
 from haptic_driver.errors import BadInputError
@@ -148,6 +148,9 @@ def test_who_asks_faster_than_can_be_done_is_told(line, control, held):
         say(line, number, "set", cof=0.6)
     refused = answer(line)
     assert (refused["id"], refused["error"]["code"]) == (MOST_WAITING + 2, "busy")
+    heard(line)
+    line.send("off")
+    assert answer(line)["answer"]["state"] == "armed"
 
 
 def test_a_command_that_takes_long_keeps_the_lease(line, control, held):
@@ -173,6 +176,19 @@ def test_a_held_lease_changes_its_scene_over_one_channel(control, tmp_path):
         assert control.scene.object[0].origin_mm == [12.0, 5.0]
         client.off()
         assert control.machine.state is DaemonState.ARMED
+
+
+def test_an_answer_that_came_too_late_is_not_taken_for_the_next(control, tmp_path, monkeypatch):
+    held = Held(control.scene_shown)
+    monkeypatch.setattr(control, "scene_shown", held)
+    with HapticClient(tmp_path / "d.sock") as client, client.channel() as channel:
+        monkeypatch.setattr("haptic_driver.client.TIMEOUT_S", 0.1)
+        with pytest.raises(NoDaemonError):
+            channel.scene_shown()
+        held.let_go.set()
+        monkeypatch.setattr("haptic_driver.client.TIMEOUT_S", 30.0)
+        assert channel.arm(5.0).lease_s == 5.0
+        assert channel.off().state is DaemonState.ARMED
 
 
 def test_python_has_the_verbs_of_the_channel(control, tmp_path):
