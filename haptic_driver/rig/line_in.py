@@ -21,6 +21,22 @@ class EdgeIn(NamedTuple):
     within_s: float
 
 
+class _LookedAt:
+    """A line that is open once its level is known: what rises from then on is an edge."""
+
+    def __init__(self, line: LineIn) -> None:
+        self.high = False
+        self._line = line
+
+    def open(self) -> None:
+        self._line.open()
+        levels = self._line.levels()
+        self.high = bool(levels) and levels[-1]
+
+    def close(self) -> None:
+        self._line.close()
+
+
 class LineInReader:
     """Calls `heard` for each edge, between `start` and `close`, and `told` when the line is lost or
     back. Neither may take long.
@@ -42,7 +58,8 @@ class LineInReader:
         self.edges = self.bounces = 0
         self._low_s, self._clock = low_s, clock
         self._heard, self._told = heard, told
-        self._kept = KeptOpen("line_in", line, self._serve, self._tell)
+        self._looked = _LookedAt(line)
+        self._kept = KeptOpen("line_in", self._looked, self._serve, self._tell)
         self.start, self.close = self._kept.start, self._kept.close
 
     @property
@@ -55,8 +72,7 @@ class LineInReader:
         self._told(back if lost is None else f"no edges are heard: {lost}; it is tried again")
 
     def _serve(self) -> None:
-        first = self.line.levels()
-        before = bool(first) and first[-1]
+        before = self._looked.high
         looked_s, high_s = self._clock(), -inf  # last looked; last seen high
         while not self._kept.ending.is_set():
             levels = self.line.levels()

@@ -10,6 +10,7 @@ SIGTERM, as the command does.
 from __future__ import annotations
 
 import _thread
+import ctypes
 import gc
 import os
 import resource
@@ -27,6 +28,7 @@ from hw.transport import resource as transports
 from hw.transport import tcp
 from hw.transport.tcp import TcpTransport
 
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 A_SEARCH = 50_000  # objects: it takes about 0.03 s, and every thread waits
 NAMED: list[TcpTransport] = []
 
@@ -79,6 +81,7 @@ def main() -> None:
     def settings(rig: str, model: str, **kept: object) -> object:
         return daemon_settings(rig, model, amplifier_record=record)
 
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # a test that was killed leaves none
     if "names" in what:
         tcp.TcpTransport = transports.TcpTransport = Named
     signal.signal(signal.SIGUSR1, denying)

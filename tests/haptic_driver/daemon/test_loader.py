@@ -6,6 +6,7 @@ import os
 import signal
 import struct
 import threading
+import time
 import zlib
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Uniform
 from haptic_driver.textures.tile import Grid
-from tests.waiting import HANG_S, until
+from tests.waiting import until
 
 pytestmark = pytest.mark.process
 
@@ -189,14 +190,6 @@ DESCRIPTIONS = {
 }
 
 
-@pytest.fixture
-def patient(monkeypatch):
-    """Who gives way to everybody may not come to its end within the usual time on a busy
-    machine.
-    """
-    monkeypatch.setattr("haptic_driver.daemon.loader.TIME_S", HANG_S)
-
-
 def refused(loader, path, usual_bytes):
     """The refusal of a texture, and how much larger than usual the process became."""
     pid = loader.pids["loader"]
@@ -206,7 +199,6 @@ def refused(loader, path, usual_bytes):
     return error.value, peak_bytes(loader) - usual_bytes
 
 
-@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, tmp_path, name):
     described, file, make = FILES[name]
@@ -218,7 +210,6 @@ def test_a_file_that_is_a_bomb_is_refused_in_little_memory(loader, usual_bytes, 
     assert grown_bytes < MOST_BYTES
 
 
-@pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("name", DESCRIPTIONS)
 def test_a_description_that_is_a_bomb_is_refused_in_little_memory(
     loader, usual_bytes, tmp_path, name
@@ -261,7 +252,7 @@ def fill(name, size):
 def test_its_memory_is_bounded_and_it_is_there_again(loader):
     """Whatever gets past the readers."""
     before = loader.pids
-    with pytest.raises(BadInputError, match="takes more than 5 s or 256 MiB to read") as refusal:
+    with pytest.raises(BadInputError, match="more than 5 s of a processor or 256 MiB") as refusal:
         loader._ask(fill, "a large one", 300 * MIB)
     assert refusal.value.code == "too_much"
     target, asked, _ = loader.texture("linen", REACHABLE_COF)
@@ -273,9 +264,24 @@ def test_its_memory_is_bounded_and_it_is_there_again(loader):
 def test_one_that_hangs_is_ended(loader, monkeypatch):
     os.kill(loader.pids["loader"], signal.SIGSTOP)
     with monkeypatch.context() as hurry:
-        hurry.setattr("haptic_driver.daemon.loader.TIME_S", 0.5)
+        hurry.setattr("haptic_driver.daemon.loader.HANG_S", 0.5)
         with pytest.raises(BadInputError, match="takes more than"):
             loader.texture("linen", REACHABLE_COF)
+    assert loader.texture("linen", REACHABLE_COF)[1].cof_low > 0.0
+
+
+def busy(name):
+    while True:
+        pass
+
+
+def test_what_takes_too_long_is_ended_by_the_time_of_a_processor(loader, monkeypatch):
+    """A ramp was refused for 5 s by the clock, beside others that had the processors."""
+    with monkeypatch.context() as hurry:
+        hurry.setattr("haptic_driver.daemon.loader.TIME_S", 0.5)
+        with pytest.raises(BadInputError, match="takes more than"):
+            loader._ask(busy, "a long one")
+        loader._ask(time.sleep, 1.0)  # it waits for longer than it may compute
     assert loader.texture("linen", REACHABLE_COF)[1].cof_low > 0.0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Iterator, Sequence
+from threading import Event
 
 import pytest
 
@@ -163,6 +164,21 @@ def test_a_rise_is_an_edge_after_three_milliseconds_of_low(levels, edges_ms, bou
     assert [edge.number for edge in heard] == list(range(1, len(edges_ms) + 1))
     assert (reader.edges, reader.bounces) == (len(edges_ms), bounces)
     assert all(edge.within_s == pytest.approx(1e-3) for edge in heard)
+
+
+def test_a_line_is_not_heard_before_its_level_is_known():
+    """What rises between its opening and the first look is no edge, so nobody says it is heard."""
+    looking, may_answer, line = Event(), Event(), Levels("0010")
+    levels = line.levels
+    line.levels = lambda: looking.set() or (may_answer.wait(HANG_S) and levels())
+    reader = LineInReader(line, 1e-3, print, print, lambda: line.now_s)
+    reader.start()
+    assert looking.wait(HANG_S)
+    assert reader.lost is not None
+    may_answer.set()
+    until(lambda: reader.lost is None and line.is_over)
+    reader.close()
+    assert reader.edges == 1
 
 
 class Looks(Levels):
