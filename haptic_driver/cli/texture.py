@@ -103,6 +103,7 @@ def check(
     # slow to import
     from haptic_driver.daemon.set_up import placement_of  # noqa: PLC0415
     from haptic_driver.rig.config import load_rig  # noqa: PLC0415
+    from haptic_driver.rig.placement import USUAL_SPEED_M_S  # noqa: PLC0415
 
     require_range("speed", speed, *SPEED_M_S, unit=" m/s")
     loaded = load(name, texture_dirs())
@@ -116,6 +117,7 @@ def check(
         met = loaded.target.under(speed, normal_force)
         bands = predicted(*asked(met, speed, SCREEN_M), reachable, output_of(config), speed)
     placed, detail_m = placement_of(config, speed), loaded.target.detail_m
+    by_time = loaded.target.is_finer_than(placement_of(config, USUAL_SPEED_M_S).median_m)
     payload = {
         "name": name,
         "kind": loaded.kind,
@@ -130,12 +132,13 @@ def check(
             "median_m": placed.median_m,
             "most_m": placed.most_m,
             "share_beyond_detail": placed.share_beyond(detail_m),
+            "by": "time" if by_time else "space",
         },
     }
 
     def show() -> None:
         _show(name, loaded.kind, found, reachable, normal_force)
-        stdout.print(_placed(placed, detail_m))
+        stdout.print(_by_time(placed) if by_time else _placed(placed, detail_m))
         if bands:
             _show_bands(bands, speed, carrier)
 
@@ -273,6 +276,15 @@ def _placed(placed: Placement, detail_m: float) -> str:
         return said
     share = f"{placed.share_beyond(detail_m):.0%}"
     return f"{said}; its finest detail, {1e3 * detail_m:.3g} mm, is missed for {share} of the time"
+
+
+def _by_time(placed: Placement) -> str:
+    """What this rig does to waves that are finer than places are known."""
+    return (
+        "  rendered by time: places are known less well than half a wave, so waves have the right"
+        f" length, and lie {1e3 * placed.behind_m:.2g} mm behind at"
+        f" {1e3 * placed.speed_m_s:.3g} mm/s"
+    )
 
 
 def _show_bands(bands: Sequence[Band], speed_m_s: float, carrier: _Carrier) -> None:

@@ -53,6 +53,7 @@ _OUTSIDE_SURFACE = int(Flag.OUTSIDE_SURFACE)
 _REJECTED = int(Flag.REJECTED)
 _LEASE_LOST = int(Flag.LEASE_LOST)
 _FEEDBACK_LIMIT = int(Flag.FEEDBACK_LIMIT)
+_BY_TIME = int(Flag.BY_TIME)
 _CONTROL_SILENT = int(Flag.CONTROL_SILENT)
 _ELECTRODE_AT = Sensed._fields.index("electrode_time_s")  # from there on as samples have them
 
@@ -67,7 +68,7 @@ class RenderSettings:
     tick to tick. The latencies of `tick` reckon with a lead of `lead_s`. `surface`: the number that
     the controller's has among orders. `standing_flags` are up whenever something is rendered.
     `model_std`: of friction by the model alone, relative, where no force sensor measures it; 0
-    where one does.
+    where one does. `off_m`: how far a place is off half of the time, by a finger of usual speed.
     """
 
     tick: TickSettings
@@ -81,6 +82,7 @@ class RenderSettings:
     surface: int = 0
     standing_flags: int = 0
     model_std: float = 0.0
+    off_m: float = 0.0
 
 
 class Nothing(Target):
@@ -244,7 +246,8 @@ class Renderer:
 
     def _render(self, target: Target) -> None:
         self._detail_m = target.detail_m
-        self._tick_settings = replace(self._tick_settings, texture=target)
+        by_time = target.is_finer_than(self._settings.off_m)
+        self._tick_settings = replace(self._tick_settings, texture=target, by_time=by_time)
 
     def _rearrange(self, scene: Scene) -> None:
         """Take up another table of the present scene's objects, where there is one."""
@@ -431,6 +434,7 @@ def _noted(settings: TickSettings, due: Due, done: Tick, state: TickState) -> in
     noted = _OVERRUN if due.missed else 0
     noted |= 0 if done.wanted.reachable else _UNREACHABLE
     noted |= 0 if settings.controller.knows(done.finger) else _OUTSIDE_SURFACE
+    noted |= _BY_TIME if settings.by_time else 0
     if done.safe.rejection is not None:
         noted |= _REJECTED
     if state.controller.estimate.at_limit:

@@ -24,7 +24,7 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.finger_trackers import reports_of
-from haptic_driver.rig.placement import Placement, placement
+from haptic_driver.rig.placement import USUAL_SPEED_M_S, Placement, placement
 from haptic_driver.rig.slide import read_slide
 from haptic_driver.rig.tick_settings import finger_settings, tick_settings
 from model.description import ModelDescription
@@ -171,6 +171,7 @@ def render_settings(
         usual_s=usual_s,
         standing_flags=standing,
         model_std=0.0 if config.without_force is None else LEVEL_STD,
+        off_m=placement_of(config, USUAL_SPEED_M_S).median_m,
     )
 
 

@@ -30,6 +30,7 @@ class Flag(IntFlag):
     OUTSIDE_SURFACE = 8192
     LATENCY = 4096  # friction is surely felt sooner or later than the rig's file says
     EVENT_LINE = 16384  # an edge of the event line is missing
+    BY_TIME = 32768  # waves have their length, not their place
 
     def names(self) -> list[str]:
         """Lower-case names of the flags that are up."""

@@ -39,7 +39,7 @@ def ahead(
     finger = done.finger
     if not finger.in_contact or done.safe.rejection is not None:
         return after, ZERO
-    cof = stages.texture.cof_along(finger, _moments_s(tick_s))
+    cof = stages.texture.cof_along(done.placed, _moments_s(tick_s))
     known, carrier_hz = after.controller.estimate, done.wanted.frequency_hz
     voltage_v, peak = stages.controller.along(known, cof, finger, carrier_hz)
     worst = safety.Worst(*safety.worst_at(stages.worst_case, carrier_hz, peak.voltage_v))
@@ -49,7 +49,7 @@ def ahead(
     # The next tick's rise begins where this way ends.
     driven = drive.DriveState(after.drive.time_s, voltage_v.item(-1))
     return (
-        TickState(after.finger, after.controller, guard, driven, after.command),
+        after._replace(safety=guard, drive=driven),
         voltage_v * voltage_v,
     )
 

@@ -10,11 +10,12 @@ import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from types import ModuleType
-from typing import Any, Literal, NamedTuple, overload
+from typing import Any, Literal, NamedTuple, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,13 @@ Interpolation = Literal["hold", "linear", "cosine"]
 
 
 class Target(ABC):
-    """What a tick asks for the friction under the finger."""
+    """What a tick asks for the friction under the finger.
+
+    `wave_m`: the finest of waves that need no place of their own, only their length; inf where
+    places count.
+    """
+
+    wave_m: float = math.inf
 
     @abstractmethod
     def cof_under(self, finger: FingerState) -> float:
@@ -59,6 +66,16 @@ class Target(ABC):
         """The least distance over which friction may be quite another; inf where it is the same
         everywhere.
         """
+
+    def of_waves(self, wave_m: float) -> Self:
+        """The same, with that `wave_m`."""
+        other = copy(self)
+        object.__setattr__(other, "wave_m", wave_m)  # which frozen ones do not allow
+        return other
+
+    def is_finer_than(self, off_m: float) -> bool:
+        """Whether half a wave is less than how far off a place is: where it lies is chance then."""
+        return 0.5 * self.wave_m < off_m
 
 
 class Texture(Target):

@@ -49,12 +49,33 @@ _FOR_BOTH_AXES = BeforeValidator(
     lambda pitch_mm: pitch_mm if isinstance(pitch_mm, list) else [pitch_mm, pitch_mm]
 )
 PitchMm = Annotated[list[LengthMm], _FOR_BOTH_AXES, Field(min_length=2, max_length=2)]
+Placement = Literal["space", "time"]
 FileName = Annotated[str, Field(min_length=1)]
 
 
 # Strict: TOML has types of its own, so the text "0.6" where a number belongs is a mistake.
 class _Description(Checked, strict=True):
     description: str = Field(default="", description="in words")
+
+
+class _Detailed(_Description):
+    """What has places, of which those of waves may count less than their length."""
+
+    placement: Placement | None = Field(
+        default=None,
+        description=(
+            "what is kept where a panel reports seldom: `space`, places, or `time`, the length of"
+            " waves. By default `time` for waves (not files) finer than places are known"
+        ),
+    )
+
+    def wave_m(self) -> float:
+        """The finest wave whose place may give way: 0 for `time`, inf for `space`."""
+        return {None: 1e-3 * self.finest_mm(), "time": 0.0, "space": math.inf}[self.placement]
+
+    def finest_mm(self) -> float:
+        """The finest wave; inf where it may be no wave."""
+        return math.inf
 
 
 class UniformDescription(_Description):
@@ -74,7 +95,7 @@ def require_swing(mean_cof: float, amplitude_cof: float) -> None:
         )
 
 
-class GratingDescription(_Description):
+class GratingDescription(_Detailed):
     """The middle of two frictions, plus or minus an amplitude, in waves."""
 
     kind: Literal["grating"]
@@ -104,6 +125,9 @@ class GratingDescription(_Description):
             )
         return self
 
+    def finest_mm(self) -> float:
+        return self.period_mm
+
     def share(self) -> float:
         """`duty`, or what it is where nobody says: half a period high, a whole period rising."""
         return (
@@ -113,7 +137,7 @@ class GratingDescription(_Description):
         )
 
 
-class NoiseDescription(_Description):
+class NoiseDescription(_Detailed):
     """Waves of every direction and of lengths between two limits, with random phases; a tile that
     has no seam.
     """
@@ -151,6 +175,9 @@ class NoiseDescription(_Description):
             )
         return self
 
+    def finest_mm(self) -> float:
+        return self.shortest_mm
+
     def pixels(self) -> int:
         """Pixels along each side of the tile."""
         return math.ceil(SAMPLES_PER_WAVE * self.tile_mm / self.shortest_mm)
@@ -183,7 +210,7 @@ class ProcessDescription(Checked, strict=True):
         return self
 
 
-class SpectrumDescription(_Description):
+class SpectrumDescription(_Detailed):
     """Waves along a direction whose spectrum, for a finger at a speed, is given in the nine bands
     from 12.5 to 800 Hz.
 
@@ -307,7 +334,7 @@ class SpectrumDescription(_Description):
         return math.ceil(SAMPLES_PER_WAVE * self.tile_mm / self.finest_mm())
 
 
-class _Located(_Description):
+class _Located(_Detailed):
     """Where a texture's point 0, 0 lies, and what is beyond its ends."""
 
     file: FileName = Field(description="beside the texture's own file")

@@ -249,7 +249,9 @@ def _build_texture(described: description.TextureDescription, path: Path) -> Tex
             cof = described.cof_low + (described.cof_high - described.cof_low) * amplitude
             curve = Profile(position_m.tolist(), cof.tolist(), described.outside)
             texture = _placed(curve, described.origin_mm, described.direction_deg)
-    return texture
+    if isinstance(described, description.UniformDescription):
+        return texture
+    return texture.of_waves(described.wave_m())
 
 
 def _step_texture(name: str, script_path: Path, search: Sequence[Path]) -> Texture:

@@ -296,6 +296,31 @@ def test_a_finger_that_may_be_beyond_the_textures_finest_detail_has_no_output(
     assert bench.run(0.1)[-1].output_on, "nothing trips"
 
 
+WAVES = Grating(0.65, 0.05, 0.002)
+
+
+@pytest.mark.parametrize(
+    ("wave_m", "by_time"), [(0.002, True), (0.004, False), (math.inf, False), (0.0, True)]
+)
+def test_waves_finer_than_places_are_known_are_rendered_by_time_and_flagged(
+    render_settings, wave_m, by_time
+):
+    """A place is off by 1.5 mm half of the time."""
+    bench = Bench(replace(render_settings, off_m=0.0015))
+    try:
+        bench.render(texture=WAVES.of_waves(wave_m))
+        asked = [output.target_cof for output in bench.run(0.05)]
+        assert (Flag.BY_TIME in bench.flags()) is by_time
+        ahead_s = 0.0 if by_time else render_settings.tick.finger.output_latency_s
+        # its reports come with each tick, so by time a place is one tick old
+        place_m = 0.02 + 0.05 * (bench.now_s - 1000.0 + ahead_s - PERIOD_S * by_time)
+        assert asked[-1] == pytest.approx(WAVES.cof_at(place_m, 0.03), abs=2e-3)
+        bench.render(cof=0.6)
+        assert bench.run(0.01)[-1].target_cof == 0.6
+    finally:
+        bench.shared.close()
+
+
 def test_flags_stay_up_until_the_next_arming(bench):
     bench.render()
     bench.run(0.1)

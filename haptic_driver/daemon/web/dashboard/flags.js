@@ -17,6 +17,7 @@ const MEANING = {
   friction_from_current: "no force sensor: friction is estimated from the electrode's current",
   latency: "friction follows more than 10 ms sooner or later than the rig's file says",
   event_line: "an edge of the event line is missing",
+  by_time: "waves finer than the finger's place is known have their length, not their place",
   control_silent: "render did not hear control; the output ramped to zero",
 };
 // Kinds of events, beside "flag".
