@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -25,6 +26,7 @@ from haptic_driver.rig.actuator import make_actuator
 from haptic_driver.rig.devices import modulation_input
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead
 from haptic_driver.rig.part import NoPart
+from haptic_driver.rig.parts.finger_trackers import reports_of
 from haptic_driver.rig.slide import TICK_S, Slide
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import SlideRecord
@@ -40,7 +42,7 @@ BEGUN = Order(0, 1, True, math.inf, math.inf, 0, 0)
 
 class SteppedDaemon:
     """Sensors, render, pump and envelope of a simulated rig that was made with `envelope`, by one
-    simulated clock.
+    simulated clock. Its touch screen reports as often as the rig's file says.
 
     Between `connect` and `close`, inside the rig's own `with` block. `model`: by which friction is
     estimated on a rig without a force sensor.
@@ -67,7 +69,9 @@ class SteppedDaemon:
         self._pump.actuator = make_actuator(bench.config, bench.rig)
         self._renderer = Renderer(settings, self.shared, clock=self._now_s)
         self._envelope = self._envelope_loop()
-        self._panel = SimulatedTouchScreen(PANEL, clock=self._now_s)
+        interval_s = reports_of(bench.config.finger_tracker).interval_s
+        panel = replace(PANEL, report_rate_hz=1.0 / interval_s) if interval_s else PANEL
+        self._panel = SimulatedTouchScreen(panel, clock=self._now_s)
         os.set_blocking(self._panel.descriptor, False)
         reports = TouchReports(
             self._panel.descriptor,

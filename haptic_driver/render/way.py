@@ -1,10 +1,10 @@
 """Way stage: the place whose friction is rendered, for waves that are finer than places are known.
 
-Where the finger will be is known to a millimetre or so on a panel of 50 reports per second, and
-each report corrects it by a jump. Waves of two millimetres then have no length of their own: their
-phase jumps with every report. Here the rendered place goes along the finger's reports at their own
-pace, one report late, without a jump. So waves have the right length for the finger's speed, while
-ridges lie behind where they were drawn, by what the finger goes in that time.
+A panel of 50 reports per second tells a finger's place to a millimetre or so, and each report
+corrects it by a jump. Waves of two millimetres then have no length of their own: their phase jumps
+with every report. Here the rendered place goes along the finger's reports at their own pace, one
+report late, without a jump. So waves have the right length, and ridges lie behind where they were
+drawn.
 """
 
 from __future__ import annotations

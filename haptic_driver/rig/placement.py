@@ -12,45 +12,58 @@ from haptic_driver.signals import FingerSample
 REPORTS = 200  # of one stroke: the filter has long settled
 USUAL_SPEED_M_S = 0.137  # median of 1,308 strokes on a panel (github.com/xwhkkk/IHF)
 FASTEST_REPORT_S = 1e-3  # a tick takes no more
-MEDIAN, MOST = 0.674, 1.960  # standard deviations that half and 95 % of normal errors stay within
+FARTHEST, HALVINGS = 6.0, 40  # standard deviations, and how finely they are searched
+AGES = 10  # of a report, from one to the next
 
 
 class Placement(NamedTuple):
-    """Error of a rendered place along a straight stroke, by the filter's own standard deviation.
-    What is rendered by time is `behind_m` instead.
+    """Error of a rendered place along a straight stroke, by the filter's own standard deviation:
+    `stds_m` [AGES], as a report grows older. What is rendered by time is `behind_m` instead.
 
     Fingers that turn or start are further off; what the latency's own error adds is not in it.
     """
 
     speed_m_s: float
     latency_s: float
-    std_m: float
+    stds_m: tuple[float, ...]
     behind_m: float
 
     @property
     def median_m(self) -> float:
-        return MEDIAN * self.std_m
+        return self._within(0.5)
 
     @property
     def most_m(self) -> float:
         """What 95 % of the errors stay within."""
-        return MOST * self.std_m
+        return self._within(0.95)
 
     def share_beyond(self, distance_m: float) -> float:
-        """The share of time for which the error is greater."""
-        return math.erfc(distance_m / (math.sqrt(2.0) * self.std_m))
+        """The share of time for which the error is greater: normal at each age of a report."""
+        shares = [math.erfc(distance_m / (math.sqrt(2.0) * std_m)) for std_m in self.stds_m]
+        return sum(shares) / len(shares)
+
+    def _within(self, share: float) -> float:
+        """What that share of the errors stays within."""
+        low_m, high_m = 0.0, FARTHEST * max(self.stds_m)
+        for _ in range(HALVINGS):
+            middle_m = 0.5 * (low_m + high_m)
+            if self.share_beyond(middle_m) > 1.0 - share:
+                low_m = middle_m
+            else:
+                high_m = middle_m
+        return high_m
 
 
 def placement(settings: FingerSettings, reports: Reports, speed_m_s: float) -> Placement:
-    """Of a steady stroke: the mean variance between one report and the next."""
+    """Of a steady stroke, from one report to the next."""
     interval_s = max(reports.interval_s, FASTEST_REPORT_S)
     state = INITIAL
     for k in range(REPORTS):
         time_s = k * interval_s
         there = FingerSample(time_s, speed_m_s * time_s, 0.0, settings.contact_on_n)
         state, _ = track(settings, state, there)
-    ages_s = [(k + 0.5) / 10.0 * interval_s for k in range(10)]
-    variances = [state.std_m(age_s + settings.output_latency_s) ** 2 for age_s in ages_s]
+    ages_s = [(k + 0.5) / AGES * interval_s for k in range(AGES)]
+    stds_m = tuple(state.std_m(age_s + settings.output_latency_s) for age_s in ages_s)
     latency_s = settings.output_latency_s + 0.5 * interval_s
     behind_m = speed_m_s * (settings.output_latency_s + interval_s)
-    return Placement(speed_m_s, latency_s, math.sqrt(sum(variances) / len(variances)), behind_m)
+    return Placement(speed_m_s, latency_s, stds_m, behind_m)

@@ -25,11 +25,11 @@ def of(latency_s, speed_m_s, reports=PANEL):
 
 
 def test_a_faster_finger_and_a_longer_latency_are_further_off():
-    assert of(0.02, 0.05).std_m < of(0.02, 0.137).std_m < of(0.02, 0.5).std_m
-    assert of(0.0, 0.137).std_m < of(0.02, 0.137).std_m < of(0.04, 0.137).std_m
+    assert of(0.02, 0.05).median_m < of(0.02, 0.137).median_m < of(0.02, 0.5).median_m
+    assert of(0.0, 0.137).median_m < of(0.02, 0.137).median_m < of(0.04, 0.137).median_m
 
 
-def test_shares_are_those_of_a_normal_error():
+def test_half_and_all_but_a_twentieth_of_the_errors_are_within_what_is_said():
     found = of(0.02, 0.137)
     assert found.share_beyond(found.median_m) == pytest.approx(0.5, abs=1e-3)
     assert found.share_beyond(found.most_m) == pytest.approx(0.05, abs=1e-3)
@@ -40,7 +40,7 @@ def test_what_is_not_known_of_a_stroke_is_no_less_than_what_its_velocity_may_cha
     """By the integral of white noise over the time ahead, twice: a bound no filter goes below."""
     ahead_s, speed_m_s = 0.05, 0.2
     least_m = math.sqrt((0.01 + 5.0 * 0.5 * speed_m_s**2) * ahead_s**3 / 3.0)
-    assert least_m < of(ahead_s, speed_m_s).std_m < 4.0 * least_m
+    assert all(least_m < std_m < 4.0 * least_m for std_m in of(ahead_s, speed_m_s).stds_m)
 
 
 def test_a_panel_is_told_by_its_rate_and_its_counts():
@@ -58,6 +58,6 @@ def test_a_panel_is_told_by_its_rate_and_its_counts():
 
 def test_an_envelope_places_nearer_than_set_points():
     near, far = (
-        placement_of(load_rig(name), 0.05).std_m for name in ("simulated-envelope", "simulated")
+        placement_of(load_rig(name), 0.05).median_m for name in ("simulated-envelope", "simulated")
     )
     assert near < far / 5.0
