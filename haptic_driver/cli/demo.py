@@ -34,8 +34,8 @@ from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.file import SurfaceFile, read_surface
 from haptic_driver.lookup.models import load_model
 from haptic_driver.pictures.friction_pictures import draw_slide
-from haptic_driver.rig.config import load_simulated_rig
-from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
+from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.slide import read_slide, synthetic_slide
 from haptic_driver.signals import WITHIN
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import Score, SlideRecord, score
@@ -65,6 +65,7 @@ def demo(
 ) -> None:
     """Slide a finger over a texture on a simulated rig and compare friction with its target.
 
+    Of a real rig its figures are taken, and simulated instruments: no hardware is energised.
     It renders as the daemon does, by the same parts, in simulated time. Commands go as bytes over
     TCP to a simulated generator. Friction is read back through a simulated force sensor, or
     estimated where the rig's file has none. Without `--trace` the finger makes two strokes of its
@@ -73,7 +74,7 @@ def demo(
 
     Example: `haptic demo --texture grating --out out/demo`
     """
-    config = load_simulated_rig(rig, "haptic demo energises no hardware")
+    config = load_rig(rig)
     description = load_model(model)
     slide = read_slide(trace) if trace is not None else synthetic_slide()
     wanted = load_texture(texture, texture_dirs())
@@ -95,7 +96,9 @@ def demo(
     counts = {name: value for name, value in vars(result).items() if name != "fidelity"}
     known = {"simulated": True, "surface_hash": file.content_hash, "pictures": [str(picture)]}
     payload = asdict(result.fidelity) | counts | known | _felt(record)
-    report(as_json, payload, lambda: _show(record, result, slide, texture, picture))
+    of_what = "rig" if config.simulated else f"copy of rig {config.name}"
+    what = Text.assemble(f"texture {texture}, {slide.name}, on a ", SIMULATED, f" {of_what}")
+    report(as_json, payload, lambda: _show(record, result, what, picture))
 
 
 def _felt(record: SlideRecord) -> dict[str, float | None]:
@@ -128,8 +131,8 @@ def _require_same_model(path: Path, file: SurfaceFile, description: ModelDescrip
         )
 
 
-def _show(record: SlideRecord, result: Score, slide: Slide, texture: str, picture: Path) -> None:
-    stdout.print(Text.assemble(f"texture {texture}, {slide.name}, on a ", SIMULATED, " rig"))
+def _show(record: SlideRecord, result: Score, what: Text, picture: Path) -> None:
+    stdout.print(what)
     contact = f"contact {result.contact_time_s:.2f} s"
     if record.is_estimated:
         felt = _felt(record)

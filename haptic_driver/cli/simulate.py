@@ -24,7 +24,7 @@ from haptic_driver.files import write_text
 from haptic_driver.lookup.models import load_model
 from haptic_driver.processes.parent import outlived
 from haptic_driver.processes.real_time import settle_memory
-from haptic_driver.rig.config import RigConfig, load_rig, load_simulated_rig
+from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.slide import synthetic_slide
 from haptic_driver.simulation.served import STEP_S, ServedRig, finger_at_once
@@ -68,7 +68,10 @@ def simulate(
     if like is None:
         if out is not None:
             raise BadInputError("usage", "--out is where the copy goes", "Give --like FILE too")
-        config = load_simulated_rig(rig, "Serve twins of it: haptic simulate --like FILE")
+        config = load_rig(rig)
+        if not config.simulated:
+            hint = "Serve twins of it: haptic simulate --like FILE"
+            raise BadInputError("not_simulated", f"rig {config.name} is not simulated", hint)
         touch = TouchModel(load_model(config.simulation.model or model))
         made = partial(ServedRig, as_real(config), touch)
     else:

@@ -19,7 +19,7 @@ from haptic_driver.pictures.friction_pictures import draw_slide
 from haptic_driver.public.picture import Picture
 from haptic_driver.public.surfaces import Surface, surface
 from haptic_driver.render.texture import Texture, Uniform
-from haptic_driver.rig.config import load_simulated_rig
+from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.rig.slide import TICK_S, Slide
 from haptic_driver.simulation.rig import SimulatedRig as Bench
@@ -105,10 +105,10 @@ def simulated_rig(
 ) -> SimulatedRig:
     """A simulated rig that renders by `model` under a finger that follows `finger`.
 
-    Without `finger` it follows what the rig's file says, else the same model. BadInputError for a
-    rig that is real.
+    Without `finger` it follows what the rig's file says, else the same model. Of a real rig its
+    figures are taken, and simulated instruments.
     """
-    config = load_simulated_rig(rig, "Use connect()")
+    config = load_rig(rig)
     description = load_model(model) if isinstance(model, str) else model
     follows = finger or config.simulation.model or description
     return SimulatedRig(

@@ -517,14 +517,6 @@ def load_rig(name_or_path: str) -> RigConfig:
     return _with_whole_paths(parse(RigConfig, said, str(path)), path.parent)
 
 
-def load_simulated_rig(name_or_path: str, otherwise: str) -> RigConfig:
-    """The same; BadInputError for a real one, with what to do `otherwise`."""
-    rig = load_rig(name_or_path)
-    if not rig.simulated:
-        raise BadInputError("not_simulated", f"rig {rig.name} is not simulated", otherwise)
-    return rig
-
-
 def _with_whole_paths(rig: RigConfig, folder: Path) -> RigConfig:
     """Files that a rig's file names are looked for beside it."""
     changed: dict[str, object] = {}

@@ -7,7 +7,7 @@ import re
 import matplotlib.image
 import pytest
 
-from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, as_real_rig, changed
+from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed, served_rig_text
 
 CONTRACT = {
     "share_within_5_percent",
@@ -152,10 +152,17 @@ def test_a_rig_that_names_its_finger_may_have_any_surface(haptic, small_file, tm
     assert (refused.status, refused.said["error"]["code"]) == (2, "other_model")
 
 
-def test_a_rig_that_is_not_simulated_is_refused(demo, tmp_path):
-    (tmp_path / "real.toml").write_text(
-        as_real_rig("TCPIP::192.0.2.1::5025::SOCKET"), encoding="utf-8"
-    )
+def test_of_a_real_rig_a_simulated_copy_is_shown(demo, tmp_path):
+    """With its figures; nothing is sent to its addresses, where nobody answers."""
+    nobody = "TCPIP::192.0.2.1::{}::SOCKET"
+    devices = {
+        "waveform_generator": nobody.format(5025),
+        "interlock": "/dev/nothing",
+        "interlock_tcp": nobody.format(5026),
+        "force_sensor": "192.0.2.1:49152",
+    }
+    (tmp_path / "real.toml").write_text(served_rig_text(devices), encoding="utf-8")
     status, said = demo("--rig", str(tmp_path / "real.toml"))
-    assert status == 2
-    assert said["error"]["code"] == "not_simulated"
+    assert status == 0
+    assert said["simulated"] is True
+    assert said["max_voltage_v"] > 50.0

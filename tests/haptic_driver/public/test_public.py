@@ -133,6 +133,6 @@ def test_a_command_that_fails_is_an_error(capsys):
         hd.command("haptic texture check nowhere")
 
 
-def test_a_real_rig_is_not_slid_over_in_simulation():
-    with pytest.raises(hd.BadInputError, match="not simulated"):
-        hd.simulated_rig("paper")
+def test_figures_of_a_real_rig_that_nobody_measured_are_not_rendered_by():
+    with pytest.raises(hd.HapticError, match="measured_by"):
+        hd.simulated_rig("paper").slide(0.65, duration_s=0.1)
