@@ -79,19 +79,6 @@ def test_a_lab_gives_forces_of_its_own(tmp_path):
     assert found.force_threshold_n(900.0) == pytest.approx(1e-3 / rms)
 
 
-def test_an_unknown_name_is_answered_with_the_nearest():
-    with pytest.raises(BadInputError) as error:
-        load_perception("publishd")
-    assert error.value.code == "unknown_perception"
-    assert "Did you mean 'published'?" in error.value.hint
-
-
-@pytest.mark.parametrize("name", ["missing.toml", "folder"])
-def test_a_file_that_is_not_there_is_said(tmp_path, name):
-    with pytest.raises(BadInputError, match="there is no file of thresholds"):
-        load_perception(str(tmp_path / name))
-
-
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -116,3 +103,10 @@ def test_the_page_names_every_source_of_the_file():
     sources = re.findall(r'^doi = "(.+)"$', PUBLISHED.read_text(), flags=re.MULTILINE)
     assert len(sources) >= 12
     assert [doi for doi in sources if doi not in page] == []
+
+
+def test_an_unknown_name_is_answered_with_the_nearest():
+    with pytest.raises(BadInputError) as error:
+        load_perception("publishd")
+    assert error.value.code == "unknown_perception"
+    assert "Did you mean 'published'?" in error.value.hint

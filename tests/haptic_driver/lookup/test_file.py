@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import BadInputError
 from haptic_driver.limits import OperatingLimits
 from haptic_driver.lookup.build import SurfaceAxes, build_surface
 from haptic_driver.lookup.file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
@@ -61,26 +61,11 @@ def test_what_is_written_comes_back(small_file, written):
     assert found.content_hash == small_file.content_hash
 
 
-def test_nan_survives_the_round_trip(small_file, tmp_path):
-    cof = small_file.cof.copy()
-    cof[2, 5, 1] = np.nan
-    replace(small_file, cof=cof).write(tmp_path / "nan.h5")
-    found = read_surface(tmp_path / "nan.h5").cof
-    assert np.isnan(found[2, 5, 1])
-    assert np.isnan(found).sum() == 1
-
-
-@pytest.mark.parametrize("name", [*NUMBERS, *MORE_NUMBERS])
-def test_the_hash_changes_with_any_number(small_file, name):
+@pytest.mark.parametrize("name", [*NUMBERS, *MORE_NUMBERS, *MASKS])
+def test_the_hash_changes_with_any_number_and_mask(small_file, name):
     changed = getattr(small_file, name).copy()
-    changed.flat[-1] = np.nextafter(changed.flat[-1], np.inf)
-    assert replace(small_file, **{name: changed}).content_hash != small_file.content_hash
-
-
-@pytest.mark.parametrize("name", MASKS)
-def test_the_hash_changes_with_any_mask(small_file, name):
-    changed = getattr(small_file, name).copy()
-    changed.flat[-1] = ~changed.flat[-1]
+    last = changed.flat[-1]
+    changed.flat[-1] = not last if name in MASKS else np.nextafter(last, np.inf)
     assert replace(small_file, **{name: changed}).content_hash != small_file.content_hash
 
 
@@ -109,43 +94,10 @@ def test_attributes_are_strings_and_floats_so_that_matlab_reads_them(written):
         }  # MATLAB has no HDF5 booleans
 
 
-def test_an_existing_file_is_replaced(small_file, written):
-    replace(small_file, cof=small_file.cof + 1.0).write(written)
-    np.testing.assert_array_equal(read_surface(written).cof, small_file.cof + 1.0)
-    assert [p.name for p in written.parent.iterdir()] == ["s.h5"]
-
-
-def test_folders_on_the_way_are_made(small_file, tmp_path):
-    small_file.write(tmp_path / "a" / "b" / "s.h5")
-    assert read_surface(tmp_path / "a" / "b" / "s.h5").content_hash == small_file.content_hash
-
-
 def test_a_surface_can_be_read_by_whoever_may_read_files_here(written):
     plain = written.parent / "plain"
     plain.touch()
     assert written.stat().st_mode == plain.stat().st_mode
-
-
-def test_a_failed_write_leaves_nothing_behind(small_file, tmp_path):
-    (tmp_path / "taken.h5").mkdir()
-    with pytest.raises(HapticError) as failed:
-        small_file.write(tmp_path / "taken.h5")
-    assert failed.value.code == "not_written"
-    assert failed.value.exit_status == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["taken.h5"]
-
-
-def test_a_write_that_breaks_off_keeps_the_old_file(small_file, written, monkeypatch):
-    before = written.read_bytes()
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(HapticError, match="No space left"):
-        replace(small_file, cof=small_file.cof + 1.0).write(written)
-    assert written.read_bytes() == before
-    assert [p.name for p in written.parent.iterdir()] == ["s.h5"]
 
 
 # --- damage
@@ -160,25 +112,32 @@ def assert_refused(path, code):
     assert "haptic surface build" in refused.value.hint
 
 
-def test_missing_file(tmp_path):
-    assert_refused(tmp_path / "none.h5", "surface_not_found")
+def opened(change):
+    def spoil(path):
+        with h5py.File(path, "a") as file:
+            change(file)
+
+    return spoil
 
 
-def test_folder_instead_of_a_file(tmp_path):
-    assert_refused(tmp_path, "surface_not_found")
-
-
-@pytest.mark.parametrize("content", [b"", b"frequency_hz,cof\n1,0.5\n", b"\x89HDF\r\n\x1a\n"])
-def test_not_hdf5(tmp_path, content):
-    (tmp_path / "text.h5").write_bytes(content)
-    assert_refused(tmp_path / "text.h5", "surface_corrupt")
-
-
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
-def test_truncated(written, share):
-    content = written.read_bytes()
-    written.write_bytes(content[: int(share * len(content))])
-    assert_refused(written, "surface_corrupt")
+@pytest.mark.parametrize(
+    ("spoil", "code"),
+    [
+        (lambda path: path.unlink(), "surface_not_found"),
+        (lambda path: path.unlink() or path.mkdir(), "surface_not_found"),
+        (lambda path: path.write_bytes(b"frequency_hz,cof\n"), "surface_corrupt"),
+        (lambda path: os.truncate(path, path.stat().st_size // 2), "surface_corrupt"),
+        (opened(lambda file: file.attrs.pop("format")), "surface_foreign"),
+        (opened(lambda file: file.attrs.__setitem__("format_version", 2.0)), "surface_version"),
+        (opened(lambda file: file.attrs.pop("format_version")), "surface_corrupt"),
+        (opened(lambda file: file.attrs.pop("content_hash")), "surface_corrupt"),
+        (opened(lambda file: file.attrs.__setitem__("provenance", "{")), "surface_corrupt"),
+        (opened(lambda file: file.pop("cof")), "surface_corrupt"),
+    ],
+)
+def test_what_is_no_whole_surface_is_named(written, spoil, code):
+    spoil(written)
+    assert_refused(written, code)
 
 
 @pytest.mark.parametrize("name", [*NUMBERS, *MORE_NUMBERS, *MASKS])
@@ -194,7 +153,7 @@ def test_one_flipped_bit_in_any_dataset(written, name):
 def test_any_flipped_byte_is_refused_or_harmless(small_file, written, rng):
     """Also in the structure of the file: never another error, never other numbers."""
     content = written.read_bytes()
-    for at in rng.integers(0, len(content), 300).tolist():
+    for at in rng.integers(0, len(content), 100).tolist():
         damaged = bytearray(content)
         damaged[at] ^= int(rng.integers(1, 256))
         written.write_bytes(damaged)
@@ -208,12 +167,6 @@ def test_any_flipped_byte_is_refused_or_harmless(small_file, written, rng):
             )
         else:
             np.testing.assert_array_equal(found.cof, small_file.cof)
-
-
-def test_foreign_hdf5(tmp_path):
-    with h5py.File(tmp_path / "other.h5", "w") as file:
-        file["cof"] = np.zeros(3)
-    assert_refused(tmp_path / "other.h5", "surface_foreign")
 
 
 def test_an_interval_comes_back_and_is_part_of_the_hash(small_file, tmp_path):
@@ -251,38 +204,6 @@ def test_the_interval_at_a_point_is_linear_between_nodes(small_file):
     assert cof_interval_at(small_file, f[2], v[3], n[1]) is None
 
 
-@pytest.mark.parametrize("version", [0.9, 2.0, 4.0])
-def test_another_format_version(written, version):
-    with h5py.File(written, "a") as file:
-        file.attrs["format_version"] = version
-    assert_refused(written, "surface_version")
-
-
-@pytest.mark.parametrize("attribute", ["format_version", "content_hash", "provenance"])
-def test_an_attribute_is_missing(written, attribute):
-    with h5py.File(written, "a") as file:
-        del file.attrs[attribute]
-    assert_refused(written, "surface_corrupt")
-
-
-def test_a_dataset_is_missing(written):
-    with h5py.File(written, "a") as file:
-        del file["cof"]
-    assert_refused(written, "surface_corrupt")
-
-
-def test_numbers_edited_by_hand(written):
-    with h5py.File(written, "a") as file:
-        file["cof"][0, 1, 0] = 0.9
-    assert_refused(written, "surface_corrupt")
-
-
-def test_provenance_that_is_no_json(written):
-    with h5py.File(written, "a") as file:
-        file.attrs["provenance"] = "{"
-    assert_refused(written, "surface_corrupt")
-
-
 # --- masks
 # ------------------------------------------------------------------------------------------------
 
@@ -298,18 +219,6 @@ FRICTION_AT_NODE = 1e-9  # the node goes through a logarithm and back
 def at(array, value, f, v, n):
     array[f, v, n] = value
     return array
-
-
-def test_nothing_beyond_a_forbidden_island_is_offered(make_file):
-    """Allowed again above 60 V, but the way there leads through 40 to 60 V."""
-    theory = at(np.ones(SHAPE, bool), False, 1, slice(4, 7), slice(None))
-    surface = ready_for_lookup(make_file(FREQUENCY, FORCE, VOLTAGE, within_theory=theory), WIDE)
-    island = invert(surface, math.inf, float(FREQUENCY[1]), 0.5, NO_CAPS)
-    assert island.voltage_v == pytest.approx(30.0)
-    assert island.cof == pytest.approx(0.5 + 1e-4 * 30.0**2, abs=FRICTION_AT_NODE)
-    assert invert(surface, math.inf, float(FREQUENCY[2]), 0.5, NO_CAPS).voltage_v == pytest.approx(
-        100.0
-    )
 
 
 def test_forbidden_already_without_voltage(make_file):
@@ -355,15 +264,6 @@ def test_each_mask_alone_forbids(make_file, mask):
         WIDE,
     )
     assert invert(surface, math.inf, 300.0, 0.5, NO_CAPS).voltage_v == pytest.approx(40.0)
-
-
-def test_a_forbidden_force_forbids_the_forces_up_to_its_neighbours(make_file):
-    theory = at(np.ones(SHAPE, bool), False, slice(None), slice(3, None), 0)
-    surface = ready_for_lookup(make_file(FREQUENCY, FORCE, VOLTAGE, within_theory=theory), WIDE)
-    for force, expected_v in ((0.1, 20.0), (0.15, 20.0), (0.26, 20.0), (0.5, 100.0), (2.0, 100.0)):
-        assert invert(surface, math.inf, 300.0, force, NO_CAPS).voltage_v == pytest.approx(
-            expected_v
-        ), force
 
 
 def test_the_sliding_current_counts_too(make_file):

@@ -65,34 +65,6 @@ def controllers(surface):
 # ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("policy", "lowest_hz"), [("max_authority", 100.0), ("carrier", 10e3)])
-@pytest.mark.parametrize("force", [0.02, 0.13, 0.5, 1.7, 9.0])
-def test_most_authority_is_that_of_trying_all(
-    controllers, brute_force, grid, policy, lowest_hz, force
-):
-    _, point = ask(controllers[policy], 0.513, force)
-    high = np.where(grid.frequency_hz >= lowest_hz, brute_force(force, 0.513).cof_high, 0.0)
-    assert point.frequency_hz == pytest.approx(grid.frequency_hz[high.argmax()], rel=ON_SURFACE)
-    assert point.cof_high == pytest.approx(high.max(), abs=ON_SURFACE)
-    assert point.reachable
-
-
-@pytest.mark.parametrize(
-    ("policy", "cost"), [("min_voltage", "voltage_v"), ("min_current", "current_rms_a")]
-)
-@pytest.mark.parametrize("force", [0.13, 0.5, 1.7])
-@pytest.mark.parametrize("target", [0.52, 0.6, 0.8, 1.0])
-def test_least_volts_and_least_current_are_those_of_trying_all(
-    controllers, brute_force, grid, policy, cost, force, target
-):
-    _, point = ask(controllers[policy], target, force)
-    reach = brute_force(force, target)
-    tried = np.where(grid.frequency_hz >= 100.0, getattr(reach, cost), np.inf)
-    assert point.reachable
-    assert point.frequency_hz == pytest.approx(grid.frequency_hz[tried.argmin()], rel=ON_SURFACE)
-    assert getattr(point, cost) == pytest.approx(tried.min(), rel=ON_SURFACE)
-
-
 def by(surface, choice):
     """A control that knows no finger, and chooses so."""
     law, highest = FeedbackSettings(0.0), highest_cof(surface)
@@ -155,14 +127,6 @@ def test_fixed_frequency_is_exactly_the_one_asked_for(surface, touch, frequency)
     assert answer.cof[0] == pytest.approx(target, rel=1e-3)  # the inversion's promise
 
 
-@given(cof=st.floats(0.01, 5.0), force=st.floats(1e-3, 20.0))
-def test_carrier_policy_stays_above_10_khz_and_the_others_above_their_lowest(surface, cof, force):
-    assert ask(make(surface, "carrier"), cof, force)[1].frequency_hz >= 10e3
-    for policy in ("max_authority", "min_voltage", "min_current"):
-        lowest = make(surface, policy, lowest_carrier_hz=300.0)
-        assert ask(lowest, cof, force)[1].frequency_hz >= 300.0 * (1.0 - ON_SURFACE)
-
-
 def test_the_bands_end_exactly_where_they_say(make_file):
     """Each node below 10 kHz and below 100 Hz is better than all above it, and is not taken."""
     frequency = 99.0 * (10_050.0 / 99.0) ** (
@@ -189,38 +153,17 @@ def test_reachable_is_what_the_policy_reaches(controllers, brute_force, grid, po
     tried = brute_force(force, 0.6).cof_high[grid.frequency_hz >= lowest_hz]
     assert low == pytest.approx(COF_OFF, abs=ON_SURFACE)
     assert high == pytest.approx(tried.max(), abs=ON_SURFACE)
-    inside, outside = (
-        ask(controllers[policy], high - 1e-6, force)[1],
-        ask(controllers[policy], high + 1e-3, force)[1],
+    inside, outside, endless = (
+        ask(controllers[policy], cof, force)[1] for cof in (high - 1e-6, high + 1e-3, math.inf)
     )
     assert inside.reachable
     assert not outside.reachable
+    assert endless.cof == endless.cof_high == pytest.approx(high, abs=ON_SURFACE)
+    assert endless.cof_low == pytest.approx(low, abs=ON_SURFACE)
 
 
 # --- targets out of reach, and none at all
 # ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("policy", CHOOSING)
-@pytest.mark.parametrize("target", [3.0, math.inf])
-def test_too_much_friction_gives_the_most_there_is_flagged_with_the_range(
-    controllers, brute_force, grid, policy, target
-):
-    _, point = ask(controllers[policy], target)
-    lowest_hz = 10e3 if policy == "carrier" else 100.0
-    most = brute_force(0.5, 0.6).cof_high[grid.frequency_hz >= lowest_hz].max()
-    assert not point.reachable
-    assert point.cof == point.cof_high == pytest.approx(most, abs=ON_SURFACE)
-    assert point.cof_low == pytest.approx(COF_OFF, abs=ON_SURFACE)
-    assert point.voltage_v > 0.0
-
-
-@pytest.mark.parametrize("policy", CHOOSING)
-def test_too_little_friction_gives_zero_volts_flagged(controllers, policy):
-    _, point = ask(controllers[policy], 0.3)
-    assert not point.reachable
-    assert point.voltage_v == 0.0
-    assert point.cof == pytest.approx(COF_OFF, abs=ON_SURFACE)
 
 
 @pytest.mark.parametrize("policy", CHOOSING)
@@ -242,11 +185,8 @@ def test_history_does_not_spoil_the_nearest_reachable_friction(controllers, poli
     [
         (TargetFriction(math.nan, True), 0.5),
         (TargetFriction(0.6, False), 0.5),
-        (TargetFriction(math.nan, False), 0.5),
         (TargetFriction(0.0, True), 0.5),
-        (TargetFriction(-0.6, True), 0.5),
         (TargetFriction(0.6, True), 0.0),
-        (TargetFriction(0.6, True), -1.0),
         (TargetFriction(0.6, True), math.nan),
     ],
 )
@@ -280,28 +220,6 @@ def test_a_varying_target_under_a_noisy_finger_does_not_hop(surface, rng):
     assert count_changes(make(surface, "min_voltage"), targets, forces) <= 2
 
 
-@pytest.fixture(scope="module")
-def rivals(make_file):
-    """Two frequencies of which each is a little better on one side of 0.45 N; the others are far
-    worse.
-    """
-    rise = np.full((6, 4), 1e-6)
-    rise[2], rise[4] = 1.00e-4, [1.03e-4, 1.01e-4, 0.99e-4, 0.97e-4]
-    file = make_file(
-        np.geomspace(1e2, 1e4, 6), np.geomspace(0.1, 2.0, 4), np.linspace(0.0, 100.0, 11), rise
-    )
-    wide = OperatingLimits(1e3, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0),))
-    return ready_for_lookup(file, wide)
-
-
-@pytest.mark.parametrize("policy", ["max_authority", "min_voltage"])
-def test_equally_good_frequencies_do_not_take_turns(rivals, policy, rng):
-    targets = np.full(600, 0.7)
-    forces = np.clip(0.45 * np.exp(0.6 * rng.standard_normal(600)), 0.11, 1.9)
-    assert count_changes(make(rivals, policy, hysteresis=0.0), targets, forces) > 100
-    assert count_changes(make(rivals, policy, hysteresis=0.05), targets, forces) == 0
-
-
 @pytest.mark.parametrize("policy", ["max_authority", "min_voltage", "min_current"])
 def test_the_frequency_moves_when_only_another_reaches_the_target(controllers, policy):
     stuck_at = ControllerState(1e3)
@@ -310,12 +228,6 @@ def test_the_frequency_moves_when_only_another_reaches_the_target(controllers, p
     assert point.reachable
     assert point.cof == pytest.approx(0.9, abs=ON_SURFACE)
     assert state.frequency_hz == point.frequency_hz < 500.0
-
-
-def test_the_frequency_moves_when_another_is_clearly_better(rivals):
-    controller = make(rivals, "max_authority", hysteresis=0.05)
-    state, _ = ask(controller, 0.7, state=ControllerState(100.0))
-    assert state.frequency_hz != 100.0
 
 
 def reaching(voltage_v=50.0, current_a=1e-4, high=1.0, rank=1.0):
@@ -329,11 +241,9 @@ def reaching(voltage_v=50.0, current_a=1e-4, high=1.0, rank=1.0):
         (VOLTAGE, reaching(10.0), reaching(10.4), False),
         (VOLTAGE, reaching(10.0), reaching(10.6), True),
         (VOLTAGE, reaching(0.1), reaching(0.9), False),  # either is next to nothing
-        (VOLTAGE, reaching(10.0, 1e-4), reaching(10.0, 1e-3), False),
         (CURRENT, reaching(10.0, 1e-4), reaching(10.0, 1.06e-4), True),
         (CURRENT, reaching(10.0, 1e-7), reaching(90.0, 9e-7), False),
         (AUTHORITY, reaching(high=1.0), reaching(high=0.9), True),
-        (AUTHORITY, reaching(10.0, 1e-6, high=1.0), reaching(90.0, 1e-3, high=0.99), False),
         # neither reaches: the one that comes nearer
         (VOLTAGE, reaching(high=0.69), reaching(high=0.6), True),
         (AUTHORITY, reaching(high=0.69, rank=2.0), reaching(high=0.6), True),
@@ -449,7 +359,6 @@ def test_every_point_at_a_fixed_frequency_passes_the_gate(rigs, refusal, rig, co
     [
         ({"policy": "best"}, "bad_policy", "max_authority"),
         ({"policy": "fixed_frequency"}, "bad_frequency", "1..1e+06 Hz"),
-        ({"policy": "fixed_frequency", "fixed_frequency_hz": 0.5}, "bad_frequency", "1..1e+06 Hz"),
         ({"policy": "fixed_frequency", "fixed_frequency_hz": 2e6}, "bad_frequency", "1..1e+06 Hz"),
         (
             {"policy": "fixed_frequency", "fixed_frequency_hz": math.nan},

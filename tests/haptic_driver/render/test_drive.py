@@ -40,10 +40,6 @@ def test_zero_volts_are_off_at_once():
     assert state == DriveState(1.001, 0.0)
 
 
-def test_the_frequency_goes_through_unchanged():
-    assert drive(SETTINGS, INITIAL, safe(1.0, 12_345.0), 1.0)[1].frequency_hz == 12_345.0
-
-
 @pytest.mark.parametrize("time_s", [0.5, 1.0])
 def test_a_clock_that_stands_or_goes_back_lets_nothing_rise(time_s):
     assert drive(SETTINGS, DriveState(1.0, 20.0), safe(100.0), time_s)[1].voltage_v == 20.0

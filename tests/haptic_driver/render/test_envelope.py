@@ -89,16 +89,6 @@ def test_texture_far_above_the_ticks_own_rate_reaches_the_friction(stages, touch
     assert np.abs(felt - grating.cof_at(x_m, np.zeros(5000))).max() < 0.004
 
 
-def test_held_from_tick_to_tick_the_same_texture_is_lost(stages):
-    """What the envelope is for: ticks see 800 Hz at 1 kHz as 200 Hz."""
-    grating = Grating(0.7, 0.1, 0.1 / 800.0)
-    power = played(play(stages, grating))[-5000:] ** 2
-    spectrum = np.abs(np.fft.rfft(power - power.mean()))
-    assert 10.0 * spectrum.argmax() == 800.0
-    held = np.repeat(power[49::50], 50)
-    assert 10.0 * np.abs(np.fft.rfft(held - held.mean())).argmax() == 200.0
-
-
 def test_a_touch_comes_up_at_the_drive_stages_rate(stages):
     """10 V per millisecond, in lines that are straight in voltage squared: at most the root of 10 V
     x 10 V at first.
@@ -151,13 +141,6 @@ def test_a_script_plays_its_textures_within_a_tick_too(stages):
     )
 
 
-def test_no_step_between_ticks_but_the_textures_own(stages):
-    voltage_v = played(play(stages, Grating(0.7, 0.1, 0.01)))[1000:]
-    # 10 Hz between 70 and 110 V: at most 2 pi 10 Hz 20 V / 50 kHz = 0.025 V per sample, twice that
-    # for its asymmetry
-    assert np.abs(np.diff(voltage_v)).max() < 0.05
-
-
 def test_root_of_straight_force():
     out = np.empty(4)
     synthesise(np.array([100.0, 400.0, 0.0]), out)
@@ -202,12 +185,6 @@ def test_a_peak_beyond_any_limit_refuses_the_block(tight):
         **({"voltage_v": 150.0, "frequency_low_hz": 1.0, "frequency_high_hz": 1e6} | tight)
     )
     assert gate_envelope(limits, safety.INITIAL, PEAK, NO_MORE, np.full(50, 1.0))[1]
-
-
-def test_a_refused_point_leaves_nothing(stages, limits):
-    """The surface was made ready for 150 V; a gate that knows of 50 V refuses what it offers."""
-    strict = replace(stages, limits=replace(limits, voltage_v=50.0))
-    assert not play(strict, Uniform(0.7), 20)[1].any()
 
 
 def test_a_refusal_of_the_envelopes_own_gate_is_counted(stages, limits):

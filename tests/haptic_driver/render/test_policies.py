@@ -60,30 +60,6 @@ def test_beyond_them_it_is_the_highest_that_reaches(quiet, brute_force, grid, co
         assert highest_hz / THIRD < point.frequency_hz <= highest_hz * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("force", [0.2, 0.5, 1.5])
-def test_of_quiet_carriers_it_is_the_one_with_most_authority(quiet, brute_force, grid, force):
-    high = brute_force(force, 0.52).cof_high
-    high[grid.frequency_hz < QUIET_FROM_HZ] = 0.0
-    _, point = ask(quiet, 0.52, force)
-    assert point.frequency_hz == pytest.approx(grid.frequency_hz[high.argmax()], rel=1e-9)
-
-
-def test_at_the_reach_of_quiet_carriers_none_takes_turns(surface, brute_force, grid, rng):
-    """They reach 0.07 above friction without voltage, of which 5 % are 3.5 times this noise."""
-    limit = brute_force(0.5, 0.6).cof_high[grid.frequency_hz >= QUIET_FROM_HZ].max()
-    targets = limit + 0.001 * rng.standard_normal(500)
-    moves = {}
-    for hysteresis in (0.0, 0.05):
-        settings = ControllerSettings(surface, WIDE, policy="quiet", hysteresis=hysteresis)
-        controller, state, used = Controller(settings), INITIAL, []
-        for target in targets.tolist():
-            state, point = ask(controller, target, state=state)
-            used.append(point.frequency_hz)
-        moves[hysteresis] = np.count_nonzero(np.diff(used))
-    assert moves[0.0] > 100
-    assert moves[0.05] <= 2
-
-
 @pytest.mark.parametrize(("quiet_above_hz", "frequency_hz"), [(400.0, 200.0), (20e3, 10e3)])
 def test_what_is_felt_is_a_setting(make_file, quiet_above_hz, frequency_hz):
     """The lower a carrier of this surface, the more it can do."""

@@ -14,7 +14,7 @@ from haptic_driver.render.finger import FingerSettings
 from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.render.tick import TickSettings, TickState, tick
-from haptic_driver.signals import DriveCommand, FingerSample, SafeOperatingPoint
+from haptic_driver.signals import FingerSample
 from model.conditions import Conditions
 
 
@@ -40,13 +40,6 @@ def run(settings, forces, state=None, start_s=1.0, speed_m_s=0.0):
         )
         done.append(one)
     return state, done
-
-
-def test_without_contact_the_command_is_off(settings):
-    _, done = run(settings, [0.0, 0.02, 0.149, -1.0, 0.0])
-    assert [d.command.output_on for d in done] == [False] * 5
-    assert {d.command.voltage_v for d in done} == {0.0}
-    assert not any(d.target.active for d in done)
 
 
 def test_touch_rises_to_the_voltage_that_gives_the_target(settings, touch):
@@ -93,18 +86,6 @@ def test_a_sample_without_a_time_does_not_lift_the_bound_on_the_rise(settings):
     assert one.command.voltage_v <= 10.0 + 1e-9
 
 
-def test_signals_go_from_stage_to_stage(settings):
-    _, done = run(settings, [0.0] + [0.5] * 40, speed_m_s=0.05)
-    last = done[-1]
-    assert last.finger.normal_force_n == 0.5
-    assert last.finger.in_contact
-    assert last.finger.velocity_x_m_s == pytest.approx(0.05, rel=1e-9)
-    assert last.target == (0.6, True)
-    assert last.wanted.cof == pytest.approx(0.6, abs=1e-9)
-    assert last.safe == SafeOperatingPoint(last.wanted.frequency_hz, last.wanted.voltage_v, None)
-    assert last.command == DriveCommand(last.safe.frequency_hz, last.safe.voltage_v, True)
-
-
 def test_what_the_gate_refuses_is_off_and_counted(settings, limits):
     """The surface was made ready for 150 V; a gate that knows of 50 V refuses what it offers, and
     does not clamp.
@@ -118,13 +99,6 @@ def test_what_the_gate_refuses_is_off_and_counted(settings, limits):
     assert not any(d.command.output_on for d in done)
     state, _ = run(strict, [0.0] * 3, state, start_s=2.0)
     assert state.safety.rejections == 10
-
-
-def test_a_target_out_of_reach_is_flagged_and_rendered_as_far_as_it_goes(settings):
-    _, done = run(replace(settings, texture=Uniform(3.0)), [0.5] * 40)
-    assert not done[-1].wanted.reachable
-    assert done[-1].command.output_on
-    assert done[-1].safe.rejection is None
 
 
 anything = st.floats(allow_nan=True, allow_infinity=True)

@@ -18,11 +18,8 @@ from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.render.tick import TickSettings
 from haptic_driver.rig.slide import Slide, synthetic_slide
-from haptic_driver.signals import DriveCommand
-from haptic_driver.simulation.finger_model import friction_of
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import score
-from model.conditions import Conditions
 from model.touch_model import TouchModel
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 
@@ -108,30 +105,6 @@ def test_grating_is_rendered_within_5_percent(record):
     assert record.rejections == 0
 
 
-def test_the_score_is_that_of_the_record(record):
-    """The share again, from what the finger did: the texture where it was, and forces averaged over
-    11 ms.
-    """
-    slide, samples = record.slide, record.samples
-    touching = slide.normal_force_n > 0.15
-    touched = np.flatnonzero(np.diff(touching.astype(int)) == 1) + 1
-    since = (
-        np.arange(touching.size)
-        - touched[np.searchsorted(touched, np.arange(touching.size), side="right") - 1]
-    )
-    judged = touching & (np.abs(slide.speed_m_s) >= 3e-3) & (since > 110)
-    lateral, normal = (
-        np.convolve(np.abs(samples[name]), np.ones(11) / 11.0, "same")
-        for name in ("lateral_force_n", "normal_force_n")
-    )
-    wanted = np.convolve(
-        GRATING.cof_at(slide.position_m, 0.03 * np.ones(touching.size)), np.ones(11) / 11.0, "same"
-    )
-    error = lateral[judged] / normal[judged] / wanted[judged] - 1.0
-    share = score(record).fidelity.share_within_5_percent
-    assert share == pytest.approx(np.mean(np.abs(error) <= 0.05), abs=0.01)
-
-
 def test_under_another_finger_the_same_slide_fails(stages, rig_config):
     """The figure above is not given: on the finger of Table I, which feels six times less force, it
     is missed.
@@ -166,14 +139,12 @@ def test_targets_out_of_reach_are_flagged_and_do_not_count(stages, rig_config, t
     assert record.rejections == 0
 
 
-@pytest.mark.parametrize("force_n", [0.0, 0.09])
 def test_a_wobble_below_the_contact_threshold_keeps_the_output_at_its_lowest(
-    stages, rig_config, touch, force_n
+    stages, rig_config, touch
 ):
     time = np.arange(0.0, 0.5, 1e-3)
-    wobble = Slide(
-        "wobble", time, 0.04 * time, force_n * (1.0 + np.sin(2.0 * np.pi * 8.0 * time)) * 0.5
-    )
+    force_n = 0.09 * (1.0 + np.sin(2.0 * np.pi * 8.0 * time)) * 0.5
+    wobble = Slide("wobble", time, 0.04 * time, force_n)
     with SimulatedRig(rig_config, touch) as bench:
         record = render_slide(wobble, GRATING, stages(GRATING), bench, lambda _: None)
         assert bench.amplifier.max_voltage_v <= 1.001 * record.lowest_voltage_v
@@ -199,13 +170,6 @@ def test_a_finger_that_stays_away_lets_the_output_go_off(stages, rig_config, tou
     assert record.voltage_v[249] > 50.0
     assert record.voltage_v[310] > 0.0
     assert record.voltage_v[360:].max() == 0.0
-
-
-def test_friction_of_the_plant_is_the_models(touch):
-    friction_n = friction_of(touch)
-    answer = touch.predict(Conditions(*(np.array([x]) for x in (250.0, 75.0, 0.5)))).cof[0]
-    assert friction_n(250.0, 75.0, 0.5, 0.05, 0.0) == pytest.approx(0.5 * answer, rel=1e-12)
-    assert friction_n(250.0, 75.0, 0.0, 0.05, 0.0) == 0.0
 
 
 # --- faults
@@ -243,7 +207,7 @@ class Faulty:
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize(
     ("fault", "count"),
-    [*((fault, 1) for fault in CODES), (Fault.HANG, math.inf), (Fault.GARBAGE, math.inf)],
+    [*((fault, 1) for fault in CODES), (Fault.HANG, math.inf)],
 )
 def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, touch, fault, count):
     faulty = Faulty()
@@ -270,48 +234,6 @@ def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, tou
         assert bench.amplifier.output_on_s == energised_s
         assert bench.instruments.voltage_v == 0.0
         assert bench.amplifier.read() is False
-
-
-@pytest.mark.timeout(60)
-@pytest.mark.parametrize("fault", CODES)
-def test_the_generator_itself_is_off_too_once_it_answers_again(rig_config, touch, fault):
-    faulty = Faulty()
-    with SimulatedRig(rig_config, touch, wrap=faulty, reply_timeout_s=SILENT_S) as bench:
-        bench.rig.connect()
-        bench.rig.command(0.0, DriveCommand(250.0, 80.0, True))
-        bench.step(0.05, 0.5, 0.04)
-        assert bench.instruments.voltage_v == pytest.approx(80.0, rel=1e-3)
-        faulty.begin(fault, 1)
-        with pytest.raises(HapticError) as failed:
-            bench.rig.command(0.1, DriveCommand(250.0, 90.0, True))
-        assert "generator says off" in failed.value.message
-        bench.amplifier.write(True)  # so that only the generator keeps the electrode at zero
-        bench.step(0.05, 0.5, 0.04)
-        assert bench.instruments.voltage_v == 0.0
-
-
-@pytest.mark.timeout(60)
-def test_a_generator_that_is_silent_from_the_start(stages, rig_config, touch):
-    faulty = Faulty()
-    with SimulatedRig(rig_config, touch, wrap=faulty, reply_timeout_s=0.05) as bench:
-        faulty.begin(Fault.SILENCE, math.inf)
-        with pytest.raises(HapticError) as failed:
-            render_slide(press(), GRATING, stages(GRATING), bench, lambda _: None)
-        assert failed.value.code == "device_timeout"
-        assert "generator does not answer, amplifier disabled" in failed.value.message
-        assert bench.amplifier.max_voltage_v == 0.0
-
-
-@pytest.mark.timeout(60)
-def test_rendering_goes_on_after_a_fault_has_passed(stages, rig_config, touch):
-    faulty = Faulty()
-    with SimulatedRig(rig_config, touch, wrap=faulty) as bench:
-        faulty.begin(Fault.DISCONNECT, 1)
-        with pytest.raises(HapticError):
-            render_slide(press(), GRATING, stages(GRATING), bench, lambda _: None)
-        record = render_slide(press(), GRATING, stages(GRATING), bench, lambda _: None)
-    assert record.rejections == 0
-    assert record.voltage_v.max() > 50.0
 
 
 def test_an_interrupt_leaves_the_output_off(stages, rig_config, touch):
