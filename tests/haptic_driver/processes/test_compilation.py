@@ -37,14 +37,6 @@ def test_each_kernel_is_told_once_with_how_many_were_done(kernel):
     assert told == [("outer", 0), ("inner", 0), ("outer", 1), (None, 2)]
 
 
-def test_nothing_is_told_afterwards(kernel):
-    told = []
-    with compilation(lambda name, done: told.append(name)):
-        pass
-    kernel(np.arange(3.0))
-    assert told == []
-
-
 def test_a_log_has_one_line_for_what_is_waited_for(kernel, capsys):
     with compilation_said("render process"):
         kernel(np.arange(3.0))
@@ -73,12 +65,3 @@ def test_a_pipe_sees_nothing_of_it(kernel, capsys):
     with output.compiling():
         kernel(np.arange(3.0))
     assert capsys.readouterr() == ("", "")
-
-
-def test_what_comes_from_the_cache_is_not_told(kernel, monkeypatch):
-    shown = Console(file=io.StringIO(), force_terminal=True, width=100)
-    monkeypatch.setattr(output, "stderr", shown)
-    kernel(np.arange(3.0))
-    with output.compiling():
-        kernel(np.arange(3.0))
-    assert shown.file.getvalue() == ""

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -39,14 +38,29 @@ while time.monotonic() < until_s:
 """
 
 
-def hammer(shared):
-    process = subprocess.Popen(
-        [sys.executable, "-c", HAMMER, str(shared.descriptor), str(HAMMER_S)],
-        pass_fds=[shared.descriptor],
-        stdout=subprocess.PIPE,
-    )
-    process.stdout.readline()
-    return process
+@pytest.mark.process
+def test_what_is_read_while_another_process_writes_is_whole_and_all_accounted_for(shared):
+    words = [sys.executable, "-c", HAMMER, str(shared.descriptor), str(HAMMER_S)]
+    seen, parts, position, lost, ended = [], [], 0, 0, False
+    with subprocess.Popen(words, pass_fds=[shared.descriptor], stdout=subprocess.PIPE) as process:
+        process.stdout.readline()
+        while not ended:
+            ended = process.poll() is not None
+            seen += [shared.sensed.read() for _ in range(100)]
+            taken = shared.ring.read(position)
+            parts.append(taken.samples)
+            lost, position = lost + taken.lost, taken.position
+    records = [record for record in seen if record != NOTHING_SENSED]
+    numbers = [record.finger_time_s for record in records]
+    assert len(set(numbers)) > 10  # reads met writes; a busy machine gives the reader few turns
+    assert numbers == sorted(numbers)
+    for record, k in zip(records, numbers, strict=True):
+        assert record == Sensed(k, k, k, True, k, k, k, k % 2 == 1, *(k,) * 3, True, *(k,) * 7)
+    samples = np.concatenate(parts)
+    assert np.all(np.diff(samples["tick"].astype(np.int64)) >= 1)
+    np.testing.assert_array_equal(samples["tick"].astype(float), samples["voltage_v"])
+    np.testing.assert_array_equal(samples["tick"] % 512, samples["flags"])
+    assert len(samples) + lost == shared.ring.position
 
 
 def test_a_record_written_here_is_read_there(shared):
@@ -56,44 +70,6 @@ def test_a_record_written_here_is_read_there(shared):
     shared.order.write(order)
     assert there.order.read() == order
     assert there.sensed.read() == NOTHING_SENSED
-
-
-@pytest.mark.process
-def test_nobody_ever_reads_half_a_record_while_another_process_writes(shared):
-    process = hammer(shared)
-    seen = []
-    while process.poll() is None:
-        seen.append(shared.sensed.read())
-    process.stdout.close()
-    numbers = [record.finger_time_s for record in seen if record != NOTHING_SENSED]
-    assert len(set(numbers)) > 10  # reads met writes; a busy machine gives the reader few turns
-    assert numbers == sorted(numbers)
-    for record in seen:
-        if record != NOTHING_SENSED:
-            k = record.finger_time_s
-            assert record == Sensed(k, k, k, True, k, k, k, k % 2 == 1, *(k,) * 3, True, *(k,) * 7)
-
-
-@pytest.mark.process
-def test_samples_read_while_another_process_writes_are_whole_and_all_accounted_for(shared):
-    process = hammer(shared)
-    position = lost = 0
-    parts = []
-    while True:
-        ended = process.poll() is not None
-        taken = shared.ring.read(position)
-        parts.append(taken.samples)
-        lost += taken.lost
-        position = taken.position
-        if ended:
-            break
-        time.sleep(0.002)
-    process.stdout.close()
-    samples = np.concatenate(parts)
-    assert np.all(np.diff(samples["tick"].astype(np.int64)) >= 1)
-    np.testing.assert_array_equal(samples["tick"].astype(float), samples["voltage_v"])
-    np.testing.assert_array_equal(samples["tick"] % 512, samples["flags"])
-    assert len(samples) + lost == shared.ring.position
 
 
 SHEETS = """

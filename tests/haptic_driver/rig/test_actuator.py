@@ -256,13 +256,6 @@ def test_an_output_that_fails_says_so(bench):
     bench.output.broken = False
 
 
-def test_off_leaves_nothing(bench):
-    bench.run(np.full(300, 90.0))
-    assert bench.actuator.off().on is False
-    bench.step()
-    assert bench.seen_v[-1] == 0.0
-
-
 @pytest.mark.parametrize(
     ("monitor_v", "trips"), [(0.0, False), (1.49, False), (1.70, True)]
 )  # at 0.01 V per V
@@ -284,18 +277,6 @@ def test_a_rigs_file_decides_which_way(rig_config, bench):
     assert isinstance(make_actuator(rig_config, bench.rig), SetpointActuator)
     assert actuator_name(rig_config) == "setpoints over SCPI"
     assert actuator_name(load_rig("simulated-envelope")) == "analog envelope"
-
-
-def test_set_points_are_the_command(rig_config, touch):
-    with SimulatedRig(rig_config, touch) as bench:
-        bench.rig.connect()
-        actuator = SetpointActuator(bench.rig, 1.0)
-        for k in range(100):
-            actuator.command(1e-3 * k, ON)
-            bench.step(1e-3, 0.5, 0.04)
-        assert bench.instruments.voltage_v == pytest.approx(80.0, rel=1e-3)
-        assert actuator.off().on is False
-        assert bench.instruments.voltage_v == 0.0
 
 
 def test_what_is_asked_to_be_little_stays_on_at_the_lowest_voltage(rig_config, touch):

@@ -22,18 +22,6 @@ def with_camera(**section: object) -> RigConfig:
     return parse(RigConfig, said, "rig.toml")
 
 
-def test_a_rig_without_one_has_none():
-    config = load_rig("simulated")
-    assert config.camera.kind == "none"
-    assert config.camera.make(Wiring()) is None
-
-
-def test_a_simulated_rig_has_a_simulated_one():
-    assert with_camera(kind="simulated", frames=3).camera.kind == "simulated"
-    with pytest.raises(BadInputError, match=r"camera\.kind disagree"):
-        with_camera(kind="genicam", producer="a.cti", scale_m_per_pixel=2e-5)
-
-
 @pytest.mark.parametrize(
     ("section", "said"),
     [

@@ -318,9 +318,8 @@ def test_gauges_and_monitors_share_one_task_and_monitors_tell_the_peak(
 
 
 def test_a_recording_says_what_each_figure_rests_on(rig_config, served):
-    signed = {"limits": "simulation, 2024-01-01", "amplifier": "simulation, 2024-01-01"}
-    assert calibration_ids(rig_config) == signed
     real = served.config
+    signed = {"limits": "simulation, 2024-01-01", "amplifier": "simulation, 2024-01-01"}
     assert calibration_ids(real) == signed | {"force_sensor": "1e+06 counts per N, 1e+06 per N m"}
     screen = EvdevFingerConfig(
         kind="evdev",

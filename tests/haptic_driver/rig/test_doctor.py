@@ -128,25 +128,13 @@ def test_the_electrodes_monitors_are_asked_who_they_are(rig_config, served, answ
     assert check.status is status
     assert ("DSO-X" if answers else "4711") in check.message
     assert scope.handle(b":CHAN1:RANG?\n") == b"4.000000E+01\n"  # nothing was set
+    told = {one.name: (one.asked, one.got) for one in check.held}
+    assert told.get(":TRIG:EDGE:SOUR") == (("EXT", "CHAN1") if answers else None)
 
 
 class Stranger:
     def handle(self, data):
         return b"ACME,4711,1,1\n"
-
-
-def test_another_instrument_at_the_address_fails(rig_config, served):
-    with TcpServer(Stranger()) as server:
-        checks = examine(with_generator(served.config, server.resource), TODAY)
-    check = found(checks, "waveform generator")
-    assert check.status is CheckStatus.FAILED
-    assert "ACME" in check.message
-    assert check.hint
-
-
-class Mute:
-    def handle(self, data):
-        return b""
 
 
 def test_an_absent_rig_fails_device_by_device_with_hints(rig_config, touch):
@@ -157,14 +145,6 @@ def test_an_absent_rig_fails_device_by_device_with_hints(rig_config, touch):
     failed = {check.name for check in checks if check.status is CheckStatus.FAILED}
     assert {"waveform generator", "interlock", "force sensor", "stage"} <= failed
     assert all(check.hint for check in checks if check.status is CheckStatus.FAILED)
-
-
-def test_a_silent_instrument_does_not_hold_it_up(rig_config, served):
-    with TcpServer(Mute()) as server:
-        config = with_generator(served.config, server.resource)
-        checks = examine(config, TODAY)
-    assert found(checks, "waveform generator").status is CheckStatus.FAILED
-    assert found(checks, "stage").status is CheckStatus.OK
 
 
 @pytest.mark.parametrize(
@@ -245,24 +225,10 @@ def test_a_touch_screen_that_is_not_calibrated_names_the_command_that_does_it(
     assert found(checks, "touch screen").status is CheckStatus.FAILED  # /dev/null is none
 
 
-def test_the_command_on_the_simulated_rig(haptic):
-    done = haptic("doctor", "--rig", "simulated", "--json")
-    assert done.status == 0
-    said = json.loads(done.out)
-    assert said["rig"] == "simulated"
-    assert said["simulated"] is True
-    assert said["ok"] is True
-    assert {check["status"] for check in said["checks"]} <= {
-        "ok",
-        "warning",
-        "failed",
-        "not verified",
-    }
-    assert all(set(check) == {"name", "status", "message", "hint"} for check in said["checks"])
-
-
 def test_asked_and_got_of_every_setting_in_one_table(haptic):
-    said = json.loads(haptic("doctor", "--rig", "simulated", "--json").out)["settings"]
+    done = haptic("doctor", "--rig", "simulated", "--json")
+    assert (done.status, done.said["simulated"], done.said["ok"]) == (0, True, True)
+    said = done.said["settings"]
     told = {(one["device"], one["name"]): (one["asked"], one["got"]) for one in said}
     # a 33220A as it is switched on: LOAD 50, ranging by itself
     assert told["waveform generator", "OUTP:LOAD"] == ("INF", "50")
@@ -274,20 +240,6 @@ def test_asked_and_got_of_every_setting_in_one_table(haptic):
     shown = haptic("doctor", "--rig", "simulated").out
     assert "asked of each device" in shown
     assert "OUTP:LOAD" in shown
-
-
-def test_a_scope_that_holds_otherwise_is_told_and_left(rig_config, served):
-    scope = SimulatedInfiniiVision(
-        SimulatedLines(lambda: None, MonitorLines(0.01, 500.0), (0.0, 0.0), 1)
-    )
-    with TcpServer(scope) as server:
-        section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
-        real = served.config.model_copy(update={"electrode_monitors": [section]})
-        held = found(examine(real, TODAY), "electrode monitor, infiniivision").held
-    told = {one.name: (one.asked, one.got) for one in held}
-    assert told[":TRIG:EDGE:SOUR"] == ("EXT", "CHAN1")
-    assert told[":TRIG:EDGE:LEV"] == ("1.2", "0")
-    assert scope.handle(b":TRIG:SWE?\n") == b"AUTO\n"
 
 
 def test_the_command_on_a_rig_that_is_not_there(haptic, tmp_path):

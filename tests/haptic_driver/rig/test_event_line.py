@@ -10,7 +10,6 @@ from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Check, CheckStatus, Examination
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.doctor import examine
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.event_lines import (
     ModemLineConfig,
@@ -32,13 +31,6 @@ BOX = TriggerBoxConfig(kind="trigger_box", resource="/dev/ttyUSB0")
 def rig_with(**section: object) -> RigConfig:
     said = load_rig("simulated").model_dump() | {"event_line": section}
     return parse(RigConfig, said, "rig.toml")
-
-
-def test_a_simulated_rig_has_none_or_a_simulated_one():
-    assert load_rig("simulated").event_line.kind == "none"
-    assert rig_with(kind="simulated").event_line.kind == "simulated"
-    with pytest.raises(BadInputError, match=r"event_line\.kind disagree"):
-        rig_with(kind="trigger_box", resource="/dev/ttyUSB0")
 
 
 @pytest.mark.parametrize(
@@ -104,9 +96,3 @@ def test_the_doctor_says_of_each_other_kind_what_it_could_not_see(tmp_path):
         CheckStatus.OK,
     ]
     assert "haptic mark" in modem.hint
-
-
-@pytest.mark.process
-def test_the_doctor_looks_at_it():
-    names = [check.name for check in examine(rig_with(kind="simulated"), datetime.date(2024, 6, 1))]
-    assert "event line" in names

@@ -12,7 +12,6 @@ from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Check, CheckStatus, Examination
 from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.doctor import examine
 from haptic_driver.rig.line_in import EdgeIn, LineInReader
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.lines_in import (
@@ -113,11 +112,6 @@ def test_the_doctor_looks_where_recordings_would_be_written(tmp_path):
     assert below in folder.message
     strokes = SimulatedLineInConfig(kind="simulated", folder=below, start="stroke")
     assert [check.status for check in checks_of(strokes)] == [CheckStatus.OK]
-
-
-@pytest.mark.process
-def test_the_doctor_looks_at_it():
-    assert "line in" in [check.name for check in examine(rig_with(kind="simulated"), TODAY)]
 
 
 class Levels:

@@ -36,11 +36,6 @@ def test_it_approaches_by_short_slow_moves_until_the_finger_is_felt():
     assert order.depth_m > 0.0095
 
 
-def test_no_order_while_the_stage_moves():
-    _, order = step(SETTINGS, HOLDING, QUIET._replace(load_n=0.3, moving=True))
-    assert order is NOTHING
-
-
 def test_a_stage_that_only_says_that_it_moves_is_let_go():
     seen, order = QUIET._replace(load_n=0.3), NOTHING
     state, order = step(SETTINGS, HOLDING, seen)
@@ -131,12 +126,6 @@ def test_it_never_goes_deeper_than_its_bound_and_lets_go_there():
     state, order = step(SETTINGS, deep, near._replace(depth_m=order.depth_m))
     assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
     assert "3.0 mm" in state.reason
-
-
-def test_it_lets_go_where_no_finger_is_felt():
-    begun = LoadState(start_m=0.009)
-    state, order = step(SETTINGS, begun, QUIET._replace(load_n=0.0, depth_m=0.012))
-    assert (order.act, state.reason) == (Act.RETRACT, "no finger is felt within 3.0 mm")
 
 
 def test_it_looks_for_a_finger_no_deeper_than_the_last_touch_needed():

@@ -2,7 +2,6 @@
 their own.
 """
 
-import json
 import os
 import subprocess
 import sys
@@ -12,7 +11,7 @@ import pytest
 
 from haptic_driver.rig.roles import ROLES, KindRole
 from hw.generator import contract as generators
-from tests.haptic_driver.config_texts import SIMULATED, as_real_rig
+from tests.haptic_driver.config_texts import SIMULATED
 from tests.waiting import HANG_S
 
 HAPTIC = Path(sys.executable).with_name("haptic")
@@ -23,23 +22,6 @@ AT_IMPORT = {
     "ends": "import os; os._exit(7)",
     "hangs": "import time; time.sleep(1e6)",
 }
-EXAMINED = """
-from typing import Literal
-from haptic_driver.rig.part import PartSection
-from hw.setting import Setting
-
-class Sensor(PartSection):
-    kind: Literal["lab"]
-    port: str
-
-    def examine(self, at):
-        yield at.ok(f"{self.port} says LAB1", [Setting("range_n", 10.0, 20.0)])
-        yield at.called("force zero").unverified("a weight shows it", "hang one on it")
-        raise OSError("it hung up")
-
-class Tracker(PartSection):
-    kind: Literal["lab"]
-"""
 pytestmark = [pytest.mark.timeout(300), pytest.mark.process]
 
 
@@ -116,30 +98,3 @@ def test_a_kind_that_is_not_there_is_told_with_the_nearest_of_all_names(installe
     assert "force_sensor.kind is 'hang'" in done.stderr
     assert "hangs" in done.stderr
     assert imported(installed) == before
-
-
-def test_a_part_of_ones_own_is_examined_like_those_that_come_with_the_driver(tmp_path):
-    """What it says is listed in its place, what ends it early too, and the others are examined."""
-    points = "[haptic_driver.force_sensors]\nlab = lab_kinds:Sensor\n"
-    points += "[haptic_driver.finger_trackers]\nlab = lab_kinds:Tracker\n"
-    install(tmp_path, "lab_kinds", EXAMINED, points)
-    rig = tmp_path / "lab.toml"
-    parts = '[force_sensor]\nkind = "lab"\nport = "COM7"\n[finger_tracker]\nkind = "lab"\n'
-    rig.write_text(as_real_rig("TCPIP::127.0.0.1::9::SOCKET") + parts)
-    done = run(environment(tmp_path), "doctor", "--rig", rig, "--json")
-    assert done.returncode == 1, done.stderr
-    said = json.loads(done.stdout)
-    checks = [tuple(check.values()) for check in said["checks"]]
-    first = checks.index(("force sensor", "ok", "COM7 says LAB1", ""))
-    assert checks[first + 1 : first + 4] == [
-        ("force zero", "not verified", "a weight shows it", "hang one on it"),
-        (
-            "force sensor",
-            "failed",
-            "OSError: it hung up",
-            "look at what it answers, and at its driver",
-        ),
-        ("finger tracker", "not verified", "lab: how to ask it is not known here", ""),
-    ]
-    (held,) = [one for one in said["settings"] if one["device"] == "force sensor"]
-    assert (held["name"], held["asked"], held["got"]) == ("range_n", 10.0, 20.0)

@@ -368,37 +368,3 @@ def test_off_is_bounded_while_another_thread_is_stuck_in_a_command(enable):
     assert amplifier.voltage_v == 0.0
     assert generator.output().on is False
     assert rig.state is (RigState.OFF if enable else RigState.TRIPPED)
-
-
-class Interrupting(SimulatedAmplifier):
-    """Lets another thread call `off` just before the enable line rises."""
-
-    interrupt = staticmethod(lambda: None)
-
-    def write(self, value, /):
-        if value:
-            self.interrupt()
-        super().write(value)
-
-
-@pytest.mark.timeout(60)
-def test_off_in_the_middle_of_switching_on_wins():
-    amplifier = Interrupting(100.0, 700.0)
-    generator = Simulated33220A(IMMEDIATE, listener=amplifier.drive)
-    lines = Wiring(enable=amplifier, voltage_monitor=amplifier)
-    rig = build_rig(CONFIG, MemoryTransport(generator), BreakableSensor(), lines)
-    rig.connect()
-    found = []
-    other = threading.Thread(target=lambda: found.append(rig.off()))
-
-    def interrupt():
-        other.start()
-        other.join(0.3)  # it has dropped the line, said OUTP 0, and now waits for this thread
-
-    amplifier.interrupt = interrupt
-    rig.command(0.0, DriveCommand(250.0, 80.0, True))
-    other.join(20.0)
-    assert found[0].on is False
-    assert amplifier.read() is False
-    assert generator.output().on is False
-    assert rig.state is RigState.OFF
