@@ -18,12 +18,9 @@ from hw.health import Health
 from tests.haptic_driver.daemon.bench_control import FIDELITY
 from tests.haptic_driver.daemon.web.served_page import (
     BrowserError,
-    Served,
-    SlidingControl,
     arm,
     arm_and_set,
     expect,
-    leave_quietly,
     load,
     opened,
     press_grey,
@@ -38,41 +35,6 @@ TILES_ASKED = (
     "performance.getEntriesByType('resource').filter((one) => one.name.includes('/tile?')).length"
 )
 PLOTS = ["friction", "surface", "trail"]
-
-
-@pytest.fixture(scope="module")
-def one_control():
-    return SlidingControl()
-
-
-@pytest.fixture(scope="module")
-def served(one_control, tmp_path_factory):
-    served = Served(one_control, tmp_path_factory.mktemp("served"))
-    yield served
-    served.stop()
-
-
-@pytest.fixture(scope="module")
-def one_tab(browser):
-    page = tab(browser)
-    yield page
-    page.context.close()
-
-
-@pytest.fixture
-def control(one_control):
-    """One for all, idle and as it was."""
-    one_control.begin_anew()
-    return one_control
-
-
-@pytest.fixture
-def page(one_tab, served, control):
-    """Loaded anew, from a daemon that knows nothing of the page before."""
-    load(one_tab, served)
-    yield one_tab
-    one_tab.unroute_all()
-    leave_quietly(one_tab)
 
 
 PART_S = 0.5  # half of what the page takes for silence
@@ -465,17 +427,6 @@ def test_a_lost_connection_does_not_look_alive_and_comes_back(page, served):
     text(page, "#link", "connected")
 
 
-def test_silence_on_an_open_connection_is_a_lost_one(page, control):
-    text(page, "#state", "IDLE")
-    control.lock.acquire()  # the API goes on, but has nothing to say
-    try:
-        text(page, "#link", "connection lost")
-        text(page, "#state", "UNKNOWN")
-    finally:
-        control.lock.release()
-    text(page, "#link", "connected")
-
-
 def test_the_other_pages_of_a_browser_cannot_use_the_api(browser, served):
     context = browser.new_context()
     page = context.new_page()
@@ -529,17 +480,21 @@ def test_it_shows_agreement_mends_at_a_click_and_says_why(page, control):
     assert page.complaints == []
 
 
-def test_a_model_that_somebody_has_chosen_stays_chosen_when_the_link_comes_back(page, control):
+def test_silence_is_a_lost_connection_and_what_was_chosen_is_so_still_when_it_comes_back(
+    page, control
+):
     """Names are fetched again then: the choice fell back, and Use took the model in use for the one
     that was meant.
     """
     page.select_option("#model", "other")
     page.evaluate("document.querySelector('#model').options[0].dataset.before = ''")
-    control.lock.acquire()
+    control.lock.acquire()  # the API goes on, but has nothing to say
     try:
         text(page, "#link", "connection lost")
+        text(page, "#state", "UNKNOWN")
     finally:
         control.lock.release()
+    text(page, "#link", "connected")
     expect(page.locator("#model option[data-before]")).to_have_count(0)
     expect(page.locator("#model")).to_have_value("other")
 

@@ -4,11 +4,8 @@ import pytest
 
 from haptic_driver.daemon.verbs import SceneChange
 from tests.haptic_driver.daemon.web.served_page import (
-    Served,
-    SlidingControl,
     arm,
     expect,
-    opened,
     text,
 )
 from tests.waiting import until
@@ -38,22 +35,6 @@ OBJECTS = SceneChange.model_validate(
     }
 ).changes
 A_PIXEL_MM = 0.3  # of the page's, at the map's scale
-
-
-@pytest.fixture
-def control():
-    control = SlidingControl()
-    control.scene = None
-    return control
-
-
-@pytest.fixture
-def page(browser, control, tmp_path):
-    served = Served(control, tmp_path)
-    page = opened(browser, served)
-    yield page
-    page.context.close()
-    served.stop()
 
 
 @pytest.fixture

@@ -10,12 +10,10 @@ from haptic_driver.client import HapticClient
 from haptic_driver.lab.psychophysics.answers import MarkerParticipant
 from haptic_driver.lab.psychophysics.run import Question
 from haptic_driver.lab.psychophysics.schedule import Trial
-from tests.haptic_driver.daemon.web import test_dashboard as dashboard
 from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect, opened
 
 pytestmark = pytest.mark.process
 
-one_control, control, served = dashboard.one_control, dashboard.control, dashboard.served
 QUESTION = Question(
     1,
     "Which one had more friction?",

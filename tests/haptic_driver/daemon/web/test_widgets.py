@@ -5,13 +5,10 @@ from pathlib import Path
 import pytest
 
 from haptic_driver.daemon.messages import DaemonState
-from tests.haptic_driver.daemon.web import test_dashboard as dashboard
 from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect
 from tests.waiting import until
 
 pytestmark = pytest.mark.process
-
-one_control, control, served = dashboard.one_control, dashboard.control, dashboard.served
 
 
 @pytest.fixture
