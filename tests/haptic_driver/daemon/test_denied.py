@@ -23,7 +23,7 @@ from tests.waiting import HANG_S, until
 denied_daemon = denying.denied_daemon
 
 
-@pytest.mark.realtime
+@pytest.mark.process
 @pytest.mark.parametrize(
     "what", [*(pytest.param(one, marks=pytest.mark.soak) for one in DENIALS), EVERYTHING]
 )
@@ -37,12 +37,13 @@ def test_whatever_is_denied_after_arming_off_is_off(denied_daemon, what):
     assert sprung(daemon.foreign) == []
 
 
-@pytest.mark.realtime
+@pytest.mark.process
 def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
     """With a terminal stopped by Ctrl-S control once hung in its first log line: no answer to OFF,
-    none to SIGTERM.
+    none to SIGTERM. A search for garbage of all that a daemon imports took 0.2 to 0.5 s, at any
+    moment.
     """
-    daemon = denied_daemon("stderr+stdout")
+    daemon = denied_daemon("garbage+stderr+stdout")
     daemon.deny()
     client = HapticClient(daemon.path)
     for _ in range(2):  # each tells an event
@@ -56,16 +57,10 @@ def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
     assert history(daemon.record)[-1][1] == 0.0
 
 
-@pytest.mark.process
-def test_a_search_for_garbage_does_not_keep_off_waiting(denied_daemon):
-    """One of all that a daemon imports took 0.2 to 0.5 s, at any moment."""
-    denied_daemon("garbage").deny()
-
-
 STOP = b"\x13"  # Ctrl-S
 
 
-@pytest.mark.realtime
+@pytest.mark.process
 def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path):
     """It was stopped before the daemon said that it was ready: SIGTERM once left the output on."""
     path = tmp_path / "d.sock"

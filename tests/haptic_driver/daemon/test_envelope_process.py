@@ -156,6 +156,10 @@ def test_the_budget_has_the_lead_less_the_tick_that_writes_it(config):
     assert long["total"] - short["total"] == pytest.approx(0.010)
     assert 0.002 <= short["envelope"] <= 0.003
     assert math.isclose(sum(v for k, v in long.items() if k != "total"), long["total"])
+    slow = load_rig("simulated")
+    slow = slow.model_copy(update={"output": slow.output.model_copy(update={"latency_s": 0.1})})
+    budget = latency_budget_s(slow, 0.001, 0.0)
+    assert (budget["set_point"], budget["instrument"]) == pytest.approx((0.005, 0.095))
 
 
 def test_gaps_are_counted_on_from_those_before_a_restart(shared, config):

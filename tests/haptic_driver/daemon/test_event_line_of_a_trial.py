@@ -19,7 +19,7 @@ from tests.haptic_driver.daemon.waiting import LEASE_S
 from tests.haptic_driver.lab.psychophysics.files import made
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.process
 
 DAEMON_RIG = "simulated with lines"
 ONE_TRIAL = """[trial]
@@ -82,12 +82,6 @@ def test_a_forced_choice_trial_puts_its_edges_on_the_line_in_order(daemon, tmp_p
                 event.message,
                 pytest.approx(event.time_s - event.data["late_s"]),
             )
-    ends = [event.data for event in marked.values() if event.message == "interval 2 ends"]
-    when = ends[-1]
-    assert when["began_s"] <= when["output_on_s"] <= when["onset_s"]
-    assert when["first_touch_s"] <= when["first_sliding_s"] <= when["onset_s"]
-    answered = [event for event in marked.values() if event.message == "answered"][-1]
-    assert row.response_time_s == pytest.approx(answered.time_s - when["onset_s"], abs=0.5)
 
 
 def test_a_marker_touch_and_lift_of_the_simulated_finger_are_edges(daemon):

@@ -116,27 +116,6 @@ def _beside_a_stall(ticks):
     return np.mean(away_s[ticks["speed_m_s"] >= 0.002] < 0.010)
 
 
-def _correlation(ticks, asked):
-    both = np.isfinite(asked) & np.isfinite(ticks["measured_cof"]) & (ticks["speed_m_s"] >= 0.002)
-    return np.corrcoef(asked[both], ticks["measured_cof"][both])[0, 1]
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("rig", ["simulated-envelope", "simulated"])
-def test_the_share_within_5_percent_is_that_of_the_recording_at_its_best_lag(
-    kept, settings_of, tmp_path, rig
-):
-    """On a machine that is not busy: late set points are felt later than the rig's file says."""
-    said, ticks = _record(kept.of(settings_of(rig)), tmp_path / "linen.h5")
-    lags_s = np.arange(-0.030, 0.031, 0.001)
-    best_s = max(lags_s, key=lambda lag_s: _correlation(ticks, _asked(ticks, lag_s)))
-    asked = _asked(ticks, best_s)
-    assert said.share_within_5_percent == pytest.approx(_share(ticks, asked), abs=AGREES)
-    assert felt(ticks).within_5_percent == pytest.approx(
-        _share(ticks, asked, of_all=True), abs=AGREES
-    )
-
-
 def test_it_is_that_of_the_recording_by_the_times_that_stand_there(recorded):
     """However late the machine was: when what was asked acts, and when forces were read."""
     said, ticks = recorded

@@ -106,15 +106,6 @@ def ends(process):
     assert "hangs and is left alone" in said
 
 
-@pytest.mark.soak
-@pytest.mark.timeout(600)
-def test_a_tracker_that_hangs_from_the_start_does_not_keep_the_daemon_from_ending(start, tmp_path):
-    (tmp_path / "hang").touch()
-    process = start()
-    until((tmp_path / "hangs").exists)
-    ends(process)
-
-
 @pytest.mark.timeout(600)
 def test_a_tracker_that_hangs_is_told_and_does_not_keep_the_daemon_from_ending(
     start, tmp_path, haptic

@@ -99,14 +99,14 @@ def begin(daemon, lease_s):
 
 
 def rendered(daemon, ticks):
-    """So many samples under a load that was held all the time."""
+    """The lease, and so many samples under a load that was held all the time."""
     while True:
         lease, begun = press(daemon), daemon.shared.ring.position
         with suppress(HapticError):
             while daemon.shared.ring.position - begun < ticks:
                 daemon.renew(lease.token)
                 time.sleep(0.02)
-            return daemon.shared.ring.newest(ticks)
+            return lease, daemon.shared.ring.newest(ticks)
         assert is_late(daemon.status().fault)
 
 
@@ -121,13 +121,19 @@ def test_until_the_stage_moves_the_load_is_that_of_the_slide(daemon):
     assert status.load.phase is LoadPhase.FREE
 
 
-def test_a_load_is_held_while_friction_is_rendered(daemon):
+def test_a_load_is_held_while_friction_is_rendered_and_not_said_to_be_while_it_changes(daemon):
     """A sample of a second is a whole beat of the finger's pulse."""
-    samples = rendered(daemon, 1000)
+    lease, samples = rendered(daemon, 1000)
     assert samples["normal_force_n"].mean() == pytest.approx(LOAD_N, rel=0.05)
     assert samples["normal_force_n"].max() < TRIP_N
     assert np.all(samples["in_contact"] == 1)
     assert "load stage: hold 0.5 N" in str(daemon.status())
+    status = daemon.hold_load(lease.token, 0.6)  # the stage has not moved yet
+    assert status.load.phase is not LoadPhase.HOLD
+    assert status.load.target_n == 0.6 or is_late(status.fault)
+    until(lambda: (load_n := daemon.status().load.load_n) is not None and load_n < LIFTED_N)
+    daemon.disarm()
+    until_lifted(daemon)
 
 
 def test_a_lost_lease_lifts_the_finger(daemon):
@@ -161,18 +167,10 @@ def approach(daemon):
     return until(after)
 
 
-def test_another_load_is_not_said_to_be_held_while_the_stage_lifts_from_the_first(daemon):
-    lease = press(daemon)
-    status = daemon.hold_load(lease.token, 0.6)  # the stage has not moved yet
-    assert status.load.phase is not LoadPhase.HOLD
-    assert status.load.target_n == 0.6 or is_late(status.fault)
-    until(lambda: (load_n := daemon.status().load.load_n) is not None and load_n < LIFTED_N)
-    daemon.disarm()
-    until_lifted(daemon)
-
-
-def test_a_rig_that_is_safer_at_rest_is_not_said_to_be_free(daemon, monkeypatch):
-    """The finger is still pressed; another load lifts first."""
+def test_off_waits_for_no_stage_that_hangs_and_says_what_still_presses(daemon, monkeypatch):
+    """Another holds its line, as an answer that does not come does. On a rig that is safer at rest
+    the finger is still pressed then; another load lifts first.
+    """
     load = daemon.supervisor.load
     section = load._section.model_copy(update={"when_wrong": "stop"})
     monkeypatch.setattr(load, "_section", section)
@@ -185,9 +183,16 @@ def test_a_rig_that_is_safer_at_rest_is_not_said_to_be_free(daemon, monkeypatch)
     assert status.output_on is False
     monkeypatch.undo()
     daemon.disarm()
-    press(daemon)
-    daemon.off()
-    until_lifted(daemon)
+    was_late = True
+    while was_late:
+        press(daemon)
+        with daemon.supervisor.instruments.devices.load_stage._undisturbed():
+            status = daemon.off()
+            was_late = status.state is DaemonState.FAULT
+            assert status.output_on is False
+            assert was_late or status.load.phase is LoadPhase.LETTING_GO
+            assert was_late or status.load.load_n > LIFTED_N
+        until_lifted(daemon)
 
 
 def test_two_commands_with_one_lease_do_not_let_go_of_each_others_load(daemon, tmp_path):
@@ -209,20 +214,6 @@ def other_load(daemon, token, before):
     """Ask for it once the command has asked for its own."""
     until(lambda: [event for event in daemon.events(before) if event.kind == "load"])
     daemon.hold_load(token, 0.6)
-
-
-def test_switching_off_does_not_wait_for_a_stage_that_hangs(daemon):
-    """Another holds its line, as an answer that does not come does."""
-    was_late = True
-    while was_late:
-        press(daemon)
-        with daemon.supervisor.instruments.devices.load_stage._undisturbed():
-            status = daemon.off()
-            was_late = status.state is DaemonState.FAULT
-            assert status.output_on is False
-            assert was_late or status.load.phase is LoadPhase.LETTING_GO
-            assert was_late or status.load.load_n > LIFTED_N
-        until_lifted(daemon)
 
 
 def test_a_finger_that_thrusts_is_let_go_and_is_a_fault(daemon, history):

@@ -27,7 +27,7 @@ from haptic_driver.render.texture import Uniform
 from haptic_driver.simulation.rig import SimulatedRig
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.process
 
 DAEMON_RIG = "simulated"
 COF = 0.6137
@@ -139,7 +139,7 @@ def way(followed, socket, rig_config, surface_file, touch):
         try:
             stepped.connect()
             with followed.here():
-                for tick in range(400):
+                for tick in range(100):
                     stepped.tick(0.02 + 5e-5 * tick, 0.5, 0.05)
         finally:
             bench.rig.off()

@@ -268,7 +268,7 @@ def render(daemon, history):
     keep_rendering(daemon, lease.token, lambda: history()[-1][1] > 10.0)
 
 
-@pytest.mark.realtime
+@pytest.mark.process
 @pytest.mark.parametrize(("which", "what"), CASES)
 def test_what_cannot_be_is_a_fault_with_the_output_off(daemon, history, plugins, which, what):
     render(daemon, history)
@@ -285,7 +285,7 @@ def test_what_cannot_be_is_a_fault_with_the_output_off(daemon, history, plugins,
     reset(daemon)
 
 
-@pytest.mark.realtime
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("which", "error"),
     [("force", SystemExit(3)), ("finger", RuntimeError("broken"))],

@@ -6,7 +6,6 @@ import math
 import os
 import signal
 from contextlib import suppress
-from dataclasses import replace
 
 import pytest
 
@@ -27,7 +26,7 @@ from tests.haptic_driver.stand_ins import living_rig, with_load_stage
 from tests.hw.testing.faulty_net_ft import FaultyNetFt, RdtFault
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.process
 
 CLEAR_M = LOAD_STAGE.face_m - 0.5e-3
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
@@ -119,43 +118,6 @@ def test_a_target_reaches_the_electrode_and_off_takes_it_away(daemon, served):
     status = daemon.off()
     assert served.amplifier.voltage_v == 0.0
     assert (status.state, status.output_on, status.frequency_hz) == (DaemonState.ARMED, False, None)
-
-
-def test_what_nobody_vouches_for_is_listed_and_keeps_the_rig_from_being_armed(daemon, monkeypatch):
-    config = daemon.basis.settings.config
-    limits, amplifier = (
-        section.model_copy(update={"measured_by": ""})
-        for section in (config.limits, config.amplifier)
-    )
-    unsigned = config.model_copy(
-        update={"limits": limits, "amplifier": amplifier, "watchdog": None}
-    )
-    monkeypatch.setattr(daemon.basis, "settings", replace(daemon.basis.settings, config=unsigned))
-    refused = refusal(daemon.arm, 1.0)
-    assert refused.code == "unverified"
-    for name in (
-        "limits.measured_by",
-        "amplifier.measured_by",
-        'watchdog.generator (a resource, or "none")',
-    ):
-        assert name in refused.message
-    assert daemon.status().state is DaemonState.IDLE
-
-
-def test_fingers_that_the_rigs_figure_does_not_cover_keep_it_off(daemon, monkeypatch):
-    """What is covered is in `test_readings.py`; while it is armed, in `test_watchers.py`."""
-    monkeypatch.setattr(DaemonSettings, "not_covered", lambda self, sensed: "2 fingers touch")
-    refused = refusal(daemon.arm, 1.0)
-    assert (refused.code, refused.message) == ("not_covered", "2 fingers touch")
-    assert daemon.status().state is DaemonState.IDLE
-
-
-def test_without_real_time_scheduling_it_is_not_armed(daemon, monkeypatch):
-    monkeypatch.setattr(daemon.supervisor, "real_time", False)
-    monkeypatch.setattr(daemon.basis, "settings", replace(daemon.basis.settings, allow_no_rt=False))
-    assert refusal(daemon.arm, 1.0).code == "no_real_time"
-    monkeypatch.setattr(daemon.supervisor, "real_time", True)
-    assert daemon.arm(1.0).lease_s == 1.0
 
 
 def test_a_generator_that_goes_is_a_fault_and_one_that_comes_back_renders_again(daemon, served):

@@ -20,7 +20,7 @@ from tests.haptic_driver.config_texts import changed, served_rig_text
 from tests.haptic_driver.daemon.waiting import until_ready
 from tests.waiting import HANG_S, until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.process
 
 RESTING = 1.0  # well above what a finger that has not slid yet is trusted to feel
 TRACKER = """

@@ -1,6 +1,5 @@
 """A scene on the daemon: changed as one, off stays off, refused as textures are, and replayed."""
 
-import json
 import math
 import re
 import runpy
@@ -12,21 +11,16 @@ import numpy as np
 import pytest
 
 from haptic_driver.cli.main import main
-from haptic_driver.client import HapticClient
-from haptic_driver.daemon.address import Address
 from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.place import Place
-from haptic_driver.daemon.private_file import write_private
-from haptic_driver.daemon.scene import circle, polygon
 from haptic_driver.daemon.verbs import SceneChange
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import BadInputError
 from haptic_driver.recording.read import read_run
 from haptic_driver.recording.scenes import SceneReplay
-from haptic_driver.textures.objects import Circle, Rectangle
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.process  # and real time where a test says so
 
 DAEMON_RIG = "simulated"
 EXAMPLE = Path(__file__).parents[3] / "examples" / "5_drag_an_object.py"
@@ -67,6 +61,7 @@ def test_the_first_change_renders_and_off_stays_off_until_somebody_shows_it(daem
     assert scene(daemon).object[0].origin_mm == [40.0, 20.0]
 
 
+@pytest.mark.realtime
 def test_several_changes_are_one_for_the_ticks(daemon, change):
     """Two boxes that change places: whoever sees but one of them moved is asked for another
     friction.
@@ -116,14 +111,9 @@ def test_what_cannot_be_changes_nothing(daemon, change, wrong, code):
     change({"do": "move", "id": "key", "x_mm": 36.0, "y_mm": 30.0})  # and it goes on
 
 
-def test_another_target_ends_the_scene(daemon, change):
-    change(EVERYWHERE, KEY)
-    daemon.targets.set(daemon._orders.machine._lease.token, 0.6)
-    assert scene(daemon) is None
-    assert daemon.texture_map()["cof"][0][0] == 0.6
-
-
-def test_a_file_is_a_scene_whose_objects_can_be_moved(daemon, tmp_path, change):
+def test_a_file_is_a_scene_whose_objects_can_be_moved_until_another_target_ends_it(
+    daemon, tmp_path, change
+):
     (tmp_path / "keys.toml").write_text(
         'kind = "scene"\nbackground = { cof = 0.6 }\n[[object]]\nid = "key"\ncof = 0.7\n'
         'shape = { kind = "circle", radius_mm = 4.0 }\norigin_mm = [20.0, 20.0]\n'
@@ -134,6 +124,9 @@ def test_a_file_is_a_scene_whose_objects_can_be_moved(daemon, tmp_path, change):
     x_m, cof = daemon.texture_map()["x_m"], daemon.texture_map()["cof"]
     row = np.array(cof[20])  # at 20.5 mm
     assert np.mean(np.array(x_m)[row == 0.7]) == pytest.approx(0.060, abs=1e-3)
+    daemon.targets.set(daemon._orders.machine._lease.token, 0.6)
+    assert scene(daemon) is None
+    assert daemon.texture_map()["cof"][0][0] == 0.6
 
 
 @pytest.fixture
@@ -145,67 +138,7 @@ def socket(daemon, tmp_path, monkeypatch):
         yield path
 
 
-def test_the_command_line_changes_the_scene(daemon, change, socket, tmp_path, capsys):
-    change(EVERYWHERE)
-    write_private(Address.of(socket).lease_file, daemon._orders.machine._lease.token)
-
-    def haptic(words):
-        return main(["scene", *words.split()])
-
-    assert haptic("add key 0.7 --circle 30 20 8") == 0
-    assert haptic("add bar linen --rounded 60 40 20 8 2 --turn 30 --soft-edge 1 --order 2") == 0
-    assert main(["scene", "add", "tri", "0.6", "--polygon", "80,10 90,10 80,25"]) == 0
-    assert haptic("move key -4 25") == 0
-    assert haptic("turn bar -45") == 0
-    assert haptic("set key --of 0.65 --disabled") == 0
-    key, bar, tri = scene(daemon).object
-    assert (key.origin_mm, key.cof, key.enabled) == ([-4.0, 25.0], 0.65, False)
-    assert (bar.texture, bar.rotation_deg, bar.order, bar.soft_edge_mm) == ("linen", -45.0, 2, 1.0)
-    assert bar.shape == Rectangle(width_mm=20.0, height_mm=8.0, radius_mm=2.0)
-    assert tri.origin_mm == [85.0, 17.5]
-    moves = [{"do": "move", "id": "bar", "x_mm": 50, "y_mm": 41}, {"do": "remove", "id": "tri"}]
-    (tmp_path / "moves.json").write_text(json.dumps(moves))
-    assert main(["scene", "change", str(tmp_path / "moves.json")]) == 0
-    assert [each.id for each in scene(daemon).object] == ["key", "bar"]
-    capsys.readouterr()
-    assert haptic("list") == 0
-    assert "bar: rectangle at 50, 41 mm, linen" in capsys.readouterr().out
-    assert haptic("move bat 1 1") == 2
-    assert "there is no object 'bat'" in capsys.readouterr().err
-    assert haptic("add x 0.6") == 2
-    assert haptic("background") == 0
-    assert haptic("clear") == 0
-    assert (scene(daemon).object, scene(daemon).background.cof) == ([], None)
-
-
-def test_python_changes_the_scene_and_nothing_of_a_block_that_fails(daemon, socket):
-    with HapticClient(socket) as client, client.armed(LEASE_S) as rig:
-        rig.scene.add("key", circle(30.0, 20.0, 8.0), 0.7)
-        with (  # noqa: PT012 - a block that fails is what is tested
-            pytest.raises(ZeroDivisionError),
-            rig.scene.together() as block,
-        ):
-            block.move("key", 40.0, 20.0)
-            raise ZeroDivisionError
-        assert rig.scene.described.object[0].origin_mm == [30.0, 20.0]
-        with rig.scene.together() as block:
-            block.move("key", 40.0, 20.0)
-            block.turn("key", 10.0)
-            block.set("key", 0.65, Circle(radius_mm=5.0), soft_edge_mm=1.0)
-        key = rig.scene.described.object[0]
-        assert (key.origin_mm, key.rotation_deg, key.cof) == ([40.0, 20.0], 10.0, 0.65)
-        assert (key.shape, key.soft_edge_mm) == (Circle(radius_mm=5.0), 1.0)
-        with pytest.raises(BadInputError, match="have no inside"):
-            polygon(10.0, 10.0, [[0.0, 0.0], [5.0, 0.0]])
-        with pytest.raises(BadInputError, match="already"):
-            rig.scene.add("key", circle(30.0, 20.0, 8.0), 0.7)
-        rig.off()
-        assert not rig.scene.move("key", 30.0, 20.0).rendering
-        assert rig.scene.show().rendering
-        rig.scene.remove("key")
-        assert rig.scene.described.object == []
-
-
+@pytest.mark.realtime
 def test_the_example_drags_an_object_records_and_exports(daemon, socket, tmp_path, capsys):
     folder = tmp_path / "example"
     folder.mkdir()
@@ -223,6 +156,7 @@ def test_the_example_drags_an_object_records_and_exports(daemon, socket, tmp_pat
     assert last["bar"] == [60.0, 48.0]
 
 
+@pytest.mark.realtime
 def test_a_recording_is_replayed_with_the_scene_as_it_was(daemon, change, tmp_path, capsys):
     change(EVERYWHERE, KEY | {"cof": None, "texture": "linen"})
     path = tmp_path / "run.h5"

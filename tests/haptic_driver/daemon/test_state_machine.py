@@ -64,16 +64,6 @@ def test_a_fault_ends_the_lease_keeps_its_first_reason_and_is_left_by_reset_alon
     assert (machine.state, machine.fault_reason) == (DaemonState.IDLE, None)
 
 
-def test_two_armings_never_share_a_token():
-    machine = idle()
-    tokens = set()
-    for _ in range(20):
-        tokens.add(machine.arm(0.0, 0.5).token)
-        machine.disarm()
-    assert len(tokens) == 20
-    assert machine.arming == 20
-
-
 class AnyOrder(RuleBasedStateMachine):
     """Whoever calls whatever in whatever order."""
 

@@ -59,12 +59,6 @@ def socket(monkeypatch, tmp_path):
         yield tmp_path / "d.sock"
 
 
-def test_it_is_a_route(socket):
-    with httpx.Client(transport=httpx.HTTPTransport(uds=str(socket)), base_url="http://h") as http:
-        said = http.post("/push", json={"force_n": 0.5}, headers={"X-Haptic-Lease": "mine"}).json()
-    assert said == {"token": "mine", "force_n": 0.5, "gently": False}
-
-
 def test_it_is_a_method_of_the_client(socket):
     with HapticClient(socket) as client:
         said = client.push("mine", 0.5, gently=True)

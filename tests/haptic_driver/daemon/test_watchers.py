@@ -9,14 +9,11 @@ from types import SimpleNamespace
 import pytest
 
 from haptic_driver.daemon import watchers
-from haptic_driver.daemon.event_log import EventLog
+from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.judge import MeasuredLatency
-from haptic_driver.daemon.loader import Loader
 from haptic_driver.daemon.messages import DaemonState
-from haptic_driver.daemon.orders import Orders
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
-from haptic_driver.daemon.targets import Targets
-from haptic_driver.daemon.watchers import UNDERRUN_TOLD_S, WATCHERS, Watched
+from haptic_driver.daemon.watchers import UNDERRUN_TOLD_S, WATCHERS
 from haptic_driver.processes.samples import Flag
 from haptic_driver.processes.shared_memory import NO_OUTPUT, NOT_PLAYED, NOTHING_SENSED
 from haptic_driver.render.texture import Script, Step, Uniform
@@ -35,42 +32,19 @@ class Bench:
     actuator was told.
     """
 
-    def __init__(self, shared, config, surface_file):
-        self.shared, self.clock, self.events, self.switched_off = (
-            shared,
-            ManualClock(100.0),
-            EventLog(),
-            0,
-        )
-        settings = DaemonSettings(
-            "simulated", "reference", config, surface_file, render_settings(config, surface_file)
-        )
-        clock = lambda: self.clock.now_s  # noqa: E731
-        self.orders = Orders(settings, shared, self.events, clock)
+    def __init__(self, config, surface_file):
+        self.clock, self.switched_off = ManualClock(100.0), 0
+        render = render_settings(config, surface_file)
+        settings = DaemonSettings("simulated", "reference", config, surface_file, render)
+        self.daemon = daemon = Daemon(settings, self.clock)
+        self.shared, self.events, self.targets = daemon.shared, daemon.event_log, daemon.targets
+        self.orders, self.watched = daemon._orders, daemon._watched
         rig = SimpleNamespace(state=RigState.OFF, output=KNOWN_OFF)
         self.orders.pump.actuator = SimpleNamespace(
             rig=rig, off=self._off, carrier_hz=math.nan, full_scale_v=0.0, switched=0
         )
-        self.targets = Targets(
-            shared,
-            self.orders,
-            self.events,
-            clock,
-            lambda load_n: (0.5, 1.3),
-            Loader(),
-            (0.1, 0.06),
-        )
         self.latency = MeasuredLatency(0.0375, 0.0004, 0.0375, "")
-        self.watched = Watched(
-            shared,
-            self.orders,
-            self.targets,
-            self.events,
-            settings.render,
-            lambda: "do this",
-            lambda: self.latency,
-            settings.not_covered,
-        )
+        self.watched.advice, self.watched.latency = lambda: "do this", lambda: self.latency
         self.orders.machine.connected()
 
     def _off(self):
@@ -98,8 +72,10 @@ class Bench:
 
 
 @pytest.fixture
-def bench(shared, rig_config, surface_file):
-    return Bench(shared, rig_config, surface_file)
+def bench(rig_config, surface_file):
+    bench = Bench(rig_config, surface_file)
+    yield bench
+    bench.daemon.close()
 
 
 @pytest.mark.parametrize(("contacts", "is_fault"), [(math.nan, False), (1.0, False), (2.0, True)])

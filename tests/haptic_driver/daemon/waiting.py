@@ -64,7 +64,7 @@ def lose_the_client(daemon, renders):
     Begun again where a machine that stood still ended it: off by another's hand.
     """
     while True:
-        lease = daemon.arm(2.0)
+        lease = daemon.arm(1.0)
         has_rendered = False
         with suppress(RefusedError):  # that machine may have lost the lease before
             daemon.targets.set(lease.token, 0.65)

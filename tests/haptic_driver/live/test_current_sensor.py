@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
-import numpy as np
 import pytest
 
-from haptic_driver.config import find_config
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
@@ -17,62 +13,28 @@ from haptic_driver.live.current_sensor import (
     ElectrodeWatch,
     TouchEstimate,
 )
-from haptic_driver.rig.config import load_rig
+from haptic_driver.processes.samples import Flag
+from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from hw.errors import DeviceError, DeviceTimeout
 from hw.monitor.contract import ElectrodeReading
-from tests.haptic_driver.daemon.waiting import LEASE_S, keep_rendering
 from tests.waiting import until
 
 USUAL_N = 0.5
 SLIDING = Carried(200.0, slides=True)
-WITHOUT = """
-[force_sensor]
-kind = "none"
-load_n = 0.5
-stray_capacitance_f = 300e-12
-"""
 
 
-@pytest.fixture
-def settings(surface_file, tmp_path):
-    """A rig without a force sensor, under a finger that is moist."""
-    text = find_config("simulated", "rigs").read_text()
-    text = (
-        re.sub(r"sample_rate_hz = 20e3", "sample_rate_hz = 20e3\nrecord_s = 0.01", text) + WITHOUT
-    )
-    text += "\n[simulation.hide]\nskin_hydration = { wetness = 1.2 }\n"
-    path = tmp_path / "without.toml"
-    path.write_text(text)
-    config = load_rig(str(path))
-    return DaemonSettings(
-        str(path), "reference", config, surface_file, render_settings(config, surface_file)
-    )
-
-
-@pytest.mark.realtime
-def test_feedback_goes_by_the_current_where_there_is_no_force_sensor(settings):
-    with Daemon(settings) as daemon:
-        lease = daemon.arm(LEASE_S)
-        daemon.targets.play(lease.token, "linen")
-
-        def learnt():
-            """That friction is estimated, at loads told by the current, and that feedback has
-            learnt of it.
-            """
-            made = daemon.samples(0, 1000)
-            told = np.isfinite(made["estimated_cof"]) & (made["normal_force_n"] != USUAL_N)
-            return np.count_nonzero(told) > 5 and made["feedback_gain"][-1] != 1.0
-
-        keep_rendering(daemon, lease.token, learnt)
-        made, status = daemon.samples(0, 1000), daemon.status()
-        assert np.isnan(made["measured_cof"]).all()
-        assert np.isnan(made["lateral_force_n"]).all()
-        assert np.nanmax(made["current_a"]) > 0.0
-        assert "friction_from_current" in status.flags
-        assert status.measured_cof is None
-        assert len(daemon.basis.observer.rows) == 0
+def test_without_a_force_sensor_it_is_flagged_and_no_model_is_refitted(rig_config, surface_file):
+    """What is estimated then is in `lab/commands/test_without_force.py`."""
+    without = NoForceSensorConfig(kind="none", stray_capacitance_f=300e-12)
+    config = rig_config.model_copy(update={"force_sensor": without})
+    render = render_settings(config, surface_file)
+    assert Flag.FRICTION_FROM_CURRENT in Flag(render.standing_flags)
+    daemon = Daemon(DaemonSettings("simulated", "reference", config, surface_file, render))
+    try:
         with pytest.raises(RefusedError, match="estimated from the current"):
             daemon.adapt(True)
+    finally:
+        daemon.close()
 
 
 def test_without_a_reading_nothing_is_seen_and_a_failing_monitor_is_a_failing_sensor():

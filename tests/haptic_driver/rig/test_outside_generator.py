@@ -147,7 +147,7 @@ def test_the_doctor_asks_the_packages_driver(haptic, rig):
     assert checks["output"]["message"].startswith("off; programmed: ")
 
 
-@pytest.mark.realtime
+@pytest.mark.process
 def test_the_watchdog_switches_it_off_when_its_driver_dies(served, environment):
     command = [
         sys.executable,
@@ -171,7 +171,7 @@ def test_the_watchdog_switches_it_off_when_its_driver_dies(served, environment):
     assert asked(served, b"?\n").endswith(b"G0\n")
 
 
-@pytest.mark.realtime
+@pytest.mark.process
 def test_the_daemon_drives_it(haptic, environment, rig, tmp_path):
     address = tmp_path / "d.sock"
     command = [str(HAPTIC), "daemon", "run", "--rig", str(rig), "--socket", str(address)]
