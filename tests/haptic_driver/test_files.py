@@ -1,5 +1,7 @@
 """Files are written as a whole or not at all."""
 
+import os
+
 import pytest
 
 from haptic_driver.errors import HapticError
@@ -51,3 +53,17 @@ def test_rows_hold_no_formulas_and_negative_numbers_as_they_are(tmp_path):
         "'=cmd|x,-1.5,-2.5",
         "'@x,2,'+",
     ]
+
+
+def test_a_disk_that_is_full_keeps_the_old_file_and_is_said(tmp_path, monkeypatch):
+    path = tmp_path / "b.txt"
+    path.write_text("old")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(HapticError, match="No space left") as failed, replacing(path) as part:
+        part.write_text("new")
+    assert failed.value.code == "not_written"
+    assert [f.read_text() for f in tmp_path.iterdir()] == ["old"]
