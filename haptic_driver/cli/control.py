@@ -249,7 +249,9 @@ def lease_file(address: Address, token: str) -> Iterator[None]:
     try:
         yield
     finally:
-        path.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            if path.read_text(encoding="utf-8").strip() == token:  # else who armed next has it
+                path.unlink()
 
 
 def _hold(

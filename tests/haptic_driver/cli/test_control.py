@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from haptic_driver.cli.control import lease_file
+from haptic_driver.client import HapticClient
 from haptic_driver.daemon.messages import AgreementCell, DaemonState, RefusedError
 from tests.haptic_driver.daemon.bench_control import FIDELITY
 from tests.waiting import HANG_S, until
@@ -205,6 +207,14 @@ def holder(socket):
         assert stat.S_IMODE(Path(held["token_file"]).stat().st_mode) == 0o600
         yield process
         process.kill()
+
+
+def test_a_holder_that_ends_late_leaves_the_next_ones_token(socket):
+    """Once the others were told that nobody had armed."""
+    with HapticClient(socket) as client, lease_file(client.address, "mine"):
+        assert client.address.lease_file.read_text() == "mine\n"
+        client.address.lease_file.write_text("another's")
+    assert client.address.lease_file.read_text() == "another's"
 
 
 @pytest.mark.process
