@@ -18,6 +18,7 @@ from model.support.units import named_unit, suffix_unit, to_si
 
 TIME = re.compile(r"time|stamp|zeit|^t\b", re.IGNORECASE)
 WHICH = "Give a header with a column time_s or time_ms, or a line per frame with its seconds alone"
+ONE_A_FRAME = "Are they of this film, one a frame?"
 
 
 def read_times(path: Path, count: int) -> Array:
@@ -29,14 +30,15 @@ def read_times(path: Path, count: int) -> Array:
     with bad_input("bad_times"):
         header, rows = _table(path)
     if len(rows) != count:
-        raise BadInputError("bad_times", f"{path}: has {len(rows)} time stamps for {count} frames")
+        said = f"{path}: has {len(rows)} time stamps for {count} frames"
+        raise BadInputError("bad_times", said, ONE_A_FRAME)
     names = header or [""] * len(rows[0].cells)
     place = _place(path, names, rows, has_header=bool(header))
     time_s = _seconds(path, names[place], [row.cells[place] for row in rows])
     wrong = np.flatnonzero(~(np.diff(time_s) > 0.0))
     if wrong.size:
         said = f"{path}, line {rows[int(wrong[0]) + 1].number}: times do not rise"
-        raise BadInputError("bad_times", said, "Are they of this film, one a frame?")
+        raise BadInputError("bad_times", said, ONE_A_FRAME)
     return np.asarray(time_s - time_s[0])
 
 
