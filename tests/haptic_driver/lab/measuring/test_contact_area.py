@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +10,16 @@ import pytest
 
 from haptic_driver.lab.measuring.bench import Scatter, SimulatedBench
 from haptic_driver.lab.measuring.contact_area import contact_area
-from haptic_driver.lab.measuring.data_file import DataFile
 from haptic_driver.lab.measuring.plan import load_plan
-from haptic_driver.lab.measuring.run import prepare, run
+from haptic_driver.lab.measuring.run import prepare
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.cameras import SimulatedCameraConfig
 from hw.camera.contract import Frame
 from hw.camera.fingerprint import Optics, Touch, drawn
 from model.diagnosis.data import read_measurements
+from tests.haptic_driver.lab.measuring.test_run import hiding, table
+from tests.haptic_driver.lab.measuring.test_run import measured as run_on
 
 CAMERA = SimulatedCameraConfig(kind="simulated", frames=4, interval_s=0.12)
 HIDDEN = {"contact_area_law": {"exponent": 0.5}}
@@ -27,9 +27,7 @@ HIDDEN = {"contact_area_law": {"exponent": 0.5}}
 
 def measured(out: Path, model, **changes: Any) -> list[dict[str, str]]:
     """Two loads, one of them without voltage too, by the finger that spreads under load."""
-    config = load_rig("simulated")
-    simulation = config.simulation.model_copy(update={"hide": HIDDEN})
-    config = config.model_copy(update={"simulation": simulation, **changes})
+    config = hiding(load_rig("simulated"), HIDDEN).model_copy(update=changes)
     plan = load_plan("paper")
     first = next(s for s in plan.settings if s.driven)
     settings = tuple(first._replace(normal_force_n=n, frequency_hz=250.0) for n in (0.25, 1.0))
@@ -38,10 +36,8 @@ def measured(out: Path, model, **changes: Any) -> list[dict[str, str]]:
     experiment = prepare(config, model, plan)
     still = Scatter(session_gain=0.0, session_area=0.0, area_wobble=0.0)
     bench = SimulatedBench(config, model, seed=3, scatter=still)
-    with DataFile.create(out, experiment.identity()) as data, bench:
-        run(experiment, bench, data)
-    with out.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    run_on(experiment, out, bench=bench)
+    return table(out)
 
 
 def test_a_rig_with_a_camera_writes_the_area(tmp_path, model):

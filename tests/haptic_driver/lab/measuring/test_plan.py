@@ -47,20 +47,10 @@ def test_shipped_plans_have_the_rows_they_promise(name, settings, rows):
     assert len(plan.rows(plan.settings, plan.seed)) == rows
 
 
-@pytest.mark.parametrize("name", ["witnesses", "full"])
-def test_plans_with_spectra_repeat_some_at_another_amplitude(name):
-    sweeps = [s for s in load_plan(name).settings if s.sweep and s.finger == "sliding"]
-    swept = {v: {s.frequency_hz for s in sweeps if s.voltage_v == v} for v in (1.0, 5.0)}
-    assert len(swept[1.0]) >= 5
-    assert swept[1.0] <= swept[5.0]
-
-
 def test_the_papers_plan_has_its_frequencies():
     plan = load_plan("paper")
     assert [s.frequency_hz for s in plan.settings] == [1, 10, 50, 100, 250, 500, 1e3, 1e4, 1e5, 1e6]
-    assert {(s.voltage_v, s.normal_force_n, s.speed_m_s) for s in plan.settings} == {
-        (75.0, 0.5, 0.02)
-    }
+    assert {s[1:4] for s in plan.settings} == {(75.0, 0.5, 0.02)}
     without = [r for r in plan.rows(plan.settings, 1) if r.setting.voltage_v == 0.0]
     assert Counter(r.session for r in without) == {1: 3, 2: 3, 3: 3}
 
@@ -86,10 +76,8 @@ def test_points_take_what_they_do_not_say_from_the_lists(tmp_path):
 
 def test_zero_volts_is_one_setting_whatever_the_frequency(tmp_path):
     plan = plan_of(tmp_path, GRID.replace("[50.0, 75.0]", "[0.0, 75.0]"))
-    assert [s for s in plan.settings if s.voltage_v == 0.0] == [
-        Setting(0.0, 0.0, 0.25, 0.02),
-        Setting(0.0, 0.0, 0.5, 0.02),
-    ]
+    off = [s for s in plan.settings if s.voltage_v == 0.0]
+    assert off == [Setting(0.0, 0.0, load_n, 0.02) for load_n in (0.25, 0.5)]
 
 
 def test_the_order_is_random_and_the_same_for_the_same_seed(tmp_path):
@@ -99,11 +87,6 @@ def test_the_order_is_random_and_the_same_for_the_same_seed(tmp_path):
     assert order != plan.rows(plan.settings, 8)
     assert sorted(order) == sorted(plan.rows(plan.settings, 8))
     assert [r.setting for r in order[:24]] != [r.setting for r in order[24:]]  # sessions differ
-
-
-def test_without_randomising_the_order_is_the_files(tmp_path):
-    plan = plan_of(tmp_path, GRID + "randomise = false\n")
-    assert [r.setting for r in plan.rows(plan.settings, 7)] == list(plan.settings)
 
 
 def test_rows_without_voltage_come_before_every_so_many_at_the_same_load_and_speed(
@@ -136,10 +119,8 @@ def test_an_unknown_key_offers_the_nearest(tmp_path, text, said):
     ("text", "key"),
     [
         (GRID.replace("[50.0, 75.0]", "[50.0, -1.0]"), "voltage_v.1"),
-        (GRID.replace("[50.0, 75.0]", "nan"), "voltage_v"),
+        ('name = "nothing"', "frequency_hz"),
         (GRID.replace("speed_m_s = 0.02\n", ""), "speed_m_s"),
-        (GRID.replace("speed_m_s = 0.02", "speed_m_s = 20"), "speed_m_s"),
-        (GRID + "repeats = 0", "repeats"),
         (GRID + "average_s = 0.1", "average_s"),
         (GRID + "[[points]]\n[[points]]\nvoltage_v = 2e3", "[[points]] 2: voltage_v"),
         (GRID + "repeats = 1000\nsessions = 1000", "12000000 rows"),
@@ -153,9 +134,6 @@ def test_a_bad_value_names_its_key(tmp_path, text, key):
 
 def test_bad_files_and_names_are_named(tmp_path):
     assert refused(tmp_path, "name = ").code == "bad_toml"
-    with pytest.raises(BadInputError, match="papper") as caught:
-        load_plan("papper")
-    assert "paper" in caught.value.hint
     with pytest.raises(BadInputError, match="no such file"):
         load_plan(str(tmp_path / "missing.toml"))
 
@@ -198,10 +176,8 @@ def test_a_bias_another_waveform_and_a_time_are_settings(tmp_path):
     assert Setting(60.0, 50.0, 0.25, 0.02, -30.0) in plan.settings
     assert Setting(60.0, 50.0, 0.25, 0.02, 0.0, "square") in plan.settings
     assert {s.frequency_hz for s in plan.settings if s.waveform == "dc"} == {0.0}
-    assert [
-        Setting(60.0, 50.0, 0.5, 0.0, -30.0).peak_v,
-        Setting(0.0, 50.0, 0.5, 0.0, -30.0, "dc").peak_v,
-    ] == [80, 20]
+    assert Setting(60.0, 50.0, 0.5, 0.0, -30.0).peak_v == 80.0
+    assert Setting(0.0, 50.0, 0.5, 0.0, -30.0, "dc").peak_v == 20.0
 
 
 def test_what_has_a_time_begins_when_it_is_due(tmp_path):
@@ -234,7 +210,6 @@ def test_what_has_a_time_is_repeated_like_the_rest(tmp_path):
     ("old", "new", "said"),
     [
         ("low = 10.0", "low = 1e5", "low must be below high"),
-        ("per_decade = 2", "per_decade = 0", "per_decade"),
         ('"resting", ', '"pressing", ', "finger"),
         ("[[sweep]]", "[[sweep]]\nvoltage_v = 150.0", "voltage_v"),
         ("[[sweep]]", "[[sweep]]\ntime_s = 1.0", "time_s"),
@@ -244,11 +219,8 @@ def test_a_bad_sweep_names_its_key(tmp_path, old, new, said):
     assert said in refused(tmp_path, SWEEP.replace(old, new)).message
 
 
-def test_a_plan_that_measures_nothing_is_refused(tmp_path):
-    assert "frequency_hz" in refused(tmp_path, 'name = "nothing"').message
-
-
-def test_a_written_plan_is_the_same_plan(tmp_path):
+@pytest.mark.parametrize("intervention", ["none", "wipe"])
+def test_a_written_plan_is_the_same_plan(tmp_path, intervention):
     settings = (
         Setting(250.0, 75.0, 0.5, 0.02),
         Setting(0.0, 0.0, 0.25, 0.04),
@@ -258,6 +230,8 @@ def test_a_written_plan_is_the_same_plan(tmp_path):
         Setting(1e3, 5.0, 0.5, 0.02, finger="sliding", sweep=True),
         Setting(1e4, 2.5, 0.0, 0.0, finger="none", sweep=True),
     )
-    plan = Plan(name="next", about='to tell "a" from b', settings=settings, repeats=3)
+    prepared = tuple(setting._replace(intervention=intervention) for setting in settings)
+    about = 'to tell "a" from b'
+    plan = Plan(name="n", about=about, settings=prepared, repeats=3, intervention=intervention)
     write_plan(tmp_path / "next.toml", plan)
     assert load_plan(str(tmp_path / "next.toml")) == plan

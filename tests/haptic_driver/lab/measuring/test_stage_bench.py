@@ -4,11 +4,8 @@ instruments' own wires, and by a stepped clock.
 
 from __future__ import annotations
 
-import csv
 import io
 import re
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,30 +13,24 @@ import numpy as np
 import pytest
 
 from haptic_driver.cli.main import main
-from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.errors import HapticError
 from haptic_driver.lab.measuring import stage_bench
 from haptic_driver.lab.measuring.benches import bench_for
 from haptic_driver.lab.measuring.check import check
-from haptic_driver.lab.measuring.data_file import DataFile
 from haptic_driver.lab.measuring.plan import Plan, Row, Setting
-from haptic_driver.lab.measuring.run import prepare, run
+from haptic_driver.lab.measuring.run import prepare
 from haptic_driver.lab.measuring.stage_bench import StageBench
-from haptic_driver.lab.measuring.stroke import stage_of, stroke
+from haptic_driver.lab.measuring.stroke import stroke
 from haptic_driver.lab.strokes.file import read_strokes, strokes_path
-from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.parts.electrode_monitors import InfiniiVisionConfig
-from haptic_driver.rig.parts.stages import Lts150StageConfig
-from haptic_driver.simulation.finger_model import electrode_of
+from haptic_driver.rig.config import load_rig
 from haptic_driver.simulation.hand import CARRIED_N
 from haptic_driver.simulation.served import ServedRig
 from haptic_driver.simulation.twin import as_real
-from hw.monitor.simulated import ElectrodeState, SimulatedLines
-from hw.serving.tcp import TcpServer
 from model.conditions import Conditions
-from model.touch_model import TouchModel
 from tests.haptic_driver.config_texts import served_rig_text
+from tests.haptic_driver.lab.measuring.test_run import table
+from tests.haptic_driver.lab.refusal import refused
 from tests.haptic_driver.stand_ins import living_rig
-from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -53,17 +44,6 @@ DRIVEN = Setting(250.0, 75.0, CARRIED_N, SPEED_M_S)
 def served(config, model):
     with living_rig(config, model) as rig:
         yield rig
-
-
-@pytest.fixture
-def real(config, served):
-    quick = {
-        "velocity_m_s": 0.05,
-        "acceleration_m_s2": 0.05,
-        "travel_m": [0.0, 0.07],
-    }  # strokes lie in its middle
-    real = served.config
-    return real.model_copy(update={"stage": stage_of(real).model_copy(update=quick)})
 
 
 def plan(*settings: Setting, **changes: Any) -> Plan:
@@ -80,105 +60,12 @@ def plan(*settings: Setting, **changes: Any) -> Plan:
     return short.model_copy(update=changes)
 
 
-def measured(
-    real: RigConfig, model: TouchModel, given: Plan, out: Path, tell: Callable[[str], None]
-) -> DataFile:
-    experiment = prepare(real, model, given)
-    with (
-        DataFile.create(out, experiment.identity()) as data,
-        StageBench(real, given, tell) as bench,
-    ):
-        run(experiment, bench, data, tell=tell)
-    return data
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def off(served: ServedRig) -> bool:
     return (
         not served.generator.output().on
         and served.amplifier.voltage_v == 0.0
         and not served.stage.moving
     )
-
-
-@pytest.mark.realtime
-@pytest.mark.soak
-def test_an_oscilloscope_reads_the_electrode_of_a_real_rig(served, real, model, tmp_path):
-    """A row of friction, then a resting finger at 5 V beyond what a card could sample; the scope by
-    its own wire.
-    """
-    law, instruments = electrode_of(model, 300e-12), served.instruments
-
-    def state() -> ElectrodeState | None:
-        f, v, _, _ = instruments.stimulus()
-        return law(f, v, instruments.plant.normal_force_n, instruments.speed_m_s, 0.0)
-
-    scope = SimulatedInfiniiVision(
-        SimulatedLines(state, real.amplifier.monitor_lines(), (2e-4, 2e-4), 1)
-    )
-    server = TcpServer(scope)
-    resting = Setting(20e3, 5.0, CARRIED_N, 0.0, finger="resting", sweep=True)
-    with server:
-        section = InfiniiVisionConfig(kind="infiniivision", resource=server.resource)
-        seen = real.model_copy(update={"electrode_monitors": [section]})
-        measured(
-            seen,
-            model,
-            plan(DRIVEN, resting, voltage_off_every=0),
-            tmp_path / "data.csv",
-            lambda what: None,
-        )
-    assert off(served)
-    slid, rested = table(tmp_path / "data.csv")
-    assert float(slid["cof"]) > 0.5
-    assert rested["cof"] == ""
-    assert float(rested["measured_normal_force_n"]) == pytest.approx(CARRIED_N, rel=0.01)
-    for row, finger, speed in ((slid, "sliding", SPEED_M_S), (rested, "resting", 0.0)):
-        f, v = float(row["frequency_hz"]), float(row["voltage_v"])
-        conditions = Conditions(
-            np.array([f]),
-            np.array([v]),
-            np.array([CARRIED_N]),
-            speed_m_s=np.array([speed]),
-            finger=np.array([finger]),
-        )
-        expected = model.predict(conditions).electrode_current_a[0] + 2j * np.pi * f * 300e-12 * v
-        found = float(row["current_a"]) * np.exp(1j * float(row["current_phase_rad"]))
-        assert abs(found - expected) < 0.02 * abs(expected) + 5 * float(row["current_std_a"])
-        assert float(row["electrode_voltage_v"]) == pytest.approx(v, rel=0.01)
-
-
-@pytest.mark.realtime
-@pytest.mark.soak
-def test_a_stage_of_another_scale_makes_no_row(
-    served,
-    real,
-    model,
-    tmp_path,
-    monkeypatch,
-):
-    """It holds the counts that were sent, and slides at half the speed that they were meant to
-    be.
-    """
-    honest = Lts150StageConfig.settings
-    half = stage_of(real).settings().counts_per_m_s / 2.0
-    monkeypatch.setattr(
-        Lts150StageConfig, "settings", lambda given: replace(honest(given), counts_per_m_s=half)
-    )
-    with pytest.raises(HapticError) as error:
-        measured(real, model, plan(DRIVEN), tmp_path / "data.csv", lambda what: None)
-    assert error.value.code == "stage_slipped"
-    slid = re.fullmatch(r"the stage slid at ([\d.]+) mm/s, not 20.00 mm/s", error.value.message)
-    assert slid is not None
-    assert float(slid[1]) == pytest.approx(
-        10.0, rel=0.03
-    )  # timed by a machine that has other things to do
-    assert table(tmp_path / "data.csv") == []
-    assert off(served)
 
 
 @pytest.fixture(scope="module")
@@ -213,9 +100,8 @@ def test_a_load_that_nobody_brings_is_asked_for_and_then_given_up(stepped, monke
 def test_a_stage_that_rests_when_it_should_slide_is_told(stepped):
     stepped.begin_row(0, Row(DRIVEN, 1, 1))
     stepped._stage.stop()
-    with pytest.raises(HapticError) as error:
+    with refused("stage_rests", kind=HapticError):
         stepped.up_to_speed()
-    assert error.value.code == "stage_rests"
 
 
 def test_a_stage_that_stops_before_the_row_is_over_is_told(stepped):
@@ -223,16 +109,25 @@ def test_a_stage_that_stops_before_the_row_is_over_is_told(stepped):
     stepped.up_to_speed()
     stepped.step(0.1, CARRIED_N, SPEED_M_S)
     stepped._stage.stop()  # as its own panel does
-    with pytest.raises(HapticError) as error:
+    with refused("stroke_ended", kind=HapticError):
         stepped.end_row()
-    assert error.value.code == "stroke_ended"
+
+
+def test_a_stage_of_another_scale_is_told(stepped):
+    """It slides at half the speed that it was sent."""
+    stepped.begin_row(0, Row(DRIVEN, 1, 1))
+    stepped.up_to_speed()
+    wanted_m_s, began = stepped._stroke
+    stepped._stroke = 2.0 * wanted_m_s, began
+    stepped.step(0.1, CARRIED_N, SPEED_M_S)
+    with refused("stage_slipped", "not 40.00 mm/s", kind=HapticError):
+        stepped.end_row()
 
 
 def test_another_session_waits_for_the_finger_to_lift(stepped):
     stepped.world.simulated.asked_n = CARRIED_N
-    with pytest.raises(HapticError) as error:
+    with pytest.raises(HapticError, match="session 2: lift the finger"):
         stepped.begin_session(2, 0.0)
-    assert error.value.message.startswith("session 2: lift the finger")
 
 
 def test_what_the_stage_cannot_do_is_refused_before_anything_moves(config, model):
@@ -247,9 +142,8 @@ def test_what_the_stage_cannot_do_is_refused_before_anything_moves(config, model
     path = stroke(DRIVEN, given, real)
     assert path.start_m + path.end_m == pytest.approx(0.15)
     assert path.length_m == pytest.approx(0.02 * (1.0 + 0.0075 + 4.0))
-    with pytest.raises(BadInputError) as error:
+    with refused("no_stage"):
         prepare(real.model_copy(update={"stage": None}), model, given)
-    assert error.value.code == "no_stage"
 
 
 # --- as it is typed

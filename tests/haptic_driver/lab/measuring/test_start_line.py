@@ -17,6 +17,7 @@ from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.parts.lines_in import SimulatedLineInConfig
 from haptic_driver.rig.states import RigState
 from hw.event_line.simulated import SimulatedLineIn
+from tests.haptic_driver.lab.refusal import refused
 from tests.waiting import HANG_S, until
 
 pytestmark = pytest.mark.timeout(2 * HANG_S)
@@ -65,14 +66,9 @@ def test_no_edge_ends_the_plan_with_the_output_off(model, tmp_path, monkeypatch)
     start = StartLine(SimulatedLineIn(), LOW_S, print)
     bench = bench_for(experiment, 0, None, print)
     bench.await_start = start.wait
-    with (
-        DataFile.create(tmp_path / "d.csv", experiment.identity()) as data,
-        bench,
-        pytest.raises(HapticError) as caught,
-    ):
+    kept = DataFile.create(tmp_path / "d.csv", experiment.identity())
+    with kept as data, bench, refused("no_edge", hint="not open yet", kind=HapticError):
         run(experiment, bench, data)
-    assert caught.value.code == "no_edge"
-    assert "not open yet" in caught.value.hint
     assert bench.rig.state is RigState.OFF
     assert data.done == 0
 
