@@ -5,6 +5,7 @@ import pytest
 
 from model.conditions import Conditions
 from model.description import read_model
+from tests.haptic_driver.commands import said_by
 
 KNOWN = {"cof_off", "roughness_rms_m", "skin_thickness_m", "leak_scale"}
 
@@ -27,29 +28,14 @@ def data(touch, rng, tmp_path):
     return path
 
 
-def test_a_parameter_that_is_not_known_gives_the_nearest_that_is(haptic, data, tmp_path):
-    done = haptic(
-        "calibrate", data, "--also", "skin_thicknes_m", "--out", tmp_path / "finger.toml", "--json"
-    )
-    assert done.status == 2
-    error = done.said["error"]
-    assert "--also skin_thicknes_m" in error["message"]
-    assert error["hint"].startswith("Did you mean 'skin_thickness_m'?")
-    assert not (tmp_path / "finger.toml").exists()
-
-
-@pytest.mark.parametrize("name", ["finger", "finger.png"])
-def test_a_model_file_that_no_command_would_find_is_refused(haptic, data, tmp_path, name):
-    done = haptic("calibrate", data, "--out", tmp_path / name, "--json")
-    assert (done.status, done.said["error"]["code"]) == (2, "bad_ending")
-    assert not (tmp_path / name).exists()
+def test_a_model_file_that_no_command_would_find_is_refused(refuses, data, tmp_path):
+    refuses("bad_ending", "calibrate", data, "--out", tmp_path / "finger.png")
+    assert not (tmp_path / "finger.png").exists()
 
 
 def test_a_finger_is_fitted_and_written(haptic, data, tmp_path):
     out = tmp_path / "out" / "finger.toml"
-    done = haptic("calibrate", data, "--out", out, "--json")
-    assert done.status == 0, done.err
-    found = done.said
+    found = said_by("calibrate", data, "--out", out)
     assert set(found["parameters"]) == KNOWN
     for name, p in found["parameters"].items():
         assert p["value"] == pytest.approx(read_model(out).parameters[name].value)
@@ -61,24 +47,9 @@ def test_a_finger_is_fitted_and_written(haptic, data, tmp_path):
     assert "chi-square per point" in shown.out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "hint"),
-    [(["--also", "skin_modulus"], "skin_modulus_pa"), (["--model", "refernce"], "reference")],
-)
-def test_wrong_arguments_of_calibrate(haptic, data, tmp_path, arguments, hint):
-    done = haptic("calibrate", data, "--out", tmp_path / "f.toml", "--json", *arguments)
-    assert done.status == 2
-    assert hint in done.said["error"]["hint"]
+def test_a_parameter_that_is_not_known_gives_the_nearest_that_is(refuses, data, tmp_path):
+    words = ("calibrate", data, "--also", "skin_thicknes_m", "--out", tmp_path / "f.toml")
+    error = refuses("bad_parameter", *words)
+    assert "--also skin_thicknes_m" in error["message"]
+    assert error["hint"].startswith("Did you mean 'skin_thickness_m'?")
     assert not (tmp_path / "f.toml").exists()
-
-
-def test_a_table_of_other_names_and_units_gives_the_same_finger(haptic, data, tmp_path):
-    """Loads in mN, friction under a name of the lab's."""
-    ours = data.read_text().splitlines()[1:]
-    theirs = tmp_path / "theirs.csv"
-    rows = [line.replace(",0.5,", ",500,", 1) for line in ours]
-    theirs.write_text("\n".join(["frequency_hz,voltage_v,Fz,COF_mean,cof_std", *rows]) + "\n")
-    named = ["--column", "normal_force_n=Fz:mN", "--column", "cof=COF_mean:1"]
-    first = haptic("calibrate", data, "--out", tmp_path / "a.toml", "--json").said
-    second = haptic("calibrate", theirs, *named, "--out", tmp_path / "b.toml", "--json").said
-    assert second["parameters"] == first["parameters"]

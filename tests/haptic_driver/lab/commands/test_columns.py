@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,8 @@ from model.diagnosis.data import COLUMNS, read_measurements
 from model.support.errors import ModelError
 from model.support.tables import read_table
 from tests.docs import own_data
+from tests.haptic_driver.commands import rows_of
+from tests.haptic_driver.lab.refusal import refused
 
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "own-data.md"
 SI = "frequency_hz,voltage_v,normal_force_n\n100,125,0.25\n10000,50,0.5\n"
@@ -34,11 +35,6 @@ def named(*said: str):
     return columns_named(said, COLUMNS, "cof=mu")
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def test_a_table_in_a_labs_units_predicts_as_in_si(haptic, tmp_path):
     haptic("predict", "--table", table(tmp_path, SI, "si.csv"), "--out", tmp_path / "a.csv")
     lab, out = table(tmp_path, LAB), tmp_path / "b.csv"
@@ -53,17 +49,13 @@ def test_a_table_in_a_labs_units_predicts_as_in_si(haptic, tmp_path):
 
 
 def test_lateral_forces_are_friction_over_the_load(haptic, tmp_path):
-    text = SI.replace("_n\n", "_n,lateral_force_n\n").replace("0.25\n", "0.25,-0.2\n")
-    path = table(tmp_path, text.replace("0.5\n", "0.5,0.3\n"))
-    assert read_measurements(path).columns["cof"].tolist() == [0.8, 0.6]
+    head = SI.splitlines()[0] + ",lateral_force_n,lateral_force_std_n\n"
+    path = table(tmp_path, f"{head}100,125,0.25,-0.2,0.01\n10000,50,0.5,0.3,0.01\n")
+    data = read_measurements(path)
+    assert data.columns["cof"].tolist() == [0.8, 0.6]
+    assert data.columns["cof_std"].tolist() == [0.04, 0.02]
     haptic("predict", "--table", path, "--out", tmp_path / "out.csv")
     assert [row["cof_measured"] for row in rows_of(tmp_path / "out.csv")] == ["0.8", "0.6"]
-
-
-def test_a_spread_of_lateral_forces_is_one_of_friction(tmp_path):
-    head = "frequency_hz,voltage_v,normal_force_n,lateral_force_n,lateral_force_std_n\n"
-    data = read_measurements(table(tmp_path, f"{head}100,125,0.25,0.2,0.01\n"))
-    assert data.columns["cof_std"].tolist() == [0.04]
 
 
 def test_a_held_finger_has_no_friction_of_its_lateral_force(tmp_path):
@@ -77,7 +69,6 @@ def test_a_held_finger_has_no_friction_of_its_lateral_force(tmp_path):
     ("cells", "said"),
     [
         ("100,125,0.25,much", "lateral_force_n is 'much', not a number"),
-        ("100,125,none,0.2", "normal_force_n is 'none', not a number"),
         ("100,125,0.25,500", "lateral_force_n = 500 is out of range"),
         ("100,125,0.25,0", "cof = 0.0 is out of range"),
     ],
@@ -111,28 +102,21 @@ def test_a_column_that_is_not_there_is_missing(tmp_path):
         ("cof", "bad_column", "has no sign ="),
         ("coff=mu", "bad_column", "not a column that is read"),
         ("voltage_v=U:kg", "unknown_unit", "kg is no voltage_v"),
-        ("voltage_v=U:raw", "unknown_unit", "'raw' is no unit"),
-        ("voltage_offset_v=U:Vpp", "unknown_unit", "Vpp is no voltage_offset_v"),
-        ("frequency_hz=f:rad/s", "unknown_unit", "rad/s is no frequency"),
         ("session=Day:s", "unknown_unit", "no unit is converted for session"),
-        ("temperature_c=T:K", "unknown_unit", "no unit is converted for temperature_c"),
     ],
 )
 def test_what_cannot_be_is_refused(said, code, words):
-    with pytest.raises(BadInputError, match=words) as refused:
+    with refused(code, words):
         named(said)
-    assert refused.value.code == code
 
 
 @pytest.mark.parametrize(
     ("said", "factor"),
     [
         ("speed_m_s=v:mm/s", 1e-3),
-        ("time_s=t:min", 60.0),
         ("cof=mu:%", 0.01),
         ("voltage_v=U:Vpp", 0.5),
         ("voltage_v=U:mVrms", 1e-3 * 2**0.5),
-        ("voltage_v=U:V/2", 0.5),
         ("voltage_v=in:100 V", 100.0),
         ("contact_area_m2=A:mm^2", 1e-6),
         ("current_phase_rad=p:deg", 0.017453292519943295),
@@ -148,8 +132,6 @@ def test_units_become_those_of_the_columns_name(said, factor, tmp_path):
     ("header", "said", "wanted"),
     [
         ("U (Vpp)", "voltage_v=U (Vpp)", 4.0),
-        ("U_Vrms", "voltage_v=U_Vrms", 8.0 * 2**0.5),
-        ("F (mN)", "normal_force_n=F (mN)", 8e-3),
         ("U (V)", "voltage_v=U (V):100 V", 800.0),
         ("Fz_V", "normal_force_n=Fz_V:0.5 N", 4.0),
     ],
@@ -175,11 +157,9 @@ def test_one_quantity_twice_is_refused_where_it_differs(tmp_path):
 
 def test_no_column_of_a_table_is_lost_beside_one_that_gets_its_name(haptic, tmp_path):
     path = table(tmp_path, SI.replace("_n\n", "_n,N\n").replace("5\n", "5,1\n"))
-    done = haptic(
-        "predict", "--table", path, "--out", path, "--column", "normal_force_n=N", "--json"
-    )
+    done = haptic("predict", "--table", path, "--out", path, "--column", "normal_force_n=N")
     assert done.status == 2
-    assert "of its own" in done.said["error"]["message"]
+    assert "of its own" in done.err
 
 
 def test_trials_go_straight_into_a_prediction_and_a_diagnosis(haptic, tmp_path):

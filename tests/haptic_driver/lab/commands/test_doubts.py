@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 from haptic_driver.cli.main import main
 from hw.camera.fingerprint import Optics, Touch, drawn
 from model.support.toml import toml_value
+from tests.haptic_driver.commands import rows_of
 from tests.haptic_driver.lab.raw_trials.made import MAP, signals, write_csv
 
 tifffile = pytest.importorskip("tifffile")
@@ -65,14 +65,12 @@ def one_trial(folder: Path) -> str:
 def table(folder: Path) -> str:
     """What `haptic rows` wrote of such trials."""
     names = ("frequency_hz", "voltage_v", "normal_force_n", "cof", "doubts")
-    with (folder / "data.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        for number in range(8):
-            cof = 0.5 + 0.02 * (number % 4) + 0.001 * (number // 4)
-            said = "voltage has a spike at 0.2 s: passed over" if number == 5 else ""
-            row = (100 * 2 ** (number // 8), 40 + 20 * (number % 4), 0.5, f"{cof:.4f}", said)
-            writer.writerow(row)
+    lines = [",".join(names)]
+    for number in range(8):
+        cof = 0.5 + 0.02 * (number % 4) + 0.001 * (number // 4)
+        said = "voltage has a spike at 0.2 s: passed over" if number == 5 else ""
+        lines.append(f"100,{40 + 20 * (number % 4)},0.5,{cof:.4f},{said}")
+    (folder / "data.csv").write_text("\n".join(lines), encoding="utf-8")
     return "data.csv"
 
 
@@ -144,5 +142,4 @@ def test_a_doubt_stands_in_the_row(tmp_path, monkeypatch):
     }
     for command, (source, more, doubt) in wanted.items():
         assert main([command, source, *more, "--out", f"{command}-out.csv"]) == 0
-        with (tmp_path / f"{command}-out.csv").open(encoding="utf-8") as file:
-            assert any(doubt in row["doubts"] for row in csv.DictReader(file))
+        assert any(doubt in row["doubts"] for row in rows_of(tmp_path / f"{command}-out.csv"))

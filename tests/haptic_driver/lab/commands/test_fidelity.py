@@ -1,12 +1,10 @@
 """`haptic fidelity`: the same measure for a recording, a table, and somebody else's two files."""
 
-import h5py
 import numpy as np
 import pytest
 
-from haptic_driver.processes.samples import SAMPLE
-from haptic_driver.recording.clock import ClockOffsets
-from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
+from tests.haptic_driver.commands import said_by
+from tests.haptic_driver.live.recorded_runs import Part, record, ticks
 
 LAG_S = 0.02
 
@@ -35,15 +33,14 @@ def test_a_table_with_names_and_units_of_its_own(haptic, tmp_path):
     assert done.said["correlation"] == pytest.approx(expected, abs=1e-3)
 
 
-def test_two_files_at_rates_of_their_own_over_the_time_that_both_have(haptic, tmp_path):
+def test_two_files_at_rates_of_their_own_over_the_time_that_both_have(tmp_path):
     felt_s, asked_s = np.arange(1.0, 5.0, 0.0021), np.arange(0.0, 4.0, 0.017)
     felt = written(tmp_path / "felt.csv", "", felt_s, 2.0 * asked_at(felt_s - LAG_S))
     asked = written(tmp_path / "asked.csv", "time,friction\n", asked_s, asked_at(asked_s))
-    done = haptic("fidelity", felt, "--asked", asked, "--json")
-    assert done.status == 0
-    assert done.said["sliding_time_s"] == pytest.approx(3.0, abs=0.05)
-    assert done.said["best_lag_s"] == pytest.approx(LAG_S, abs=2e-3)
-    assert done.said["relative_error_rms"] == pytest.approx(1.0, abs=0.15)
+    said = said_by("fidelity", felt, "--asked", asked)
+    assert said["sliding_time_s"] == pytest.approx(3.0, abs=0.05)
+    assert said["best_lag_s"] == pytest.approx(LAG_S, abs=2e-3)
+    assert said["relative_error_rms"] == pytest.approx(1.0, abs=0.15)
 
 
 def test_nothing_is_made_up_in_a_gap(haptic, tmp_path):
@@ -56,21 +53,11 @@ def test_nothing_is_made_up_in_a_gap(haptic, tmp_path):
     assert said["share_within_5_percent"] == 1.0
 
 
-def test_a_recording_has_all_that_it_needs(haptic, tmp_path):
-    ticks = np.zeros(2000, SAMPLE)
-    ticks["tick"], ticks["time_s"] = np.arange(2000), 1e-3 * np.arange(2000)
-    ticks["target_cof"], ticks["normal_force_n"], ticks["in_contact"] = 0.6, 0.5, 1
-    ticks["lateral_force_n"], ticks["speed_m_s"], ticks["reachable"] = 0.306, 0.05, 1
-    ticks["measured_cof"] = 0.612
-    clock = ClockOffsets(wall_offset_s=1.7e9, lsl_offset_s=0.25)
-    start = {"started_s": 0.0, "started_at": "2026-05-06T07:08:09+00:00", "clock": clock}
-    about = {"rig": "bench", "simulated": True, "model": "reference", "surface_hash": "0"}
-    kept = {"calibration_ids": {}, "software_version": "1", "actuator": "-"}
-    header = RunHeader(**about, **kept, latency_budget_s={"total": 0.01}, config={}, **start)
-    writer = RunWriter(tmp_path / "run.h5", header)
-    writer.append(Chunk(ticks, 0, []))
-    writer.close()
-    assert h5py.is_hdf5(tmp_path / "run.h5")
+def test_a_recording_has_all_that_it_needs(haptic, rng, tmp_path):
+    made = ticks([Part(2.0)], lambda *_: 0.306, rng, wobble=0.0, noise_n=0.0)
+    made["lateral_force_n"], made["measured_cof"] = 0.306, 0.612  # from the first tick on
+    made["target_cof"], made["reachable"] = 0.6, 1
+    record(tmp_path / "run.h5", made)
     said = haptic("fidelity", tmp_path / "run.h5", "--json").said
     assert said["share_within_5_percent"] == 1.0
     assert said["relative_error_rms"] == pytest.approx(0.02, abs=1e-6)

@@ -3,17 +3,17 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from haptic_driver.cli.main import main
+from haptic_driver.lab.commands.figure import curves_of
+from haptic_driver.lab.strokes.means import stroke_means
 from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.touch_model import TouchModel
-from tests.haptic_driver.commands import one_object, rows_of, said_by
+from tests.haptic_driver.commands import rows_of, said_by
 from tests.haptic_driver.lab.strokes.stroke_files import data_file
 from tests.haptic_driver.lab.strokes.test_means import OFF, ON, trials
-
-SIGNATURES = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
 
 
 @pytest.fixture
@@ -37,21 +37,8 @@ def test_pictures_and_numbers_are_written_and_said(data, tmp_path):
     assert {row["frequency_hz"] for row in curves} == {"0.0", "50.0", "250.0"}
 
 
-@pytest.mark.parametrize("ending", SIGNATURES)
-def test_the_ending_says_what_kind_of_picture(data, tmp_path, ending):
-    said = said_by("figure", data, "--out", tmp_path / f"mine{ending}")
-    for name in (f"mine{ending}", f"mine-7a{ending}"):
-        assert str(tmp_path / name) in said["files"]
-        assert (tmp_path / name).read_bytes().startswith(SIGNATURES[ending])
-
-
-def test_models_are_drawn_over_the_data(data, tmp_path, capsys):
+def test_models_are_drawn_over_the_data(data, tmp_path, haptic):
     """Two of them, the second that of a diagnosis; their values are the models'."""
-    import numpy as np
-
-    from haptic_driver.lab.commands.figure import curves_of
-    from haptic_driver.lab.strokes.means import stroke_means
-
     diagnosis = tmp_path / "diagnosis"
     diagnosis.mkdir()
     source = Path(__file__).parents[4] / "configs" / "models" / "table1.toml"
@@ -67,38 +54,33 @@ def test_models_are_drawn_over_the_data(data, tmp_path, capsys):
         expected = TouchModel(load_model(name)).predict(ends)
         assert curve.cof[[0, -1]] == pytest.approx(expected.cof)
         assert curve.force_n[[0, -1]] == pytest.approx(expected.electrostatic_force_n)
-    out = ("--out", str(tmp_path / "f.svg"), "--diagnosis", str(diagnosis))
-    assert main(["figure", str(data), *out]) == 0
-    capsys.readouterr()
+    drawn = haptic("figure", data, "--out", tmp_path / "f.svg", "--diagnosis", diagnosis)
+    assert drawn.status == 0
     assert "model with sweat film" in (tmp_path / "f.svg").read_text()
+    assert (tmp_path / "f-7a.svg").is_file()  # the ending says what kind of picture
 
 
-def test_what_is_left_out_is_said(tmp_path, capsys):
+def test_what_is_left_out_is_said(tmp_path, haptic):
     data = data_file(tmp_path / "d.csv", trials()[:-2])
-    assert main(["figure", str(data), "--out", str(tmp_path / "out")]) == 0
-    assert "left out: 250 Hz, of which there is one trial" in capsys.readouterr().out
+    done = haptic("figure", data, "--out", tmp_path / "out")
+    assert "left out: 250 Hz, of which there is one trial" in done.out
 
 
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [
-        (("data.strokes.h5",), "file_unreadable"),
-        (("data.csv", "--voltage", "60"), "no_such_condition"),
-        (("data.csv", "--diagnosis", "."), "no_diagnosis"),
+        ("data.strokes.h5", "file_unreadable"),
+        ("data.csv --voltage 60", "no_such_condition"),
+        ("data.csv --diagnosis .", "no_diagnosis"),
     ],
 )
+@pytest.mark.usefixtures("data")
 def test_what_cannot_be_drawn_is_an_error_and_nothing_is_written(
-    data,
-    tmp_path,
-    monkeypatch,
-    capsys,
-    arguments,
-    code,
+    tmp_path, monkeypatch, refuses, arguments, code
 ):
     monkeypatch.chdir(tmp_path)
     before = set(tmp_path.iterdir())
-    assert main(["figure", *arguments, "--json"]) == 2
-    assert one_object(capsys.readouterr().out)["error"]["code"] == code
+    refuses(code, "figure", *arguments.split())
     assert set(tmp_path.iterdir()) == before
 
 
@@ -112,8 +94,7 @@ def test_measure_draws_it_when_asked(tmp_path, monkeypatch):
     assert said["strokes"] == "data.strokes.h5"
     assert said["files"][0] == "data-figure-3.png"
     assert all(Path(name).is_file() for name in said["files"])
-    assert [row["trials"] for row in rows_of(Path("data-figure-3.csv"))] == ["2", "2"]
+    rows = rows_of(Path("data-figure-3.csv"))
+    assert [row["trials"] for row in rows] == ["2", "2"]
     again = said_by("figure", "data.csv", "--out", "figures")
-    assert [row["cof"] for row in again["frequencies"]] == [
-        float(row["cof"]) for row in rows_of(Path("data-figure-3.csv"))
-    ]
+    assert [row["cof"] for row in again["frequencies"]] == [float(row["cof"]) for row in rows]

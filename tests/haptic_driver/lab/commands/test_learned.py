@@ -1,6 +1,5 @@
 """Commands with a model that has learned a term: they keep to its range, and say so."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -27,45 +26,25 @@ def model(tmp_path):
 
 
 def test_a_surface_ends_where_the_learned_effect_does(haptic, model, tmp_path):
+    """Axes beyond are refused: tests/haptic_driver/lookup/test_build.py."""
     small = ("--frequency-count", 8, "--voltage-count", 4, "--force-count", 4, "--no-interval")
-    built = haptic(
-        "surface", "build", "--model", model, "--out", tmp_path / "s.h5", *small, "--json"
-    )
+    words = ("surface", "build", "--model", model, "--out", tmp_path / "s.h5", *small, "--json")
+    built = haptic(*words)
     assert built.status == 0
-    axes = json.loads(built.out)["axes"]
-    assert (axes["frequency_hz"]["low"], axes["frequency_hz"]["high"]) == pytest.approx(
-        (20.0, 2000.0)
-    )
+    axes = built.said["axes"]
+    assert axes["frequency_hz"] == pytest.approx({"low": 20.0, "high": 2000.0, "count": 8})
     assert axes["voltage_v"]["high"] == pytest.approx(90.0)
     assert "ends where effect learned" in built.err
 
-    refused = haptic(
-        "surface",
-        "build",
-        "--model",
-        model,
-        "--out",
-        tmp_path / "t.h5",
-        *small,
-        "--voltage-high-v",
-        120,
-    )
-    assert refused.status == 2
-    assert "learned from 0 to 90" in refused.err
-    assert not (tmp_path / "t.h5").exists()
 
-
-@pytest.mark.parametrize(
-    ("row", "words"), [("5,80,0.5", "frequency_hz"), ("100,99,0.5", "voltage_v")]
-)
-def test_predictions_outside_its_range_are_refused(haptic, model, tmp_path, row, words):
+def test_predictions_outside_its_range_are_refused(haptic, model, tmp_path):
     table = tmp_path / "t.csv"
-    table.write_text(f"frequency_hz,voltage_v,normal_force_n\n100,80,0.5\n0,0,0.5\n{row}\n")
-    refused = haptic("predict", "--model", model, "--table", table, "--out", tmp_path / "o.csv")
-    assert refused.status == 2
-    assert f"effect learned knows nothing at {words}" in refused.err
-    table.write_text("frequency_hz,voltage_v,normal_force_n\n100,80,0.5\n0,0,0.5\n")
-    assert (
-        haptic("predict", "--model", model, "--table", table, "--out", tmp_path / "o.csv").status
-        == 0
-    )
+    command = ("predict", "--model", model, "--table", table, "--out", tmp_path / "o.csv")
+    inside = "frequency_hz,voltage_v,normal_force_n\n100,80,0.5\n0,0,0.5\n"
+    for row, name in (("5,80,0.5", "frequency_hz"), ("100,99,0.5", "voltage_v")):
+        table.write_text(inside + row)
+        refused = haptic(*command)
+        assert refused.status == 2
+        assert f"effect learned knows nothing at {name}" in refused.err
+    table.write_text(inside)
+    assert haptic(*command).status == 0

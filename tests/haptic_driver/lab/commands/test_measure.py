@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import datetime
 import json
-import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +17,8 @@ from haptic_driver.lab.measuring.bench import SimulatedBench
 from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import DeviceTimeout
 from hw.force.sensor import ForceReading
+from tests.haptic_driver.commands import rows_of, said_by
+from tests.waiting import until
 
 PLAN = """
 name = "short"
@@ -38,57 +37,51 @@ def plan(tmp_path, monkeypatch):
     return "short.toml"
 
 
-def test_json_says_what_was_measured(plan, capsys):
-    command = f"measure --rig simulated --plan {plan} --out data.csv --seed 3 --json"
-    assert main(command.split()) == 0
-    out, err = capsys.readouterr()
-    said = json.loads(out)
-    assert {key: said[key] for key in ("rows", "skipped", "out", "plan", "simulated")} == {
-        "rows": 3,
-        "skipped": 1,
-        "out": "data.csv",
-        "plan": "short",
-        "simulated": True,
-    }
+def test_json_says_what_was_measured(plan, haptic):
+    words = f"measure --rig simulated --plan {plan} --out data.csv --seed 3 --json"
+    done = haptic(*words.split())
+    assert done.status == 0
+    said = done.said
+    counted = {"rows": 3, "skipped": 1, "out": "data.csv", "plan": "short", "simulated": True}
+    assert said == said | counted
     assert said["duration_s"] == pytest.approx(3 * 2.75)
     assert [r["frequency_hz"] for r in said["refused"]] == [1e4]
-    assert "refused: 10000 Hz, 75 V, 0.5 N, 20 mm/s: worst-case finger current" in err
-    assert "1 rows are skipped" in err
+    assert "refused: 10000 Hz, 75 V, 0.5 N, 20 mm/s: worst-case finger current" in done.err
+    assert "1 rows are skipped" in done.err
     assert json.loads(Path("data.csv.meta.json").read_text())["seed"] == 3
 
 
-def test_for_a_person_it_says_simulated_and_off(plan, capsys):
-    assert main(["measure", "--plan", plan, "--out", "data.csv"]) == 0
-    out = capsys.readouterr().out
+def test_for_a_person_it_says_simulated_and_off(plan, haptic):
+    out = haptic("measure", "--plan", plan, "--out", "data.csv").out
     assert "3 rows of plan 'short' on a simulated rig -> data.csv" in out
     assert "generator says off" in out
 
 
-def test_strict_refuses_the_plan_and_writes_nothing(plan, capsys):
-    assert main(["measure", "--plan", plan, "--out", "data.csv", "--strict", "--json"]) == 2
-    out, err = capsys.readouterr()
-    assert json.loads(out)["error"]["code"] == "refused"
-    assert "worst-case finger current" in err
+def test_strict_refuses_the_plan_and_writes_nothing(plan, refuses):
+    refuses("refused", "measure", "--plan", plan, "--out", "data.csv", "--strict")
     assert not Path("data.csv").exists()
 
 
+def rows() -> list[dict[str, str]]:
+    return rows_of(Path("data.csv"))
+
+
 def cofs() -> list[float]:
-    with Path("data.csv").open(newline="") as file:
-        return [float(row["cof"]) for row in csv.DictReader(file)]
+    return [float(row["cof"]) for row in rows()]
 
 
 def test_effects_hide_in_a_file_or_a_rig(plan):
     command = ["measure", "--plan", plan, "--out", "data.csv", "--force"]
-    assert main(command) == 0
+    said_by(*command)
     plain = cofs()
     Path("hide.toml").write_text("[series_resistance]\nresistance_ohm = 1e8\n")
-    assert main([*command, "--hide", "hide.toml"]) == 0
+    said_by(*command, "--hide", "hide.toml")
     hidden = cofs()
     assert all(a <= b for a, b in zip(hidden, plain, strict=True))
     assert min(hidden) < 0.9 * max(plain)
     rig = (Path(__file__).parents[4] / "configs" / "rigs" / "simulated.toml").read_text()
     Path("rig.toml").write_text(rig + "hide = { series_resistance = { resistance_ohm = 1e8 } }\n")
-    assert main([*command, "--rig", "rig.toml"]) == 0
+    said_by(*command, "--rig", "rig.toml")
     assert cofs() == hidden
 
 
@@ -98,8 +91,9 @@ def test_a_function_outside_the_catalogue(plan, capsys):
     )
     command = ["measure", "--plan", plan, "--out", "data.csv", "--force"]
     for name in ("stranger:friction", "stranger.py:friction"):
-        assert main([*command, "--finger", name]) == 0
+        said_by(*command, "--finger", name)
         assert all(1.6 < cof < 2.4 for cof in cofs())
+        assert {row["current_a"] + row["electrode_voltage_v"] for row in rows()} == {""}
     assert "stranger" not in Path("data.csv").read_text() + Path("data.csv.meta.json").read_text()
     Path("broken.py").write_text("def friction(f, v, load, speed, time):\n    return 1 / 0\n")
     assert main([*command, "--finger", "broken.py:friction"]) == 1
@@ -130,32 +124,24 @@ def finger(frequency_hz, voltage_v, normal_force_n, speed_m_s, time_s):
 """
 
 
-def rows() -> list[dict[str, str]]:
-    with Path("data.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def test_a_finger_of_ones_own_has_friction_voltage_and_current(plan, capsys):
+@pytest.mark.usefixtures("plan")
+def test_a_finger_of_ones_own_has_friction_voltage_and_current():
     Path("witness.toml").write_text(WITNESS)
     Path("mine.py").write_text(FINGER)
-    words = "measure --plan witness.toml --out data.csv --finger mine.py:finger --json"
-    command = words.split()
-    assert main(command) == 0
-    said = json.loads(capsys.readouterr().out)
+    words = "measure --plan witness.toml --out data.csv --finger mine.py:finger"
+    said = said_by(*words.split())
     assert (said["rows"], said["skipped"]) == (27, 0)
     for row in rows():
         w = 2 * np.pi * float(row["frequency_hz"])
         touch = 0.0 if row["finger"] == "none" else 1 / (47e3 + 1 / (2e-9j * w))
         voltage = 0.9 * float(row["voltage_v"])
         current = (touch + 200e-12j * w) * voltage
-        assert float(row["electrode_voltage_v"]) == pytest.approx(
-            voltage, rel=1e-3, abs=5 * float(row["electrode_voltage_std_v"])
-        )
-        assert float(row["current_a"]) == pytest.approx(
-            abs(current), rel=1e-3, abs=5 * float(row["current_std_a"])
-        )
-        phase = pytest.approx(np.angle(current), abs=1e-3 + 5 * float(row["current_phase_std_rad"]))
-        assert float(row["current_phase_rad"]) == phase
+        for name, std, wanted in (
+            ("electrode_voltage_v", "electrode_voltage_std_v", voltage),
+            ("current_a", "current_std_a", abs(current)),
+            ("current_phase_rad", "current_phase_std_rad", np.angle(current)),
+        ):
+            assert float(row[name]) == pytest.approx(wanted, rel=1e-3, abs=5 * float(row[std]))
         assert (row["cof"] != "") == (row["finger"] == "sliding")
         assert row["kramers_kronig"] == ("" if row["finger"] == "sliding" else "passes")
     stray = said["stray_capacitance"]
@@ -164,9 +150,8 @@ def test_a_finger_of_ones_own_has_friction_voltage_and_current(plan, capsys):
     )
     assert json.loads(Path("data.csv.meta.json").read_text())["stray_capacitance"] == stray
     assert stray["measured_at"] == datetime.date.today().isoformat()
-    assert (
-        main([*command, "--resume"]) == 0
-    )  # the calibration in the sidecar is no other experiment
+    # the calibration in the sidecar is no other experiment
+    said_by(*words.split(), "--resume")
 
 
 @pytest.mark.parametrize(
@@ -180,22 +165,10 @@ def test_a_finger_of_ones_own_has_friction_voltage_and_current(plan, capsys):
     ],
 )
 def test_what_is_no_answer_of_a_finger_is_explained(plan, capsys, answer, said):
-    body = f"    lateral = 0.6 * normal_force_n\n    return {answer}\n"
-    text = (
-        "import numpy as np\n\ndef f(frequency_hz, voltage_v, normal_force_n, speed_m_s,"
-        f" time_s):\n{body}"
-    )
-    Path("wrong.py").write_text(text)
+    body = f"    lateral = 0.6 * load\n    return {answer}\n"
+    Path("wrong.py").write_text(f"import numpy as np\n\ndef f(f, v, load, speed, time):\n{body}")
     assert main(["measure", "--plan", plan, "--out", "data.csv", "--finger", "wrong.py:f"]) == 1
     assert said in " ".join(capsys.readouterr().err.split())
-
-
-def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(plan):
-    Path("plain.py").write_text("def f(f, v, load, speed, time):\n    return 0.6 * load\n")
-    assert main(["measure", "--plan", plan, "--out", "data.csv", "--finger", "plain.py:f"]) == 0
-    assert {
-        row["current_a"] + row["electrode_voltage_v"] + row["current_phase_rad"] for row in rows()
-    } == {""}
 
 
 @pytest.mark.parametrize(
@@ -203,7 +176,6 @@ def test_a_finger_that_tells_a_force_alone_leaves_the_electrodes_columns_empty(p
     [
         (["--hide", "short.toml"], "hide"),
         (["--finger", "nowhere:friction"], "cannot be loaded"),
-        (["--finger", "json"], "cannot be loaded"),
         (["--finger", "json:__name__"], "not a function"),
         (["--hide", "good.toml", "--finger", "json:loads"], "Give one of them"),
     ],
@@ -224,17 +196,11 @@ def test_interrupted_by_the_user_the_file_can_be_continued(plan):
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
     )
     program = f"{begin}; from haptic_driver.cli.main import main; sys.exit(main({arguments!r}))"
-    root = str(Path(__file__).parents[4])
     child = subprocess.Popen(
-        [sys.executable, "-c", program],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": root},
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     try:
-        deadline = time.monotonic() + 60.0
-        while time.monotonic() < deadline and (not Path("data.csv").exists() or len(cofs()) < 5):
-            time.sleep(0.02)
+        until(lambda: Path("data.csv").exists() and len(cofs()) >= 5)
         child.send_signal(signal.SIGINT)
         out, err = child.communicate(timeout=30.0)
     finally:

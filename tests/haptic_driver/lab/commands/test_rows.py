@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
-import re
 from pathlib import Path
 
 import pytest
 
-from haptic_driver.cli.main import main
 from model.diagnosis.data import read_measurements
 from tests.docs import own_data
+from tests.haptic_driver.commands import rows_of, said_by
 
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "own-data.md"
 TRIALS = 72
@@ -28,28 +25,25 @@ def folder(tmp_path_factory):
 
 def command(folder: Path, *more: str) -> list[str]:
     said = [str(folder / "trials"), "--map", str(folder / "map.toml")]
-    return ["rows", *said, "--out", str(folder / "data.csv"), "--force", "--json", *more]
+    return ["rows", *said, "--out", str(folder / "data.csv"), "--force", *more]
 
 
-def test_a_bad_file_refuses_all_unless_it_is_left_out(folder, capsys):
-    assert main(command(folder)) == 2
-    error = json.loads(capsys.readouterr().out)["error"]
-    assert "_t71.csv: window 1" in error["message"]
-    assert "--leave-out-bad" in error["hint"]
+def test_a_bad_file_refuses_all_unless_it_is_left_out(folder, haptic):
+    refused = haptic(*command(folder), "--json")
+    assert refused.status == 2
+    assert "_t71.csv: window 1" in refused.said["error"]["message"]
+    assert "--leave-out-bad" in refused.said["error"]["hint"]
     assert not (folder / "data.csv").exists()
-    assert main(command(folder, "--leave-out-bad")) == 0
-    said = json.loads(capsys.readouterr().out)
+    said = said_by(*command(folder, "--leave-out-bad"))
     assert (said["trials"], said["settings"], said["sessions"]) == (TRIALS - 1, 24, 3)
     (left,) = said["left_out"]
     assert left["file"].endswith("_t71.csv")
     assert Path(said["picture"]).read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_rows_hold_measured_loads_and_the_friction_of_the_finger(folder, capsys):
-    assert main(command(folder, "--leave-out-bad")) == 0
-    capsys.readouterr()
-    with (folder / "data.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+def test_the_rows_hold_measured_loads_and_the_friction_of_the_finger(folder):
+    said_by(*command(folder, "--leave-out-bad"))
+    rows = rows_of(folder / "data.csv")
     assert read_measurements(folder / "data.csv").rows == len(rows) == TRIALS - 1
     loads = {row["normal_force_n"] for row in rows if row["commanded_normal_force_n"] == "0.3"}
     assert len(loads) > 30
@@ -60,37 +54,21 @@ def test_the_rows_hold_measured_loads_and_the_friction_of_the_finger(folder, cap
         assert float(row["cof"]) == pytest.approx(true, rel=4.0 * own_data.NOISE / math.sqrt(100))
 
 
-def test_looking_draws_and_writes_no_rows(folder, tmp_path, capsys):
+def test_looking_draws_and_writes_no_rows(folder, tmp_path):
     out = tmp_path / "data.csv"
-    said = ["rows", str(folder / "trials"), "--map", str(folder / "map.toml"), "--look"]
-    assert main([*said, "--out", str(out)]) == 0
+    said_by("rows", folder / "trials", "--map", folder / "map.toml", "--look", "--out", out)
     assert (tmp_path / "data-trial.png").exists()
     assert not out.exists()
 
 
-def test_units_of_the_map_are_refused_before_anything_is_read(folder, tmp_path, capsys):
+def test_units_of_the_map_are_refused_before_anything_is_read(folder, tmp_path, refuses):
     bad = tmp_path / "map.toml"
     text = (folder / "map.toml").read_text(encoding="utf-8")
     bad.write_text(text.replace('frequency = "Hz"', 'frequency = "rpm"'), encoding="utf-8")
-    assert main(["rows", str(folder / "trials"), "--map", str(bad), "--json"]) == 2
-    error = json.loads(capsys.readouterr().out)["error"]
-    assert error["code"] == "unknown_unit"
+    error = refuses("unknown_unit", "rows", folder / "trials", "--map", bad)
     assert "conditions.units.frequency: rpm" in error["message"]
 
 
-def test_a_map_is_proposed_and_not_overwritten(folder, tmp_path, capsys):
-    first = sorted((folder / "trials").iterdir())[0]
-    said = ["rows", "--inspect", str(first), "--map", str(tmp_path / "map.toml")]
-    assert main(said) == 0
-    assert re.search(r'name = "Fz"\nunit = "gf"\nsign = -1', capsys.readouterr().out)
-    assert main(said) == 2
-
-
-@pytest.mark.parametrize(
-    ("words", "code"),
-    [(["rows"], "usage"), (["rows", "nowhere", "--map", "MAP"], "file_not_found")],
-)
-def test_what_is_missing_is_told(folder, capsys, words, code):
-    words = [word.replace("MAP", str(folder / "map.toml")) for word in words]
-    assert main([*words, "--json"]) == 2
-    assert json.loads(capsys.readouterr().out)["error"]["code"] == code
+def test_what_is_missing_is_told(folder, refuses):
+    refuses("usage", "rows")
+    refuses("file_not_found", "rows", "nowhere", "--map", folder / "map.toml")

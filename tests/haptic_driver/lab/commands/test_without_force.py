@@ -117,7 +117,9 @@ def test_the_demo_says_that_nothing_was_measured(haptic, tmp_path):
     assert done.said["estimated_cof_std"] == pytest.approx(LEVEL_STD * done.said["estimated_cof"])
 
 
-def test_measuring_keeps_current_and_voltage_which_diagnose_takes(haptic, tmp_path, monkeypatch):
+def test_measuring_keeps_current_and_voltage_which_diagnose_takes(
+    haptic, refuses, tmp_path, monkeypatch
+):
     (tmp_path / "plan.toml").write_text(PLAN, encoding="utf-8")
     command = ["measure", "--plan", tmp_path / "plan.toml", "--out", tmp_path / "data.csv"]
     done = haptic(*command, "--rig", rig(tmp_path, monitors=True), "--json")
@@ -130,12 +132,10 @@ def test_measuring_keeps_current_and_voltage_which_diagnose_takes(haptic, tmp_pa
     assert data.columns["normal_force_n"].tolist() == [0.5] * data.count
     nothing = ElectrodeReading(0j, 0.0, 0j, 0.0)
     monkeypatch.setattr(SimulatedBench, "read_electrode", lambda bench, setting: nothing)
-    silent = haptic(*command, "--force", "--rig", rig(tmp_path, monitors=True), "--json")
-    assert silent.said["error"]["code"] == "no_current"
-    again = haptic(*command, "--force", "--rig", rig(tmp_path, monitors=False), "--json")
-    assert again.status == 2
-    assert again.said["error"]["code"] == "no_force_sensor"
-    assert "[[electrode_monitors]]" in again.said["error"]["hint"]
+    again = (*command, "--force", "--rig")
+    refuses("no_current", *again, rig(tmp_path, monitors=True), status=1)
+    error = refuses("no_force_sensor", *again, rig(tmp_path, monitors=False))
+    assert "[[electrode_monitors]]" in error["hint"]
 
 
 def test_a_stage_whose_finger_nobody_feels_measures_nothing():
