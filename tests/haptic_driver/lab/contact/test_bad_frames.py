@@ -71,12 +71,3 @@ def test_axes_and_centre_are_those_of_the_drawn_ellipse(found):
     middle_m = (0.5 * 330 * 42e-6, 0.5 * 400 * 42e-6)
     assert seen.centre_m == pytest.approx(middle_m, abs=0.1e-3)
     assert seen.angle_rad == pytest.approx(np.pi / 2.0, abs=0.1)  # the longer axis along y
-
-
-def test_a_film_without_a_finger_has_no_area():
-    random = np.random.default_rng(4)
-    frames = [bare(OPTICS, random) / 255.0 for _ in range(3)]
-    told = summary(watch(lambda: frames, np.arange(3.0), OPTICS.scale_m).found)
-    assert told.counted == 0
-    assert np.isnan(told.area_m2)
-    assert told.bad == {NO_FINGER: 3}

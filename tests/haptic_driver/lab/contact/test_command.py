@@ -4,18 +4,16 @@ use.
 
 from __future__ import annotations
 
-import csv
-import json
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from haptic_driver.cli.main import main
 from haptic_driver.errors import BadInputError
-from haptic_driver.lab.contact.film import read_film
 from haptic_driver.lab.contact.scale import scale_from_ruler
 from hw.camera.fingerprint import Optics, Touch, bare, drawn
+from tests.haptic_driver.commands import rows_of, said_by
 
 iio = pytest.importorskip("imageio.v3")
 tifffile = pytest.importorskip("tifffile")
@@ -23,6 +21,7 @@ pytest.importorskip("rawpy")
 pytest.importorskip("skimage")
 OPTICS = Optics(width=288, height=352, scale_m=42e-6, blur_m=15e-6)
 AREAS_M2 = (5e-5, 6e-5)
+SCALE = ("--scale", "0.042")
 TIMES_S = ("10.00", "10.02", "10.05")
 
 
@@ -68,11 +67,6 @@ def films(images, tmp_path_factory):
     return folder
 
 
-def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict]:
-    status = main(["contact", *words, "--json"])
-    return status, json.loads(capsys.readouterr().out)
-
-
 @pytest.mark.parametrize(
     ("name", "times_s"),
     [
@@ -82,13 +76,11 @@ def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict]:
         ("raw", (0.0, 1.0, 2.0)),
     ],
 )
-def test_every_kind_of_film_gives_the_areas(films, tmp_path, capsys, name, times_s):
+def test_every_kind_of_film_gives_the_areas(films, tmp_path, name, times_s):
     out = tmp_path / "contact.csv"
-    status, said = run(capsys, str(films / name), "--scale", "0.042", "--out", str(out))
-    assert status == 0
+    said = said_by("contact", films / name, *SCALE, "--out", out)
     assert (said["frames"], said["counted"], said["bad"]) == (3, 2, {"no finger": 1})
-    with out.open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(out)
     assert [float(row["time_s"]) for row in rows] == pytest.approx(times_s)
     assert rows[0]["contact_area_m2"] == ""
     assert rows[0]["bad"] == "no finger"
@@ -98,22 +90,14 @@ def test_every_kind_of_film_gives_the_areas(films, tmp_path, capsys, name, times
         assert Path(picture).read_bytes().startswith(b"\x89PNG")
 
 
-def error(capsys, *words: str) -> tuple[int, dict]:
-    status, said = run(capsys, *words)
-    return status, said["error"]
+def test_a_scale_has_to_be_said_and_said_once(films, refuses):
+    command = ("contact", films / "film.tif")
+    for words in ((), (*SCALE, "--scale-from", "ruler.png")):
+        assert "--scale" in refuses("no_scale", *command, *words)["hint"]
+    refuses("out_of_range", *command, "--scale", "21")
 
 
-def test_a_scale_has_to_be_said_and_said_once(films, capsys):
-    film = str(films / "film.tif")
-    for words in ((), ("--scale", "0.02", "--scale-from", "ruler.png")):
-        status, said = error(capsys, film, *words)
-        assert (status, said["code"]) == (2, "no_scale")
-        assert "--scale" in said["hint"]
-    status, said = error(capsys, film, "--scale", "21")
-    assert (status, said["code"]) == (2, "out_of_range")
-
-
-def test_what_is_no_film_is_refused(films, tmp_path, capsys):
+def test_what_is_no_film_is_refused(tmp_path, refuses):
     (tmp_path / "empty").mkdir()
     (tmp_path / "broken.avi").write_bytes(b"RIFF")
     (tmp_path / "broken.tif").write_bytes(b"II*")
@@ -125,60 +109,42 @@ def test_what_is_no_film_is_refused(films, tmp_path, capsys):
         ("broken.tif", "bad_image"),
         ("notes.doc", "bad_film"),
     ):
-        words = (str(tmp_path / name), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
-        status, said = error(capsys, *words)
-        assert (status, said["code"]) == (2, code), name
-        assert said["hint"]
+        refuses(code, "contact", tmp_path / name, *SCALE, "--out", tmp_path / "x.csv")
 
 
-def test_a_background_has_to_be_a_picture_of_the_same_size(films, tmp_path, capsys):
+def test_a_background_has_to_be_a_picture_of_the_same_size(films, tmp_path, refuses):
     bad, other = tmp_path / "bad.png", tmp_path / "other.png"
     bad.write_bytes(b"no picture")
     iio.imwrite(other, np.full((200, 200), 180, np.uint8))
-    for path, code in ((bad, "bad_image"), (other, "bad_background")):
-        words = (str(films / "frames"), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
-        status, said = error(capsys, *words, "--background", str(path))
-        assert (status, said["code"]) == (2, code)
+    words = ("contact", films / "frames", *SCALE, "--out", tmp_path / "x.csv", "--background")
+    refuses("bad_image", *words, bad)
+    refuses("bad_background", *words, other)
 
 
-def test_a_film_without_a_touch_is_said(images, tmp_path, capsys):
+def test_a_film_without_a_touch_is_said(images, tmp_path, refuses):
     film = tmp_path / "film.tif"
     tifffile.imwrite(film, np.stack(images[:1] * 3), photometric="minisblack")
-    words = (str(film), "--scale", "0.042", "--out", str(tmp_path / "x.csv"), "--rate", "50")
-    status, said = error(capsys, *words, "--contact", "dark")
-    assert (status, said["code"]) == (1, "no_contact")
+    words = ("contact", film, *SCALE, "--out", tmp_path / "x.csv", "--rate", "50")
+    refuses("no_contact", *words, "--contact", "dark", status=1)
 
 
-def test_a_background_takes_the_place_of_frames_without_a_finger(films, tmp_path, capsys):
+def test_a_background_takes_the_place_of_frames_without_a_finger(films, tmp_path):
     (tmp_path / "touches").mkdir()
     for number in (9, 10):
         name = f"img_{number}.png"
         (tmp_path / "touches" / name).write_bytes((films / "frames" / name).read_bytes())
-    words = (str(tmp_path / "touches"), "--scale", "0.042", "--out", str(tmp_path / "x.csv"))
-    bare = str(films / "frames" / "img_8.png")
-    status, said = run(capsys, *words, "--background", bare, "--rate", "50")
-    assert (status, said["counted"]) == (0, 2)
+    words = ("contact", tmp_path / "touches", *SCALE, "--out", tmp_path / "x.csv")
+    bare = films / "frames" / "img_8.png"
+    said = said_by(*words, "--background", bare, "--rate", "50")
+    assert said["counted"] == 2
     assert said["area_m2"] == pytest.approx(np.mean(AREAS_M2), rel=0.03)
 
 
-def test_time_stamps_have_to_fit(films, tmp_path):
-    short = tmp_path / "short.txt"
-    short.write_text("0.1\n0.2\n", encoding="utf-8")
-    with pytest.raises(BadInputError, match="2 time stamps for 3 frames") as refused:
-        read_film(films / "frames", short)
-    assert refused.value.code == "bad_times"
-    short.write_text("0.1\n0.3\n0.2\n", encoding="utf-8")
-    with pytest.raises(BadInputError, match="do not rise"):
-        read_film(films / "frames", short)
-
-
-def test_a_missing_package_is_named_with_the_extra(films, capsys, monkeypatch):
-    import sys
-
+def test_a_missing_package_is_named_with_the_extra(films, tmp_path, refuses, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    status, said = error(capsys, str(films / "film.avi"), "--scale", "0.042", "--out", "x.csv")
-    assert (status, said["code"]) == (1, "missing_package")
-    assert "haptic-driver[camera]" in said["hint"]
+    words = ("contact", films / "film.avi", *SCALE, "--out", tmp_path / "x.csv")
+    error = refuses("missing_package", *words, status=1)
+    assert "haptic-driver[camera]" in error["hint"]
 
 
 @pytest.mark.parametrize(("period_px", "tilt"), [(23.7, 0.0), (41.3, 0.12)])

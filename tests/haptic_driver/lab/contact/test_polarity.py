@@ -16,6 +16,7 @@ from haptic_driver.lab.contact.judge import GLARE, watch
 from haptic_driver.lab.contact.scale import scale_from_ruler
 from haptic_driver.lab.contact.touch import has_ridges
 from hw.camera.fingerprint import Optics, Touch, drawn
+from tests.haptic_driver.lab.refusal import refused
 
 tifffile = pytest.importorskip("tifffile")
 pytest.importorskip("skimage")
@@ -66,13 +67,7 @@ def test_a_ridge_has_four_pixels_or_is_not_told(scale_m, seen):
     assert has_ridges(scale_m) is seen
 
 
-def test_a_polarity_that_is_told_wrong_is_doubted():
-    frame = drawn(Touch(5e-5), OPTICS, np.random.default_rng(2)).image / 255.0
-    watched = watch(lambda: [frame], np.zeros(1), OPTICS.scale_m, contact="bright")
-    assert any("look at the outlines" in words for words in watched.said)
-
-
-@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+@pytest.mark.parametrize("bits", [8, 12, 16])
 def test_glare_of_a_sensor_with_fewer_bits_is_seen(tmp_path, bits):
     counts = drawn(Touch(5e-5), OPTICS, np.random.default_rng(3)).image.astype(float)
     counts[140:150, 110:120] = 255.0
@@ -97,9 +92,8 @@ def test_glare_of_floats_is_where_the_brightest_value_is_shared(tmp_path, clippe
 
 def test_three_frames_saved_as_one_colour_picture_are_refused(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((3, 80, 90), "u1"), photometric="rgb")
-    with pytest.raises(BadInputError, match="planes of colour") as refused:
+    with refused("one_picture", "planes of colour"):
         read_film(tmp_path / "a.tif")
-    assert refused.value.code == "one_picture"
 
 
 def test_frames_of_two_depths_are_refused(tmp_path):

@@ -193,63 +193,26 @@ def stated(pair, solved, sensitivities):
     ]
 
 
-class TestFacts:
-    def fact(self, stated, words: str):
-        return next(f for f in stated if words in f.statement)
-
-    def test_what_the_corrected_equations_give_and_the_printed_do_not(self, stated):
-        for words, value in (
-            ("peaks at about", 250.0),
-            ("area is largest", 250.0),
-            ("average separation", 250.0),
-        ):
-            fact = self.fact(stated, words)
-            assert fact.corrected == value
-            assert fact.corrected_holds
-            assert fact.published == 1.0
-            assert not fact.published_holds
-
-    def test_what_both_give(self, stated):
-        for words in (
-            "not zero",
-            "decays above",
-            "loss tangent",
-            "mu_OFF",
-            "thinner insulator",
-            "softer skin",
-        ):
-            fact = self.fact(stated, words)
-            assert fact.corrected_holds, words
-            assert fact.published_holds, words
-        assert self.fact(stated, "not zero").corrected == pytest.approx(19.7, abs=0.05)
-        assert self.fact(stated, "loss tangent").corrected == pytest.approx(1e5)
-
-    def test_what_neither_gives_is_said(self, stated):
-        for words in ("relatively high at 100 kHz", "ratio of negative to positive"):
-            fact = self.fact(stated, words)
-            assert not fact.corrected_holds
-            assert not fact.published_holds
-
-    def test_the_page_says_the_same(self, stated):
-        """docs/reproduction.md, its table: every statement, number and verdict."""
-        rows = [
-            [cell.strip() for cell in line.strip().strip("|").split(" | ")]
-            for line in PAGE.read_text(encoding="utf-8").splitlines()
-            if re.match(r"\| \d", line)
-        ]
-        assert [row[1] for row in rows] == [f.statement for f in stated]
-        for row, fact in zip(rows, stated, strict=True):
-            answers = (
-                (fact.corrected, fact.corrected_holds),
-                (fact.published, fact.published_holds),
-            )
-            for cell, (value, holds) in zip(row[3:], answers, strict=True):
-                if np.isnan(value):
-                    assert cell == "-"
-                    continue
-                number, verdict = cell.split(", ")
-                assert float(number) == pytest.approx(value, rel=1e-2)
-                assert verdict == ("yes" if holds else "**no**")
+def test_the_page_says_the_same(stated):
+    """docs/reproduction.md, its table: every statement, number and verdict."""
+    rows = [
+        [cell.strip() for cell in line.strip().strip("|").split(" | ")]
+        for line in PAGE.read_text(encoding="utf-8").splitlines()
+        if re.match(r"\| \d", line)
+    ]
+    assert [row[1] for row in rows] == [f.statement for f in stated]
+    for row, fact in zip(rows, stated, strict=True):
+        answers = (
+            (fact.corrected, fact.corrected_holds),
+            (fact.published, fact.published_holds),
+        )
+        for cell, (value, holds) in zip(row[3:], answers, strict=True):
+            if np.isnan(value):
+                assert cell == "-"
+                continue
+            number, verdict = cell.split(", ")
+            assert float(number) == pytest.approx(value, rel=1e-2)
+            assert verdict == ("yes" if holds else "**no**")
 
 
 def test_a_model_that_cannot_stand_beside_the_print_is_refused(models):

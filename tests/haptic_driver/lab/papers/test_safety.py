@@ -18,6 +18,7 @@ from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
 from model.conditions import Conditions
 from model.touch_model import TouchModel
+from tests.haptic_driver.commands import said_by
 
 ROOT = Path(__file__).resolve().parents[4]
 TODAY = datetime.date(2026, 3, 1)
@@ -153,27 +154,20 @@ def test_no_line_is_claimed_that_nobody_reads():
     assert not configured["amplifier"]
 
 
-def test_it_claims_nothing_and_says_whom_the_curve_is_not_for(haptic, tmp_path):
-    done = haptic("safety", "--rig", "paper", "--out", tmp_path / "safety.html", "--json")
-    assert done.status == 0, done.err
+def test_it_claims_nothing_and_says_whom_the_curve_is_not_for(tmp_path):
+    said = said_by("safety", "--rig", "paper", "--out", tmp_path / "safety.html")
     text = (tmp_path / "safety.html").read_text(encoding="utf-8")
     assert "claims no conformity" in text
     assert "do not cover volunteers in research" in text
     assert text.count("not checked") >= 5
-    assert done.said["conformity_claimed"] is False
-    assert done.said["out"] == str(tmp_path / "safety.html")
+    assert said["conformity_claimed"] is False
+    assert said["out"] == str(tmp_path / "safety.html")
 
 
-def test_json_holds_the_facts(haptic, tmp_path):
-    done = haptic("safety", "--rig", "simulated", "--out", tmp_path / "safety.json", "--json")
-    assert done.status == 0, done.err
-    written = json.loads((tmp_path / "safety.json").read_text(encoding="utf-8"))
-    assert {**written, "out": done.said["out"]} == done.said
-    assert written["simulated"] is True
-
-
-def test_another_ending_is_refused_before_anything_is_computed(haptic, tmp_path):
-    done = haptic("safety", "--out", tmp_path / "safety.doc", "--json")
-    assert done.status == 2
-    assert done.said["error"]["code"] == "bad_ending"
+def test_json_holds_the_facts_and_another_ending_is_refused(refuses, tmp_path):
+    refuses("bad_ending", "safety", "--out", tmp_path / "safety.doc")
     assert not list(tmp_path.iterdir())
+    said = said_by("safety", "--rig", "simulated", "--out", tmp_path / "safety.json")
+    written = json.loads((tmp_path / "safety.json").read_text(encoding="utf-8"))
+    assert {**written, "out": said["out"]} == said
+    assert written["simulated"] is True

@@ -50,16 +50,14 @@ def test_each_interval_is_told_and_marked_at_both_ends_and_ends_off(tmp_path):
     apparatus = DaemonApparatus(client, client, tmp_path, told.append, lambda: told.append("ring"))
     settings = TrialSettings(duration_s=0.4, pause_s=0.0)
     first, second = apparatus.present([Stimulus(0.55), Stimulus(0.66)], settings, settle_s=0.1)
-    begins = ["interval 1 begins", "interval 2 begins"]
-    ends = ["interval 1 ends", "interval 2 ends"]
     assert client.done == [
-        *(begins[0], 0.55, "off", ends[0]),
-        *(begins[1], 0.66, "off", ends[1]),
+        *("interval 1 begins", 0.55, "off", "interval 1 ends"),
+        *("interval 2 begins", 0.66, "off", "interval 2 ends"),
     ]
     assert told == ["1 … slide now", "wait …", "2 … slide now"]
     assert (round(first.felt_cof, 6), round(second.felt_cof, 6)) == (0.55, 0.66)
-    assert client.marked[begins[1]] == {"interval": 2, "of": 2, "sound": False}
-    when = client.marked[ends[1]]
+    assert client.marked["interval 2 begins"] == {"interval": 2, "of": 2, "sound": False}
+    when = client.marked["interval 2 ends"]
     assert when["onset_s"] == when["first_touch_s"] == apparatus.onset_s
 
 

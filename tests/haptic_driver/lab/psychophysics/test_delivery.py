@@ -109,7 +109,6 @@ def test_strokes_are_counted_from_turn_to_turn_and_lift_to_lift():
     [
         ({}, ""),
         ({"sliding_s": 0.1}, "interval 2: the finger slid for 0.1 s"),
-        ({"sliding_s": 0.0, "felt_cof": np.nan, "within_5_percent": np.nan}, "slid for 0 s"),
         (
             {"within_5_percent": 0.4, "felt_cof": 0.54},
             "interval 2: within 5 % for 40% of the time; speed or finger: 0.5 was expected, 0.54"

@@ -3,7 +3,6 @@ and over HTTP.
 """
 
 import json
-import math
 import re
 import sys
 import threading
@@ -31,6 +30,7 @@ from haptic_driver.lab.psychophysics.methods import (
 )
 from haptic_driver.lab.psychophysics.outside import OutsideMethod
 from haptic_driver.lab.psychophysics.quest_plus import QuestPlusMethod
+from tests.haptic_driver.lab.refusal import refused
 
 ABOUT = {"experiment": "made", "condition": "a"}
 
@@ -61,15 +61,8 @@ def test_two_down_one_up_by_hand():
     assert levels == [10.0, 10.0, 6.0, 6.0, 2.0, 4.0, 4.0, 6.0]
     assert staircase.reversals == [2.0]
     levels, staircase = climbed(settings, "++-++-")
-    assert levels == [
-        10.0,
-        10.0,
-        6.0,
-        8.0,
-        8.0,
-        7.0,
-        None,
-    ]  # steps 4, 2, 1; over after three reversals
+    # steps 4, 2, 1; over after three reversals
+    assert levels == [10.0, 10.0, 6.0, 8.0, 8.0, 7.0, None]
     assert staircase.reversals == [6.0, 8.0, 7.0]
     assert staircase.estimate == pytest.approx(7.5)
 
@@ -93,46 +86,12 @@ def test_where_a_staircase_comes_to_rest(up, down, share):
     assert converges_at(settings) == (None if share is None else pytest.approx(share, abs=1e-4))
 
 
-def test_staircases_come_to_rest_at_a_level_that_answers_do_not_know_of():
-    """Two down, one up, at 70.7 % of the positive answers of a function, by its formula solved by
-    hand.
-    """
-    settings = Staircase(
-        kind="staircase",
-        start=0.4,
-        steps=[0.5, 0.1],
-        low=0.01,
-        high=1.0,
-        reversals=60,
-        averaged=54,
-        trials=1000,
-    )
-    rng, estimates = np.random.default_rng(6), []
-    for _ in range(40):
-        staircase = StaircaseMethod(settings)
-        while (level := staircase.suggest()) is not None:
-            staircase.report(level, bool(rng.random() < 1.0 - 0.5 * 2.0 ** -((level / 0.15) ** 3)))
-        estimates.append(staircase.estimate)
-    expected = 0.15 * math.log2(0.5 / (1.0 - math.sqrt(0.5))) ** (1.0 / 3.0)
-    assert np.median(estimates) == pytest.approx(expected, rel=0.05)
-
-
 def test_reversals_at_the_end_of_a_staircase_are_no_threshold():
     """Nothing is felt: it climbs to the top, and luck takes it a step down now and then."""
     rng = np.random.default_rng(3)
+    settings = {"start": 0.2, "steps": [0.12], "reversals": 60, "averaged": 40, "trials": 400}
     lost, found = (
-        StaircaseMethod(
-            Staircase(
-                kind="staircase",
-                start=0.2,
-                steps=[0.12],
-                low=0.01,
-                high=high,
-                reversals=60,
-                averaged=40,
-                trials=400,
-            )
-        )
+        StaircaseMethod(Staircase(kind="staircase", low=0.01, high=high, **settings))
         for high in (0.5, 10.0)
     )
     for staircase, answers in ((lost, lambda level: False), (found, lambda level: level > 0.15)):
@@ -188,9 +147,8 @@ def test_quest_plus_suggests_what_bayes_rule_written_out_suggests():
     for answer in "++-++-+-+++-":
         entropies = [entropy_after(x) for x in levels]
         level = method.suggest()
-        assert entropies[int(np.argmin(abs(levels - level)))] == pytest.approx(
-            min(entropies), abs=1e-9
-        )
+        chosen = int(np.argmin(abs(levels - level)))
+        assert entropies[chosen] == pytest.approx(min(entropies), abs=1e-9)
         _, belief = updated(level, answer == "+")
         method.report(level, answer == "+")
     assert method.suggest() is None
@@ -298,14 +256,12 @@ def test_an_optimiser_in_python_is_asked_and_told(monkeypatch, tmp_path):
     [
         ({"python": "no_such_module:Mine"}, BadInputError, "bad_optimiser"),
         ({"python": "json:Nothing"}, BadInputError, "bad_optimiser"),
-        ({"python": "json"}, BadInputError, "bad_optimiser"),
         ({"url": "http://127.0.0.1:1"}, HapticError, "no_optimiser"),
     ],
 )
 def test_an_optimiser_that_cannot_be_had_is_said(settings, error, code):
-    with pytest.raises(error) as raised:
+    with refused(code, kind=error):
         OutsideMethod(Outside(kind="outside", **settings), ABOUT).suggest()
-    assert raised.value.code == code
 
 
 def test_the_code_on_the_page_about_experiments_runs(capsys):

@@ -60,6 +60,14 @@ def without_units() -> dict[str, Any]:
     return said
 
 
+def by_index(name: str) -> dict[str, Any]:
+    """Each column by its place in one array."""
+    said = with_keys()
+    for column in said["columns"].values():
+        column |= {"name": name, "index": NAMES.index(column["name"]) + 1}
+    return said
+
+
 @FILE
 @given(
     separator=st.sampled_from([",", ";", "\t"]),
@@ -152,10 +160,8 @@ def test_a_matrix_is_read_along_its_longer_side(tmp_path, transposed):
     table = np.column_stack(list(SIGNALS.values()))
     with h5py.File(tmp_path / "t.h5", "w") as file:
         file["data"] = table.T if transposed else table
-    said = with_keys()
-    for column in said["columns"].values():
-        column |= {"name": "data", "index": NAMES.index(column["name"]) + 1}
-    assert rows(tmp_path / "t.h5", said)[0]["cof"] == pytest.approx(expected(), rel=1e-9)
+    found = rows(tmp_path / "t.h5", by_index("data"))
+    assert found[0]["cof"] == pytest.approx(expected(), rel=1e-9)
 
 
 def test_a_cell_array_of_columns_goes_by_index(tmp_path):
@@ -163,10 +169,8 @@ def test_a_cell_array_of_columns_goes_by_index(tmp_path):
     for i, values in enumerate(SIGNALS.values()):
         cells[i] = values
     savemat(tmp_path / "t.mat", {"ch": cells})
-    said = with_keys()
-    for column in said["columns"].values():
-        column |= {"name": "ch", "index": NAMES.index(column["name"]) + 1}
-    assert rows(tmp_path / "t.mat", said)[0]["cof"] == pytest.approx(expected(), rel=1e-9)
+    found = rows(tmp_path / "t.mat", by_index("ch"))
+    assert found[0]["cof"] == pytest.approx(expected(), rel=1e-9)
 
 
 @pytest.mark.parametrize(("late_s", "step_s"), [(0, 0.004), (3, 0.004), (0, 0.001)])
@@ -322,11 +326,10 @@ def test_numbers_with_swiss_thousands_or_a_minus_of_print(tmp_path, column, writ
     assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-5)
 
 
-@pytest.mark.parametrize("text", ["0x2f", "3.0D-01", "0.3 mN"])
-def test_a_column_of_words_is_named_with_its_first_cell(tmp_path, text):
+def test_a_column_of_words_is_named_with_its_first_cell(tmp_path):
     path = tmp_path / "t.csv"
-    path.write_text("t,Fx,Fz,U,x\n" + "".join(f"{t:.3f},{text},1,75,1\n" for t in TIME_S))
-    assert f"column Fx has no number; its first cell is '{text}'" in refused(path, MAP).message
+    path.write_text("t,Fx,Fz,U,x\n" + "".join(f"{t:.3f},0.3 mN,1,75,1\n" for t in TIME_S))
+    assert "column Fx has no number; its first cell is '0.3 mN'" in refused(path, MAP).message
 
 
 @FILE
@@ -371,7 +374,7 @@ def test_a_name_and_a_row_of_units_that_differ_are_refused(tmp_path):
     assert "is in mN by its name, and in N by the row of units" in refused(path, said).message
 
 
-@pytest.mark.parametrize("text", ["1e3Hz", "1e-3Hz", "1k5Hz", "2-5kHz", "2.5-7Hz"])
+@pytest.mark.parametrize("text", ["1e-3Hz", "1k5Hz", "2.5-7Hz"])
 def test_the_tail_of_a_number_is_none(text):
     assert set(in_name(Path(f"slide_{text}_100V.csv"))) == {"voltage"}
     assert set(in_name(Path(f"slide_f0p5Hz_{text}.csv"))) == {"frequency"}
@@ -400,21 +403,14 @@ def test_a_near_name_is_said(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "stamp", ["2024-05-01T{:%H:%M:%S.%f}", "2024/05/01 {:%H:%M:%S.%f}", "{:%H:%M:%S.%f}"]
+    "stamp", ["{:%Y-%m-%dT%H:%M:%S.%f}", "{:%Y/%m/%d %H:%M:%S.%f}", "{:%H:%M:%S.%f}"]
 )
 def test_dates_and_times_of_day_are_times(tmp_path, stamp):
     start = datetime(2024, 5, 1, 23, 59, 59)
     stamps = [stamp.format(start + timedelta(seconds=float(s))) for s in TIME_S]
-    if "2024" in stamp:
-        stamps = [
-            s.replace("05-01", "05-02").replace("05/01", "05/02") if s[11:13] == "00" else s
-            for s in stamps
-        ]
-    lines = ["t,Fx,Fz,U,x"]
-    for i, row in enumerate(zip(*list(SIGNALS.values())[1:], strict=True)):
-        lines.append(",".join([stamps[i], *(f"{v:.9g}" for v in row)]))
+    cells = zip(stamps, *list(SIGNALS.values())[1:], strict=True)
     path = tmp_path / "t.csv"
-    path.write_text("\n".join(lines))
+    path.write_text("\n".join(["t,Fx,Fz,U,x", *(",".join(map(str, row)) for row in cells)]))
     assert rows(path, MAP)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
 
 

@@ -21,6 +21,7 @@ from tests.haptic_driver.lab.raw_trials.made import (
     write_csv,
     write_npz,
 )
+from tests.haptic_driver.lab.refusal import refused
 
 FILE = settings(
     max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -194,15 +195,8 @@ def test_a_counter_that_wraps_is_unwrapped(tmp_path, bits, start, back):
     assert found[0]["speed_m_s"] == pytest.approx(2e-3 * span, rel=1 / span + 1e-6)
     wraps = np.abs(np.diff(columns["x"])) > span / 2
     if wraps[INSIDE[1:] & INSIDE[:-1]].any():
-        assert f"unwrap = {span}" in refusal_hint(path)
-
-
-def refusal_hint(path) -> str:
-    with pytest.raises(BadInputError) as refused:
-        rows(path, MAP)
-    assert refused.value.code == "doubtful_trial"
-    assert "position jumps by" in refused.value.message
-    return refused.value.hint
+        with refused("doubtful_trial", "position jumps by", hint=f"unwrap = {span}"):
+            rows(path, MAP)
 
 
 @FILE
@@ -258,10 +252,16 @@ def test_voltage_from_the_first_sample_on_is_told(tmp_path):
     assert [doubt.kind for _, doubt in found.doubted] == ["from_start"]
 
 
-@pytest.mark.parametrize("frequency_hz", [100.0, 125.0, 1000.0])
-def test_a_carrier_that_is_sampled_too_slowly_is_told(tmp_path, frequency_hz):
+def monitored():
+    """The map where the voltage was measured at the electrode."""
     said = with_keys(voltage_on={"column": "electrode_voltage"})
     said["columns"]["electrode_voltage"] = said["columns"].pop("voltage")
+    return said
+
+
+@pytest.mark.parametrize("frequency_hz", [100.0, 125.0, 1000.0])
+def test_a_carrier_that_is_sampled_too_slowly_is_told(tmp_path, frequency_hz):
+    said = monitored()
     values = {"voltage": 75.0 * 2**0.5, "frequency": frequency_hz}
     said["conditions"] = {**MAP["conditions"], "values": values}
     found = cut(write_npz(tmp_path / "t.npz", signals()), said)
@@ -274,9 +274,7 @@ def test_a_carrier_that_is_sampled_too_slowly_is_told(tmp_path, frequency_hz):
 def test_a_monitor_far_from_what_was_set_is_told(tmp_path, gain):
     columns = signals()
     columns["U"] = columns["U"] * gain * 0.5**0.5
-    said = with_keys(voltage_on={"column": "electrode_voltage"})
-    said["columns"]["electrode_voltage"] = said["columns"].pop("voltage")
-    found = cut(write_npz(tmp_path / "t.npz", columns), said)
+    found = cut(write_npz(tmp_path / "t.npz", columns), monitored())
     told = {doubt.kind for _, doubt in found.doubted}
     assert ("not_as_set" in told) == (not 1 / 1.5 <= gain <= 1.5)
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from math import sqrt
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.lab.raw_trials.cut import (
@@ -27,6 +24,7 @@ from haptic_driver.lab.raw_trials.quantities import quantities
 from haptic_driver.lab.raw_trials.trial_map import TrialMap, read_map
 from model.support.layout import Layout, text_table
 from model.support.units import to_si
+from tests.haptic_driver.lab.refusal import refused
 
 GF_N = 9.80665e-3  # standard gravity times a gram
 TIME_S = np.arange(400) / 200.0
@@ -83,8 +81,8 @@ def read_columns(path: Path, said: TrialMap) -> dict[str, np.ndarray]:
     return dict(quantities(opened(path, said), said).columns)
 
 
-def write_npz(path: Path) -> None:
-    np.savez(path, **dict(zip(("t", "Fz", "Fx", "HV", "x"), RAW.T, strict=True)))
+def write_npz(path: Path, raw: np.ndarray = RAW) -> None:
+    np.savez(path, **dict(zip(("t", "Fz", "Fx", "HV", "x"), raw.T, strict=True)))
 
 
 def write_records(path: Path) -> None:
@@ -92,39 +90,11 @@ def write_records(path: Path) -> None:
     np.save(path, np.rec.fromarrays(list(RAW.T), names=",".join(names)))
 
 
-def write_hdf5(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        for name, values in zip(("t", "Fz", "Fx", "HV", "x"), RAW.T, strict=True):
-            file[name] = values
-
-
-def write_mat(path: Path) -> None:
-    savemat(path, dict(zip(("t", "Fz", "Fx", "HV", "x"), RAW.T, strict=True)))
-
-
-def write_labview(path: Path) -> None:
-    head = (
-        "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\n\n"
-        "Channels\t4\n***End_of_Header***\t\nt\tFz\tFx\tHV\tx\n"
-    )
-    path.write_text(text("\t", ",", head))
-
-
-WRITERS: list[tuple[str, Callable[[Path], None]]] = [
-    (".npz", write_npz),
-    (".npy", write_records),
-    (".h5", write_hdf5),
-    (".mat", write_mat),
-    (".lvm", write_labview),
-    (
-        ".csv",
-        lambda path: path.write_text(text(",", ".", "made,at,noon\n\nt,Fz,Fx,HV,x\n")) and None,
-    ),
-]
+WRITERS = [(".npz", write_npz), (".npy", write_records)]
 
 
 @pytest.mark.parametrize(("ending", "write"), WRITERS, ids=[ending for ending, _ in WRITERS])
-def test_a_trial_of_every_kind_gives_its_friction(tmp_path, ending, write):
+def test_a_trial_gives_its_friction_load_speed_and_time(tmp_path, ending, write):
     path = tmp_path / f"{NAME}{ending}"
     write(path)
     before, during = rows(path, made())
@@ -165,21 +135,13 @@ def test_a_table_without_names_goes_by_numbers(tmp_path):
 @pytest.mark.parametrize(
     ("quantity", "unit", "gain_unit", "factor"),
     [
-        ("time", "us", "", 1e-6),
         ("time", "µs", "", 1e-6),
         ("normal_force", "gf", "", GF_N),
-        ("normal_force", "lbf", "", 0.45359237 * 9.80665),
-        ("lateral_force", "mN", "", 1e-3),
         ("lateral_force", "Newton", "", 1.0),
         ("lateral_force", "mV", "N/V", 1e-3),
-        ("position", "mm", "", 1e-3),
-        ("voltage", "kV", "", 1e3),
-        ("frequency", "kHz", "", 1e3),
-        ("voltage", "Vpp", "", 0.5),
         ("voltage", "mV p-p", "", 0.5e-3),
         ("voltage", "Vrms", "", sqrt(2.0)),
         ("voltage", "V peak", "", 1.0),
-        ("voltage", "V/2", "", 0.5),
         ("voltage", "100 V", "", 100.0),
         ("time", "10 ms", "", 0.01),
     ],
@@ -193,40 +155,25 @@ def test_units(quantity, unit, gain_unit, factor):
     [
         ("normal_force", "g"),
         ("normal_force", "furlongish"),
-        ("frequency", "rad/s"),
         ("frequency", "rpm"),
         ("lateral_force", "V"),
         ("voltage_offset", "Vpp"),
-        ("electrode_voltage", "Vrms"),
         ("time", "__import__('os')"),
-        ("time", "("),
     ],
 )
 def test_a_unit_that_is_not_understood_is_refused_by_name(quantity, unit):
-    with pytest.raises(BadInputError) as caught:
+    with refused("unknown_unit", unit, "columns.it"):
         to_si(quantity, unit, "columns.it")
-    assert caught.value.code == "unknown_unit"
-    assert unit in caught.value.message
-    assert "columns.it" in caught.value.message
 
 
-def test_the_trials_own_gain_is_taken_out(tmp_path):
-    """A trial whose friction reads a tenth too much gives what one gives that reads right."""
+@pytest.mark.parametrize(("use", "times", "more"), [("gain", 1.1, -0.5), ("offset", 1.0, 40.0)])
+def test_the_trials_own_gain_or_zero_is_taken_out(tmp_path, use, times, more):
+    """Friction that reads a tenth too much, or 40 mN, gives what one that reads right gives."""
     path = tmp_path / f"{NAME}.npz"
     raw = RAW.copy()
-    raw[:, 2] = 1.1 * (raw[:, 2] - 5.0) + 5.0
-    np.savez(path, **dict(zip(("t", "Fz", "Fx", "HV", "x"), raw.T, strict=True)))
-    baseline = MAP["baseline"] | {"use": "gain", "cof": OFF_COF}
-    (row,) = rows(path, made(baseline=baseline))
-    assert row["cof"] == pytest.approx(ON_COF, rel=1e-6)
-
-
-def test_the_trials_own_zero_is_taken_out(tmp_path):
-    path = tmp_path / f"{NAME}.npz"
-    raw = RAW + np.array([0.0, 0.0, 40.0, 0.0, 0.0])
-    np.savez(path, **dict(zip(("t", "Fz", "Fx", "HV", "x"), raw.T, strict=True)))
-    baseline = MAP["baseline"] | {"use": "offset", "cof": OFF_COF}
-    (row,) = rows(path, made(baseline=baseline))
+    raw[:, 2] = times * raw[:, 2] + more  # a gain turns about the offset of 5 mN
+    write_npz(path, raw)
+    (row,) = rows(path, made(baseline=MAP["baseline"] | {"use": use, "cof": OFF_COF}))
     assert row["cof"] == pytest.approx(ON_COF, rel=1e-6)
 
 
@@ -270,7 +217,6 @@ def changed(**columns: Any) -> dict[str, np.ndarray]:
         (changed(Fx=np.where(ON, np.nan, 1.0)), "lateral_force is no number at 1 s"),
         (changed(Fx=RAW[:300, 2]), "columns differ in length"),
         (changed(Fx=np.where(TIME_S == 1.1, 99.0, RAW[:, 2])), "lateral_force is 99 at 1.1 s"),
-        ({name: values[:200] for name, values in changed().items()}, "the record goes from 0 to"),
         ({"t": RAW[:, 0]}, "there is no column 'Fx'; found: t"),
     ],
 )
@@ -289,7 +235,6 @@ def test_what_is_wrong_with_a_trial_is_told(tmp_path, columns, reason):
         ("60,1,2,3,high", 15),
         ("\n60,1,2,3,high", 16),
         ("60,1,2", 15),
-        ("\n60,1,2", 16),
         ("60,1,2,3,4,5", 15),
         ("late,1,2,3,4", 15),
     ],
@@ -306,9 +251,8 @@ def test_a_line_that_is_no_row_of_numbers_is_named(tmp_path, bad, line):
 def test_a_file_that_is_none_of_its_kind_is_refused(tmp_path, ending):
     path = tmp_path / f"{NAME}{ending}"
     path.write_bytes(b"what is this? " * 40)
-    with pytest.raises(BadInputError) as caught:
+    with refused("bad_trial"):
         read_columns(path, made())
-    assert caught.value.code == "bad_trial"
 
 
 @pytest.mark.parametrize(
@@ -346,20 +290,10 @@ def test_a_map_is_proposed_that_reads_the_file(tmp_path):
     np.testing.assert_allclose(columns["position"], POSITION_M, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("lines", "names"),
-    [
-        (["a,b", *["1.5,2"] * 6], ["a", "b"]),
-        (["a\tb", *["1,5\t2"] * 6], ["a", "b"]),
-        (["note", "a b", *["1.5 2"] * 6], ["a", "b"]),
-        (["a,b,note", *["1.5,2,good"] * 6], ["a", "b", "note"]),
-        ([*["1.5;2"] * 6], []),
-    ],
-)
-def test_the_layout_of_texts(lines, names):
-    content = "\n".join(lines).encode()
-    assert text_table(Path("it.csv"), content, Layout()).names == names
-
-
 def test_a_column_is_not_taken_against_its_unit():
     assert roles_of(["Load", "Fz"], ["mm", "N"])["normal_force"] == 1
+
+
+def test_a_text_of_numbers_alone_has_no_names():
+    content = "\n".join(["1.5;2"] * 6).encode()
+    assert text_table(Path("it.csv"), content, Layout()).names == []

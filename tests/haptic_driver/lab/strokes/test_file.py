@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from pathlib import Path
 
@@ -19,6 +18,8 @@ from haptic_driver.lab.strokes.file import (
     strokes_path,
 )
 from haptic_driver.recording import records
+from tests.haptic_driver.commands import rows_of
+from tests.haptic_driver.lab.refusal import refused
 from tests.haptic_driver.lab.strokes.stroke_files import ABOUT, stroke, written
 
 
@@ -100,9 +101,7 @@ def test_a_failure_while_measuring_leaves_hdf5(path):
 def test_as_a_table_every_line_says_what_was_commanded(path, tmp_path):
     written(path, [stroke(1), stroke(2, trial=2, cof=0.7)])
     assert export_strokes(path, tmp_path / "s.csv") == 700
-    with (tmp_path / "s.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    last = lines[-1]
+    last = rows_of(tmp_path / "s.csv")[-1]
     assert (last["row"], last["trial"], last["frequency_hz"]) == ("2", "2", "250.0")
     assert (last["commanded_normal_force_n"], last["steady"]) == ("0.5", "1")
     assert float(last["lateral_force_n"]) == pytest.approx(0.35)
@@ -122,43 +121,48 @@ def test_pandas_and_parquet(path, tmp_path):
         assert cof.groupby(steady.trial).mean().to_list() == pytest.approx([0.6, 0.7])
 
 
-def newer(path: Path) -> None:
-    with h5py.File(written(path, [stroke()]), "r+") as file:
-        file.attrs["format_version"] = 2.0
+def version(file: h5py.File) -> None:
+    file.attrs["format_version"] = 2.0
 
 
-def claims_more(path: Path) -> None:
-    with h5py.File(written(path, [stroke()]), "r+") as file:
-        file["rows/samples"][0] = 1000
+def claims_more(file: h5py.File) -> None:
+    file["rows/samples"][0] = 1000
 
 
-def without(path: Path, name: str) -> None:
-    with h5py.File(written(path, [stroke()]), "r+") as file:
-        del file[name]
+def without(file: h5py.File) -> None:
+    del file["samples/steady"]
 
 
-def elsewhere(path: Path) -> None:
-    with h5py.File(written(path, [stroke()]), "r+") as file:
-        del file["samples/steady"]
-        file["samples/steady"] = h5py.ExternalLink("other.h5", "/steady")
+def elsewhere(file: h5py.File) -> None:
+    del file["samples/steady"]
+    file["samples/steady"] = h5py.ExternalLink("other.h5", "/steady")
+
+
+def foreign(file: h5py.File) -> None:
+    file.clear()
+    file.attrs.clear()
 
 
 @pytest.mark.parametrize(
-    ("make", "code"),
+    ("harm", "code"),
     [
-        (lambda path: None, "no_strokes"),
-        (lambda path: path.write_text("frequency_hz,cof\n"), "strokes_unreadable"),
-        (lambda path: h5py.File(path, "w").close(), "strokes_foreign"),
-        (newer, "strokes_version"),
+        (version, "strokes_version"),
         (claims_more, "strokes_unreadable"),
-        (lambda path: without(path, "samples/steady"), "strokes_unreadable"),
+        (without, "strokes_unreadable"),
         (elsewhere, "strokes_unreadable"),
+        (foreign, "strokes_foreign"),
     ],
-    ids=["missing", "text", "other-hdf5", "newer", "claims-more", "column", "link"],
 )
-def test_what_is_no_file_of_strokes_is_refused(path, make, code):
-    make(path)
-    with pytest.raises(BadInputError) as error:
+def test_what_is_no_file_of_strokes_is_refused(path, harm, code):
+    with h5py.File(written(path, [stroke()]), "r+") as file:
+        harm(file)
+    with refused(code, str(path)):
         read_strokes(path)
-    assert error.value.code == code
-    assert str(path) in error.value.message
+
+
+def test_what_is_no_hdf5_is_refused(path):
+    with refused("no_strokes", str(path)):
+        read_strokes(path)
+    path.write_text("frequency_hz,cof\n")
+    with refused("strokes_unreadable", str(path)):
+        read_strokes(path)
