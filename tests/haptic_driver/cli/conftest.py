@@ -3,6 +3,9 @@
 import pytest
 
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving
+from tests.haptic_driver.lab.refusal import refuses
+
+__all__ = ["refuses"]
 
 
 @pytest.fixture(scope="package")

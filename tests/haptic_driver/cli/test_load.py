@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import datetime
-import json
 import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from haptic_driver.rig.claims import Claims
-from haptic_driver.rig.config import RigConfig, load_rig
-from haptic_driver.rig.devices import connect_load
+from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.load_loop import LoadLoop
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.simulation.twin import LOAD_STAGE
 from hw.force.net_ft import NetFt
 from hw.force.sensor import ForceReading
-from tests.haptic_driver.config_texts import served_rig_text
+from tests.haptic_driver.config_texts import CONFIGS, changed, served_rig_text
 from tests.haptic_driver.stand_ins import living_rig
 
 pytestmark = pytest.mark.timeout(300)
@@ -43,7 +39,7 @@ def served(rig_config, touch):
 
 
 def said(outcome: Any) -> dict[str, Any]:
-    told: dict[str, Any] = json.loads(outcome[1])
+    told: dict[str, Any] = outcome.said
     return told
 
 
@@ -65,37 +61,6 @@ def test_a_load_is_held_and_the_finger_lifted(haptic, rig, served):
     assert not served.generator.output().on
 
 
-@pytest.mark.process
-def test_a_stage_that_was_left_pressing_lifts_before_the_bias_is_taken(rig, served):
-    """A restarted daemon took it with 0.44 N on the finger, and held 0.91 N for 0.5."""
-    with connect_load(load_rig(rig)) as killed:
-        killed.load_stage.home()
-        killed.load_stage.wait(60.0)
-        killed.load_stage.move_to(LOAD_STAGE.face_m + 1e-3)
-        killed.load_stage.wait(60.0)
-    assert served.load_stage.position_mm > 1e3 * LOAD_STAGE.face_m
-    with connect_load(load_rig(rig)) as restarted:
-        assert served.load_stage.position_mm == pytest.approx(1e3 * LOAD_STAGE.clear_m, abs=0.01)
-        assert abs(restarted.force_sensor.read().normal_force_n) < 0.05
-
-
-@pytest.mark.soak  # a minute on a busy machine
-def test_tuning_writes_down_what_the_next_loop_takes(haptic, rig, tmp_path):
-    """The body's tissue has 630 to 740 N/m at 0.5 N, relaxed and at once."""
-    path = Path(rig)
-    path.write_text(path.read_text() + 'gains_file = "gains.toml"\n')
-    section = load_rig(rig).load_stage
-    assert isinstance(section, LoadStageSection)
-    assert section.loop(0.5).stiffness_n_per_m == 700.0
-    found = said(haptic("load", "tune", "--rig", rig, "--by", 'A "B" C', "--yes", "--json"))
-    assert "error" not in found, found
-    assert found["out"] == str(tmp_path / "gains.toml")
-    lines = tomllib.loads((tmp_path / "gains.toml").read_text())
-    assert (lines["tuned_by"], lines["tuned_at"]) == ('A "B" C', datetime.date.today())
-    assert 500.0 < lines["stiffness_n_per_m"] < 1000.0
-    assert section.loop(0.5).stiffness_n_per_m == lines["stiffness_n_per_m"]
-
-
 def test_a_gains_file_that_is_none_is_refused(haptic, rig, tmp_path):
     path = Path(rig)
     path.write_text(path.read_text() + 'gains_file = "gains.toml"\n')
@@ -104,43 +69,27 @@ def test_a_gains_file_that_is_none_is_refused(haptic, rig, tmp_path):
     assert "gains.toml" in outcome["error"]["message"]
 
 
-def test_where_another_program_has_the_rig_it_says_what_to_do(haptic, rig):
-    with closing_claims(load_rig(rig)):
-        outcome = said(haptic("load", "hold", "0.5", "--rig", rig, "--yes", "--json"))
-    assert outcome["error"]["code"] == "in_use"
-    assert "--socket" in outcome["error"]["hint"]
-
-
-@contextmanager
-def closing_claims(config: RigConfig) -> Iterator[None]:
-    """As a daemon has them."""
-    claims = Claims(config.addresses)
+def test_where_another_program_has_the_rig_it_says_what_to_do(refuses, rig):
+    claims = Claims(load_rig(rig).addresses)  # as a daemon has them
     claims.take()
-    yield
+    error = refuses("in_use", "load", "hold", "0.5", "--rig", rig, "--yes", status=1)
     claims.release()
+    assert "--socket" in error["hint"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        (["hold", "0.5", "--rig", "simulated", "--yes"], "no_load_stage"),
-        (["tune", "--by", " ", "--yes"], "usage"),
-        (["hold", "0.5", "--seconds", "-1", "--yes"], "out_of_range"),
-    ],
-)
-def test_what_cannot_be_held_is_refused(haptic, arguments, code):
-    assert said(haptic("load", *arguments, "--json"))["error"]["code"] == code
+def test_what_cannot_be_held_is_refused(refuses):
+    refuses("no_load_stage", "load", "hold", "0.5", "--rig", "simulated", "--yes")
+    refuses("usage", "load", "tune", "--by", " ", "--yes")
+    refuses("out_of_range", "load", "hold", "0.5", "--seconds", "-1", "--yes")
 
 
 @pytest.mark.parametrize("load", ["0.01", "3.5"])
-def test_a_load_beyond_the_limits_moves_nothing(haptic, rig, served, load):
-    assert said(haptic("load", "hold", load, "--rig", rig, "--yes", "--json"))["error"]["code"] == (
-        "bad_load"
-    )
+def test_a_load_beyond_the_limits_moves_nothing(refuses, rig, served, load):
+    refuses("bad_load", "load", "hold", load, "--rig", rig, "--yes")
     assert served.load_stage.position_mm == 1e3 * LOAD_STAGE.clear_m
 
 
-def test_a_load_whose_zero_moved_meanwhile_is_in_doubt(haptic, monkeypatch):
+def test_a_load_whose_zero_moved_meanwhile_is_in_doubt(refuses, monkeypatch):
     settle, read, off_n = LoadLoop.settle, NetFt.read, []
 
     def moved(sensor: NetFt) -> ForceReading:
@@ -153,8 +102,7 @@ def test_a_load_whose_zero_moved_meanwhile_is_in_doubt(haptic, monkeypatch):
 
     monkeypatch.setattr(NetFt, "read", moved)
     monkeypatch.setattr(LoadLoop, "settle", settled)
-    told = said(haptic("load", "hold", "0.5", "--seconds", "2", "--json"))
-    assert told["error"]["code"] == "load_in_doubt", told
+    refuses("load_in_doubt", "load", "hold", "0.5", "--seconds", "2", status=1)
 
 
 def test_a_simulated_rig_holds_by_its_file_alone(haptic):
@@ -165,5 +113,20 @@ def test_a_simulated_rig_holds_by_its_file_alone(haptic):
     assert "mean_load_n" in held, held
     assert held["mean_load_n"] == pytest.approx(0.5, rel=0.03)
     assert 13e-3 < held["depth_m"] < 13.6e-3
-    tuned = said(haptic("load", "tune", "--by", "A", "--json"))
-    assert 500.0 < tuned["stiffness_n_per_m"] < 1000.0
+
+
+def test_tuning_writes_down_what_the_next_loop_takes(haptic, tmp_path):
+    """The body's tissue has 630 to 740 N/m at 0.5 N, relaxed and at once."""
+    text = (CONFIGS / "rigs" / "simulated-paper.toml").read_text(encoding="utf-8")
+    rig = tmp_path / "mine.toml"
+    stiffness = "stiffness_n_per_m = 700.0\n"
+    rig.write_text(changed(text, (stiffness, f'{stiffness}gains_file = "gains.toml"\n')))
+    section = load_rig(str(rig)).load_stage
+    assert isinstance(section, LoadStageSection)
+    assert section.loop(0.5).stiffness_n_per_m == 700.0
+    found = said(haptic("load", "tune", "--rig", rig, "--by", 'A "B" C', "--json"))
+    assert found["out"] == str(tmp_path / "gains.toml")
+    lines = tomllib.loads((tmp_path / "gains.toml").read_text())
+    assert (lines["tuned_by"], lines["tuned_at"]) == ('A "B" C', datetime.date.today())
+    assert 500.0 < lines["stiffness_n_per_m"] < 1000.0
+    assert section.loop(0.5).stiffness_n_per_m == lines["stiffness_n_per_m"]

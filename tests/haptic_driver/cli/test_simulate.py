@@ -11,7 +11,6 @@ import sys
 
 import pytest
 import serial
-from pymeasure.instruments.agilent import Agilent33220A
 
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import connect_devices
@@ -25,18 +24,16 @@ TODAY = datetime.date(2026, 6, 1)
 TIMEOUT_S = 120.0  # of a busy machine
 
 
+def begun(*words):
+    """`haptic simulate` in a process of its own."""
+    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen([*command, *map(str, words)], text=True, **pipes)
+
+
 @pytest.fixture(scope="module")
 def process():
-    command = [
-        sys.executable,
-        "-c",
-        "from haptic_driver.cli.main import run; run()",
-        "simulate",
-        "--json",
-    ]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as running:
+    with begun("--json") as running:
         yield running
         running.kill()
 
@@ -64,24 +61,6 @@ def test_a_bare_socket_talks_to_the_generator(endpoints):
         assert asked(stream, b"*IDN?").split(b",")[1] == b"33220A"
         assert asked(stream, b"FREQ 1234;:FREQ?") == b"+1.2340000000000E+03"
         assert asked(stream, b"OUTP?") == b"0"
-
-
-@pytest.mark.filterwarnings("ignore:It is not known:FutureWarning")  # pymeasure about itself
-def test_pymeasure_drives_it(endpoints):
-    generator = Agilent33220A(
-        endpoints["waveform_generator"],
-        visa_library="@py",
-        read_termination="\n",
-        write_termination="\n",
-        timeout=9000,
-    )
-    try:
-        generator.shape = "SQUARE"
-        generator.frequency = 4700
-        assert generator.frequency == 4700
-        assert generator.shape == "SQU"
-    finally:
-        generator.adapter.close()
 
 
 def test_the_same_instrument_is_on_the_pseudo_terminal(endpoints):
@@ -143,17 +122,7 @@ def test_it_ends_cleanly_when_told(process, endpoints):
 def test_sigterm_ends_it_too_and_a_port_can_be_chosen():
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    command = [
-        sys.executable,
-        "-c",
-        "from haptic_driver.cli.main import run; run()",
-        "simulate",
-        "--port",
-        str(port),
-    ]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as running:
+    with begun("--port", port) as running:
         assert running.stdout.readline().split() == [
             "waveform_generator",
             f"TCPIP::127.0.0.1::{port}::SOCKET",
@@ -163,14 +132,12 @@ def test_sigterm_ends_it_too_and_a_port_can_be_chosen():
     assert (running.returncode, err) == (0, "")
 
 
-def test_ones_own_rig_has_twins_on_which_its_drivers_run(haptic, tmp_path):
+def test_ones_own_rig_has_twins_on_which_its_drivers_run(tmp_path):
     mine, copy = tmp_path / "mine.toml", tmp_path / "twin.toml"
     text = (CONFIGS / "rigs" / "template.toml").read_text(encoding="utf-8")
     signed = 'measured_by = "A. Smith"\nmeasured_at = 2026-01-31'
     mine.write_text(re.sub('measured_by = ""', signed, text), encoding="utf-8")
-    command = [sys.executable, "-c", "from haptic_driver.cli.main import run; run()", "simulate"]
-    told = ["--like", mine, "--out", copy, "--json"]
-    with subprocess.Popen([*command, *told], stdout=subprocess.PIPE, text=True) as running:
+    with begun("--like", mine, "--out", copy, "--json") as running:
         try:
             said = json.loads(running.stdout.readline())
             rig = load_rig(said["rig"])
@@ -188,22 +155,16 @@ def test_ones_own_rig_has_twins_on_which_its_drivers_run(haptic, tmp_path):
     assert {checks[name] for name in asked} == {"ok"}
 
 
-def test_a_copy_goes_over_no_file_of_a_person(haptic, tmp_path):
-    mine = tmp_path / "mine.toml"
+def test_a_copy_goes_over_no_file_of_a_person(refuses, tmp_path):
+    mine, twin = tmp_path / "mine.toml", tmp_path / "twin.toml"
     mine.write_text((CONFIGS / "rigs" / "template.toml").read_text(encoding="utf-8"))
-    done = haptic("simulate", "--like", mine, "--out", mine, "--json")
-    assert (done.status, done.said["error"]["code"]) == (2, "file_exists")
-    done = haptic("simulate", "--like", "simulated", "--out", tmp_path / "twin.toml", "--json")
-    assert (done.status, done.said["error"]["code"]) == (2, "simulated")
-    done = haptic("simulate", "--out", tmp_path / "twin.toml", "--json")
-    assert (done.status, done.said["error"]["code"]) == (2, "usage")
+    refuses("file_exists", "simulate", "--like", mine, "--out", mine)
+    refuses("simulated", "simulate", "--like", "simulated", "--out", twin)
+    refuses("usage", "simulate", "--out", twin)
 
 
-def test_what_cannot_be_served_is_said(haptic, tmp_path):
-    done = haptic("simulate", "--rig", "paper", "--json")
-    assert done.status == 2
-    assert done.said["error"]["code"] == "not_simulated"
+def test_what_cannot_be_served_is_said(refuses):
+    refuses("not_simulated", "simulate", "--rig", "paper")
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        done = haptic("simulate", "--port", taken.getsockname()[1], "--json")
-    assert done.status == 1
-    assert done.said["error"]["code"] == "port_taken"
+        port = taken.getsockname()[1]
+        refuses("port_taken", "simulate", "--port", port, status=1)

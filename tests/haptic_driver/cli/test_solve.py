@@ -28,16 +28,17 @@ POLICIES = ["max_authority", "min_voltage", "min_current", "carrier", "quiet"]
 @pytest.fixture
 def solve(haptic, surface_path):
     def run(friction, *arguments):
-        done = haptic(
-            "solve", "--friction", friction, "--surface", surface_path, "--json", *arguments
-        )
+        words = ("solve", "--friction", friction, "--surface", surface_path, "--json")
+        done = haptic(*words, *arguments)
         return done.status, done.said
 
     return run
 
 
-@pytest.mark.parametrize("policy", POLICIES)
-@pytest.mark.parametrize("force", [0.2, 0.5, 1.0])
+LOADS_N = [0.2, 0.5, 1.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize(("policy", "force"), [*zip(POLICIES, LOADS_N, strict=True)])
 def test_the_point_gives_the_target_by_the_model(solve, touch, policy, force):
     status, found = solve(0.514, "--policy", policy, "--normal-force", force)
     assert status == 0
@@ -55,56 +56,15 @@ def test_the_point_gives_the_target_by_the_model(solve, touch, policy, force):
 def test_the_force_is_what_the_friction_law_takes(solve):
     """mu = mu_off (1 + F_e/F_n) with mu_off 0.512: 0.6 at 0.5 N takes 0.0859375 N."""
     _, found = solve(0.60)
+    assert found["policy"] == load_rig("simulated").controller.policy
+    assert found["cof_interval"] is None
     assert found["electrostatic_force_n"] == pytest.approx((0.60 / 0.512 - 1.0) * 0.5, rel=1e-9)
 
 
-def test_the_reachable_range_is_that_of_the_policy(solve, brute_force, grid):
-    _, found = solve(0.60)
-    low, high = found["reachable_cof"]
-    tried = brute_force(0.5, 0.6).cof_high[grid.frequency_hz >= 100.0].max()
-    assert (low, high) == (pytest.approx(0.512, abs=1e-9), pytest.approx(tried, abs=1e-9))
-
-
-@pytest.mark.parametrize(
-    ("frequency", "place", "band_hz", "felt"),
-    [
-        ("5", "below", None, True),
-        ("200", "in", [317.48, 503.97], True),
-        ("450", "above", None, True),
-        ("500", "above", None, False),
-    ],
-)
-def test_the_ripple_is_at_twice_the_carrier(solve, frequency, place, band_hz, felt):
-    """Felt below 1 kHz, among bands of two thirds of an octave from 12.5 to 800 Hz."""
-    ripple = solve(0.5125, "--frequency", frequency)[1]["ripple"]
-    assert ripple["frequency_hz"] == 2.0 * float(frequency)
-    assert ripple["place"] == place
-    assert ripple["band_hz"] == (band_hz if band_hz is None else pytest.approx(band_hz, rel=1e-4))
-    assert ripple["felt"] is felt
-
-
-@pytest.mark.parametrize("policy", ["max_authority", "quiet"])
-def test_what_quiet_costs_is_that_of_trying_all(solve, brute_force, grid, policy):
-    _, found = solve(0.57, "--policy", policy)
-    tried = brute_force(0.5, 0.57).cof_high
-    high = tried[grid.frequency_hz >= 100.0].max()
-    quiet = tried[grid.frequency_hz >= 500.0 * (1.0 - 1e-9)].max()
-    reach = found["quiet_reach"]
-    assert reach["cof"] == pytest.approx([0.512, quiet], abs=1e-9)
-    assert reach["any_cof"] == pytest.approx([0.512, high], abs=1e-9)
-    assert reach["share"] == pytest.approx((quiet - 0.512) / (high - 0.512), rel=1e-6)
-
-
-@pytest.mark.parametrize("frequency", ["1", "250", "333.3", "1e3", "100000"])
-def test_a_given_frequency_is_kept(solve, frequency):
-    status, found = solve(0.5125, "--frequency", frequency)
-    assert status == 0
-    assert found["frequency_hz"] == float(frequency)
-    assert found["policy"] == "fixed_frequency"
-
-
-def test_the_rigs_policy_holds_when_none_is_given(solve):
-    assert solve(0.6)[1]["policy"] == load_rig("simulated").controller.policy
+def test_a_given_frequency_is_kept(solve):
+    _, found = solve(0.5125, "--frequency", "333.3")
+    assert (found["frequency_hz"], found["policy"]) == (333.3, "fixed_frequency")
+    assert (found["ripple"]["frequency_hz"], found["ripple"]["place"]) == (666.6, "in")
 
 
 @pytest.mark.parametrize("target", [0.3, 3.0])
@@ -125,7 +85,6 @@ def test_out_of_reach_is_status_2_with_the_range_in_the_hint(solve, target):
         (["--policy", "min_volage"], "bad_policy", "Did you mean 'min_voltage'?"),
         (["--policy", "min_voltage", "--frequency", "250"], "bad_policy", "--frequency auto"),
         (["--frequency", "nan"], "bad_frequency", "'auto' or a number in Hz"),
-        (["--frequency", "-250"], "bad_frequency", "'auto' or a number in Hz"),
         (["--frequency", "0.5"], "bad_frequency", "1..1e+06 Hz"),
         (["--normal-force", "5"], "out_of_range", "0.1 to 2 N"),
     ],
@@ -137,7 +96,7 @@ def test_wrong_arguments(solve, arguments, code, hint):
     assert hint in content["error"]["hint"]
 
 
-@pytest.mark.parametrize("friction", ["nan", "inf", "-0.6", "0", "11"])
+@pytest.mark.parametrize("friction", ["nan", "0", "11"])
 def test_friction_that_is_none(solve, friction):
     status, content = solve(friction)
     assert status == 2
@@ -145,18 +104,12 @@ def test_friction_that_is_none(solve, friction):
     assert friction in content["error"]["message"]
 
 
-def test_a_surface_without_uncertainty_gives_no_interval(solve):
-    assert solve(0.6)[1]["cof_interval"] is None
-
-
 def test_the_interval_is_that_of_the_surface(haptic, model_description, limits, tmp_path):
     axes = SurfaceAxes(frequency_count=8, voltage_count=9, normal_force_count=4)
     file = build_surface(model_description, limits, axes, with_interval=True)
     file.write(tmp_path / "s.h5")
-    done = haptic(
-        "solve", "--friction", 0.6, "--surface", tmp_path / "s.h5", "--json", "--frequency", 200
-    )
-    found = done.said
+    command = ("solve", "--friction", 0.6, "--surface", tmp_path / "s.h5", "--frequency", 200)
+    found = haptic(*command, "--json").said
     low, high = found["cof_interval"]
     assert low < 0.6 < high
     f = np.searchsorted(file.frequency_hz, 200.0)  # nodes around the point hold it between them
@@ -167,8 +120,7 @@ def test_the_interval_is_that_of_the_surface(haptic, model_description, limits, 
     for end, at in zip(file.cof_interval, (low, high), strict=True):
         around = end[f - 1 : f + 1, v - 1 : v + 1, n - 1 : n + 1]
         assert around.min() <= at <= around.max()
-    shown = haptic("solve", "--friction", 0.6, "--surface", tmp_path / "s.h5", "--frequency", 200)
-    assert f"{low:.4g} to {high:.4g}" in shown.out
+    assert f"{low:.4g} to {high:.4g}" in haptic(*command).out
 
 
 def test_without_a_surface_the_model_is_solved(haptic, touch):

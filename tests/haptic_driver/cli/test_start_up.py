@@ -87,17 +87,12 @@ def test_help_shows_no_type_behind_a_flag(capsys):
 def test_help_imports_no_command(command):
     found = imported(*command)
     assert not found & EVERYTHING
-    assert not {name for name in found if name.startswith("haptic_driver.cli.")} - {
-        "haptic_driver.cli.main",
-        "haptic_driver.cli.output",
-        "haptic_driver.cli.start",
-    }
+    modules = {name for name in found if name.startswith("haptic_driver.cli.")}
+    assert modules <= {f"haptic_driver.cli.{name}" for name in ("main", "output", "start")}
 
 
 @pytest.mark.usefixtures("socket")
-@pytest.mark.parametrize(
-    "command", [["status"], ["status", "--json"], ["off"], ["disarm"]], ids=" ".join
-)
+@pytest.mark.parametrize("command", [["status"], ["off"]], ids=" ".join)
 def test_what_asks_the_daemon_imports_no_numbers(command):
     assert not imported(*command) & EVERYTHING
 
@@ -157,23 +152,12 @@ for name in sys.argv[1:]:
 """
 
 
-@pytest.fixture(scope="module")
-def asking():
-    """The commands whose import asks for numba."""
+def test_numba_is_there_before_a_command_runs_just_where_it_compiles():
+    """`compiling` looks for it then; a command that imports it later has to enter `compiling` by
+    itself.
+    """
     packages = {name: known()[name].package for name in (*COMPILING, "mark")}
     modules = [f"{package}.{name}" for name, package in packages.items()]
     command = [sys.executable, "-c", ASKING, *modules]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    return [line.rpartition(".")[2] for line in done.stdout.split()]
-
-
-@pytest.mark.parametrize("name", COMPILING)
-def test_numba_is_there_before_a_command_that_compiles_runs(asking, name):
-    """`compiling` looks for it then; a command that imports it later has to enter `compiling` by
-    itself.
-    """
-    assert name in asking
-
-
-def test_a_command_that_compiles_nothing_does_not_ask_for_numba(asking):
-    assert set(asking) == set(COMPILING)
+    assert {line.rpartition(".")[2] for line in done.stdout.split()} == set(COMPILING)

@@ -19,33 +19,36 @@ def test_watch_in_a_pipe_is_json_lines(haptic, socket):
     assert all(frame["status"]["rig"] == "bench" for frame in frames)
 
 
+def shown(*frames):
+    """What the picture of these frames says."""
+    with open(os.devnull, "w") as nowhere:
+        console = Console(width=120, record=True, file=nowhere)
+        console.print(picture(list(frames)))
+        return console.export_text()
+
+
+def frame_of(control):
+    return state_frame(control.status(), control.samples(0, 10))
+
+
 def test_the_watch_picture_says_what_matters(control):
     lease = control.arm(60.0)
     control.set(lease.token, 0.6)
-    frame = state_frame(control.status(), control.samples(0, 10))
+    frame = frame_of(control)
     control.shown_off = False
     control.fail("by hand")
     fault = state_frame(control.status(), control.samples(0, 10)[:0])
-    for frames, words in (
-        ([frame], "output ON"),
-        ([frame, fault], "fault: by hand"),
-        ([fault], "UNKNOWN"),
-    ):
-        console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-        with console.file:
-            console.print(picture(frames))
-            assert words in console.export_text()
+    assert "output ON" in shown(frame)
+    assert "fault: by hand" in shown(frame, fault)
+    assert "UNKNOWN" in shown(fault)
 
 
 def test_the_watch_picture_says_how_well_it_renders(control):
     control.fidelity = FIDELITY
     control.latency = {"latency_measured_s": 0.0123, "latency_error_s": 0.0002}
-    console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-    with console.file:
-        console.print(picture([state_frame(control.status(), control.samples(0, 10))]))
-        shown = console.export_text()
-    assert FIDELITY.said[0] in shown
-    assert "12.3 ms measured, 10.0 ms by the rig's file" in shown
+    said = shown(frame_of(control))
+    assert FIDELITY.said[0] in said
+    assert "12.3 ms measured, 10.0 ms by the rig's file" in said
 
 
 def test_sparkline():
@@ -53,12 +56,6 @@ def test_sparkline():
 
 
 def test_the_watch_picture_says_what_a_load_stage_does(control):
-    def shown():
-        console = Console(width=120, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
-        with console.file:
-            console.print(picture([state_frame(control.status(), control.samples(0, 10))]))
-            return console.export_text()
-
-    assert "load" not in shown()
+    assert "load" not in shown(frame_of(control))
     control.load = LoadStatus(phase=LoadPhase.HOLD, target_n=0.5, load_n=0.4871, depth_m=0.012)
-    assert "hold 0.5 N, 0.49 N measured" in shown()
+    assert "hold 0.5 N, 0.49 N measured" in shown(frame_of(control))
