@@ -44,9 +44,8 @@ def test_strokes_go_across_the_texture_whatever_its_direction(direction_rad):
 def test_beside_the_texture_nothing_is_asked():
     rms, mean = asked(Profile([1.0, 2.0], [0.5, 0.7]), 0.1, SCREEN_M)
     assert math.isnan(mean)
-    assert {
-        band.verdict for band in predicted(rms, mean, (0.5, 1.0), Output(1e-2, False), 0.1)
-    } == {"nothing_asked"}
+    bands = predicted(rms, mean, (0.5, 1.0), Output(1e-2, False), 0.1)
+    assert {band.verdict for band in bands} == {"nothing_asked"}
     assert asked(Uniform(0.6), 0.1, SCREEN_M)[0] == pytest.approx(0.0, abs=1e-9)
 
 

