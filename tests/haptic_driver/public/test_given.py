@@ -16,7 +16,8 @@ from haptic_driver.lab.measured import measurements_of
 from haptic_driver.lab.measuring.recordings import read_data
 from haptic_driver.public.given import columns_of, in_si
 from model.diagnosis.data import COLUMNS
-from tests.haptic_driver.lab.raw_trials.made import MAP, signals, write_csv
+from tests.haptic_driver.lab.raw_trials.made import MAP, signals, with_keys, write_csv
+from tests.haptic_driver.lab.refusal import refused
 
 UNITS = pint.UnitRegistry()
 TABLE = {
@@ -31,7 +32,6 @@ TABLE = {
 @pytest.mark.parametrize(
     ("name", "value", "si"),
     [
-        ("frequency_hz", UNITS.Quantity(1.0, "kHz"), 1000.0),
         ("frequency_hz", UNITS.Quantity([1, 2], "kHz"), [1000.0, 2000.0]),
         ("normal_force_n", UNITS.Quantity(500, "mN"), 0.5),
         ("speed_m_s", xr.DataArray([20.0], attrs={"units": "mm/s"}), [0.02]),
@@ -51,9 +51,7 @@ def test_a_value_in_its_own_unit(name, value, si):
     ("name", "value"),
     [
         ("frequency_hz", UNITS.Quantity(1.0, "kg")),
-        ("frequency_hz", UNITS.Quantity(1.0, "rad/s")),
         ("voltage_v", "much"),
-        ("voltage_v", [1.0, [2.0]]),
         ("voltage_v", {"a": 1}),
         ("voltage_v", True),
         ("voltage_v", 75.0 + 10.0j),
@@ -76,18 +74,11 @@ CONDITIONS = {"frequency_hz": [250.0], "voltage_v": [75.0], "normal_force_n": [0
         (pd.DataFrame({**CONDITIONS, "voltage_kv": [0.1]}), "voltage_v and voltage_kv"),
         (pd.concat(2 * [pd.DataFrame(CONDITIONS)], axis=1), "frequency_hz stands more than once"),
         (
-            {
-                **{name: 2 * values for name, values in CONDITIONS.items()},
-                "speed_m_s": pd.Series([0.01, 0.02], index=[0, 1]),
-                "time_s": pd.Series([1.0, 2.0], index=[1, 0]),
-            },
+            TABLE | {"speed_m_s": pd.Series([0.01, 0.02]), "time_s": pd.Series([1.0, 2.0], [1, 0])},
             "rows of time_s and of other columns have different labels",
         ),
         (
-            {
-                **{name: 2 * values for name, values in CONDITIONS.items()},
-                "speed_m_s": pd.Series([0.01, 0.02], index=[1, 0]),
-            },
+            TABLE | {"speed_m_s": pd.Series([0.01, 0.02], [1, 0])},
             "rows of speed_m_s and of other columns have different labels",
         ),
     ],
@@ -161,9 +152,8 @@ def test_a_name_without_its_unit_is_no_condition():
 def test_a_diagnosis_takes_a_table():
     found = hd.diagnose(pd.DataFrame(TABLE))
     assert found.verdict == "not_testable"
-    with pytest.raises(hd.BadInputError, match="no picture") as refused:
+    with refused("bad_picture", "no picture"):
         found.plot("probabilitys")
-    assert refused.value.code == "bad_picture"
 
 
 @pytest.mark.parametrize(
@@ -177,22 +167,16 @@ def test_a_diagnosis_takes_a_table():
 )
 def test_what_is_no_answer_is_refused(positive, form, code):
     """Answers as -1 and 1 gave a threshold; words and lengths gave the errors of numpy."""
-    with pytest.raises(hd.BadInputError) as refused:
+    with refused(code):
         hd.fit_psychometric([1, 2, 3] * 4, positive, form, 0.5)
-    assert refused.value.code == code
 
 
 def test_trials_are_the_same_rows_from_files_and_from_memory(tmp_path):
     columns = signals()
     path = write_csv(tmp_path / "t.csv", columns)
-    in_memory = {
-        "t [ms]": 1e3 * columns["t"],
-        "Fx": UNITS.Quantity(1e3 * columns["Fx"], "mN"),
-        "Fz": columns["Fz"],
-        "U": columns["U"],
-        "x": columns["x"],
-    }
-    said = {**MAP, "columns": {role: dict(column) for role, column in MAP["columns"].items()}}
+    in_memory = columns | {"Fx": UNITS.Quantity(1e3 * columns["Fx"], "mN")}
+    in_memory["t [ms]"] = 1e3 * in_memory.pop("t")
+    said = with_keys()
     expected = hd.read_rows(path, map=said)
     for role in ("time", "lateral_force"):
         del said["columns"][role]["unit"]
