@@ -20,7 +20,7 @@ from haptic_driver.lab.measuring.plan import Plan, Row, Setting, load_plan
 from haptic_driver.lab.measuring.run import ATTEMPTS, READING_S, Experiment, prepare, run
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.states import RigState
-from haptic_driver.simulation.finger_model import with_hidden
+from haptic_driver.simulation.finger_model import friction_of, with_hidden
 from hw.force.sensor import ForceReading
 from model.diagnosis.data import read_measurements
 from model.effects import BY_NAME
@@ -316,6 +316,22 @@ def test_a_hidden_effect_changes_the_data_and_leaves_no_trace_in_the_files(confi
     measured(plain, again, SAME_FINGER)
     assert json.loads(meta_path(again).read_text())["rig_hash"] != metas[0]["rig_hash"]
     assert again.read_text() == (tmp_path / "plain.csv").read_text()
+
+
+def test_any_function_can_be_the_fingers_friction(config, model, tmp_path):
+    law = friction_of(model)
+
+    def resonance(frequency_hz: float, voltage_v: float, load_n: float, *others: float) -> float:
+        extra = 0.1 * load_n / (1.0 + ((frequency_hz - 100.0) / 20.0) ** 2) if voltage_v else 0.0
+        return law(frequency_hz, voltage_v, load_n, *others) + extra
+
+    bench = SimulatedBench(config, model, seed=1, scatter=SAME_FINGER, friction=resonance)
+    measured(prepare(config, model, small_plan()), tmp_path / "data.csv", bench=bench)
+    data = read_measurements(tmp_path / "data.csv")
+    extra = data.columns["cof"] - model.predict(data.conditions()).cof
+    expected = 0.1 * (data.columns["frequency_hz"] == 100.0)
+    assert np.mean(extra - expected) == pytest.approx(0.0, abs=0.02)
+    assert np.mean(extra[expected > 0.0]) == pytest.approx(0.1, abs=0.02)
 
 
 def test_speed_and_time_reach_the_hidden_effects(config, model, tmp_path):
