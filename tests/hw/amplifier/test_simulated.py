@@ -36,15 +36,6 @@ def test_only_what_alternates_drives_a_current(output, current_a):
     assert not amplifier.tripped
 
 
-def test_no_voltage_without_enable():
-    amplifier = SimulatedAmplifier(100.0, 300.0)
-    assert amplifier.step(0.1, ON) == 0.0
-    amplifier.write(True)
-    assert amplifier.read() is True
-    assert amplifier.voltage_v == pytest.approx(150.0)
-    assert amplifier.read_v() == pytest.approx(1.5)
-
-
 def test_it_remembers_the_highest_voltage_and_the_time_with_voltage():
     amplifier = SimulatedAmplifier(100.0, 300.0, enabled=True)
     for output in (ON, OFF, ON, OFF):

@@ -156,16 +156,6 @@ def test_without_portaudio_the_library_is_named(monkeypatch):
     assert "libportaudio2" in caught.value.hint
 
 
-def test_only_the_named_socket_plays_and_a_card_that_is_stereo_only_opens():
-    """PortAudio plays a stream of one channel at both sockets, and some cards refuse it."""
-    with card(channel=0) as output:
-        output.write([0.4, 0.8], 48e3)
-        played = OutputStream.newest.pull(2)
-    assert played.shape == (2, 2)
-    assert played[:, 0].tolist() == pytest.approx([0.2, 0.4])
-    assert played[:, 1].tolist() == [0.0, 0.0]
-
-
 @settings(deadline=None, max_examples=40)
 @given(count=st.integers(1, 12), channel=st.integers(0, 12), volts=st.floats(-1.0, 1.0))
 def test_of_any_card_one_channel_plays_or_it_is_refused(count, channel, volts):
@@ -184,35 +174,12 @@ def test_of_any_card_one_channel_plays_or_it_is_refused(count, channel, volts):
     assert not np.delete(played, channel).any()
 
 
-def test_a_channel_that_the_card_lacks_is_refused_with_what_it_has():
-    with pytest.raises(InstrumentRejected, match="has 2 output channels"):
-        card(channel=2).open()
-
-
-def test_the_rate_of_the_open_stream_is_what_is_written_at(
-    monkeypatch,
-):
-    monkeypatch.setattr(OutputStream, "got_rate_hz", 47_990.0)
-    with card() as output:
-        assert output.plays_at(48e3) == 47_990.0
-        with pytest.raises(LimitExceeded, match="plays at 47990"):
-            output.write([0.0], 48e3)
-        output.write(np.full(480, 0.2), 47_990.0)
-        assert output.buffered_s == pytest.approx(480.0 / 47_990.0)
-
-
 def test_another_rate_of_the_cards_is_refused_and_left(monkeypatch):
     monkeypatch.setattr(OutputStream, "got_rate_hz", 44_100.0)
     output = card()
     with pytest.raises(InstrumentRejected, match="44100 samples/s where 48000"):
         output.open()
     assert OutputStream.newest.state == "closed"
-
-
-def test_latency_is_that_of_the_open_stream(monkeypatch):
-    monkeypatch.setattr(OutputStream, "got_latency_s", 0.05)
-    with card() as output:
-        assert output.latency_s == 0.05
 
 
 @pytest.mark.parametrize(

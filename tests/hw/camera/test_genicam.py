@@ -66,23 +66,6 @@ def burst(camera: GenicamCamera) -> list[tuple[float, np.ndarray]]:
     return [(frame.time_s, frame.image) for frame in camera.frames()]
 
 
-def test_a_burst_has_its_pictures_at_the_cameras_times(device):
-    found = burst(opened())
-    assert [time_s for time_s, _ in found] == pytest.approx([0.0, 0.02, 0.04, 0.06])
-    for number, (_, image) in enumerate(found):
-        assert np.array_equal(image, device.picture(number))
-
-
-def test_frames_that_came_incomplete_are_left_out(device):
-    device.incomplete = {1}
-    assert [time_s for time_s, _ in burst(opened())] == pytest.approx([0.0, 0.04, 0.06])
-
-
-def test_a_buffer_without_pixels_is_left_out(device):
-    device.empty = {0}
-    assert [time_s for time_s, _ in burst(opened())] == pytest.approx([0.0, 0.02, 0.04])
-
-
 def test_what_came_before_the_camera_fell_silent_is_kept(device):
     device.frames_there = 2
     assert len(burst(opened())) == 2
@@ -95,18 +78,6 @@ def test_a_burst_without_a_whole_frame_says_why(device, incomplete, there):
     with pytest.raises(DeviceTimeout, match=r"incomplete|time is up") as caught:
         burst(opened())
     assert caught.value.hint
-
-
-def test_a_producer_without_nanoseconds_has_ticks(device):
-    """250,000 ticks from frame to frame, at 10 MHz."""
-    device.in_nanoseconds = False
-    times_s = [time_s for time_s, _ in burst(opened())]
-    assert times_s == pytest.approx([0.0, 0.025, 0.05, 0.075])
-
-
-def test_rows_that_are_longer_than_what_is_seen_are_cut(device):
-    device.padding = 24
-    assert np.array_equal(burst(opened())[0][1], device.picture(0))
 
 
 @pytest.mark.parametrize("sends", ["Mono12p", None])

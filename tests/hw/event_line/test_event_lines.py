@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hw.errors import DeviceDisconnected, DeviceError
-from hw.event_line.contract import EventLine, LineIn
+from hw.event_line.contract import LineIn
 from hw.event_line.modem_line import ModemEventLine, ModemLineIn
 from hw.event_line.parallel_port import (
     PPCLAIM,
@@ -21,7 +21,7 @@ from hw.event_line.parallel_port import (
     ParallelPort,
     ParallelPortIn,
 )
-from hw.event_line.simulated import SimulatedEventLine, SimulatedLineIn, SimulatedTriggerBox
+from hw.event_line.simulated import SimulatedLineIn, SimulatedTriggerBox
 from hw.event_line.trigger_box import TriggerBox, TriggerBoxIn
 from hw.serving.memory import MemoryTransport
 from hw.serving.serial import SerialServer
@@ -41,20 +41,6 @@ class Wire:
     def handle(self, data: bytes) -> bytes:
         self.heard += data
         return b""
-
-
-def test_a_trigger_box_gets_one_byte_per_code_and_0_at_either_end():
-    wire = Wire()
-    box = TriggerBox(MemoryTransport(wire), settle_s=0.0)
-    box.open()
-    assert wire.heard == b"\x00"
-    for code in (1, 255, 0, 10):
-        box.put(code)
-    assert wire.heard == b"\x00\x01\xff\x00\x0a"
-    box.close()
-    assert wire.heard == b"\x00\x01\xff\x00\x0a\x00"
-    with pytest.raises(DeviceError):
-        box.put(1)
 
 
 class Arduino:
@@ -104,18 +90,6 @@ def test_a_box_that_begins_anew_when_it_is_opened_swallows_no_code():
     assert [each.came_out for each in port.arduinos] == [b"\x00\x01\x00\x02\x00\x00"] * 2
 
 
-def test_what_a_box_says_when_it_begins_is_no_edge():
-    clock = ManualClock(0.0)
-    port = ArduinoTransport(clock)
-    line = TriggerBoxIn(port, settle_s=2.0, sleep=clock.sleep)
-    for _ in range(2):
-        line.open()
-        assert not line.levels()
-        port._answers += b"\x01"
-        assert line.levels() == (True, False)
-        line.close()
-
-
 @settings(deadline=None)
 @given(codes=st.lists(st.integers(0, 255), max_size=30), edge=st.integers(0, 255))
 def test_any_codes_come_out_and_any_bytes_are_edges_where_they_are_the_one(codes, edge):
@@ -128,6 +102,8 @@ def test_any_codes_come_out_and_any_bytes_are_edges_where_they_are_the_one(codes
         box.put(code)
     box.close()
     assert port.arduinos[-1].came_out == bytes([0, *codes, 0])
+    with pytest.raises(DeviceError):
+        box.put(1)
     line = TriggerBoxIn(port, edge, settle_s=2.0, sleep=clock.sleep)
     line.open()
     port._answers += bytes(codes)
@@ -157,16 +133,6 @@ def test_over_a_serial_port_edges_come_in_order_with_times_that_rise():
         box.close()
     assert [edge.code for edge in simulated.edges] == [21, 0, 31, 0]
     assert all(before.time_s <= after.time_s for before, after in pairwise(simulated.edges))
-
-
-def test_a_simulated_line_can_be_taken_again():
-    line: EventLine = SimulatedEventLine(box := SimulatedTriggerBox())
-    for code in (7, 9):
-        line.open()
-        line.put(code)
-        until(lambda code=code: box.edges and box.edges[-1].code == code)
-        line.close()
-    assert [edge.code for edge in box.edges if edge.code] == [7, 9]
 
 
 def test_a_port_that_is_gone_says_so():
@@ -244,21 +210,6 @@ def levels_of(line: LineIn, count: int) -> list[bool]:
     seen: list[bool] = []
     until(lambda: seen.extend(line.levels()) or len(seen) >= count)
     return seen
-
-
-@pytest.mark.parametrize(
-    ("code", "sent", "edges"), [(0, b"\x25\x00\x01", 2), (37, b"\x25\x00\x01", 1), (9, b"\x25", 0)]
-)
-def test_a_byte_of_a_box_is_an_edge_where_it_is_the_one(code, sent, edges):
-    with SerialServer(SimulatedTriggerBox(), framed=False) as server:
-        line = TriggerBoxIn(SerialTransport(server.path), code, 0.0)
-        line.open()
-        assert not line.levels()
-        server.send(sent)
-        assert levels_of(line, 2 * edges) == [True, False] * edges
-        server.send(bytes([code or 1]))  # all before has been heard
-        assert levels_of(line, 2)
-        line.close()
 
 
 def test_an_input_of_a_serial_port_is_what_it_reads(monkeypatch):

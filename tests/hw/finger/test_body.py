@@ -27,11 +27,6 @@ def test_it_stiffens_to_a_newton_within_two_millimetres():
     assert FingerBody(PowerLaw(), STILL).step(DT_S, -1e-4) == 0.0
 
 
-def test_any_elastic_law_may_stand_in():
-    body = FingerBody(lambda depth_m: 0.05 * math.expm1(depth_m / 0.5e-3), STILL)
-    assert body.step(DT_S, 1e-3) == pytest.approx(0.05 * (math.e**2 - 1.0))
-
-
 def test_the_load_relaxes_by_its_shares_over_seconds():
     body = FingerBody(PowerLaw(), replace(STILL, relaxation=((0.1, 0.4), (0.15, 4.0))))
     force_n = loads(body, 1.75e-3, 30.0)

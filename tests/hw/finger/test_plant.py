@@ -65,12 +65,6 @@ def test_no_contact_no_force_and_each_contact_starts_without_voltage(normal_forc
     assert plant.step(1e-4, 250.0, 100.0, 1.0, 0.02) == pytest.approx(0.4 + 0.15925, abs=1e-4)
 
 
-def test_the_cutoff_can_be_set():
-    plant = FingerPlant(friction, cutoff_hz_per_mm_s=1.0 / (2.0 * math.pi))
-    # 10 mm/s: 10 / (2 pi) Hz, a time constant of 0.1 s
-    assert plant.step(0.1, 250.0, 100.0, 0.5, 0.01) == pytest.approx(0.2 + 1.0 - math.exp(-1.0))
-
-
 def test_each_contact_is_known_by_when_it_began():
     plant = FingerPlant(friction)
     plant.step(5.0, 250.0, 100.0, 0.0, 0.02)

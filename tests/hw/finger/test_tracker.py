@@ -9,7 +9,7 @@ import pytest
 
 from haptic_driver.signals import FingerSample
 from hw.errors import DeviceDisconnected, DeviceTimeout
-from hw.finger.tracker import FingerReading, FingerTracker, RecordedFinger, StageFinger
+from hw.finger.tracker import FingerReading, RecordedFinger, StageFinger
 from hw.serving.memory import MemoryTransport
 from hw.stage.lts150 import Lts150, StageSettings, StageStatus
 from hw.stage.simulated import SimulatedLts150
@@ -119,19 +119,3 @@ def test_what_is_no_recording_is_refused(times, count):
     column = np.zeros(count)
     with pytest.raises(ValueError, match="recording"):
         RecordedFinger(np.array(times), column, column, column.astype(bool))
-
-
-def test_a_single_number_is_no_recording():
-    number = np.float64(0.0)
-    with pytest.raises(ValueError, match="four columns"):
-        RecordedFinger(number, number, number, np.bool_(True))  # type: ignore[arg-type]
-
-
-def test_all_trackers_keep_the_protocol():
-    still = StageFinger(
-        lambda: StageStatus(time.monotonic(), 0.0, False, True, False), origin_m=(0.0, 0.0)
-    )
-    recorded = RecordedFinger(np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1, bool))
-    with still:
-        trackers: list[FingerTracker] = [still, recorded]
-        assert all(isinstance(tracker.read(), FingerReading) for tracker in trackers)

@@ -69,14 +69,6 @@ def test_both_forms_give_the_matrix_they_were_made_from():
         np.testing.assert_allclose(AtiCalibration.from_xml(xml, "file").matrix, MATRIX, atol=1e-5)
 
 
-def test_without_the_translation_the_old_form_would_be_wrong():
-    moved = AtiCalibration.from_xml(
-        file_of(old_axes(MATRIX, DZ_M) + TRANSFORM.replace(f"{DZ_M}", "0")), "file"
-    )
-    assert np.abs(moved.matrix[3:5] - MATRIX[3:5]).max() > 0.05
-    np.testing.assert_allclose(moved.matrix[:3], MATRIX[:3], atol=1e-5)
-
-
 def test_the_newer_elements_win():
     other = file_of(old_axes(2.0 * MATRIX, DZ_M) + TRANSFORM + new_axes(MATRIX))
     np.testing.assert_allclose(AtiCalibration.from_xml(other, "file").matrix, MATRIX, atol=1e-7)

@@ -93,15 +93,6 @@ def test_an_axis_beyond_its_calibration_marks_the_reading():
     assert device.read().saturated
 
 
-def test_a_dead_card_is_an_error():
-    gauges = Gauges()
-    device = sensor(gauges)
-    device.take_bias()
-    gauges.dead = True
-    with pytest.raises(DeviceDisconnected):
-        device.read()
-
-
 @pytest.mark.parametrize(
     ("normal", "lateral"), [("w", "x"), ("--z", "x"), ("z", "-z"), ("", "x"), ("zz", "x")]
 )

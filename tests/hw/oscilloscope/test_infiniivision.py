@@ -8,10 +8,9 @@ import pytest
 from hw.errors import BadReply, DeviceError, DeviceTimeout, InstrumentRejected
 from hw.monitor.lines import MonitorLines
 from hw.monitor.simulated import ElectrodeState, SimulatedLines
-from hw.oscilloscope.infiniivision import MODEL, InfiniiVision, Oscilloscope
+from hw.oscilloscope.infiniivision import InfiniiVision, Oscilloscope
 from hw.serving.memory import MemoryTransport
 from tests.clock import ManualClock
-from tests.hw.generator.kinds import Bench
 from tests.hw.testing.simulated_oscilloscope import SimulatedInfiniiVision, Sync
 
 LINES = MonitorLines(0.01, 500.0, 1e6, 5e5)
@@ -96,11 +95,6 @@ def test_what_makes_no_sense_is_a_device_error(answers, error, said):
         bench(None, core=Answering(core, answers)).read(1e4, 5.0)
 
 
-@pytest.mark.parametrize("name", ["DSO-X 3024T", "MSO-X 4104A", "DSOX1204G", "MSOX3104G"])
-def test_its_series_are_known(name):
-    assert MODEL.fullmatch(name)
-
-
 VOLTAGE_V = 4.9 * np.exp(-0.3j)  # behind the generator, which is what Sync shows
 
 
@@ -138,18 +132,6 @@ def test_a_trigger_that_does_not_come_is_named_and_the_scope_answers_again(sync,
     assert "Sync" in caught.value.hint
     cable.carries = lambda: Sync(0.0, 5.0)
     assert abs(scope.read(8e3, 5.0).voltage_v) == pytest.approx(4.9, rel=1e-3)
-
-
-def test_a_siglent_triggers_it_after_its_reset():
-    """`*RST` leaves the Sync of an SDG off."""
-    generator = Bench("siglent_sdg")
-    generator.connect()
-    state = ElectrodeState(8e3, VOLTAGE_V, 1e-6j)
-    scope = bench(state, sync=lambda: Sync() if generator.generator.sync_on else None)
-    assert np.angle(scope.read(8e3, 5.0).voltage_v) == pytest.approx(-0.3, abs=2e-3)
-    generator.say("*RST")
-    with pytest.raises(DeviceTimeout, match="no trigger"):
-        scope.read(8e3, 5.0)
 
 
 class Silent:

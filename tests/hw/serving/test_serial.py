@@ -20,13 +20,6 @@ def generator() -> Simulated33220A:
     return Simulated33220A(IMMEDIATE)
 
 
-class Raw:
-    """Answers every byte with the next one: a protocol without lines."""
-
-    def handle(self, data: bytes) -> bytes:
-        return bytes((byte + 1) % 256 for byte in data)
-
-
 @pytest.mark.parametrize("rtscts", [False, True])
 def test_pyserial_talks_to_it(rtscts):
     with (
@@ -36,37 +29,6 @@ def test_pyserial_talks_to_it(rtscts):
         port.write(b"FRE")
         port.write(b"Q 250\r\nFREQ?\n")
         assert port.readline() == b"+2.5000000000000E+02\n"
-
-
-@pytest.mark.process
-def test_pyvisa_py_talks_to_the_terminal_itself():
-    import pyvisa
-
-    with SerialServer(generator()) as server:
-        assert server.terminal.startswith("/dev/pts/")
-        session = pyvisa.ResourceManager("@py").open_resource(
-            f"ASRL{server.terminal}::INSTR", read_termination="\n", write_termination="\n"
-        )
-        assert session.query("*IDN?").split(",")[1] == "33220A"  # type: ignore[attr-defined]
-        session.close()
-
-
-def test_one_client_after_the_other():
-    with SerialServer(generator()) as server:
-        for _ in range(3):
-            with serial.Serial(server.path, timeout=5.0) as port:
-                port.write(b"*OPC?\n")
-                assert port.readline() == b"1\n"
-
-
-def test_bytes_without_framing_go_to_the_instrument_as_they_come():
-    with (
-        SerialServer(Raw(), framed=False) as server,
-        serial.Serial(server.path, timeout=5.0) as port,
-    ):
-        for data in (b"\x00\n\xfe", b"\xff"):
-            port.write(data)
-            assert port.read(len(data)) == bytes((byte + 1) % 256 for byte in data)
 
 
 def test_every_byte_value_passes_unchanged():

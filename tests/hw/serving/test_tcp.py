@@ -55,7 +55,3 @@ def test_closing_hangs_up_ends_the_threads_and_frees_the_port():
     assert threading.active_count() == before
     again = TcpServer(Simulated33220A(), server.port)
     again.close()
-
-
-def test_a_server_that_never_started_can_be_closed():
-    TcpServer(Simulated33220A()).close()

@@ -51,15 +51,6 @@ class Client:
         self.ask(client.mot_move_absolute(*TO_STAGE, 1, round(position_mm * COUNTS_PER_MM)))
 
 
-def test_identity():
-    (info,) = Client().ask(client.hw_req_info(*TO_STAGE))
-    assert (info.msg, info.serial_number, info.model_number) == (
-        "hw_get_info",
-        45_000_001,
-        b"LTS150\0\0",
-    )
-
-
 def test_after_power_up_it_reports_by_itself_until_told_not_to():
     now_s = 0.0
     stage = FaultyLts150(lambda: now_s)
@@ -172,28 +163,6 @@ def test_the_motion_obeys_velocity_and_acceleration(
         assert seen_mm[-1] <= target_mm + 1e-5
 
 
-def test_an_immediate_stop_is_immediate_and_announced():
-    rig = Client()
-    rig.home()
-    rig.move_to(100.0)
-    rig.now_s += 2.0
-    before_mm = rig.stage.position_mm
-    rig.ask(client.mot_move_stop(*TO_STAGE, 1, 1))
-    rig.now_s += 1.0
-    assert rig.stage.position_mm == before_mm
-
-
-def test_an_obstacle_stops_the_carriage_with_an_error():
-    rig = Client()
-    rig.home()
-    rig.stage.faults.blocked_at_mm = 10.0
-    rig.move_to(50.0)
-    rig.now_s += 30.0
-    status = rig.status()
-    assert (status.motion_error, status.position) == (True, 10 * COUNTS_PER_MM - 1)
-    assert not rig.stage.moving
-
-
 def test_an_obstacle_stays_in_the_way():
     rig = Client()
     rig.home()
@@ -206,10 +175,3 @@ def test_an_obstacle_stays_in_the_way():
     rig.move_to(2.0)
     rig.now_s += 30.0
     assert rig.status().position == 2 * COUNTS_PER_MM
-
-
-def test_the_cable_out():
-    rig = Client()
-    rig.stage.faults.hung_up = True
-    with pytest.raises(ConnectionError):
-        rig.status()

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
+from hw.errors import BadReply, DeviceDisconnected, DeviceTimeout
 from hw.serving.memory import MemoryTransport
 from hw.serving.responder import Disconnect
 from hw.serving.serial import SerialServer
@@ -22,22 +22,11 @@ from hw.transport.tcp import TcpTransport
 from hw.transport.usbtmc import UsbTmcTransport
 from hw.transport.visa import VisaTransport
 from tests.hw.instruments import closed_port
-from tests.hw.testing.faulty_transport import Faulty
 from tests.hw.testing.usb_backend import SimulatedUsbBackend
 
 pytestmark = pytest.mark.timeout(60)
 
-KINDS = [
-    "memory",
-    "tcp",
-    "serial",
-    "usbtmc",
-    "visa-tcp",
-    "visa-serial",
-    "faulty-memory",
-    "faulty-tcp",
-    "faulty-serial",
-]
+KINDS = ["memory", "tcp", "serial", "usbtmc", "visa-tcp", "visa-serial"]
 LONG = bytes(range(256)) * 560  # 143,360 bytes of every value
 LONGEST_REPLY = 150_000
 QUESTIONS = 300  # of a thread
@@ -78,11 +67,6 @@ def echo_marker(number: int) -> tuple[bytes, bytes]:
 
 def build(kind: str, stack: ExitStack) -> Transport:
     """A transport of `kind`, not yet open, to an Instrument that lives as long as `stack`."""
-    around, _, rest = kind.partition("-")
-    return Faulty(build_link(rest, stack), []) if around == "faulty" else build_link(kind, stack)
-
-
-def build_link(kind: str, stack: ExitStack) -> Transport:
     limit: dict[str, Any] = {"bounds": Bounds(max_reply_bytes=LONGEST_REPLY)}
     match kind:
         case "tcp":
@@ -201,14 +185,6 @@ def test_a_closed_transport_refuses_and_can_be_opened_again(transport):
     assert transport.query(b"ECHO? x\n", 5.0) == b"x"
 
 
-def test_an_error_says_what_where_and_what_to_do(transport):
-    with pytest.raises(DeviceError) as caught:
-        transport.query(b"NOTHING?\n", 0.05)
-    assert caught.value.code == "device_timeout"
-    assert transport.resource in caught.value.message
-    assert caught.value.hint
-
-
 @pytest.fixture
 def eager_threads():
     usual_s = sys.getswitchinterval()
@@ -255,7 +231,6 @@ NOBODY = {
     "serial": lambda: SerialTransport("/dev/no-such-port"),
     "visa-tcp": lambda: VisaTransport(f"TCPIP::127.0.0.1::{closed_port()}::SOCKET"),
     "visa-serial": lambda: VisaTransport("ASRL/dev/no-such-port::INSTR"),
-    "faulty-tcp": lambda: Faulty(TcpTransport("127.0.0.1", closed_port()), []),
 }
 
 

@@ -15,7 +15,6 @@ from hw.transport.visa import VisaTransport
         ("TCPIP::192.0.2.7::5025::SOCKET", TcpTransport, "TCPIP::192.0.2.7::5025::SOCKET"),
         ("tcpip0::host.lab::5025::socket", TcpTransport, "TCPIP::host.lab::5025::SOCKET"),
         ("/dev/ttyUSB0", SerialTransport, "ASRL/dev/ttyUSB0::INSTR"),
-        ("ASRL/dev/ttyX::INSTR", SerialTransport, "ASRL/dev/ttyX::INSTR"),
         ("COM3", SerialTransport, "ASRLCOM3::INSTR"),
         (
             "USB0::0x0957::0x0407::MY44::0::INSTR",
@@ -25,7 +24,6 @@ from hw.transport.visa import VisaTransport
         ("USB0::2391::1031::MY44::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::MY44::INSTR"),
         ("USB::0x957::0x407::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::INSTR"),
         ("TCPIP::192.0.2.7::inst0::INSTR", VisaTransport, "TCPIP::192.0.2.7::inst0::INSTR"),
-        ("TCPIP::192.0.2.7::INSTR", VisaTransport, "TCPIP::192.0.2.7::INSTR"),
         (
             "TCPIP::192.0.2.7::hislip0,4880::INSTR",
             VisaTransport,
@@ -38,7 +36,6 @@ from hw.transport.visa import VisaTransport
         ),
         ("TCPIP::[2001:db8::7]::5025::SOCKET", TcpTransport, "TCPIP::[2001:db8::7]::5025::SOCKET"),
         ("ASRL3::INSTR", VisaTransport, "ASRL3::INSTR"),
-        ("GPIB0::10::INSTR", VisaTransport, "GPIB0::10::INSTR"),
         ("visa:TCPIP::192.0.2.7::5025::SOCKET", VisaTransport, "TCPIP::192.0.2.7::5025::SOCKET"),
         ("VISA:ASRL1::INSTR", VisaTransport, "ASRL1::INSTR"),
     ],

@@ -103,15 +103,6 @@ def test_questions_with_less_time_than_the_line_needs_to_settle_come_through_in_
     transport.close()
 
 
-def test_a_line_that_had_no_time_to_settle_stays_dirty(server):
-    transport = SerialTransport(server.path, settle_s=0.4, bounds=Bounds(open_timeout_s=0.05))
-    transport.open()
-    with pytest.raises(DeviceTimeout):
-        transport.clear()
-    assert transport.dirty
-    transport.close()
-
-
 def test_the_scpi_marker_finds_the_place_again_without_an_error_in_the_queue():
     with SerialServer(Simulated33220A(IMMEDIATE)) as server:
         transport = SerialTransport(server.path, marker=scpi_marker)

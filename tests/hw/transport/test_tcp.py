@@ -11,23 +11,8 @@ from hw.serving.tcp import TcpServer
 from hw.transport.contract import Bounds, Transport
 from hw.transport.tcp import TcpTransport
 from hw.transport.visa import VisaTransport
-from tests.hw.instruments import IMMEDIATE, closed_port
+from tests.hw.instruments import IMMEDIATE
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
-
-
-def test_a_refused_connection_is_a_disconnect_at_open():
-    port = closed_port()
-    with pytest.raises(
-        DeviceDisconnected, match=f"TCPIP::127.0.0.1::{port}::SOCKET cannot be reached"
-    ):
-        TcpTransport("127.0.0.1", port).open()
-
-
-def test_resource_strings_are_read_and_written_alike():
-    assert (
-        TcpTransport.from_resource("TCPIP0::192.0.2.7::5025::SOCKET").resource
-        == "TCPIP::192.0.2.7::5025::SOCKET"
-    )
 
 
 @pytest.mark.parametrize("host", ["two..dots", "x" * 70])

@@ -11,13 +11,8 @@ import pytest
 import pyvisa
 
 from hw.errors import DeviceDisconnected, DeviceTimeout
-from hw.generator.agilent_33220a.simulator import Simulated33220A
-from hw.serving.serial import SerialServer
-from hw.serving.tcp import TcpServer
 from hw.transport.contract import Bounds
-from hw.transport.marker import scpi_marker
 from hw.transport.visa import VisaTransport
-from tests.hw.instruments import IMMEDIATE
 
 pytestmark = pytest.mark.timeout(30)
 
@@ -82,25 +77,6 @@ def test_an_unknown_library_says_what_to_install():
 def test_a_resource_that_the_library_cannot_parse_is_a_disconnect():
     with pytest.raises(DeviceDisconnected, match="cannot be opened"):
         VisaTransport("NONSENSE").open()
-
-
-def test_the_simulated_generator_over_a_socket_and_a_serial_line():
-    generator = Simulated33220A(IMMEDIATE)
-    with TcpServer(generator) as tcp, SerialServer(generator) as serial:
-        for resource, marker in (
-            (tcp.resource, None),
-            (f"ASRL{serial.terminal}::INSTR", scpi_marker),
-        ):
-            transport = VisaTransport(resource, marker=marker)
-            transport.open()
-            transport.write(b"FREQ 250\n")
-            assert (
-                transport.query(b"FREQ?;VOLT?\n", 5.0)
-                == b"+2.5000000000000E+02;+1.0000000000000E-01"
-            )
-            transport.clear()
-            assert transport.query(b"*IDN?\n", 5.0).split(b",")[1] == b"33220A"
-            transport.close()
 
 
 class Session:

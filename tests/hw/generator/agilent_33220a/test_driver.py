@@ -172,12 +172,6 @@ def test_off_tries_twice_and_says_so_when_the_output_stays_on():
     assert not script.pairs
 
 
-def test_close_switches_off_first():
-    driver, script = connected(OFF)
-    assert driver.close() is True
-    assert not script.pairs
-
-
 @pytest.mark.parametrize(
     ("frequency_hz", "voltage_v"),
     [
@@ -205,13 +199,6 @@ def test_the_generator_has_a_limit_too():
     driver = Agilent33220A(MemoryTransport(Script()), small_gain)
     with pytest.raises(LimitExceeded):
         driver.set_point(250.0, 21.0)  # more than 10 V peak from the generator
-
-
-def test_the_minimum_voltage_can_be_set():
-    driver, script = connected(levels(b"FREQ 250", b"250", b"+2.0E-02"))
-    assert driver.minimum_voltage_v == pytest.approx(1.0)
-    driver.set_point(250.0, driver.minimum_voltage_v)
-    assert not script.pairs
 
 
 def test_an_instrument_error_is_raised_the_output_off_and_everything_sent_again():
@@ -275,21 +262,15 @@ def test_another_instrument_is_refused_and_left_alone(identity):
 @pytest.mark.parametrize(
     ("answer", "switched_off"),
     [
-        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+5.0000000000000E+01;0;NORM;0;+0,"No error"\n', 2),
-        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VRMS;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
         (b'1;0;1;SIN;10;+2.0E-02;+1.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
         (b'1;0;1;SIN;10;+1.0E-01;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
         (b'1;0;1;SIN;1000;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
-        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;1;NORM;0;+0,"No error"\n', 2),
-        (b'1;0;1;SQU;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
         (b'1;1;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
         (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;0;NORM;0;+0,"No error"\n', 1),
-        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;INV;0;+0,"No error"\n', 2),
-        (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;1;+0,"No error"\n', 2),
-        (b'1;0;0;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
     ],
 )
 def test_a_set_up_that_did_not_take_is_refused_and_switched_off(answer, switched_off):
+    """Each other setting: tests/hw/test_asked_and_got.py."""
     script = Script(IDENTIFY, SWITCH_OFF, (SET_UP_LINE, answer), *[OFF] * switched_off)
     with pytest.raises(BadReply):
         Agilent33220A(MemoryTransport(script), SETTINGS).connect()

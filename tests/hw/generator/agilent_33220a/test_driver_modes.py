@@ -1,15 +1,14 @@
-"""The 33220A driver on the simulated generator: shapes, modulation and range."""
+"""The 33220A driver on the simulated generator: shapes, modulation, range; changes by others."""
 
 from __future__ import annotations
 
 import math
-import warnings
-from contextlib import closing
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 
-from hw.errors import BadReply
+from hw.errors import BadReply, InstrumentRejected
 from hw.generator.agilent_33220a.driver import Agilent33220A
 from hw.generator.agilent_33220a.simulator import Simulated33220A
 from hw.generator.contract import GeneratorLatency, TerminalOutput
@@ -22,6 +21,7 @@ from hw.generator.settings import (
 )
 from hw.serving.memory import MemoryTransport
 from hw.serving.tcp import TcpServer
+from hw.transport.contract import Transport
 from hw.transport.tcp import TcpTransport
 from tests.hw.generator.asking import read_output
 from tests.hw.instruments import IMMEDIATE
@@ -117,51 +117,86 @@ def test_a_range_is_never_visited_with_the_output_on():
     assert bench.peak_v <= 30.0 * 2.0 * math.sqrt(2.0)
 
 
-@pytest.mark.timeout(60)
-def test_pymeasure_sees_what_the_driver_set():
-    """An independent client on its own connection reads every property that both know."""
-    generator = Simulated33220A(IMMEDIATE)
-    with TcpServer(generator) as server, warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # pymeasure's own, at class construction
-        from pymeasure.instruments.agilent import Agilent33220A as IndependentClient
+@pytest.mark.parametrize(
+    "change", ["OUTP:LOAD 50", "VOLT:UNIT VRMS", "VOLT:OFFS 3", "*RST;:OUTP 1"]
+)
+def test_levels_changed_behind_the_driver_are_noticed_switched_off_and_set_up_again(
+    change,
+):
+    """At LOAD 50 the amplitude alone reads back as it was set, while the electrode gets twice
+    that.
+    """
+    bench = Bench()
+    bench.driver.set_output(True)
+    bench.driver.set_point(250.0, 120.0)
+    bench.generator.handle(change.encode() + b"\n")
+    with pytest.raises(BadReply, match="offset 0 V and an open load were set"):
+        bench.driver.set_point(260.0, 120.0)
+    assert bench.electrode()[2] == 0.0
+    bench.driver.set_point(250.0, 60.0)
+    bench.driver.set_output(True)
+    assert bench.electrode()[2] == pytest.approx(60.0)
 
-        driver = Agilent33220A(
-            TcpTransport(server.host, server.port),
-            GeneratorSettings(GAIN, LIMIT_V, 10.0, 10e3, reply_timeout_s=3.0),
+
+def test_a_clipped_value_is_an_error_and_off_never_accepted():
+    """The fixed range ends at 5.02 V: 5 V of offset are clipped to 3.82 V, and the error waits for
+    whoever asks.
+    """
+    bench = Bench()
+    bench.driver.set_output(True)
+    bench.driver.set_point(250.0, 120.0)
+    bench.generator.handle(b"VOLT:OFFS 5\n")
+    with pytest.raises(InstrumentRejected, match="-222"):
+        bench.driver.set_point(260.0, 120.0)
+    assert bench.electrode()[2] == 0.0
+    bench.driver.set_point(250.0, 60.0)
+    bench.driver.set_output(True)
+    assert bench.electrode()[2] == pytest.approx(60.0)
+
+
+def test_a_load_changed_behind_the_driver_is_noticed_before_switching_on():
+    bench = Bench()
+    bench.driver.set_point(250.0, 120.0)
+    bench.generator.handle(b"OUTP:LOAD 50;:VOLT 2.4\n")
+    with pytest.raises(BadReply):
+        bench.driver.set_output(True)
+    assert bench.peak_v == 0.0
+
+
+def transport_to(generator: Simulated33220A, server: TcpServer | None) -> Transport:
+    return MemoryTransport(generator) if server is None else TcpTransport(server.host, server.port)
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("over_tcp", [False, True])
+def test_two_threads_on_one_driver_never_cross_replies(over_tcp):
+    """Every set point is read back: a crossed reply, or a belief about what another thread changed,
+    is a BadReply.
+
+    One thread changes voltages at one frequency, the other frequencies at one of these voltages.
+    """
+    generator = Simulated33220A(IMMEDIATE)
+    server = TcpServer(generator) if over_tcp else None
+    if server is not None:
+        server.start()
+    driver = Agilent33220A(
+        transport_to(generator, server), GeneratorSettings(GAIN, LIMIT_V, 10.0, 10e3)
+    )
+    driver.connect()
+
+    def hammer(points: list[tuple[float, float]]) -> list[bool | None]:
+        states = []
+        for _ in range(100):
+            for point in points:
+                driver.set_point(*point)
+                states.append(read_output(driver))
+        return states
+
+    with ThreadPoolExecutor(2) as pool:
+        states = list(
+            pool.map(hammer, ([(100.0, 20.0), (100.0, 30.0)], [(200.0, 20.0), (300.0, 20.0)]))
         )
-        driver.connect()
-        client = IndependentClient(
-            server.resource,
-            visa_library="@py",
-            read_termination="\n",
-            write_termination="\n",
-            timeout=3000,
-        )
-        with closing(client.adapter):
-            driver.set_point(2500.0, 120.0, 50.0, shape=Shape.SQUARE)
-            driver.set_output(True)
-            seen = [
-                client.shape,
-                client.frequency,
-                client.amplitude,
-                client.amplitude_unit,
-                client.offset,
-            ]
-            assert seen == ["SQU", 2500.0, pytest.approx(2.4), "VPP", pytest.approx(0.5)]
-            assert [client.voltage_high, client.voltage_low] == [
-                pytest.approx(1.7),
-                pytest.approx(-0.7),
-            ]
-            assert [client.output, client.burst_state] == [True, False]
-            assert client.square_dutycycle == pytest.approx(50.0)
-            client.output = False
-            assert client.complete == "1"
-            assert read_output(driver) is False
-            client.amplitude = 1.0  # behind the driver's back
-            assert client.complete == "1"
-            with pytest.raises(BadReply, match="VOLT"):
-                driver.set_point(2600.0, 120.0, 50.0, shape=Shape.SQUARE)
-            driver.set_point(1000.0, 60.0, shape=Shape.DC)
-            assert [client.shape, client.offset] == ["DC", pytest.approx(0.6)]
-            assert client.check_errors() == []
-            assert driver.close() is True
+    assert states == [[False] * 200] * 2
+    assert driver.close() is True
+    if server is not None:
+        server.close()

@@ -66,13 +66,14 @@ def test_a_function_without_modulation_ends_it(bench):
     assert bench("AM:STAT?") == "0"
 
 
-def test_a_burst_that_nothing_triggers_keeps_only_the_offset_and_ends_modulation(
-    bench,
-):
+def test_a_burst_that_nothing_triggers_keeps_only_the_offset_and_ends_modulation(bench):
     bench("VOLT 4;:VOLT:OFFS 1;:AM:STAT 1;:OUTP 1;:BURS:STAT 1")
     assert bench.error_code() == -221
     assert bench("AM:STAT?;:BURS:STAT?") == "0;1"
     assert bench.generator.output()[1:4] == (0.0, pytest.approx(1.0), True)
+    bench("AM:STAT 1")
+    assert bench.error_code() == -221
+    assert bench("AM:STAT?;:BURS:STAT?") == "1;0"
 
 
 def test_apply_ends_modulation_and_turns_on(bench):

@@ -56,11 +56,6 @@ def test_the_limit_of_an_earlier_session_gives_way(bench):
     assert bench.voltage_v == pytest.approx(300.0)
 
 
-@pytest.mark.parametrize("model", ["33509B", "33522A", "33611A", "33622A"])
-def test_the_whole_family_is_known(model):
-    assert Bench("keysight_33500").driver.model.fullmatch(model)
-
-
 def test_the_range_is_visited_within_the_limit():
     bench = Bench("keysight_33500", SETTINGS)
     assert bench.driver.settings.range_policy is RangePolicy.FIXED
