@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.special import erf, erfc
+from scipy.special import erf
 
 from model.conditions import Conditions
 from model.contact.gap_table import gap_table
@@ -275,60 +275,6 @@ class PrintedTheory:
         return float(
             self.mean_separation(np.array([p]), np.array([-60.0]))[0]
         )  # zeta - 1 = 1e-26: 1 in doubles
-
-    def gap_integrals(self, p: float, z: complex) -> tuple[float, complex, float]:
-        """int P/|u+z|^2 du, int P/(u+z) du and int P du of (48)."""
-        low, high = np.log(1e-13), np.log(self.q1 / self.q0 - 1.0)
-        x, gauss = np.polynomial.legendre.leggauss(8)
-        edges = np.linspace(low, high, 61)
-        half = 0.5 * np.diff(edges)[:, None]
-        tau, dtau = (edges[:-1, None] + half * (x + 1.0)).ravel(), (half * gauss).ravel()
-        leaving = self.stress_ratio(p, tau) < 5.0  # erfc(5) = 1.5e-12 of the area is left out
-        tau, dtau = tau[leaving], dtau[leaving]
-        step = 1e-3  # central differences: step^2/6 = 2e-7 of a derivative
-        after, before = tau + step, tau - step
-        area = erf(self.stress_ratio(p, tau))
-        lost = (erfc(self.stress_ratio(p, after)) - erfc(self.stress_ratio(p, before))) / (
-            2.0 * step
-        )  # -A'
-        u = [
-            self.mean_separation(p / erf(self.stress_ratio(p, t)), t) for t in (before, tau, after)
-        ]
-        u1 = u[1] + (u[2] - u[0]) / (2.0 * step) * area / -lost  # (44)
-        zeta = 1.0 + np.exp(tau)
-        spread = np.sqrt(
-            2.0 * np.pi * self.moment(1, self.q0 * zeta, np.log(self.q1 / (self.q0 * zeta)))
-        )  # (49)
-        K, L, mass = 0.0, 0j, 0.0
-        for share, centre, s in zip(lost * dtau, u1, spread, strict=True):
-            gap, du = self._panels(abs(centre), s, abs(z))
-            folded = np.exp(-0.5 * ((gap - centre) / s) ** 2) + np.exp(
-                -0.5 * ((gap + centre) / s) ** 2
-            )
-            P = share * folded / np.sqrt(2.0 * np.pi) / s * du
-            K, L, mass = (
-                K + np.sum(P / abs(gap + z) ** 2),
-                L + np.sum(P / (gap + z)),
-                mass + np.sum(P),
-            )
-        return K, L, mass
-
-    @staticmethod
-    def _panels(centre: float, s: float, z: float) -> tuple[NDArray, NDArray]:
-        """Nodes and weights over nine widths of a normal, refined towards u = 0 where the integrand
-        peaks.
-        """
-        low, high = max(centre - 9.0 * s, 0.0), centre + 9.0 * s
-        if low > 0.0:
-            edges = np.linspace(low, high, 10)
-        else:
-            first = min(0.1 * z, 0.1 * s)
-            edges = np.concatenate(
-                [[0.0], np.geomspace(first, high, 2 + int(np.log2(high / first)))]
-            )
-        x, gauss = np.polynomial.legendre.leggauss(40)
-        half = 0.5 * np.diff(edges)[:, None]
-        return (edges[:-1, None] + half * (x + 1.0)).ravel(), (half * gauss).ravel()
 
 
 @pytest.fixture(scope="session")

@@ -48,12 +48,6 @@ def test_inverse_gives_the_force_back(law, mu, load, ratio):
     )  # 1 - 1/(1/(1 - r)): rounding near r = 0
 
 
-@pytest.mark.parametrize("law", FRICTION_LAWS)
-@given(mu=off, load=loads)
-def test_without_attraction_nothing_changes(law, mu, load):
-    assert cof(law, mu, one(0.0), one(load))[0] == mu
-
-
 @given(mu=off, load=loads, ratio=st.floats(1e-3, 0.95))
 def test_total_load_reads_higher(mu, load, ratio):
     """1/(1 - r) > 1 + r; the two agree to r^2 for a light attraction."""
@@ -75,11 +69,3 @@ def test_total_load_diverges_where_attraction_reaches_the_load(force_n):
 @pytest.mark.parametrize("law", FRICTION_LAWS)
 def test_no_equilibrium_no_friction(law):
     assert np.isnan(cof(law, 0.5, one(np.nan), one(0.5)))[0]
-
-
-@pytest.mark.parametrize("law", FRICTION_LAWS)
-def test_loads_broadcast_over_a_grid(law):
-    force = np.linspace(0.0, 0.2, 12).reshape(2, 3, 2)
-    result = cof(law, 0.5, force, np.array([0.5, 1.0]))
-    assert result.shape == (2, 3, 2)
-    assert result[1, 2, 0] == cof(law, 0.5, one(force[1, 2, 0]), one(0.5))[0]

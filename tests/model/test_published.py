@@ -160,11 +160,6 @@ def test_divergence_of_31_is_told(published):
     assert not heavy.within_theory[0]
 
 
-def test_direct_current_has_an_answer_or_says_why(published):
-    got = published().predict(conditions(0.0, 75.0, waveform=np.array(["dc"])))
-    assert np.isfinite(got.cof[0]) != bool(got.notes)
-
-
 def test_loads_outside_the_theory_have_no_answer(published):
     got = published().predict(
         conditions(250.0, [0.0, 75.0], 1e-4 * np.ones(2))

@@ -1,4 +1,3 @@
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -7,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from model import solver
 from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
 from model.contact.gap_table import gap_mass, integrals_of
 from model.effects import CATALOGUE
-from model.electric.dielectrics import EPS0, GABRIEL_WET, ColeCole
+from model.electric.dielectrics import EPS0, ColeCole
 from model.electric.layers import branch, leak_per_m_pa
 from model.parameters import Parameter
 from model.support.errors import ModelError
@@ -67,28 +65,6 @@ class TestReference:
         np.testing.assert_allclose(got.electrostatic_force_n, r["electrostatic_force_n"], rtol=2e-3)
         np.testing.assert_allclose(got.cof, r["cof"], rtol=2e-3)
         np.testing.assert_allclose(got.current_rms_a, r["current_rms_a"], rtol=2e-3)
-
-    def test_grid(self, models, reference, name):
-        r = reference[name]["points"]
-        f, v, n = (np.unique(r[k]) for k in ("frequency_hz", "voltage_v", "normal_force_n"))
-        surface = models[name].surface(f, v, n)
-        at = tuple(
-            np.searchsorted(a, r[k])
-            for a, k in zip((f, v, n), ("frequency_hz", "voltage_v", "normal_force_n"), strict=True)
-        )
-        np.testing.assert_allclose(
-            surface.electrostatic_force_n[at], r["electrostatic_force_n"], rtol=2e-3
-        )
-        np.testing.assert_allclose(surface.cof[at], r["cof"], rtol=2e-3)
-        np.testing.assert_allclose(surface.current_rms_a[at], r["current_rms_a"], rtol=2e-3)
-        assert not surface.pulled_in[at].any()
-
-    def test_light_points_gain_with_the_square_of_the_voltage(self, models, name):
-        f = np.geomspace(1.0, 1e6, 7)
-        half, one = (force(models[name], f, v, KEY_LOAD_N) for v in (0.5, 1.0))
-        np.testing.assert_allclose(
-            one, 4.0 * half, rtol=2e-4
-        )  # p_e/p0 = 4e-5 at 1 V, and the closure of the loop
 
 
 class TestHeadline:
@@ -157,38 +133,6 @@ class TestLimits:
         assert f_e == pytest.approx(
             expected, rel=2e-4
         )  # interpolation, and sigma/(w eps0 eps) = 7e-5 of the skin
-
-    @pytest.mark.parametrize("name", FINGERS)
-    def test_direct_current_is_finite_and_the_end_of_slow_square_waves(
-        self, models, scales_of, stack_of, circuit_of, name
-    ):
-        model = models[name]
-        dc = force(model, 0.0, KEY_VOLTAGE_V, KEY_LOAD_N, waveform="dc")
-        assert np.isfinite(dc).all()
-        assert dc > 0.0
-        circuit = circuit_of(
-            scales_of(model),
-            [(stack_of(model, np.array([1e-8])), np.array([KEY_VOLTAGE_V**2]))],
-            np.array([5e3]),
-        )
-        slow, _ = solver.solve(model.table, circuit)
-        assert slow * AREA_M2 == pytest.approx(
-            dc, rel=1e-3
-        )  # 1e-8 Hz against 1.8e-4 Hz of the slowest layer
-
-    def test_direct_current_is_the_resistive_divider(self, models, k_by_quadrature):
-        model = models["reference"]
-        f_e = force(model, 0.0, KEY_VOLTAGE_V, KEY_LOAD_N, waveform="dc")[0]
-        total = (KEY_LOAD_N + f_e) / AREA_M2
-        resistance = 1e-6 / 1e-13 + 200e-6 / 2e-4
-        alpha = 2.0 * 2e-4 * total / (13.330851e6 * 22.09618e-6)
-        a, b = 1.0 + alpha * resistance, 1e-14 * resistance
-        expected = (
-            AREA_M2 * EPS0 / 2.0 * KEY_VOLTAGE_V**2 * k_by_quadrature(model, total, b / a) / a**2
-        )
-        # z is 1.5e-12 m, a little below the table, where K |z| is held though it still rises by 2 %
-        # towards z = 0
-        assert f_e == pytest.approx(expected, rel=1e-2)
 
 
 class TestDrive:
@@ -292,15 +236,6 @@ class TestFriction:
         np.testing.assert_allclose(a.cof, 0.512 * (1.0 + ratio), rtol=1e-14)  # rounding
         np.testing.assert_allclose(t.cof, 0.512 / (1.0 - ratio), rtol=1e-14)
 
-    def test_total_load_diverges_where_attraction_reaches_the_load(self, variant):
-        got = variant(friction_law="total_load").predict(
-            conditions(250.0, [100.0, 150.0, 200.0], 0.5)
-        )
-        over = got.electrostatic_force_n >= 0.5
-        np.testing.assert_array_equal(over, [False, True, True])
-        np.testing.assert_array_equal(np.isnan(got.cof), over)
-        assert np.isfinite(got.electrostatic_force_n).all()
-
 
 def test_friction_alone_is_that_of_the_whole_answer(models):
     """Of fingers that slide, one that pulls in among them; NaN of those that rest or are not
@@ -330,55 +265,10 @@ class TestRangeOfTheTheory:
             surface.within_theory, surface.electrostatic_force_n / 0.5 <= 10.0
         )
 
-    def test_past_the_table_there_is_no_answer(self, models):
-        got = models["reference"].predict(conditions(250.0, [75.0, 5000.0], 0.5))
-        np.testing.assert_array_equal(np.isnan(got.electrostatic_force_n), [False, True])
-        np.testing.assert_array_equal(got.within_theory, [True, False])
-        assert np.isnan(got.cof[1])
-        assert np.isnan(got.current_rms_a[1])
-        assert np.isfinite(got.stuck_current_rms_a).all()
-
     def test_loads_too_light_for_the_table_are_told(self, variant):
         """p/(Y* q0 h_rms) = 4e-8; the table begins at 1e-6."""
         got = variant(skin_modulus_pa=1e12).predict(conditions(250.0, 75.0, 0.005))
         assert not got.within_theory[0]
-
-
-class TestSurface:
-    def test_agrees_with_single_conditions(self, models):
-        f, v, n = (
-            np.array([5.0, 250.0, 3e4]),
-            np.array([0.0, 30.0, 120.0]),
-            np.array([0.1, 0.5, 1.5]),
-        )
-        surface = models["table1"].surface(f, v, n)
-        grid = np.stack(np.meshgrid(f, v, n, indexing="ij")).reshape(3, -1)
-        single = models["table1"].predict(Conditions(*grid))
-        for name in ("electrostatic_force_n", "cof", "current_rms_a"):
-            np.testing.assert_allclose(
-                getattr(surface, name).ravel(), getattr(single, name), rtol=1e-12
-            )  # rounding
-        np.testing.assert_array_equal(surface.within_theory.ravel(), single.within_theory)
-        np.testing.assert_allclose(
-            surface.stuck_current_rms_a.ravel(), single.stuck_current_rms_a, rtol=1e-14
-        )
-        assert surface.pulled_in.shape == (3, 3, 3)
-        assert not surface.pulled_in.any()
-
-
-def test_another_dielectric_set_changes_the_answer(models, variant):
-    dry, wet = (
-        force(models["reference"], 250.0, 75.0, 0.5)[0],
-        force(variant(dielectric=GABRIEL_WET), 250.0, 75.0, 0.5)[0],
-    )
-    assert abs(wet / dry - 1.0) > 1e-2  # far above every tolerance: 2e-3 at most
-    assert wet > 0.0
-
-
-def test_model_can_be_told_by_its_provenance(models, variant):
-    hashes = {m.description.content_hash for m in (*models.values(), variant(leak_scale=2.0))}
-    assert len(hashes) == 3
-    assert json.dumps(models["reference"].description.provenance())
 
 
 class TestConditions:
@@ -386,17 +276,11 @@ class TestConditions:
         ("column", "wrong"),
         [
             ("frequency_hz", 0.0),
-            ("frequency_hz", 9e-4),
             ("frequency_hz", 1.1e9),
-            ("frequency_hz", np.nan),
             ("voltage_v", -1.0),
             ("voltage_v", 1.1e5),
-            ("voltage_v", np.nan),
             ("normal_force_n", 0.0),
-            ("normal_force_n", -0.5),
             ("normal_force_n", 1.1e3),
-            ("normal_force_n", np.inf),
-            ("normal_force_n", np.nan),
             ("voltage_offset_v", np.nan),
             ("voltage_offset_v", -1.1e5),
         ],
@@ -465,7 +349,7 @@ def test_a_cap_bends_the_force_without_steps(models, fresh_tables):
     assert np.abs(third).max() < 1e-6  # 1e-7; the trapezoid rule alone leaves 2e-5
 
 
-@pytest.mark.parametrize("field_v_per_m", [1e5, 5e7, 3e8])
+@pytest.mark.parametrize("field_v_per_m", [1e5, 5e7])
 @pytest.mark.parametrize(
     "voltage_v", [pytest.param(40.0, marks=pytest.mark.soak), 150.0]
 )  # 2 s each

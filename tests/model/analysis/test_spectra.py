@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from model.analysis import spectra
 from model.analysis.spectra import (
@@ -19,7 +18,6 @@ from model.analysis.spectra import (
     steepness,
 )
 from model.conditions import Conditions
-from model.contact.gap_distribution import gap_distribution
 from model.electric.dielectrics import EPS0, PowerLaw
 from model.parameters import Parameter
 from model.support.errors import ModelError
@@ -73,62 +71,10 @@ def test_a_sine_has_mean_and_second_harmonic_of_equal_size(lossless):
     assert found.line(500.0) == pytest.approx(found.line(0.0), rel=1e-12)
 
 
-def test_bias_and_tone_meet_at_the_drives_own_frequency(lossless):
-    """(B + V cos)^2 = B^2 + V^2/2 + 2BV cos(wt) + V^2/2 cos(2wt)."""
-    bias, voltage = 30.0, 20.0
-    found = force_spectrum(lossless, sine(250.0, voltage, bias), LOAD)
-    mean = bias**2 + voltage**2 / 2.0
-    assert found.line(250.0) / found.line(0.0) == pytest.approx(
-        2.0 * bias * voltage / mean, rel=1e-9
-    )
-    assert found.line(500.0) / found.line(0.0) == pytest.approx(voltage**2 / 2.0 / mean, rel=1e-9)
-
-
-def test_a_conducting_gap_takes_the_bias_away(touch):
-    """Steady voltage drops across the insulator once charge has crossed: hardly a line at f is
-    left.
-    """
-    found = force_spectrum(touch, sine(250.0, 75.0, 20.0), LOAD)
-    assert abs(found.line(250.0)) < 0.01 * abs(found.line(500.0))
-
-
-def test_the_square_wave_has_twice_the_sines_mean_square_and_no_ripple(lossless):
-    drive = square(250.0, 5.0, harmonics=200)
-    found = force_spectrum(lossless, drive, LOAD)
-    assert drive.mean_square_v2.sum() == pytest.approx(5.0**2, rel=2e-3)  # 200 harmonics
-    same_mean_square = force_spectrum(lossless, sine(250.0, 5.0 * np.sqrt(2.0)), LOAD)
-    assert found.line(0.0).real == pytest.approx(same_mean_square.line(0.0).real, rel=3e-3)
-    single = force_spectrum(lossless, sine(250.0, 5.0), LOAD)
-    assert found.line(0.0).real == pytest.approx(
-        2.0 * single.line(0.0).real, rel=0.01
-    )  # the gaps hardly give way
-    assert abs(found.line(500.0)) < 0.01 * found.line(0.0).real
-
-
-def test_amplitude_modulation_puts_the_force_at_the_modulation_and_its_double(lossless):
-    """(1 + m cos)^2 = 1 + m^2/2 + 2m cos(Wt) + m^2/2 cos(2Wt)."""
-    m = 0.4
-    found = force_spectrum(lossless, amplitude_modulated(1000.0, 30.0, 10.0, m), LOAD)
-    mean = found.line(0.0).real
-    assert found.line(10.0).real / mean == pytest.approx(2.0 * m / (1.0 + m**2 / 2.0), rel=1e-9)
-    assert found.line(20.0).real / mean == pytest.approx(m**2 / 2.0 / (1.0 + m**2 / 2.0), rel=1e-9)
-    np.testing.assert_allclose(found.frequency_hz, [0, 10, 20, 1980, 1990, 2000, 2010, 2020])
-
-
 def test_no_voltage_no_force(touch):
     found = force_spectrum(touch, sine(250.0, 0.0), LOAD)
     np.testing.assert_array_equal(found.frequency_hz, [0.0])
     assert found.force_n[0] == 0.0
-
-
-def test_direct_voltage_gives_a_steady_force_only(touch):
-    found = force_spectrum(touch, sine(250.0, 0.0, 10.0), LOAD)
-    np.testing.assert_array_equal(found.frequency_hz, [0.0])
-    one = np.ones(1)
-    dc = touch.predict(Conditions(0.0 * one, 10.0 * one, LOAD * one, waveform=np.array(["dc"])))
-    # the contact's leak leaves a length shorter than any of the table's, whose limit there is good
-    # to 0.5 %
-    assert found.force_n[0].real == pytest.approx(dc.electrostatic_force_n[0], rel=1e-2)
 
 
 def test_every_line_against_sampling_in_time(touch):
@@ -218,33 +164,6 @@ def test_a_stuck_finger_is_two_layers_in_series(touch):
     )
 
 
-def test_a_sliding_finger_without_leak_is_the_stack_with_every_gap_in_series(variant, scales_of):
-    """alpha = 0: gaps lie side by side, each in series with insulator and skin; by quadrature past
-    the table.
-    """
-    model = variant(leak_scale=0.0, air_conductivity_s_per_m=0.0)
-    scales = scales_of(model)
-    distribution = gap_distribution(model.table.shape, LOAD / AREA / scales.pressure_pa)
-    for f, got in zip(FREQUENCIES, impedance(model, FREQUENCIES, LOAD), strict=True):
-        jw_eps0 = 2j * np.pi * f * EPS0
-        h = (
-            1e-6 / (3.9 + 1e-13 / jw_eps0)
-            + 200e-6 / model.description.dielectric.permittivity(np.array([f]))[0]
-        )
-
-        def integrand(log_u, part, h=h):
-            u = np.exp(log_u)
-            value = u * distribution.density(np.array([u]))[0] / (u * scales.length_m + h)
-            return value.real if part == "re" else value.imag
-
-        parts = [
-            quad(integrand, np.log(1e-12), np.log(50.0), args=(p,), limit=400)[0]
-            for p in ("re", "im")
-        ]
-        expected = 1.0 / (AREA * jw_eps0 * complex(*parts))
-        assert got == pytest.approx(expected, rel=1e-3)
-
-
 def test_leak_without_end_leaves_the_stack_alone(variant):
     """alpha -> infinity: the gaps are bridged wherever skin and screen are apart, which is all but
     2e-4 of the area.
@@ -285,14 +204,6 @@ def test_the_voltage_of_pull_in_is_the_first_without_an_answer(touch, monkeypatc
     found = steepness(touch, f, v, n)
     assert found.pull_in_v[0, 0] == pytest.approx(70.0)
     assert np.isnan(found.exponent[0, 8:]).all()
-
-
-def test_more_load_closes_the_gaps_and_raises_the_force_but_not_the_friction(touch):
-    """F_e grows with F_n, more slowly than F_n itself: friction falls."""
-    n = np.geomspace(0.1, 2.0, 9)
-    answer = touch.predict(Conditions(np.full(9, 250.0), np.full(9, 75.0), n))
-    assert (np.diff(answer.electrostatic_force_n) > 0.0).all()
-    assert (np.diff(answer.cof) < 0.0).all()
 
 
 def test_effects_on_the_drive_act_on_the_current(variant):

@@ -68,23 +68,6 @@ def test_effects_bring_their_own_uncertainty(reference):
     assert drawn.values == reference.values
 
 
-def test_no_deviation_is_the_model_itself(reference, cof):
-    numbers = uncertainty.uncertain_numbers(reference)
-    same = (
-        TouchModel(uncertainty.varied(reference, numbers, np.zeros(len(numbers))))
-        .surface(F, V, N)
-        .cof
-    )
-    np.testing.assert_allclose(same, cof, rtol=1e-12)
-
-
-def test_a_scaled_data_set_scales_permittivity_and_conductivity(reference):
-    base = reference.dielectric.permittivity(F)
-    found = uncertainty.ScaledDielectric(reference.dielectric, 2.0, 3.0).permittivity(F)
-    np.testing.assert_allclose(found.real, 2.0 * base.real)
-    np.testing.assert_allclose(found.imag, 3.0 * base.imag)
-
-
 @pytest.mark.usefixtures("exact_theory_and_skin")
 def test_friction_without_voltage_alone_gives_the_log_normal_quantiles(reference, cof):
     """Friction is proportional to it everywhere."""
@@ -122,23 +105,6 @@ def test_the_interval_holds_the_model_and_widens_with_voltage(interval, cof):
     assert (high > cof).all()
     width = np.log(high / low)[:, :, 2]
     assert (width[:, 20] > width[:, 5]).all()
-
-
-def test_the_same_seed_gives_the_same_interval(reference, cof, interval):
-    np.testing.assert_array_equal(uncertainty.cof_interval(reference, F, V, N, cof), interval)
-
-
-def test_more_draws_change_the_interval_by_chance_alone(reference, cof):
-    """The widths of one set of 64 draws scatter by 11 %: those of four sets together, and those of
-    256, by half.
-    """
-
-    def width(draws, seed):
-        low, high = uncertainty.cof_interval(reference, F, V, N, cof, draws=draws, seed=seed)
-        return np.log(high / low)
-
-    ratio = np.mean([width(64, seed) for seed in range(4)], axis=0) / width(256, seed=5)
-    assert np.median(np.abs(ratio - 1.0)) < QUANTILE_OF_64
 
 
 def test_the_theory_alone_spreads_the_force_by_what_it_says(reference, monkeypatch):

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from model.contact import gap_table as module
 from model.contact import resolution
-from model.contact.gap_distribution import area_ratio
 from model.contact.gap_integrals import k_hat, l_hat
 from model.contact.gap_table import GapTable, gap_mass, gap_table, integrals_of
 from model.contact.resolution import LOG_P_AXIS
@@ -38,48 +37,6 @@ def test_gap_integrals_against_reference(models, scales_of, reference, name):
         for p, h in zip(r["pressure_pa"], r["h_m"], strict=True)
     ]
     np.testing.assert_allclose(k, r["inverse_square_gap_per_m2"], rtol=2e-3)  # reference: 0.05 %
-
-
-@pytest.mark.parametrize(
-    ("name", "pressure_pa", "z_m"),
-    [
-        ("reference", 5e3, 4.56e-7 + 0j),
-        ("table1", 3e4, 1e-6 * np.exp(0.8j)),
-        ("reference", 2e5, 2e-5 * np.exp(1.5j)),
-    ],
-)
-def test_direct_quadrature_against_the_printed_equations(
-    models, scales_of, printed_theory, name, pressure_pa, z_m
-):
-    scales = scales_of(models[name])
-    slow_k, slow_l, slow_mass = printed_theory(models[name]).gap_integrals(pressure_pa, z_m)
-    k, l = direct(models[name].table.shape, pressure_pa / scales.pressure_pa, z_m / scales.length_m)  # noqa: E741
-    # the slow side differentiates by central differences of step 1e-3: 2e-7 of a derivative, a few
-    # of them
-    assert k / scales.length_m**2 == pytest.approx(slow_k, rel=1e-6)
-    assert l / scales.length_m == pytest.approx(slow_l, rel=1e-6)
-    not_in_contact = 1.0 - float(
-        area_ratio(models[name].table.shape, pressure_pa / scales.pressure_pa)
-    )
-    assert slow_mass == pytest.approx(not_in_contact, rel=1e-6)
-
-
-def test_one_table_serves_another_finger(models, scales_of, printed_theory, variant):
-    """K(p, z) = h^-2 K^(p/(Y* q0 h), z/h): three times the height, a fifth of q0 and q1, half the
-    modulus.
-    """
-    other = variant(
-        roughness_rms_m=60e-6,
-        roll_off_wavenumber_per_m=200.0,
-        cut_off_wavenumber_per_m=2e9,
-        skin_modulus_pa=5e6,
-    )
-    assert other.table is models["reference"].table
-    slow_k, slow_l, _ = printed_theory(other).gap_integrals(4e3, 2e-6 * np.exp(0.4j))
-    scales = scales_of(other)
-    k, l = look_up(other.table, 4e3 / scales.pressure_pa, 2e-6 * np.exp(0.4j) / scales.length_m)  # noqa: E741
-    assert k / scales.length_m**2 == pytest.approx(slow_k, rel=1e-4)  # interpolation
-    assert l / scales.length_m == pytest.approx(slow_l, rel=1e-4)
 
 
 @pytest.mark.parametrize("name", FINGERS)
@@ -124,16 +81,6 @@ def test_beyond_the_lengths_of_the_table_its_limits_hold(models, z_hat):
     assert table_k == pytest.approx(k, rel=5e-3 if abs(z_hat) > 1.0 else 3e-2)
     if abs(z_hat) > 1.0:
         assert abs(table_l - l) <= 5e-3 * abs(l)  # L moves half as much
-
-
-def test_far_limit_is_the_area_out_of_contact(models):
-    """K z^2 -> L z -> 1 - A_real/A0 where the stack is far thicker than the gap."""
-    table = models["reference"].table
-    k, l = look_up(table, 5e3 / 266617.0, 1e5)  # noqa: E741
-    assert k * 1e10 == pytest.approx(
-        1.0 - 1.785e-4, rel=6e-3
-    )  # the correction 2<u>/z is frozen at z = 1e3: 0.44 %
-    assert l * 1e5 == pytest.approx(1.0 - 1.785e-4, rel=3e-3)
 
 
 @given(
@@ -226,49 +173,18 @@ class TestCache:
         np.testing.assert_array_equal(second.mass, first.mass)
         assert second.content_hash == first.content_hash
 
-    def test_nothing_but_the_finished_file_is_left(self, tmp_path, builds):
-        table = self.load(tmp_path)
-        assert [p.name for p in tmp_path.iterdir()] == [f"gap-table-{table.content_hash}.npz"]
-
     @pytest.mark.parametrize(
         "damage",
         [
             lambda path: path.write_bytes(path.read_bytes()[:-100]),
-            lambda path: path.write_bytes(path.read_bytes()[:60]),
-            lambda path: path.write_bytes(b"not an array at all"),
             lambda path: save(path, values=np.zeros((3, 3))),
-            lambda path: save(path, values=np.full(NODES, np.nan)),
             lambda path: save(path, values=np.array([{"a": 1}], dtype=object)),
-            lambda path: path.write_bytes(b""),
             lambda path: save(path, values=np.full(NODES, "text")),
-            lambda path: save(path, mass=np.zeros((NODES[0], GAPS - 1))),
             lambda path: save(path, mass=np.full((NODES[0], GAPS), np.inf)),
-            lambda path: save(path, mass=np.full((NODES[0], GAPS), "text")),
             lambda path: np.savez(path, values=np.full(NODES, 0.25)),
             lambda path: path.write_bytes(plain_array()),
             lambda path: flip(path, 0.5),
-            lambda path: flip(path, 0.001),
             lambda path: save(path, values=np.full(NODES, 0.125)),
-            lambda path: save(path, mass=np.full((NODES[0], GAPS), 0.25)),
-        ],
-        ids=[
-            "cut",
-            "header-cut",
-            "text",
-            "shape",
-            "nan",
-            "pickle",
-            "empty",
-            "strings",
-            "mass-shape",
-            "mass-inf",
-            "mass-strings",
-            "no-mass",
-            "plain-array",
-            "flipped-byte",
-            "flipped-header",
-            "other-values",
-            "other-mass",
         ],
     )
     def test_a_damaged_or_foreign_file_is_built_again(self, tmp_path, builds, damage):
@@ -287,7 +203,7 @@ class TestCache:
         in_the_way.write_text("a file where the folder should be")
         assert self.load(in_the_way).values.shape == NODES
 
-    def test_a_failed_write_leaves_the_old_file(self, tmp_path, builds, monkeypatch):
+    def test_a_failed_write_leaves_the_old_file_and_no_part(self, tmp_path, monkeypatch):
         def full_disk(file, **arrays) -> None:
             file.write(b"half")
             raise OSError(28, "No space left on device")
@@ -297,14 +213,7 @@ class TestCache:
         monkeypatch.setattr(module.np, "savez", full_disk)
         module._write(old, GapTable(SHAPE, np.zeros(3), np.zeros(3)))
         assert old.read_bytes() == b"old"
-
-    def test_a_failed_write_leaves_no_part(self, tmp_path, monkeypatch):
-        def full_disk(file, **arrays) -> None:
-            raise OSError(28, "No space left on device")
-
-        monkeypatch.setattr(module.np, "savez", full_disk)
-        module._write(tmp_path / "table.npz", GapTable(SHAPE, np.zeros(3), np.zeros(3)))
-        assert list(tmp_path.iterdir()) == []
+        assert list(tmp_path.iterdir()) == [old]
 
     def test_each_shape_and_each_grid_has_its_own_file(self, monkeypatch):
         shapes = [

@@ -68,8 +68,3 @@ def test_a_finger_is_known_by_its_dimensionless_pressure_and_length():
     )
     assert own == pytest.approx(float(theory_log_std(8e3, 2e-6)))
     assert theory_log_std(5e3, 2e-6, pressure_scale_pa=1e4) != theory_log_std(5e3, 2e-6)
-
-
-def test_shape_is_that_of_the_arguments():
-    assert theory_log_std(5e3, 1e-6).shape == ()
-    assert theory_log_std(np.full((4, 1), 5e3), np.full(3, 1e-6)).shape == (4, 3)

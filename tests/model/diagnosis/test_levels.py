@@ -56,7 +56,7 @@ def of(data: Measurements):
     return levels(data, data.observed, np.ones(data.count))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("row_std", "trial_std"), [(0.01, 0.12), (0.03, 0.06)])
 def test_rows_and_trials_scatter_as_they_were_made(row_std, trial_std, seed):
     found = of(measured(row_std, trial_std, seed=seed))
@@ -160,7 +160,7 @@ def touches(row_std: float, trial_std: float, seed: int) -> Measurements:
     return Measurements(data, whole, tuple("abcd"), None, "00", trial=number.astype(np.intp))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_sessions_repeat_one_another_where_each_has_a_setting_once(seed):
     """What a touch shares with and without voltage is its gain, what is left a row's own."""
     data = touches(0.004, 0.05, seed)
@@ -195,7 +195,7 @@ def bare(row_std: float, trial_std: float, seed: int) -> Measurements:
     return Measurements(data, number.astype(np.intp), tuple("abcdef"), None, str(seed))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_sessions_repeat_one_another_without_a_column_of_trials_too(seed):
     """A file whose touches only their loads tell apart has a gain of each touch as any other."""
     data = bare(0.01, 0.1, seed)
@@ -205,16 +205,6 @@ def test_sessions_repeat_one_another_without_a_column_of_trials_too(seed):
     spread = 5 * (2 / found.trial.degrees) ** 0.5
     assert found.trial.variance == pytest.approx(0.1**2, rel=spread)
     assert found.row.variance == pytest.approx(1e-4, rel=5 * (2 / found.row.degrees) ** 0.5)
-
-
-def test_rows_of_a_touch_share_one_gain_whatever_their_own_noise():
-    data = touches(0.004, 0.05, 1)
-    noise = noise_of(data)
-    assert noise is not None
-    covariance = noise.lower @ noise.lower.T
-    trial = trials(data)
-    same = (trial[:, None] == trial) & ~np.eye(data.count, dtype=bool)
-    assert np.ptp(covariance[same]) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_plan_that_goes_through_settings_is_no_touch():
@@ -259,12 +249,6 @@ def test_touches_on_one_clock_are_in_its_order(made):
     data = on_one_clock(made(measured()))
     (order,) = rows_in_order(data)
     assert (np.diff(data.columns["time_s"][order]) > 0.0).all()
-
-
-def test_touches_read_once_each_at_the_same_time_stay_as_in_the_file():
-    once = measured().subset(np.arange(0, 180, 4))
-    (order,) = rows_in_order(once)
-    assert list(order) == list(range(45))
 
 
 def test_noise_that_remembers_in_a_touch_is_found_there():

@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
 from model.electric.current import current_rms_a, sliding_admittance_per_m, stuck_admittance_per_m
 from model.electric.dielectrics import EPS0
@@ -106,56 +105,9 @@ def test_a_sliding_finger_never_draws_more_than_a_stuck_one(
     assert 0.0 < sliding_rms_a(model, [f], 30.0, p, AREA_M2)[0] <= stuck_rms_a(model, f)
 
 
-def test_currents_are_proportional_to_voltage_and_area(variant, sliding_rms_a):
-    """Of the whole model; the sliding one at the same total pressure."""
-    f = np.array([250.0, 1e4])
-    models = {area: variant("table1", contact_area_m2=area) for area in (1e-4, 3e-4)}
-
-    def predicted(voltage_v: float, area_m2: float):
-        return models[area_m2].predict(
-            Conditions(f, np.full(2, voltage_v), np.full(2, 5e3 * area_m2))
-        )
-
-    one, six = predicted(10.0, 1e-4), predicted(20.0, 3e-4)
-    np.testing.assert_allclose(
-        six.stuck_current_rms_a, 6.0 * one.stuck_current_rms_a, rtol=1e-12
-    )  # rounding
-    for voltage_v, area_m2, got in ((10.0, 1e-4, one), (20.0, 3e-4, six)):
-        pressure_pa = 5e3 + got.electrostatic_force_n / area_m2
-        expected = sliding_rms_a(models[area_m2], f, voltage_v / np.sqrt(2.0), pressure_pa, area_m2)
-        np.testing.assert_allclose(got.current_rms_a, expected, rtol=1e-12)
-    at_one_volt = sliding_rms_a(models[1e-4], f, 1.0, 5e3, 1.0)
-    np.testing.assert_allclose(
-        sliding_rms_a(models[3e-4], f, 20.0, 5e3, 3e-4), 6e-3 * at_one_volt, rtol=1e-12
-    )
-
-
 def test_without_equilibrium_there_is_no_sliding_current(models, sliding_rms_a):
     got = sliding_rms_a(models["table1"], 250.0, 75.0, np.array([np.nan, 5e3]), AREA_M2)
     np.testing.assert_array_equal(np.isnan(got), [True, False])
-
-
-def test_grids_broadcast(models, scales_of, stack_of, circuit_of, sliding_rms_a):
-    """Rows [n] and branches [n, c] each by themselves, as a surface asks for them."""
-    model = models["table1"]
-    f = np.array([50.0, 250.0, 1e4]).reshape(-1, 1, 1)
-    pressure = np.linspace(2e3, 2e4, 8).reshape(1, 2, 4)
-    volts = np.array([10.0, 20.0])[:, None]
-    grid = sliding_rms_a(model, f, volts, pressure, AREA_M2)
-    assert grid.shape == (3, 2, 4)
-    one = sliding_rms_a(model, [250.0], 20.0, pressure[0, 1, 2:3], AREA_M2)
-    assert grid[1, 1, 2] == pytest.approx(one[0], rel=1e-14)  # rounding
-    each = stack_of(model, np.repeat(f.ravel(), 8))
-    whole = circuit_of(
-        scales_of(model), [(each, np.ones(24)), (each, np.ones(24))], np.full(24, 5e3)
-    )
-    rows = np.tile(pressure.ravel(), 3)
-    admittance = sliding_admittance_per_m(model.table, whole, rows)
-    assert admittance.shape == (24, 2)
-    np.testing.assert_array_equal(admittance[:, 0], admittance[:, 1])
-    both_v = np.stack([np.tile(np.repeat(volts.ravel(), 4), 3), np.zeros(24)], axis=1)
-    both = current_rms_a(admittance, np.repeat(each.omega[:, None], 2, axis=1), both_v, AREA_M2)
-    np.testing.assert_allclose(both.reshape(3, 2, 4), grid, rtol=1e-14)
 
 
 def test_a_touch_that_is_pulled_in_has_no_current(

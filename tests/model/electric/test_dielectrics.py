@@ -33,48 +33,12 @@ def test_sets_against_reference(reference, dielectric):
     np.testing.assert_allclose(sigma, r["conductivity_s_per_m"], rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("name", "frequency_hz", "eps", "sigma", "loss_tangent"),
-    [
-        ("gabriel_dry", 1e3, 1135.6, 2.00e-4, 3.17),
-        ("gabriel_dry", 1e5, 1119.2, 4.51e-4, 0.0725),
-        ("gabriel_dry", 1e6, 990.8, 1.32e-2, 0.240),
-        ("gabriel_wet", 1e3, 3.21e4, 6.57e-4, 0.368),
-    ],
-)
-def test_check_values(name, frequency_hz, eps, sigma, loss_tangent):
-    k = at(named(name), frequency_hz)
-    # half of the last digit printed, in each column
-    assert k.real == pytest.approx(eps, rel=5e-5 if name == "gabriel_dry" else 2e-3)
-    assert total_conductivity_s_per_m(np.array(k), frequency_hz) == pytest.approx(sigma, rel=4e-3)
-    assert -k.imag / k.real == pytest.approx(loss_tangent, rel=2e-3)
-
-
-def test_dry_skin_loses_least_near_100_khz():
-    f = np.geomspace(1e2, 1e7, 501)
-    k = GABRIEL_DRY.permittivity(f)
-    # the table of check values has one per decade: the decade of the minimum is what is known
-    assert 3e4 < f[np.argmin(-k.imag / k.real)] < 3e5
-
-
 def test_one_debye_term_in_closed_form():
     debye = ColeCole("debye", "test", 3.0, ((10.0, 1e-6, 0.0),), 1e-3)
     f = 1.0 / (2.0 * np.pi * 1e-6)  # w tau = 1: D/(1 + j) = D/2 - j D/2
     k = at(debye, f)
     assert k.real == pytest.approx(8.0, rel=1e-12)  # rounding
     assert k.imag == pytest.approx(-5.0 - 1e-3 / (1e6 * EPS0), rel=1e-12)
-
-
-def test_conduction_is_counted_once():
-    """Table I's k1 is eps + sigma/(j w eps0): doubling sigma doubles what is lost, and nothing
-    else.
-    """
-    one, two = (ColeCole("c", "test", 4.0, (), s) for s in (1e-4, 2e-4))
-    assert at(one, 50.0).imag == pytest.approx(
-        -1e-4 / (100.0 * np.pi * EPS0), rel=1e-12
-    )  # rounding
-    assert at(two, 50.0).imag == pytest.approx(2.0 * at(one, 50.0).imag, rel=1e-12)
-    assert at(one, 50.0).real == at(two, 50.0).real == 4.0
 
 
 @pytest.mark.parametrize(
@@ -139,31 +103,12 @@ class TestTable:
         ("text", "says"),
         [
             (HEADER + "1,10,1e-4\n2,ten,1e-4\n", "line 3"),
-            (HEADER + "1,10,1e-4\n2,11\n", "line 3"),
             ("frequency,eps_real,conductivity_s_per_m\n1,10,1e-4\n2,11,1e-4\n", "frequency_hz"),
             (HEADER + "1,10,1e-4\n", "not a usable"),
-            (HEADER, "not a usable"),
-            ("", "the file is empty"),
             (HEADER + "2,10,1e-4\n1,11,1e-4\n", "not a usable"),
-            (HEADER + "1,10,1e-4\n1,11,1e-4\n", "not a usable"),
             (HEADER + "0,10,1e-4\n1,11,1e-4\n", "not a usable"),
             (HEADER + "1,10,-1e-4\n2,11,1e-4\n", "not a usable"),
             (HEADER + "1,nan,1e-4\n2,11,1e-4\n", "line 2: eps_real is 'nan'"),
-            (HEADER + "1,10,1e-4\n2,inf,1e-4\n", "line 3: eps_real is 'inf'"),
-        ],
-        ids=[
-            "text",
-            "short",
-            "column",
-            "row",
-            "none",
-            "empty",
-            "falling",
-            "equal",
-            "zero",
-            "minus",
-            "nan",
-            "inf",
         ],
     )
     def test_bad_tables_are_refused(self, tmp_path, text, says):
@@ -181,15 +126,6 @@ class TestTable:
         binary.write_bytes(b"\xff\xfe\x00\x81")
         with pytest.raises(ModelError, match=r"binary\.csv is not text"):
             read_csv(binary)
-
-    def test_line_number_counts_blank_lines(self, tmp_path):
-        with pytest.raises(ModelError, match="line 4"):
-            read_csv(self.write(tmp_path, HEADER + "\n1,10,1e-4\n2,ten,1e-4\n"))
-
-    def test_byte_order_mark_is_no_part_of_a_name(self, tmp_path):
-        assert read_csv(
-            self.write(tmp_path, "\ufeff" + HEADER + "1,10,1e-4\n2,11,1e-4\n")
-        ).eps_real == (10.0, 11.0)
 
 
 def test_unknown_set_offers_the_nearest():

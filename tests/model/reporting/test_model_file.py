@@ -235,18 +235,6 @@ def test_a_dielectric_that_no_file_can_name_is_refused(finger, tmp_path):
         )
 
 
-def test_odd_names_survive(finger, tmp_path):
-    odd = 'finger "7"\t\\ ünï \x7f \U0001f590'
-    given = replace(finger, name=odd)
-    write_model(
-        diagnosis("effect_found", "series_resistance"),
-        given,
-        tmp_path / "model.toml",
-        f'd"{odd}.csv',
-    )
-    assert read_model(tmp_path / "model.toml").name == f"{odd}+series_resistance"
-
-
 def test_a_printed_model_that_nothing_could_test_stays_the_printed_one(finger, tmp_path):
     """The file did not say the variant, and read back as the corrected equations."""
     printed = replace(finger, variant="published", friction_law="total_load")

@@ -20,7 +20,7 @@ NAMES = st.text("abcdefghijklmnopqrstuvwxyz_0123456789", min_size=1)
 VALUES = st.recursive(
     SCALARS,
     lambda inner: st.lists(inner) | st.dictionaries(NAMES, inner),
-    max_leaves=8,
+    max_leaves=4,
 )
 
 
