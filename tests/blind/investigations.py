@@ -4,7 +4,7 @@ choosing well saves.
 `python -m tests.blind.investigations --seed N --counts W0=2,W1=10 --out DIR` investigates each
 finger twice on the simulated rig, with the same first plan, the same number of blocks per round,
 and rounds that end as soon as something shows: once with blocks as `haptic investigate` chooses
-them, once at random among all that the rig may do; with `--chosen`, only as it chooses. It writes
+them, once at random among all that the rig may do. It writes
 what came of each into DIR, goes on there, and prints tables. A stranger is right as `unexplained`,
 a finger with nothing hidden as `nothing_missing`.
 """
@@ -223,9 +223,7 @@ def settings_to_a_name(pairs: Sequence[dict[str, Any]]) -> str:
 
     No name counts as more than any.
     """
-    later = [
-        pair for pair in pairs if len(pair) > 1 and max(got["rounds"] for got in pair.values()) > 1
-    ]
+    later = [pair for pair in pairs if max(got["rounds"] for got in pair.values()) > 1]
     if not later:
         return ""
     took = {
@@ -240,7 +238,7 @@ def settings_to_a_name(pairs: Sequence[dict[str, Any]]) -> str:
 
 
 def table(found: dict[str, list[dict[str, Any]]]) -> str:
-    """Markdown; `found`: a family's name to what came of each finger, as chosen and maybe at
+    """Markdown; `found`: a family's name to what came of each finger, as chosen and at
     random.
     """
     lines = [
@@ -250,8 +248,8 @@ def table(found: dict[str, list[dict[str, Any]]]) -> str:
     lines.append("|---" * 8 + "|")
     for family, pairs in found.items():
         for how in (CHOSEN, RANDOM):
-            if part := [pair[how] for pair in pairs if how in pair]:
-                lines.append(f"| {family} | {how} | {' | '.join(_rates(part))} |")
+            rates = _rates([pair[how] for pair in pairs])
+            lines.append(f"| {family} | {how} | {' | '.join(rates)} |")
     lines += ["", "| hidden | blocks | outcome | names | or | rounds | settings | lambda |"]
     lines.append("|---" * 8 + "|")
     for how, got in (item for pairs in found.values() for pair in pairs for item in pair.items()):
@@ -276,14 +274,12 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--counts", default="W1=10")
-    parser.add_argument("--chosen", action="store_true")
-    parser.add_argument("--plan", help="of the first round; a few settings where none is given")
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     few = given.out / "few.toml"
     few.write_text(FEW)
-    plan = load_plan(given.plan or str(few))
+    plan = load_plan(str(few))
     counts = {
         name: int(count)
         for name, _, count in (item.partition("=") for item in given.counts.split(","))
@@ -300,9 +296,8 @@ def main() -> None:
             visible = partial(lambda_read, finger=finger, rig=rig, truth=truth)
             asks = partial(asked, names, function, plan, visible=visible)
             pair = {CHOSEN: asks(spec.index)}
-            if not given.chosen:
-                with random_choice(spec.index):
-                    pair[RANDOM] = asks(spec.index)
+            with random_choice(spec.index):
+                pair[RANDOM] = asks(spec.index)
             kept.write_text(json.dumps(pair, indent=1))
         found.setdefault(spec.family, []).append(json.loads(kept.read_text()))
         said = (

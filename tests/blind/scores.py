@@ -20,10 +20,9 @@ class Answer(NamedTuple):
     top: str
     probability: float
     aicc: str
-    chi2: str
+    bic: str
     error: str = ""
     adequate: bool = True
-    bic: str = ""
 
 
 class Guess(NamedTuple):

@@ -18,7 +18,7 @@ from tests.blind.scores import Answer
 GAIN, LOAD = "drive_gain_error", "load_dependent_friction"
 SPECS = [
     as_measured(Spec("F0", 0, design="paper")),
-    as_measured(Spec("F1", 1, ((GAIN, 100.0),), design="factorial")),
+    as_measured(Spec("F1", 1, ((GAIN, 100.0),), design="paper")),
 ]
 
 

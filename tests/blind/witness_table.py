@@ -11,6 +11,10 @@ COLUMNS = {"friction": "friction only", "all": "all witnesses"}
 Part = list[tuple[dict[str, Any], Answer]]
 
 
+def _kind(label: dict[str, Any]) -> str:
+    return str(label.get("witnesses", "friction"))
+
+
 def is_wrong(label: dict[str, Any], got: Answer) -> bool:
     """A name of what is not there, or one of two clearly visible effects called adequate."""
     if got.verdict != "effect_found":
@@ -86,7 +90,7 @@ def witness_table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
     text = ["| | " + " | ".join(COLUMNS.values()) + " |", "|---|---|---|"]
     columns = []
     for kind in COLUMNS:
-        mine = {name: got for name, got in answers.items() if labels[name]["witnesses"] == kind}
+        mine = {name: got for name, got in answers.items() if _kind(labels[name]) == kind}
         columns.append(_column([(labels[name], got) for name, got in mine.items()], mine, labels))
     text += [
         f"| {row} | {' | '.join(cells)} |"
@@ -110,9 +114,9 @@ def witness_table(answers: dict[str, Answer], labels: dict[str, Any]) -> str:
             + ("" if got.adequate else ", not adequate")
             + (" **wrong**" if is_wrong(label, got) else "")
         )
-        key = (label["family"], label["index"], label["witnesses"])
+        key = (label["family"], label["index"], _kind(label))
         line = (
-            f"| {what} | {label['witnesses']} | {found} | {' '.join(got.names)} | {others} |"
+            f"| {what} | {_kind(label)} | {found} | {' '.join(got.names)} | {others} |"
             f" {got.probability:.2f} |"
         )
         rows.append((key, line))

@@ -1,8 +1,7 @@
-"""Write blind sets: python -m tests.blind.generator --out DIR --seed N --scale 0.1 [--families
-F0,F1] [--ci].
+"""Write blind sets: python -m tests.blind.generator --out DIR --seed N --scale 0.1 [--ci].
 
-With --second: second alternatives and the second ten strangers alone. Where neither families nor
-counts are given, these are 240 sets: 120 fingers with all witnesses, and the same with friction
+With --second: second alternatives and the second ten strangers alone. Where no counts are given,
+these are 240 sets: 120 fingers with all witnesses, and the same with friction
 alone.
 """
 
@@ -94,7 +93,6 @@ def _options(argv: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--scale", type=float, default=0.1, help="share of the full counts")
-    parser.add_argument("--families", default="", help="comma-separated, of " + ",".join(COUNTS))
     parser.add_argument(
         "--counts", default="", help="exact numbers instead of --scale, as F0=15,F1=33"
     )
@@ -114,7 +112,7 @@ def _options(argv: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     options = parser.parse_args(argv)
-    named = [n.partition("=")[0] for n in f"{options.families},{options.counts}".split(",") if n]
+    named = [n.partition("=")[0] for n in options.counts.split(",") if n]
     if unknown := sorted(set(named) - set(COUNTS)):
         parser.error(f"unknown families {unknown}; known are {list(COUNTS)}")
     return options
@@ -130,10 +128,9 @@ def main(argv: list[str] | None = None) -> None:
             n: int(c)
             for n, _, c in (item.partition("=") for item in options.counts.split(",") if item)
         }
-        families = tuple(n for n in options.families.split(",") if n)
-        if options.second and not families:
+        if options.second:
             exact = exact or SECOND_COUNTS
-        wanted = specs(seed, options.scale, families, exact or None)
+        wanted = specs(seed, options.scale, exact or None)
         wanted = [anew(spec) for spec in wanted] if options.second else wanted
         if options.measured:
             wanted = [as_measured(spec) for spec in wanted if spec.family.startswith("F")]

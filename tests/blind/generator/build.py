@@ -13,7 +13,6 @@ from .designs import Design
 from .effect import ALTERNATIVE, CATALOGUE, Effect, Hidden, drawn
 from .effects import CATALOGUE_EFFECTS, STRANGERS
 from .measured import COMMANDED, SMALL, Trials, drawn_trials, in_windows
-from .rivals import lambda_of_rivals
 from .touch import Finger
 from .visibility import Visibility, clean_friction, force_left
 
@@ -49,7 +48,6 @@ class Spec:
     gain_sd: float = nuisance.SESSION_GAIN_SD
     partial_sessions: int = 0
     contaminated: bool = False
-    rivals: bool = False
     measured: bool = False  # loads as measured, gains of trials and drifts in them
     twin: bool = False  # of a measured set
 
@@ -192,7 +190,6 @@ def build(spec: Spec, seed: int) -> BlindSet:
     change = clean / clean_friction(design, finger, ()) - 1.0
     measured = _measured(rng, spec, design, clean * factor, sigma)
     off_frequency = float(rng.choice([250.0, 250.0, 0.0]))
-    aliases = _aliases(planned, finger, sight, hidden) if spec.rivals and len(hidden) == 1 else None
     label = {
         "family": spec.family,
         "index": spec.index,
@@ -218,8 +215,6 @@ def build(spec: Spec, seed: int) -> BlindSet:
         "off_frequency_hz": off_frequency,
         "finger": nuisance.finger_record(finger),
         "far_off": far,
-        "aliases": aliases,
-        "lambda_left": min(aliases.values()) if aliases else None,
     }
     if spec.measured or spec.twin:
         label["pair"] = f"{spec.family}-{spec.index}"
@@ -240,18 +235,6 @@ def build_twins(spec: Spec, seed: int) -> list[BlindSet]:
     the twin a row each, whose noise is stated. Hence lambda is the same too.
     """
     return [build(spec, seed), build(replace(spec, measured=False, twin=True), seed)]
-
-
-def _aliases(
-    design: Design, finger: Finger, sight: Visibility, hidden: tuple[Hidden, ...]
-) -> dict[str, float]:
-    """What each catalogue effect leaves unexplained (lambda_ij) of this set's truth, smallest
-    first.
-    """
-    left = lambda_of_rivals(
-        design, finger, sight, clean_friction(design, finger, hidden), skip=hidden[0].effect.name
-    )
-    return {name: round(value, 2) for name, value in sorted(left.items(), key=lambda item: item[1])}
 
 
 __all__ = ["ALTERNATIVE", "CATALOGUE", "BlindSet", "Spec", "build", "build_twins", "suitable"]

@@ -248,20 +248,19 @@ def no_noise_stated(rng: Generator) -> Design:
 
 
 GOOD: dict[str, Callable[[Generator], Design]] = {
-    "paper": paper,
-    "voltage_frequency": voltage_frequency,
-    "factorial": factorial,
-    "speed_sweep": speed_sweep,
-    "timed": timed,
-    "six_sessions": six_sessions,
-    "rich": rich,
-    "quiet_grid": quiet_grid,
+    made.__name__: made
+    for made in (
+        paper,
+        voltage_frequency,
+        factorial,
+        speed_sweep,
+        timed,
+        six_sessions,
+        rich,
+        quiet_grid,
+    )
 }
 BAD: dict[str, Callable[[Generator], Design]] = {
-    "confounded": confounded,
-    "small": small,
-    "narrow": narrow,
-    "missing_corner": missing_corner,
-    "no_noise_stated": no_noise_stated,
+    made.__name__: made for made in (confounded, small, narrow, missing_corner, no_noise_stated)
 }
 DESIGNS = GOOD | BAD

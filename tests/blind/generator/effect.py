@@ -40,14 +40,16 @@ class Effect:
     there is one. `second` is a form of its own; strangers have none.
     """
 
-    name: str
     apply: Callable[[State, float, dict, bool], None]
     knob: tuple[float, float]
     draw: Callable[[np.random.Generator], dict]
     describe: Callable[[float, dict], dict]
     needs: str = ""
-    about_alternative: str = ""
     second: Form | None = None
+
+    @property
+    def name(self) -> str:
+        return self.apply.__name__
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,10 @@ def drawn(effect: Effect, rng: np.random.Generator, form: str = CATALOGUE) -> Hi
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def sign(rng: np.random.Generator) -> float:
+    return float(rng.choice([-1.0, 1.0]))
 
 
 def nothing(_rng: np.random.Generator) -> dict:

@@ -14,7 +14,7 @@ from . import (
 )
 from .effect import ALTERNATIVE, CATALOGUE, FORMS, SECOND, Effect, Hidden, drawn
 
-_SECOND = second_electric.FORMS | second_load.FORMS
+_SECOND = {form.apply.__name__: form for form in second_electric.FORMS + second_load.FORMS}
 CATALOGUE_EFFECTS: dict[str, Effect] = {
     e.name: replace(e, second=_SECOND[e.name])
     for e in effects_electric.EFFECTS + effects_load.EFFECTS

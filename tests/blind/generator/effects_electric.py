@@ -8,12 +8,8 @@ from functools import cache
 
 import numpy as np
 
-from .effect import Effect, log_uniform, nothing
+from .effect import Effect, log_uniform, nothing, sign
 from .touch import AREA, VACUUM, State
-
-
-def _jw(state: State) -> np.ndarray:
-    return 1j * state.omega
 
 
 def amplifier_bandwidth(state: State, knob: float, shape: dict, alternative: bool) -> None:
@@ -77,15 +73,15 @@ def series_resistance(state: State, knob: float, shape: dict, alternative: bool)
     if (
         alternative
     ):  # tissue: the resistance falls slowly with frequency and turns a little capacitive
-        z = z * (_jw(state) / (2 * np.pi * 1e4)) ** -shape["slope"]
-    state.stack_add = state.stack_add + _jw(state) * VACUUM * AREA * z
+        z = z * (state.jw / (2 * np.pi * 1e4)) ** -shape["slope"]
+    state.stack_add = state.stack_add + state.jw * VACUUM * AREA * z
 
 
 def floating_body(state: State, knob: float, shape: dict, alternative: bool) -> None:
-    admittance = _jw(state) * (1e-8 / knob)
+    admittance = state.jw * (1e-8 / knob)
     if alternative:  # a lossy body capacitance, nearly constant phase
-        admittance = admittance * (_jw(state) / (2 * np.pi * 1e3)) ** -shape["loss"]
-    state.stack_add = state.stack_add + _jw(state) * VACUUM * AREA / admittance
+        admittance = admittance * (state.jw / (2 * np.pi * 1e3)) ** -shape["loss"]
+    state.stack_add = state.stack_add + state.jw * VACUUM * AREA / admittance
 
 
 def _wetter(k: np.ndarray, w: np.ndarray | float) -> np.ndarray:
@@ -114,11 +110,11 @@ def johnsen_rahbek(state: State, knob: float, _shape: dict, alternative: bool) -
     sigma = knob * np.ones_like(state.drive)
     if alternative:  # conductivity that grows with the field in the insulator
         sigma = sigma * np.exp(0.5 * (np.sqrt(state.drive / 75.0) - 1))
-    state.k_insulator = state.k_insulator + sigma / (_jw(state) * VACUUM)
+    state.k_insulator = state.k_insulator + sigma / (state.jw * VACUUM)
 
 
 def electrode_polarization(state: State, knob: float, shape: dict, alternative: bool) -> None:
-    n, s = shape["n"], _jw(state)
+    n, s = shape["n"], state.jw
     if alternative:  # finite-length Warburg-like element
         root = (s * shape["tau_s"]) ** n
         z = shape["tau_s"] ** n / knob * np.tanh(root) / root
@@ -131,12 +127,12 @@ def humid_gap_conduction(state: State, knob: float, _shape: dict, alternative: b
     sigma = knob * np.ones_like(state.drive)
     if alternative:  # hopping conduction rises slowly with frequency
         sigma = sigma * (state.rows.f / 100.0) ** 0.12
-    state.k_gap = state.k_gap + sigma / (_jw(state) * VACUUM)
+    state.k_gap = state.k_gap + sigma / (state.jw * VACUUM)
 
 
 def sweat_film(state: State, knob: float, shape: dict, alternative: bool) -> None:
     share, h = np.minimum(knob * np.ones_like(state.drive), 0.95)[:, None], state.finger.h_rms
-    state.k_film = 80 + shape["sigma_s"] / (_jw(state) * VACUUM)
+    state.k_film = 80 + shape["sigma_s"] / (state.jw * VACUUM)
     if alternative:  # wide gaps fill less
         state.film = lambda u: share * u / (1 + 0.15 * u / h)
     else:
@@ -151,71 +147,54 @@ def speed_dependent_gap(state: State, knob: float, shape: dict, alternative: boo
 
 EFFECTS = [
     Effect(
-        "amplifier_bandwidth",
         amplifier_bandwidth,
         (0.05, 2e4),
         lambda rng: {"order": int(rng.integers(1, 4))},
         lambda s, shape: {"f_c_hz": 1e6 / s, "order": shape["order"]},
-        about_alternative="unequal cascaded poles",
     ),
     Effect(
-        "amplifier_slew_limit",
         amplifier_slew_limit,
         (0.1, 5e5),
         nothing,
         lambda s, _: {"slew_v_per_s": 5e8 / s},
-        about_alternative="soft limit",
     ),
     Effect(
-        "drive_gain_error",
         drive_gain_error,
         (0.01, 1.0),
-        lambda rng: {"sign": float(rng.choice([-1.0, 1.0]))},
+        lambda rng: {"sign": sign(rng)},
         lambda s, shape: {"gain": np.exp(s * shape["sign"])},
-        about_alternative="gain bends with amplitude",
     ),
     Effect(
-        "series_resistance",
         series_resistance,
         (1.0, 1e7),
         lambda rng: {"slope": rng.uniform(0.12, 0.25)},
         lambda s, _: {"resistance_ohm": s},
-        about_alternative="resistance falling slowly with frequency",
     ),
     Effect(
-        "floating_body",
         floating_body,
         (0.1, 1e4),
         lambda rng: {"loss": rng.uniform(0.08, 0.18)},
         lambda s, _: {"body_capacitance_f": 1e-8 / s},
-        about_alternative="lossy body capacitance",
     ),
     Effect(
-        "skin_hydration",
         skin_hydration,
         (0.02, 3.0),
         lambda rng: {"fall": rng.uniform(0.5, 1.2)},
         lambda s, _: {"w": s},
-        about_alternative="wetness falling with depth",
     ),
     Effect(
-        "skin_nonlinearity",
         skin_nonlinearity,
         (0.02, 1e3),
         nothing,
         lambda s, _: {"v0_v": 100.0 / s},
-        about_alternative="softer power of the voltage",
     ),
     Effect(
-        "johnsen_rahbek",
         johnsen_rahbek,
         (1e-12, 1e-6),
         nothing,
         lambda s, _: {"sigma_insulator_s_per_m": s},
-        about_alternative="conductivity grows with field",
     ),
     Effect(
-        "electrode_polarization",
         electrode_polarization,
         (1e-9, 1e-1),
         lambda rng: {
@@ -224,31 +203,24 @@ EFFECTS = [
             "tau_s": log_uniform(rng, 5e-4, 1e-2),
         },
         lambda s, shape: {"q_per_area": s, "n": shape["n"], "r_ct_ohm_m2": shape["r_ct"]},
-        about_alternative="finite-length Warburg-like",
     ),
     Effect(
-        "humid_gap_conduction",
         humid_gap_conduction,
         (1e-11, 1e-3),
         nothing,
         lambda s, _: {"sigma_gap_s_per_m": s},
-        about_alternative="conductivity rising with frequency",
     ),
     Effect(
-        "sweat_film",
         sweat_film,
         (0.003, 0.9),
         lambda rng: {"sigma_s": log_uniform(rng, 0.1, 1.0)},
         lambda s, shape: {"share": s, "sigma_s_s_per_m": shape["sigma_s"]},
-        about_alternative="wide gaps fill less",
     ),
     Effect(
-        "speed_dependent_gap",
         speed_dependent_gap,
         (4e-9, 2e-5),
         lambda rng: {"v0": log_uniform(rng, 0.01, 0.05)},
         lambda s, shape: {"du_m": s, "v0_m_per_s": shape["v0"]},
         needs="speed_m_s",
-        about_alternative="sigmoid in speed",
     ),
 ]

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .effect import Effect, log_uniform, nothing
+from .effect import Effect, log_uniform, nothing, sign
 from .touch import CREEP_SPEED, STEADY_SPEED, State
 
 F_REF = 0.5  # N
@@ -95,62 +95,45 @@ def charge_build_up(state: State, knob: float, shape: dict, alternative: bool) -
     state.kept = state.kept * (1 - np.minimum(knob, 0.98) * screened)
 
 
-def _sign(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
 EFFECTS = [
     Effect(
-        "trapped_charge",
         trapped_charge,
         (0.5, 120.0),
         nothing,
         lambda s, _: {"v_s_v": s},
-        about_alternative="charge that fills with the drive",
     ),
     Effect(
-        "air_breakdown",
         air_breakdown,
         (0.5, 1e3),
         nothing,
         lambda s, _: {"e_bd_v_per_m": 1e9 / s},
-        about_alternative="soft cap",
     ),
     Effect(
-        "capillary_adhesion",
         capillary_adhesion,
         (5.0, 2e4),
-        lambda rng: {"bridges": _sign(rng) * rng.uniform(0.15, 0.35)},
+        lambda rng: {"bridges": sign(rng) * rng.uniform(0.15, 0.35)},
         lambda s, _: {"pressure_pa": s},
-        about_alternative="bridge area follows load",
     ),
     Effect(
-        "electrowetting",
         electrowetting,
         (1e-4, 20.0),
         lambda rng: {"v_sat": log_uniform(rng, 30.0, 150.0), "f_c": log_uniform(rng, 20.0, 5e3)},
         lambda s, shape: {"c_pa_per_v2": s, "v_sat_v": shape["v_sat"], "f_c_hz": shape["f_c"]},
-        about_alternative="exponential saturation, softer low-pass",
     ),
     Effect(
-        "load_dependent_friction",
         load_dependent_friction,
         (0.003, 0.3),
         lambda rng: {"sign": 1.0 if rng.random() < 0.8 else -1.0},
         lambda s, shape: {"m": 1 - s * shape["sign"], "f_ref_n": F_REF},
-        about_alternative="sum of linear and two-thirds power",
     ),
     Effect(
-        "velocity_dependent_friction",
         velocity_dependent_friction,
         (0.002, 0.4),
-        lambda rng: {"sign": _sign(rng)},
+        lambda rng: {"sign": sign(rng)},
         lambda s, shape: {"exponent": s * shape["sign"], "v_ref_m_per_s": STEADY_SPEED},
         needs="speed_m_s",
-        about_alternative="Stribeck-like",
     ),
     Effect(
-        "contact_ageing",
         contact_ageing,
         (0.003, 0.9),
         lambda rng: {
@@ -159,32 +142,25 @@ EFFECTS = [
         },
         lambda s, shape: {"relative_rise": s * shape["sign"], "tau_s": shape["tau_s"]},
         needs="time_s",
-        about_alternative="stretched exponential",
     ),
     Effect(
-        "viscoelastic_skin",
         viscoelastic_skin,
         (0.005, 1.0),
         nothing,
         lambda s, _: {"exponent": s, "v_ref_m_per_s": STEADY_SPEED},
         needs="speed_m_s",
-        about_alternative="standard linear solid",
     ),
     Effect(
-        "contact_area_law",
         contact_area_law,
         (0.005, 0.7),
         nothing,
         lambda s, _: {"exponent": s, "f_ref_n": F_REF},
-        about_alternative="flat part and Hertzian part",
     ),
     Effect(
-        "charge_build_up",
         charge_build_up,
         (0.005, 0.95),
         lambda rng: {"tau_s": log_uniform(rng, 0.3, 10.0), "f_b": log_uniform(rng, 3.0, 300.0)},
         lambda s, shape: {"share": s, "tau_s": shape["tau_s"], "f_b_hz": shape["f_b"]},
         needs="time_s",
-        about_alternative="spread relaxation times",
     ),
 ]

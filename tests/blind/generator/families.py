@@ -96,9 +96,7 @@ def f1(i: int, rng: np.random.Generator) -> Spec:
 
 def f2(i: int, rng: np.random.Generator) -> Spec:
     name, design = _cycle(ALIASED, i)
-    return Spec(
-        "F2", i, ((name, float(rng.choice([50.0, 100.0, 200.0]))),), design=design, rivals=True
-    )
+    return Spec("F2", i, ((name, float(rng.choice([50.0, 100.0, 200.0]))),), design=design)
 
 
 def f3(i: int, rng: np.random.Generator) -> Spec:
@@ -117,7 +115,6 @@ def f4(i: int, rng: np.random.Generator) -> Spec:
         "F4",
         i,
         ((_cycle(OUTSIDE, i), float(rng.choice([50.0, 100.0, 200.0, 400.0, 800.0]))),),
-        rivals=True,
     )
 
 
@@ -201,33 +198,14 @@ def w5(i: int, rng: np.random.Generator) -> Spec:
 
 
 FAMILIES: dict[str, Callable[[int, np.random.Generator], Spec]] = {
-    "F0": f0,
-    "F1": f1,
-    "F2": f2,
-    "F3": f3,
-    "F4": f4,
-    "F5": f5,
-    "F6": f6,
-    "F7": f7,
-    "F8": f8,
-    "F9": f9,
-    "F10": f10,
-    "W0": w0,
-    "W1": w1,
-    "W4": w4,
-    "W5": w5,
+    family.__name__.upper(): family
+    for family in (f0, f1, f2, f3, f4, f5, f6, f7, f8, f9, f10, w0, w1, w4, w5)
 }
 
 
-def specs(
-    seed: int, scale: float, families: tuple[str, ...] = (), counts: dict[str, int] | None = None
-) -> list[Spec]:
-    """Specifications of the wanted families; set i of a family does not depend on `scale`. `counts`
-    overrides it.
-    """
-    wanted = counts or {
-        name: max(1, round(COUNTS[name] * scale)) for name in families or tuple(COUNTS)
-    }
+def specs(seed: int, scale: float, counts: dict[str, int] | None = None) -> list[Spec]:
+    """Specifications; set i of a family does not depend on `scale`. `counts` overrides it."""
+    wanted = counts or {name: max(1, round(count * scale)) for name, count in COUNTS.items()}
     return [
         FAMILIES[name](i, np.random.default_rng([seed, 77, int(name[1:]), i]))
         for name, count in wanted.items()

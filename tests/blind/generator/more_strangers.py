@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .effect import Effect, log_uniform
+from .effect import Effect, log_uniform, nothing
 from .strangers import make, peak
 from .touch import State
 
@@ -81,47 +81,41 @@ def dielectric_absorption(state: State, knob: float, _shape: dict, _alt: bool) -
 
 EFFECTS: list[Effect] = [
     make(
-        "cable_resonance",
         cable_resonance,
         (3.0, 1000.0),
         lambda rng: {"quality": log_uniform(rng, 5.0, 20.0)},
     ),
-    make("monitor_roll_off", monitor_roll_off, (0.3, 1e4), lambda _rng: {}),
+    make(monitor_roll_off, (0.3, 1e4), nothing),
     make(
-        "insulator_warming",
         insulator_warming,
         (0.01, 20.0),
         lambda rng: {"tau_s": log_uniform(rng, 30.0, 200.0)},
         "time_s",
     ),
-    make("crossover_distortion", crossover_distortion, (0.001, 45.0), lambda _rng: {}),
+    make(crossover_distortion, (0.001, 45.0), nothing),
     make(
-        "amplitude_steps",
         amplitude_steps,
         (0.003, 0.8),
         lambda rng: {"place": float(rng.uniform(0.0, 1.0))},
     ),
     make(
-        "electroosmotic_wetting",
         electroosmotic_wetting,
         (0.01, 100.0),
         lambda rng: {"tau_s": log_uniform(rng, 20.0, 120.0)},
         "time_s",
     ),
-    make("electrode_edge", electrode_edge, (0.01, 10.0), lambda _rng: {}, "time_s"),
+    make(electrode_edge, (0.01, 10.0), nothing, "time_s"),
     make(
-        "ridge_resonance",
         ridge_resonance,
         (0.003, 0.9),
         lambda rng: {"pitch_m": float(rng.uniform(3e-4, 6e-4))},
         "speed_m_s",
     ),
     make(
-        "loaded_sensor_resonance",
         loaded_sensor_resonance,
         (0.003, 0.8),
         lambda rng: {"f_r": log_uniform(rng, 60.0, 600.0)},
     ),
-    make("dielectric_absorption", dielectric_absorption, (0.01, 0.9), lambda _rng: {}, "before"),
+    make(dielectric_absorption, (0.01, 0.9), nothing, "before"),
 ]
 UNFELT = {"monitor_roll_off"}  # no trace in friction, whatever the design

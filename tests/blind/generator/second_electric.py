@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .effect import Form, Strength, log_uniform, nothing
+from .effect import Form, Strength, log_uniform, nothing, sign
 from .touch import STEADY_SPEED, VACUUM, State
 
 F_REF = 0.5  # N
@@ -16,10 +16,6 @@ F_REF = 0.5  # N
 BESSEL = {2: ((1, 3, 3), 1.3617), 3: ((1, 6, 15, 15), 1.7557), 4: ((1, 10, 45, 105, 105), 2.1139)}
 QUARTER = (np.arange(48) + 0.5) * np.pi / 96  # midpoints over a quarter of a period
 HALVINGS = 50
-
-
-def _jw(state: State) -> np.ndarray:
-    return 1j * state.omega
 
 
 def amplifier_bandwidth(state: State, knob: Strength, shape: dict) -> None:
@@ -54,13 +50,13 @@ def drive_gain_error(state: State, knob: Strength, shape: dict) -> None:
 
 
 def series_resistance(state: State, knob: Strength, _shape: dict) -> None:
-    z = knob / 2000.0 * (500.0 + 1500.0 / (1 + _jw(state) * 1500.0 * 0.22e-6))
-    state.stack_add = state.stack_add + _jw(state) * VACUUM * state.area * z
+    z = knob / 2000.0 * (500.0 + 1500.0 / (1 + state.jw * 1500.0 * 0.22e-6))
+    state.stack_add = state.stack_add + state.jw * VACUUM * state.area * z
 
 
 def floating_body(state: State, knob: Strength, shape: dict) -> None:
-    admittance = 1e-8 / knob * (_jw(state) + 2 * np.pi * shape["shoe_hz"])
-    state.stack_add = state.stack_add + _jw(state) * VACUUM * state.area / admittance
+    admittance = 1e-8 / knob * (state.jw + 2 * np.pi * shape["shoe_hz"])
+    state.stack_add = state.stack_add + state.jw * VACUUM * state.area / admittance
 
 
 def skin_hydration(state: State, knob: Strength, _shape: dict) -> None:
@@ -79,24 +75,24 @@ def skin_nonlinearity(state: State, knob: Strength, shape: dict) -> None:
 
 
 def johnsen_rahbek(state: State, knob: Strength, shape: dict) -> None:
-    s = _jw(state)
+    s = state.jw
     sigma = knob * (1 + (s / (2 * np.pi * shape["f_c"])) ** shape["n"])
     state.k_insulator = state.k_insulator + sigma / (s * VACUUM)
 
 
 def electrode_polarization(state: State, knob: Strength, shape: dict) -> None:
-    z = 1 / (knob * (_jw(state) + 1 / shape["tau_s"]) ** shape["n"])
+    z = 1 / (knob * (state.jw + 1 / shape["tau_s"]) ** shape["n"])
     state.gap_admittance = state.gap_admittance + 1 / (shape["r_ct"] + z)
 
 
 def humid_gap_conduction(state: State, knob: Strength, shape: dict) -> None:
     sigma = knob * (state.rows.n / F_REF) ** shape["power"]
-    state.k_gap = state.k_gap + sigma / (_jw(state) * VACUUM)
+    state.k_gap = state.k_gap + sigma / (state.jw * VACUUM)
 
 
 def sweat_film(state: State, knob: Strength, shape: dict) -> None:
     depth = (knob * np.ones_like(state.drive))[:, None]
-    state.k_film = 80 + shape["sigma_s"] / (_jw(state) * VACUUM)
+    state.k_film = 80 + shape["sigma_s"] / (state.jw * VACUUM)
     state.film = lambda u: depth * u / (depth + u)
 
 
@@ -104,56 +100,56 @@ def speed_dependent_gap(state: State, knob: Strength, _shape: dict) -> None:
     state.gap_add = state.gap_add + knob * (state.rows.speed / STEADY_SPEED) ** (2 / 3)
 
 
-FORMS = {
-    "amplifier_bandwidth": Form(
+FORMS = [
+    Form(
         amplifier_bandwidth,
         (0.05, 2e4),
         lambda rng: {"order": int(rng.integers(2, 5))},
         "Thomson 1949: a filter of flat delay, as after a switching stage, falls off more softly",
     ),
-    "amplifier_slew_limit": Form(
+    Form(
         amplifier_slew_limit,
         (0.1, 5e5),
         lambda rng: {"range_v": log_uniform(rng, 0.1, 0.5)},
         "Solomon 1974: the current of an input pair of bipolar transistors is a tanh of the error",
     ),
-    "drive_gain_error": Form(
+    Form(
         drive_gain_error,
         (0.01, 1.0),
-        lambda rng: {"sign": float(rng.choice([-1.0, 1.0]))},
+        lambda rng: {"sign": sign(rng)},
         "third-order term of an amplifier that is driven towards its rails",
     ),
-    "series_resistance": Form(
+    Form(
         series_resistance,
         (1.0, 3e7),
         nothing,
         "IEC 60990: a body is 500 ohm, then 1500 ohm beside 0.22 uF; scaled by the strength",
     ),
-    "floating_body": Form(
+    Form(
         floating_body,
         (0.1, 1e4),
         lambda rng: {"shoe_hz": log_uniform(rng, 20.0, 300.0)},
         "soles conduct beside the body's capacitance: 10 Mohm, 150 pF: 100 Hz",
     ),
-    "skin_hydration": Form(
+    Form(
         skin_hydration,
         (0.02, 6.0),
         nothing,
         "Archie 1942: conductivity by the square of the water's share, while the layer swells",
     ),
-    "skin_nonlinearity": Form(
+    Form(
         skin_nonlinearity,
         (0.02, 1e3),
         lambda rng: {"most": log_uniform(rng, 3.0, 15.0)},
         "Pavselj 2005: conductivity of skin in a strong field is a sigmoid: it saturates",
     ),
-    "johnsen_rahbek": Form(
+    Form(
         johnsen_rahbek,
         (1e-12, 1e-6),
         lambda rng: {"n": rng.uniform(0.6, 0.8), "f_c": log_uniform(rng, 50.0, 500.0)},
         "Jonscher 1977: disordered insulators conduct better by a power of frequency above a knee",
     ),
-    "electrode_polarization": Form(
+    Form(
         electrode_polarization,
         (1e-9, 1e-1),
         lambda rng: {
@@ -163,22 +159,22 @@ FORMS = {
         },
         "Davidson and Cole 1951: below a frequency the constant phase ends in a resistance",
     ),
-    "humid_gap_conduction": Form(
+    Form(
         humid_gap_conduction,
         (1e-11, 1e-3),
         lambda rng: {"power": rng.uniform(0.4, 0.8)},
         "water condenses around asperities in contact, whose area grows with load (Persson 2001)",
     ),
-    "sweat_film": Form(
+    Form(
         sweat_film,
         (3e-9, 3e-4),
         lambda rng: {"sigma_s": log_uniform(rng, 0.1, 1.0)},
         "a wetting film is as deep everywhere: narrow gaps are full, wide ones hold its depth",
     ),
-    "speed_dependent_gap": Form(
+    Form(
         speed_dependent_gap,
         (2e-9, 2e-5),
         nothing,
         "Landau and Levich 1942: a film that is drawn along is as thick as speed to two thirds",
     ),
-}
+]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .effect import Form, Strength, log_uniform
+from .effect import Form, Strength, log_uniform, nothing, sign
 from .touch import CREEP_SPEED, STEADY_SPEED, State
 
 F_REF = 0.5  # N
@@ -92,37 +92,33 @@ def charge_build_up(state: State, knob: Strength, shape: dict) -> None:
     state.kept = state.kept * (1 - np.minimum(knob, 0.98) * screened)
 
 
-def _sign(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
-FORMS = {
-    "trapped_charge": Form(
+FORMS = [
+    Form(
         trapped_charge,
         (0.5, 120.0),
         lambda rng: {"at_rest": rng.uniform(0.2, 0.8), "power": rng.uniform(0.15, 0.35)},
         "Lowell and Rose-Innes 1980: charge grows with real contact; a part acts at rest",
     ),
-    "air_breakdown": Form(
+    Form(
         air_breakdown,
         (0.5, 1e3),
-        lambda _rng: {},
+        nothing,
         "Kuffel, Zaengl and Kuffel 2000: air holds 24.36 + 6.72/sqrt(gap in cm) kV/cm",
     ),
-    "capillary_adhesion": Form(
+    Form(
         capillary_adhesion,
         (5.0, 2e4),
         lambda rng: {"slope": rng.uniform(0.2, 0.4)},
         "Riedo 2002: bridges need time to condense: their pull falls with the logarithm of speed",
         needs="speed_m_s",
     ),
-    "electrowetting": Form(
+    Form(
         electrowetting,
         (1e-4, 20.0),
         lambda rng: {"v_sat": log_uniform(rng, 30.0, 150.0), "f_c": log_uniform(rng, 20.0, 5e3)},
         "aligning dipoles saturate by Langevin's function; a droplet follows in amplitude",
     ),
-    "load_dependent_friction": Form(
+    Form(
         load_dependent_friction,
         (0.003, 0.6),
         lambda rng: {
@@ -131,13 +127,13 @@ FORMS = {
         },
         "power of load with an offset: proportional at first, then the pad spreads less",
     ),
-    "velocity_dependent_friction": Form(
+    Form(
         velocity_dependent_friction,
         (0.005, 1.5),
-        lambda rng: {"sign": _sign(rng), "v_peak": log_uniform(rng, 0.06, 0.3)},
+        lambda rng: {"sign": sign(rng), "v_peak": log_uniform(rng, 0.06, 0.3)},
         "Grosch 1963: friction of rubber over the logarithm of speed is a bell",
     ),
-    "contact_ageing": Form(
+    Form(
         contact_ageing,
         (0.003, 0.9),
         lambda rng: {
@@ -147,19 +143,19 @@ FORMS = {
         },
         "Dieterich 1972: contacts age with the logarithm of time; skin ends when it is moist",
     ),
-    "viscoelastic_skin": Form(
+    Form(
         viscoelastic_skin,
         (0.005, 1.0),
         lambda rng: {"v_c": log_uniform(rng, 0.05, 0.2)},
         "Bagley and Torvik 1983: a solid with a fractional derivative rises over more decades",
     ),
-    "contact_area_law": Form(
+    Form(
         contact_area_law,
         (0.005, 0.9),
-        lambda _rng: {},
+        nothing,
         "Serina 1998: the area of a fingertip grows fast under light load, then hardly: saturation",
     ),
-    "charge_build_up": Form(
+    Form(
         charge_build_up,
         (0.005, 0.98),
         lambda rng: {
@@ -171,4 +167,4 @@ FORMS = {
         "Curie and von Schweidler: absorbed charge goes with the logarithm of time; more volts"
         " inject more of it",
     ),
-}
+]

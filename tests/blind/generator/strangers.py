@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .effect import Effect, log_uniform
+from .effect import Effect, log_uniform, nothing, sign
 from .touch import CREEP_SPEED, State
 
 
@@ -84,48 +84,39 @@ def stick_slip(state: State, knob: float, shape: dict, _alt: bool) -> None:
     )
 
 
-def _sign(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
-def make(name, apply, knob, draw, needs="") -> Effect:
-    return Effect(name, apply, knob, draw, lambda s, shape: {"strength": s, **shape}, needs)
+def make(apply, knob, draw, needs="") -> Effect:
+    return Effect(apply, knob, draw, lambda s, shape: {"strength": s, **shape}, needs)
 
 
 EFFECTS = [
     make(
-        "sensor_resonance_speed",
         sensor_resonance_speed,
         (0.003, 2.0),
         lambda rng: {"v_r": log_uniform(rng, 0.012, 0.06)},
         "speed_m_s",
     ),
     make(
-        "sensor_resonance_frequency",
         sensor_resonance_frequency,
         (0.003, 0.8),
         lambda rng: {"f_r": log_uniform(rng, 60.0, 2e3)},
     ),
     make(
-        "screen_resonance",
         screen_resonance,
         (0.003, 2.0),
         lambda rng: {"f_r": float(rng.choice([100.0, 250.0, 500.0, 1e3, 1e4])), "sign": 1.0},
     ),
-    make("gain_drift", gain_drift, (0.01, 6.0), lambda rng: {"sign": _sign(rng)}, "time_s"),
-    make("force_quantiser", force_quantiser, (0.003, 0.6), lambda _rng: {}),
+    make(gain_drift, (0.01, 6.0), lambda rng: {"sign": sign(rng)}, "time_s"),
+    make(force_quantiser, (0.003, 0.6), nothing),
     make(
-        "humidity_ramp",
         humidity_ramp,
         (0.01, 0.95),
         lambda rng: {"f_m": log_uniform(rng, 30.0, 3e4)},
         "time_s",
     ),
-    make("mains_interference", mains_interference, (0.003, 2.0), lambda _rng: {}),
-    make("sensor_crosstalk", sensor_crosstalk, (0.003, 0.5), lambda rng: {"sign": _sign(rng)}),
-    make("lateral_saturation", lateral_saturation, (0.5, 12.0), lambda _rng: {}),
+    make(mains_interference, (0.003, 2.0), nothing),
+    make(sensor_crosstalk, (0.003, 0.5), lambda rng: {"sign": sign(rng)}),
+    make(lateral_saturation, (0.5, 12.0), nothing),
     make(
-        "stick_slip",
         stick_slip,
         (0.01, 0.9),
         lambda rng: {"v_ss": log_uniform(rng, 0.008, 0.025)},

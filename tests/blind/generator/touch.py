@@ -148,6 +148,10 @@ class State:
         return 2 * np.pi * self.rows.f
 
     @property
+    def jw(self) -> np.ndarray:
+        return 1j * self.omega
+
+    @property
     def area(self) -> np.ndarray | float:
         return self.finger.area * self.spread
 
