@@ -41,7 +41,8 @@ class FingerState(NamedTuple):
     """The finger as the stages see it: contact decided, velocity estimated, position at output
     time.
 
-    `time_s` is when the tick is due, `contact_s` how long the touch has lasted by then.
+    `time_s` is when the tick is due, `contact_s` how long the touch has lasted by then. `met_m_s`
+    is its speed where its place waits for the next report; NaN: that of its velocity.
     """
 
     time_s: float
@@ -53,6 +54,7 @@ class FingerState(NamedTuple):
     in_contact: bool
     lateral_force_n: float = nan
     contact_s: float = 0.0
+    met_m_s: float = nan
 
 
 class TargetFriction(NamedTuple):

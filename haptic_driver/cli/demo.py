@@ -84,10 +84,10 @@ def demo(
         file = read_surface(surface)
         if config.simulation.model is None or _given(context, "model"):
             _require_same_model(surface, file, description)
-    settings = render_settings(config, file, feedback=feedback)
     thresholds = load_perception(perception)
     finger = description if config.simulation.model is None else load_model(config.simulation.model)
     bench = SimulatedRig(config, TouchModel(finger), envelope=True)
+    settings = render_settings(bench.config, file, feedback=feedback)
     with bench, progress("sliding", slide.time_s.size) as advance:
         record = render_slide(slide, wanted, settings, bench, advance, model)
     result = score(record, thresholds)
@@ -96,8 +96,11 @@ def demo(
     counts = {name: value for name, value in vars(result).items() if name != "fidelity"}
     known = {"simulated": True, "surface_hash": file.content_hash, "pictures": [str(picture)]}
     payload = asdict(result.fidelity) | counts | known | _felt(record)
-    of_what = "rig" if config.simulated else f"copy of rig {config.name}"
+    of_what = "rig" if config.simulated else f"copy of rig {rig}"
     what = Text.assemble(f"texture {texture}, {slide.name}, on a ", SIMULATED, f" {of_what}")
+    for device in bench.left_out:
+        what.append(f"\nleft out, {device}")
+    payload["left_out"] = bench.left_out
     report(as_json, payload, lambda: _show(record, result, what, picture))
 
 

@@ -101,9 +101,8 @@ def check(
     Example: `haptic texture check linen --normal-force 0.5 --speed 0.05`
     """
     # slow to import
-    from haptic_driver.daemon.set_up import placement_of  # noqa: PLC0415
+    from haptic_driver.daemon.set_up import off_m, placement_of  # noqa: PLC0415
     from haptic_driver.rig.config import load_rig  # noqa: PLC0415
-    from haptic_driver.rig.placement import USUAL_SPEED_M_S  # noqa: PLC0415
 
     require_range("speed", speed, *SPEED_M_S, unit=" m/s")
     loaded = load(name, texture_dirs())
@@ -117,7 +116,7 @@ def check(
         met = loaded.target.under(speed, normal_force)
         bands = predicted(*asked(met, speed, SCREEN_M), reachable, output_of(config), speed)
     placed, detail_m = placement_of(config, speed), loaded.target.detail_m
-    by_time = loaded.target.is_finer_than(placement_of(config, USUAL_SPEED_M_S).median_m)
+    by_time = loaded.target.is_finer_than(off_m(config))
     payload = {
         "name": name,
         "kind": loaded.kind,

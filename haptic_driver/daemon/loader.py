@@ -118,11 +118,12 @@ class Loader:
                 "loading", "something else is being loaded", "ask again when it is there"
             )
         try:
-            child, link = self._ready()
+            _, link = self._ready()
             try:
                 link.send((TIME_S, work, name, *arguments))
                 if not link.poll(HANG_S):
-                    child.kill()
+                    self._end()
+                    raise _hangs(name)
                 is_given, answer = pickle.loads(link.recv_bytes(2 * TARGET_BYTES))
             except (OSError, EOFError):
                 self._end()
@@ -203,6 +204,11 @@ def _too_much(name: str) -> BadInputError:
     return BadInputError(
         TOO_MUCH, f"{name[:200]} takes more than {most} to read", "make it smaller"
     )
+
+
+def _hangs(name: str) -> BadInputError:
+    said = f"{name[:200]} was not read within {HANG_S:g} s"
+    return BadInputError(TOO_MUCH, said, "look whether its disk answers, or what the machine does")
 
 
 def _answer(work: Callable[..., Any], name: str, *arguments: Any) -> bytes:

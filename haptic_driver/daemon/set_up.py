@@ -171,7 +171,7 @@ def render_settings(
         usual_s=usual_s,
         standing_flags=standing,
         model_std=0.0 if config.without_force is None else LEVEL_STD,
-        off_m=placement_of(config, USUAL_SPEED_M_S).median_m,
+        off_m=off_m(config),
     )
 
 
@@ -179,6 +179,11 @@ def placement_of(config: RigConfig, speed_m_s: float) -> Placement:
     """How far from a finger that slides at this speed the rig renders."""
     finger = finger_settings(config, _since_tick_s(config))
     return placement(finger, reports_of(config.finger_tracker), speed_m_s)
+
+
+def off_m(config: RigConfig) -> float:
+    """How far off a place is half of the time, at a usual speed."""
+    return placement_of(config, USUAL_SPEED_M_S).median_m
 
 
 def _lead_s(config: RigConfig) -> float:

@@ -92,8 +92,8 @@ class SimulatedRig:
         time_s = np.arange(0.0, duration_s, TICK_S)
         load_n = np.full(time_s.size, normal_force_n)
         stroke = Slide(f"{1e3 * speed_m_s:g} mm/s", time_s, speed_m_s * time_s, load_n)
-        settings = render_settings(self.surface.rig, self.surface.file)
         with Bench(self.surface.rig, TouchModel(self.finger), envelope=True) as bench:
+            settings = render_settings(bench.config, self.surface.file)
             record = render_slide(stroke, _texture(texture), settings, bench)
         return SlideResult(record, score(record), f"{texture} at {stroke.name}")
 

@@ -306,9 +306,10 @@ class Waves(Texture):
         return float(self.length_m / self.cof.shape[2])
 
     def _met_by(self, finger: FingerState) -> Texture:
-        return self.under(
-            math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s), finger.normal_force_n
-        )
+        speed_m_s = finger.met_m_s
+        if math.isnan(speed_m_s):
+            speed_m_s = math.hypot(finger.velocity_x_m_s, finger.velocity_y_m_s)
+        return self.under(speed_m_s, finger.normal_force_n)
 
     def _cof_at_point(self, x_m: float, y_m: float) -> float:
         return float(self._cof_at_points(np.array([x_m]), np.array([y_m]))[0])

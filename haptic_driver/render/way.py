@@ -9,6 +9,7 @@ drawn.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from haptic_driver.signals import FingerSample, FingerState
@@ -41,7 +42,7 @@ class Way(NamedTuple):
 def follow(
     way: Way | None, sample: FingerSample, felt: FingerState, longest_s: float
 ) -> tuple[Way | None, FingerState]:
-    """The finger with its place and velocity on its way; none without contact.
+    """The way, none without contact, and the finger with its place and velocity on it.
 
     A way takes at most `longest_s`.
     """
@@ -59,6 +60,10 @@ def follow(
     per_s = 1.0 / way.takes_s if share < 1.0 else 0.0
     vx_m_s, vy_m_s = per_s * (way.to_x_m - way.from_x_m), per_s * (way.to_y_m - way.from_y_m)
     placed = felt._replace(
-        position_x_m=x_m, position_y_m=y_m, velocity_x_m_s=vx_m_s, velocity_y_m_s=vy_m_s
+        position_x_m=x_m,
+        position_y_m=y_m,
+        velocity_x_m_s=vx_m_s,
+        velocity_y_m_s=vy_m_s,
+        met_m_s=math.hypot(felt.velocity_x_m_s, felt.velocity_y_m_s),
     )
     return way, placed

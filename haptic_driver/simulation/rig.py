@@ -30,6 +30,7 @@ from haptic_driver.simulation.finger_model import (
     with_hidden,
 )
 from haptic_driver.simulation.instruments import SimulatedInstruments
+from haptic_driver.simulation.twin import copy_of
 from haptic_driver.simulation.world import World
 from hw.analog.output import AnalogOutput
 from hw.analog.simulated_output import SimulatedAnalogOutput
@@ -62,7 +63,8 @@ TIMEOUT_S = 60.0
 
 
 class SimulatedRig:
-    """A rig and its instruments, connected over loopback inside a `with` block.
+    """A rig and its instruments, connected over loopback inside a `with` block. Of a real rig it is
+    a copy, without what is `left_out`.
 
     `rig` is what a driver sees, `instruments` what lies behind; `instruments.amplifier` keeps the
     record of what really was at the electrode. `friction` and `electrode` are any functions, in
@@ -87,6 +89,7 @@ class SimulatedRig:
         reply_timeout_s: float = TIMEOUT_S,
         envelope: bool = False,
     ) -> None:
+        config, self.left_out = copy_of(config)
         generator = config.waveform_generator.model_copy(
             update={"reply_timeout_s": reply_timeout_s}
         )

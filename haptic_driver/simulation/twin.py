@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.part import NO_WATCHDOG, DeviceSection, NoPart
+from haptic_driver.rig.parts.amplifiers import AmplifierConfig, AnalogAmplifierConfig
 from haptic_driver.rig.parts.finger_trackers import StageFingerConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
 from haptic_driver.rig.parts.generators import WatchdogConfig
@@ -84,6 +85,20 @@ def twin_of(config: RigConfig) -> tuple[RigConfig, list[str]]:
         changed["watchdog"] = config.watchdog.model_copy(update={"interlock": None})
     named = {"name": f"{config.name} (simulated)", **changed}
     return config.model_copy(update=named), list(left_out.values())
+
+
+def copy_of(config: RigConfig) -> tuple[RigConfig, list[str]]:
+    """A rig of which every device can be a simulated one, and what of a real one is left out.
+
+    Its amplifier has the figures alone: a card's lines, and kinds of one's own, reach hardware.
+    """
+    if config.simulated:
+        return config, []
+    twin, left_out = twin_of(config)
+    figures = {key: getattr(twin.amplifier, key) for key in AmplifierConfig.model_fields}
+    figures |= {"kind": "analog", **dict.fromkeys(LINES)}
+    plain = AnalogAmplifierConfig.model_construct(**figures)
+    return twin.model_copy(update={"amplifier": plain}), left_out
 
 
 def reached(config: RigConfig, endpoints: Mapping[str, str]) -> RigConfig:

@@ -49,7 +49,6 @@ _FOR_BOTH_AXES = BeforeValidator(
     lambda pitch_mm: pitch_mm if isinstance(pitch_mm, list) else [pitch_mm, pitch_mm]
 )
 PitchMm = Annotated[list[LengthMm], _FOR_BOTH_AXES, Field(min_length=2, max_length=2)]
-Placement = Literal["space", "time"]
 FileName = Annotated[str, Field(min_length=1)]
 
 
@@ -57,20 +56,25 @@ FileName = Annotated[str, Field(min_length=1)]
 class _Description(Checked, strict=True):
     description: str = Field(default="", description="in words")
 
+    def wave_m(self) -> float:
+        """The finest wave whose place may give way; inf where none may."""
+        return math.inf
+
 
 class _Detailed(_Description):
     """What has places, of which those of waves may count less than their length."""
 
-    placement: Placement | None = Field(
+    placement: Literal["space", "time"] | None = Field(
         default=None,
         description=(
-            "what is kept where a panel reports seldom: `space`, places, or `time`, the length of"
-            " waves. By default `time` for waves (not files) finer than places are known"
+            "what is kept where a panel reports seldom: places (`space`) or the length of waves"
+            " (`time`). By default `time` for gratings, noise and spectra finer than places are"
+            " known"
         ),
     )
 
     def wave_m(self) -> float:
-        """The finest wave whose place may give way: 0 for `time`, inf for `space`."""
+        """0 for `time`, inf for `space`."""
         return {None: 1e-3 * self.finest_mm(), "time": 0.0, "space": math.inf}[self.placement]
 
     def finest_mm(self) -> float:

@@ -249,8 +249,6 @@ def _build_texture(described: description.TextureDescription, path: Path) -> Tex
             cof = described.cof_low + (described.cof_high - described.cof_low) * amplitude
             curve = Profile(position_m.tolist(), cof.tolist(), described.outside)
             texture = _placed(curve, described.origin_mm, described.direction_deg)
-    if isinstance(described, description.UniformDescription):
-        return texture
     return texture.of_waves(described.wave_m())
 
 

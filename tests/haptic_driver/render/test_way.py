@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_driver.render.finger import INITIAL, FingerSettings, track
+from haptic_driver.render.texture import Waves
 from haptic_driver.render.way import follow
 from haptic_driver.signals import FingerSample
 
@@ -58,6 +59,23 @@ def test_whatever_is_reported_the_place_does_not_jump_and_stays_among_the_report
     fastest_m = (max(x_m) - min(x_m)) * TICK_S / min(waits_s[1:].min(), LONGEST_S)
     assert np.abs(np.diff(place_m)).max() <= fastest_m + 1e-12
     assert place_m[-1] == pytest.approx(x_m[-1], abs=1e-12)
+
+
+def test_where_a_report_is_late_the_finger_still_slides_for_waves_that_go_by_its_speed():
+    """Its place waits; friction would jump to that of a finger at rest."""
+    cof = np.array([[[0.5] * 8], [[0.7] * 8]])
+    waves = Waves(cof, np.array([0.01, 0.2]), np.array([0.5]), 0.01, 0.0, (0.1, 0.5))
+    way, tracking = None, INITIAL
+    for k in range(4):
+        sample = FingerSample(k * INTERVAL_S, 0.2 * k * INTERVAL_S, 0.0, 0.5)
+        tracking, felt = track(FingerSettings(), tracking, sample)
+        way, at = follow(way, sample, felt, LONGEST_S)
+    late = sample._replace(now_s=sample.time_s + 2.0 * INTERVAL_S)
+    tracking, felt = track(FingerSettings(), tracking, late)
+    _, at = follow(way, late, felt, LONGEST_S)
+    assert at.velocity_x_m_s == 0.0
+    assert waves.cof_under(at) == pytest.approx(0.7, abs=1e-3)
+    assert waves.cof_along(at, np.array([1e-3])) == pytest.approx(0.7, abs=1e-3)
 
 
 def test_a_finger_that_lifts_begins_anew():

@@ -3,7 +3,9 @@
 import pytest
 
 from haptic_driver.rig.config import load_rig
-from haptic_driver.simulation.twin import file_of, pressing, reached, twin_of
+from haptic_driver.rig.parts.amplifiers import AmplifierConfig
+from haptic_driver.simulation.rig import SimulatedRig
+from haptic_driver.simulation.twin import copy_of, file_of, pressing, reached, twin_of
 from tests.haptic_driver.config_texts import CONFIGS, changed
 
 TEMPLATE = (CONFIGS / "rigs" / "template.toml").read_text(encoding="utf-8")
@@ -53,6 +55,28 @@ def test_the_file_that_is_written_is_the_rig_where_it_is_served(mine, tmp_path):
     for same in ("limits", "safety", "output", "finger", "controller", "screen"):
         assert getattr(copy, same) == getattr(mine, same)
     assert copy.amplifier.gain_v_per_v == mine.amplifier.gain_v_per_v
+
+
+class OwnAmplifier(AmplifierConfig):
+    """One of somebody's own kind."""
+
+    def make(self, wiring):
+        pytest.fail("the amplifier was reached")
+
+
+def test_nothing_of_a_simulated_copy_reaches_hardware(mine, touch):
+    """Neither a kind of one's own nor a line of a card is opened for it."""
+    said = mine.amplifier.model_dump() | {"kind": "own", "fault_line": "Dev1/port0/line0"}
+    own = mine.model_copy(update={"amplifier": OwnAmplifier(**said)})
+    with SimulatedRig(own, touch, envelope=True) as bench:
+        assert bench.config.amplifier.gain_v_per_v == mine.amplifier.gain_v_per_v
+        assert bench.config.amplifier.fault_line is None
+        assert bench.left_out == twin_of(own)[1]
+
+
+def test_a_simulated_rig_is_its_own_copy():
+    config = load_rig("simulated")
+    assert copy_of(config) == (config, [])
 
 
 def test_what_cannot_be_served_is_told_and_left_out(mine):
