@@ -123,6 +123,7 @@ def check(
         "normal_force_n": normal_force,
         "reachable_cof": list(reachable),
         **found._asdict(),
+        "perceptual_gain": loaded.perceptual_gain,
         "speed_m_s": speed,
         "bands": [band._asdict() for band in bands],
         "ripple": carrier.payload(),
@@ -137,6 +138,9 @@ def check(
 
     def show() -> None:
         _show(name, loaded.kind, found, reachable, normal_force)
+        if loaded.perceptual_gain != 1.0:
+            gain = f"  friction varies {loaded.perceptual_gain:g} times as much as its file says"
+            stdout.print(f"{gain} (perceptual_gain)")
         stdout.print(_by_time(placed) if by_time else _placed(placed, detail_m))
         if bands:
             _show_bands(bands, speed, carrier)

@@ -49,11 +49,15 @@ PATIENCE_S = 0.2  # for another request to end: who waits holds a thread of the 
 
 
 class Asking(NamedTuple):
-    """What is to be rendered and what it asks for; `drawn`: of a scene, its objects."""
+    """What is to be rendered and what it asks for; `drawn`: of a scene, its objects.
+
+    `perceptual_gain`: by which friction varies more than its texture's file says.
+    """
 
     target: Target
     demand: Demand
     drawn: Drawn | None
+    perceptual_gain: float
 
 
 class Loader:
@@ -176,7 +180,8 @@ class Loader:
 
 def _texture(name: str, reachable_cof: tuple[float, float]) -> Asking:
     loaded = load(name, texture_dirs())
-    return Asking(loaded.target, demand(loaded.target, reachable_cof), loaded.drawn)
+    asked = demand(loaded.target, reachable_cof)
+    return Asking(loaded.target, asked, loaded.drawn, loaded.perceptual_gain)
 
 
 def _material(

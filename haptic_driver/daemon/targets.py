@@ -89,7 +89,7 @@ class Targets:
         """
         self._orders.renew(token)
         load_n, (low, high) = self.reach()
-        target, asked, drawn = self._loader.texture(
+        target, asked, drawn, gain = self._loader.texture(
             texture, ((1.0 - FAR) * low, (1.0 + FAR) * high)
         )
         if not nearest:
@@ -98,7 +98,7 @@ class Targets:
             target = target.started(self._clock())
         with self.changing:
             self._hand_over(token, target, shown(texture), drawn)
-            self._events.tell("texture", texture)
+            self._events.tell("texture", texture, perceptual_gain=gain)
             self.tell_scene()
 
     def change_scene(

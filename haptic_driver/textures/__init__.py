@@ -13,6 +13,7 @@ One rule holds: files are read here, never in a tick.
 __all__ = [
     "bands",
     "description",
+    "formulas",
     "library",
     "objects",
     "process",

@@ -43,6 +43,7 @@ Coefficients = Annotated[
     Field(min_length=1, max_length=100),
 ]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
+Gain = Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
 
 
 _FOR_BOTH_AXES = BeforeValidator(
@@ -272,9 +273,7 @@ class SpectrumDescription(_Detailed):
         default=0.5,
         description="the load where nobody says another, as in pictures; only for `[[process]]`",
     )
-    perceptual_gain: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = Field(
-        default=1.0, description="by which all waves are multiplied"
-    )
+    perceptual_gain: Gain = Field(default=1.0, description="by which all waves are multiplied")
     invert_finger: bool = Field(
         default=False,
         description="whether each wave is as much larger as a usual finger makes it smaller",
@@ -347,10 +346,19 @@ class _Located(_Detailed):
 
 
 class ProfileDescription(_Located):
-    """Points along a direction, in a CSV file with columns position_mm (or position_m) and cof."""
+    """Points along a direction, in a CSV file with columns position_mm (or position_m) and cof.
+
+    `perceptual_gain` is for friction recorded on a real surface. People took its playback for the
+    original where it was 3 times (fine textures) to 5 times (coarse ones) too strong
+    (10.1109/TOH.2021.3130091). The file keeps the friction as recorded.
+    """
 
     kind: Literal["profile"]
     direction_deg: Degrees = Field(default=0.0, description="from x towards y, which points down")
+    perceptual_gain: Gain = Field(
+        default=1.0,
+        description="by which friction's deviation from its mean along the line is multiplied",
+    )
 
 
 class MapDescription(_Located):

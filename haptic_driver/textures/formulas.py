@@ -11,6 +11,7 @@ import numpy as np
 from haptic_driver.render.texture import Grating, Placed, Profile, Texture
 from haptic_driver.signals import Array
 from haptic_driver.textures.description import FINEST_MM, GratingDescription, NoiseDescription
+from haptic_driver.textures.objects import TEXTURE_COF
 
 FINEST_M = FINEST_MM * 1e-3
 PHASE_BITS = 53  # of a float's mantissa
@@ -90,6 +91,17 @@ def random_phases_rad(seed: int, count: int) -> Array:
     """
     bits = np.random.PCG64(seed).random_raw(count)
     return np.asarray(math.tau * (bits >> np.uint64(64 - PHASE_BITS)) / 2.0**PHASE_BITS)
+
+
+def amplified(position_m: Array, cof: Array, gain: float) -> Array:
+    """Friction [n] over position whose deviation from its mean along the way is `gain` times as
+    large, cut where a texture's friction ends.
+    """
+    if gain == 1.0:
+        return cof
+    way_m = np.diff(position_m)
+    mean = float(np.sum(0.5 * (cof[1:] + cof[:-1]) * way_m) / way_m.sum())
+    return np.asarray(np.clip(mean + gain * (cof - mean), *TEXTURE_COF))
 
 
 def averaged(values: Array, pitch_x_m: float, pitch_y_m: float) -> tuple[Array, float, float]:

@@ -8,6 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from haptic_driver.errors import BadInputError, shown
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
 from haptic_driver.textures import description, formulas, hjif, scene, script, sources, spectrum
@@ -33,7 +35,8 @@ LONGEST_NAME_BYTES = 240  # file systems allow 255, the suffix included
 
 class Loaded(NamedTuple):
     """What a name or a file stands for. `path` is the file that says so, `kind` and `description`
-    as it says; `drawn` is a scene with its objects.
+    as it says; `drawn` is a scene with its objects. `perceptual_gain`: of one texture, 1 where its
+    friction is in true size.
     """
 
     target: Target
@@ -41,6 +44,7 @@ class Loaded(NamedTuple):
     description: str
     path: Path
     drawn: scene.Drawn | None = None
+    perceptual_gain: float = 1.0
 
 
 def texture_names(search: Sequence[Path]) -> list[str]:
@@ -157,7 +161,8 @@ def _load_toml(path: Path, search: Sequence[Path], in_script: bool) -> Loaded:
     except BadInputError as error:
         at_fault = f"{path}: key 'file': " if getattr(described, "file", None) is not None else ""
         raise BadInputError(error.code, f"{at_fault}{error.message}", error.hint) from None
-    return Loaded(target, described.kind, described.description, path)
+    gain = getattr(described, "perceptual_gain", 1.0)
+    return Loaded(target, described.kind, described.description, path, perceptual_gain=gain)
 
 
 def load_material(material: scene.Material, search: Sequence[Path]) -> Texture:
@@ -237,9 +242,9 @@ def _build_texture(described: description.TextureDescription, path: Path) -> Tex
         case description.SpectrumDescription():
             texture = spectrum.spectrum(described, str(path))
         case description.ProfileDescription():
-            profile = Profile(
-                *sources.read_profile(path.parent / described.file), described.outside
-            )
+            position_m, cof = map(np.array, sources.read_profile(path.parent / described.file))
+            cof = formulas.amplified(position_m, cof, described.perceptual_gain)
+            profile = Profile(position_m.tolist(), cof.tolist(), described.outside)
             texture = _placed(profile, described.origin_mm, described.direction_deg)
         case description.MapDescription():
             picture = _build_map(described, path.parent / described.file)

@@ -138,8 +138,13 @@ def simulate(
                 f"{one.median:.4g}",
                 f"{one.relative_std:.0%}",
             )
-            table.add_row(one.condition, *numbers, held)
-        stdout.print(table)
+            if one.positive is None:
+                table.add_row(one.condition, *numbers, held)
+            else:
+                share = f"{one.positive:.0%} of {one.trials:.0f} answers are positive"
+                stdout.print(f"{one.condition}: {share}")
+        if table.rows:
+            stdout.print(table)
 
     report(
         as_json,
@@ -258,6 +263,10 @@ def _show(results: Sequence[Result], written: Sequence[str]) -> None:
             stdout.print(f"left out of {r.participant}, {r.condition}: {why} ({trials})")
         if r.why_none:
             stdout.print(f"no threshold of {r.participant}, {r.condition}: {r.why_none}")
+        if r.positive is not None:
+            share, low, high = r.positive
+            said = f"{share:.0%} of answers positive, 95 % interval {low:.0%} to {high:.0%}"
+            stdout.print(f"{r.participant}, {r.condition}: {said}")
         for note in r.notes:
             stdout.print(f"note on {r.participant}, {r.condition}: {note}")
     for path in written:

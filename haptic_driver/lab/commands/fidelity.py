@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -18,6 +18,7 @@ from haptic_driver.fidelity.said import said
 from haptic_driver.fidelity.samples import fidelity_of_samples
 from haptic_driver.fidelity.strokes import Stroke
 from haptic_driver.lab.commands.columns import ColumnOption, columns_named
+from haptic_driver.recording.event import Event
 from haptic_driver.recording.read import read_run
 from haptic_driver.signals import Array
 from model.support.cells import number
@@ -48,18 +49,35 @@ def fidelity(
     between its rows. A table tells of friction alone, so what a finger feels of it is for a load of
     1 N.
 
+    A texture with a `perceptual_gain` is compared as it was asked for, amplified. Its name and gain
+    are told.
+
     Example: `haptic fidelity run.h5`
     """
-    perception = load_perception()
+    perception, gains = load_perception(), dict[str, float]()
     if file.suffix in RECORDINGS:
         if asked is not None or column:
             raise BadInputError("usage", "a recording has its columns", "Give the file alone")
-        found = fidelity_of_samples(read_run(file, run).samples, perception)
+        whole = read_run(file, run)
+        found = fidelity_of_samples(whole.samples, perception)
+        gains = _amplified(whole.events)
     else:
         if run is not None:
             raise BadInputError("usage", "--run is for recordings", "Leave out --run")
         found = _of_series(file, asked, column, perception)
-    report(as_json, asdict(found), lambda: stdout.print("\n".join(said(found))))
+    lines = said(found)
+    for name, gain in gains.items():
+        lines.append(f"{name} was asked for with {gain:g} times the variation of its file")
+    payload = asdict(found) | {"perceptual_gain": gains}
+    report(as_json, payload, lambda: stdout.print("\n".join(lines)))
+
+
+def _amplified(events: Sequence[Event]) -> dict[str, float]:
+    """The gain of each texture that was played amplified."""
+    told = {
+        e.message: float(e.data.get("perceptual_gain", 1.0)) for e in events if e.kind == "texture"
+    }
+    return {name: gain for name, gain in told.items() if gain != 1.0}
 
 
 def _of_series(

@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from haptic_driver.cli.output import Json, report, stdout
-from haptic_driver.errors import BadInputError
+from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.files import require_ending, require_free, write_rows, write_text
 from haptic_driver.lab.commands.columns import ColumnOption, MapOption, columns_named, refuse_both
 from model.support.toml import toml_lines
 
 if TYPE_CHECKING:
     from haptic_driver.lab.importers import Made
+
+GAINS = (0.0, 20.0)
 
 
 def texture_import(
@@ -52,6 +54,13 @@ def texture_import(
             help=".xml: friction (rms) of the model that vibrates most; the others in proportion."
         ),
     ] = None,
+    perceptual_gain: Annotated[
+        float | None,
+        Option(
+            help="By which variation about the mean is played stronger: 3 for .csv and trials, else"
+            " 1. A fine texture is taken for the original at 3, a coarse one at 5."
+        ),
+    ] = None,
     force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -62,17 +71,23 @@ def texture_import(
     over position. A vibration has no friction: say which it shall have. HaTT models give a texture
     that changes with speed and load.
 
+    Strokes on a real surface are played stronger than recorded, since else they feel weak; the
+    points stay as recorded. For friction in true size: `--perceptual-gain 1`.
+
     With `--map` the source is a raw trial file that `haptic rows` can read, of whatever ending.
 
     Example: `haptic texture import strokes.csv --out mine.toml`
     """
     refuse_both(map_file, column)
     require_ending(out, [".toml"])
-    from haptic_driver.lab.importers import Asked, importer_of  # noqa: PLC0415  (slow, as strokes)
+    # slow, as strokes
+    from haptic_driver.lab.importers import Asked, importer_of, usual_gain  # noqa: PLC0415
     from haptic_driver.lab.importers.strokes import COLUMNS  # noqa: PLC0415
 
     named = columns_named(column, COLUMNS, "position_mm=x")
-    said = (speed, mean_cof, amplitude_cof, cof_rms)
+    gain = usual_gain(source, map_file) if perceptual_gain is None else perceptual_gain
+    require_range("--perceptual-gain", gain, *GAINS)
+    said = (speed, mean_cof, amplitude_cof, cof_rms, gain)
     asked = Asked(run, named, map_file, pitch_mm * 1e-3, *said)
     made = importer_of(source, map_file)(source, asked)
     points = out.with_suffix(".csv")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from haptic_driver.errors import BadInputError
+from haptic_driver.textures.formulas import amplified
 
 if TYPE_CHECKING:
     from haptic_driver.signals import Array
@@ -26,6 +27,7 @@ IMPORTERS = {
     ".xml": f"{__name__}.hatt",
 }
 TRIAL = "haptic_driver.lab.raw_trials.strokes"  # whatever its ending
+PLAYBACK_GAIN = 3.0  # Grigorii 2021, 10.1109/TOH.2021.3130091: 3 for fine textures, 5 for coarse
 NOT_MEASURED = "its size in friction is what you said, not measured"
 
 
@@ -40,6 +42,7 @@ class Asked(NamedTuple):
     mean_cof: float | None
     amplitude_cof: float | None
     cof_rms: float | None
+    perceptual_gain: float
 
 
 class Made(NamedTuple):
@@ -66,17 +69,33 @@ def importer_of(source: Path, map_file: Path | None) -> Callable[[Path, Asked], 
     return made
 
 
+def usual_gain(source: Path, map_file: Path | None) -> float:
+    """How much stronger than recorded friction is played: that of strokes on a real surface is."""
+    strokes = map_file is not None or source.suffix.lower() == ".csv"
+    return PLAYBACK_GAIN if strokes else 1.0
+
+
 def profiled(position_m: Array, cof: Array, words: str, found: dict[str, Any], **more: Any) -> Made:
     """A texture of friction [n] over position; `more` goes into its file."""
     ends = [float(cof.min()), float(cof.max())]
+    gain = more["perceptual_gain"]
+    played = amplified(position_m, cof, gain)
+    played_ends = [float(played.min()), float(played.max())]
     speed_m_s, length_mm = found["speed_m_s"], found["length_mm"]
     at = "" if speed_m_s != speed_m_s else f", at {speed_m_s:.3g} m/s"  # noqa: PLR0124 - NaN
     shown = [
         f"{cof.size} points over {length_mm:.4g} mm, friction {ends[0]:.4g} to {ends[1]:.4g}{at}",
         words,
     ]
+    if gain != 1.0:
+        shown.append(
+            f"played with {gain:g} times its variation, {played_ends[0]:.4g} to"
+            f" {played_ends[1]:.4g}: so people took a fine texture for the original at about 3, a"
+            " coarse one at 5 (10.1109/TOH.2021.3130091). As recorded: --perceptual-gain 1"
+        )
     head = {"kind": "profile", "description": words, **more}
-    told = {"points": cof.size, "cof": ends, "words": words} | found
+    told = {"points": cof.size, "cof": ends, "words": words}
+    told |= {"perceptual_gain": gain, "played_cof": played_ends} | found
     return Made(head, told, shown, profile=(position_m, cof))
 
 

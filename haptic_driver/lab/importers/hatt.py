@@ -82,6 +82,7 @@ def made(source: Path, asked: Asked) -> Made:
         "description": NOT_MEASURED,
         "mean_cof": models.mu if asked.mean_cof is None else asked.mean_cof,
         "rate_hz": models.rate_hz,
+        "perceptual_gain": asked.perceptual_gain,
     }
     tables = models.described(asked.cof_rms)
     described = description.parse(head | {"process": tables}, source)
@@ -94,6 +95,7 @@ def made(source: Path, asked: Asked) -> Made:
         "speed_m_s": [speeds_m_s[0], speeds_m_s[-1]],
         "normal_force_n": [loads_n[0], loads_n[-1]],
         "cof": [low, high],
+        "perceptual_gain": asked.perceptual_gain,
     }
     shown = [
         f"{len(tables)} processes for {speeds_m_s[0]:.3g} to {speeds_m_s[-1]:.3g} m/s"

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +106,8 @@ def over_position(strokes: Strokes, source: Path, asked: Asked, direction_deg: f
         f" {found['widest_gap_mm']:.3g} mm"
     )
     words = "; ".join([used, *strokes.doubts])
-    how = {"direction_deg": direction_deg, "outside": "nothing"}
+    how: dict[str, Any] = {"direction_deg": direction_deg, "outside": "nothing"}
+    how["perceptual_gain"] = asked.perceptual_gain
     return profiled(felt.position_m, felt.cof, words, found, **how)
 
 

@@ -64,7 +64,8 @@ def made(source: Path, asked: Asked) -> Made:
     length_mm = 1e3 * float(np.ptp(position_m))
     told = {"length_mm": length_mm, "speed_m_s": speed_m_s, "rate_hz": found.rate_hz}
     words = f"the vibration's shape at that speed; {NOT_MEASURED}"
-    return profiled(position_m, cof, words, told, direction_deg=0.0, outside="tile")
+    how = {"direction_deg": 0.0, "outside": "tile", "perceptual_gain": asked.perceptual_gain}
+    return profiled(position_m, cof, words, told, **how)
 
 
 def read_wav(path: Path) -> Vibration:

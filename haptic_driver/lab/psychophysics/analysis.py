@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import binomtest
 
 from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError
@@ -28,8 +29,9 @@ class Result:
 
     `left_out`: why, of each trial that was not delivered. `staircase`: mean of the reversals of
     each session's staircase, and the share of positive answers at which it comes to rest. None for
-    other methods, and where reversals are those of the end of its range. `notes`: what not to rely
-    on. `axis`: what a level is, with its unit.
+    other methods, and where reversals are those of the end of its range. `positive`: where one
+    level alone was presented, the share of positive answers and its 95 % interval. `notes`: what
+    not to rely on. `axis`: what a level is, with its unit.
     """
 
     participant: str
@@ -40,6 +42,7 @@ class Result:
     fit: Fit | None
     why_none: str = ""
     staircase: tuple[float, float] | None = None
+    positive: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
     axis: str = "level"
 
@@ -65,6 +68,8 @@ class Result:
             found |= {"deviance": self.fit.deviance}
         mean, share = self.staircase or ("", "")
         found |= {"reversals_mean": mean, "reversals_at": share}
+        share, low, high = self.positive or ("", "", "")
+        found |= {"positive": share, "positive_low": low, "positive_high": high}
         return found | {"notes": "; ".join(self.notes)}
 
 
@@ -151,9 +156,19 @@ def _result(
         found,
         why_none,
         staircase,
+        _positive(used),
         tuple(notes),
         experiment.condition(condition).axis,
     )
+
+
+def _positive(used: Sequence[Row]) -> tuple[float, float, float] | None:
+    """The share of positive answers and its 95 % interval (Wilson), of trials at one level."""
+    if len({row.level for row in used}) != 1:
+        return None
+    count = sum(row.positive for row in used)
+    low, high = binomtest(count, len(used)).proportion_ci(method="wilson")
+    return count / len(used), float(low), float(high)
 
 
 def _staircase(

@@ -28,7 +28,8 @@ UNBIASED_GUESS = 0.1  # of a simulated participant who says yes or no
 class Found(NamedTuple):
     """How a condition's threshold was found: median over participants, its spread relative to the
     truth, and the mean number of trials. Two shares of participants follow: those whose 95 %
-    interval holds the truth, and those whose answers hold one.
+    interval holds the truth, and those whose answers hold one. `positive`: the mean share of
+    positive answers, where one level alone is presented.
     """
 
     condition: str
@@ -38,6 +39,7 @@ class Found(NamedTuple):
     trials: float
     held_by_interval: float
     fitted: float
+    positive: float | None
 
 
 class ReachedTexture(NamedTuple):
@@ -215,6 +217,7 @@ class _Remembered(SessionFiles):
 def _found(condition: str, truth: float, results: list[Result]) -> Found:
     fits = [r.fit for r in results if r.fit is not None]
     thresholds = np.array([fit.threshold for fit in fits if not fit.why_none] or [np.nan])
+    shares = [r.positive[0] for r in results if r.positive is not None]
     held = [fit.interval_95[0] <= truth <= fit.interval_95[1] for fit in fits]
     return Found(
         condition,
@@ -224,4 +227,5 @@ def _found(condition: str, truth: float, results: list[Result]) -> Found:
         float(np.mean([r.trials for r in results])),
         float(np.mean(held)) if held else np.nan,
         sum(not fit.why_none for fit in fits) / len(results),
+        float(np.mean(shares)) if shares else None,
     )

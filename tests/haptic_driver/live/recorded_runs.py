@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from haptic_driver.processes.samples import SAMPLE
+from haptic_driver.recording.event import Event
 from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
 from hw.finger.plant import FingerPlant
 
@@ -94,10 +95,12 @@ def moved(samples: np.ndarray, by_s: float) -> np.ndarray:
     return later
 
 
-def record(path: Path, *runs: np.ndarray, header: RunHeader = HEADER) -> Path:
-    """A recording of these runs."""
+def record(
+    path: Path, *runs: np.ndarray, header: RunHeader = HEADER, events: Sequence[Event] = ()
+) -> Path:
+    """A recording of these runs, each with these events."""
     for samples in runs:
         writer = RunWriter(path, header)
-        writer.append(Chunk(samples, 0, []))
+        writer.append(Chunk(samples, 0, [*events]))
         writer.close()
     return path

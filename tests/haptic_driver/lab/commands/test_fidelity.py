@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from haptic_driver.recording.event import Event
 from tests.haptic_driver.commands import said_by
 from tests.haptic_driver.live.recorded_runs import Part, record, ticks
 
@@ -57,8 +58,15 @@ def test_a_recording_has_all_that_it_needs(haptic, rng, tmp_path):
     made = ticks([Part(2.0)], lambda *_: 0.306, rng, wobble=0.0, noise_n=0.0)
     made["lateral_force_n"], made["measured_cof"] = 0.306, 0.612  # from the first tick on
     made["target_cof"], made["reachable"] = 0.6, 1
-    record(tmp_path / "run.h5", made)
+    played = {"wool.toml": 3.0, "linen": 1.0}
+    events = [
+        Event(number=i, time_s=0.1, kind="texture", message=name, data={"perceptual_gain": gain})
+        for i, (name, gain) in enumerate(played.items())
+    ]
+    record(tmp_path / "run.h5", made, events=events)
+    assert "wool.toml was asked for with 3 times" in haptic("fidelity", tmp_path / "run.h5").out
     said = haptic("fidelity", tmp_path / "run.h5", "--json").said
+    assert said["perceptual_gain"] == {"wool.toml": 3.0}
     assert said["share_within_5_percent"] == 1.0
     assert said["relative_error_rms"] == pytest.approx(0.02, abs=1e-6)
 

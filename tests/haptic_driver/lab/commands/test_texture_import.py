@@ -61,10 +61,10 @@ def along(path, position_m, axis=0):
 
 @pytest.fixture
 def importing(haptic, tmp_path):
-    """Import a file of this folder as t.toml; what the command did."""
+    """Import a file of this folder as t.toml, in true size; what the command did."""
 
     def run(name, *options):
-        words = ("--out", tmp_path / "t.toml", *options, "--json")
+        words = ("--out", tmp_path / "t.toml", "--perceptual-gain", 1, *options, "--json")
         return haptic("texture", "import", tmp_path / name, *words)
 
     return run
@@ -84,6 +84,37 @@ def test_strokes_of_a_table_become_friction_over_position(importing, tmp_path):
     assert said["length_mm"] == pytest.approx(30.0, abs=0.2)
     assert said["speed_m_s"] == pytest.approx(SPEED_M_S, rel=0.01)
     assert said["share_used"] == pytest.approx(2 * 0.030 / SPEED_M_S / TICK_S / time.size, abs=0.02)
+
+
+def test_strokes_are_played_three_times_as_strong_unless_one_says_otherwise(haptic, tmp_path):
+    time, position, load, lateral = there_and_back()
+    names = "time_s,position_mm,normal_force_n,lateral_force_n"
+    write_csv(tmp_path / "strokes.csv", names, time, 1e3 * position, load, lateral)
+    out = tmp_path / "t.toml"
+    done = haptic("texture", "import", tmp_path / "strokes.csv", "--out", out)
+    assert "3 times its variation" in done.out
+    assert "10.1109/TOH.2021.3130091" in done.out
+    # Six whole waves about 0.6.
+    assert along(out, INSIDE_M) == pytest.approx(0.6 + 3.0 * (friction(INSIDE_M) - 0.6), abs=0.01)
+    as_recorded = along(out.with_suffix(".csv"), INSIDE_M)
+    assert as_recorded == pytest.approx(friction(INSIDE_M), abs=0.003)
+    checked = haptic("texture", "check", out, "--json").said
+    assert checked["perceptual_gain"] == 3.0
+    assert checked["cof_high"] == pytest.approx(0.9, abs=0.01)
+    assert "below_reach" in checked["flags"]
+    out.write_text(out.read_text().replace("perceptual_gain = 3.0", "perceptual_gain = 1.0"))
+    assert along(out, INSIDE_M) == pytest.approx(friction(INSIDE_M), abs=0.003)
+
+
+def test_amplified_friction_is_cut_where_friction_ends(importing, tmp_path):
+    _, position, load, lateral = (column[:1500] for column in there_and_back())
+    names = "position_mm,normal_force_n,lateral_force_n"
+    write_csv(tmp_path / "strokes.csv", names, 1e3 * position, load, lateral)
+    said = importing("strokes.csv", "--perceptual-gain", 9).said
+    assert said["played_cof"] == pytest.approx([0.01, 1.5], abs=0.02)
+    assert along(tmp_path / "t.toml", INSIDE_M).min() == 0.01
+    refused = importing("strokes.csv", "--perceptual-gain", 21, "--force")
+    assert refused.said["error"]["code"] == "out_of_range"
 
 
 def test_columns_may_have_other_names_and_no_times(importing, tmp_path):

@@ -461,6 +461,38 @@ def test_staircase_and_quest_plus_find_a_known_threshold_and_agree(tmp_path):
     assert found[0] == pytest.approx(found[1], rel=0.10)
 
 
+def test_of_the_real_texture_among_two_the_share_of_right_answers_is_told(haptic):
+    """72 % of 10 times 40 answers, give or take 0.022; nothing is said of a threshold."""
+    done = haptic("experiment", "simulate", "which_is_real", "--participants", 10, "--json").said
+    shares = [one["positive"] for one in done["conditions"]]
+    assert shares == pytest.approx([0.72, 0.72], abs=0.06)
+    for condition in load_experiment("which_is_real").file.condition:
+        found = reached(load_experiment("which_is_real"), condition, (0.5, 0.9))
+        assert found.standard_is_reached
+        assert found.reached_levels == (1.0, 1.0)
+
+
+class RightInThree(PretendedParticipant):
+    """Right in the first three of four trials."""
+
+    def ask(self, question):
+        position = question.trial.position
+        return position if question.number <= 3 else 1 - position
+
+
+def test_the_share_at_one_level_has_wilsons_interval(tmp_path):
+    one = '[method]\nkind = "constant"\nlevels = [0.1]\nrepeats = 4\n'
+    session_of(
+        made(tmp_path, tables=one),
+        tmp_path / "out",
+        RightInThree(Psychometric("weibull", 0.1, 3.0, 0.5)),
+    )
+    (result,) = analyse(tmp_path / "out")
+    # 3 of 4 by Wilson 1927: (p + z^2/2n -+ z sqrt(p q/n + z^2/4n^2)) / (1 + z^2/n), z = 1.96
+    assert result.positive == pytest.approx((0.75, 0.3006, 0.9544), abs=1e-4)
+    assert result.numbers()["positive_high"] == result.positive[2]
+
+
 @pytest.mark.parametrize(
     ("threshold", "why", "empty", "given"),
     [
