@@ -5,10 +5,13 @@ from __future__ import annotations
 import datetime
 from collections import Counter
 from contextlib import ExitStack
+from typing import Annotated
 
 from rich.table import Column, Table
 from rich.text import Text
+from typer import Option
 
+from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import SIMULATED, Json, RigOption, report, stdout
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.check import Check, CheckStatus
@@ -23,7 +26,18 @@ COLOURS = {
 }
 
 
-def doctor(rig: RigOption = "simulated", as_json: Json = False) -> int:
+def doctor(
+    rig: RigOption = "simulated",
+    latency: Annotated[
+        bool,
+        Option("--latency", help="Instead: time touches on the daemon that renders, to the edge."),
+    ] = False,
+    touches: Annotated[
+        int, Option(min=1, max=1000, help="--latency: so many, by a finger or a simulated one.")
+    ] = 20,
+    socket: SocketOption = None,
+    as_json: Json = False,
+) -> int:
     """Check a rig without energising it: identity, settings, limits, monitors, calibration dates,
     scheduling.
 
@@ -31,8 +45,17 @@ def doctor(rig: RigOption = "simulated", as_json: Json = False) -> int:
     failed. The devices of a simulated rig are served for the occasion and asked over the same
     wires.
 
+    With `--latency` it times touches on the running daemon, whatever its rig. Each stage is told,
+    from a touch to the voltage that the amplifier's monitor shows. It arms nothing and asks for no
+    friction: do both before.
+
     Example: `haptic doctor --rig simulated`
     """
+    if latency:
+        from haptic_driver.cli.loop_back import time_touches  # noqa: PLC0415 (HTTP is slow)
+
+        time_touches(socket, touches, as_json=as_json)
+        return 0
     config = load_rig(rig)
     today = datetime.date.today()
     with ExitStack() as serving:

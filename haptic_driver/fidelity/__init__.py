@@ -9,4 +9,14 @@ One rule holds: a number that the data cannot support is None, with the reason w
 for one.
 """
 
-__all__ = ["average", "lag", "measure", "perception", "said", "samples", "sliding", "strokes"]
+__all__ = [
+    "average",
+    "edge",
+    "lag",
+    "measure",
+    "perception",
+    "said",
+    "samples",
+    "sliding",
+    "strokes",
+]

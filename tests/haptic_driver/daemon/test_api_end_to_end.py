@@ -67,6 +67,31 @@ def client(announced):
         client.disarm()
 
 
+def test_a_touch_is_timed_to_the_edge_that_the_monitor_shows(client, announced, haptic):
+    """The simulated generator takes 30 ms to set an amplitude; nothing is armed or asked for."""
+
+    def timed(touches):
+        said = ("--touches", touches, "--socket", announced["socket"], "--json")
+        return haptic("doctor", "--latency", *said).said
+
+    assert timed(1)["error"]["code"] == "not_rendering"
+    with client.armed(LONG_S) as session:
+        session.set(client.status().reachable_cof[0], nearest=True)
+        refused = timed(1)["error"]
+        assert refused["code"] == "no_touch_timed"
+        session.set(0.8)
+        until(lambda: client.status().output_on)
+        found = timed(3)
+    stages = {stage["name"]: stage for stage in found["stages"]}
+    assert list(stages) == ["panel", "read", "tick", "wait", "output", "total", "lead"]
+    parts = [stages[name]["median_s"] for name in ("output", "total", "lead")]
+    assert 0.030 < parts[0] < parts[1]
+    assert parts[2] == pytest.approx(0.035)
+    assert found["touches"] + sum(found["left_out"].values()) >= 3
+    assert found["dialogues_s"]["waveform_generator"] > 0.0
+    assert [what.partition(":")[0] for what in found["unknown"]] == ["panel", "electrode"]
+
+
 def test_a_friction_is_rendered_and_switched_off(client):
     with client.armed(LONG_S) as session:
         assert client.status().output_on is False
