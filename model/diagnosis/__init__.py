@@ -12,6 +12,7 @@ that a person sets stand in `priors.py` with their reasons.
 """
 
 __all__ = [
+    "changed",
     "data",
     "ends",
     "hypotheses",

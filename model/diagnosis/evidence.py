@@ -143,6 +143,12 @@ def remaining(fit: Fit, scale: float, loose: Array) -> Array:
     return np.asarray((target - spread @ weights) / scale)
 
 
+def taken_up(fit: Fit, scale: float, loose: Array) -> Array:
+    """The part of what such a model says that comes from what is `loose`, whitened [n]."""
+    _, _, weights = _posterior(fit, scale, loose)
+    return np.asarray(loose @ weights[-loose.shape[1] :])
+
+
 def explained(fit: Fit, scale: float, loose: Array, signatures: Array) -> Array:
     """How much of what such a model leaves each of some `signatures` [m, n] explains, in chi^2 [m]:
     the score test.

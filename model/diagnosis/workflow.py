@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from model.description import ModelDescription
 from model.diagnosis.audit import Audit, audited
+from model.diagnosis.changed import changed
 from model.diagnosis.data import Measurements
 from model.diagnosis.decide import WITHOUT_NAME, Verdict, verdict_of
 from model.diagnosis.ends import at_an_end
@@ -31,6 +32,7 @@ from model.diagnosis.posterior import Posterior, held_against, posterior
 from model.diagnosis.proof import Proof, prove
 from model.diagnosis.setting import Setting, fitted, nuisance_warnings
 from model.diagnosis.where import Disagreement, disagreement
+from model.support.arrays import Array
 
 LEADERS = 4  # models that take part in the held-out proof, at the least
 Progress = Callable[[str], None]
@@ -41,7 +43,8 @@ class Findings:
     """What was fitted and what it says.
 
     `before` scans the base model's residuals, `after` those of the chosen one. `learned`: the
-    empirical term that stands in where the verdict is `unexplained`, if there is any.
+    empirical term that stands in where the verdict is `unexplained`, if there is any. `changed`
+    [n]: probability that an observation is friction that is changed by more than its noise.
     """
 
     problem: Problem
@@ -50,6 +53,7 @@ class Findings:
     before: Disagreement
     after: Disagreement
     proof: Proof
+    changed: Array
     learned: LearnedTerm | None = None
 
     @property
@@ -165,11 +169,14 @@ def explored(
         return disagreement(data, problem.noise, found.around, found.bent, seed)
 
     before = scan(setting.base)
-    findings = Findings(problem, hypotheses, verdict, before, scan(verdict.chosen), proof)
+    rows = changed(problem, hypotheses, verdict.posterior)
+    findings = Findings(problem, hypotheses, verdict, before, scan(verdict.chosen), proof, rows)
     if verdict.verdict != "unexplained":
         return findings
     learned = learn(description, data, problem, setting.base, seed, progress)
     findings = replace(findings, learned=learned)
     if learned is None or not learned.is_proved:
         return findings
-    return replace(findings, after=scan(findings.chosen), proof=learned.proof)
+    rows = changed(problem, hypotheses, verdict.posterior, findings.chosen)
+    after = scan(findings.chosen)
+    return replace(findings, after=after, proof=learned.proof, changed=rows)

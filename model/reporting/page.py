@@ -233,7 +233,21 @@ def _where(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:
         drawn, "residual_map", "Residuals over frequency and voltage, before and after"
     )
     pictured += _image(drawn, "residual_over_time", "Residuals over time, before and after")
-    return f"<p>{escape(lead)}</p>{_rows(head, rows)}{pictured}"
+    return f"<p>{escape(lead)}</p>{_rows(head, rows)}<p>{escape(_changed(content))}</p>{pictured}"
+
+
+def _changed(content: Mapping[str, Any]) -> str:
+    """How much of the data is changed by what is missing, and where most of that lies."""
+    changed = content["changed"]
+    if not changed["rows"]:
+        return "What is missing changes no row of friction by more than its noise."
+    if changed["rows"] == changed["of"]:
+        return "What is missing changes friction by more than its noise in every row."
+    first = " and ".join(_from_to(axis, *limits) for axis, limits in changed["where"][0].items())
+    return (
+        f"What is missing changes friction by more than its noise in {changed['rows']} of"
+        f" {changed['of']} rows; the largest range of these is {first}."
+    )
 
 
 def _range(region: Mapping[str, Any]) -> list[str]:
@@ -243,13 +257,12 @@ def _range(region: Mapping[str, Any]) -> list[str]:
     triples = zip(
         listed(region["axis"]), listed(region["low"]), listed(region["high"]), strict=True
     )
-    found = []
-    for axis, low, high in triples:
-        name, unit = AXIS_WORDS.get(axis, (axis, ""))
-        found.append(
-            f"{name} {_plain(low)}{'' if low == high else f' to {_plain(high)}'} {unit}".rstrip()
-        )
-    return found
+    return [_from_to(*triple) for triple in triples]
+
+
+def _from_to(axis: str, low: float, high: float) -> str:
+    name, unit = AXIS_WORDS.get(axis, (axis, ""))
+    return f"{name} {_plain(low)}{'' if low == high else f' to {_plain(high)}'} {unit}".rstrip()
 
 
 def _which(content: Mapping[str, Any], drawn: Mapping[str, bytes]) -> str:

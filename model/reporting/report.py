@@ -14,11 +14,12 @@ import numpy as np
 import scipy
 
 from model.description import ModelDescription
+from model.diagnosis.changed import places
 from model.diagnosis.data import Measurements
 from model.diagnosis.priors import NONE, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, UNKNOWN
 from model.diagnosis.proof import prove
 from model.diagnosis.where import ALARM, Disagreement, Region
-from model.diagnosis.witness import WITNESSES
+from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, CATALOGUE
 from model.parameters import Parameter
@@ -49,6 +50,7 @@ def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str)
         "alternatives": _alternatives(diagnosis),
         "hypotheses": [],
         "where": [],
+        "changed": {"rows": 0, "of": 0, "where": []},
         "left": [],
         "fit": {
             "chi2_per_point": {"before": None, "after": None},
@@ -102,6 +104,7 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
             {"names": names, "probability": p} for names, p in verdict.posterior.hypotheses.items()
         ],
         "where": [_region(r) for r in found.before.regions],
+        "changed": _changed(diagnosis.data, found),
         "left": [_region(r) for r in found.after.regions if r.p_value < ALARM],
         "fit": {
             "chi2_per_point": {
@@ -179,6 +182,12 @@ def _region(region: Region) -> Record:
         ),
         "mean_error_rad": region.mean_error if WITNESSES[region.witness].is_phase else None,
     }
+
+
+def _changed(data: Measurements, found: Findings) -> Record:
+    """In how many rows friction is changed by what is missing, and where."""
+    rows = found.changed[data.of(FRICTION)]
+    return {"rows": int(np.sum(rows > 0.5)), "of": rows.size, "where": places(data, found.changed)}
 
 
 def _data(diagnosis: Diagnosis) -> Record:

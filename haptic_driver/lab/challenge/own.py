@@ -13,14 +13,14 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import write_text
-from haptic_driver.lab.challenge.answers import FINGER, Answer, Region
+from haptic_driver.lab.challenge.answers import FINGER, Answer
 from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.description import ModelDescription
+from model.diagnosis.changed import places
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.hypotheses import Candidate
 from model.diagnosis.model_fit import Fit
-from model.diagnosis.where import Region as Found
 from model.diagnosis.witness import FRICTION
 from model.diagnosis.workflow import Diagnosis, Findings, diagnose
 from model.reporting.model_file import fitted_model, fitted_nuisances
@@ -92,7 +92,10 @@ def _by_diagnosis(found: Diagnosis, findings: Findings, description: ModelDescri
         verdict=VERDICTS[found.name],
         effects=verdict.suspects,
         probability=min(verdict.probability, 1.0),
-        where=[_region(r) for r in findings.before.certain if r.witness == FRICTION],
+        where=[
+            {axis: [low, high] for axis, (low, high) in box.items()}
+            for box in places(found.data, findings.changed)
+        ],
         strength=_strength(found, description),
         finger=_finger(findings, findings.chosen.fit, description),
     )
@@ -105,13 +108,6 @@ def _finger(found: Findings, fit: Fit, description: ModelDescription) -> dict[st
         name: [number.value, number.std]
         for name, number in numbers.items()
         if name in FINGER and number.std
-    }
-
-
-def _region(region: Found) -> Region:
-    return {
-        axis: [low, high]
-        for axis, low, high in zip(region.axes, region.low, region.high, strict=True)
     }
 
 

@@ -87,9 +87,8 @@ def diagnosis(verdict: str | None, *names: str) -> Diagnosis:
         proof = Proof("block", (), nothing, nothing, nothing, 0.0, (0.0, 0.0), 0.0)
         noise = Noise(np.ones(3), np.eye(3), 6.0, "cof_std", 0, 0.0, np.ones(3))
         problem = Problem(Predictor(read_model(REFERENCE), data), np.zeros(3), noise)
-        findings = Findings(
-            problem, Hypotheses(base, [], [], (), {}, {}), reached, scan, scan, proof
-        )
+        tried = Hypotheses(base, [], [], (), {}, {})
+        findings = Findings(problem, tried, reached, scan, scan, proof, nothing)
     return Diagnosis(data, None, findings, (), 7)
 
 

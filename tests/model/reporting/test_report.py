@@ -183,6 +183,29 @@ def test_regions_are_given_strongest_first(run):
     assert bool(found and found[0]["p_value"] < 0.01) == expected
 
 
+def test_the_rows_that_are_changed_are_said(run):
+    """Those that what is hidden changes by more than the noise; at that edge some are missed."""
+    data, said = run.diagnosis.data.columns, run.content["changed"]
+    f, v, n = (data[name] for name in ("frequency_hz", "voltage_v", "normal_force_n"))
+    change = np.zeros(f.size) if run.case.distortion is None else run.case.distortion(f, v, n)
+    for name, values in run.case.effects.items():
+        on = {name: {key: Parameter(x, "", "") for key, x in values.items()}}
+        both = (FINGER, replace(FINGER, effect_parameters=on))
+        without, with_it = (TouchModel(m).predict(Conditions(f, v, n)).cof for m in both)
+        change += np.log(with_it / without)
+    true = np.abs(change) > NOISE
+    told = np.zeros(f.size, bool)
+    for box in said["where"]:
+        inside = [(data[name] >= low) & (data[name] <= high) for name, (low, high) in box.items()]
+        told |= np.all(inside, axis=0) & ((v > 0.0) | ("frequency_hz" not in box))
+    assert said["rows"] == told.sum()
+    assert said["of"] == (f.size if run.diagnosis.findings else 0)
+    if run.diagnosis.findings and true.any():
+        assert 2.0 * np.sum(true & told) > 0.8 * (true.sum() + told.sum())
+    else:
+        assert not told.any()
+
+
 def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_rival(
     run,
 ):
