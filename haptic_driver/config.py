@@ -26,6 +26,8 @@ from haptic_driver.errors import BadInputError
 from model.support.errors import did_you_mean, nearest
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
+# What is written wrongly has a hint of its own; what is missing has none.
+FIRST_SAID = {"extra_forbidden": 0, "union_tag_invalid": 1, "missing": 3, "union_tag_not_found": 3}
 
 
 class Checked(BaseModel):
@@ -143,7 +145,7 @@ def parse(schema: type[Parsed], content: dict[str, Any], where: str, code: str =
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
+        faults = sorted(error.errors(), key=lambda fault: FIRST_SAID.get(fault["type"], 2))
         file: Any = (
             _annotated(schema.model_fields["root"]) if issubclass(schema, RootModel) else schema
         )
@@ -222,7 +224,8 @@ def _fields_at(file: Any, loc: Sequence[str | int]) -> list[str]:
 def _annotation(schema: Any, loc: Sequence[str | int]) -> Any:
     """What may stand at `loc`: a section, a union of sections, or anything else."""
     for key in loc:
-        if isinstance(key, int):  # a place in a list, whose sections are told apart likewise
+        if isinstance(key, int):
+            schema = _item(schema)
             continue
         variants = _variants(schema)
         if isinstance(key, str) and key in variants:
@@ -233,6 +236,12 @@ def _annotation(schema: Any, loc: Sequence[str | int]) -> Any:
         schema = _annotated(fields[key]) if key in fields else None
     sections = [t for t in members(schema) if isinstance(t, type) and issubclass(t, BaseModel)]
     return sections[0] if len(sections) == 1 and not _variants(schema) else schema
+
+
+def _item(annotation: Any) -> Any:
+    """What may stand in a list."""
+    lists = [member for member in members(annotation) if get_origin(member) is list]
+    return get_args(lists[0])[0] if len(lists) == 1 else None
 
 
 def _annotated(field: FieldInfo) -> Any:

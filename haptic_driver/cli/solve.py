@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from typer import Option
 
+from haptic_driver.base.units import readable
 from haptic_driver.cli.output import Json, ModelOption, RigOption, report, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.lookup.build import build_surface
@@ -107,7 +108,8 @@ def _show(found: dict[str, Any], normal_force_n: float) -> None:
     )
     stdout.print(
         f"  friction {found['cof']:.4g} under {normal_force_n:g} N, electrostatic force "
-        f"{found['electrostatic_force_n']:.3g} N, finger current {found['current_rms_a']:.3g} A rms"
+        f"{readable(found['electrostatic_force_n'], 'N')}, finger current"
+        f" {readable(found['current_rms_a'], 'A rms')}"
     )
     if found["cof_interval"] is not None:
         low, high = found["cof_interval"]

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from haptic_driver.base.units import readable
 from haptic_driver.limits import OperatingLimits, WorstCase
 from haptic_driver.render.compiled import kernel
 from haptic_driver.signals import Array, OperatingPoint, SafeOperatingPoint
@@ -85,20 +86,27 @@ def violation(limits: OperatingLimits, point: OperatingPoint, worst: Worst) -> s
         return f"{electrode_v:g} V is outside 0..{limits.voltage_v:g} V peak at the electrode"
     slew = 2.0 * pi * f * electrode_v
     if slew > limits.slew_v_per_s:
-        return f"slew {slew:.3g} V/s exceeds {limits.slew_v_per_s:.3g} V/s"
+        return f"slew {readable(slew, 'V/s')} exceeds {readable(limits.slew_v_per_s, 'V/s')}"
     panel = slew * limits.panel_capacitance_f
     if panel > limits.amplifier_current_a:
-        return f"panel current {panel:.3g} A exceeds {limits.amplifier_current_a:.3g} A peak"
+        return (
+            f"panel current {readable(panel, 'A')} exceeds"
+            f" {readable(limits.amplifier_current_a, 'A')} peak"
+        )
     allowed = contact_current_limit_a_rms(limits, f)
     if sliding < 0.0 or sliding > allowed:
-        return f"finger current {sliding:.3g} A rms exceeds {allowed:.3g} A rms at {f:g} Hz"
+        return (
+            f"finger current {readable(sliding, 'A rms')} exceeds"
+            f" {readable(allowed, 'A rms')} at {f:g} Hz"
+        )
     deliverable = limits.amplifier_current_a / sqrt(2.0)
     if limits.series_resistance_ohm > 0.0:
         deliverable = min(deliverable, electrode_v / (sqrt(2.0) * limits.series_resistance_ohm))
     stuck = min(max(point.stuck_current_rms_a, worst.stuck_current_rms_a), deliverable)
     if point.stuck_current_rms_a < 0.0 or stuck > allowed:
         return (
-            f"worst-case finger current {stuck:.3g} A rms exceeds {allowed:.3g} A rms at {f:g} Hz"
+            f"worst-case finger current {readable(stuck, 'A rms')} exceeds"
+            f" {readable(allowed, 'A rms')} at {f:g} Hz"
         )
     return None
 

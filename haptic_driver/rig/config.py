@@ -22,6 +22,7 @@ from pydantic import (
     model_validator,
 )
 
+from haptic_driver.base.units import readable
 from haptic_driver.config import Section, Within, find_config, parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS, OperatingLimits
@@ -169,8 +170,9 @@ class LimitsConfig(SignedFigures):
             most_a = highest.contact_current_limit_a_rms(frequency_hz)
             if current_a > most_a * ROUNDING:
                 raise ValueError(
-                    f"contact_current_a_rms allows {current_a:.3g} A at {frequency_hz:g} Hz, more"
-                    f" than {most_a:.3g} A, the reference level of ICNIRP 2010 for workers"
+                    f"contact_current_a_rms allows {readable(current_a, 'A')} at {frequency_hz:g}"
+                    f" Hz, more than {readable(most_a, 'A')}, the reference level of ICNIRP 2010"
+                    " for workers"
                 )
         return self
 

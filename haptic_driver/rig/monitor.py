@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from haptic_driver.base.units import readable
 from haptic_driver.rig.config import SafetySettings
 from hw.amplifier.analog import AmplifierState, AnalogAmplifier
 
@@ -32,7 +33,10 @@ def line_contradiction(amplifier: AnalogAmplifier) -> str | None:
         return "the amplifier's enable line reads low: interlock or E-stop"
     current_a, limit_a = amplifier.monitor_current_a(), amplifier.settings.current_limit_a
     if current_a is not None and abs(current_a) > limit_a:
-        return f"the current monitor reads {current_a:.3g} A, the limit is {limit_a:g} A"
+        return (
+            f"the current monitor reads {readable(current_a, 'A')}, the limit is"
+            f" {readable(limit_a, 'A')}"
+        )
     return None
 
 

@@ -35,5 +35,6 @@ def did_you_mean(word: str, choices: list[str]) -> str:
     `word`.
     """
     close = [choice for choice in choices if choice.casefold() == word.casefold()]
+    close = close or [choice for choice in choices if choice.startswith(f"{word}_")]
     close = close or get_close_matches(word, choices, n=1, cutoff=0.5)
     return f"Did you mean '{close[0]}'? " if close else ""

@@ -11,6 +11,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
+from model.support.errors import did_you_mean
 from tests.haptic_driver.config_texts import CONFIGS, SIMULATED, changed
 
 
@@ -253,3 +254,32 @@ def test_a_file_of_the_wrong_shape_has_a_hint():
 def test_a_copy_of_a_rigs_file_has_the_name_of_its_own_file(tmp_path):
     (tmp_path / "bench7.toml").write_text(SIMULATED, encoding="utf-8")
     assert load_rig(str(tmp_path / "bench7.toml")).name == "bench7"
+
+
+class Held(Section):
+    """One of a list."""
+
+    shape: int
+
+
+class Holding(Section):
+    """A file with a list."""
+
+    held: list[Held] = []
+
+
+def test_a_key_that_is_unknown_in_a_list_is_offered_those_of_its_section():
+    with pytest.raises(BadInputError) as refused:
+        parse(Holding, {"held": [{"shpe": 1}]}, "file")
+    assert refused.value.hint == "Did you mean 'shape'? Known: shape"
+
+
+def test_a_wrong_kind_is_answered_before_what_is_missing():
+    with pytest.raises(BadInputError) as refused:
+        parse(RigConfig, {"amplifier": {"kind": "analogue"}}, "file")
+    assert "amplifier.kind is 'analogue'" in refused.value.message
+    assert refused.value.hint.startswith("Did you mean 'analog'?")
+
+
+def test_a_name_that_continues_is_nearer_than_one_that_is_alike():
+    assert did_you_mean("gain", ["kind", "gain_v_per_v"]) == "Did you mean 'gain_v_per_v'? "

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from haptic_driver.base.units import readable
 from haptic_driver.lab.papers.currents import TouchCurrents, network_weight
 from haptic_driver.lab.papers.document import Block, Document, Figure, Heading, Paragraph, Table
 from haptic_driver.lab.papers.safety_facts import (
@@ -62,7 +63,7 @@ def _device(facts: dict[str, Any]) -> Iterator[Block]:
         ("series resistor", f"{ohm:g} ohm, measured" if ohm else "none that anybody measured"),
         (
             "rise, lease",
-            f"{limits['voltage_rise_v_per_s']:g} V/s; zero after"
+            f"{readable(limits['voltage_rise_v_per_s'], 'V/s')}; zero after"
             f" {limits['lease_s']:g} s without a refresh",
         ),
     ]

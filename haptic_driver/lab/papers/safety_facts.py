@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from haptic_driver.base.units import readable
 from haptic_driver.config import find_config
 from haptic_driver.lab.papers.currents import (
     TouchCurrents,
@@ -148,7 +149,8 @@ def _devices(rig: RigConfig) -> Iterator[tuple[str, str]]:
     yield (
         "amplifier",
         f"gain {amplifier.gain_v_per_v:g} V/V, at most {amplifier.voltage_limit_v:g} V and"
-        f" {1e3 * amplifier.current_limit_a:g} mA peak, {amplifier.slew_limit_v_per_s:.3g} V/s",
+        f" {readable(amplifier.current_limit_a, 'A')} peak,"
+        f" {readable(amplifier.slew_limit_v_per_s, 'V/s')}",
     )
     lines = [f"{name} {rig.monitors.get(name, 'none')}" for name in MONITORS]
     yield "amplifier's lines", ", ".join(lines)

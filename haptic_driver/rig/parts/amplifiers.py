@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from haptic_driver.base.units import readable
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.part import (
@@ -141,7 +142,8 @@ class AmplifierConfig(SignedFigures, PartSection):
         """Look at its lines: it has no dialogue."""
         yield at.unverified(
             f"gain {self.gain_v_per_v:g}, {self.voltage_limit_v:g} V,"
-            f" {self.current_limit_a:g} A, {self.slew_limit_v_per_s:g} V/s: it has no"
+            f" {readable(self.current_limit_a, 'A')},"
+            f" {readable(self.slew_limit_v_per_s, 'V/s')}: it has no"
             " dialogue, and nothing is energised here",
             "compare one low voltage with a probe",
             self.untold("gain_v_per_v", "voltage_monitor_v_per_v", "current_monitor_v_per_a"),
