@@ -169,10 +169,10 @@ class LimitsConfig(SignedFigures):
             current_a = own.contact_current_limit_a_rms(frequency_hz)
             most_a = highest.contact_current_limit_a_rms(frequency_hz)
             if current_a > most_a * ROUNDING:
+                allowed, most = (readable(float(a), "A") for a in (current_a, most_a))
                 raise ValueError(
-                    f"contact_current_a_rms allows {readable(current_a, 'A')} at {frequency_hz:g}"
-                    f" Hz, more than {readable(most_a, 'A')}, the reference level of ICNIRP 2010"
-                    " for workers"
+                    f"contact_current_a_rms allows {allowed} at {frequency_hz:g} Hz, more than"
+                    f" {most}, the reference level of ICNIRP 2010 for workers"
                 )
         return self
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver.daemon.set_up import placement_of
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.lab.papers.document import Block, Document, Figure, Heading, Paragraph, Table
 from haptic_driver.lab.papers.sheet_numbers import (
@@ -52,7 +53,9 @@ from haptic_driver.lab.papers.sheet_passes import (
     range_passes,
 )
 from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.placement import USUAL_SPEED_M_S, Placement
 from haptic_driver.signals import Array
+from model.analysis.voltage_law import beyond_published
 from model.conditions import Conditions, sines
 from model.description import ModelDescription
 from model.touch_model import TouchModel
@@ -123,6 +126,7 @@ def sheet_facts(
         "date": today.isoformat(),
         "program": f"haptic-driver {version('haptic-driver')}",
         "model": {"name": description.name, "hash": description.content_hash},
+        "model_doubt": _doubt(found, description),
         "interval": CONFIDENCE,
         "current_holds_for": config.operating_limits().holds_for(
             description.values.contact_area_m2
@@ -184,6 +188,7 @@ def _lines(found: Measured, config: RigConfig, description: ModelDescription) ->
         yield from _step_lines(found, speed_m_s)
     for speed_m_s in EDGE_SPEEDS_M_S:
         yield from _place_lines(found, speed_m_s)
+    yield from _placement_lines(placement_of(config, USUAL_SPEED_M_S))
     yield Line(
         "bandwidth",
         half_power_hz(*gains(found.of("lines")[0])),
@@ -237,6 +242,14 @@ def _place_lines(found: Measured, speed_m_s: float) -> Iterator[Line]:
     yield Line(f"latency_{key}", latency, "s", f"latency place to friction, {at}", how)
 
 
+def _placement_lines(placed: Placement) -> Iterator[Line]:
+    at, key = _mm_s(placed.speed_m_s), f"{1e3 * placed.speed_m_s:g}_mm_s"
+    how = f"computed for steady strokes, {1e3 * placed.latency_s:.0f} ms late in the mean"
+    for name, value in (("median", placed.median_m), ("95 %", placed.most_m)):
+        what = f"place of texture off, {name}, {at}"
+        yield Line(f"placement_{name.rstrip(' %')}_{key}", Number(value, nan, nan), "m", what, how)
+
+
 def _steadiness_lines(found: Measured) -> Iterator[Line]:
     passes = found.of("touch")
     within, between = touches(passes)
@@ -278,6 +291,16 @@ def highest_current_a(
     return float(np.nanmax(sliding_a)), float(stuck_a.max())
 
 
+def _doubt(found: Measured, description: ModelDescription) -> str | None:
+    """What published fingers say against the model at the highest voltage that went out."""
+    out = np.concatenate([samples for _, samples in found.passes])
+    if description.is_published or not out.size:
+        return None
+    top = out[np.argmax(out["voltage_v"])]
+    at = (float(top[name]) for name in ("frequency_hz", "voltage_v", "normal_force_n"))
+    return beyond_published(TouchModel(description), *at)
+
+
 def _ends(low: Number, high: Number) -> list[tuple[float, float]]:
     """Pairs of friction for value, low end and high end of what grows with their ratio."""
     return [(low.value, high.value), (low.high, high.low), (low.low, high.high)]
@@ -309,6 +332,8 @@ def _blocks(found: Measured, facts: dict[str, Any]) -> Iterator[Block]:
     numbers = facts["numbers"].items()
     cells = [(one["what"], *readable(name, one), one["how"]) for name, one in numbers]
     yield Table(("quantity", "value", "interval", "how it was got"), cells, (3.2, 1.3, 2.0, 5.6))
+    if (doubt := facts["model_doubt"]) is not None:
+        yield Paragraph(f"{doubt[0].upper()}{doubt[1:]}.", small=True)
     yield Paragraph(
         "After a proposal for haptic touch screens (arXiv:2308.15190, abstract read). Not measured:"
         f" {'; '.join(facts['not_measured'])}. Limits of current hold for"

@@ -220,6 +220,7 @@ def test_the_sheet_is_one_page_with_every_number(slid, tmp_path):
     (page,) = PdfReader(tmp_path / "sheet.pdf").pages
     shown = " ".join(page.extract_text().split())
     assert "simulated" in shown
+    assert "the model's force grows with voltage" in shown  # at the highest voltage, as published
     assert [one["what"] for one in facts["numbers"].values() if one["what"] not in shown] == []
 
 
