@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,8 +36,8 @@ from haptic_driver.errors import BadInputError
 if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
     from haptic_driver.lab.pictures.psychometric import Answers
-    from haptic_driver.lab.psychophysics.analysis import Result
-    from haptic_driver.lab.psychophysics.data import SessionFiles
+    from haptic_driver.lab.psychophysics.analysis import Group, Result
+    from haptic_driver.lab.psychophysics.data import Row, SessionFiles
     from haptic_driver.lab.psychophysics.description import Experiment
     from haptic_driver.lab.psychophysics.run import Participant, Question
 
@@ -86,11 +87,12 @@ def run(
         answering = _participant(experiment, client, files, simulated)
         at_terminal = isinstance(answering, _Keys)
         tell = answering.tell if at_terminal else lambda said: None
+        kept = (lambda row: None) if at_terminal or as_json else _say_trial
         ring = stderr.bell if at_terminal else lambda: None
         as_ctrl_c = signals_to(signal.default_int_handler)
         with as_ctrl_c, client.armed(LEASE_S) as held, _recorded(client, held, files, record):
             apparatus = DaemonApparatus(client, held, files.beh, tell, ring)
-            done = run_session(experiment, files, apparatus, answering, about)
+            done = run_session(experiment, files, apparatus, answering, about, kept)
     payload = done._asdict() | {
         "table": str(files.table),
         "participant_table": str(files.folder / f"sub-{participant}.csv"),
@@ -103,6 +105,9 @@ def simulate(
     file: File,
     participants: Annotated[int, Option(min=1, max=10_000, help="How many to simulate.")] = 20,
     seed: Annotated[int, Option(min=0, help="Of their answers.")] = 1,
+    out: Annotated[
+        Path | None, Option(help="New folder for results and pictures, as of people.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Try an experiment's design without a rig: how well are the thresholds of simulated
@@ -117,8 +122,11 @@ def simulate(
     from haptic_driver.lab.psychophysics.rehearsal import try_design  # noqa: PLC0415
 
     experiment = load_experiment(file)
+    if out is not None and out.exists():
+        raise BadInputError("file_exists", f"{out} exists", "Give --out a folder that does not")
     with progress("participants", participants) as advance:
-        found = try_design(experiment, participants, seed, advance)
+        found = try_design(experiment, participants, seed, advance, out)
+    written = [] if out is None else _written(out, felt=False)[1]
     rows = [one._asdict() for one in found]
 
     def show() -> None:
@@ -145,12 +153,11 @@ def simulate(
                 stdout.print(f"{one.condition}: {share}")
         if table.rows:
             stdout.print(table)
+        for path in written:
+            stdout.print(path)
 
-    report(
-        as_json,
-        {"experiment": experiment.file.name, "participants": participants, "conditions": rows},
-        show,
-    )
+    payload = {"experiment": experiment.file.name, "participants": participants}
+    report(as_json, payload | {"conditions": rows, "written": written}, show)
 
 
 @app.command()
@@ -207,26 +214,59 @@ def analyse(
 
     Example: `haptic experiment analyse out/experiment`
     """
+    from haptic_driver.lab.psychophysics.analysis import groups_of  # noqa: PLC0415
+
+    results, (table, *pictures) = _written(folder, felt)
+    groups = groups_of(results)
+    payload = {
+        "results": [result.numbers() for result in results],
+        "groups": [group._asdict() for group in groups],
+        "table": table,
+        "pictures": pictures,
+    }
+    report(as_json, payload, lambda: _show(results, groups, [table, *pictures]))
+
+
+def _written(folder: Path, felt: bool) -> tuple[list[Result], list[str]]:
+    """Results of a folder; and the table and pictures of them that are written there."""
     from haptic_driver.files import write_rows  # noqa: PLC0415
-    from haptic_driver.lab.pictures.psychometric import draw_functions  # noqa: PLC0415
+    from haptic_driver.lab.pictures.psychometric import (  # noqa: PLC0415
+        Threshold,
+        draw_functions,
+        draw_levels,
+        draw_thresholds,
+    )
     from haptic_driver.lab.psychophysics.analysis import (  # noqa: PLC0415
         analyse as analysed,
     )
+    from haptic_driver.lab.psychophysics.analysis import groups_of  # noqa: PLC0415
     from haptic_driver.lab.psychophysics.data import label_of  # noqa: PLC0415
 
     results = analysed(folder, as_felt=felt)
-    rows = [result.numbers() for result in results]
     table = folder / "derivatives" / "thresholds.csv"
-    write_rows(table, rows)
+    write_rows(table, [result.numbers() for result in results])
     pictures = []
     for participant, task in dict.fromkeys((r.participant, r.task) for r in results):
-        picture = table.with_name(f"sub-{participant}_task-{label_of(task)}_psychometric.png")
         own = [r for r in results if (r.participant, r.task) == (participant, task)]
         title = f"{participant}, {task}" + (", measured levels" if felt else "")
-        draw_functions([_panel(r) for r in own], title, picture)
-        pictures.append(str(picture))
-    payload = {"results": rows, "table": str(table), "pictures": pictures}
-    report(as_json, payload, lambda: _show(results, [str(table), *pictures]))
+        stem = f"sub-{participant}_task-{label_of(task)}"
+        pictures += [table.with_name(f"{stem}_{what}.png") for what in ("psychometric", "levels")]
+        draw_functions([_panel(r) for r in own], title, pictures[-2])
+        draw_levels([_panel(r) for r in own], title, pictures[-1])
+    for group in groups_of(results):
+        stem = f"task-{label_of(group.task)}_condition-{label_of(group.condition)}"
+        pictures.append(table.with_name(f"{stem}_participants.png"))
+        each = zip(group.participants, group.thresholds, group.intervals_95, strict=True)
+        mean = Threshold(f"mean of {len(group.participants)}", group.mean, group.mean_95)
+        lines, title = [*starmap(Threshold, each), mean], f"{group.task}, {group.condition}"
+        draw_thresholds(lines, title, group.axis, pictures[-1])
+    return results, [str(table), *map(str, pictures)]
+
+
+def _say_trial(row: Row) -> None:
+    """A line for each trial, where nobody sits at a terminal."""
+    felt = "" if row.delivered else f"; not delivered: {row.why_not_delivered}"
+    stderr.print(f"trial {row.trial}, {row.condition}, level {row.level:.4g}: {row.response}{felt}")
 
 
 def _panel(result: Result) -> Answers:
@@ -237,7 +277,15 @@ def _panel(result: Result) -> Answers:
     title, fit = f"{result.condition}: {result.trials} trials", result.fit
     if fit is None:
         nothing = np.empty(0)
-        return Answers(title, nothing, nothing, nothing, said=result.why_none, axis=result.axis)
+        return Answers(
+            title,
+            nothing,
+            nothing,
+            nothing,
+            said=result.why_none,
+            axis=result.axis,
+            courses=result.courses,
+        )
     return Answers(
         title,
         fit.levels,
@@ -248,10 +296,11 @@ def _panel(result: Result) -> Answers:
         fit.interval_95,
         said=fit.why_none,
         axis=result.axis,
+        courses=result.courses,
     )
 
 
-def _show(results: Sequence[Result], written: Sequence[str]) -> None:
+def _show(results: Sequence[Result], groups: Sequence[Group], written: Sequence[str]) -> None:
     table = Table("participant", "condition", "trials", "left out", "threshold", "95 %", "slope")
     for r in results:
         table.add_row(
@@ -269,6 +318,10 @@ def _show(results: Sequence[Result], written: Sequence[str]) -> None:
             stdout.print(f"{r.participant}, {r.condition}: {said}")
         for note in r.notes:
             stdout.print(f"note on {r.participant}, {r.condition}: {note}")
+    for group in groups:
+        low, high = group.mean_95
+        said = f"{group.mean:.4g} (95 %: {low:.4g} to {high:.4g})"
+        stdout.print(f"mean of {len(group.participants)}, {group.condition}: {said}")
     for path in written:
         stdout.print(path)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +20,8 @@ CLASSES = 12  # of levels of an adaptive method, each one dot
 class Answers(NamedTuple):
     """What a panel shows: `positive` of `answered` answers at `levels` [n], and, where it was
     fitted, the function, its threshold and that one's interval. `said` takes the place of a
-    threshold that there is none of: NaN. `axis`: what a level is.
+    threshold that there is none of: NaN. `axis`: what a level is. `courses`: of each session levels
+    and positive answers, trial by trial.
     """
 
     title: str
@@ -31,30 +33,79 @@ class Answers(NamedTuple):
     interval: tuple[float, float] = (np.nan, np.nan)
     said: str = ""
     axis: str = "level"
+    courses: Sequence[tuple[Sequence[float], Sequence[bool]]] = ()
+
+
+class Threshold(NamedTuple):
+    """Of one participant, or of their mean, with its 95 % interval."""
+
+    name: str
+    value: float
+    interval: tuple[float, float]
 
 
 def draw_functions(panels: Sequence[Answers], title: str, path: Path) -> None:
     """One panel each: shares of positive answers, by area as many as they stand for, function and
     threshold.
     """
-    columns = min(len(panels), 3)
-    rows = -(-len(panels) // columns)
+    with _panels(len(panels), title, path) as places:
+        for axes, panel in zip(places, panels, strict=True):
+            axes.set(title=panel.title, xlabel=panel.axis, ylim=(-0.03, 1.03))
+            axes.set_ylabel("share of positive answers")
+            _draw(axes, panel)
+
+
+def draw_levels(panels: Sequence[Answers], title: str, path: Path) -> None:
+    """One panel each: levels over trials, filled where the answer was positive, and the
+    threshold.
+    """
+    with _panels(len(panels), title, path) as places:
+        for axes, panel in zip(places, panels, strict=True):
+            axes.set(title=panel.title, xlabel="delivered trial", ylabel=panel.axis)
+            begun = 1
+            for levels, positive in panel.courses:
+                trial = np.arange(begun, begun + len(levels))
+                axes.plot(trial, levels, color=FUNCTION, lw=0.8)
+                faces = [ANSWERS if yes else "white" for yes in positive]
+                axes.scatter(trial, levels, s=22, c=faces, edgecolors=ANSWERS, lw=0.9, zorder=3)
+                begun += len(levels)
+            if np.isfinite(panel.threshold):
+                axes.axhline(panel.threshold, color=FUNCTION, ls=":", lw=1.0, label="threshold")
+                axes.legend(frameon=False, loc="best", fontsize=8)
+
+
+def draw_thresholds(rows: Sequence[Threshold], title: str, axis: str, path: Path) -> None:
+    """A line for each with its interval, as far as the axis goes; the last is their mean."""
+    ends = np.array([row.interval for row in rows])
+    known = [*(row.value for row in rows), *ends[np.isfinite(ends)]]
+    with _panels(1, title, path) as (axes,):
+        for y, row in enumerate(rows):
+            color = FUNCTION if y == len(rows) - 1 else ANSWERS
+            shown = np.clip(row.interval, min(known), max(known))
+            axes.plot(shown, [y, y], color=color, lw=2, alpha=0.5)
+            axes.plot([row.value], [y], "o", color=color)
+        axes.set(xlabel=axis, yticks=range(len(rows)), yticklabels=[row.name for row in rows])
+        axes.invert_yaxis()
+
+
+@contextmanager
+def _panels(count: int, title: str, path: Path) -> Iterator[list[Any]]:
+    """Axes in rows of three, of a picture that is then written."""
+    columns = min(count, 3)
+    rows = -(-count // columns)
     figure, places = pyplot().subplots(
         rows,
         columns,
         figsize=(4.0 * columns, 3.4 * rows),
         squeeze=False,
-        sharey=True,
         layout="constrained",
     )
     with saved(figure, path):
-        for axes, panel in zip(places.flat, panels, strict=False):
-            axes.set(title=panel.title, xlabel=panel.axis, ylim=(-0.03, 1.03))
+        for axes in places.flat:
             axes.grid(alpha=0.25)
-            _draw(axes, panel)
-        for axes in places.flat[len(panels) :]:
+        for axes in places.flat[count:]:
             axes.set_visible(False)
-        places[0][0].set_ylabel("share of positive answers")
+        yield list(places.flat[:count])
         figure.suptitle(title)
 
 

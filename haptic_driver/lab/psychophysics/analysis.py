@@ -6,9 +6,10 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.special import stdtrit
 
 from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError
@@ -22,6 +23,28 @@ from haptic_driver.lab.psychophysics.fit import Fit, fit
 from haptic_driver.lab.psychophysics.methods import StaircaseMethod, converges_at
 
 
+class Course(NamedTuple):
+    """Trials in order: levels [n], and whether the answer was positive [n]."""
+
+    levels: list[float]
+    positive: list[bool]
+
+
+class Group(NamedTuple):
+    """Thresholds of some participants in one condition, with 95 % intervals, and their mean with
+    its interval by Student's t.
+    """
+
+    task: str
+    condition: str
+    participants: list[str]
+    thresholds: list[float]
+    intervals_95: list[tuple[float, float]]
+    mean: float
+    mean_95: tuple[float, float]
+    axis: str
+
+
 @dataclass(frozen=True)
 class Result:
     """One participant's answers to one condition. `fit` is None where they are too few; `why_none`
@@ -31,7 +54,8 @@ class Result:
     each session's staircase, and the share of positive answers at which it comes to rest. None for
     other methods, and where reversals are those of the end of its range. `positive`: where one
     level alone was presented, the share of positive answers and its 95 % interval. `notes`: what
-    not to rely on. `axis`: what a level is, with its unit.
+    not to rely on. `axis`: what a level is, with its unit. `courses`: of each session the levels of
+    its delivered trials in order, and which were answered positively.
     """
 
     participant: str
@@ -45,6 +69,7 @@ class Result:
     positive: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
     axis: str = "level"
+    courses: tuple[Course, ...] = ()
 
     def numbers(self) -> dict[str, str | float]:
         """A line of the table of thresholds."""
@@ -106,6 +131,27 @@ def results_of(found: Sequence[SessionFiles], *, as_felt: bool = False) -> list[
     ]
 
 
+def groups_of(results: Sequence[Result]) -> list[Group]:
+    """The mean of each condition in which two participants or more have a threshold."""
+    found = []
+    for task, condition in dict.fromkeys((r.task, r.condition) for r in results):
+        own = [
+            (r.participant, r.fit, r.axis)
+            for r in results
+            if (r.task, r.condition) == (task, condition) and r.fit and not r.why_none
+        ]
+        if len(own) < 2:
+            continue
+        names, fits, axes = (list(part) for part in zip(*own, strict=True))
+        values = np.array([fit.threshold for fit in fits])
+        mean, spread = float(values.mean()), float(values.std(ddof=1))
+        half = float(stdtrit(values.size - 1, 0.975)) * spread / np.sqrt(values.size)
+        ends = [fit.interval_95 for fit in fits]
+        interval = (mean - half, mean + half)
+        found.append(Group(task, condition, names, values.tolist(), ends, mean, interval, axes[0]))
+    return found
+
+
 def experiment_of(files: SessionFiles) -> Experiment:
     """The experiment that a session was run with, from its sidecar."""
     said = files.described()
@@ -159,6 +205,7 @@ def _result(
         _positive(used),
         tuple(notes),
         experiment.condition(condition).axis,
+        tuple(_course(rows) for rows in by_session),
     )
 
 
@@ -166,9 +213,16 @@ def _positive(used: Sequence[Row]) -> tuple[float, float, float] | None:
     """The share of positive answers and its 95 % interval (Wilson), of trials at one level."""
     if len({row.level for row in used}) != 1:
         return None
+    from scipy.stats import binomtest  # noqa: PLC0415  (slow to import)
+
     count = sum(row.positive for row in used)
     low, high = binomtest(count, len(used)).proportion_ci(method="wilson")
     return count / len(used), float(low), float(high)
+
+
+def _course(rows: Sequence[Row]) -> Course:
+    delivered = [row for row in rows if row.delivered]
+    return Course([row.level for row in delivered], [row.positive for row in delivered])
 
 
 def _staircase(

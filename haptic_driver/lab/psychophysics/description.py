@@ -188,12 +188,12 @@ class Condition(Section):
 
     @property
     def axis(self) -> str:
-        """What a level is, with its unit, as an axis says it."""
+        """What a level is, as an axis says it."""
         if self.cof is None:
             return "level of the texture, as the file numbers it"
         if self.compare == "difference":
-            return f"level: friction above {self.cof:g} (1)"
-        return f"level: friction above {self.cof:g}, as a share of it (1)"
+            return f"friction above {self.cof:g}"
+        return f"friction above {self.cof:g}, as a share of it"
 
     @property
     def standard(self) -> Stimulus:

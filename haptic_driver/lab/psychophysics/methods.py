@@ -138,4 +138,5 @@ def method_of(experiment: Experiment, name: str, rng: np.random.Generator) -> Me
             analysis = experiment.file.analysis
             return QuestPlusMethod(settings, analysis.form, experiment.guess)
         case said.Outside():
-            return OutsideMethod(settings, {"experiment": experiment.file.name, "condition": name})
+            about = {"experiment": experiment.file.name, "condition": name}
+            return OutsideMethod(settings, about, experiment.path.parent)

@@ -2,7 +2,8 @@
 HTTP.
 
 A Python class has `suggest()`, which gives a level or None at the end, and `report(level,
-positive)`; it is made with the keywords `experiment` and `condition`. A server at URL answers
+positive)`; it is made with the keywords `experiment` and `condition`. Its module is installed, or
+lies beside the experiment's file. A server at URL answers
 
     GET  URL/suggest?experiment=E&condition=C   {"level": 0.1}, or {"level": null} at the end
     POST URL/report                             {"experiment", "condition", "level", "positive"}
@@ -15,6 +16,8 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import sys
+from pathlib import Path
 from typing import Any, Protocol
 from urllib.error import URLError
 from urllib.parse import urlencode
@@ -39,8 +42,8 @@ class Optimiser(Protocol):
 class OutsideMethod:
     """An optimiser of others for one condition, with at most so many trials."""
 
-    def __init__(self, settings: Outside, about: dict[str, str]) -> None:
-        self._optimiser = _client(settings, about)
+    def __init__(self, settings: Outside, about: dict[str, str], folder: Path) -> None:
+        self._optimiser = _client(settings, about, folder)
         self._left = settings.trials
         self._next: float | None = None
 
@@ -97,15 +100,20 @@ class _Server:
             ) from error
 
 
-def _client(settings: Outside, about: dict[str, str]) -> Optimiser:
+def _client(settings: Outside, about: dict[str, str], folder: Path) -> Optimiser:
     if settings.url is not None:
         return _Server(settings.url, about)
     module, _, name = (settings.python or "").partition(":")
+    sys.path.append(str(folder))  # last: what is installed goes first
     try:
         made: Optimiser = getattr(importlib.import_module(module), name)(**about)
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         said = f"method.python '{settings.python}': {error}"
-        raise BadInputError(
-            "bad_optimiser", said, "Give module:Class; the class takes experiment and condition"
-        ) from error
+        hint = (
+            f"Give module:Class, of a module that is installed or in {folder}; the class takes"
+            " experiment and condition"
+        )
+        raise BadInputError("bad_optimiser", said, hint) from error
+    finally:
+        sys.path.remove(str(folder))
     return made

@@ -165,12 +165,15 @@ def try_design(
     participants: int,
     seed: int = 1,
     advance: Callable[[int], None] = lambda done: None,
+    out: Path | None = None,
 ) -> list[Found]:
     """Run so many simulated participants through the experiment, each feeling exactly what is asked
-    for.
+    for. `out`: the folder that gets their sessions, as those of people.
     """
-    kept = [
-        _Remembered(f"S{number:04d}", experiment.file.name) for number in range(1, participants + 1)
+    names, task = [f"S{number:04d}" for number in range(1, participants + 1)], experiment.file.name
+    kept: list[SessionFiles] = [
+        _Remembered(name, task) if out is None else SessionFiles(out, name, "01", task)
+        for name in names
     ]
     about = {"Experiment": experiment.file.model_dump(mode="json", exclude_none=True)}
     for done, files in enumerate(kept, start=1):

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -96,8 +96,9 @@ def run_session(
     apparatus: Apparatus,
     participant: Participant,
     about: Mapping[str, Any],
+    kept: Callable[[Row], None] = lambda row: None,
 ) -> Progress:
-    """Run what is left of a session; `about` goes into its sidecar.
+    """Run what is left of a session; `about` goes into its sidecar. `kept` hears of each trial.
 
     BadInputError for a session that was begun with another file, HapticError when the rig cannot
     deliver a trial.
@@ -121,17 +122,14 @@ def run_session(
             row = _presented(experiment, schedule, trial, apparatus, participant)
             files.append(row)
             rows.append(row)
+            kept(row)
             failed = 0 if row.delivered else failed + 1
             if failed > experiment.file.delivery.retries:
                 said = (
                     f"trial {trial.number}, {trial.condition} at level {trial.level:g}:"
                     f" {row.why_not_delivered}"
                 )
-                raise HapticError(
-                    "not_delivered",
-                    said,
-                    "See [delivery]; check rig, load and speed, then run it again",
-                )
+                raise HapticError("not_delivered", said, _remedy(experiment, row))
             schedule.report(trial, row.positive if row.delivered else None)
             trial = schedule.next()
         apparatus.mark("session ends", _names(files))
@@ -141,6 +139,19 @@ def run_session(
     return Progress(
         len(rows), len(rows) - before, sum(not row.delivered for row in rows), trial is None
     )
+
+
+def _remedy(experiment: Experiment, row: Row) -> str:
+    """What to change so that a trial as this one is delivered."""
+    least_s = experiment.file.delivery.least_sliding_s
+    felt = [one for one in (row.standard, row.comparison) if one is not None]
+    if any(one.sliding_s < least_s for one in felt):
+        return (
+            f"Give the finger more time in [trial]: duration_s (now"
+            f" {experiment.file.trial.duration_s:g}), or strokes; or ask for less than"
+            f" {least_s:g} s in [delivery], least_sliding_s. Then run it again"
+        )
+    return "See [delivery]; check rig, load and speed, then run it again"
 
 
 def resumed(experiment: Experiment, files: SessionFiles) -> tuple[Schedule, list[Row]]:

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from haptic_driver.lab.pictures.psychometric import Answers, _draw, draw_functions
+from haptic_driver.lab.pictures.psychometric import (
+    Answers,
+    Threshold,
+    _draw,
+    draw_functions,
+    draw_levels,
+    draw_thresholds,
+)
 from haptic_driver.lab.psychophysics.functions import Psychometric
 from haptic_driver.pictures.saving import pyplot
 from tests.haptic_driver.pictures.test_friction_pictures import assert_picture
@@ -32,6 +39,17 @@ def test_an_interval_that_leaves_the_axis_has_an_arrow_there(interval, arrows):
     _draw(axes, panel(interval))
     assert [line.get_marker() for line in axes.lines if line.get_marker() in "<>"] == arrows
     pyplot().close(figure)
+
+
+def test_trials_and_thresholds_are_drawn(tmp_path):
+    course = ([0.3, 0.2, 0.2], [True, False, True])
+    levels = panel((0.1, 0.2))._replace(courses=[course, course])
+    nothing = Answers("b", *3 * [np.empty(0)], said="too few", courses=[course])
+    draw_levels([levels, nothing], "P01", tmp_path / "levels.png")
+    rows = [Threshold("P01", 0.2, (-np.inf, 0.3)), Threshold("mean of 2", 0.25, (0.1, 0.4))]
+    draw_thresholds(rows, "task", "level", tmp_path / "thresholds.png")
+    for name in ("levels", "thresholds"):
+        assert_picture(tmp_path / f"{name}.png")
 
 
 def test_a_picture_of_two_conditions(tmp_path):

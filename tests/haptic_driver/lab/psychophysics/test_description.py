@@ -38,8 +38,8 @@ comparisons = [{ level = 0.1, texture = "grating" }, { level = 0.3, texture = "r
     assert pair == ("linen", "ramp")
     assert ratio.available(0.19) == 0.19
     assert [one.axis for one in (ratio, difference, texture)] == [
-        "level: friction above 0.5, as a share of it (1)",
-        "level: friction above 0.5 (1)",
+        "friction above 0.5, as a share of it",
+        "friction above 0.5",
         "level of the texture, as the file numbers it",
     ]
 

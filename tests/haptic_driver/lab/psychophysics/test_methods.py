@@ -238,17 +238,19 @@ def asked(method, answers):
 
 def test_an_optimiser_over_http_is_asked_and_told(server):
     url, optimiser = server
-    method = OutsideMethod(Outside(kind="outside", url=url), ABOUT)
+    method = OutsideMethod(Outside(kind="outside", url=url), ABOUT, Path())
     assert asked(method, "+-+") == [0.8, 0.4, pytest.approx(0.6), None]
     assert optimiser.said[1:] == [(0.8, True), (0.4, False), (pytest.approx(0.6), True)]
 
 
-def test_an_optimiser_in_python_is_asked_and_told(monkeypatch, tmp_path):
-    monkeypatch.syspath_prepend(str(tmp_path))
+def test_an_optimiser_in_python_beside_the_file_is_asked_and_told(monkeypatch, tmp_path):
     (tmp_path / "my_optimiser.py").write_text(f"from {Halving.__module__} import Halving as Mine\n")
     monkeypatch.setitem(sys.modules, Halving.__module__, sys.modules[__name__])
-    method = OutsideMethod(Outside(kind="outside", python="my_optimiser:Mine", trials=2), ABOUT)
+    method = OutsideMethod(
+        Outside(kind="outside", python="my_optimiser:Mine", trials=2), ABOUT, tmp_path
+    )
     assert asked(method, "++") == [0.8, 0.4, None]  # two trials, whatever it wants
+    assert str(tmp_path) not in sys.path
 
 
 @pytest.mark.parametrize(
@@ -261,7 +263,7 @@ def test_an_optimiser_in_python_is_asked_and_told(monkeypatch, tmp_path):
 )
 def test_an_optimiser_that_cannot_be_had_is_said(settings, error, code):
     with refused(code, kind=error):
-        OutsideMethod(Outside(kind="outside", **settings), ABOUT).suggest()
+        OutsideMethod(Outside(kind="outside", **settings), ABOUT, Path()).suggest()
 
 
 def test_the_code_on_the_page_about_experiments_runs(capsys):

@@ -285,7 +285,7 @@ def test_a_session_that_is_over_or_of_another_file_is_refused(tmp_path):
 
 def test_what_the_rig_did_not_do_is_marked_left_out_and_ends_it_when_it_goes_on(tmp_path):
     experiment = made(tmp_path, tables="[delivery]\nretries = 2\n" + CONSTANT)
-    with refused("not_delivered", "slid for 0 s", kind=HapticError):
+    with refused("not_delivered", "slid for 0 s", hint="duration_s", kind=HapticError):
         session_of(experiment, tmp_path / "out", apparatus=NoFinger(since=4))
     files = SessionFiles(tmp_path / "out", "P1", "01", "made")
     assert [row.delivered for row in files.rows()] == 3 * [True] + 3 * [False]
@@ -406,7 +406,7 @@ def test_results_of_an_experiment_with_a_free_name_are_found_again(tmp_path):
     assert files.table.name == "sub-P1_ses-01_task-Alooklinenco_beh.tsv"
     (result,) = analyse(tmp_path / "out")
     assert (result.task, result.trials) == ("A look: linen & co", 6)
-    assert result.axis == "level: friction above 0.5, as a share of it (1)"
+    assert result.axis == "friction above 0.5, as a share of it"
 
 
 class Heard(AssumedApparatus):
@@ -491,6 +491,27 @@ def test_the_share_at_one_level_has_wilsons_interval(tmp_path):
     # 3 of 4 by Wilson 1927: (p + z^2/2n -+ z sqrt(p q/n + z^2/4n^2)) / (1 + z^2/n), z = 1.96
     assert result.positive == pytest.approx((0.75, 0.3006, 0.9544), abs=1e-4)
     assert result.numbers()["positive_high"] == result.positive[2]
+
+
+def test_a_rehearsal_leaves_what_people_leave_and_the_mean_is_by_students_t(haptic, tmp_path):
+    """Student's t of two values is 12.706; the interval of a mean, that over the root of two."""
+    experiment = made(tmp_path, tables=CONSTANT.replace("repeats = 2", "repeats = 40"))
+    out = tmp_path / "out"
+    done = haptic(
+        "experiment", "simulate", experiment.path, "--participants", "2", "--out", out, "--json"
+    )
+    assert all(Path(path).exists() for path in done.said["written"])
+    session = out / "sub-S0001" / "ses-01" / "beh" / "sub-S0001_ses-01_task-made_beh.tsv"
+    assert len(rows_of(session)) == 120
+    again = haptic("experiment", "simulate", experiment.path, "--out", out)
+    assert (again.status, "exists" in again.err) == (2, True)
+    said = haptic("experiment", "analyse", out, "--json").said
+    first, second = (float(result["threshold"]) for result in said["results"])
+    (group,) = said["groups"]
+    half = 12.706 * abs(first - second) / 2.0
+    assert group["mean"] == pytest.approx((first + second) / 2.0)
+    assert group["mean_95"] == pytest.approx([group["mean"] - half, group["mean"] + half], rel=1e-4)
+    assert "mean of 2, a:" in haptic("experiment", "analyse", out).out
 
 
 @pytest.mark.parametrize(
