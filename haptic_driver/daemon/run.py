@@ -57,6 +57,7 @@ def run_daemon(
     holds the token. `slide`: a file of what a simulated finger does. Raises HapticError when it
     does not get that far.
     """
+    osc = [OscOutlet(links.osc)] if links.osc is not None else []  # a wrong address is told at once
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda number, frame: ended.set())
@@ -65,7 +66,7 @@ def run_daemon(
     try:
         with compilation_said("daemon"):
             settings = daemon_settings(rig, model, allow_no_rt=allow_no_rt, slide=slide)
-            partners = _partners(settings, links)
+            partners = _partners(settings, links, osc)
             output = _serve_until(ended, settings, place, tcp_port, partners, announce)
             return 0 if output.on is False else 1
     finally:
@@ -122,11 +123,10 @@ class _Partners(NamedTuple):
     origins: frozenset[str]
 
 
-def _partners(settings: DaemonSettings, links: Links) -> _Partners:
-    """Those that are asked for, before anything is started. Raises HapticError without their
+def _partners(settings: DaemonSettings, links: Links, osc: Sequence[OscOutlet]) -> _Partners:
+    """All that are asked for, before anything is started. Raises HapticError without their
     packages.
     """
     lsl = [LslOutlet(1.0 / settings.render.period_s, settings.config.name)] if links.lsl else []
-    osc = [OscOutlet(links.osc)] if links.osc is not None else []
     inlet = None if links.lsl_markers is None else LslMarkers(links.lsl_markers)
     return _Partners([*lsl, *osc], inlet, links.origins)
