@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
+from haptic_driver.errors import BadInputError
 from haptic_driver.lab.raw_trials.cut import Row
 from haptic_driver.lab.raw_trials.folder import Cut, TrialFolder
 from haptic_driver.lab.raw_trials.trial_map import TrialMap
@@ -62,6 +64,13 @@ def rows(path: Path, said: dict[str, Any]) -> list[Row]:
     for _, error in found.bad:
         raise error
     return found.rows
+
+
+def refusal(path: Path, said: dict[str, Any]) -> BadInputError:
+    """Why a file is refused."""
+    with pytest.raises(BadInputError) as caught:
+        rows(path, said)
+    return caught.value
 
 
 def write_csv(path: Path, columns: dict[str, np.ndarray], header: Sequence[str] = ()) -> Path:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from haptic_driver.errors import BadInputError
@@ -26,6 +27,7 @@ from tests.haptic_driver.lab.raw_trials.made import (
     NAMES,
     TIME_S,
     WINDOW_S,
+    refusal,
     rows,
     signals,
     with_keys,
@@ -112,6 +114,11 @@ def containers(path: Path, columns: dict[str, np.ndarray], units: dict[str, str]
                     file[name] = values if i % 2 else values[:, None]
                     unit: Any = units[name]
                     file[name].attrs["units"] = [unit, np.array([unit], "S9"), unit.encode()][i % 3]
+        case ".tdms":
+            with TdmsWriter(path) as writer:
+                for name, values in columns.items():
+                    said = {"unit_string": units[name]}
+                    writer.write_segment([ChannelObject("g", name, values, properties=said)])
         case ".lvm":
             names = "\t".join(["X_Value", *list(columns)[1:], "Comment"])
             head = (
@@ -127,7 +134,7 @@ def containers(path: Path, columns: dict[str, np.ndarray], units: dict[str, str]
             path.write_text(f"{head}{names}\n" + "\n".join(lines) + "\n")
 
 
-@pytest.mark.parametrize("ending", [".npz", ".mat", ".h5", ".lvm"])
+@pytest.mark.parametrize("ending", [".npz", ".mat", ".h5", ".lvm", ".tdms"])
 @FILE
 @given(units=st.fixed_dictionaries({n: st.sampled_from(sorted(u)) for n, u in UNITS.items()}))
 def test_a_file_of_another_kind(tmp_path, ending, units):
@@ -141,6 +148,8 @@ def test_a_file_of_another_kind(tmp_path, ending, units):
             column["unit"] = units[column["name"]]
         elif column["name"] == "t" and ending == ".lvm":
             column["name"] = "X_Value"
+        if ending == ".tdms":
+            column["name"] = f"g/{column['name']}"
     assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
 
 
@@ -151,7 +160,7 @@ def test_a_matlab_table_is_said_to_be_one(tmp_path):
     content = bytearray((tmp_path / "t.mat").read_bytes())
     content[:19], content[124:128] = b"MATLAB 7.3 MAT-file", b"\x00\x02IM"
     (tmp_path / "t.mat").write_bytes(content)
-    assert "table2struct" in refused(tmp_path / "t.mat", MAP).hint
+    assert "table2struct" in refusal(tmp_path / "t.mat", MAP).hint
 
 
 @pytest.mark.parametrize("transposed", [False, True])
@@ -174,15 +183,14 @@ def test_a_cell_array_of_columns_goes_by_index(tmp_path):
 
 
 @pytest.mark.parametrize(("late_s", "step_s"), [(0, 0.004), (3, 0.004), (0, 0.001)])
-def test_waveforms_of_other_times_are_refused(tmp_path, late_s, step_s):
+def test_waveforms_of_other_times_are_refusal(tmp_path, late_s, step_s):
     """Channels were put beside each other whenever they began, at the map's rate."""
-    nptdms = pytest.importorskip("nptdms")
     path, began = tmp_path / "t.tdms", np.datetime64("2015-11-20T20:13:43")
-    with nptdms.TdmsWriter(path) as writer:
+    with TdmsWriter(path) as writer:
         for name in NAMES[1:]:
             start = began + np.timedelta64(late_s if name == "Fz" else 0, "s")
             said = {"wf_increment": step_s, "wf_start_time": start}
-            writer.write_segment([nptdms.ChannelObject("g", name, SIGNALS[name], properties=said)])
+            writer.write_segment([ChannelObject("g", name, SIGNALS[name], properties=said)])
     said = with_keys(file={"rate_hz": 250.0})
     del said["columns"]["time"]
     for column in said["columns"].values():
@@ -191,13 +199,7 @@ def test_waveforms_of_other_times_are_refused(tmp_path, late_s, step_s):
         assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-9)
     else:
         wanted = "begin at different times" if late_s else "is at 1000 Hz by the file"
-        assert wanted in refused(path, said).message
-
-
-def refused(path: Path, said: dict[str, Any]) -> BadInputError:
-    with pytest.raises(BadInputError) as caught:
-        rows(path, said)
-    return caught.value
+        assert wanted in refusal(path, said).message
 
 
 @FILE
@@ -216,7 +218,7 @@ def test_a_unit_of_the_map_is_compared_with_the_files(tmp_path, name, style, map
         return
     names = [style.format(n=name, u=header) if each == name else each for each in NAMES]
     path = write_csv(tmp_path / "t.csv", SIGNALS, names)
-    error = refused(path, MAP)
+    error = refusal(path, MAP)
     assert error.code == "unit_conflict"
     assert f"in {good} by the map, and in {header} by its" in error.message.replace(
         "the header", "its"
@@ -226,11 +228,11 @@ def test_a_unit_of_the_map_is_compared_with_the_files(tmp_path, name, style, map
 
 
 @pytest.mark.parametrize("names", [("Fx [V]", "Fx [N]"), ("Fx", "Fx")])
-def test_a_name_that_stands_twice_is_refused(tmp_path, names):
+def test_a_name_that_stands_twice_is_refusal(tmp_path, names):
     columns = {"t": TIME_S, "a": SIGNALS["Fx"] / 3.0, "b": SIGNALS["Fx"]}
     columns |= {name: SIGNALS[name] for name in ("Fz", "U", "x")}
     path = write_csv(tmp_path / "t.csv", columns, ["t", *names, "Fz", "U", "x"])
-    assert f"Fx stands more than once: '{names[0]}', '{names[1]}'" in refused(path, MAP).message
+    assert f"Fx stands more than once: '{names[0]}', '{names[1]}'" in refusal(path, MAP).message
     if names[0] != names[1]:
         said = with_keys(lateral_force={"name": "Fx [N]"})
         assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-5)
@@ -241,7 +243,7 @@ def test_a_comma_that_can_be_either_is_asked_about(tmp_path):
     text = write_csv(tmp_path / "t.csv", scaled).read_text().replace(",", ";")
     path = tmp_path / "u.csv"
     path.write_text(text.replace("77.000000", "77,000"))
-    error = refused(path, MAP)
+    error = refusal(path, MAP)
     assert "'77,000' can be 77000 or 77.000" in error.message
     for decimal, load_n in ((",", 77.0), (".", 77000.0)):
         said = with_keys(file={"decimal": decimal})
@@ -272,18 +274,18 @@ def test_of_several_tables_one_is_taken(tmp_path, cofs, title, units, labview):
         below = "t,Fx,Fz,U,x\n" + "s,N,N,V,mm\n" * units
         text = "".join(("Trial\n" * title) + t.replace("t,Fx,Fz,U,x\n", below) for t in texts)
         path.write_text(text)
-    refusal = refused(path, MAP)
-    assert refusal.code == "several_tables"
-    assert f"holds {len(cofs)} tables, in lines " in refusal.message
+    error = refusal(path, MAP)
+    assert error.code == "several_tables"
+    assert f"holds {len(cofs)} tables, in lines " in error.message
     lines = path.read_text().splitlines()
-    spans = [span.split(" to ") for span in refusal.message.split("in lines ")[1].split(", ")]
+    spans = [span.split(" to ") for span in error.message.split("in lines ")[1].split(", ")]
     for number, ((first, last), cof) in enumerate(zip(spans, cofs, strict=True), start=1):
         assert "Fx" in lines[int(first) - 1]
         assert lines[int(last) - 1].strip().startswith(f"{TIME_S[-1]:.3f}")
         found = rows(path, with_keys(file={"table": number}))
         # five standard errors of 250 samples with 1 mN of noise, over 0.5 N
         assert found[0]["cof"] == pytest.approx(cof, abs=5e-3 / 0.5 / 250**0.5 * (1 + cof))
-    assert "tables" in refused(path, with_keys(file={"table": len(cofs) + 1})).message
+    assert "tables" in refusal(path, with_keys(file={"table": len(cofs) + 1})).message
 
 
 @FILE
@@ -293,7 +295,7 @@ def test_of_several_tables_one_is_taken(tmp_path, cofs, title, units, labview):
 def test_what_only_begins_like_a_text_is_no_text(tmp_path, content, mark):
     path = tmp_path / "t.csv"
     path.write_bytes(mark + bytes(byte | 0x80 for byte in content))
-    error = refused(path, MAP)
+    error = refusal(path, MAP)
     assert error.code == "file_unreadable"
     assert "is not text" in error.message
 
@@ -329,7 +331,7 @@ def test_numbers_with_swiss_thousands_or_a_minus_of_print(tmp_path, column, writ
 def test_a_column_of_words_is_named_with_its_first_cell(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("t,Fx,Fz,U,x\n" + "".join(f"{t:.3f},0.3 mN,1,75,1\n" for t in TIME_S))
-    assert "column Fx has no number; its first cell is '0.3 mN'" in refused(path, MAP).message
+    assert "column Fx has no number; its first cell is '0.3 mN'" in refusal(path, MAP).message
 
 
 @FILE
@@ -348,30 +350,30 @@ def test_what_a_file_packs_is_unpacked(tmp_path, scale, offset):
     assert rows(path, MAP)[0]["cof"] == pytest.approx(expected(), abs=scale)
     with h5py.File(path, "a") as file:
         file["Fx"][int(np.argmax(TIME_S > 1.8))] = 1 << 30
-    assert "lateral_force is no number at 1.804 s" in refused(path, MAP).message
+    assert "lateral_force is no number at 1.804 s" in refusal(path, MAP).message
 
 
 @pytest.mark.parametrize("name", ["conversion", "scale", "gain"])
-def test_a_scale_beside_the_numbers_is_applied_or_refused(tmp_path, name):
+def test_a_scale_beside_the_numbers_is_applied_or_refusal(tmp_path, name):
     path = tmp_path / "t.h5"
     with h5py.File(path, "w") as file:
         for key in NAMES:
             file[key] = SIGNALS[key] / (0.002 if key == "Fx" else 1.0)
         file["Fx"].attrs[name] = 0.002
     if name != "conversion":
-        assert f"its attribute says {name} = 0.002" in refused(path, MAP).message
+        assert f"its attribute says {name} = 0.002" in refusal(path, MAP).message
     gain = {} if name == "conversion" else {"gain": 0.002}
     assert rows(path, with_keys(lateral_force=gain))[0]["cof"] == pytest.approx(expected())
 
 
-def test_a_name_and_a_row_of_units_that_differ_are_refused(tmp_path):
+def test_a_name_and_a_row_of_units_that_differ_are_refusal(tmp_path):
     path = write_csv(tmp_path / "t.csv", SIGNALS, ["t_s", "Fx_mN", "Fz_N", "U_V", "x_mm"])
     head, body = path.read_text().split("\n", 1)
     path.write_text(f"{head}\ns,N,N,V,mm\n{body}")
     names = zip(MAP["columns"], ("t_s", "Fx_mN", "Fz_N", "U_V", "x_mm"), strict=True)
     said = with_keys()
     said["columns"] = {role: {"name": name} for role, name in names}
-    assert "is in mN by its name, and in N by the row of units" in refused(path, said).message
+    assert "is in mN by its name, and in N by the row of units" in refusal(path, said).message
 
 
 @pytest.mark.parametrize("text", ["1e-3Hz", "1k5Hz", "2.5-7Hz"])
@@ -390,16 +392,16 @@ def test_records_in_an_archive_of_arrays(tmp_path):
     assert rows(path, said)[0]["cof"] == pytest.approx(expected(), rel=1e-6)
 
 
-def test_a_header_of_more_names_than_cells_is_refused(tmp_path):
+def test_a_header_of_more_names_than_cells_is_refusal(tmp_path):
     """Commas within names without quotes moved every name by a column."""
     path = write_csv(tmp_path / "t.csv", SIGNALS)
     path.write_text(path.read_text().replace("t,Fx,Fz", "t,Fx, N,Fz"))
-    assert "5 cells under 6 names" in refused(path, MAP).message
+    assert "5 cells under 6 names" in refusal(path, MAP).message
 
 
 def test_a_near_name_is_said(tmp_path):
     path = write_csv(tmp_path / "t.csv", SIGNALS, ["t", "fx", "Fz", "U", "x"])
-    assert "Did you mean 'fx'?" in refused(path, MAP).hint
+    assert "Did you mean 'fx'?" in refusal(path, MAP).hint
 
 
 @pytest.mark.parametrize(
@@ -427,7 +429,7 @@ def test_hidden_files_and_own_results_are_no_trials(tmp_path_factory, trials, ot
     assert [path.name for path in found] == sorted(trials)
 
 
-def test_a_file_that_stands_twice_among_the_conditions_is_refused(tmp_path):
+def test_a_file_that_stands_twice_among_the_conditions_is_refusal(tmp_path):
     (tmp_path / "set.csv").write_text("file,voltage\na.csv,10\na.csv,20\n")
     with pytest.raises(BadInputError, match=r"line 3: a.csv stands more than once"):
         tabled(Conditions(table="set.csv"), tmp_path)

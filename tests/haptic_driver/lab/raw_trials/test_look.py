@@ -7,7 +7,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from haptic_driver.errors import BadInputError
 from tests.haptic_driver.lab.raw_trials.made import (
     LOAD_N,
     MAP,
@@ -15,13 +14,13 @@ from tests.haptic_driver.lab.raw_trials.made import (
     TIME_S,
     WINDOW_S,
     cut,
+    refusal,
     rows,
     signals,
     with_keys,
     write_csv,
     write_npz,
 )
-from tests.haptic_driver.lab.refusal import refused
 
 FILE = settings(
     max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -29,12 +28,6 @@ FILE = settings(
 INSIDE = (WINDOW_S[0] < TIME_S) & (WINDOW_S[1] > TIME_S)
 # a mean of 250 samples with 0.4 % noise of each of both forces, five standard errors
 CLOSE = pytest.approx(0.6, abs=0.6 * 5 * 0.004 * 2**0.5 / 250**0.5 * 1.5)
-
-
-def refusal(path, said) -> str:
-    with pytest.raises(BadInputError) as refused:
-        rows(path, said)
-    return refused.value.message
 
 
 @FILE
@@ -62,7 +55,7 @@ def test_each_burst_is_a_trial_of_its_own_voltage(tmp_path, levels, seed):
     whole["U"] = np.where(on, np.array(levels)[part], 0.0)
     whole["Fx"] = np.where(on, LOAD_N * force[part], LOAD_N * 0.4)
     path = write_npz(tmp_path / "t.npz", whole)
-    assert f"comes on {len(levels)} times" in refusal(path, MAP)
+    assert f"comes on {len(levels)} times" in refusal(path, MAP).message
     said = with_keys(voltage_on={"bursts": "each"})
     said["conditions"] = {**MAP["conditions"], "values": {"voltage": max(levels), "frequency": 1}}
     found = rows(path, said)
@@ -91,7 +84,7 @@ def test_a_number_that_stands_for_none_is_refused_or_left_out(tmp_path, value, c
     place = int(np.flatnonzero(INSIDE)[0]) + at
     columns["Fx"][place : place + count] = value
     path = write_csv(tmp_path / "t.csv", columns)
-    said = refusal(path, MAP)
+    said = refusal(path, MAP).message
     assert f"(line {place + 2})" in said
     assert "lateral_force is " in said
     found = cut(path, with_keys(lateral_force={"outliers": "leave_out"}))
@@ -103,7 +96,7 @@ def test_a_number_that_stands_for_none_is_refused_or_left_out(tmp_path, value, c
 def test_a_clipped_force_is_refused(tmp_path, name):
     columns = signals(noise_n=0.01)
     columns[name] = np.minimum(columns[name], np.quantile(columns[name][INSIDE], 0.6))
-    assert "is clipped at" in refusal(write_csv(tmp_path / "t.csv", columns), MAP)
+    assert "is clipped at" in refusal(write_csv(tmp_path / "t.csv", columns), MAP).message
 
 
 @FILE
@@ -172,14 +165,14 @@ def test_a_finger_that_turns_counts_by_its_way(tmp_path, turned, seed):
     columns["Fx"] = way * columns["Fx"]
     columns["x"] = 20.0 * np.cumsum(way) / RATE_HZ
     path = write_csv(tmp_path / "t.csv", columns)
-    assert "the finger turns in window 1" in refusal(path, with_keys())
+    assert "the finger turns in window 1" in refusal(path, MAP).message
     found = rows(path, with_keys(motion={"turns": "sign"}))
     assert found[0]["cof"] == pytest.approx(0.6, rel=0.01)
     del columns["x"]
     blind = with_keys()
     del blind["columns"]["position"]
     if 0.3 < turned < 0.7:  # by the force alone, where both ways are of some length
-        assert "the finger turns" in refusal(write_csv(tmp_path / "t.csv", columns), blind)
+        assert "the finger turns" in refusal(write_csv(tmp_path / "t.csv", columns), blind).message
 
 
 @FILE
@@ -195,8 +188,9 @@ def test_a_counter_that_wraps_is_unwrapped(tmp_path, bits, start, back):
     assert found[0]["speed_m_s"] == pytest.approx(2e-3 * span, rel=1 / span + 1e-6)
     wraps = np.abs(np.diff(columns["x"])) > span / 2
     if wraps[INSIDE[1:] & INSIDE[:-1]].any():
-        with refused("doubtful_trial", "position jumps by", hint=f"unwrap = {span}"):
-            rows(path, MAP)
+        error = refusal(path, MAP)
+        assert "position jumps by" in error.message
+        assert f"unwrap = {span}" in error.hint
 
 
 @FILE
@@ -221,7 +215,7 @@ def test_a_window_with_voltage_in_a_part_is_refused(tmp_path, end_s):
     said["windows"] = [{"start_s": 0.3, "end_s": end_s}]
     path = write_csv(tmp_path / "t.csv", signals())
     wanted = "has voltage in a part" if end_s < 1.6 else "the record goes from"
-    assert wanted in refusal(path, said)
+    assert wanted in refusal(path, said).message
 
 
 @FILE
