@@ -6,8 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from haptic_driver.errors import shown
 from haptic_driver.files import replacing, require_ending
@@ -15,7 +16,12 @@ from haptic_driver.files import replacing, require_ending
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ENDINGS = (".png", ".pdf", ".svg")
+CANVASES = {
+    "png": ("agg", "FigureCanvasAgg"),
+    "pdf": ("pdf", "FigureCanvasPdf"),
+    "svg": ("svg", "FigureCanvasSVG"),
+}
+ENDINGS = tuple(f".{kind}" for kind in CANVASES)
 
 
 def pyplot() -> Any:
@@ -47,6 +53,23 @@ def _show_as_it_stands(figure: Figure) -> None:
             text.set_text(shown(text.get_text(), lines=True))
 
 
+def draw_into(
+    figure: Figure,
+    to: Path | IO[bytes],
+    kind: str,
+    dpi: int,
+    metadata: dict[str, str | None] | None = None,
+) -> None:
+    """Draw `figure` into a file of that kind: png, pdf or svg.
+
+    Not by `savefig`, which draws everything twice, the first time for the layout alone.
+    """
+    module, name = CANVASES[kind]
+    canvas = getattr(import_module(f"matplotlib.backends.backend_{module}"), name)
+    figure.set_dpi(dpi)
+    getattr(canvas(figure), f"print_{kind}")(to, metadata=metadata)
+
+
 @contextmanager
 def saved(figure: Figure, path: Path, dpi: int = 110) -> Iterator[None]:
     """Save `figure` at the end of the block, as the ending of `path` says, and close it however the
@@ -57,6 +80,6 @@ def saved(figure: Figure, path: Path, dpi: int = 110) -> Iterator[None]:
         yield
         _show_as_it_stands(figure)
         with replacing(path) as part:
-            figure.savefig(part, dpi=dpi, format=path.suffix[1:].lower())
+            draw_into(figure, part, path.suffix[1:].lower(), dpi)
     finally:
         pyplot().close(figure)

@@ -27,6 +27,7 @@ from haptic_driver.lab.figures.numbers import (
     Sensitivity,
     Touching,
 )
+from haptic_driver.pictures.saving import draw_into
 from model.support.arrays import Array
 
 mpl.use("Agg")
@@ -55,7 +56,7 @@ NOT_COMPARED = "Not compared with the paper's measured curves: their numbers are
 
 def save(figure: Figure, path: Path) -> None:
     """As PNG; the same bytes for the same picture."""
-    figure.savefig(path, dpi=130, metadata={"Software": None})
+    draw_into(figure, path, "png", dpi=130, metadata={"Software": None})
     plt.close(figure)
 
 

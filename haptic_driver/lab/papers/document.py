@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from haptic_driver.errors import shown
 from haptic_driver.files import require_ending, write_text
-from haptic_driver.pictures.saving import pyplot
+from haptic_driver.pictures.saving import draw_into, pyplot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -155,7 +155,7 @@ def picture(figure: Figure, kind: str) -> bytes:
     try:
         figure.draw(axes[0])
         written = io.BytesIO()
-        drawn.savefig(written, format=kind, dpi=300)
+        draw_into(drawn, written, kind, dpi=300)
     finally:
         plt.close(drawn)
     return written.getvalue()
