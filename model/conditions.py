@@ -55,7 +55,7 @@ class Conditions:
             ("waveform", wave, WAVEFORMS),
             ("finger", self._finger(), FINGERS),
         ):
-            unknown = ~np.isin(words, known)
+            unknown = ~np.any([words == one for one in known], axis=0)  # faster than np.isin
             if unknown.any():
                 i = int(np.argmax(unknown))
                 raise RowError(
