@@ -24,16 +24,16 @@ class Raised(NamedTuple):
 @cache
 def raised() -> list[Raised]:
     """Every code at every place, in order of the codes."""
-    trees = {
-        file.relative_to(ROOT).as_posix(): ast.parse(file.read_text("utf-8"))
+    nodes = {
+        file.relative_to(ROOT).as_posix(): [*ast.walk(ast.parse(file.read_text("utf-8")))]
         for name in FOLDERS
         for file in (ROOT / name).rglob("*.py")
     }
-    takes = dict(one for tree in trees.values() for one in _that_take_codes(tree))
+    takes = dict(one for all_of in nodes.values() for one in _that_take_codes(all_of))
     found = (
         Raised(code, said, f"{file}:{line}")
-        for file, tree in trees.items()
-        for code, said, line in _in_file(tree, takes)
+        for file, all_of in nodes.items()
+        for code, said, line in _in_file(all_of, takes)
     )
     return sorted(found)
 
@@ -47,9 +47,9 @@ def table() -> str:
     return "\n".join(["| code | such as |", "|---|---|", *rows])
 
 
-def _that_take_codes(tree: ast.Module) -> Iterator[tuple[str, int]]:
+def _that_take_codes(nodes: list[ast.AST]) -> Iterator[tuple[str, int]]:
     """Functions and classes with a parameter `code`, and its place; methods come without `self`."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.ClassDef):
             own = [one for one in node.body if getattr(one, "name", "") == "__init__"]
             for inner in own:
@@ -66,15 +66,15 @@ def _place_of_code(function: ast.FunctionDef) -> list[int]:
     return [names.index("code")] if "code" in names else []
 
 
-def _in_file(tree: ast.Module, takes: dict[str, int]) -> Iterator[tuple[str, str, int]]:
+def _in_file(nodes: list[ast.AST], takes: dict[str, int]) -> Iterator[tuple[str, str, int]]:
     names = {
         target.id: node.value
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.Assign)
         for target in node.targets
         if isinstance(target, ast.Name)
     }
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.ClassDef):
             for inner in node.body:
                 if isinstance(inner, ast.Assign) and ast.unparse(inner.targets[0]) == "code":
@@ -89,16 +89,16 @@ def _in_file(tree: ast.Module, takes: dict[str, int]) -> Iterator[tuple[str, str
             if code := _text(one, names):
                 place = 1 - (takes[called] > 0)
                 messages = node.args[place : place + 1] if called.endswith("Error") else []
-                before = _before(tree, node, messages)
+                before = _before(nodes, node, messages)
                 yield code, "".join(_text(said, before) for said in messages), node.lineno
 
 
-def _before(tree: ast.Module, call: ast.Call, messages: list[ast.expr]) -> dict[str, ast.expr]:
+def _before(nodes: list[ast.AST], call: ast.Call, messages: list[ast.expr]) -> dict[str, ast.expr]:
     """What the names in `messages` last stood for above a call."""
     wanted = {said.id for said in messages if isinstance(said, ast.Name)}
     found = [
         (node.lineno, node.targets[0].id, node.value)
-        for node in (ast.walk(tree) if wanted else ())
+        for node in (nodes if wanted else ())
         if isinstance(node, ast.Assign)
         and isinstance(node.targets[0], ast.Name)
         and node.targets[0].id in wanted
