@@ -7,6 +7,7 @@ repeated where it failed beside an empty loop that was late too, and then skippe
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from functools import cache
@@ -18,6 +19,7 @@ from _pytest.runner import runtestprotocol
 from tests.machine import EmptyLoop
 
 MARKED = ("process", "realtime", "soak")
+OF_ALL = re.compile(rf"^pytestmark = .*\bmark\.({'|'.join(MARKED)})\b", re.MULTILINE)
 STARTS = ("subprocess.Popen", "os.posix_spawn", "os.fork", "os.forkpty")
 # Started by the standard library where somebody looks for a library, or asks what machine this is.
 LOOKS = ("ldconfig", "gcc", "cc", "ld", "objdump", "uname")
@@ -37,8 +39,11 @@ sys.addaudithook(_note_starts)
 
 @cache
 def names(path: Path, kind: str) -> bool:
-    """Whether a file names a kind, which tells where its tests are without importing all."""
-    return f"mark.{kind}" in path.read_text(encoding="utf-8")
+    """Whether a file names a kind, which tells where its tests are without importing all; it is
+    pure where no kind stands for the whole file.
+    """
+    text = path.read_text(encoding="utf-8")
+    return not OF_ALL.search(text) if kind == "pure" else f"mark.{kind}" in text
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
