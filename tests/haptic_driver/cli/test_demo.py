@@ -118,6 +118,6 @@ def test_of_a_real_rig_a_simulated_copy_is_shown(demo, tmp_path):
         "force_sensor": "192.0.2.1:49152",
     }
     (tmp_path / "real.toml").write_text(served_rig_text(devices), encoding="utf-8")
-    said = demo("--rig", tmp_path / "real.toml", "--json").said
+    said = demo("--rig", tmp_path / "real.toml", "--trace", trace(tmp_path), "--json").said
     assert said["simulated"] is True
     assert said["max_voltage_v"] > 50.0

@@ -195,8 +195,9 @@ def test_what_a_trial_leaves_in_doubt_stands_beside_the_verdict(tmp_path, kind):
     found = hd.read_rows(write_csv(tmp_path / "t.csv", columns), map=MAP)
     assert found.doubts == ["a spike of the voltage was passed over, in 1 files (t.csv)"]
     data = {"rows": found, "frame": found.to_frame(), "file": found.save(tmp_path / "rows.csv")}
-    assert "1 of 1 rows are in doubt" in str(hd.diagnose(data[kind]))
-    assert "a spike at 0.2 s" in str(hd.diagnose(data[kind]))
+    said = str(hd.diagnose(data[kind]))
+    assert "1 of 1 rows are in doubt" in said
+    assert "a spike at 0.2 s" in said
 
 
 def test_trials_that_cannot_be_used_are_refused_or_left_out(tmp_path):

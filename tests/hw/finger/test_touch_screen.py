@@ -7,7 +7,10 @@ import os
 import struct
 import sys
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,20 +68,35 @@ class Bench:
         return self.tracker.read()
 
 
-@pytest.fixture(params=[10, 0], ids=["slots", "one finger"])
-def bench(request):
-    bench = Bench(request.param)
+@contextmanager
+def plugged(slots: int) -> Iterator[Bench]:
+    bench = Bench(slots)
     yield bench
     bench.tracker.close()
     bench.screen.unplug()
+
+
+def placed(reading: FingerReading) -> tuple[float, float, bool]:
+    """Where it is, to a nanometre, and whether it touches."""
+    return round(reading.position_x_m, 9), round(reading.position_y_m, 9), reading.touching
+
+
+@pytest.fixture(params=[10, 0], ids=["slots", "one finger"])
+def bench(request):
+    with plugged(request.param) as bench:
+        yield bench
 
 
 @pytest.fixture
 def slotted():
-    bench = Bench(slots=10)
-    yield bench
-    bench.tracker.close()
-    bench.screen.unplug()
+    with plugged(10) as bench:
+        yield bench
+
+
+@pytest.fixture
+def single():
+    with plugged(0) as bench:
+        yield bench
 
 
 def test_before_the_first_touch_there_is_no_place(bench):
@@ -132,36 +150,26 @@ def test_a_finger_at_rest_is_where_it_is_now(bench):
     )
 )
 def test_times_never_go_back(script):
-    bench = Bench(slots=3)
     told_s = 0.0
-    for action, number in script:
-        bench.clock.sleep(0.001 * number)
-        if action == "put":
-            bench.screen.put(0.001 * number, 0.02, finger=number % 3)
-        elif action == "lift":
-            bench.screen.lift(finger=number % 3)
-        reading = bench.tracker.read()
-        assert told_s <= reading.time_s <= bench.clock() + 1e-6
-        told_s = reading.time_s
-    bench.tracker.close()
-    bench.screen.unplug()
+    with plugged(3) as bench:
+        for action, number in script:
+            bench.clock.sleep(0.001 * number)
+            if action == "put":
+                bench.screen.put(0.001 * number, 0.02, finger=number % 3)
+            elif action == "lift":
+                bench.screen.lift(finger=number % 3)
+            reading = bench.tracker.read()
+            assert told_s <= reading.time_s <= bench.clock() + 1e-6
+            told_s = reading.time_s
 
 
 def test_a_second_finger_changes_nothing_until_the_first_lifts(slotted):
     slotted.put(0.02, 0.03, finger=4)
-    assert slotted.put(0.09, 0.09, finger=1)[1:4] == (
-        pytest.approx(0.02),
-        pytest.approx(0.03),
-        True,
-    )
+    assert placed(slotted.put(0.09, 0.09, finger=1)) == (0.02, 0.03, True)
     assert slotted.put(0.03, 0.03, finger=4).position_x_m == pytest.approx(0.03)
     lifted = slotted.lift(finger=4)
-    assert lifted[1:4] == (pytest.approx(0.03), pytest.approx(0.03), False)
-    assert slotted.put(0.091, 0.09, finger=1)[1:4] == (
-        pytest.approx(0.091),
-        pytest.approx(0.09),
-        True,
-    )
+    assert placed(lifted) == (0.03, 0.03, False)
+    assert placed(slotted.put(0.091, 0.09, finger=1)) == (0.091, 0.09, True)
     assert slotted.lift(finger=1).touching is False
 
 
@@ -173,11 +181,8 @@ def test_all_that_touches_is_counted(slotted):
     assert [slotted.lift(finger=k).contacts for k in range(3)] == [2, 1, 0]
 
 
-def test_a_screen_for_one_finger_counts_none():
-    bench = Bench(slots=0)
-    assert bench.put(0.02, 0.03).contacts is None
-    bench.tracker.close()
-    bench.screen.unplug()
+def test_a_screen_for_one_finger_counts_none(single):
+    assert single.put(0.02, 0.03).contacts is None
 
 
 @pytest.mark.parametrize(
@@ -201,7 +206,7 @@ def test_dropped_events_end_a_touch_that_may_have_ended(bench):
     bench.screen.lose_events()
     bench.lift()
     bench.screen.find_events()
-    assert bench.tracker.read()[1:4] == (pytest.approx(0.02), pytest.approx(0.03), False)
+    assert placed(bench.tracker.read()) == (0.02, 0.03, False)
     bench.clock.sleep(1.0)
     assert bench.tracker.read().touching is False
 
@@ -213,20 +218,17 @@ def test_after_dropped_events_a_finger_is_found_again_where_it_is(slotted):
     slotted.screen.find_events()
     assert slotted.tracker.read().touching is False
     assert slotted.put(0.07, 0.06).touching is False  # y is not known yet
-    assert slotted.put(0.07, 0.08)[1:4] == (pytest.approx(0.07), pytest.approx(0.08), True)
+    assert placed(slotted.put(0.07, 0.08)) == (0.07, 0.08, True)
 
 
-def test_after_dropped_events_one_finger_counts_from_its_next_touch():
-    bench = Bench(slots=0)
-    bench.put(0.02, 0.03)
-    bench.screen.lose_events()
-    bench.put(0.05, 0.06)
-    bench.screen.find_events()
-    assert bench.put(0.07, 0.08).touching is False
-    bench.lift()
-    assert bench.put(0.075, 0.085)[1:4] == (pytest.approx(0.075), pytest.approx(0.085), True)
-    bench.tracker.close()
-    bench.screen.unplug()
+def test_after_dropped_events_one_finger_counts_from_its_next_touch(single):
+    single.put(0.02, 0.03)
+    single.screen.lose_events()
+    single.put(0.05, 0.06)
+    single.screen.find_events()
+    assert single.put(0.07, 0.08).touching is False
+    single.lift()
+    assert placed(single.put(0.075, 0.085)) == (0.075, 0.085, True)
 
 
 def test_an_unplugged_screen_is_an_error(bench):
@@ -257,7 +259,7 @@ def test_a_long_backlog_is_read_in_one_go(bench):
     for i in range(300):
         bench.clock.sleep(0.01)
         bench.screen.put(0.0001 * i, 0.0001 * i)
-    assert bench.tracker.read()[1:4] == (pytest.approx(0.0299), pytest.approx(0.0299), True)
+    assert placed(bench.tracker.read()) == (0.0299, 0.0299, True)
 
 
 def test_a_backlog_that_ran_over_ends_the_touch(bench):
@@ -268,7 +270,7 @@ def test_a_backlog_that_ran_over_ends_the_touch(bench):
     assert bench.put(0.01, 0.01).touching is False
     bench.put(0.02, 0.02)
     bench.lift()
-    assert bench.put(0.03, 0.03)[1:4] == (pytest.approx(0.03), pytest.approx(0.03), True)
+    assert placed(bench.put(0.03, 0.03)) == (0.03, 0.03, True)
 
 
 EVENT = struct.Struct("@llHHi")
@@ -404,25 +406,37 @@ def test_what_the_kernel_does_not_repeat_is_asked_for(standing):
     assert told(events, (SLOT, 0), (PLACE_X, 7), (PLACE_Y, 8)) is True
 
 
-@pytest.mark.parametrize("also", [{}, {1: [0x14A]}], ids=["bare", "with a key"])
-def test_a_screen_without_slots_for_several_fingers_is_refused_by_name(monkeypatch, also):
+@pytest.fixture
+def opened(monkeypatch):
+    """Open a device of these axes and keys, as python-evdev gives it; what it closes."""
+
+    def run(axes: list[int], keys: Sequence[int] = (0x14A,), **more: Any) -> TouchReports:
+        told = {"fd": -1, "name": "pad", "capabilities": lambda **_: {3: axes, 1: list(keys)}}
+        device = SimpleNamespace(**told, close=lambda: closed.append(device.fd))
+        vars(device).update(more)
+        evdev = SimpleNamespace(InputDevice=lambda path, readonly: device)
+        monkeypatch.setitem(sys.modules, "evdev", evdev)
+        monkeypatch.setattr("fcntl.ioctl", more.get("ioctl", lambda *_: 0))
+        return open_touch_reports("/dev/input/event0")
+
+    closed: list[int] = []
+    run.closed = closed  # type: ignore[attr-defined]
+    yield run
+    for descriptor in filter(lambda each: each >= 0, closed):
+        os.close(descriptor)
+
+
+@pytest.mark.parametrize("keys", [[], [0x14A]], ids=["bare", "with a key"])
+def test_a_screen_without_slots_for_several_fingers_is_refused_by_name(opened, keys):
     """Protocol A, as its drivers declare it: positions, no slots, often ABS_X and ABS_Y as well."""
-    device = SimpleNamespace(
-        fd=-1,
-        name="eGalax",
-        capabilities=lambda **_: {3: [0x00, 0x01, 0x30, 0x35, 0x36], **also},
-        close=lambda: None,
-    )
-    monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=lambda *_, **__: device))
-    monkeypatch.setattr("fcntl.ioctl", lambda *_: 0)
-    with pytest.raises(BadReply, match=r"'eGalax'.*protocol A") as failure:
-        open_touch_reports("/dev/input/event0")
+    with pytest.raises(BadReply, match=r"'pad'.*protocol A") as failure:
+        opened([0x00, 0x01, 0x30, 0x35, 0x36], keys)
     assert "ABS_MT_SLOT" in failure.value.hint
     assert "mtdev" in failure.value.hint
 
 
 @pytest.mark.parametrize("slots", [True, False])
-def test_an_opened_screen_is_asked_what_hovers(monkeypatch, slots):
+def test_an_opened_screen_is_asked_what_hovers(opened, slots):
     """EVIOCGMTSLOTS of linux/input.h: code, then a value per slot, in an array of its size."""
     asked = []
 
@@ -432,18 +446,13 @@ def test_an_opened_screen_is_asked_what_hovers(monkeypatch, slots):
             struct.pack_into("@2i", answer, 4, 0, 5 if asked[-1] == 0x3B else 0)
         return 0
 
-    axes = [0x2F, 0x35, 0x36, 0x39, 0x37, 0x3B] if slots else [0, 1, 0x19]
     output, into = os.pipe()
-    device = SimpleNamespace(
+    reports = opened(
+        [0x2F, 0x35, 0x36, 0x39, 0x37, 0x3B] if slots else [0, 1, 0x19],
         fd=output,
-        name="hovering",
-        capabilities=lambda **_: {3: axes, 1: [0x14A]},
         absinfo=lambda code: SimpleNamespace(value=5 if code == 0x19 else 1, min=0, max=1),
-        close=lambda: os.close(output),
+        ioctl=ioctl,
     )
-    monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=lambda *_, **__: device))
-    monkeypatch.setattr("fcntl.ioctl", ioctl)
-    reports = open_touch_reports("/dev/input/event0")
     values = [*(LANDS if slots else LANDS_ON_ONE), ((0, 0), 0)]
     os.write(into, b"".join(EVENT.pack(10, 0, *code, value) for code, value in values))
     assert reports.read() == (10.0, 100, 200, False)
@@ -503,35 +512,16 @@ def test_what_is_no_event_device_is_refused(path):
 
 
 @pytest.mark.parametrize("fails_at", ["ioctl", "capabilities", "absinfo", "no touch screen"])
-def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(monkeypatch, fails_at):
-    class Device:
-        fd, name, closed = -1, "pad", False
+def test_a_device_that_cannot_be_taken_is_let_go_and_said_to_be_gone(opened, fails_at):
+    def unplugged(*_: object, **__: object) -> None:
+        raise OSError(19, "No such device")
 
-        def __init__(self, path: str, *, readonly: bool) -> None:
-            made.append(self)
-
-        def capabilities(self, *, absinfo: bool) -> dict[int, list[int]]:
-            unplugged("capabilities")
-            return {} if fails_at == "no touch screen" else {3: [0x2F, 0x35, 0x36, 0x39]}
-
-        def absinfo(self, code: int) -> None:
-            unplugged("absinfo")
-
-        def close(self) -> None:
-            self.closed = True
-
-    def unplugged(where: str) -> None:
-        if where == fails_at:
-            raise OSError(19, "No such device")
-
-    made: list[Device] = []
-    monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
-    monkeypatch.setattr("fcntl.ioctl", lambda *_: unplugged("ioctl"))
-    with pytest.raises(
-        BadReply if fails_at == "no touch screen" else DeviceDisconnected, match="/dev/input/event0"
-    ):
-        EvdevTouchScreen("/dev/input/event0", CALIBRATION).open()
-    assert [device.closed for device in made] == [True]
+    axes = [] if fails_at == "no touch screen" else [0x2F, 0x35, 0x36, 0x39]
+    more = {"absinfo": lambda code: None} | {fails_at: unplugged}
+    gone = BadReply if fails_at == "no touch screen" else DeviceDisconnected
+    with pytest.raises(gone, match="/dev/input/event0"):
+        opened(axes, [], **more)
+    assert opened.closed == [-1]
 
 
 @pytest.mark.skipif(not os.access("/dev/uinput", os.W_OK), reason="needs a writable /dev/uinput")
@@ -596,31 +586,18 @@ def test_points_that_tell_no_map_are_refused(raw, place):
 
 
 @pytest.mark.parametrize(("slots", "axes"), [(True, (0x35, 0x36)), (False, (0x00, 0x01))])
-def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(monkeypatch, slots, axes):
+def test_an_opened_screen_tells_counts_and_the_range_of_its_axes(opened, slots, axes):
     clock = ManualClock(1000.0)
     screen = touch_screen(Panel(), slots=slots, clock=clock)
     ranges = dict(zip(axes, ((50, 4050), (0, 3000)), strict=True))
 
-    class Device:
-        fd, name = screen.descriptor, "pad"
+    def absinfo(code: int) -> SimpleNamespace:
+        low, high = ranges.get(code, (0, 9))
+        return SimpleNamespace(value=screen.current_slot(), min=low, max=high)
 
-        def __init__(self, path: str, *, readonly: bool) -> None:
-            assert (path, readonly) == ("/dev/input/event0", True)
-
-        def capabilities(self, *, absinfo: bool) -> dict[int, list[int]]:
-            return {3: [0x2F, 0x35, 0x36, 0x39]} if slots else {1: [0x14A], 3: [0, 1]}
-
-        def absinfo(self, code: int) -> SimpleNamespace:
-            if code == 0x2F:
-                return SimpleNamespace(value=screen.current_slot())
-            return SimpleNamespace(value=0, min=ranges[code][0], max=ranges[code][1])
-
-        def close(self) -> None:
-            os.close(screen.descriptor)
-
-    monkeypatch.setitem(sys.modules, "evdev", SimpleNamespace(InputDevice=Device))
-    monkeypatch.setattr("fcntl.ioctl", lambda *_: 0)
-    reports = open_touch_reports("/dev/input/event0")
+    reports = opened(
+        [0x2F, 0x35, 0x36, 0x39] if slots else [0, 1], fd=screen.descriptor, absinfo=absinfo
+    )
     assert reports.span_raw == (4000, 3000)
     assert reports.read() == (-math.inf, 0, 0, False)
     screen.put(0.010, 0.050)

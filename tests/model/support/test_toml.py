@@ -4,7 +4,7 @@ import datetime
 import tomllib
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model.support.toml import toml_lines, toml_value
@@ -19,12 +19,13 @@ SCALARS = (
 NAMES = st.text("abcdefghijklmnopqrstuvwxyz_0123456789", min_size=1)
 VALUES = st.recursive(
     SCALARS,
-    lambda inner: st.lists(inner) | st.dictionaries(NAMES, inner),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(NAMES, inner, max_size=3),
     max_leaves=4,
 )
 
 
-@given(st.dictionaries(NAMES, VALUES))
+@settings(max_examples=50)
+@given(st.dictionaries(NAMES, VALUES, max_size=3))
 def test_every_value_is_read_back(content):
     assert tomllib.loads(toml_lines(content)) == content
 

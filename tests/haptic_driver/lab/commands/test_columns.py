@@ -164,6 +164,8 @@ def test_no_column_of_a_table_is_lost_beside_one_that_gets_its_name(haptic, tmp_
 
 def test_trials_go_straight_into_a_prediction_and_a_diagnosis(haptic, tmp_path):
     own_data.write(tmp_path / "trials")
+    for path in (tmp_path / "trials").glob("day[12]*"):
+        path.unlink()  # those of one day are enough
     (tmp_path / "map.toml").write_text(own_data.map_of(PAGE), encoding="utf-8")
     lost = next((tmp_path / "trials").glob("*_t71.csv"))
     trials, mapped = tmp_path / "trials", ["--map", tmp_path / "map.toml"]

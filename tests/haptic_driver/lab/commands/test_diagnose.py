@@ -69,7 +69,8 @@ def measured_friction(plan, path, seed: int) -> None:
 @pytest.fixture(scope="module")
 def found(data, tmp_path_factory):
     out = tmp_path_factory.mktemp("found")
-    return out, said_by("diagnose", data, "--model", "reference", "--out", out, "--seed", 3)
+    with without_pictures():
+        return out, said_by("diagnose", data, "--model", "reference", "--out", out, "--seed", 3)
 
 
 def test_the_hidden_effect_is_found_or_listed(found):

@@ -23,26 +23,29 @@ def folder(tmp_path_factory):
     return folder
 
 
-def command(folder: Path, *more: str) -> list[str]:
-    said = [str(folder / "trials"), "--map", str(folder / "map.toml")]
-    return ["rows", *said, "--out", str(folder / "data.csv"), "--force", *more]
+def command(folder: Path, *trials: Path, out: str) -> list[object]:
+    return ["rows", *trials, "--map", folder / "map.toml", "--out", folder / out]
 
 
-def test_a_bad_file_refuses_all_unless_it_is_left_out(folder, haptic):
-    refused = haptic(*command(folder), "--json")
+@pytest.fixture(scope="module")
+def made(folder):
+    return said_by(*command(folder, folder / "trials", out="data.csv"), "--leave-out-bad")
+
+
+def test_a_bad_file_refuses_all_unless_it_is_left_out(folder, haptic, made):
+    last = (folder / "trials").glob("*_t7*.csv")
+    refused = haptic(*command(folder, *last, out="none.csv"), "--json")
     assert refused.status == 2
     assert "_t71.csv: window 1" in refused.said["error"]["message"]
     assert "--leave-out-bad" in refused.said["error"]["hint"]
-    assert not (folder / "data.csv").exists()
-    said = said_by(*command(folder, "--leave-out-bad"))
-    assert (said["trials"], said["settings"], said["sessions"]) == (TRIALS - 1, 24, 3)
-    (left,) = said["left_out"]
+    assert not (folder / "none.csv").exists()
+    assert (made["trials"], made["settings"], made["sessions"]) == (TRIALS - 1, 24, 3)
+    (left,) = made["left_out"]
     assert left["file"].endswith("_t71.csv")
-    assert Path(said["picture"]).read_bytes().startswith(b"\x89PNG")
+    assert Path(made["picture"]).read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_rows_hold_measured_loads_and_the_friction_of_the_finger(folder):
-    said_by(*command(folder, "--leave-out-bad"))
+def test_the_rows_hold_measured_loads_and_the_friction_of_the_finger(folder, made):
     rows = rows_of(folder / "data.csv")
     assert read_measurements(folder / "data.csv").rows == len(rows) == TRIALS - 1
     loads = {row["normal_force_n"] for row in rows if row["commanded_normal_force_n"] == "0.3"}

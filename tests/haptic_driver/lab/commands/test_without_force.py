@@ -55,21 +55,20 @@ def rig(tmp_path, *, monitors: bool) -> str:
     return str(path)
 
 
-def slide_of(path: str, surface_file):
+def slide_of(path: str, surface_file, ticks: int):
     config, finger, whole = load_rig(path), load_model("reference"), synthetic_slide()
-    first = Slide(
-        "stroke", whole.time_s[:3300], whole.position_m[:3300], whole.normal_force_n[:3300]
-    )
+    columns = (whole.time_s, whole.position_m, whole.normal_force_n)
+    first = Slide("stroke", *(column[:ticks] for column in columns))
     settings = render_settings(config, surface_file)
     with SimulatedRig(config, TouchModel(finger), envelope=True) as bench:
         return render_slide(first, load_texture("linen", texture_dirs()), settings, bench)
 
 
-@pytest.mark.parametrize("monitors", [False, True])
-def test_friction_is_estimated_and_never_measured(surface_file, tmp_path, monitors):
-    record = slide_of(rig(tmp_path, monitors=monitors), surface_file)
+@pytest.mark.parametrize(("monitors", "ticks"), [(False, 1800), (True, 3300)])
+def test_friction_is_estimated_and_never_measured(surface_file, tmp_path, monitors, ticks):
+    record = slide_of(rig(tmp_path, monitors=monitors), surface_file, ticks)
     samples = record.samples[record.sliding]
-    assert samples.size > 1000
+    assert samples.size > 400
     for name in ("measured_cof", "lateral_force_n"):
         assert np.isnan(record.samples[name]).all()
     # the finger is the model's own: what is off is what the load may do
