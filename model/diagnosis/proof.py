@@ -92,9 +92,9 @@ def prove(
 
     def share(kinds: Kinds, kind: type[Effect]) -> Share:
         without, error = errors[_without(kinds, kind)], errors[kinds]
-        drawn = [_closed(without[d], error[d], proof.rows[d]) for d in draws]
+        drawn = _closed(without[draws], error[draws], proof.rows[draws])
         std = float(np.nanstd(drawn)) if np.isfinite(drawn).any() else float("nan")
-        return Share(kind.name, _closed(without, error, proof.rows), std)
+        return Share(kind.name, float(_closed(without, error, proof.rows)), std)
 
     shares = {c.names: [share(kinds, kind) for kind in kinds] for kinds, c in models.items()}
     return replace(proof, shares={names: of for names, of in shares.items() if of})
@@ -179,10 +179,10 @@ def _proof(
     draws: NDArray[np.int64],
     inclusion: float,
 ) -> Proof:
-    closed = [_closed(a[d], b[d], w[d]) for d in draws]
-    finite = np.array([c for c in closed if np.isfinite(c)])
+    closed = _closed(a[draws], b[draws], w[draws])
+    finite = closed[np.isfinite(closed)]
     low, high = np.percentile(finite, [2.5, 97.5]) if finite.size else (np.nan, np.nan)
-    return Proof(by, folds, w, a, b, _closed(a, b, w), (float(low), float(high)), inclusion)
+    return Proof(by, folds, w, a, b, float(_closed(a, b, w)), (float(low), float(high)), inclusion)
 
 
 class _Folds(NamedTuple):
@@ -222,6 +222,7 @@ def _error(
     return total / max(data.count - groups.size, 1)
 
 
-def _closed(before: Array, after: Array, weight: Array) -> float:
-    base, new = np.average(before, weights=weight), np.average(after, weights=weight)
-    return float(1.0 - (new - 1.0) / (base - 1.0)) if base > 1.0 else float("nan")
+def _closed(before: Array, after: Array, weight: Array) -> Array:
+    """Share of the gap over the last axis; NaN where there is none."""
+    base, new = (np.average(errors, axis=-1, weights=weight) for errors in (before, after))
+    return np.asarray(1.0 - (new - 1.0) / np.where(base > 1.0, base - 1.0, np.nan))
