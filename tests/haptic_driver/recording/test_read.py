@@ -14,20 +14,10 @@ from haptic_driver.processes.samples import ADDED, SAMPLE
 from haptic_driver.recording import read as recording
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.structure import EVENT_FIELDS, FORMAT, FORMAT_VERSION
-from haptic_driver.recording.writer import Chunk, RunHeader, RunWriter
+from haptic_driver.recording.writer import Chunk, RunWriter
 from tests.haptic_driver.commands import rows_of
+from tests.haptic_driver.live.recorded_runs import HEADER
 
-HEADER = RunHeader(
-    rig="bench",
-    simulated=True,
-    model="reference",
-    surface_hash="ab12",
-    calibration_ids={},
-    software_version="0.1.0",
-    actuator="none",
-    latency_budget_s={"total": 0.01},
-    config={"name": "bench"},
-)
 TOLD = ["run", "run_time_s", "wall_time_s"]
 EVENTS = [Event(number=1, time_s=0.5, kind="state", message='armed, "quoted"', data={"a": 1})]
 

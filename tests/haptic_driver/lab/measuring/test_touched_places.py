@@ -37,7 +37,6 @@ from tests.haptic_driver.lab.refusal import refused
 TODAY = datetime.date(2026, 1, 31)
 SPREAD_RAW = (20.0, 15.0)
 COUNT_M = 5e-5
-CORNERS_RAW = [(400, 300), (3600, 300), (3600, 2700), (400, 2700), (0, 0)]
 
 
 def run(user: User, places: list[tuple[float, float]]) -> tuple[TouchFit, list[str]]:
