@@ -172,7 +172,7 @@ def _broadcast(
         for fields in (vars(drive), shared, electrode, *by_branch)
         for value in fields.values()
     ]
-    shape = np.broadcast_shapes(*(np.shape(value) for value in every))
+    shape = np.broadcast_shapes(*{np.shape(value) for value in every})
 
     def rows(*values: Values) -> Any:
         table = np.empty((*shape, len(values)), np.result_type(np.float64, *values))

@@ -5,6 +5,7 @@ printed, done slowly.
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -40,18 +41,18 @@ def _columns(node: Any) -> Any:
 
 
 @pytest.fixture(scope="session")
-def fresh_tables(
-    tmp_path_factory,
-):
-    """Gives a model its gap table from a folder of this session: no test ever reads a table of an
-    earlier source.
+def fresh_tables(tmp_path_factory):
+    """Gives a model its gap table from a folder of this run, which its workers share: no test ever
+    reads a table of an earlier source.
     """
-    folder = tmp_path_factory.mktemp("gap-tables")
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
     gap_table.cache_clear()
 
     def ready(model: TouchModel) -> TouchModel:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("HAPTIC_CACHE_DIR", str(folder))
+            patch.setenv("HAPTIC_CACHE_DIR", str(folder / "gap-tables"))
             assert model.table.values.size > 0
         return model
 

@@ -189,6 +189,7 @@ def test_a_counter_that_wraps_is_unwrapped(tmp_path, bits, start, back):
     wraps = np.abs(np.diff(columns["x"])) > span / 2
     if wraps[INSIDE[1:] & INSIDE[:-1]].any():
         error = refusal(path, MAP)
+        assert error.code == "doubtful_trial"
         assert "position jumps by" in error.message
         assert f"unwrap = {span}" in error.hint
 
