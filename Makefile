@@ -42,7 +42,7 @@ lint: .venv/.test
 test: lint
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests
 
-# Pure tests alone, in two minutes or so.
+# Pure tests alone: a few minutes on two cores.
 test-quick: .venv/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests --quick
 

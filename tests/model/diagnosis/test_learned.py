@@ -151,10 +151,9 @@ def made(tmp_path, with_effects):
         pytest.param(AtGap(), True, "air gap", {"speed_m_s"}, marks=pytest.mark.soak),
         pytest.param(AtContact(), True, "contact", {"normal_force_n"}, marks=pytest.mark.soak),
         pytest.param(AtFriction(), True, "friction", {"speed_m_s"}, marks=pytest.mark.soak),
-        (AtGap(), False, "air gap", {"speed_m_s"}),
-        pytest.param(
-            AtFriction(), False, "friction", {"speed_m_s"}, marks=pytest.mark.soak
-        ),  # as below, whole
+        pytest.param(AtGap(), False, "air gap", {"speed_m_s"}, marks=pytest.mark.soak),
+        # friction alone: as below, whole
+        pytest.param(AtFriction(), False, "friction", {"speed_m_s"}, marks=pytest.mark.soak),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Effect) else None,
 )
