@@ -335,7 +335,8 @@ def test_a_column_of_words_is_named_with_its_first_cell(tmp_path):
 
 
 @FILE
-@given(scale=st.floats(1e-4, 1e-1), offset=st.floats(-1.0, 1.0))
+# the voltage is felt by two counts and more: a signal of two values alone may have a spike
+@given(scale=st.floats(1e-4, 4e-2), offset=st.floats(-1.0, 1.0))
 def test_what_a_file_packs_is_unpacked(tmp_path, scale, offset):
     """The counts of a force with scale_factor and add_offset were taken as newtons."""
     path = tmp_path / "t.h5"
