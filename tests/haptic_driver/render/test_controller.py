@@ -340,14 +340,15 @@ def test_every_point_at_a_fixed_frequency_passes_the_gate(rigs, refusal, rig, co
     """
     limits, ready = rigs[rig]
     refused = []
-    for frequency in [*np.geomspace(1.0, 1e6, 1500)[:-1].tolist(), 2.5e3, 100e3, 1e6]:
+    asked = [*np.geomspace(1.0, 1e6, 700).tolist(), 2.5e3, 100e3]
+    for frequency in asked:
         _, point = ask(
             make(ready, "fixed_frequency", fixed_frequency_hz=frequency, limits=limits), cof
         )
         reason = refusal(limits, point)
         if reason is not None:
             refused.append((frequency, point.voltage_v, reason))
-    assert not refused, f"{len(refused)} of 1502 refused; the first: {refused[0]}"
+    assert not refused, f"{len(refused)} of {len(asked)} refused; the first: {refused[0]}"
 
 
 # --- settings
