@@ -33,6 +33,7 @@ PANELS = {
         "arm": "Arm, and hold the lease until Ctrl-C or `haptic disarm`.",
         "texture": "List, draw, check, import and play textures.",
         "scene": "Put objects on the screen, move them, see them replayed.",
+        "osc": "Take commands as Open Sound Control messages.",
         "watch": "Show state, friction, voltage and flags until Ctrl-C.",
     },
     "Record and experiment": {
