@@ -17,6 +17,10 @@ def safety(
     out: Annotated[Path, Option(help="The report: a name in .pdf, .html or .json.")],
     rig: RigOption = "simulated",
     model: ModelOption = "reference",
+    participants: Annotated[
+        Path | None,
+        Option(help="Participant information and consent to complete; likewise .pdf or .html."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Write a rig's inspection report: hazards, limits, currents, failures, what is unverified.
@@ -26,12 +30,17 @@ def safety(
 
     Example: `haptic safety --rig paper --out safety.pdf`
     """
-    require_ending(out, ENDINGS)
+    for path in (out, participants or out):
+        require_ending(path, ENDINGS)
+    from haptic_driver.lab.papers.participants import participant_information  # noqa: PLC0415
     from haptic_driver.lab.papers.safety import safety_file  # noqa: PLC0415  (slow to import)
     from haptic_driver.lab.papers.safety_facts import inspect  # noqa: PLC0415
 
-    paper = safety_file(inspect(rig, model, datetime.date.today()))
+    seen = inspect(rig, model, datetime.date.today())
+    paper = safety_file(seen)
     write(paper, out)
+    if participants is not None:
+        write(participant_information(seen), participants)
 
     def show() -> None:
         worst = max(paper.facts["touch_currents"], key=lambda one: one["share"])
@@ -44,5 +53,7 @@ def safety(
         if missing:
             stdout.print(f"it refuses to come on without: {'; '.join(missing)}")
         stdout.print(f"report: {out}")
+        if participants is not None:
+            stdout.print(f"for participants, to be completed: {participants}")
 
     report(as_json, {**paper.facts, "out": str(out)}, show)

@@ -40,6 +40,22 @@ def rig_file(tmp_path: Path, *changes: tuple[str, str]) -> str:
     return str(path)
 
 
+def test_participants_are_told_this_rigs_own_figures(paper, tmp_path):
+    out, consent = tmp_path / "safety.html", tmp_path / "consent.html"
+    said_by("safety", "--rig", "paper", "--out", out, "--participants", consent)
+    text = " ".join(consent.read_text(encoding="utf-8").split())
+    worst = max(paper.facts["touch_currents"], key=lambda one: one["share"])
+    shown = [
+        f"at most {paper.facts['limits']['voltage_v']:g} V peak",
+        f"at {worst['frequency_hz']:g} Hz; that is {worst['share']:.0%} of the limit",
+        f"{paper.facts['limits']['lease_s']:g} s after the computer falls silent",
+        "[where the emergency stop is]",
+        "DRAFT",
+        "signature",
+    ]
+    assert [words for words in shown if words not in text] == []
+
+
 @pytest.mark.parametrize("test", [test for one in MECHANISMS for test in one.tests])
 def test_every_test_that_it_names_is_there(test):
     file, _, name = test.partition("::")
