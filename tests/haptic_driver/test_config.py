@@ -265,7 +265,7 @@ class Held(Section):
 class Holding(Section):
     """A file with a list."""
 
-    held: list[Held] = []
+    held: list[Held]
 
 
 def test_a_key_that_is_unknown_in_a_list_is_offered_those_of_its_section():
