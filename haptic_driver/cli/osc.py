@@ -107,7 +107,7 @@ def osc(
         try:
             server = servers.BlockingOSCUDPServer((HOST, port), dispatcher)
         except OSError as error:
-            said = f"UDP port {port} of {HOST} cannot be had: {error}"
+            said = f"port {port} cannot be had ({error})"
             raise HapticError("port_taken", said, "Give another --port, or 0") from error
         with server:
             stdout.print(f"listening on {HOST}:{server.server_address[1]}; token {token}")

@@ -123,7 +123,7 @@ def simulate(
 
     experiment = load_experiment(file)
     if out is not None and out.exists():
-        raise BadInputError("file_exists", f"{out} exists", "Give --out a folder that does not")
+        raise BadInputError("file_exists", f"{out}: exists already", "Give another --out")
     with progress("participants", participants) as advance:
         found = try_design(experiment, participants, seed, advance, out)
     written = [] if out is None else _written(out, felt=False)[1]
