@@ -27,6 +27,9 @@ from model.support.errors import did_you_mean, nearest
 
 Parsed = TypeVar("Parsed", bound=BaseModel)
 # What is written wrongly has a hint of its own; what is missing has none.
+# Patterns of texts, and what they ask for in words.
+PRINTABLE, URL = r"^[^\x00-\x1f]+$", r"^https?://"
+PATTERNS = {PRINTABLE: "must be one line of printable characters", URL: "must begin with http://"}
 FIRST_SAID = {"extra_forbidden": 0, "union_tag_invalid": 1, "missing": 3, "union_tag_not_found": 3}
 
 
@@ -169,6 +172,10 @@ def problem(fault: Any, file: Any = None) -> str:
             return f"{key}.kind is {fault['ctx']['tag']!r}".lstrip(".")
         case "value_error":
             return f"{key}: {said}" if key else said
+    if fault["type"] == "date_type" and isinstance(fault["input"], str):
+        said = "a date stands without quotes, such as 2026-01-31"
+    if fault["type"] == "string_pattern_mismatch":
+        said = PATTERNS[fault["ctx"]["pattern"]]
     value = repr(fault["input"])
     return f"{key or 'the file'}: {said}, not {value if len(value) <= 60 else value[:57] + '...'}"
 

@@ -30,7 +30,7 @@ from typing import (
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, JsonValue
 
-from haptic_driver.config import Checked
+from haptic_driver.config import PRINTABLE, Checked
 from haptic_driver.daemon import messages
 from haptic_driver.daemon.messages import SOMEBODY, Lease, Status, Why
 from haptic_driver.textures.objects import Change
@@ -47,7 +47,6 @@ MOST_SAMPLES = 2000
 MOST_CHANGES = 1000  # of a scene at once
 MOST_TILE_CELLS = 256  # per side: a fraction of a second of a process that waits for all others
 
-PRINTABLE = r"^[^\x00-\x1f]+$"
 Since = Annotated[int, Field(ge=0, le=2**62, description="Only what comes after this number.")]
 Nearest = Annotated[
     bool, Field(description="Render the nearest that is reachable, however far off it is.")

@@ -58,7 +58,7 @@ Seconds = Annotated[float, Within(1e-6, 60.0, "nothing here waits for longer")]
 Patience = Annotated[
     float, Within(1e-3, 10.0, "what may be wrong at the electrode is not waited for longer")
 ]
-Axis = Annotated[str, Field(pattern=r"^[+-]?[xyz]$")]
+Axis = Literal["x", "y", "z", "+x", "+y", "+z", "-x", "-y", "-z"]
 Port = Annotated[int, Field(ge=1, le=65535)]
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from haptic_driver.config import Checked
+from haptic_driver.config import PRINTABLE, Checked
 from haptic_driver.errors import BadInputError
 from model.support.errors import nearest
 
@@ -29,7 +29,7 @@ Degrees = Annotated[float, Field(ge=-36_000.0, le=36_000.0, allow_inf_nan=False)
 EdgeMm = Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)]
 SizeMm = Annotated[float, Field(ge=0.1, le=2000.0, allow_inf_nan=False)]
 Order = Annotated[int, Field(ge=-1000, le=1000)]
-Id = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f]+$")]
+Id = Annotated[str, Field(min_length=1, max_length=100, pattern=PRINTABLE)]
 FileName = Annotated[str, Field(min_length=1, max_length=1000)]
 Fit = Literal["cover", "tile", "place"]
 

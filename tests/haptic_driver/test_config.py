@@ -1,12 +1,14 @@
 """Configuration: what is wrong with it is said by file, key and nearest valid choice."""
 
+import datetime
 import tomllib
 from pathlib import Path
+from typing import Annotated
 
 import pytest
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
-from haptic_driver.config import Section, config_dirs, parse, texture_dirs
+from haptic_driver.config import URL, Section, config_dirs, parse, texture_dirs
 from haptic_driver.errors import BadInputError
 from haptic_driver.limits import ICNIRP_PUBLIC_A_RMS
 from haptic_driver.lookup.models import load_model
@@ -283,3 +285,17 @@ def test_a_wrong_kind_is_answered_before_what_is_missing():
 
 def test_a_name_that_continues_is_nearer_than_one_that_is_alike():
     assert did_you_mean("gain", ["kind", "gain_v_per_v"]) == "Did you mean 'gain_v_per_v'? "
+
+
+class Dated(Section):
+    """With a date and a text that a pattern judges."""
+
+    measured_at: datetime.date
+    url: Annotated[str, Field(pattern=URL)] = "http://a"
+
+
+def test_a_date_in_quotes_and_a_wrong_pattern_are_told_in_words():
+    with pytest.raises(BadInputError, match="a date stands without quotes, such as 2026-01-31"):
+        parse(Dated, {"measured_at": "2026-11-28"}, "file")
+    with pytest.raises(BadInputError, match="url: must begin with http://"):
+        parse(Dated, {"measured_at": datetime.date(2026, 1, 1), "url": "a"}, "file")

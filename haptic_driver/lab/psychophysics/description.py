@@ -12,7 +12,7 @@ from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
-from haptic_driver.config import Section, find_config, parse
+from haptic_driver.config import URL, Section, find_config, parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.lab.psychophysics.functions import Form
 from model.support.errors import nearest
@@ -134,7 +134,7 @@ class Outside(Section):
 
     kind: Literal["outside"]
     python: str | None = Field(default=None, description="an optimiser of yours, `module:Class`")
-    url: Annotated[str, Field(pattern=r"^https?://")] | None = Field(
+    url: Annotated[str, Field(pattern=URL)] | None = Field(
         default=None,
         description="of an optimiser's server ([both](experiments.md#a-method-of-your-own))",
     )
