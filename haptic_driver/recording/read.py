@@ -52,7 +52,7 @@ BLOCK_ROWS = 1 << 15  # exported at a time
 TOLD_FIELDS = ("run", "run_time_s", "wall_time_s")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """One run of a recording, in memory. `attributes` as listed above, JSON already parsed."""
 
@@ -61,6 +61,13 @@ class Run:
     config: dict[str, Any]
     samples: NDArray[np.void]
     events: list[Event]
+
+    def __repr__(self) -> str:
+        """One line, as a notebook shows what a cell ends with."""
+        times_s = self.samples["time_s"]
+        lasts_s = float(np.ptp(times_s)) if times_s.size else 0.0
+        told = f"{times_s.size} ticks over {lasts_s:.1f} s, {len(self.events)} events"
+        return f"<run {self.name}: {told}; see samples, events, config, attributes>"
 
     def to_frame(self) -> Any:
         """A pandas DataFrame, one row per tick; HapticError where pandas is not installed."""

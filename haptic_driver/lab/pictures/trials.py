@@ -14,8 +14,8 @@ LABELS = {
     "normal_force": "load, N",
     "voltage": "voltage, V",
     "electrode_voltage": "electrode, V",
-    "position": "position, m",
-    "speed": "speed, m/s",
+    "position": "position, mm",
+    "speed": "speed, mm/s",
 }
 
 
@@ -38,7 +38,8 @@ def draw_trial(
     )
     with saved(figure, path):
         for axis, name in zip(axes[:, 0], drawn, strict=True):
-            axis.plot(columns["time"], columns[name], color=LINE, lw=0.6)
+            scale = 1e3 if LABELS[name].endswith(("mm", "mm/s")) else 1.0
+            axis.plot(columns["time"], scale * columns[name], color=LINE, lw=0.6)
             axis.set_ylabel(LABELS[name])
             for label, start_s, end_s in spans:
                 color = BASELINE if label == "baseline" else WINDOW

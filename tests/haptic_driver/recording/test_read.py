@@ -87,6 +87,13 @@ def test_a_recording_of_an_earlier_version_is_read_and_goes_on(tmp_path, samples
     assert repr((after.attributes, after.events)) == repr((before.attributes, before.events))
 
 
+def test_a_run_is_one_line_where_a_notebook_shows_it(path, samples):
+    run = recording.read_run(path)
+    assert "\n" not in repr(run)
+    assert f"{len(samples)} ticks" in repr(run)
+    assert f"{len(run.events)} events" in repr(run)
+
+
 def test_csv_holds_every_number_to_the_last_bit(path, samples, tmp_path):
     done = []
     assert recording.export(path, tmp_path / "run.csv", progress=done.append) == 700
