@@ -105,8 +105,10 @@ def demo(
 
 
 def _felt(record: SlideRecord) -> dict[str, float | None]:
-    """Mean friction while sliding, measured or estimated; null for what there is not."""
-    names = ("measured_cof", "estimated_cof", "estimated_cof_std")
+    """Mean friction while sliding, measured or estimated, and the gain that feedback found; null
+    for what there is not.
+    """
+    names = ("measured_cof", "estimated_cof", "estimated_cof_std", "feedback_gain")
     columns = {name: record.samples[name][record.sliding] for name in names}
     known = {name: column[np.isfinite(column)] for name, column in columns.items()}
     return {name: float(some.mean()) if some.size else None for name, some in known.items()}
@@ -136,9 +138,9 @@ def _require_same_model(path: Path, file: SurfaceFile, description: ModelDescrip
 
 def _show(record: SlideRecord, result: Score, what: Text, picture: Path) -> None:
     stdout.print(what)
+    felt = _felt(record)
     contact = f"contact {result.contact_time_s:.2f} s"
     if record.is_estimated:
-        felt = _felt(record)
         stdout.print(
             f"no force sensor: friction is not measured; estimated {felt['estimated_cof']:.3f}"
             f" ± {felt['estimated_cof_std']:.3f} in the mean, of a target of"
@@ -152,6 +154,12 @@ def _show(record: SlideRecord, result: Score, what: Text, picture: Path) -> None
         stdout.print(
             f"{contact}, judged from {1e3 * AFTER_TOUCH_S:.0f} ms after"
             f" each touch: {result.fidelity.sliding_time_s:.2f} s of sliding"
+        )
+    gain = felt["feedback_gain"]
+    if gain is not None and abs(gain - 1.0) > WITHIN:
+        stdout.print(
+            f"friction is {gain:.2f} times what the model says, in the mean: feedback closes what"
+            " is missing; --no-feedback shows it"
         )
     stdout.print(
         f"highest voltage {result.max_voltage_v:.1f} V peak; output on without contact"

@@ -30,6 +30,7 @@ __all__ = [
     "placement",
     "rig",
     "roles",
+    "sealed",
     "slide",
     "states",
     "tick_settings",

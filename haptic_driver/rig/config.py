@@ -50,6 +50,7 @@ from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from haptic_driver.rig.parts.generators import WatchdogConfig
 from haptic_driver.rig.parts.interlocks import InterlockBox
 from haptic_driver.rig.roles import ROLES, RigParts
+from haptic_driver.rig.sealed import opened
 from hw.analog.demodulation import highest_carrier_hz
 from hw.generator import contract as generators
 from hw.generator.analog_carrier.driver import SAMPLES_PER_PERIOD
@@ -296,6 +297,11 @@ class ControllerConfig(Section):
 Latency = Annotated[float, Within(0.0, 1.0, "no generator takes longer")]
 
 
+def _can_be_opened(sealed: str) -> str:
+    opened(sealed)
+    return sealed
+
+
 class SimulationConfig(Section):
     """How the simulated instruments and finger behave."""
 
@@ -322,6 +328,10 @@ class SimulationConfig(Section):
     )
     hide: dict[str, dict[str, FiniteFloat]] = Field(
         default={}, description="effects, by name with their parameters, that only the finger has"
+    )
+    sealed: Annotated[str, AfterValidator(_can_be_opened)] = Field(
+        default="",
+        description="more that only the finger has, packed by `haptic exercise`: docs/course.md",
     )
 
 

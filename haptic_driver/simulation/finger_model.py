@@ -17,6 +17,8 @@ from haptic_driver.limits import OperatingLimits
 from haptic_driver.lookup.file import SurfaceFile, ready_for_lookup
 from haptic_driver.render.correction import factors_at
 from haptic_driver.render.surface import cof_at
+from haptic_driver.rig.config import SimulationConfig
+from haptic_driver.rig.sealed import opened
 from haptic_driver.signals import FingerState
 from hw.monitor.simulated import ElectrodeState
 from model.conditions import Conditions
@@ -169,6 +171,14 @@ def surface_friction(file: SurfaceFile, limits: OperatingLimits) -> FrictionLaw:
         return cof * normal_force_n
 
     return friction_n
+
+
+def finger_of(model: TouchModel, simulation: SimulationConfig) -> TouchModel:
+    """`model` with all that a rig's file says of its finger alone, openly or sealed."""
+    sealed = opened(simulation.sealed)
+    if sealed.finger:
+        model = TouchModel(model.description.with_values(**sealed.finger))
+    return with_hidden(model, simulation.hide | sealed.hide)
 
 
 def with_hidden(model: TouchModel, hide: Mapping[str, Mapping[str, float]]) -> TouchModel:

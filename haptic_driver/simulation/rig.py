@@ -26,8 +26,8 @@ from haptic_driver.simulation.finger_model import (
     FrictionLaw,
     between_loads,
     electrode_of,
+    finger_of,
     friction_of,
-    with_hidden,
 )
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.twin import copy_of
@@ -95,7 +95,7 @@ class SimulatedRig:
         )
         config = config.model_copy(update={"waveform_generator": generator})
         finger, stray_f = (
-            with_hidden(model, config.simulation.hide),
+            finger_of(model, config.simulation),
             config.simulation.stray_capacitance_f,
         )
         varied = config.load_stage.kind != "none"  # then the load is another in every step

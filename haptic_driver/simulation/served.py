@@ -35,8 +35,8 @@ from haptic_driver.simulation.finger_model import (
     FingerLaws,
     between_loads,
     electrode_of,
+    finger_of,
     surface_friction,
-    with_hidden,
 )
 from haptic_driver.simulation.hand import Hand
 from haptic_driver.simulation.instruments import SimulatedInstruments
@@ -205,7 +205,7 @@ def finger_at_once(config: RigConfig, model: str) -> FingerLaws:
     """
     finger = TouchModel(load_model(config.simulation.model or model))
     exact, limits = _exact(config, finger), config.operating_limits()
-    hidden = with_hidden(finger, config.simulation.hide).description
+    hidden = finger_of(finger, config.simulation).description
     by_surface = surface_friction(build_surface(hidden, limits), limits)
 
     def friction_n(*condition: Any) -> float:
@@ -216,7 +216,7 @@ def finger_at_once(config: RigConfig, model: str) -> FingerLaws:
 
 
 def _exact(config: RigConfig, model: TouchModel) -> FingerLaws:
-    finger = with_hidden(model, config.simulation.hide)
+    finger = finger_of(model, config.simulation)
     return FingerLaws(
         between_loads(finger), electrode_of(finger, config.simulation.stray_capacitance_f)
     )

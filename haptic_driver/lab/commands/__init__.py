@@ -35,5 +35,6 @@ PANELS = {
         "investigate": "Measure and diagnose until the effect has a name.",
         "calibrate": "Fit a finger's own numbers to its data.",
         "challenge": "Make, answer and score sets with hidden effects.",
+        "exercise": "Make a course's sealed rigs and data, and mark the answers.",
     },
 }

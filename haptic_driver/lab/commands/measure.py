@@ -36,7 +36,7 @@ from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.evidence import KnownOutput
 from haptic_driver.simulation.finger_function import load_finger
-from haptic_driver.simulation.finger_model import with_hidden
+from haptic_driver.simulation.finger_model import finger_of
 from model.effects.interventions import BY_INTERVENTION, NOTHING
 from model.support.reading import read_toml
 from model.touch_model import TouchModel
@@ -106,7 +106,7 @@ def measure(
         config = _hiding(config, hide)
     function = None if finger is None else load_finger(finger)
     touch = TouchModel(load_model(model))
-    with_hidden(touch, config.simulation.hide)  # refused before anything is written
+    finger_of(touch, config.simulation)  # refused before anything is written
     experiment = prepare(config, touch, load_plan(plan), seed)
     _tell_refused(experiment, strict)
     _ask(experiment, yes)

@@ -9,6 +9,7 @@ from haptic_driver.lab.measuring.run import Experiment
 from haptic_driver.lab.measuring.simulated_stages import SimulatedStageBench
 from haptic_driver.lab.measuring.stage_bench import StageBench
 from haptic_driver.rig.config import RigConfig
+from haptic_driver.rig.sealed import opened, seal
 from haptic_driver.simulation.finger_function import FingerFunction
 from model.effects.interventions import removed
 
@@ -44,5 +45,10 @@ def carried_out(config: RigConfig, intervention: str) -> RigConfig:
     removes.
     """
     gone, simulation = removed(intervention), config.simulation
-    hide = {name: values for name, values in simulation.hide.items() if name not in gone}
-    return config.model_copy(update={"simulation": simulation.model_copy(update={"hide": hide})})
+    sealed = opened(simulation.sealed)
+    hide, inside = (
+        {name: values for name, values in some.items() if name not in gone}
+        for some in (simulation.hide, sealed.hide)
+    )
+    left = {"hide": hide, "sealed": seal(sealed.model_copy(update={"hide": inside}))}
+    return config.model_copy(update={"simulation": simulation.model_copy(update=left)})

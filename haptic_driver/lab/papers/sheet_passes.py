@@ -20,7 +20,7 @@ from haptic_driver.lookup.models import load_model
 from haptic_driver.render.texture import Interpolation, Profile, Script, Step, Target, Uniform
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.slide import TICK_S
-from haptic_driver.simulation.finger_model import surface_friction, with_hidden
+from haptic_driver.simulation.finger_model import finger_of, surface_friction
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.textures.objects import TEXTURE_COF
 from model.description import ModelDescription
@@ -148,7 +148,7 @@ class SimulatedSlider:
     def __init__(self, config: RigConfig, description: ModelDescription) -> None:
         simulation, limits = config.simulation, config.operating_limits()
         named = description if simulation.model is None else load_model(simulation.model)
-        finger = with_hidden(TouchModel(named), simulation.hide)
+        finger = finger_of(TouchModel(named), simulation)
         friction = surface_friction(build_surface(finger.description, limits), limits)
         surface = build_surface(description, limits)
         self._settings = render_settings(config, surface, feedback=False)

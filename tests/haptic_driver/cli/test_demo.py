@@ -2,6 +2,8 @@
 cannot use.
 """
 
+import re
+
 import matplotlib.image
 import pytest
 
@@ -83,6 +85,19 @@ def test_for_a_person(demo, tmp_path):
         "generator says off, amplifier disabled",
     ):
         assert words in done.out
+    assert "--no-feedback" not in done.out
+
+
+@pytest.mark.parametrize("words", [[], ["--no-feedback"]])
+def test_what_feedback_has_closed_is_told_with_the_gain_that_it_found(demo, tmp_path, words):
+    hidden = SIMULATED + "\n[simulation.hide.drive_gain_error]\ngain = 0.8\n"
+    (tmp_path / "rig.toml").write_text(hidden, encoding="utf-8")
+    told = re.findall(
+        r"friction is (\S+) times .* feedback closes what is missing; --no-feedback shows it",
+        demo("--rig", tmp_path / "rig.toml", *words).out,
+    )
+    # attraction goes with the square of the voltage, and is some 40 % of friction here
+    assert [0.7 < float(gain) < 0.95 for gain in told] == ([] if words else [True])
 
 
 def test_a_force_that_the_model_cannot_take_is_about_the_trace(demo, tmp_path):
