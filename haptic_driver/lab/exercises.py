@@ -1,5 +1,6 @@
-"""A course's exercises: a simulated finger for each student, with one effect hidden or none, sealed
-in the rig's file; and the marks of their answers by the rules of the challenge.
+"""A course's exercises: a simulated finger for each student, with one effect hidden or none.
+
+It is sealed in the rig's file. Answers are marked by the rules of the challenge.
 """
 
 from __future__ import annotations
@@ -7,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -139,9 +139,8 @@ def _ln_friction(model: TouchModel, felt: Array) -> Array:
 def _measure(config: RigConfig, plan: Plan, seed: int, out: Path) -> None:
     touch = TouchModel(load_model(MODEL))
     experiment = prepare(config, touch, plan, seed)
-    with ExitStack() as opened:
-        data = opened.enter_context(DataFile.create(out, experiment.identity()))
-        bench = opened.enter_context(bench_for(experiment, 0, None, lambda what: None))
+    bench = bench_for(experiment, 0, None, lambda what: None)
+    with DataFile.create(out, experiment.identity()) as data, bench:
         run(experiment, bench, data)
 
 
@@ -172,11 +171,11 @@ def marks(key: Key, files: Sequence[Path]) -> tuple[dict[str, Mark], dict[str, A
     named = {"verdict", "effects", "probability"}
     answers = {name: Answer(**answer.model_dump(include=named)) for name, answer in given.items()}
     truths = {name: _truth(hidden) for name, hidden in key.students.items()}
-    found = {
+    marked = {
         name: _mark(Judged(truth, answers.get(name, Answer()))) for name, truth in truths.items()
     }
     total = scores(answers, truths)
-    return found, {part: total[part] for part in ("sets", "answered", "names", "calibration")}
+    return marked, {part: total[part] for part in ("sets", "answered", "names", "calibration")}
 
 
 def _truth(hidden: Hidden) -> Truth:
