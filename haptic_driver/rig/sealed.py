@@ -12,6 +12,8 @@ from pydantic import Field, FiniteFloat
 
 from haptic_driver.config import Section
 
+MOST_BYTES = 100_000  # unpacked: a file may come from anybody
+
 
 class Hidden(Section):
     """Effects by name with their parameters, and numbers of the finger itself."""
@@ -21,7 +23,9 @@ class Hidden(Section):
 
 
 def seal(hidden: Hidden) -> str:
-    """One word for a rig's file."""
+    """One word for a rig's file; none for nothing."""
+    if hidden == Hidden():
+        return ""
     return base64.urlsafe_b64encode(zlib.compress(hidden.model_dump_json().encode())).decode()
 
 
@@ -32,7 +36,9 @@ def opened(sealed: str) -> Hidden:
     if not sealed:
         return Hidden()
     try:
-        content = zlib.decompress(base64.b64decode(sealed, b"-_", validate=True))
-        return Hidden.model_validate_json(content)
+        packed = base64.b64decode(sealed, b"-_", validate=True)
+        unpacker = zlib.decompressobj()
+        content = unpacker.decompress(packed, MOST_BYTES)
+        return Hidden.model_validate_json(content if unpacker.eof else b"")
     except (ValueError, zlib.error):
         raise ValueError("is not as `haptic exercise make` wrote it; copy it anew") from None

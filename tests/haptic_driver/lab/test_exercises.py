@@ -2,8 +2,10 @@
 the same, and answers by hand get the marks that the rules say.
 """
 
+import base64
 import json
 import stat
+import zlib
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ import pytest
 from haptic_driver.lab.measuring.benches import carried_out
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import load_rig
-from haptic_driver.rig.sealed import opened
+from haptic_driver.rig.sealed import opened, seal
 from haptic_driver.simulation.finger_model import finger_of, with_hidden
 from model.conditions import Conditions
 from model.effects import BY_NAME
@@ -130,6 +132,13 @@ def test_a_sealed_text_that_was_altered_is_refused(course, tmp_path, alter):
     (tmp_path / "rig.toml").write_text(text.replace(sealed, alter(sealed)))
     with refused("bad_config", "simulation.sealed: is not as `haptic exercise make` wrote it"):
         load_rig(str(tmp_path / "rig.toml"))
+
+
+def test_a_word_that_unpacks_without_end_is_refused():
+    bomb = base64.urlsafe_b64encode(zlib.compress(b" " * 50_000_000)).decode()
+    with pytest.raises(ValueError, match="haptic exercise make"):
+        opened(bomb)
+    assert seal(opened("")) == ""
 
 
 def test_a_folder_with_something_in_it_is_left_alone(tmp_path, refuses):
