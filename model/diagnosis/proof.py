@@ -17,7 +17,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import evidence
 from model.diagnosis.forms import Share
 from model.diagnosis.hypotheses import Candidate
-from model.diagnosis.model_fit import Fit, Problem
+from model.diagnosis.model_fit import BAD, Fit, Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.priors import LOG_PRIOR_EACH
 from model.diagnosis.space import Predictor, nuisances
@@ -209,9 +209,12 @@ def _error(
     """Mean squared held-out residual in units of the noise, the held-out sessions' own gains
     removed.
 
-    `lower` [n, m]: rows of a root of the noise's covariance.
+    `lower` [n, m]: rows of a root of the noise's covariance. Rows of which the model says nothing
+    are far off.
     """
     residual = outer.less(data.observed, outer.predicted(kinds, vector[None])[0])
+    far_off = BAD * np.sqrt(np.sum(lower**2, axis=1))
+    residual = np.where(np.isfinite(residual), residual, far_off)
     groups, total = np.unique(data.group), 0.0
     for g in groups:
         rows = data.group == g

@@ -13,10 +13,12 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.hypotheses import Candidate, Kinds, candidate
 from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import noise_of
-from model.diagnosis.proof import Proof, prove
+from model.diagnosis.proof import Proof, _error, prove
 from model.diagnosis.space import Predictor
 from model.effects import BY_NAME
 from model.touch_model import TouchModel
+
+from .problems import read_rows
 
 FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 NOISE = 0.02
@@ -62,6 +64,18 @@ def test_a_session_of_one_row_is_no_fold_and_leaves_the_others_their_names():
     assert found.by == "session"
     assert found.folds == ("a", "c", "d")
     assert found.before.shape == found.after.shape == (3,)
+
+
+def test_rows_of_which_a_model_says_nothing_are_far_off(tmp_path):
+    """Five priors of `trapped_charge` add a steady voltage at which the touch has no solution."""
+    rows = ["10,50,0.5,0.6,0.01", "10,150,0.5,0.9,0.01", "1e4,50,0.5,1,0.01"]
+    predictor, _ = read_rows(tmp_path, "frequency_hz,voltage_v,normal_force_n,cof,cof_std", rows)
+    kinds, lower = (BY_NAME["trapped_charge"],), 0.02 * np.eye(3)
+    vector = np.zeros(predictor.size(kinds))
+    said = _error(predictor, predictor.data, kinds, vector, lower)
+    vector[len(predictor.free)] = 5.0
+    assert not np.isfinite(predictor.predicted(kinds, vector[None])).all()
+    assert said < _error(predictor, predictor.data, kinds, vector, lower) < np.inf
 
 
 def test_errors_are_counted_in_the_noise_that_is_asked_for():
