@@ -232,7 +232,7 @@ def _annotation(schema: Any, loc: Sequence[str | int]) -> Any:
     """What may stand at `loc`: a section, a union of sections, or anything else."""
     for key in loc:
         if isinstance(key, int):
-            schema = _item(schema)
+            schema = schema if _variants(schema) else _item(schema)
             continue
         variants = _variants(schema)
         if isinstance(key, str) and key in variants:

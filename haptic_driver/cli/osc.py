@@ -12,7 +12,7 @@ from typer import Option
 
 from haptic_driver.cli.control import client_of
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import stderr, stdout
+from haptic_driver.cli.output import Json, report, stderr, stdout
 from haptic_driver.daemon.verbs import Verb, methods
 from haptic_driver.errors import BadInputError, HapticError, optional
 from model.support.errors import nearest
@@ -79,6 +79,7 @@ def _value(value: OscValue) -> Any:
 def osc(
     port: Annotated[int, Option(min=0, max=65535, help="UDP port; 0: any that is free.")] = 9001,
     socket: SocketOption = None,
+    as_json: Json = False,
 ) -> None:
     """Take commands for a running daemon as Open Sound Control messages, until Ctrl-C.
 
@@ -110,7 +111,10 @@ def osc(
             said = f"port {port} cannot be had ({error})"
             raise HapticError("port_taken", said, "Give another --port, or 0") from error
         with server:
-            stdout.print(f"listening on {HOST}:{server.server_address[1]}; token {token}")
+            heard_at = server.server_address[1]
+            where = {"host": HOST, "port": heard_at, "token": token}
+            text = f"listening on {HOST}:{heard_at}; token {token}"
+            report(as_json, where, lambda: stdout.print(text))
             try:
                 server.serve_forever()
             except KeyboardInterrupt:

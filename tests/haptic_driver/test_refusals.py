@@ -112,7 +112,7 @@ REFUSED: list[tuple[str, Callable[[Path], object]]] = [
     ("bad_input", lambda _: in_si("voltage_v", [[1.0], [1.0, 2.0]])),
     ("bad_session", lambda at: session_without_json(at).described()),
     ("bad_shape", lambda _: polygon(10.0, 10.0, [[0.0, 0.0], [5.0, 0.0]])),
-    ("bad_suggestion", lambda _: OutsideMethod(UNDECIDED, {}).suggest()),
+    ("bad_suggestion", lambda _: OutsideMethod(UNDECIDED, {}, Path()).suggest()),
     ("command_failed", lambda _: command("texture check linnen")),
     ("file_too_large", lambda at: read_bytes(written(at / "a", "ab"), 1)),
     ("function_failed", lambda _: FingerFunction(lambda *given: "x").friction(*SLIDING)),

@@ -104,6 +104,7 @@ def _client(settings: Outside, about: dict[str, str], folder: Path) -> Optimiser
     if settings.url is not None:
         return _Server(settings.url, about)
     module, _, name = (settings.python or "").partition(":")
+    before = list(sys.path)
     sys.path.append(str(folder))  # last: what is installed goes first
     try:
         made: Optimiser = getattr(importlib.import_module(module), name)(**about)
@@ -115,5 +116,5 @@ def _client(settings: Outside, about: dict[str, str], folder: Path) -> Optimiser
         )
         raise BadInputError("bad_optimiser", said, hint) from error
     finally:
-        sys.path.remove(str(folder))
+        sys.path[:] = before
     return made

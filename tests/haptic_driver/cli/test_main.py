@@ -21,6 +21,7 @@ GROUPS = {
     "load": "hold tune",
     "experiment": "run simulate analyse check",
     "challenge": "make answer score",
+    "exercise": "make score",
     "scene": "",
 }
 COMMANDS = [name.split() for name in known() if name not in GROUPS]

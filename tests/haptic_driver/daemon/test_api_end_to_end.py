@@ -93,6 +93,7 @@ def test_a_touch_is_timed_to_the_edge_that_the_monitor_shows(client, announced, 
 
 
 def test_a_friction_is_rendered_and_switched_off(client):
+    before = max((event.number for event in client.events()), default=0)
     with client.armed(LONG_S) as session:
         assert client.status().output_on is False
         session.set(0.65)
@@ -100,7 +101,7 @@ def test_a_friction_is_rendered_and_switched_off(client):
         assert client.off().state is DaemonState.ARMED
     status = client.status()
     assert (status.state, status.output_on, status.simulated) == (DaemonState.IDLE, False, True)
-    told = [event.kind for event in client.events()]
+    told = [event.kind for event in client.events(before)]
     assert told.count("target") == 1
     ticks = client.samples(most=500)
     assert ticks.size

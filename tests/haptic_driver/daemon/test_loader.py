@@ -255,7 +255,7 @@ def test_its_memory_is_bounded_and_it_is_there_again(loader):
     with pytest.raises(BadInputError, match="more than 5 s of a processor or 256 MiB") as refusal:
         loader._ask(fill, "a large one", 300 * MIB)
     assert refusal.value.code == "too_much"
-    target, asked, _ = loader.texture("linen", REACHABLE_COF)
+    target, asked, *_ = loader.texture("linen", REACHABLE_COF)
     assert asked.cof_low < asked.cof_high
     assert target.bounds() == (asked.cof_low, asked.cof_high)
     assert loader.pids != before
@@ -302,7 +302,7 @@ def test_who_comes_meanwhile_is_told_and_does_not_wait(loader):
 
 def test_a_friction_by_file_is_what_it_says(loader, tmp_path):
     (tmp_path / "texture.toml").write_text('kind = "uniform"\ncof = 0.6')
-    target, asked, _ = loader.texture(str(tmp_path / "texture.toml"), (0.7, 1.0))
+    target, asked, *_ = loader.texture(str(tmp_path / "texture.toml"), (0.7, 1.0))
     assert target == Uniform(0.6)
     assert (asked.share_below, asked.share_above) == (1.0, 0.0)
 

@@ -123,7 +123,7 @@ def test_a_limit_curve_ends_at_what_workers_may_bear(tmp_path):
     said = refused(
         tmp_path, ("[1.0, 0.5e-3], [2.5e3, 0.5e-3]", "[1.0, 0.5e-3], [50.0, 2e-3], [2.5e3, 0.5e-3]")
     )
-    assert "contact_current_a_rms allows 0.002 A at 50 Hz, more than 0.001 A" in said
+    assert "contact_current_a_rms allows 2 mA at 50 Hz, more than 1 mA" in said
     said = refused(
         tmp_path,
         ("[[1.0, 0.5e-3], [2.5e3, 0.5e-3], [100e3, 20e-3], [10e6, 20e-3]]", "[[1e6, 40e-3]]"),
