@@ -129,7 +129,7 @@ def test_a_limit_curve_ends_at_what_workers_may_bear(tmp_path):
         ("[[1.0, 0.5e-3], [2.5e3, 0.5e-3], [100e3, 20e-3], [10e6, 20e-3]]", "[[1e6, 40e-3]]"),
     )
     assert (
-        "contact_current_a_rms allows 0.04 A at 1 Hz" in said
+        "contact_current_a_rms allows 40 mA at 1 Hz" in said
     )  # the curve is held below its first point
 
 
