@@ -37,18 +37,20 @@ class Commands:
 
     def do(self, address: str, values: Sequence[OscValue]) -> list[OscValue] | None:
         """The values of an answer: the verb, and `ok` with JSON or an error's code, words and hint.
-        None for whoever does not know the token, except that it has switched off.
+        None where it is not heard: without the token nothing is but what switches off.
         """
         name = address.removeprefix(PREFIX)
         verb = methods().get(name)
-        known = bool(values) and compare_digest(str(values[0]).encode(), self._token.encode())
-        if not known and not (verb is not None and verb.switches_off):
+        if not self.is_known(values) and not (verb is not None and verb.switches_off):
             return None
         try:
-            answer = self._done(name, verb, values[1:])
+            return [name, "ok", self._done(name, verb, values[1:])]
         except HapticError as error:
-            return [name, error.code, error.message, error.hint] if known else None
-        return [name, "ok", answer] if known else None
+            return [name, error.code, error.message, error.hint]
+
+    def is_known(self, values: Sequence[OscValue]) -> bool:
+        """Whether the token stands first."""
+        return bool(values) and compare_digest(str(values[0]).encode(), self._token.encode())
 
     def _done(self, name: str, verb: Verb[..., Any, Any] | None, values: Sequence[Any]) -> str:
         if verb is None:
@@ -99,7 +101,9 @@ def osc(
         def hear(sender: tuple[str, int], address: str, *values: OscValue) -> None:
             answer = commands.do(address, values)
             if answer is None:
-                stderr.print(f"{address} without the token is not heard")
+                stderr.print(f"{address} without the token is not heard", markup=False)
+            elif not commands.is_known(values):
+                stderr.print(f"{answer[0]} without the token: {answer[1]}", markup=False)
             else:
                 message = builder.build_msg(f"{PREFIX}answer", answer)
                 server.socket.sendto(message.dgram, sender)

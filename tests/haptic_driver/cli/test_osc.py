@@ -60,7 +60,7 @@ def test_without_the_token_nothing_but_off_is_done(commands, control):
     for values in ([], ["other", 0.7], [0.7]):
         assert commands.do("/haptic/set", values) is None
     assert control.status().target_cof == 0.6
-    assert commands.do("/haptic/off", []) is None
+    assert commands.do("/haptic/off", [])[:2] == ["off", "ok"]
     assert control.status().target_cof is None
 
 
