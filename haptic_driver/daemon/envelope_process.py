@@ -75,12 +75,13 @@ class EnvelopeLoop:
         self._said: Played | None = None
         self.writing = False
 
-    def turn(self, now_s: float, late_s: float = 0.0) -> None:
-        """Go on with what render wants, if it may go out. Raises DeviceError and HapticError, said
-        in `played`.
+    def turn(self, now_s: float, late_s: float = 0.0, missed: int = 0) -> None:
+        """Go on with what render wants, if it may go out, `late_s` after this turn was due and with
+        so many turns before it left out. Raises DeviceError and HapticError, said in `played`.
         """
         try:
-            self._lead.notice(now_s, max(late_s, self._writer.drained_s - PERIOD_S))
+            waited_s = late_s + missed * PERIOD_S
+            self._lead.notice(now_s, max(waited_s, self._writer.drained_s - PERIOD_S))
             driven, output = self._shared.driven.read(), self._shared.output.read()
             course = self._course(driven.gate)
             self.writing = may_go_out(driven.gate, output, now_s)
@@ -90,7 +91,8 @@ class EnvelopeLoop:
             elif math.isfinite(driven.carrier_hz):
                 out = driven.carrier_hz, driven.full_scale_v
                 may_rise = out == (output.frequency_hz, output.full_scale_v)
-                lead_s = self._lead.lead_s
+                # where the course ends is counted from when the turn was due
+                lead_s = self._lead.lead_s - late_s
                 if not self._writer.go_on(course, driven.full_scale_v, lead_s, may_rise):
                     self._whole_s = now_s + lead_s  # until what bridges the gap has been played
         except HapticError as error:
@@ -138,7 +140,7 @@ def main() -> None:
     try:
         while os.getppid() == started_by:
             due = beat.wait()
-            loop.turn(time.monotonic(), due.lateness_s + due.missed * PERIOD_S)
+            loop.turn(time.monotonic(), due.lateness_s, due.missed)
             if loop.writing and not followed:  # from here on right behind render's ticks
                 beat = Metronome(PERIOD_S, began_s=shared.output.read().time_s + BEHIND_S)
             followed = loop.writing

@@ -167,13 +167,13 @@ class EnvelopeWriter:
         return np.asarray(np.minimum(ends_v2, bound_v**2))
 
     def _length(self, span_s: float, waiting_s: float, lead_s: float) -> int:
-        """How many samples of the stream a course takes; not all that is missing, or a late turn
-        would bend it.
+        """How many samples of the stream a course takes: one more or less than its time where the
+        stream is a sample or more too short or too long, or a reading of it would bend the course.
         """
         short_s = lead_s - waiting_s - span_s
         if waiting_s <= 0.0 or abs(short_s) > 0.5 * lead_s:
             return round((lead_s - waiting_s) * self._rate_hz)
         samples = round(span_s * self._rate_hz)
-        if samples and abs(short_s) > 0.125 * lead_s:
+        if samples and abs(short_s) * self._rate_hz >= 1.0:
             samples += 1 if short_s > 0.0 else -1
         return samples

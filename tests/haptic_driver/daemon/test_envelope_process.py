@@ -2,6 +2,7 @@
 itself.
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -39,9 +40,9 @@ class Bench:
         self.loop = EnvelopeLoop(shared, writer, self.lead)
         self.gate = 1
 
-    def run(self, ticks, voltage_v=80.0, order=1, writes=True, late_s=0.0):
+    def run(self, ticks, voltage_v=80.0, order=1, writes=True, late_s=0.0, missed=0, after_s=0.001):
         for _ in range(ticks):
-            self.output.advance(0.001)
+            self.output.advance(after_s)
             now_s = self.output.time_s
             self.shared.driven.write(Driven(self.gate, 0.0, 250.0, 150.0))
             said = NO_OUTPUT._replace(
@@ -51,7 +52,7 @@ class Bench:
             self.shared.output.write(said)
             self.shared.courses.write((order, np.full(COURSE_POINTS, voltage_v**2).tobytes()))
             if writes:
-                self.loop.turn(now_s, late_s)
+                self.loop.turn(now_s, late_s, missed)
 
     @property
     def voltage_v(self):
@@ -105,12 +106,26 @@ def test_what_render_said_long_ago_is_not_written(bench):
 def test_it_writes_farther_ahead_where_turns_come_late(bench, shared):
     bench.run(50)
     assert shared.played.read().lead_s == LEAST_LEAD_S
-    bench.run(1, late_s=0.008)
+    bench.run(1, missed=8)
     assert shared.played.read().lead_s == pytest.approx(0.013)
     bench.run(100)
-    assert bench.output.buffered_s == pytest.approx(0.013, abs=0.003)
+    assert bench.output.buffered_s == pytest.approx(0.013, abs=2.0 / RATE_HZ)
     played = shared.played.read()
     assert (played.underruns, played.failure) == (0, "")
+
+
+def test_a_course_ends_as_long_after_its_tick_as_render_reckons_with(bench, shared):
+    """However late the turns are: what is off by a millisecond comes 80 um beside its place under a
+    finger of 80 mm/s.
+    """
+    bench.run(50)
+    bench.run(1, missed=3)  # it writes farther ahead from here on
+    lead_s, off_s = shared.played.read().lead_s, []
+    lateness_s = np.append(0.0, np.random.default_rng(1).uniform(0.0, 0.0009, 300))
+    for before_s, late_s in itertools.pairwise(lateness_s.tolist()):
+        bench.run(1, late_s=late_s, after_s=0.001 + late_s - before_s)
+        off_s.append(bench.output.buffered_s - (lead_s - late_s))
+    assert np.abs(off_s[100:]).max() <= 2.0 / RATE_HZ
 
 
 def test_lateness_of_long_ago_counts_no_more_once_nothing_is_rendered():
