@@ -76,8 +76,10 @@ class EnvelopeLoop:
         self.writing = False
 
     def turn(self, now_s: float, late_s: float = 0.0, missed: int = 0) -> None:
-        """Go on with what render wants, if it may go out, `late_s` after this turn was due and with
-        so many turns before it left out. Raises DeviceError and HapticError, said in `played`.
+        """Go on with what render wants, if it may go out.
+
+        `late_s`: how long after this turn was due; `missed`: how many before it were left out.
+        Raises DeviceError and HapticError, said in `played`.
         """
         try:
             waited_s = late_s + missed * PERIOD_S

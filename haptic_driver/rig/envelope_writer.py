@@ -167,8 +167,10 @@ class EnvelopeWriter:
         return np.asarray(np.minimum(ends_v2, bound_v**2))
 
     def _length(self, span_s: float, waiting_s: float, lead_s: float) -> int:
-        """How many samples of the stream a course takes: one more or less than its time where the
-        stream is a sample or more too short or too long, or a reading of it would bend the course.
+        """How many samples of the stream a course takes.
+
+        It takes one more or less than its time where the stream is too short or too long: all at
+        once would bend it.
         """
         short_s = lead_s - waiting_s - span_s
         if waiting_s <= 0.0 or abs(short_s) > 0.5 * lead_s:

@@ -72,6 +72,20 @@ class Candidate:
         return "+".join(self.names)
 
 
+class Hidden(NamedTuple):
+    """How an effect may be there without a trace in these data.
+
+    `log_evidence` is of that part of its prior which leaves none. `usual`: lambda of an effect of
+    usual size, the median of its prior's draws. That draw is `vector` [k], and `signature` [n] what
+    it adds to the data, in standard deviations.
+    """
+
+    log_evidence: float
+    usual: float
+    vector: Array
+    signature: Array
+
+
 class Evidences(NamedTuple):
     """log evidence of every hypothesis about one data set.
 
@@ -90,13 +104,13 @@ class Evidences(NamedTuple):
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """Every model that was fitted to one data set. `hidden` and `outside` as in `Evidences`."""
+    """Every model that was fitted to one data set. `outside` as in `Evidences`."""
 
     base: Candidate
     singles: list[Candidate]
     pairs: list[Candidate]
     untestable: tuple[str, ...]
-    hidden: dict[str, float]
+    hidden: dict[str, Hidden]
     outside: dict[str, float]
 
     @property
@@ -116,7 +130,7 @@ class Hypotheses:
         return Evidences(
             {c.names: _evidence(c) for c in (self.base, *self.singles, *self.pairs)},
             self.untestable,
-            self.hidden,
+            {name: hidden.log_evidence for name, hidden in self.hidden.items()},
             {c.names: c.beside_discrepancy.log_evidence for c in self._leading},
             self.outside,
         )
@@ -241,16 +255,18 @@ def _beside(problem: Problem, first: Candidate, singles: list[Candidate]) -> lis
     return found
 
 
-def unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> float:
-    """log evidence of that part of an effect's prior which leaves no trace in these data.
+def unseen(problem: Problem, base: Candidate, kind: type[Effect]) -> Hidden:
+    """How an effect may be there unseen.
 
     From draws of the prior, with the finger and the gains as the base model has them, and linear
     about that.
     """
-    _, signatures, visible = _drawn(problem, base, kind)
+    vectors, signatures, visible = _drawn(problem, base, kind)
     residual, hidden = base.fit.residual / np.sqrt(base.fit.scale2), visible < NO_TRACE
     odds = np.exp(signatures[hidden] @ residual - 0.5 * visible[hidden])
-    return base.alone.log_evidence + float(np.log(max(odds.sum(), 1e-300) / DRAWS))
+    log_evidence = base.alone.log_evidence + float(np.log(max(odds.sum(), 1e-300) / DRAWS))
+    usual = np.argsort(visible)[DRAWS // 2]
+    return Hidden(log_evidence, float(visible[usual]), vectors[usual], signatures[usual])
 
 
 def unseen_draws(problem: Problem, base: Candidate, kind: type[Effect]) -> tuple[Array, Array]:

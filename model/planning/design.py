@@ -7,7 +7,7 @@ the present data leave free, and the gains of the sessions to come. A block's co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -34,6 +34,7 @@ from model.planning.discrimination import (
     most_by_one,
     nothing,
     weights,
+    with_each,
 )
 from model.planning.separation import APART, imitate
 from model.support.arrays import Array
@@ -115,13 +116,42 @@ def design_for_unseen(
         return Design((), {})
     testable = testable_effects(pool.observations, findings.problem.predictor.description.effects)
     kinds = [kind for kind in testable if only is None or kind.name in only]
-    unseen = _unseen(findings, kinds, pool, _own_std(findings, diagnosis.data, pool))
+    problem, base = findings.problem, findings.hypotheses.base
+    draws = {kind: unseen_draws(problem, base, kind) for kind in kinds}
+    unseen = _unseen(findings, draws, pool, _own_std(findings, diagnosis.data, pool))
     choices, reach = list[Choice](), dict[str, float]()
     for reach_of in (most_by_one, by_all):
         pairs = [pair for each in unseen for pair in each.shown(reach_of)]
         reach |= {pair.names[1]: pair.reach() for pair in pairs}
         choices = choose(pairs, pool.cost_s, most, most_s, SHOWS, first=choices)
     return Design(tuple(choices), reach)
+
+
+class Shown(NamedTuple):
+    """The block that shows an effect of usual size best, and the lambda that it has with that."""
+
+    block: int
+    after: float
+
+
+def shown_by_one(
+    diagnosis: Diagnosis, findings: Findings, pool: Pool, kinds: Sequence[type[Effect]]
+) -> dict[str, Shown]:
+    """For each of these effects that the pool can show, the one block that does it best."""
+    hidden = findings.hypotheses.hidden
+    draws = {
+        kind: (hidden[kind.name].vector[None], hidden[kind.name].signature[None])
+        for kind in testable_effects(
+            pool.observations, findings.problem.predictor.description.effects
+        )
+        if kind in kinds
+    }
+    found = {}
+    for each in _unseen(findings, draws, pool, _own_std(findings, diagnosis.data, pool)):
+        reached = with_each(each.so_far, each.blocks)[:, 0]
+        best = int(np.argmax(reached))
+        found[each.names[1]] = Shown(best, float(reached[best]))
+    return found
 
 
 class _Unseen(NamedTuple):
@@ -153,9 +183,12 @@ class _Unseen(NamedTuple):
 
 
 def _unseen(
-    findings: Findings, kinds: Sequence[type[Effect]], pool: Pool, own_std: Array
+    findings: Findings,
+    draws: Mapping[type[Effect], tuple[Array, Array]],
+    pool: Pool,
+    own_std: Array,
 ) -> list[_Unseen]:
-    """Each of these effects as it may be there unseen.
+    """Each of these effects as it may be there unseen; `draws` as `unseen_draws` gives them.
 
     The base model's parameters and gains may hide an effect, but in the data so far and in those to
     come alike.
@@ -174,8 +207,7 @@ def _unseen(
     hides = sure[:, None] * np.nan_to_num(np.hstack([gains, slopes[:, inside]]))
     hid = np.pad(base.fit.jacobian[:, inside] / scale, ((0, 0), (gains.shape[1], 0)))
     found = []
-    for kind in kinds:
-        vectors, signatures = unseen_draws(problem, base, kind)
+    for kind, (vectors, signatures) in draws.items():
         difference = predictor.less(predictor.predicted((kind,), vectors), here)
         adds = np.where(np.isfinite(difference), sure * difference, 0.0)
         so_far = nothing(hides.shape[1]) + information_of(signatures, hid)

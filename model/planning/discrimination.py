@@ -104,14 +104,17 @@ def by_block(difference: Array, spread: Array, block: NDArray[np.intp], count: i
     )
 
 
-def most_by_one(so_far: Information, blocks: Information) -> Array:
-    """The separation of m pairs [m] with that block which adds most to each; `blocks` as `by_block`
-    gives them.
-    """
+def with_each(so_far: Information, blocks: Information) -> Array:
+    """The separation of m pairs with each of B blocks [B, m]; `blocks` as `by_block` gives them."""
     moment = so_far.moment + blocks.moment
     hidden = np.linalg.solve(so_far.normal + blocks.normal, np.swapaxes(moment, 1, 2))
     chi2 = so_far.square + blocks.square - np.sum(moment * np.swapaxes(hidden, 1, 2), axis=2)
-    return np.asarray(chi2.max(axis=0))
+    return np.asarray(chi2)
+
+
+def most_by_one(so_far: Information, blocks: Information) -> Array:
+    """The separation of m pairs [m] with that block which adds most to each."""
+    return np.asarray(with_each(so_far, blocks).max(axis=0))
 
 
 def by_all(so_far: Information, blocks: Information) -> Array:

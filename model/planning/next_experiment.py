@@ -6,12 +6,13 @@ Friction at one setting each, in one new session; `model.planning.design` choose
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cholesky
 
 from model.conditions import UNDRIVEN_HZ
@@ -25,7 +26,8 @@ from model.diagnosis.space import Predictor
 from model.diagnosis.where import Disagreement
 from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis
-from model.planning.design import Pool, design, leading
+from model.effects import BY_NAME, Effect
+from model.planning.design import Pool, Shown, design, leading, shown_by_one
 from model.planning.separation import ALIKE, APART, separation
 from model.support.arrays import Array
 
@@ -69,8 +71,8 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription) -> lis
     }
     if not friction.any():  # settings are of friction
         return _checks((first, second), common)
-    settings = _settings(diagnosis.data.subset(friction), [c for c, _ in leaders])
-    pool = Pool(settings, np.arange(settings.count), np.ones(settings.count), REPEATS)
+    pool = _settings(_axes(diagnosis.data, [kind for c, _ in leaders for kind in c.kinds]))
+    settings = pool.observations
     choices = design(diagnosis, pool, MOST, float(MOST)).choices
     if choices:
         chosen = settings.subset(np.array(sorted(choice.block for choice in choices)))
@@ -88,6 +90,36 @@ def next_experiments(diagnosis: Diagnosis, description: ModelDescription) -> lis
             **common,
         }
         for choice in choices
+    ]
+
+
+def out_of_sight(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Effects that these data could not show at their usual size, and what would show each.
+
+    `lambda_now` is below ALIKE, so that in less than half of such data sets a name would be earned.
+    `lambda_after` is with the one `sweep` of friction in a new session that shows it best. Where
+    that is below ALIKE too both are None, and the physical `check` is what is left.
+    """
+    findings = diagnosis.findings
+    if findings is None:
+        return []
+    suspects, hidden = findings.verdict.suspects, findings.hypotheses.hidden
+    faint = [name for name in hidden if hidden[name].usual < ALIKE and name not in suspects]
+    kinds = [BY_NAME[name] for name in faint]
+    shown: dict[str, Shown] = {}
+    if kinds and diagnosis.data.of(FRICTION).any():
+        pool = _sweeps(_axes(diagnosis.data, kinds))
+        shown = shown_by_one(diagnosis, findings, pool, kinds)
+        shown = {name: best for name, best in shown.items() if best.after >= ALIKE}
+    return [
+        {
+            "name": kind.name,
+            "lambda_now": hidden[kind.name].usual,
+            "lambda_after": shown[kind.name].after if kind.name in shown else None,
+            "sweep": _sweep(pool, shown[kind.name].block) if kind.name in shown else None,
+            "check": kind.check,
+        }
+        for kind in kinds
     ]
 
 
@@ -121,30 +153,74 @@ def _repeats(data: Measurements, scan: Disagreement) -> list[dict[str, Any]]:
     return found
 
 
-def _settings(data: Measurements, leaders: Sequence[Candidate]) -> Measurements:
-    """All combinations of levels, and every load and speed without voltage; one row each."""
-    c = data.columns
-    driven = data.driven
-    needs = {need for candidate in leaders for kind in candidate.kinds for need in kind.needs}
+def _axes(data: Measurements, kinds: Sequence[type[Effect]]) -> dict[str, list[float]]:
+    """Levels of frequency and of what else these effects need, within reach of the data's friction;
+    of voltage those above zero.
+    """
+    data = data.subset(data.of(FRICTION))
+    c, driven = data.columns, data.driven
     # 0 where it is ignored
     present = np.unique(c["frequency_hz"][driven & (c["frequency_hz"] > 0.0)])
     frequencies = sorted({*STEPS_HZ, *(present.tolist() if present.size <= PRESENT_LEVELS else ())})
-    voltages = [v for v in _levels(c["voltage_v"][driven]) if v > 0.0]
-    axes: dict[str, list[float]] = {"normal_force_n": _beyond(_levels(c["normal_force_n"]), 1.5)}
+    axes = {
+        "frequency_hz": frequencies,
+        "voltage_v": [v for v in _levels(c["voltage_v"][driven]) if v > 0.0],
+        "normal_force_n": _beyond(_levels(c["normal_force_n"]), 1.5),
+    }
     if "speed_m_s" in c:
         speeds = _levels(c["speed_m_s"])
         axes["speed_m_s"] = _beyond(speeds, 2.0) if speeds[0] > 0.0 else speeds
-    if "time_s" in needs:
-        axes["time_s"] = [
-            float(t)
-            for t in np.unique([c["time_s"].min(), np.median(c["time_s"]), c["time_s"].max()])
-        ]
-    rest = list(product(*axes.values()))
-    rows = [(f, v, *others) for f in frequencies for v in voltages for others in rest]
-    rows += [(UNDRIVEN_HZ, 0.0, *others) for others in rest]
-    table = np.array(rows, dtype=np.float64)
-    columns = dict(zip(("frequency_hz", "voltage_v", *axes), table.T, strict=True))
-    return Measurements(columns, np.zeros(len(rows), np.intp), ("next",), None, "")
+    if any("time_s" in kind.needs for kind in kinds) and "time_s" in c:
+        times = (c["time_s"].min(), np.median(c["time_s"]), c["time_s"].max())
+        axes["time_s"] = [float(t) for t in np.unique(times)]
+    return axes
+
+
+def _settings(axes: Mapping[str, Sequence[float]]) -> Pool:
+    """All combinations of levels, and every load and speed without voltage: a block each."""
+    rest = list(product(*list(axes.values())[2:]))
+    rows = list(product(*axes.values())) + [(UNDRIVEN_HZ, 0.0, *others) for others in rest]
+    return _friction(list(axes), rows, np.arange(len(rows)))
+
+
+def _sweeps(axes: Mapping[str, Sequence[float]]) -> Pool:
+    """Sweeps of one axis, that of voltage from zero on, at the others' ends and middles: a block
+    each.
+    """
+    rows, block = list[tuple[float, ...]](), list[int]()
+    for swept in axes:
+        fixed = {name: _three(levels) for name, levels in axes.items() if name != swept}
+        for others in product(*fixed.values()):
+            at = dict(zip(fixed, others, strict=True))
+            levels = [0.0, *axes[swept]] if swept == "voltage_v" else axes[swept]
+            number = block[-1] + 1 if block else 0
+            rows += [tuple((at | {swept: level})[name] for name in axes) for level in levels]
+            block += [number] * len(levels)
+    return _friction(list(axes), rows, np.array(block))
+
+
+def _three(levels: Sequence[float]) -> list[float]:
+    """The first, the middle and the last."""
+    return [levels[i] for i in sorted({0, len(levels) // 2, len(levels) - 1})]
+
+
+def _friction(
+    names: Sequence[str], rows: Sequence[Sequence[float]], block: NDArray[np.intp]
+) -> Pool:
+    """Friction to be measured in one new session, row for row."""
+    columns = dict(zip(names, np.array(rows, dtype=np.float64).T, strict=True))
+    data = Measurements(columns, np.zeros(len(rows), np.intp), ("next",), None, "")
+    return Pool(data, block, np.ones(int(block[-1]) + 1), REPEATS)
+
+
+def _sweep(pool: Pool, block: int) -> dict[str, Any]:
+    """What one block of `_sweeps` does."""
+    columns = pool.observations.subset(pool.block == block).columns
+    (axis,) = (name for name, values in columns.items() if np.ptp(values) > 0.0)
+    at = {name: float(values[-1]) for name, values in columns.items() if name != axis}
+    low, high = float(columns[axis].min()), float(columns[axis].max())
+    settings = int(columns[axis].size)
+    return {"axis": axis, "low": low, "high": high, "settings": settings, "at": at}
 
 
 def _levels(values: Array) -> list[float]:

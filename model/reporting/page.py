@@ -163,6 +163,7 @@ def write_html(content: Mapping[str, Any], drawn: Mapping[str, bytes], path: Pat
         ("Parameters before and after", _before_after(content)),
         ("Proof on data left out of the fit", _proof(content, drawn)),
         ("What to measure next", _next(content)),
+        ("What these data could not show", _out_of_sight(content)),
         (
             "Physical checks at the rig",
             _list([f"{_upper(words(n))}: {c}" for n, c in content["checks"].items()]),
@@ -421,6 +422,29 @@ def _next(content: Mapping[str, Any]) -> str:
             )
         )
     return f"<p>{escape(lead)}</p>{_rows(head, rows)}"
+
+
+def _out_of_sight(content: Mapping[str, Any]) -> str:
+    """Effects that would be hidden at their usual size, and what would show each."""
+    rows = [
+        [words(e["name"]), "no" if e["sweep"] is None else sweep_said(e["sweep"]), e["check"]]
+        for e in content["out_of_sight"]
+    ]
+    if not rows:
+        return ""
+    lead = (
+        "Each of these, as large as it usually is, would as a rule have stayed without a name in"
+        " these data. That they are not named says nothing about them."
+    )
+    head = ["effect", "a sweep of friction that shows it", "physical check"]
+    return f"<p>{lead}</p>{_rows(head, rows)}"
+
+
+def sweep_said(sweep: Mapping[str, Any]) -> str:
+    """One axis and what the others stand at."""
+    at = [_from_to(axis, value, value) for axis, value in sweep["at"].items() if axis != "time_s"]
+    over = _from_to(sweep["axis"], sweep["low"], sweep["high"])
+    return f"{over} at {_and(at)}, {sweep['settings']} settings"
 
 
 def _provenance(content: Mapping[str, Any]) -> str:

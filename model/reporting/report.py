@@ -23,7 +23,7 @@ from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
 from model.effects import BY_NAME, CATALOGUE
 from model.parameters import Parameter
-from model.planning.next_experiment import next_experiments
+from model.planning.next_experiment import next_experiments, out_of_sight
 from model.reporting.learned_report import learned_record
 from model.reporting.model_file import fitted_effects, fitted_nuisances, program, write_model
 from model.reporting.page import write_html
@@ -70,6 +70,7 @@ def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str)
         "learned": None,
         "held_out": None,
         "not_tested": [],
+        "out_of_sight": [],
         "next_experiments": [],
         "checks": {},
         "parent_model": {"name": description.name, "hash": description.content_hash},
@@ -134,6 +135,7 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
             }
             for n in found.hypotheses.untestable
         ],
+        "out_of_sight": out_of_sight(diagnosis),
         "next_experiments": next_experiments(diagnosis, description),
         "checks": {name: BY_NAME[name].check for name in verdict.suspects},
     }

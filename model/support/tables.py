@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -96,19 +96,26 @@ class Table:
 
     def said_wrong(self) -> tuple[str, ...]:
         """What is wrong, a text for each line of the file that has something."""
-        told = []
+        return tuple(f"line {line}: {reasons}" for line, reasons in self._reasons().items())
+
+    def _reasons(self) -> dict[int, str]:
+        """What is wrong in each line of the file that has something."""
+        told = {}
         for row, faults in sorted(self.wrong.items()):
             reasons = [fault.message.removeprefix(f"{self.where(row)}: ") for fault in faults]
-            told.append(f"line {self.lines[row]}: {', '.join(reasons)}")
-        return tuple(told)
+            told[self.lines[row]] = ", ".join(reasons)
+        return told
 
     def bad_rows(self) -> BadRowsError:
-        """All that is wrong as one error."""
+        """All that is wrong as one error, each reason once."""
         faults = [fault for _, found in sorted(self.wrong.items()) for fault in found]
-        hint = ". ".join(dict.fromkeys(fault.hint for fault in faults))
+        hint = ". ".join(dict.fromkeys(fault.hint for fault in faults)).replace("?.", "?")
         if len(faults) == 1:
             return BadRowsError(faults[0].message, hint, faults[0].code)
-        listed = self.said_wrong()
+        lines = dict[str, list[int]]()
+        for line, reasons in self._reasons().items():
+            lines.setdefault(reasons, []).append(line)
+        listed = [f"{_lines(having)}: {reasons}" for reasons, having in lines.items()]
         more = f"; and {len(listed) - MOST_LISTED} more" if len(listed) > MOST_LISTED else ""
         said = f"{len(self.wrong)} of {len(self.rows)} rows cannot be used: "
         message = f"{self.path}: {said}{'; '.join(listed[:MOST_LISTED])}{more}"
@@ -187,6 +194,17 @@ class Table:
     def where(self, row: int) -> str:
         """File and line of a row."""
         return f"{self.path}, line {self.lines[row]}"
+
+
+def _lines(numbers: Sequence[int]) -> str:
+    """Lines in words, those that follow one another together."""
+    runs = [[numbers[0], numbers[0]]]
+    for before, line in pairwise(numbers):
+        if line > before + 1:
+            runs.append([line, line])
+        runs[-1][1] = line
+    said = [f"{first}" if first == last else f"{first} to {last}" for first, last in runs]
+    return f"line{'s' if len(numbers) > 1 else ''} {', '.join(said)}"
 
 
 def _begins_again(values: NDArray[np.float64], back: NDArray[np.intp]) -> bool:

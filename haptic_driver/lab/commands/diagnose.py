@@ -303,7 +303,9 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
             f"held out: {held['before']:.2f} -> {held['after']:.2f} per point (1 is noise);"
             f" the new model {gap_said(fit['gap_closed'], fit['gap_closed_interval'])}"
         )
-    for warning in found.get("warnings", []):
+    hidden = len(found["out_of_sight"])
+    unseen = f"effects of usual size that would not show in these data: {hidden}; see the report"
+    for warning in [*found["warnings"], *([unseen] if hidden else [])]:
         stdout.print(f"warning: {warning}")
     if again is not None:
         stdout.print(f"to tell more, on the same rig:\n  {again}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from model.effects import BY_NAME
 from model.parameters import Parameter
 from model.planning import next_experiment as design
 from model.planning.design import leading
-from model.planning.next_experiment import next_experiments
+from model.planning.next_experiment import next_experiments, out_of_sight
+from model.planning.separation import imitate
 from model.touch_model import TouchModel
 
 FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
@@ -113,7 +115,7 @@ def test_proposals_beat_settings_taken_at_random(
     found, proposed = separable
     assert found.findings is not None
     (first, _), (second, _) = leading(found.findings)[:2]
-    allowed = design._settings(found.data, [first, second])
+    allowed = design._settings(design._axes(found.data, (*first.kinds, *second.kinds))).observations
     rng, reached = np.random.default_rng(0), []
     for _ in range(12):
         rows = np.isin(
@@ -188,3 +190,31 @@ def test_settings_to_come_leave_the_measured_rows_as_they_were():
     assert np.all(
         after[measured.count :] > alone[measured.count :]
     )  # and the effect is on in what is to come
+
+
+def test_what_stayed_out_of_sight_shows_in_the_sweep_that_is_named():
+    """Two frequencies below an amplifier's corner hide that; by refits of its noiseless signal."""
+    one = [(f, v, n) for f in (20.0, 100.0) for v in (0.0, *VOLTAGES) for n in LOADS]
+    settings, session = np.tile(np.array(one), (3, 1)), np.repeat(np.arange(3.0), len(one))
+    found = diagnose(FINGER, _measured(_friction(settings, ""), settings, session))
+    assert found.findings is not None
+    hidden = found.findings.hypotheses.hidden
+    listed = {row["name"]: row for row in out_of_sight(found)}
+    slow = listed["amplifier_bandwidth"]
+    assert {name for name in hidden if hidden[name].usual < design.ALIKE} == set(listed)
+    assert all(
+        row["sweep"] or (row["lambda_after"] is None and row["check"]) for row in listed.values()
+    )
+    assert slow["sweep"]["axis"] == "frequency_hz"
+    problem, base = found.findings.problem, found.findings.hypotheses.base
+    there = SimpleNamespace(
+        kinds=(BY_NAME["amplifier_bandwidth"],), vector=hidden["amplifier_bandwidth"].vector
+    )
+    pool = design._sweeps(design._axes(found.data, there.kinds))
+    (block,) = (b for b in range(pool.cost_s.size) if design._sweep(pool, b) == slow["sweep"])
+    measured = design._extended(
+        found.data, FINGER, problem, pool.observations.subset(pool.block == block)
+    )
+    left = [imitate(p, there, base).chi2 / base.fit.scale2 for p in (problem, measured)]
+    assert left[0] < design.ALIKE
+    assert left[1] == pytest.approx(slow["lambda_after"], rel=0.3)  # linear about the base model

@@ -229,6 +229,15 @@ def test_all_that_is_wrong_is_told_at_once(tmp_path):
     assert "change its sign" not in caught.value.hint
 
 
+def test_what_is_wrong_in_many_rows_alike_is_told_once(tmp_path):
+    good, bad = "250,75,0.5,0.6\n", "250,75,500,0.6\n"
+    with pytest.raises(BadRowsError) as caught:
+        read_measurements(file(tmp_path, f"{HEADER}\n{good}{bad}{bad}{bad}{good}{bad}"))
+    assert "4 of 6 rows cannot be used: lines 3 to 5, 7: normal_force_n" in caught.value.message
+    assert caught.value.message.count("out of range") == 1
+    assert "?." not in caught.value.hint
+
+
 def test_bad_rows_are_left_out_on_request_and_told(tmp_path):
     read = read_measurements(file(tmp_path, BAD), leave_out_bad=True)
     np.testing.assert_array_equal(read.columns["cof"], [0.6, 0.61])
