@@ -32,7 +32,7 @@ def evidence_of_the_unseen(
         vector=np.array([at]), residual=residual, jacobian=nuisance[:, None], scale2=1.0
     )
     base: Any = SimpleNamespace(fit=fit, alone=SimpleNamespace(log_evidence=0.0))
-    return unseen(problem, base, EFFECT)
+    return unseen(problem, base, EFFECT).log_evidence
 
 
 @pytest.mark.parametrize(("size", "residual"), [(0.5, 0.0), (2.0, 1.0), (20.0, -1.0)])
