@@ -79,6 +79,11 @@ def residual_percent(
 
     Of a phase, hundredths of a rad.
     """
+    return percent(_unshared(problem, fit, data), witness)[data.of(witness)]
+
+
+def _unshared(problem: Problem, fit: Fit, data: Measurements) -> Array:
+    """Measured against predicted [n], as differences of logarithms, without what sessions share."""
     raw = problem.predictor.less(
         problem.observed, problem.predictor.predicted(fit.kinds, fit.vector[None])[0]
     )
@@ -87,7 +92,7 @@ def residual_percent(
     shared = [
         std * np.bincount(data.group, std * weighed)[data.group] for std in shared_std(data).T
     ]
-    return percent(raw - np.sum(shared, axis=0), witness)[data.of(witness)]
+    return np.asarray(raw - np.sum(shared, axis=0))
 
 
 def percent(difference: Array, witness: int) -> Array:
@@ -307,15 +312,12 @@ def fingerprint(data: Measurements, found: Findings, witness: int = FRICTION) ->
     known, names = WITNESSES[witness], [name for name in AXES if data.subset(mine).varies(name)]
     if not names:
         return None
-    residual = residual_percent(problem, base.fit, data, witness)
+    given = _unshared(problem, base.fit, data)
+    residual = percent(given, witness)[mine]
     error = 100.0 * problem.noise.own_std[mine] * base.beside_discrepancy.scale
-    shown = [base, *leaders(found)]
-    predicted = [
-        problem.predictor.predicted(model.kinds, model.fit.vector[None])[0] for model in shown
-    ]
     changes = [
-        (words(model.name), percent(problem.predictor.less(one, predicted[0]), witness)[mine])
-        for model, one in zip(shown[1:], predicted[1:], strict=True)
+        (words(model.name), percent(given - _unshared(problem, model.fit, data), witness)[mine])
+        for model in leaders(found)
     ]
     data = data.subset(mine)
     wide = min(len(names), 3)

@@ -23,7 +23,7 @@ from model.diagnosis.workflow import Diagnosis, diagnose
 from model.effects import BY_NAME
 from model.parameters import Parameter
 from model.reporting.page import question, sentence
-from model.reporting.pictures import held_out
+from model.reporting.pictures import fingerprint, held_out
 from model.reporting.report import write_report
 from model.touch_model import TouchModel
 from tests.reports import without_pictures
@@ -285,6 +285,20 @@ def test_pictures_are_vectors_of_a_sensible_size(run):
         assert 170 < height_pt < 1100
         assert 330 < width_pt < 1220
     assert sorted(run.content["pictures"]) == list(map(str, drawn))
+
+
+def test_the_named_effects_line_goes_through_what_the_data_show(run):
+    """Points were without the sessions' gains and lines with them: they lay far apart."""
+    if run.case.verdict != "effect_found":
+        return
+    drawn = fingerprint(run.diagnosis.data, run.diagnosis.findings)
+    for ax in (ax for ax in drawn.axes if ax.get_visible()):
+        points = np.concatenate(ax.containers[0].lines[0].get_xydata()[:, 1:])
+        named = next(line for line in ax.lines if line.get_label() == "load dependent friction")
+        off = np.abs(named.get_ydata() - points)
+        assert off.max() < 3.0 * 100.0 * NOISE / 18**0.5, (
+            ax.get_xlabel()
+        )  # 18 rows a point, or more
 
 
 def test_two_effects_read_as_a_sentence():
