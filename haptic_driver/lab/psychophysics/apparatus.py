@@ -17,7 +17,14 @@ from haptic_driver.client import new_samples
 from haptic_driver.config import texture_dirs
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import write_text
-from haptic_driver.lab.psychophysics.delivery import Delivered, felt, onsets, strokes
+from haptic_driver.lab.psychophysics.delivery import (
+    NO_ONSET,
+    Delivered,
+    Onsets,
+    felt,
+    onsets,
+    strokes,
+)
 from haptic_driver.lab.psychophysics.description import Experiment, Stimulus, TrialSettings
 from haptic_driver.textures.description import FINEST_MM
 from haptic_driver.textures.library import load
@@ -32,13 +39,9 @@ SCREEN_MM = 2000.0  # larger than any screen
 
 
 class Apparatus(Protocol):
-    """Presents the intervals of a trial.
+    """Presents the intervals of a trial; `onset` is of the last one."""
 
-    `onset_s`: when the last interval could first be felt, on CLOCK_MONOTONIC; None where nobody
-    felt it.
-    """
-
-    onset_s: float | None
+    onset: Onsets
 
     def present(
         self, stimuli: Sequence[Stimulus], settings: TrialSettings, settle_s: float
@@ -65,7 +68,7 @@ class DaemonApparatus:
         tell: Callable[[str], object] = lambda said: None,
         ring: Callable[[], object] = lambda: None,
     ) -> None:
-        self.onset_s: float | None = None
+        self.onset = NO_ONSET
         self._client = client
         self._session = session
         self._folder = folder.absolute()
@@ -115,7 +118,7 @@ class DaemonApparatus:
         samples = self._samples(settings)
         when = onsets(samples)
         self.mark(f"interval {number} ends", which | {"began_s": began_s} | when._asdict())
-        self.onset_s = when.onset_s
+        self.onset = when
         return samples
 
     def _begin(self, stimulus: Stimulus) -> None:
@@ -149,7 +152,7 @@ class AssumedApparatus:
     time.
     """
 
-    onset_s: float | None = None
+    onset = NO_ONSET
 
     def mark(self, label: str, data: dict[str, Any]) -> float:
         return 0.0

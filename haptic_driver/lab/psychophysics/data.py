@@ -71,6 +71,10 @@ COLUMNS = {
         " nobody slid",
         "s",
     ),
+    "onset_error_s": (
+        "from the onset of the last interval to when the amplifier's monitor showed voltage",
+        "s",
+    ),
     "delivered": ("1: the rig did what was asked; only such trials are analysed", "1"),
     "why_not_delivered": ("why not", ""),
     "time_s": ("when the trial began, on CLOCK_MONOTONIC as every time of a recording", "s"),
@@ -85,12 +89,15 @@ COLUMNS = {
 }
 
 
+LATER = {"onset_error_s"}  # older tables lack these columns, and stay without them
 NOT_FELT = Delivered(sliding_s=math.nan, strokes=math.nan)
 
 
 class Row(NamedTuple):
-    """One trial as it is kept. `standard` is None for one interval; `felt_level` is NaN where
-    nothing was felt.
+    """One trial as it is kept.
+
+    `standard` is None for one interval. `felt_level` is NaN where nothing was felt,
+    `onset_error_s` where no monitor showed it.
     """
 
     trial: int
@@ -104,6 +111,7 @@ class Row(NamedTuple):
     positive: bool
     correct: bool | None
     response_time_s: float
+    onset_error_s: float
     delivered: bool
     why_not_delivered: str
     time_s: float
@@ -126,8 +134,9 @@ class Row(NamedTuple):
 PLAIN = {name: kind for name, kind in get_type_hints(Row).items() if name in COLUMNS}
 
 
-def row_of(cells: Mapping[str, str]) -> Row:
+def row_of(cells: dict[str, str]) -> Row:
     """The row that `cells` says. ValueError where it is none."""
+    cells = dict.fromkeys(LATER, NOTHING) | cells
     plain = {name: _value(cells[name], kind) for name, kind in PLAIN.items()}
     standard, comparison = (
         Delivered(
@@ -160,8 +169,11 @@ class SessionFiles:
 
     def append(self, row: Row) -> None:
         """Add one, through to the disk."""
-        line = io.StringIO()
-        writer = csv.DictWriter(line, list(COLUMNS), delimiter="\t", lineterminator="\n")
+        line, there = io.StringIO(), whole_lines(self.table)
+        columns = there.partition("\n")[0].split("\t") if there else list(COLUMNS)
+        writer = csv.DictWriter(
+            line, columns, delimiter="\t", lineterminator="\n", extrasaction="ignore"
+        )
         with writing(self.table), open_to_add(self.table) as file:
             if not file.tell():
                 writer.writeheader()
@@ -239,7 +251,7 @@ def label_of(name: str) -> str:
 
 def _rows(text: str, path: Path) -> Iterator[Row]:
     reader = csv.DictReader(io.StringIO(text, newline=""), delimiter="\t")
-    missing = [name for name in COLUMNS if name not in (reader.fieldnames or [])]
+    missing = [n for n in COLUMNS if n not in {*(reader.fieldnames or ()), *LATER}]
     if missing:
         said = f"{path}: has no column {', '.join(missing)}"
         raise BadInputError(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from haptic_driver.fidelity.edge import EDGE_V
 from haptic_driver.fidelity.measure import errors_of
 from haptic_driver.fidelity.samples import strokes_of, tick_s
 from haptic_driver.fidelity.sliding import AFTER_TOUCH_S, gaps, since_touch_s, slides, sliding
@@ -104,24 +105,33 @@ class Onsets(NamedTuple):
     """When things first happened in an interval, on CLOCK_MONOTONIC; None where they did not.
 
     The finger may have been there from the first sample on, and the output been on. `onset_s` is
-    when something could first be felt: the finger slid, and the output was on.
+    when something could first be felt: the finger slid, and the output was on. `onset_error_s` is
+    from there until the amplifier's monitor showed voltage.
     """
 
     first_touch_s: float | None
     first_sliding_s: float | None
     output_on_s: float | None
     onset_s: float | None
+    onset_error_s: float | None
+
+
+NO_ONSET = Onsets(None, None, None, None, None)
 
 
 def onsets(samples: NDArray[np.void]) -> Onsets:
     """Of the samples of one interval, of dtype SAMPLE [n]."""
     touching, on = samples["in_contact"] == 1, samples["output_on"] == 1
     moves = slides(samples)
+    onset_s = _first_s(samples, moves & on)
+    shown = moves & on & (samples["monitor_voltage_v"] > EDGE_V)
+    shown_s = _first_s(samples, shown)
     return Onsets(
         _first_s(samples, touching),
         _first_s(samples, moves),
         _first_s(samples, on),
-        _first_s(samples, moves & on),
+        onset_s,
+        None if onset_s is None or shown_s is None else shown_s - onset_s,
     )
 
 

@@ -230,7 +230,8 @@ def _presented(
         answered_s = time.monotonic()
         said = {"trial": trial.number, "answer": answer + 1, "response": experiment.answers[answer]}
         apparatus.mark("answered", said)
-    response_time_s = answered_s - (asked_s if apparatus.onset_s is None else apparatus.onset_s)
+    onset_s, onset_error_s = apparatus.onset.onset_s, apparatus.onset.onset_error_s
+    response_time_s = answered_s - (asked_s if onset_s is None else onset_s)
     intervals = file.trial.intervals
     correct = correct_answer(trial, answer, intervals)
     if correct is not None and (file.response.feedback or trial.practice):
@@ -248,6 +249,7 @@ def _presented(
         positive_answer(trial, answer, intervals),
         correct,
         response_time_s,
+        math.nan if onset_error_s is None else onset_error_s,
         not why_not,
         why_not,
         began_s,

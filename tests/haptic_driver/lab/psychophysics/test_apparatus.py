@@ -58,7 +58,7 @@ def test_each_interval_is_told_and_marked_at_both_ends_and_ends_off(tmp_path):
     assert (round(first.felt_cof, 6), round(second.felt_cof, 6)) == (0.55, 0.66)
     assert client.marked["interval 2 begins"] == {"interval": 2, "of": 2, "sound": False}
     when = client.marked["interval 2 ends"]
-    assert when["onset_s"] == when["first_touch_s"] == apparatus.onset_s
+    assert when["onset_s"] == when["first_touch_s"] == apparatus.onset.onset_s
 
 
 def test_the_only_interval_has_no_number_and_sounds_where_the_file_says_so(tmp_path):

@@ -5,8 +5,8 @@ import pytest
 
 from haptic_driver.lab.psychophysics.apparatus import _halves
 from haptic_driver.lab.psychophysics.delivery import (
+    NO_ONSET,
     Delivered,
-    Onsets,
     felt,
     onsets,
     strokes,
@@ -141,13 +141,17 @@ def test_an_interval_can_be_felt_once_the_finger_slides_and_the_output_is_on():
     samples["in_contact"][:100] = 0
     samples["speed_m_s"][:150] = 0.0
     samples["output_on"][120:] = 1
+    samples["monitor_voltage_v"] = np.nan
     times_s = (100.1, 100.15, 100.12, 100.15)
-    assert onsets(samples) == pytest.approx(Onsets(*times_s))
+    assert onsets(samples)[:4] == pytest.approx(times_s)
+    assert onsets(samples).onset_error_s is None
+    samples["monitor_voltage_v"] = np.where(np.arange(1000) < 173, 0.2, 80.0)
+    assert onsets(samples).onset_error_s == pytest.approx(0.023)
     samples["output_on"][:300] = 0
     assert onsets(samples).onset_s == pytest.approx(100.3)
     samples["output_on"] = 0
-    assert onsets(samples)[2:] == (None, None)
-    assert onsets(samples[:50]) == Onsets(None, None, None, None)
+    assert onsets(samples)[2:] == (None, None, None)
+    assert onsets(samples[:50]) == NO_ONSET
 
 
 def test_two_regions_are_a_profile_that_changes_in_the_middle(tmp_path):

@@ -19,7 +19,7 @@ from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.lab.psychophysics.analysis import analyse
 from haptic_driver.lab.psychophysics.apparatus import AssumedApparatus
 from haptic_driver.lab.psychophysics.data import COLUMNS, SessionFiles, label_of
-from haptic_driver.lab.psychophysics.delivery import Delivered
+from haptic_driver.lab.psychophysics.delivery import NO_ONSET, Delivered
 from haptic_driver.lab.psychophysics.description import Stimulus, load_experiment
 from haptic_driver.lab.psychophysics.functions import Psychometric
 from haptic_driver.lab.psychophysics.rehearsal import pretended, reached, try_design
@@ -412,7 +412,7 @@ def test_results_of_an_experiment_with_a_free_name_are_found_again(tmp_path):
 class Heard(AssumedApparatus):
     """Keeps what is marked; the last interval could be felt from 90 s on."""
 
-    onset_s = 90.0
+    onset = NO_ONSET._replace(onset_s=90.0, onset_error_s=0.012)
 
     def __init__(self):
         self.marked = []
@@ -430,8 +430,23 @@ def test_response_time_counts_from_when_the_last_interval_could_be_felt(tmp_path
     experiment, apparatus = made(tmp_path), Heard()
     somebody = AnsweredByMarker(Psychometric("weibull", 0.1, 3.0, 0.5))
     files, _ = session_of(experiment, tmp_path / "out", somebody, apparatus)
-    assert {row.response_time_s for row in files.rows()} == {2.5}
+    assert {(row.response_time_s, row.onset_error_s) for row in files.rows()} == {(2.5, 0.012)}
     assert "answered" not in [label for label, _ in apparatus.marked]  # its marker is there
+
+
+def test_a_table_of_an_earlier_version_goes_on_with_its_own_columns(tmp_path):
+    experiment, apparatus = made(tmp_path), Heard()
+    files, _ = session_of(experiment, tmp_path / "out", apparatus=apparatus)
+    first, rows = (
+        files.rows()[0],
+        [line.split("\t") for line in files.table.read_text().split("\n")],
+    )
+    later = rows[0].index("onset_error_s")
+    older = ["\t".join([*row[:later], *row[later + 1 :]]) for row in rows]
+    files.table.write_text("\n".join(older))
+    files.append(first)
+    assert len({line.count("\t") for line in files.table.read_text().splitlines()}) == 1
+    assert files.rows()[-1].cells() == first.cells() | {"onset_error_s": "n/a"}
 
 
 def test_who_answers_without_a_marker_is_marked_with_the_answers_number(tmp_path):
