@@ -81,7 +81,7 @@ def _moved(daemon: HapticClient, socket: Path, empty: Path) -> Iterator[Claim]:
     yield Claim("a whole tick by an envelope meanwhile, median, 99 % and longest", told)
 
 
-def _objects() -> Iterator[dict[str, Any]]:
+def objects() -> Iterator[dict[str, Any]]:
     yield {"do": "background", "cof": 0.6}
     for k in range(OBJECTS):
         shape = {"kind": "rectangle", "width_mm": 6.0, "height_mm": 4.0, "radius_mm": 1.0}
@@ -91,6 +91,14 @@ def _objects() -> Iterator[dict[str, Any]]:
         x_mm, y_mm = _place(k, 0.0)
         said = {"shape": shape, "origin_mm": [x_mm, y_mm], "soft_edge_mm": 0.5}
         yield {"do": "add", "id": f"object {k}", **said, **made}
+
+
+def moved(time_s: float) -> list[dict[str, Any]]:
+    """The changes that bring all objects to where they are then."""
+    places = ((k, *_place(k, time_s)) for k in range(OBJECTS))
+    return [
+        {"do": "move", "id": f"object {k}", "x_mm": x_mm, "y_mm": y_mm} for k, x_mm, y_mm in places
+    ]
 
 
 def _place(k: int, time_s: float) -> tuple[float, float]:
@@ -104,16 +112,11 @@ def main(socket: str) -> None:
     took_s: list[float] = []
     with HapticClient(socket) as client, client.channel() as channel:
         channel.arm(60.0)
-        channel.scene.change([*_objects()])
+        channel.scene.change([*objects()])
         print("begun", flush=True)
         start_s = time.monotonic()
         while (now_s := time.monotonic()) < start_s + SECONDS:
-            places = ((k, *_place(k, now_s)) for k in range(OBJECTS))
-            changes = [
-                {"do": "move", "id": f"object {k}", "x_mm": x_mm, "y_mm": y_mm}
-                for k, x_mm, y_mm in places
-            ]
-            channel.scene.change(changes)
+            channel.scene.change(moved(now_s))
             took_s.append(time.monotonic() - now_s)
             time.sleep(max(start_s + len(took_s) / RATE_HZ - time.monotonic(), 0.0))
         seconds = time.monotonic() - start_s
