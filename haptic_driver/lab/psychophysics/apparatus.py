@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from haptic_driver.client import new_samples
 from haptic_driver.config import texture_dirs
+from haptic_driver.daemon.messages import LoadPhase
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.files import write_text
 from haptic_driver.lab.psychophysics.delivery import (
@@ -26,6 +27,7 @@ from haptic_driver.lab.psychophysics.delivery import (
     strokes,
 )
 from haptic_driver.lab.psychophysics.description import Experiment, Stimulus, TrialSettings
+from haptic_driver.rig.load_loop import SETTLED_SHARE
 from haptic_driver.textures.description import FINEST_MM
 from haptic_driver.textures.library import load
 from model.support.errors import nearest
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
 
 SILENT_S = 3.0  # without a new sample the daemon has stopped
+PRESSED_S = 60.0  # a stage that takes longer to hold a load has stopped
+POLL_S = 0.05
 SCREEN_MM = 2000.0  # larger than any screen
 
 
@@ -109,6 +113,9 @@ class DaemonApparatus:
         self, stimulus: Stimulus, settings: TrialSettings, number: int, count: int
     ) -> NDArray[np.void]:
         """Present one of `count`, say so, and mark its ends; its samples."""
+        if settings.load_n is not None:
+            self._tell("the stage presses …")
+            self._press(settings.load_n)
         which: dict[str, Any] = {"interval": number, "of": count, "sound": settings.sound}
         began_s = self.mark(f"interval {number} begins", which)
         self._begin(stimulus)
@@ -120,6 +127,26 @@ class DaemonApparatus:
         self.mark(f"interval {number} ends", which | {"began_s": began_s} | when._asdict())
         self.onset = when
         return samples
+
+    def _press(self, load_n: float) -> None:
+        """Have the load stage hold a load, which it lets go at the interval's end with the output.
+
+        HapticError where it does not come to hold it.
+        """
+        said, until_s = str(self._session.hold_load(load_n).load), time.monotonic() + PRESSED_S
+        while time.monotonic() < until_s:
+            load = self._client.status().load
+            if load is None or load.target_n != load_n:
+                break
+            said = str(load)
+            settled = (
+                load.load_n is not None and abs(load.load_n - load_n) <= SETTLED_SHARE * load_n
+            )
+            if settled and load.phase is LoadPhase.HOLD:
+                return
+            time.sleep(POLL_S)
+        hint = "Look at haptic status; try the same load by haptic load hold"
+        raise HapticError("load_let_go", f"{load_n:g} N was not held: {said}", hint)
 
     def _begin(self, stimulus: Stimulus) -> None:
         """What is out of reach is presented as near as can be, and reported by its measured

@@ -256,6 +256,9 @@ class TrialSettings(Section):
     pause_s: Annotated[FiniteFloat, Field(ge=0.0, le=60.0)] = Field(
         default=0.5, description="between intervals, with the output off"
     )
+    load_n: Annotated[FiniteFloat, Field(ge=0.01, le=10.0)] | None = Field(
+        default=None, description="the load stage presses anew for each interval, and holds this"
+    )
     sound: bool = Field(
         default=False,
         description=(

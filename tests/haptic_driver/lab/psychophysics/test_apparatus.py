@@ -3,7 +3,10 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from haptic_driver.daemon.messages import LoadPhase, LoadStatus
+from haptic_driver.errors import HapticError
 from haptic_driver.lab.psychophysics.apparatus import DaemonApparatus
 from haptic_driver.lab.psychophysics.description import Stimulus, TrialSettings
 from haptic_driver.processes.samples import SAMPLE
@@ -59,6 +62,35 @@ def test_each_interval_is_told_and_marked_at_both_ends_and_ends_off(tmp_path):
     assert client.marked["interval 2 begins"] == {"interval": 2, "of": 2, "sound": False}
     when = client.marked["interval 2 ends"]
     assert when["onset_s"] == when["first_touch_s"] == apparatus.onset.onset_s
+
+
+def test_the_stage_presses_anew_in_each_interval_before_that_begins(tmp_path):
+    """It comes to hold the load at the third look; at the end it does no more."""
+    client, looks = Client(), []
+
+    def status():
+        looks.append(client.done[-1])
+        settling = len(looks) % 5 in (1, 2)
+        held = LoadStatus(
+            phase=LoadPhase.APPROACH if settling else LoadPhase.HOLD,
+            target_n=0.4 if len(looks) <= 10 else None,
+            load_n=0.05 if settling else 0.41,
+            depth_m=0.0,
+        )
+        return SimpleNamespace(state="rendering", fault=None, load=held)
+
+    client.status = status
+    client.hold_load = lambda newtons: client.done.append(("hold", newtons)) or status()
+    apparatus = DaemonApparatus(client, client, tmp_path)
+    settings = TrialSettings(duration_s=0.4, pause_s=0.0, load_n=0.4)
+    apparatus.present([Stimulus(0.55), Stimulus(0.66)], settings, settle_s=0.1)
+    one = [("hold", 0.4), "interval 1 begins", 0.55, "off", "interval 1 ends"]
+    assert client.done[:5] == one
+    assert client.done[5] == ("hold", 0.4)
+    assert looks[:3] == [("hold", 0.4)] * 3
+    with pytest.raises(HapticError, match="N was not held") as caught:
+        apparatus.present([Stimulus(0.55)], settings, settle_s=0.1)
+    assert caught.value.code == "load_let_go"
 
 
 def test_the_only_interval_has_no_number_and_sounds_where_the_file_says_so(tmp_path):
