@@ -20,6 +20,7 @@ from benchmarks import (
     published_algorithm,
     scene,
     sensing,
+    shares,
     start_up,
     surface_build,
     surface_lookup,
@@ -44,6 +45,7 @@ PARTS = (
     placement,
     tick_lateness,
     scene,
+    shares,
     daemon_fidelity,
     event_line,
 )
