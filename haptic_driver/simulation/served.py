@@ -48,7 +48,7 @@ from haptic_driver.simulation.twin import pressing, reached
 from haptic_driver.simulation.world import World
 from hw.amplifier.served_lines import LinesServer
 from hw.analog.simulated_output import CardMemory
-from hw.finger.simulated_touch_screen import PANEL, SimulatedTouchScreen
+from hw.finger.simulated_touch_screen import PANEL, TOUCH_N, SimulatedTouchScreen
 from hw.generator.analog_carrier.simulator import SimulatedCarrier
 from hw.monitor.simulated import ElectrodeState
 from hw.safety.simulated_interlock import SimulatedInterlock
@@ -64,7 +64,6 @@ STEP_S = 0.001
 PARTS = 2  # of a step: what an envelope does within it is felt at its end
 ROUNDING = 1e-3  # of a step
 MOST_STEPS = 50  # at once; a machine that is slower than the simulation would never catch up
-TOUCH_N = 0.02  # from this force on the screen feels the finger
 SINE = 5  # numbers of a condition without bias and waveform
 
 

@@ -43,7 +43,8 @@ Coefficients = Annotated[
     Field(min_length=1, max_length=100),
 ]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
-Gain = Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
+GAINS = (0.0, 20.0)  # by which what was recorded may be multiplied
+Gain = Annotated[float, Field(ge=GAINS[0], le=GAINS[1], allow_inf_nan=False)]
 
 
 _FOR_BOTH_AXES = BeforeValidator(

@@ -14,10 +14,10 @@ from model.diagnosis.hypotheses import Candidate
 from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import shared_std
 from model.diagnosis.priors import NONE, SURE, UNKNOWN, words
-from model.diagnosis.smooth import LOG_INPUTS
 from model.diagnosis.where import Region
 from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
+from model.effects.learned import LOG_INPUTS
 from model.reporting.bode import spectrum
 from model.support.arrays import Array, Mask
 
