@@ -25,6 +25,7 @@ PANELS = {
     "Record and experiment": {
         "export": "Write recordings or strokes as tables.",
         "fidelity": "Compare felt with asked friction.",
+        "scene replay": "Make the scene of a recording again.",
         "experiment": "Run psychophysical experiments, and fit the answers.",
     },
     "When friction is not as the model says": {
