@@ -1,4 +1,4 @@
-"""Scenes of a recording made again, from its events, as `haptic_driver.recording.scenes` has them."""
+"""Scenes of a recording made again from its events, which `recording.scenes` describes."""
 
 from __future__ import annotations
 
