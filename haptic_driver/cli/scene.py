@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -80,9 +81,12 @@ def add(
     if len(where) != 1:
         said = f"{name}: {len(where)} shapes are given"
         raise BadInputError("bad_shape", said, "Give one, such as --circle 30 20 8")
-    changes = Together()
-    changes.add(name, where[0], made, turn_deg, order, soft_edge, fit=fit)
-    _ask(changes, socket, as_json, nearest=nearest)
+    _ask(
+        lambda scene: scene.add(name, where[0], made, turn_deg, order, soft_edge, fit=fit),
+        socket,
+        as_json,
+        nearest=nearest,
+    )
 
 
 @app.command()
@@ -97,9 +101,7 @@ def move(
 
     Example: `haptic scene move key 40 20`
     """
-    changes = Together()
-    changes.move(name, x_mm, y_mm)
-    _ask(changes, socket, as_json)
+    _ask(lambda scene: scene.move(name, x_mm, y_mm), socket, as_json)
 
 
 @app.command()
@@ -113,9 +115,7 @@ def turn(
 
     Example: `haptic scene turn key 45`
     """
-    changes = Together()
-    changes.turn(name, rotation_deg)
-    _ask(changes, socket, as_json)
+    _ask(lambda scene: scene.turn(name, rotation_deg), socket, as_json)
 
 
 @app.command("set")
@@ -135,10 +135,13 @@ def set_(
 
     Example: `haptic scene set key --of 0.7 --soft-edge 1`
     """
-    changes = Together()
     made = None if made_of is None else _made(made_of)
-    changes.set(name, made, None, order, soft_edge, enabled)
-    _ask(changes, socket, as_json, nearest=nearest)
+    _ask(
+        lambda scene: scene.set(name, made, None, order, soft_edge, enabled),
+        socket,
+        as_json,
+        nearest=nearest,
+    )
 
 
 @app.command()
@@ -147,9 +150,7 @@ def remove(name: Id, socket: SocketOption = None, as_json: Json = False) -> None
 
     Example: `haptic scene remove key`
     """
-    changes = Together()
-    changes.remove(name)
-    _ask(changes, socket, as_json)
+    _ask(lambda scene: scene.remove(name), socket, as_json)
 
 
 @app.command()
@@ -158,9 +159,7 @@ def clear(socket: SocketOption = None, as_json: Json = False) -> None:
 
     Example: `haptic scene clear`
     """
-    changes = Together()
-    changes.clear()
-    _ask(changes, socket, as_json)
+    _ask(lambda scene: scene.clear(), socket, as_json)
 
 
 @app.command()
@@ -174,9 +173,12 @@ def background(
 
     Example: `haptic scene background 0.55`
     """
-    changes = Together()
-    changes.background(None if made_of is None else _made(made_of))
-    _ask(changes, socket, as_json, nearest=nearest)
+    _ask(
+        lambda scene: scene.background(None if made_of is None else _made(made_of)),
+        socket,
+        as_json,
+        nearest=nearest,
+    )
 
 
 @app.command()
@@ -190,12 +192,11 @@ def change(
 
     Example: `haptic scene change moves.json`
     """
-    changes = Together()
     try:
-        changes.kept = json.loads(file.read_text(encoding="utf-8"))
+        said = json.loads(file.read_text(encoding="utf-8"))
     except ValueError as error:
         raise BadInputError("bad_request", f"{file}: {error}", "Give a list as JSON") from None
-    _ask(changes, socket, as_json, nearest=nearest)
+    _ask(lambda scene: setattr(scene, "kept", said), socket, as_json, nearest=nearest)
 
 
 @app.command("show")
@@ -230,9 +231,17 @@ def list_objects(socket: SocketOption = None, as_json: Json = False) -> None:
     report(as_json, shown.model_dump(mode="json"), lines)
 
 
-def _ask(changes: Together, socket: str | None, as_json: bool, *, nearest: bool = False) -> None:
+def _ask(
+    change: Callable[[Together], object],
+    socket: str | None,
+    as_json: bool,
+    *,
+    nearest: bool = False,
+) -> None:
+    scene = Together()
+    change(scene)
     with client_of(socket) as client:
-        said = {"changes": changes.kept, "nearest": nearest}
+        said = {"changes": scene.kept, "nearest": nearest}
         answer = client.ask(Verbs.change_scene, said, lease_token(client.address))
     show(as_json, answer)
 
