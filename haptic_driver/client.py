@@ -203,9 +203,12 @@ class HapticClient(Verbs):
 
         where, headers = f"ws://{self.address.authority}{path}", self._credentials
         try:
-            return connect(where, sock=self._line(None), additional_headers=headers, **options)
+            line: ClientConnection = connect(
+                where, sock=self._line(None), additional_headers=headers, **options
+            )
         except (OSError, WebSocketException) as error:
             raise self._no_daemon() from error
+        return line
 
     @property
     def _credentials(self) -> dict[str, str]:
