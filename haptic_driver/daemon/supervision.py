@@ -49,10 +49,8 @@ SENSOR_RETRY_S = 0.02
 # so long: a silent render is started anew; sensors that fail or an unknown output: all connected
 # anew
 LOST_S = 2.0
-RETRY_S, MOST_RETRY_S = (
-    1.0,
-    30.0,
-)  # between attempts at that: twice as long each time, up to the most
+# between attempts at that: twice as long each time, up to the most
+RETRY_S, MOST_RETRY_S = 1.0, 30.0
 SILENCE_POLL_S = 0.005
 
 RENDER, INSTRUMENTS, ENVELOPE, WATCHDOG = "render", "instruments", "envelope", "watchdog"
