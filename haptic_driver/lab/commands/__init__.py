@@ -19,6 +19,7 @@ PANELS = {
         "safety": "Write a rig's inspection report.",
         "datasheet": "Measure a rig, and write its data sheet of one page.",
         "calibrate-touch": "Calibrate a rig's touch screen.",
+        "load tune": "Find the finger's stiffness.",
         "texture import": "Make a texture of what was measured elsewhere.",
         "texture from-image": "Make a texture of a picture.",
     },
