@@ -4,7 +4,8 @@ ENABLE 0|1, ENABLE?   the enable line       0 or 1, its level
 VOLTAGE?              the voltage monitor   V at its output
 ELECTRODE? f          an electrode monitor  at f Hz: real, imaginary part and 1 sigma of the
                       voltage, V, and of the current, A
-WORD x                a change of what is simulated, by whoever serves the lines
+
+Whoever serves the lines may know more words, each with a number: changes of what is simulated.
 """
 
 from __future__ import annotations
