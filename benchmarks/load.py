@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.claim import Claim
+from haptic_driver.lab.load_tuning import tune
 from haptic_driver.rig.load_controller import LoadSettings
-from haptic_driver.rig.load_tuning import tune
 from hw.finger.body import FingerBody, PowerLaw
 from tests.haptic_driver.rig.load_rig import DT_S, Finger, Score, score, slow_part
 

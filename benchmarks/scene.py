@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.claim import Claim
 from haptic_driver.client import HapticClient, new_samples
-from haptic_driver.daemon.set_up import PERIOD_S
+from haptic_driver.signals import TICK_S
 
 OBJECTS, RATE_HZ, SECONDS = 200, 60.0, 20.0
 SILENT_S = 10.0  # so long without a tick: the daemon has ended
@@ -45,7 +45,7 @@ def run() -> Iterator[Claim]:
 
 
 def _moved(daemon: HapticClient, socket: Path, empty: Path) -> Iterator[Claim]:
-    loop_words = [str(round(SECONDS / PERIOD_S)), str(PERIOD_S), str(empty)]
+    loop_words = [str(round(SECONDS / TICK_S)), str(TICK_S), str(empty)]
     client = [sys.executable, "-m", "benchmarks.scene", str(socket)]
     parts = []
     with (
@@ -62,7 +62,7 @@ def _moved(daemon: HapticClient, socket: Path, empty: Path) -> Iterator[Claim]:
         after, said = daemon.status(), json.loads(mover.stdout.read())
     samples, missed = np.concatenate(parts), after.overruns - before.overruns
     late_s, _ = np.load(empty).T
-    by_machine = int(np.sum(late_s // PERIOD_S))
+    by_machine = int(np.sum(late_s // TICK_S))
     share = said["sent"] / (RATE_HZ * said["seconds"])
     yield Claim(
         f"{OBJECTS} objects moved {RATE_HZ:.0f} times a second by a client: changes made",

@@ -28,10 +28,10 @@ from benchmarks.reference import RECORDS
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.run import PAGE_FOLDER
-from haptic_driver.daemon.set_up import PERIOD_S, daemon_settings
+from haptic_driver.daemon.set_up import daemon_settings
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.processes.real_time import SWITCH_INTERVAL_S
-from haptic_driver.signals import Array
+from haptic_driver.signals import TICK_S, Array
 
 UNLOADED_S, LOADED_S = 10.0, 45.0
 MARGIN_S = 5.0  # by which the load outlasts what is measured
@@ -94,7 +94,7 @@ def _watched_beside(daemon: Daemon, token: str, seconds: float) -> tuple[np.ndar
     """The samples of so long, and an empty loop at the same time."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "empty.npy")
-        words = [str(round(seconds / PERIOD_S)), str(PERIOD_S), str(path)]
+        words = [str(round(seconds / TICK_S)), str(TICK_S), str(path)]
         with subprocess.Popen([sys.executable, "-m", "benchmarks.empty_loop", *words]) as loop:
             samples = _watched(daemon, token, seconds)
             loop.wait()
@@ -192,7 +192,7 @@ def _set_to_output(how: str, daemon: Daemon, token: str, record: Path) -> Iterat
     rounds = [_acted(daemon, token, record, k) for k in range(ROUNDS)]
     seen = [each for each in rounds if each is not None]
     median = Acted(*map(statistics.median, zip(*seen, strict=True)))
-    periods = median.waited_s / PERIOD_S
+    periods = median.waited_s / TICK_S
     yield Claim(
         f"{how}: from a new target to the tick that decides by it, median of {len(seen)}",
         f"{periods:.2f} periods",
@@ -272,7 +272,7 @@ def _refits() -> Iterator[Claim]:
         for on in TURNS:
             daemon.adapt(on)
             samples, empty = _watched_beside(daemon, lease.token, TURN_S)
-            late[on].append(float(np.mean(samples["lateness_s"] > LATE * PERIOD_S)))
+            late[on].append(float(np.mean(samples["lateness_s"] > LATE * TICK_S)))
             if on:
                 ours_s.append(samples["lateness_s"])
                 theirs_s.append(empty.late_s)

@@ -22,7 +22,7 @@ from haptic_driver.lookup.models import load_model
 from haptic_driver.render.texture import Uniform
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
-from haptic_driver.rig.slide import TICK_S
+from haptic_driver.signals import TICK_S
 from haptic_driver.simulation.finger_model import surface_friction
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.textures.library import load_texture

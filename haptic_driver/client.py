@@ -125,20 +125,7 @@ class HapticClient(Verbs):
 
         That lease is renewed by whatever is asked, and ends with the block or with this program.
         """
-        from websockets.exceptions import WebSocketException  # noqa: PLC0415
-        from websockets.sync.client import connect  # noqa: PLC0415
-
-        try:
-            line = connect(
-                f"ws://{self.address.authority}/commands",
-                sock=self._line(None),
-                additional_headers=self._credentials,
-                compression=None,
-                max_size=None,
-            )
-        except (OSError, WebSocketException) as error:
-            raise self._no_daemon() from error
-        with line:
+        with self._connected("/commands", compression=None, max_size=None) as line:
             yield Channel(line, self)
 
     def textures(self) -> list[str]:
@@ -200,19 +187,28 @@ class HapticClient(Verbs):
 
     def _stream(self, path: str, schema: type[Schema]) -> Generator[Schema, None, None]:
         from websockets.exceptions import ConnectionClosed, WebSocketException  # noqa: PLC0415
-        from websockets.sync.client import connect  # noqa: PLC0415
 
-        try:
-            where = f"ws://{self.address.authority}{path}"
-            with connect(
-                where, sock=self._line(None), additional_headers=self._credentials
-            ) as messages:
+        with self._connected(path) as messages:
+            try:
                 while True:
                     yield _understood(schema, messages.recv())
-        except ConnectionClosed:
-            return
+            except ConnectionClosed:
+                return
+            except (OSError, WebSocketException) as error:
+                raise self._no_daemon() from error
+
+    def _connected(self, path: str, **options: Any) -> ClientConnection:
+        from websockets.exceptions import WebSocketException  # noqa: PLC0415
+        from websockets.sync.client import connect  # noqa: PLC0415
+
+        where, headers = f"ws://{self.address.authority}{path}", self._credentials
+        try:
+            line: ClientConnection = connect(
+                where, sock=self._line(None), additional_headers=headers, **options
+            )
         except (OSError, WebSocketException) as error:
             raise self._no_daemon() from error
+        return line
 
     @property
     def _credentials(self) -> dict[str, str]:

@@ -16,6 +16,8 @@ from model.support.cells import written_cells
 from model.support.errors import ModelError
 from model.support.reading import as_text, read_bytes
 
+LONGEST_NAME_BYTES = 240  # file systems allow 255, what stands beside it or behind it included
+
 
 @contextmanager
 def bad_input(code: str) -> Iterator[None]:

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Mask = NDArray[np.bool_]
 
+TICK_S = 0.001
 WITHIN = 0.05  # of the friction asked for: what counts as rendered
 SLIDING_M_S = 0.002  # below, a finger rests and kinetic friction is not defined
 SETTLED_M = 0.0003  # of a stroke: before, the skin still stretches, and friction has not come up

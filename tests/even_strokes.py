@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_driver.rig.slide import COLUMNS, TICK_S, Slide
-from haptic_driver.signals import Array
+from haptic_driver.rig.slide import COLUMNS, Slide
+from haptic_driver.signals import TICK_S, Array
 
 
 def even_strokes(speed_m_s: float, touches: int = 2) -> Slide:

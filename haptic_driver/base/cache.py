@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
 import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 def cache_dir() -> Path:
@@ -34,3 +38,26 @@ def code_cache() -> Path:
     except OSError:
         pass
     return Path(tempfile.mkdtemp(prefix="haptic-kernels-"))
+
+
+class CodeFolder:
+    """Where numba keeps the machine code of kernels, by the hash of all their sources.
+
+    numba's own cache notices a change in the file of a kernel, not in the kernels, constants and
+    records that it uses from other files. Here no stale machine code runs, whatever is edited.
+    """
+
+    def __init__(self, sources: Iterable[Path]) -> None:
+        digest = hashlib.sha256()
+        for path in sources:
+            digest.update(path.read_bytes())
+        self._path = str(code_cache() / digest.hexdigest()[:16])
+
+    @contextmanager
+    def of(self, config: Any) -> Iterator[None]:
+        """Meanwhile what is compiled is kept here; `config` is numba's."""
+        before, config.CACHE_DIR = config.CACHE_DIR, self._path
+        try:
+            yield
+        finally:
+            config.CACHE_DIR = before

@@ -8,7 +8,7 @@ JSON object or text goes to stdout, errors go to stderr.
 One rule holds: every failure becomes a message and an exit status (`main.py`).
 """
 
-__all__ = ["control", "daemon", "main", "output", "texture"]
+__all__ = ["control", "daemon", "load", "main", "output", "texture"]
 
 import os
 

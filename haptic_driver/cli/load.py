@@ -1,13 +1,11 @@
-"""`haptic load`: a load stage holds a finger's load, and finds the finger's stiffness."""
+"""`haptic load`: a load stage holds a finger's load."""
 
 from __future__ import annotations
 
-import datetime
 import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -17,7 +15,6 @@ from haptic_driver.cli import control, load_by_daemon
 from haptic_driver.cli.daemon import SocketOption
 from haptic_driver.cli.output import (
     Json,
-    RigOption,
     confirm_attended,
     named,
     report,
@@ -26,13 +23,11 @@ from haptic_driver.cli.output import (
     stdout,
 )
 from haptic_driver.daemon.verbs import Verbs
-from haptic_driver.errors import BadInputError, HapticError, require_range
+from haptic_driver.errors import HapticError, require_range
 from haptic_driver.lookup.models import load_model
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.devices import LoadDevices, connect_load
-from haptic_driver.rig.load_gains import LoadGains
 from haptic_driver.rig.load_loop import LoadLoop, make_clear
-from haptic_driver.rig.load_tuning import tune as tuned
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.simulation.rig import SimulatedRig
 from model.touch_model import TouchModel
@@ -77,7 +72,7 @@ def hold(
         held = load_by_daemon.hold(client, newtons, seconds)
         report(as_json, held, lambda: _said(newtons, held["mean_load_n"]))
         return
-    with _pressed(config, newtons, yes, in_real_time=seconds is None) as loop:
+    with pressed(config, newtons, yes, in_real_time=seconds is None) as loop:
         where = " on a simulated finger, without a daemon" if config.simulated else ""
         stderr.print(f"holding {newtons:g} N{where}; Ctrl-C lets go")
         mean_n, depth_m = loop.average(LONGEST_S if seconds is None else seconds)
@@ -95,52 +90,8 @@ def _said(newtons: float, mean_n: float) -> None:
 app.command("release")(control.command_of(Verbs.release_load))
 
 
-@app.command()
-def tune(
-    by: Annotated[str, Option(help="Who tunes; it is written beside the figures.")],
-    newtons: Annotated[float, Option(help="Load at which to tune, N.")] = 0.5,
-    rig: RigOption = "simulated-paper",
-    out: Annotated[
-        Path | None, Option(help="File to write; the rig's gains_file if left out.")
-    ] = None,
-    yes: Yes = False,
-    as_json: Json = False,
-) -> None:
-    """Find the finger's stiffness by steps of a tenth of a held load, and write it down.
-
-    `haptic load hold` and `haptic measure` take it from the file that `load_stage.gains_file`
-    names.
-
-    Example: `haptic load tune --rig simulated-paper --by 'A. Smith' --out load_gains.toml`
-    """
-    if not by.strip():
-        raise BadInputError("usage", "--by is empty", "Say who tunes")
-    config = load_rig(rig)
-    section = config.load_stage
-    named = section.gains_file if isinstance(section, LoadStageSection) else ""
-    path = out or (Path(named) if named else None)
-    with _pressed(config, newtons, yes) as loop:
-        found = tuned(loop)
-    gains = LoadGains(**found._asdict(), tuned_by=by.strip(), tuned_at=datetime.date.today())
-    if path is not None:
-        gains.write(path)
-    said = {**gains.model_dump(mode="json"), "out": None if path is None else str(path)}
-    report(as_json, said, lambda: _show(gains, path))
-
-
-def _show(gains: LoadGains, path: Path | None) -> None:
-    found = f"{gains.stiffness_n_per_m:.3g} N/m, the steps differ by {gains.spread_n_per_m:.2g} N/m"
-    stdout.print(f"stiffness at 0.5 N: {found} (1 sigma)")
-    if path is None:
-        stdout.print(
-            "not written down: give --out, or name load_stage.gains_file in the rig's file"
-        )
-    else:
-        stdout.print(f"-> {path}; used where load_stage.gains_file names it")
-
-
 @contextmanager
-def _pressed(
+def pressed(
     config: RigConfig, newtons: float, yes: bool, in_real_time: bool = False
 ) -> Iterator[LoadLoop]:
     """The loop of a rig's load stage at its load; it lets go at the end, whatever ends it."""

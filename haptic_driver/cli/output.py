@@ -8,7 +8,6 @@ markup. Emphasis is a `Text`.
 from __future__ import annotations
 
 import json
-import math
 import os
 import signal
 import sys
@@ -34,6 +33,7 @@ from rich.segment import Segment
 from rich.text import Text
 from typer import Option
 
+from haptic_driver.base.strict_json import finite
 from haptic_driver.config import config_names
 from haptic_driver.errors import BadInputError, HapticError, shown
 
@@ -79,7 +79,7 @@ def report(as_json: bool, payload: dict[str, Any], show: Callable[[], None]) -> 
 
     Where standard output takes none of it, that is said, and what was done stays done.
     """
-    text = json.dumps(_finite(payload), allow_nan=False) + "\n" if as_json else ""
+    text = json.dumps(finite(payload), allow_nan=False) + "\n" if as_json else ""
     try:
         if as_json:
             sys.stdout.write(text)
@@ -267,11 +267,3 @@ def compiling() -> Iterator[None]:
 
     with compilation(tell):
         yield
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,10 +1,11 @@
-"""`haptic scene`: objects on the screen of the daemon that is armed, and those of a recording."""
+"""`haptic scene`: objects on the screen of the daemon that is armed."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, TypeAlias
 
 import typer
 from typer import Argument, Option
@@ -24,7 +25,6 @@ from haptic_driver.daemon.scene import (
 )
 from haptic_driver.daemon.verbs import Verbs
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import require_free, write_text
 from haptic_driver.textures.objects import Fit
 
 app = typer.Typer(no_args_is_help=True)
@@ -81,9 +81,12 @@ def add(
     if len(where) != 1:
         said = f"{name}: {len(where)} shapes are given"
         raise BadInputError("bad_shape", said, "Give one, such as --circle 30 20 8")
-    changes = Together()
-    changes.add(name, where[0], made, turn_deg, order, soft_edge, fit=fit)
-    _ask(changes, socket, as_json, nearest=nearest)
+    _ask(
+        lambda scene: scene.add(name, where[0], made, turn_deg, order, soft_edge, fit=fit),
+        socket,
+        as_json,
+        nearest=nearest,
+    )
 
 
 @app.command()
@@ -98,9 +101,7 @@ def move(
 
     Example: `haptic scene move key 40 20`
     """
-    changes = Together()
-    changes.move(name, x_mm, y_mm)
-    _ask(changes, socket, as_json)
+    _ask(lambda scene: scene.move(name, x_mm, y_mm), socket, as_json)
 
 
 @app.command()
@@ -114,9 +115,7 @@ def turn(
 
     Example: `haptic scene turn key 45`
     """
-    changes = Together()
-    changes.turn(name, rotation_deg)
-    _ask(changes, socket, as_json)
+    _ask(lambda scene: scene.turn(name, rotation_deg), socket, as_json)
 
 
 @app.command("set")
@@ -136,10 +135,13 @@ def set_(
 
     Example: `haptic scene set key --of 0.7 --soft-edge 1`
     """
-    changes = Together()
     made = None if made_of is None else _made(made_of)
-    changes.set(name, made, None, order, soft_edge, enabled)
-    _ask(changes, socket, as_json, nearest=nearest)
+    _ask(
+        lambda scene: scene.set(name, made, None, order, soft_edge, enabled),
+        socket,
+        as_json,
+        nearest=nearest,
+    )
 
 
 @app.command()
@@ -148,9 +150,7 @@ def remove(name: Id, socket: SocketOption = None, as_json: Json = False) -> None
 
     Example: `haptic scene remove key`
     """
-    changes = Together()
-    changes.remove(name)
-    _ask(changes, socket, as_json)
+    _ask(lambda scene: scene.remove(name), socket, as_json)
 
 
 @app.command()
@@ -159,9 +159,7 @@ def clear(socket: SocketOption = None, as_json: Json = False) -> None:
 
     Example: `haptic scene clear`
     """
-    changes = Together()
-    changes.clear()
-    _ask(changes, socket, as_json)
+    _ask(lambda scene: scene.clear(), socket, as_json)
 
 
 @app.command()
@@ -175,9 +173,12 @@ def background(
 
     Example: `haptic scene background 0.55`
     """
-    changes = Together()
-    changes.background(None if made_of is None else _made(made_of))
-    _ask(changes, socket, as_json, nearest=nearest)
+    _ask(
+        lambda scene: scene.background(None if made_of is None else _made(made_of)),
+        socket,
+        as_json,
+        nearest=nearest,
+    )
 
 
 @app.command()
@@ -191,12 +192,11 @@ def change(
 
     Example: `haptic scene change moves.json`
     """
-    changes = Together()
     try:
-        changes.kept = json.loads(file.read_text(encoding="utf-8"))
+        said = json.loads(file.read_text(encoding="utf-8"))
     except ValueError as error:
         raise BadInputError("bad_request", f"{file}: {error}", "Give a list as JSON") from None
-    _ask(changes, socket, as_json, nearest=nearest)
+    _ask(lambda scene: setattr(scene, "kept", said), socket, as_json, nearest=nearest)
 
 
 @app.command("show")
@@ -231,77 +231,17 @@ def list_objects(socket: SocketOption = None, as_json: Json = False) -> None:
     report(as_json, shown.model_dump(mode="json"), lines)
 
 
-@app.command()
-def replay(
-    recording: Annotated[Path, Argument(help="Recording, HDF5, made while a scene was rendered.")],
-    out: Annotated[
-        Path, Option(help="Scene as it was: .toml, a picture .png, or friction per tick .csv.")
-    ],
-    at: Annotated[
-        float | None, Option(help="Seconds from the run's first tick; the end by default.")
-    ] = None,
-    run: Annotated[str | None, Option(help="Run, e.g. run_0001; the last one by default.")] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False,
-    as_json: Json = False,
+def _ask(
+    change: Callable[[Together], object],
+    socket: str | None,
+    as_json: bool,
+    *,
+    nearest: bool = False,
 ) -> None:
-    """Make the scene of a recording again as it was at a moment, or what it asked for at each tick.
-
-    Example: `haptic scene replay run.h5 --at 2.5 --out then.toml`
-    """
-    from haptic_driver.recording.read import read_run  # noqa: PLC0415  (slow to import)
-    from haptic_driver.recording.scenes import SceneReplay  # noqa: PLC0415
-
-    require_free(out, force)
-    replayed = SceneReplay(read_run(recording, run))
-    times_s = replayed.run.samples["time_s"]
-    moment_s = float(times_s[-1]) if at is None else float(times_s[0]) + at
-    payload: dict[str, Any] = {
-        "recording": str(recording),
-        "run": replayed.run.name,
-        "changes": len(replayed.moments),
-        "out": str(out),
-        "differing": replayed.differing,
-    }
-    if out.suffix.lower() == ".csv":
-        _write_ticks(replayed, out)
-    else:
-        _write_moment(replayed, moment_s, out)
-
-    def lines() -> None:
-        stdout.print(f"{out}: scene of {payload['run']}, {payload['changes']} changes")
-        for name in replayed.differing:
-            stdout.print(f"  {name} is not what it was when this was recorded")
-
-    report(as_json, payload, lines)
-
-
-def _write_ticks(replayed: Any, out: Path) -> None:
-    import numpy as np  # noqa: PLC0415
-
-    samples = replayed.run.samples
-    columns = [samples["time_s"], samples["asked_cof"], replayed.asked_cof()]
-    names = "time_s,asked_cof,scene_cof"
-    np.savetxt(out, np.column_stack(columns), "%.9g", ",", header=names, comments="")
-
-
-def _write_moment(replayed: Any, moment_s: float, out: Path) -> None:
-    described, scene = replayed.described_at(moment_s), replayed.scene_at(moment_s)
-    if described is None or scene is None:
-        said = "there was no scene at that moment"
-        raise BadInputError("no_scene", said, "Give another --at")
-    if out.suffix.lower() == ".toml":
-        from haptic_driver.textures.toml import scene_toml  # noqa: PLC0415
-
-        write_text(out, scene_toml(described))
-    else:
-        from haptic_driver.pictures.textures import preview  # noqa: PLC0415
-
-        preview(scene, out, f"{replayed.run.name}, as it was")
-
-
-def _ask(changes: Together, socket: str | None, as_json: bool, *, nearest: bool = False) -> None:
+    scene = Together()
+    change(scene)
     with client_of(socket) as client:
-        said = {"changes": changes.kept, "nearest": nearest}
+        said = {"changes": scene.kept, "nearest": nearest}
         answer = client.ask(Verbs.change_scene, said, lease_token(client.address))
     show(as_json, answer)
 

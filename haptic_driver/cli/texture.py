@@ -20,7 +20,7 @@ from haptic_driver.daemon.verbs import Verbs
 from haptic_driver.errors import BadInputError, require_range
 from haptic_driver.pictures import textures as pictures
 from haptic_driver.render.texture import Texture
-from haptic_driver.signals import COURSE_POINTS, NO_COMMAND, FingerState, TargetFriction
+from haptic_driver.signals import COURSE_POINTS, NO_COMMAND, TICK_S, FingerState, TargetFriction
 from haptic_driver.textures.bands import Band, Output, asked, finger_gain, predicted
 from haptic_driver.textures.library import load, nameless_files, texture_names
 from haptic_driver.textures.reach import SCREEN_M, WEBER, Demand, demand
@@ -173,7 +173,6 @@ def _entry(name: str) -> dict[str, Any]:
 def output_of(config: RigConfig) -> Output:
     """How the rig brings out friction: points of an envelope, or set points."""
     from haptic_driver.rig.part import NoPart  # noqa: PLC0415
-    from haptic_driver.rig.slide import TICK_S  # noqa: PLC0415
 
     if isinstance(config.analog_output, NoPart):
         return Output(config.output.setpoint_interval_s, straight=False)

@@ -27,11 +27,10 @@ from haptic_driver.render.compiled import refuse_to_compile
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead, warm_up
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.analog_outputs import SomeAnalogOutput
-from haptic_driver.signals import NO_COURSE, Course
+from haptic_driver.signals import NO_COURSE, TICK_S, Course
 from hw.analog.output import AnalogOutput
 from hw.generator.settings import ModulationInput
 
-PERIOD_S = 0.001
 BEHIND_S = 0.0003  # of a tick: by then render has said what it wants
 BEAT_S = 0.05  # at most so long nothing is said
 
@@ -82,8 +81,8 @@ class EnvelopeLoop:
         Raises DeviceError and HapticError, said in `played`.
         """
         try:
-            waited_s = late_s + missed * PERIOD_S
-            self._lead.notice(now_s, max(waited_s, self._writer.drained_s - PERIOD_S))
+            waited_s = late_s + missed * TICK_S
+            self._lead.notice(now_s, max(waited_s, self._writer.drained_s - TICK_S))
             driven, output = self._shared.driven.read(), self._shared.output.read()
             course = self._course(driven.gate)
             self.writing = may_go_out(driven.gate, output, now_s)
@@ -107,7 +106,7 @@ class EnvelopeLoop:
         taken = self._shared.courses.read(self._place)
         self._place = taken.position
         courses = taken.samples[taken.samples["order"] >= gate]["powers_v2"]
-        return Course(courses.ravel(), len(courses) * PERIOD_S) if courses.size else NO_COURSE
+        return Course(courses.ravel(), len(courses) * TICK_S) if courses.size else NO_COURSE
 
     def _say(self, now_s: float, failure: str = "") -> None:
         underruns = self._earlier + self._writer.underruns
@@ -138,13 +137,13 @@ def main() -> None:
     loop = EnvelopeLoop(shared, writer, lead, shared.played.read().underruns)
     loop.turn(time.monotonic())
     parent.tell(granted._asdict())
-    beat, followed = Metronome(PERIOD_S), False
+    beat, followed = Metronome(TICK_S), False
     try:
         while os.getppid() == started_by:
             due = beat.wait()
             loop.turn(time.monotonic(), due.lateness_s, due.missed)
             if loop.writing and not followed:  # from here on right behind render's ticks
-                beat = Metronome(PERIOD_S, began_s=shared.output.read().time_s + BEHIND_S)
+                beat = Metronome(TICK_S, began_s=shared.output.read().time_s + BEHIND_S)
             followed = loop.writing
     finally:
         output.close()

@@ -28,6 +28,7 @@ from haptic_driver.lookup.models import load_model
 from haptic_driver.processes import parent
 from haptic_driver.processes.child import Child
 from haptic_driver.processes.compilation import compilation_said
+from haptic_driver.processes.kept import RETRY_S
 from haptic_driver.processes.real_time import give_way
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.processes.started import start_thread
@@ -35,7 +36,6 @@ from haptic_driver.recording.clock import clock_offsets
 
 NAME = "observer"
 ROWS_KEPT = 1000  # for a diagnosis
-RETRY_S = 1.0
 
 
 class Observer:

@@ -16,6 +16,7 @@ from haptic_driver.daemon.event_log import EventLog
 from haptic_driver.daemon.messages import InstrumentStatus, RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.files import LONGEST_NAME_BYTES
 from haptic_driver.processes.shared_memory import SharedState
 from haptic_driver.processes.started import start_thread
 from haptic_driver.recording.event import Event
@@ -25,7 +26,6 @@ from haptic_driver.rig.actuator import actuator_name
 
 SPACE_BYTES = 48 << 20  # free before a recording goes on: two minutes of it, twice
 LOOK_S = 2.0  # between looks at that
-LONGEST_NAME_BYTES = 240  # file systems allow 255, what stands beside it included
 AFTER_LEASE_S = 2.0  # what a fault does afterwards is recorded too
 
 

@@ -27,9 +27,9 @@ from haptic_driver.rig.parts.finger_trackers import reports_of
 from haptic_driver.rig.placement import USUAL_SPEED_M_S, Placement, placement
 from haptic_driver.rig.slide import read_slide
 from haptic_driver.rig.tick_settings import finger_settings, tick_settings
+from haptic_driver.signals import TICK_S
 from model.description import ModelDescription
 
-PERIOD_S = 0.001
 PUBLISHED = "reference"  # the model that protects where none but a fit is named
 SCHEDULING_S = 0.01  # by so much a position may be late on a machine that does other things too
 
@@ -167,7 +167,7 @@ def render_settings(
         stages,
         envelope=envelope,
         lead_s=lead_s,
-        period_s=PERIOD_S,
+        period_s=TICK_S,
         usual_s=usual_s,
         standing_flags=standing,
         model_std=0.0 if config.without_force is None else LEVEL_STD,
@@ -194,7 +194,7 @@ def _lead_s(config: RigConfig) -> float:
 
 def _since_tick_s(config: RigConfig) -> float:
     """From a tick to what it does."""
-    latency_s = latency_budget_s(config, PERIOD_S, _lead_s(config))
+    latency_s = latency_budget_s(config, TICK_S, _lead_s(config))
     return latency_s["total"] - latency_s["sensor"] - latency_s["tick"]
 
 
@@ -224,4 +224,4 @@ def reach_hz(config: RigConfig) -> float:
     """
     if isinstance(config.analog_output, NoPart):
         return 0.5 / config.output.setpoint_interval_s
-    return 0.5 / PERIOD_S
+    return 0.5 / TICK_S

@@ -27,15 +27,15 @@ from haptic_driver.rig.devices import modulation_input
 from haptic_driver.rig.envelope_writer import EnvelopeWriter, Lead
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.finger_trackers import reports_of
-from haptic_driver.rig.slide import TICK_S, Slide
+from haptic_driver.rig.slide import Slide
+from haptic_driver.signals import TICK_S
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.simulation.slide import SlideRecord
-from hw.finger.simulated_touch_screen import PANEL, SCREEN, SimulatedTouchScreen
+from hw.finger.simulated_touch_screen import PANEL, SCREEN, TOUCH_N, SimulatedTouchScreen
 from hw.finger.touch_screen import TouchEvents, TouchReports, TouchScreen
 from hw.monitor.contract import ElectrodeReading
 
 FINGER_Y_M = 0.030
-TOUCH_N = 0.02  # from this force on the screen feels the finger
 UP_TICKS = 300  # more than START_S
 BEGUN = Order(0, 1, True, math.inf, math.inf, 0, 0)
 

@@ -49,10 +49,8 @@ SENSOR_RETRY_S = 0.02
 # so long: a silent render is started anew; sensors that fail or an unknown output: all connected
 # anew
 LOST_S = 2.0
-RETRY_S, MOST_RETRY_S = (
-    1.0,
-    30.0,
-)  # between attempts at that: twice as long each time, up to the most
+# between attempts at that: twice as long each time, up to the most
+RETRY_S, MOST_RETRY_S = 1.0, 30.0
 SILENCE_POLL_S = 0.005
 
 RENDER, INSTRUMENTS, ENVELOPE, WATCHDOG = "render", "instruments", "envelope", "watchdog"
@@ -230,18 +228,22 @@ class Supervisor:
     # --- starting
 
     def _start_render(self) -> None:
+        self.real_time = self._start(RENDER, "render_process", self.settings.render)
+
+    def _start(self, name: str, module: str, given: object) -> bool:
+        """Start a process of ticks; whether it was granted real-time scheduling."""
         child = Child(
-            RENDER,
-            "haptic_driver.daemon.render_process",
+            name,
+            f"haptic_driver.daemon.{module}",
             [self._shared.descriptor, os.getpid()],
-            given=pickle.dumps(self.settings.render),
+            given=pickle.dumps(given),
             descriptors=[self._shared.descriptor],
         )
-        self._children[RENDER] = child
+        self._children[name] = child
         granted = child.ready(START_TIMEOUT_S)
-        self.real_time = bool(granted["scheduled"])
         if granted["refused"]:
-            _log.warning("render: %s", granted["refused"])
+            _log.warning("%s: %s", name, granted["refused"])
+        return bool(granted["scheduled"])
 
     def _start_envelope(self) -> None:
         """Start the writer of an analog output, if the rig has one."""
@@ -256,17 +258,7 @@ class Supervisor:
         )
         if ENVELOPE in self._children:
             self._children[ENVELOPE].kill()
-        child = Child(
-            ENVELOPE,
-            "haptic_driver.daemon.envelope_process",
-            [self._shared.descriptor, os.getpid()],
-            given=pickle.dumps(settings),
-            descriptors=[self._shared.descriptor],
-        )
-        self._children[ENVELOPE] = child
-        granted = child.ready(START_TIMEOUT_S)
-        if granted["refused"]:
-            _log.warning("envelope: %s", granted["refused"])
+        self._start(ENVELOPE, "envelope_process", settings)
 
     def _begin_instruments(self) -> None:
         """Begin to start simulated instruments; real ones are there already."""

@@ -109,12 +109,12 @@ class Targets:
         """
         self._orders.renew(token)
         with self.changing:
-            quick = None
+            said, quick = [change_said(change) for change in changes], None
             if self.live is not None and not show:
                 quick = self.live.moved(changes, self._screen_m)
             if quick is not None:
                 self._rearrange(token, quick)
-                return self._tell_changes([change_said(change) for change in changes], EMPTY)
+                return self._tell_changes(said, EMPTY)
             before = None if self.live is None else self.live.drawn
             drawn = (before or EMPTY).changed((before or EMPTY).described.changed(changes))
             load_n, (low, high) = self.reach()
@@ -130,12 +130,11 @@ class Targets:
             drawn = drawn.arranged()
             if not show and before is not None and drawn.laid == before.laid:
                 self._rearrange(token, Live(drawn))
-                return self._tell_changes([change_said(change) for change in changes], EMPTY)
+                return self._tell_changes(said, EMPTY)
             drawn = drawn.without_leftovers()
             name = self.name if before is not None else "scene"
-            self._hand_over(token, drawn.scene(), name, drawn, begins=show or before is None)
-            said = [change_said(change) for change in changes]
             whole = before is None or show
+            self._hand_over(token, drawn.scene(), name, drawn, begins=whole)
             return self._tell_changes(as_changes(drawn.described) if whole else said, drawn)
 
     def scene_shown(self) -> SceneShown:

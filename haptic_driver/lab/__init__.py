@@ -2,7 +2,7 @@
 
 - `measuring` takes a plan to a rig and brings back a table of data, with its `strokes`;
 - `raw_trials` reads other laboratories' files, `contact` films of the touch, and `importers` what
-  becomes a texture;
+  becomes a texture, both by `images`;
 - `psychophysics` does experiments with people;
 - `figures` and `pictures` draw, `papers` write what a rig may do and does;
 - `challenge` makes and scores a benchmark of diagnoses;

@@ -40,10 +40,8 @@ from model.support.interpolation import linear_weights, polynomial_weights
 
 FORMAT = "haptic-driver surface"
 FORMAT_VERSION = 3.0  # those before know the worst case of one touch alone, or of none
-CORRECTION, COF = (
-    "correction_",
-    "cof_",
-)  # before the names of a correction's datasets, and of an interval's
+# before the names of a correction's datasets, and of an interval's
+CORRECTION, COF = "correction_", "cof_"
 SAME = 1e-6  # between two machines
 # kept clear of a limit, so that its own check by another path never fails by rounding
 ROUNDING = 1e-9

@@ -9,29 +9,22 @@ from collections.abc import Mapping
 from typing import Any
 
 from haptic_driver.errors import optional
+from model.support.units import BY_ENDING
 
-UNITS = {
-    "_m_s": "m/s",
+UNITS = BY_ENDING | {
     "_v_per_s": "V/s",
     "_a_per_v": "A/V",
     "_a_per_v_m2": "A/(V m²)",
-    "_hz": "Hz",
-    "_v": "V",
-    "_a": "A",
-    "_n": "N",
-    "_m": "m",
-    "_s": "s",
-    "_rad": "rad",
     "electrode_voltage": "V",
     "current": "A",
     "_pct": "%",
     "_c": "°C",
-}  # longer ones first
+}
 
 
 def unit_of(name: str) -> str:
     """What a name says of its unit; "1" for a pure number."""
-    return next((unit for ending, unit in UNITS.items() if name.endswith(ending)), "1")
+    return UNITS.get(max(filter(name.endswith, UNITS), key=len, default=""), "1")
 
 
 def frame(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:

@@ -21,7 +21,8 @@ from haptic_driver.public.surfaces import Surface, surface
 from haptic_driver.render.texture import Texture, Uniform
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.evidence import KnownOutput
-from haptic_driver.rig.slide import TICK_S, Slide
+from haptic_driver.rig.slide import Slide
+from haptic_driver.signals import TICK_S
 from haptic_driver.simulation.rig import SimulatedRig as Bench
 from haptic_driver.simulation.slide import Score, SlideRecord, score
 from haptic_driver.textures import library

@@ -1,5 +1,4 @@
-"""Recordings of the daemon: HDF5, readable from MATLAB, one group per run; reading them, and export
-to CSV, Parquet and MAT.
+"""Recordings of the daemon: HDF5, readable from MATLAB, one group per run.
 
 `/run_0001`, `/run_0002`, ... each hold
 - `samples/NAME`: one dataset per field of `processes.samples.SAMPLE`, one entry per tick. Units are
@@ -21,7 +20,7 @@ to CSV, Parquet and MAT.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +31,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.files import replacing
 from haptic_driver.lookup import labelled
 from haptic_driver.processes.samples import ADDED, SAMPLE
 from haptic_driver.recording.event import Event
@@ -45,11 +43,6 @@ from haptic_driver.recording.structure import (
     member,
     read_column,
 )
-from haptic_driver.recording.tables import Blocks, writer_of
-
-BLOCK_ROWS = 1 << 15  # exported at a time
-# beside the columns of a run: its number, its time from its beginning, seconds of UTC since 1970
-TOLD_FIELDS = ("run", "run_time_s", "wall_time_s")
 
 
 @dataclass(frozen=True, repr=False)
@@ -89,60 +82,37 @@ def read_run(path: Path, name: str | None = None) -> Run:
     """One run, the last unless named. BadInputError for a missing, damaged, foreign or newer
     file.
     """
-    with _opened(path) as file:
-        group = _group(path, file, name)
+    with runs_of(path, name) as [group]:
         samples = np.empty(group["samples/tick"].shape[0], SAMPLE)
         for field in FIELDS:
-            samples[field] = _field(group["samples"], field, slice(None))
+            samples[field] = column_of(group["samples"], field, slice(None))
         return Run(
-            group.name.strip("/"),
-            _attributes(group),
+            name_of(group),
+            attributes_of(group),
             json.loads(group["config"].asstr()[()]),
             samples,
             _events(group),
         )
 
 
-def export(
-    path: Path,
-    out: Path,
-    *,
-    run: str | None = None,
-    every: bool = False,
-    events: bool = False,
-    force: bool = False,
-    progress: Callable[[int], None] = lambda rows: None,
-) -> int:
-    """Write the samples of a run, or of `every` run (or their events), as a table; returns its
-    rows. The ending of `out` chooses .csv, .parquet or .mat.
-
-    `TOLD_FIELDS` stand behind the others. NaN is an empty cell in CSV. `progress` gets the rows
-    done. BadInputError for an unknown ending, a file that exists (unless `force`) and an unreadable
-    recording; HapticError when it cannot be written. All or nothing.
-    """
-    write = writer_of(out, force)
+@contextmanager
+def runs_of(path: Path, name: str | None = None, every: bool = False) -> Iterator[list[h5py.Group]]:
+    """The run of that name, else the last, or `every` run: open, and checked. BadInputError."""
     with _opened(path) as file:
-        groups = _groups(path, file, run, every)
-        table = "events" if events else "samples"
-        fields = tuple(EVENT_FIELDS) if events else FIELDS
-        about = [{"run": _name(group), **_attributes(group)} for group in groups]
-        said = {"recording": path.name} | ({"runs": about} if every else about[0])
-        with replacing(out) as part:
-            blocks = _blocks(groups, table, fields, progress)
-            write(part, (*fields, *TOLD_FIELDS), blocks, said)
-        return sum(_rows(group, table) for group in groups)
-
-
-def row_count(
-    path: Path, run: str | None = None, *, every: bool = False, events: bool = False
-) -> int:
-    """Samples (or events) in a run, or in `every` run."""
-    with _opened(path) as file:
-        table = "events" if events else "samples"
-        return sum(_rows(group, table) for group in _groups(path, file, run, every))
-
-
-# --- inside
+        names = _names(file)
+        if not names:
+            hint = "Record one with: haptic record"
+            raise BadInputError("no_runs", f"{path}: holds no run", hint)
+        if name is not None and name.isdecimal():
+            name = f"run_{int(name):04d}"
+        if name is not None and name not in names:
+            said = f"{path}: has no run {name!r}"
+            raise BadInputError("no_such_run", said, f"It has {', '.join(names)}")
+        wanted = names if every else [name or names[-1]]
+        groups = [member(file, each, h5py.Group) for each in wanted]
+        for group in groups:
+            check_run(group, TABLES, file.id.get_filesize())
+        yield groups
 
 
 @contextmanager
@@ -171,35 +141,13 @@ def _names(file: h5py.File) -> list[str]:
     return sorted(file, key=lambda name: (len(name), name))  # run_10000 comes after run_9999
 
 
-def _group(path: Path, file: h5py.File, name: str | None) -> h5py.Group:
-    return _groups(path, file, name, every=False)[0]
-
-
-def _groups(path: Path, file: h5py.File, name: str | None, every: bool) -> list[h5py.Group]:
-    names = _names(file)
-    if not names:
-        raise BadInputError("no_runs", f"{path}: holds no run", "Record one with: haptic record")
-    if name is not None and name.isdecimal():
-        name = f"run_{int(name):04d}"
-    if name is not None and name not in names:
-        raise BadInputError(
-            "no_such_run", f"{path}: has no run {name!r}", f"It has {', '.join(names)}"
-        )
-    groups = [member(file, each, h5py.Group) for each in (names if every else [name or names[-1]])]
-    for group in groups:
-        check_run(group, TABLES, file.id.get_filesize())
-    return groups
-
-
-def _name(group: h5py.Group) -> str:
+def name_of(group: h5py.Group) -> str:
+    """Such as run_0003."""
     return str(group.name).strip("/")
 
 
-def _rows(group: h5py.Group, table: str) -> int:
-    return int(group[f"{table}/time_s"].shape[0])
-
-
-def _attributes(group: h5py.Group) -> dict[str, Any]:
+def attributes_of(group: h5py.Group) -> dict[str, Any]:
+    """As listed above, JSON parsed."""
     found = {name: _attribute(value) for name, value in group.attrs.items()}
     parsed = {
         name: json.loads(str(found[name])) for name in ("calibration_ids", "latency_budget_s")
@@ -231,31 +179,8 @@ def _column(dataset: h5py.Dataset, rows: slice) -> NDArray[Any]:
     return read_column(dataset, rows, dataset.file.id.get_filesize())
 
 
-def _field(table: h5py.Group, name: str, rows: slice) -> NDArray[Any]:
+def column_of(table: h5py.Group, name: str, rows: slice) -> NDArray[Any]:
     """A column; NaN throughout where the recording is older than it."""
     if name in ADDED and name not in table:
         return np.full(table["time_s"][rows].size, np.nan)
     return _column(table[name], rows)
-
-
-def _blocks(
-    groups: Sequence[h5py.Group],
-    name: str,
-    fields: Sequence[str],
-    progress: Callable[[int], None],
-) -> Blocks:
-    """Columns of a table of all runs, some rows at a time, at least once."""
-    done = 0
-    for group in groups:
-        table, said = group[name], _attributes(group)
-        number = int(_name(group).rpartition("_")[2])
-        count = _rows(group, name)
-        for start in range(0, max(count, 1), BLOCK_ROWS):
-            rows = slice(start, min(start + BLOCK_ROWS, count))
-            columns = [_field(table, field, rows) for field in fields]
-            time_s = columns[fields.index("time_s")]
-            of_run_s = time_s - said["started_s"]
-            wall_s = time_s + said.get("wall_offset_s", np.nan)
-            yield [*columns, np.full(time_s.size, number), of_run_s, wall_s]
-            progress(done + rows.stop)
-        done += count

@@ -1,13 +1,7 @@
-"""What compiles the stages: `kernel`, numba's njit with the options that all of them share.
-
-numba's own cache notices a change in the file of a kernel, not in the kernels, constants and
-records that it uses from other files. So the cache lives in a folder named by the hash of all these
-sources: whatever is edited, no stale machine code runs.
-"""
+"""What compiles the stages: `kernel`, numba's njit with the options that all of them share."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -16,7 +10,7 @@ import numba
 import numpy as np
 from numba.extending import register_jitable
 
-from haptic_driver.base.cache import code_cache
+from haptic_driver.base.cache import CodeFolder
 from haptic_driver.signals import Array
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -24,17 +18,12 @@ F = TypeVar("F", bound=Callable[..., object])
 KERNELS: list[Any] = []
 
 
-def _cache_folder() -> Path:
-    """A folder of its own for each state of the sources."""
-    here = Path(__file__).parent
-    digest = hashlib.sha256()
-    for path in (*sorted(here.glob("*.py")), here.parent / "signals.py"):
-        if path.name != "policies.py":  # no kernel reads it, and a new policy shall compile nothing
-            digest.update(path.read_bytes())
-    return code_cache() / digest.hexdigest()[:16]
-
-
-_FOLDER = str(_cache_folder())
+_HERE = Path(__file__).parent
+_FOLDER = CodeFolder(
+    path
+    for path in (*sorted(_HERE.glob("*.py")), _HERE.parent / "signals.py")
+    if path.name != "policies.py"  # no kernel reads it, and a new policy shall compile nothing
+)
 
 
 def kernel(function: F) -> F:
@@ -44,12 +33,8 @@ def kernel(function: F) -> F:
     `nogil`: other threads go on meanwhile. `error_model`: x / 0 is inf or NaN, as in numpy, and
     never an exception.
     """
-    config: Any = numba.config
-    before, config.CACHE_DIR = config.CACHE_DIR, _FOLDER
-    try:
+    with _FOLDER.of(numba.config):
         compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
-    finally:
-        config.CACHE_DIR = before
     KERNELS.append(compiled)
     return cast(F, compiled)
 

@@ -24,7 +24,6 @@ __all__ = [
     "load_controller",
     "load_gains",
     "load_loop",
-    "load_tuning",
     "part",
     "parts",
     "placement",

@@ -10,10 +10,9 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.fidelity.strokes import moving_average
 from haptic_driver.files import bad_input
-from haptic_driver.signals import Array
+from haptic_driver.signals import TICK_S, Array
 from model.support.tables import Table, read_table
 
-TICK_S = 0.001
 COLUMNS = ("time_s", "position_m", "normal_force_n")
 LARGEST = {"position_m": 10.0, "normal_force_n": 50.0}  # beyond, the unit must be wrong
 

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.parts.force_sensors import NetFtForceSensorConfig
-from haptic_driver.rig.slide import TICK_S, Slide
+from haptic_driver.rig.slide import Slide
+from haptic_driver.signals import TICK_S
 from hw.force.net_ft_server import NetFtServer
 from hw.stage.simulated import SimulatedLts150
 

@@ -32,7 +32,7 @@ from haptic_driver.simulation.finger_model import (
 from haptic_driver.simulation.instruments import SimulatedInstruments
 from haptic_driver.simulation.twin import copy_of
 from haptic_driver.simulation.world import World
-from hw.analog.output import AnalogOutput
+from hw.analog.output import AnalogOutput, AnalogOutputSettings
 from hw.analog.simulated_output import SimulatedAnalogOutput
 from hw.camera.fingerprint import Optics
 from hw.camera.simulated import Burst, Finger, SimulatedCamera
@@ -221,24 +221,20 @@ class SimulatedRig:
         return Finger(self.time_s, area_m2, self.instruments.speed_m_s)
 
     def _analog_output(self) -> AnalogOutput | None:
-        section, card = self.config.analog_output, self.instruments.card
-        if not isinstance(section, SimulatedAnalogOutputConfig) or card is None:
+        section = self.config.analog_output
+        if not isinstance(section, SimulatedAnalogOutputConfig):
             return None
-        return SimulatedAnalogOutput(
-            lambda: card, section.settings(), clock=self.clock, watch=False
-        )
+        return self._on_card(section.settings())
 
     def _carrier_output(self) -> AnalogOutput | None:
         """What stands in for a generator, if anything does."""
-        carrier, card = self.config.waveform_generator.carrier, self.instruments.card
-        if carrier is None or card is None:
-            return None
-        return SimulatedAnalogOutput(
-            lambda: card,
-            carrier_output(carrier),
-            clock=self.clock,
-            watch=False,
-        )
+        carrier = self.config.waveform_generator.carrier
+        return None if carrier is None else self._on_card(carrier_output(carrier))
+
+    def _on_card(self, settings: AnalogOutputSettings) -> AnalogOutput:
+        card = self.instruments.card
+        assert card is not None  # of a rig with such an output
+        return SimulatedAnalogOutput(lambda: card, settings, clock=self.clock, watch=False)
 
     def __enter__(self) -> Self:
         with ExitStack() as started:  # nothing is left serving where the next one does not start

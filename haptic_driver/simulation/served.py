@@ -5,7 +5,9 @@ and for other people's software.
     waveform_generator_serial  the same instrument on a pseudo-terminal
     interlock, interlock_tcp   the heartbeat interlock box of `hw.safety.interlock`, in series with
                                the amplifier's enable where the rig has one
-    amplifier_lines            that enable and the monitors, by `hw.amplifier.served_lines`
+    amplifier_lines            that enable and the monitors, by `hw.amplifier.served_lines`; GAIN x
+                               multiplies the finger's friction, THRUST x lets it come to meet the
+                               load stage by x m
     stage                      an LTS150 on a pseudo-terminal; it carries the finger
     load_stage                 another, which presses the finger
     force_sensor               a Net F/T box, `host:port` for UDP; 1e6 counts per N, pressing along
@@ -21,6 +23,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from typing import Any
 
 from haptic_driver.lookup.build import build_surface
@@ -40,12 +43,12 @@ from haptic_driver.simulation.finger_model import (
 )
 from haptic_driver.simulation.hand import Hand
 from haptic_driver.simulation.instruments import SimulatedInstruments
-from haptic_driver.simulation.lines import LinesServer
 from haptic_driver.simulation.touch_server import TouchServer
 from haptic_driver.simulation.twin import pressing, reached
 from haptic_driver.simulation.world import World
+from hw.amplifier.served_lines import LinesServer
 from hw.analog.simulated_output import CardMemory
-from hw.finger.simulated_touch_screen import PANEL, SimulatedTouchScreen
+from hw.finger.simulated_touch_screen import PANEL, TOUCH_N, SimulatedTouchScreen
 from hw.generator.analog_carrier.simulator import SimulatedCarrier
 from hw.monitor.simulated import ElectrodeState
 from hw.safety.simulated_interlock import SimulatedInterlock
@@ -61,7 +64,6 @@ STEP_S = 0.001
 PARTS = 2  # of a step: what an envelope does within it is felt at its end
 ROUNDING = 1e-3  # of a step
 MOST_STEPS = 50  # at once; a machine that is slower than the simulation would never catch up
-TOUCH_N = 0.02  # from this force on the screen feels the finger
 SINE = 5  # numbers of a condition without bias and waveform
 
 
@@ -118,7 +120,15 @@ class ServedRig(RunningTogether):
         self._screen = SimulatedTouchScreen(PANEL, clock=lambda: self.instruments.time_s)
         self._touch = TouchServer(self._screen)
         electrode = SimulatedElectrode(config, self.instruments, _there(laws.electrode))
-        lines = LinesServer(self.instruments, electrode.read, self.world.pressed)
+        lines = LinesServer(
+            self.amplifier,
+            lambda frequency_hz: electrode.read(frequency_hz, self.instruments.voltage_v),
+            self.instruments.tell_drive,
+            {
+                b"GAIN": partial(setattr, self.instruments, "finger_gain"),
+                b"THRUST": partial(setattr, self.world.pressed, "thrust_m"),
+            },
+        )
         self._lines = TcpServer(self._up_to_date(lines))
         self._interlock_tcp = TcpServer(self.interlock)
         self._serial = {

@@ -13,8 +13,8 @@ from haptic_driver.fidelity.samples import fidelity_of_samples
 from haptic_driver.fidelity.sliding import runs, sliding
 from haptic_driver.fidelity.strokes import moving_average
 from haptic_driver.rig.evidence import KnownOutput
-from haptic_driver.rig.slide import TICK_S, Slide
-from haptic_driver.signals import Array, Mask
+from haptic_driver.rig.slide import Slide
+from haptic_driver.signals import TICK_S, Array, Mask
 
 AVERAGE_TICKS = 10  # as fidelity compares friction
 LEAST_STROKE_TICKS = 20

@@ -22,5 +22,4 @@ __all__ = [
     "scene",
     "spectrum",
     "tile",
-    "toml",
 ]

@@ -34,16 +34,17 @@ FINEST_WAVE_MM = 0.05  # of a spectrum, which an analog envelope brings out betw
 LARGEST_NOISE_PIXELS = 1400  # along one side: two million, the most that render takes
 LONGEST_TABLE_ROWS = 25_000  # of a profile or a script
 
-PeriodMm = Annotated[float, Field(ge=SHORTEST_PERIOD_MM, le=10_000.0, allow_inf_nan=False)]
-AmplitudeCof = Annotated[float, Field(ge=0.0, le=TEXTURE_COF[1], allow_inf_nan=False)]
-Seconds = Annotated[float, Field(ge=0.0, le=86_400.0, allow_inf_nan=False)]
-Shape = Annotated[float, Field(ge=0.1, le=100.0, allow_inf_nan=False)]
+PeriodMm = Annotated[float, Field(ge=SHORTEST_PERIOD_MM, le=10_000.0)]
+AmplitudeCof = Annotated[float, Field(ge=0.0, le=TEXTURE_COF[1])]
+Seconds = Annotated[float, Field(ge=0.0, le=86_400.0)]
+Shape = Annotated[float, Field(ge=0.1, le=100.0)]
 Coefficients = Annotated[
-    list[Annotated[float, Field(ge=-1e3, le=1e3, allow_inf_nan=False)]],
+    list[Annotated[float, Field(ge=-1e3, le=1e3)]],
     Field(min_length=1, max_length=100),
 ]
-Degrees = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
-Gain = Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)]
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+GAINS = (0.0, 20.0)  # by which what was recorded may be multiplied
+Gain = Annotated[float, Field(ge=GAINS[0], le=GAINS[1])]
 
 
 _FOR_BOTH_AXES = BeforeValidator(
@@ -54,7 +55,7 @@ FileName = Annotated[str, Field(min_length=1)]
 
 
 # Strict: TOML has types of its own, so the text "0.6" where a number belongs is a mistake.
-class _Description(Checked, strict=True):
+class _Description(Checked, strict=True, allow_inf_nan=False):
     description: str = Field(default="", description="in words")
 
     def wave_m(self) -> float:
@@ -110,7 +111,7 @@ class GratingDescription(_Detailed):
     wave: Literal["sine", "square", "sawtooth"] = Field(
         default="sine", description="shape of one period"
     )
-    duty: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] | None = Field(
+    duty: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
         default=None,
         description="share of a period that a square wave is high, or a sawtooth rises",
     )
@@ -155,7 +156,7 @@ class NoiseDescription(_Detailed):
     tile_mm: PeriodMm = Field(
         default=32.0, description="side of the tile that repeats without a seam"
     )
-    stretch: Annotated[float, Field(ge=1.0, le=100.0, allow_inf_nan=False)] = Field(
+    stretch: Annotated[float, Field(ge=1.0, le=100.0)] = Field(
         default=1.0, description="how much longer everything is along y than along x"
     )
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(
@@ -188,19 +189,17 @@ class NoiseDescription(_Detailed):
         return math.ceil(SAMPLES_PER_WAVE * self.tile_mm / self.shortest_mm)
 
 
-class ProcessDescription(Checked, strict=True):
+class ProcessDescription(Checked, strict=True, allow_inf_nan=False):
     """The spectrum at one speed and load: that of y[n] + ar[0] y[n-1] + ... = noise[n] + ma[0]
     noise[n-1] + ...
 
     Either side must die away: all zeros of both polynomials lie inside the unit circle.
     """
 
-    speed_mm_s: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = Field(
+    speed_mm_s: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
         description="of the finger whose spectrum this is"
     )
-    normal_force_n: Annotated[float, Field(ge=0.0, le=20.0, allow_inf_nan=False)] = Field(
-        description="of that finger"
-    )
+    normal_force_n: Annotated[float, Field(ge=0.0, le=20.0)] = Field(description="of that finger")
     cof_rms: AmplitudeCof = Field(description="friction (rms) in all nine bands")
     ar: Coefficients = Field(
         description="as `ar` above; all zeros of the polynomial inside the unit circle"
@@ -256,20 +255,18 @@ class SpectrumDescription(_Detailed):
     process: (
         Annotated[list[ProcessDescription], Field(min_length=1, max_length=MOST_PROCESSES)] | None
     ) = None
-    rate_hz: Annotated[float, Field(ge=100.0, le=100e3, allow_inf_nan=False)] | None = Field(
+    rate_hz: Annotated[float, Field(ge=100.0, le=100e3)] | None = Field(
         default=None, description="samples per second of that process, or of all of `[[process]]`"
     )
-    speed_mm_s: Annotated[float, Field(ge=LOWEST_SPEED_MM_S, le=1000.0, allow_inf_nan=False)] = (
-        Field(
-            default=50.0,
-            description=(
-                "of the finger for whom the spectrum is meant; its frequencies go "
-                "with the speed. With `[[process]]` only where nobody says another, "
-                "as in pictures"
-            ),
-        )
+    speed_mm_s: Annotated[float, Field(ge=LOWEST_SPEED_MM_S, le=1000.0)] = Field(
+        default=50.0,
+        description=(
+            "of the finger for whom the spectrum is meant; its frequencies go "
+            "with the speed. With `[[process]]` only where nobody says another, "
+            "as in pictures"
+        ),
     )
-    normal_force_n: Annotated[float, Field(gt=0.0, le=20.0, allow_inf_nan=False)] = Field(
+    normal_force_n: Annotated[float, Field(gt=0.0, le=20.0)] = Field(
         default=0.5,
         description="the load where nobody says another, as in pictures; only for `[[process]]`",
     )

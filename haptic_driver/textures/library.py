@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from haptic_driver.errors import BadInputError, shown
+from haptic_driver.files import LONGEST_NAME_BYTES
 from haptic_driver.render.texture import FrictionMap, Placed, Profile, Target, Texture, Uniform
 from haptic_driver.textures import description, formulas, hjif, scene, script, sources, spectrum
 from haptic_driver.textures.objects import SceneDescription
@@ -29,8 +30,6 @@ file = "{file}"
 cof_low = 0.55
 cof_high = 0.70"""
 EXAMPLES = {".png": MAP_EXAMPLE, ".npy": MAP_EXAMPLE, ".hjif": HJIF_EXAMPLE}
-
-LONGEST_NAME_BYTES = 240  # file systems allow 255, the suffix included
 
 
 class Loaded(NamedTuple):

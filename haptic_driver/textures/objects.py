@@ -21,13 +21,13 @@ TEXTURE_COF = (0.01, 5.0)  # what a file may say; the upper end is beyond any fi
 EMPTY = "the scene has no objects; haptic scene add makes one"
 EVERYWHERE = "background"  # no object may be called so
 
-Cof = Annotated[float, Field(ge=TEXTURE_COF[0], le=TEXTURE_COF[1], allow_inf_nan=False)]
-LengthMm = Annotated[float, Field(ge=0.001, le=10_000.0, allow_inf_nan=False)]
-OffsetMm = Annotated[float, Field(ge=-10_000.0, le=10_000.0, allow_inf_nan=False)]
+Cof = Annotated[float, Field(ge=TEXTURE_COF[0], le=TEXTURE_COF[1])]
+LengthMm = Annotated[float, Field(ge=0.001, le=10_000.0)]
+OffsetMm = Annotated[float, Field(ge=-10_000.0, le=10_000.0)]
 OriginMm = Annotated[list[OffsetMm], Field(min_length=2, max_length=2)]
-Degrees = Annotated[float, Field(ge=-36_000.0, le=36_000.0, allow_inf_nan=False)]
-EdgeMm = Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)]
-SizeMm = Annotated[float, Field(ge=0.1, le=2000.0, allow_inf_nan=False)]
+Degrees = Annotated[float, Field(ge=-36_000.0, le=36_000.0)]
+EdgeMm = Annotated[float, Field(ge=0.0, le=1000.0)]
+SizeMm = Annotated[float, Field(ge=0.1, le=2000.0)]
 Order = Annotated[int, Field(ge=-1000, le=1000)]
 Id = Annotated[str, Field(min_length=1, max_length=100, pattern=PRINTABLE)]
 FileName = Annotated[str, Field(min_length=1, max_length=1000)]
@@ -35,7 +35,7 @@ Fit = Literal["cover", "tile", "place"]
 
 
 class _Said(Checked):
-    model_config = ConfigDict(strict=True)
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
 
 # --- shapes
@@ -47,7 +47,7 @@ class Rectangle(_Said):
     kind: Literal["rectangle"] = "rectangle"
     width_mm: SizeMm = Field(description="along the object's own x")
     height_mm: SizeMm = Field(description="along its own y")
-    radius_mm: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = Field(
+    radius_mm: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
         default=0.0, description="of its corners, half of the shorter side at most"
     )
 

@@ -16,6 +16,7 @@ from hw.finger.touch_screen import TouchCalibration
 _INPUT_EVENT = struct.Struct("<qqHHi")
 SYN_REPORT, SYN_DROPPED = (0x00, 0x00), (0x00, 0x03)
 BTN_TOUCH = (0x01, 0x14A)
+TOUCH_N = 0.02  # from this force on the screen feels the finger
 ABS_X, ABS_Y = (0x03, 0x00), (0x03, 0x01)
 
 Event = tuple[tuple[int, int], int]  # ((type, code), value)

@@ -16,13 +16,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hw.errors import BadReply, DeviceDisconnected, DeviceError
 from hw.finger.tracker import FingerReading
-
-Array = NDArray[np.float64]
 
 # struct input_event and codes of linux/input.h and linux/input-event-codes.h
 _EVENT = struct.Struct("@llHHi")  # seconds, microseconds, type, code, value
@@ -82,35 +77,6 @@ class TouchCalibration:
         """Return the position in metres."""
         (a, b, c), (d, e, f) = self.matrix_m
         return a * x_raw + b * y_raw + c, d * x_raw + e * y_raw + f
-
-
-def fit_calibration(raw: Array, position_m: Array, measured_on: datetime.date) -> TouchCalibration:
-    """Least-squares calibration from points touched, `raw` [n, 2] in counts, at places known,
-    `position_m` [n, 2].
-
-    Needs three points or more that are not on a line; from four on, the residual says how well they
-    agree. Raises ValueError.
-    """
-    raw, position_m = np.asarray(raw, dtype=np.float64), np.asarray(position_m, dtype=np.float64)
-    if raw.ndim != 2 or raw.shape[1:] != (2,) or raw.shape != position_m.shape or len(raw) < 3:
-        raise ValueError(
-            f"give [n, 2] of each, n at least 3; got {raw.shape} and {position_m.shape}"
-        )
-    if not (np.isfinite(raw).all() and np.isfinite(position_m).all()):
-        raise ValueError("calibration points must be numbers")
-    centre = raw.mean(axis=0)
-    spread = float(np.abs(raw - centre).max()) or 1.0
-    design = np.column_stack([(raw - centre) / spread, np.ones(len(raw))])
-    if np.linalg.svd(design, compute_uv=False)[-1] < 1e-3:
-        raise ValueError("calibration points are on a line; touch points in three corners or more")
-    fitted = np.linalg.lstsq(design, position_m, rcond=None)[0]
-    slope = fitted[:2].T / spread
-    matrix = np.column_stack([slope, fitted[2] - slope @ centre])
-    residual_m = float(np.sqrt(np.mean(np.sum((design @ fitted - position_m) ** 2, axis=1))))
-    rows = [(float(a), float(b), float(c)) for a, b, c in matrix]
-    return TouchCalibration(
-        (rows[0], rows[1]), measured_on, False, residual_m if len(raw) > 3 else None
-    )
 
 
 class Standing(NamedTuple):

@@ -16,18 +16,17 @@ from model.description import ModelDescription
 from model.diagnosis.data import Measurements
 from model.diagnosis.evidence import evidence
 from model.diagnosis.forms import Share
-from model.diagnosis.hypotheses import Candidate
+from model.diagnosis.hypotheses import Candidate, Kinds
 from model.diagnosis.model_fit import BAD, Fit, Problem
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.priors import LOG_PRIOR_EACH
+from model.diagnosis.sessions import FEWEST_SESSIONS
 from model.diagnosis.space import Predictor, nuisances
 from model.effects import Effect
 from model.support.arrays import Array
 
-FEWEST_SESSIONS = 3
 BLOCKS = 5
 BOOTSTRAPS = 2000
-Kinds = tuple[type[Effect], ...]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 from model.diagnosis.data import Measurements
 from model.diagnosis.priors import AMPLITUDES
 from model.diagnosis.witness import CONTACT_AREA, FRICTION
+from model.effects.learned import LOG_INPUTS
 from model.support.arrays import Array
 
 LENGTH = 0.8  # of the kernel, in standardised inputs
@@ -23,7 +24,6 @@ GRID = 0.05  # in standardised inputs
 # of the noise: what is smaller in a direction at the largest amplitude counts as nothing
 FAINT = 1e-3
 NEGLIGIBLE = 1e-7  # eigenvalues of a kernel below this share of the largest
-LOG_INPUTS = ("frequency_hz", "normal_force_n", "speed_m_s")
 INPUTS = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s")
 
 

@@ -14,11 +14,11 @@ from model.diagnosis.hypotheses import Candidate
 from model.diagnosis.model_fit import Fit, Problem
 from model.diagnosis.noise import shared_std
 from model.diagnosis.priors import NONE, SURE, UNKNOWN, words
-from model.diagnosis.smooth import LOG_INPUTS
 from model.diagnosis.where import Region
 from model.diagnosis.witness import FRICTION, WITNESSES
 from model.diagnosis.workflow import Diagnosis, Findings
-from model.reporting.bode import spectrum
+from model.effects.learned import LOG_INPUTS
+from model.reporting.bode import AFTER, BEFORE, DATA, spectrum
 from model.support.arrays import Array, Mask
 
 mpl.use("Agg")
@@ -30,7 +30,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-BEFORE, AFTER, DATA, QUIET = "#d1495b", "#1b6ca8", "#3a3a3a", "#9aa0a6"
+QUIET = "#9aa0a6"
 LEADING = ("#1b6ca8", "#e08e0b", "#5b8c5a")
 AXES = {
     "frequency_hz": "frequency, Hz",
@@ -41,10 +41,8 @@ AXES = {
     "voltage_offset_v": "bias, V",
 }
 DRIVEN_ONLY = ("frequency_hz",)
-MOST_CELLS, MOST_RANGES = (
-    12,
-    8,
-)  # along one side of a map: levels, or ranges where there are more levels
+# along one side of a map: levels, or ranges where there are more levels
+MOST_CELLS, MOST_RANGES = 12, 8
 MOST_BARS = 8
 LEAST_BAR = 1e-4
 LONGEST_NAME = 24

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy
 
+from haptic_driver.base.strict_json import finite
 from model.description import ModelDescription
 from model.diagnosis.changed import places
 from model.diagnosis.data import Measurements
@@ -76,8 +76,8 @@ def report(diagnosis: Diagnosis, description: ModelDescription, model_path: str)
         "parent_model": {"name": description.name, "hash": description.content_hash},
         "versions": {"program": program(), "numpy": np.__version__, "scipy": scipy.__version__},
     }
-    finite: Record = _finite(content | tested)
-    return finite
+    strict: Record = finite(content | tested)
+    return strict
 
 
 def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription) -> Record:
@@ -139,17 +139,6 @@ def _tested(diagnosis: Diagnosis, found: Findings, description: ModelDescription
         "next_experiments": next_experiments(diagnosis, description),
         "checks": {name: BY_NAME[name].check for name in verdict.suspects},
     }
-
-
-def _finite(value: Any) -> Any:
-    """The same with NaN and infinities as None and numpy's numbers as Python's."""
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_finite(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _number(parameter: Parameter) -> Record:

@@ -6,7 +6,6 @@ __all__ = [
     "compiled",
     "errors",
     "interpolation",
-    "layout",
     "reading",
     "tables",
     "text",

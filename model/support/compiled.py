@@ -1,13 +1,7 @@
-"""Compiled kernels: `kernel` is numba's njit with the options that the kernels of the model use.
-
-numba's own cache notices a change in the file of a kernel, not in the kernels and constants that it
-uses from other files. So the cache lives in a folder named by the hash of the files that
-have kernels and of what these import. Whatever is edited there, no stale machine code runs.
-"""
+"""Compiled kernels: `kernel` is numba's njit with the options that the kernels of the model use."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -16,10 +10,11 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-from haptic_driver.base.cache import code_cache
+from haptic_driver.base.cache import CodeFolder
 
 F = TypeVar("F", bound=Callable[..., object])
 
+# where kernels are, and what they import
 SOURCES = ("contact/*.py", "electric/*.py", "support/*.py", "solver.py")
 MUCH = 4096  # rows; fewer are done before a second thread has started
 
@@ -33,15 +28,9 @@ OPTIONS: dict[str, Any] = {
 }
 
 
-def _sources_hash() -> str:
-    digest = hashlib.sha256()
-    for pattern in SOURCES:
-        for path in sorted(Path(__file__).parents[1].glob(pattern)):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-_FOLDER = str(code_cache() / _sources_hash())
+_FOLDER = CodeFolder(
+    path for pattern in SOURCES for path in sorted(Path(__file__).parents[1].glob(pattern))
+)
 
 
 def kernel(function: F) -> F:
@@ -57,12 +46,8 @@ def kernel_of_sums(function: F) -> F:
 
 
 def _compiled(function: F, fastmath: bool | set[str]) -> F:
-    config: Any = numba.config
-    before, config.CACHE_DIR = config.CACHE_DIR, _FOLDER
-    try:
+    with _FOLDER.of(numba.config):
         return cast(F, numba.njit(cache=True, fastmath=fastmath, **OPTIONS)(function))
-    finally:
-        config.CACHE_DIR = before
 
 
 def in_slices(work: Callable[[slice], None], count: int) -> None:

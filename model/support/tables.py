@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from model.support.cells import is_number, number, read_cell
 from model.support.errors import ModelError
-from model.support.layout import is_value
 from model.support.reading import LARGEST_FILE_BYTES, read_bytes
-from model.support.text import decoded, plain
+from model.support.text import decoded, is_value, plain
 from model.support.units import (
     PEAK_OF_RMS,
     by_other_names,

@@ -33,6 +33,7 @@ BOMS = {
 THOUSANDS = {mark: re.compile(rf"[-+]?[1-9]\d{{0,2}}(?:\{mark}\d{{3}})+") for mark in ".,"}
 APOSTROPHE = re.compile(r"(?<=\d)['\u2019](?=\d{3})")  # Swiss thousands
 MINUS = "\u2212"
+COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 
 class Line(NamedTuple):
@@ -159,3 +160,8 @@ def _stamp(cell: str) -> datetime:
     if hour is not None:
         cell = f"2000-01-01T{'0' * (2 - len(hour[0]))}{cell}"
     return datetime.fromisoformat(cell.replace(",", ".").replace("/", "-"))
+
+
+def is_value(cell: str) -> bool:
+    """Whether a cell is a number with a point or comma, or a date or time."""
+    return is_number(cell) or bool(COMMA.fullmatch(cell)) or times([cell]) is not None

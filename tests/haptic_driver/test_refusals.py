@@ -29,11 +29,11 @@ from haptic_driver.lab.psychophysics.data import SessionFiles
 from haptic_driver.lab.psychophysics.description import Outside
 from haptic_driver.lab.psychophysics.fit import fit
 from haptic_driver.lab.psychophysics.outside import OutsideMethod
+from haptic_driver.lab.scene_replay import SceneReplay
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.public.commands import command
 from haptic_driver.public.given import columns_of, in_si
 from haptic_driver.recording.read import Run
-from haptic_driver.recording.scenes import SceneReplay
 from haptic_driver.recording.writer import where
 from haptic_driver.render.feedback import FeedbackSettings, checked
 from haptic_driver.rig.config import RigConfig, load_rig

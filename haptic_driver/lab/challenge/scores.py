@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from haptic_driver.lab.challenge.answers import Answer, Region
+from model.diagnosis.hypotheses import NO_TRACE
 from model.support.arrays import Array, Mask
 
 VISIBLE = 75.0  # lambda from which an effect counts as visible
-NO_TRACE = 2.0  # lambda below which a free parameter gains as much by chance
 BINS = 10  # of stated probabilities
 
 

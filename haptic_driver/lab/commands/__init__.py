@@ -19,12 +19,14 @@ PANELS = {
         "safety": "Write a rig's inspection report.",
         "datasheet": "Measure a rig, and write its data sheet of one page.",
         "calibrate-touch": "Calibrate a rig's touch screen.",
+        "load tune": "Find the finger's stiffness.",
         "texture import": "Make a texture of what was measured elsewhere.",
         "texture from-image": "Make a texture of a picture.",
     },
     "Record and experiment": {
         "export": "Write recordings or strokes as tables.",
         "fidelity": "Compare felt with asked friction.",
+        "scene replay": "Make the scene of a recording again.",
         "experiment": "Run psychophysical experiments, and fit the answers.",
     },
     "When friction is not as the model says": {

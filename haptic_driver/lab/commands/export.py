@@ -11,7 +11,9 @@ from typer import Argument, Option
 from haptic_driver.cli.output import Json, progress, report, stdout
 from haptic_driver.errors import BadInputError
 from haptic_driver.lab.strokes.file import export_strokes, is_strokes, sample_count
-from haptic_driver.recording import read as recording
+from haptic_driver.lab.tables import export as export_recording
+from haptic_driver.lab.tables import row_count
+from haptic_driver.recording.read import run_names
 
 
 def export(
@@ -36,10 +38,10 @@ def export(
         return
     if every and run is not None:
         raise BadInputError("usage", "--run and --all contradict each other", "Give one of them")
-    runs = recording.run_names(file)
-    rows = recording.row_count(file, run, every=every, events=events)
+    runs = run_names(file)
+    rows = row_count(file, run, every=every, events=events)
     with progress("exporting", rows) as advance:
-        recording.export(
+        export_recording(
             file, out, run=run, every=every, events=events, force=force, progress=advance
         )
     number = run if run is None or not run.isdecimal() else f"run_{int(run):04d}"

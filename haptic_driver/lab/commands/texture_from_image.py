@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from haptic_driver.signals import Array
 
 WIDTH_MM = (1.0, 2000.0)
-SPEED_M_S = (0.002, 1.0)
 USUAL_N = 0.5  # load of a finger, for which reach is reported
 MUCH = 0.1  # of what is asked for (rms), out of reach: worth a warning
 
@@ -53,7 +52,8 @@ def texture_from_image(
 
     Example: `haptic texture from-image photo.jpg --width-mm 60 --cof 0.55 0.80`
     """
-    from haptic_driver.lab.importers.image import (  # noqa: PLC0415  (slow to import)
+    from haptic_driver.cli.texture import SPEED_M_S  # noqa: PLC0415  (slow to import)
+    from haptic_driver.lab.importers.image import (  # noqa: PLC0415
         friction_shares,
         read_picture,
         save_grey,

@@ -19,8 +19,6 @@ from model.support.toml import toml_lines
 if TYPE_CHECKING:
     from haptic_driver.lab.importers import Made
 
-GAINS = (0.0, 20.0)
-
 
 def texture_import(
     source: Annotated[
@@ -83,6 +81,7 @@ def texture_import(
     # slow, as strokes
     from haptic_driver.lab.importers import Asked, importer_of, usual_gain  # noqa: PLC0415
     from haptic_driver.lab.importers.strokes import COLUMNS  # noqa: PLC0415
+    from haptic_driver.textures.description import GAINS  # noqa: PLC0415
 
     named = columns_named(column, COLUMNS, "position_mm=x")
     gain = usual_gain(source, map_file) if perceptual_gain is None else perceptual_gain

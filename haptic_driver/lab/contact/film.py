@@ -13,8 +13,9 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError, optional
 from haptic_driver.files import listed
-from haptic_driver.images.files import EXTRA, opened
-from haptic_driver.images.pixels import (
+from haptic_driver.lab.contact.times import read_times
+from haptic_driver.lab.images.files import EXTRA, opened
+from haptic_driver.lab.images.pixels import (
     BYTE,
     Pixels,
     aspect_told,
@@ -23,7 +24,6 @@ from haptic_driver.images.pixels import (
     shares,
     told,
 )
-from haptic_driver.lab.contact.times import read_times
 from haptic_driver.signals import Array
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".gif", ".webp", ".tif", ".tiff", ".dng")

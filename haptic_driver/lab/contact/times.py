@@ -11,9 +11,8 @@ import numpy as np
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import bad_input
 from haptic_driver.signals import Array
-from model.support.layout import is_value
 from model.support.reading import read_bytes
-from model.support.text import SEPARATORS, Line, decoded, numbers, split, times
+from model.support.text import SEPARATORS, Line, decoded, is_value, numbers, split, times
 from model.support.units import named_unit, suffix_unit, to_si
 
 TIME = re.compile(r"time|stamp|zeit|^t\b", re.IGNORECASE)

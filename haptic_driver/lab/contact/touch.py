@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, binary_fill_holes, gaussian_filter
 
 from haptic_driver.errors import optional
-from haptic_driver.images.files import EXTRA
+from haptic_driver.lab.images.files import EXTRA
 from haptic_driver.signals import Array, Mask
 
 RIDGE_PERIOD_M = 0.5e-3  # of fingertips, 0.4 to 0.6 mm

@@ -18,8 +18,8 @@ import numpy as np
 from PIL import Image
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.images.files import opened
-from haptic_driver.images.pixels import full_scale, shares, told
+from haptic_driver.lab.images.files import opened
+from haptic_driver.lab.images.pixels import full_scale, shares, told
 from haptic_driver.signals import Array
 from haptic_driver.textures.bands import Output, finger_gain
 from haptic_driver.textures.description import FINEST_MM

@@ -19,7 +19,7 @@ import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError
 from haptic_driver.signals import Array
-from hw.finger.touch_screen import RawTouch, TouchCalibration, fit_calibration
+from hw.finger.touch_screen import RawTouch, TouchCalibration
 from model.support.tables import Table, read_table
 
 HOLD_S = 0.5  # so long a finger must hold still; its place is the mean over that time
@@ -109,6 +109,35 @@ def fit_touches(touched: Sequence[TouchedPlace], measured_on: datetime.date) -> 
     residual_m = calibration.residual_m
     error_m = None if residual_m is None else residual_m * math.sqrt(count / (count - 3))
     return TouchFit(list(touched), calibration, error_m, off_m)
+
+
+def fit_calibration(raw: Array, position_m: Array, measured_on: datetime.date) -> TouchCalibration:
+    """Least-squares calibration from points touched, `raw` [n, 2] in counts, at places known,
+    `position_m` [n, 2].
+
+    Needs three points or more that are not on a line; from four on, the residual says how well they
+    agree. Raises ValueError.
+    """
+    raw, position_m = np.asarray(raw, dtype=np.float64), np.asarray(position_m, dtype=np.float64)
+    if raw.ndim != 2 or raw.shape[1:] != (2,) or raw.shape != position_m.shape or len(raw) < 3:
+        raise ValueError(
+            f"give [n, 2] of each, n at least 3; got {raw.shape} and {position_m.shape}"
+        )
+    if not (np.isfinite(raw).all() and np.isfinite(position_m).all()):
+        raise ValueError("calibration points must be numbers")
+    centre = raw.mean(axis=0)
+    spread = float(np.abs(raw - centre).max()) or 1.0
+    design = np.column_stack([(raw - centre) / spread, np.ones(len(raw))])
+    if np.linalg.svd(design, compute_uv=False)[-1] < 1e-3:
+        raise ValueError("calibration points are on a line; touch points in three corners or more")
+    fitted = np.linalg.lstsq(design, position_m, rcond=None)[0]
+    slope = fitted[:2].T / spread
+    matrix = np.column_stack([slope, fitted[2] - slope @ centre])
+    residual_m = float(np.sqrt(np.mean(np.sum((design @ fitted - position_m) ** 2, axis=1))))
+    rows = [(float(a), float(b), float(c)) for a, b, c in matrix]
+    return TouchCalibration(
+        (rows[0], rows[1]), measured_on, False, residual_m if len(raw) > 3 else None
+    )
 
 
 def touch_places(

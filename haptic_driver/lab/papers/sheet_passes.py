@@ -19,7 +19,7 @@ from haptic_driver.lookup.build import build_surface
 from haptic_driver.lookup.models import load_model
 from haptic_driver.render.texture import Interpolation, Profile, Script, Step, Target, Uniform
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.slide import TICK_S
+from haptic_driver.signals import TICK_S
 from haptic_driver.simulation.finger_model import finger_of, surface_friction
 from haptic_driver.simulation.rig import SimulatedRig
 from haptic_driver.textures.objects import TEXTURE_COF

@@ -10,11 +10,10 @@ import numpy as np
 
 from haptic_driver.lab.importers.image import Mapped
 from haptic_driver.pictures.saving import pyplot, saved
+from haptic_driver.pictures.textures import LINE, MOST_HIGH_IN
 from haptic_driver.signals import Array
 
-MOST_HIGH_IN = 7.0
 WIDE_TEXT = 52
-LINE = "#1b6ca8"
 FELT = "#b8500f"
 
 

@@ -3,6 +3,7 @@
 Read the modules in this order:
 
 - `trial_map`: what the map may say;
+- `layout`: where the table of a text stands;
 - `columns`: a file's columns as arrays;
 - `cut`: windows of a trial as rows;
 - `strokes`: windows of a trial as strokes over a surface;

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from haptic_driver.errors import BadInputError, HapticError, optional
+from haptic_driver.lab.raw_trials.layout import TextTable, text_table
 from haptic_driver.lab.raw_trials.trial_map import ColumnSaid, FileLook
 from haptic_driver.public.given import own_unit, require_one_index
 from haptic_driver.signals import Array
 from model.support.errors import did_you_mean
-from model.support.layout import TextTable, text_table
 from model.support.reading import read_bytes
 from model.support.text import numbers, times
 from model.support.units import named_unit

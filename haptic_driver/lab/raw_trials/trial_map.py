@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from haptic_driver.config import Section, parse
-from model.support.layout import Layout
+from haptic_driver.lab.raw_trials.layout import Layout
 from model.support.reading import read_toml
 
 Seconds = Annotated[float, Field(ge=-1e6, le=1e6)]

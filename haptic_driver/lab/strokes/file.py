@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.files import replacing, writing
+from haptic_driver.lab.tables import Blocks, writer_of
 from haptic_driver.lookup import labelled
 from haptic_driver.recording import records
 from haptic_driver.recording.finish import CheckedFile
 from haptic_driver.recording.structure import check_plain, member, read_column
-from haptic_driver.recording.tables import Blocks, writer_of
 
 FORMAT = "haptic-driver strokes"
 FORMAT_VERSION = 1.0

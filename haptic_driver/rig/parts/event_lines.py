@@ -14,6 +14,7 @@ from haptic_driver.rig.part import Part, PartSection, Resource, Wiring
 
 if TYPE_CHECKING:
     from hw.event_line.contract import EventLine
+    from hw.transport.contract import Transport
 
 Code = Annotated[int, Field(ge=0, le=255)]
 FirstCode = Annotated[int, Field(ge=0, le=246)]  # a number up to 9 is added
@@ -65,37 +66,45 @@ def ppdev_there(at: Examination, device: str, look: str) -> Check:
     return at.failed(said, "load ppdev (modprobe ppdev), and join the device's group")
 
 
-SettleSeconds = Annotated[float, Within(0.0, 30.0, "no box takes longer to begin")]
-SETTLE = "after opening, and after each reopening, the box is left alone for so long"
+class TriggerBoxSection(PartSection):
+    """A trigger box behind a serial port."""
+
+    kind: Literal["trigger_box"]
+    resource: Resource = Field(description="its serial port, of which this is the only user")
+    baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = Field(
+        default=115200, description="of the port"
+    )
+    settle_s: Annotated[float, Within(0.0, 30.0, "no box takes longer to begin")] = Field(
+        default=2.0,
+        description="after opening, and after each reopening, the box is left alone for so long",
+    )
+
+    def transport(self) -> Transport:
+        """Its port, closed."""
+        from hw.transport.resource import make_transport
+
+        return make_transport(self.resource, baud_rate=self.baud_rate)
+
+    def opens(self, at: Examination, look: str) -> Check:
+        """Open the port, and send nothing; `look` checks the rest."""
+        with closing(self.transport()) as transport:
+            transport.open()
+        return at.unverified(f"{self.resource} opens; nothing came that could be checked", look)
 
 
-class TriggerBoxConfig(EventLineSection):
+class TriggerBoxConfig(TriggerBoxSection, EventLineSection):
     """A trigger box behind a serial port: one byte per code, then 0; unverified.
 
     One with an Arduino begins anew when its port is opened, and would swallow what comes first.
     """
 
-    kind: Literal["trigger_box"]
-    resource: Resource = Field(description="its serial port")
-    baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = Field(
-        default=115200, description="of the port"
-    )
-    settle_s: SettleSeconds = Field(default=2.0, description=SETTLE)
-
     def examine(self, at: Examination) -> Checks:
-        """Open the port, and send nothing."""
-        from hw.transport.resource import make_transport
-
-        with closing(make_transport(self.resource, baud_rate=self.baud_rate)) as transport:
-            transport.open()
-        yield at.unverified(f"{self.resource} opens; such a box answers nothing", LOOK)
+        yield self.opens(at, LOOK)
 
     def make(self, wiring: Wiring) -> Part[EventLine]:
         from hw.event_line.trigger_box import TriggerBox
-        from hw.transport.resource import make_transport
 
-        transport = make_transport(self.resource, baud_rate=self.baud_rate)
-        return Part(TriggerBox(transport, self.settle_s))
+        return Part(TriggerBox(self.transport(), self.settle_s))
 
 
 class ModemLineConfig(EventLineSection):

@@ -12,8 +12,8 @@ from pydantic import Field
 
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
-from haptic_driver.rig.part import Part, PartSection, Resource, Wiring
-from haptic_driver.rig.parts.event_lines import SETTLE, Code, SettleSeconds, ppdev_there
+from haptic_driver.rig.part import Part, PartSection, Wiring
+from haptic_driver.rig.parts.event_lines import Code, TriggerBoxSection, ppdev_there
 
 if TYPE_CHECKING:
     from hw.event_line.contract import LineIn
@@ -62,31 +62,18 @@ class LineInSection(PartSection):
         yield at.unverified("not looked at", LOOK)
 
 
-class TriggerBoxInConfig(LineInSection):
+class TriggerBoxInConfig(TriggerBoxSection, LineInSection):
     """A byte that a trigger box sends; unverified. What it says when it begins is no edge."""
 
-    kind: Literal["trigger_box"]
-    resource: Resource = Field(description="its serial port, of which this is the only user")
-    baud_rate: Annotated[int, Field(ge=300, le=4_000_000)] = Field(
-        default=115200, description="of the port"
-    )
     code: Code = Field(default=0, description="the byte that is an edge; 0: each but 0")
-    settle_s: SettleSeconds = Field(default=2.0, description=SETTLE)
 
     def _examine_line(self, at: Examination) -> Checks:
-        """Open the port, and send nothing."""
-        from hw.transport.resource import make_transport
-
-        with closing(make_transport(self.resource, baud_rate=self.baud_rate)) as transport:
-            transport.open()
-        yield at.unverified(f"{self.resource} opens; nothing came that could be checked", LOOK)
+        yield self.opens(at, LOOK)
 
     def make(self, wiring: Wiring) -> Part[LineIn]:
         from hw.event_line.trigger_box import TriggerBoxIn
-        from hw.transport.resource import make_transport
 
-        transport = make_transport(self.resource, baud_rate=self.baud_rate)
-        return Part(TriggerBoxIn(transport, self.code, self.settle_s))
+        return Part(TriggerBoxIn(self.transport(), self.code, self.settle_s))
 
 
 class ModemLineInConfig(LineInSection):

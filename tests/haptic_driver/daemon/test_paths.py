@@ -14,7 +14,8 @@ from haptic_driver.processes.samples import Flag
 from haptic_driver.render.texture import Grating
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig
-from haptic_driver.rig.slide import TICK_S, Slide
+from haptic_driver.rig.slide import Slide
+from haptic_driver.signals import TICK_S
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.finger.simulated_touch_screen import SCREEN
 

@@ -16,8 +16,8 @@ from haptic_driver.daemon.place import Place
 from haptic_driver.daemon.verbs import SceneChange
 from haptic_driver.daemon.web.server import serve
 from haptic_driver.errors import BadInputError
+from haptic_driver.lab.scene_replay import SceneReplay
 from haptic_driver.recording.read import read_run
-from haptic_driver.recording.scenes import SceneReplay
 from tests.waiting import until
 
 pytestmark = pytest.mark.process  # and real time where a test says so

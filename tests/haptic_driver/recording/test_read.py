@@ -10,6 +10,7 @@ import pytest
 from scipy.io import loadmat
 
 from haptic_driver.errors import BadInputError, HapticError
+from haptic_driver.lab import tables
 from haptic_driver.processes.samples import ADDED, SAMPLE
 from haptic_driver.recording import read as recording
 from haptic_driver.recording.event import Event
@@ -42,7 +43,7 @@ def path(tmp_path, samples):
 
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch):
-    monkeypatch.setattr(recording, "BLOCK_ROWS", 256)
+    monkeypatch.setattr(tables, "BLOCK_ROWS", 256)
 
 
 def test_runs_are_in_the_order_of_their_numbers(tmp_path):
@@ -96,7 +97,7 @@ def test_a_run_is_one_line_where_a_notebook_shows_it(path, samples):
 
 def test_csv_holds_every_number_to_the_last_bit(path, samples, tmp_path):
     done = []
-    assert recording.export(path, tmp_path / "run.csv", progress=done.append) == 700
+    assert tables.export(path, tmp_path / "run.csv", progress=done.append) == 700
     assert done == [256, 512, 700]
     rows = rows_of(tmp_path / "run.csv")
     assert list(rows[0]) == [*SAMPLE.names, *TOLD]
@@ -107,7 +108,7 @@ def test_csv_holds_every_number_to_the_last_bit(path, samples, tmp_path):
 
 def test_parquet_holds_the_same_and_where_it_comes_from(path, samples, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    assert recording.export(path, tmp_path / "run.parquet") == 700
+    assert tables.export(path, tmp_path / "run.parquet") == 700
     read = parquet.read_table(tmp_path / "run.parquet")
     for name in SAMPLE.names:
         np.testing.assert_array_equal(read[name].to_numpy(), samples[name])
@@ -118,7 +119,7 @@ def test_parquet_holds_the_same_and_where_it_comes_from(path, samples, tmp_path)
 
 
 def test_all_runs_become_one_table_whose_times_are_each_runs_own(path, samples, tmp_path):
-    assert recording.export(path, tmp_path / "all.csv", every=True) == 710
+    assert tables.export(path, tmp_path / "all.csv", every=True) == 710
     rows = rows_of(tmp_path / "all.csv")
     assert [row["run"] for row in rows] == ["1"] * 10 + ["2"] * 700
     time_s = [*samples["time_s"][:10].tolist(), *samples["time_s"].tolist()]
@@ -129,13 +130,13 @@ def test_all_runs_become_one_table_whose_times_are_each_runs_own(path, samples, 
 
 
 def test_mat_holds_a_variable_for_each_column(path, samples, tmp_path):
-    recording.export(path, tmp_path / "run.mat", run="2")
+    tables.export(path, tmp_path / "run.mat", run="2")
     read = loadmat(tmp_path / "run.mat")
     for name in SAMPLE.names:
         np.testing.assert_array_equal(read[name], samples[name][:, None])
     assert read["run"].tolist() == [[2]] * 700
     assert json.loads(read["about"].item())["surface_hash"] == "ab12"
-    recording.export(path, tmp_path / "events.mat", events=True, every=True)
+    tables.export(path, tmp_path / "events.mat", events=True, every=True)
     read = loadmat(tmp_path / "events.mat")
     assert [cell.item() for (cell,) in read["message"]] == ['armed, "quoted"'] * 2
 
@@ -147,13 +148,13 @@ def test_a_recording_older_than_a_column_has_nothing_in_it(path, samples, tmp_pa
     found = recording.read_run(path).samples
     assert np.isnan(found["current_a"]).all()
     np.testing.assert_array_equal(found["measured_cof"], samples["measured_cof"])
-    assert recording.export(path, tmp_path / "old.csv") == 700
+    assert tables.export(path, tmp_path / "old.csv") == 700
     assert {row["estimated_cof"] for row in rows_of(tmp_path / "old.csv")} == {""}
 
 
 def test_another_run_and_its_events(path, tmp_path):
-    assert recording.export(path, tmp_path / "first.csv", run="run_0001") == 10
-    assert recording.export(path, tmp_path / "events.csv", events=True) == 1
+    assert tables.export(path, tmp_path / "first.csv", run="run_0001") == 10
+    assert tables.export(path, tmp_path / "events.csv", events=True) == 1
     (row,) = rows_of(tmp_path / "events.csv")
     run_s, wall_s = float(row.pop("run_time_s")), float(row.pop("wall_time_s"))
     assert (run_s, wall_s) == (0.5 - HEADER.started_s, 0.5 + HEADER.clock.wall_offset_s)
@@ -169,7 +170,7 @@ def test_another_run_and_its_events(path, tmp_path):
 
 def test_a_run_without_samples_is_a_table_without_rows(tmp_path):
     RunWriter(tmp_path / "run.h5", HEADER).close()
-    assert recording.export(tmp_path / "run.h5", tmp_path / "run.csv") == 0
+    assert tables.export(tmp_path / "run.h5", tmp_path / "run.csv") == 0
     assert (tmp_path / "run.csv").read_text() == ",".join([*SAMPLE.names, *TOLD]) + "\n"
 
 
@@ -177,16 +178,16 @@ def test_nothing_is_overwritten_unless_forced(path, tmp_path):
     out = tmp_path / "run.csv"
     out.write_text("mine")
     with pytest.raises(BadInputError, match="exists already"):
-        recording.export(path, out)
+        tables.export(path, out)
     assert out.read_text() == "mine"
-    recording.export(path, out, force=True)
+    tables.export(path, out, force=True)
     assert out.read_text().startswith("tick,")
 
 
 def test_a_missing_package_names_its_extra(path, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(HapticError) as missing:
-        recording.export(path, tmp_path / "run.parquet")
+        tables.export(path, tmp_path / "run.parquet")
     assert missing.value.hint == "Install it: pip install 'haptic-driver[parquet]'"
     assert os.listdir(tmp_path) == ["run.h5"]
 
@@ -205,7 +206,7 @@ def test_a_missing_package_names_its_extra(path, tmp_path, monkeypatch):
 )
 def test_what_is_no_whole_recording_is_named(path, tmp_path, spoil, code):
     spoil(path)
-    for use in (recording.read_run, lambda p: recording.export(p, tmp_path / "run.csv")):
+    for use in (recording.read_run, lambda p: tables.export(p, tmp_path / "run.csv")):
         with pytest.raises(BadInputError) as refused:
             use(path)
         assert refused.value.code == code
@@ -305,7 +306,7 @@ def test_a_run_that_is_a_link_is_not_followed(path, tmp_path):
             FORMAT_VERSION,
         )
         file["run_0001"] = h5py.ExternalLink(str(path), "/run_0001")
-    for use in (recording.read_run, recording.row_count):
+    for use in (recording.read_run, tables.row_count):
         with pytest.raises(BadInputError, match="link to elsewhere"):
             use(tmp_path / "links.h5")
 

@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 from haptic_driver.errors import HapticError
+from haptic_driver.lab.load_tuning import tune
 from haptic_driver.rig import load_loop
 from haptic_driver.rig.load_controller import LoadSettings, Phase
 from haptic_driver.rig.load_loop import LoadLoop, clear_for_bias, make_clear
-from haptic_driver.rig.load_tuning import tune
 from hw.errors import DeviceTimeout
 from hw.finger.body import BodySettings, Elastic, PowerLaw
 from hw.force.sensor import ForceReading

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.images.files import opened
 from haptic_driver.lab.contact.film import read_film
 from haptic_driver.lab.contact.scale import scale_from_ruler, scale_told
+from haptic_driver.lab.images.files import opened
 
 tifffile = pytest.importorskip("tifffile")
 FRAMES = np.arange(3, dtype=np.uint8)[:, None, None] + np.full((60, 64), 200, np.uint8)

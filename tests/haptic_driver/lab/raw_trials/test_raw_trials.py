@@ -12,10 +12,10 @@ import pytest
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.lab.raw_trials.cut import conditions_of, opened, tabled
+from haptic_driver.lab.raw_trials.layout import Layout, text_table
 from haptic_driver.lab.raw_trials.propose import proposed, roles_of
 from haptic_driver.lab.raw_trials.quantities import quantities
 from haptic_driver.lab.raw_trials.trial_map import Conditions, TrialMap, read_map
-from model.support.layout import Layout, text_table
 from model.support.units import to_si
 from tests.haptic_driver.lab.raw_trials.made import (
     LOAD_N,

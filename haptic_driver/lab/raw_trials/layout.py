@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from model.support.cells import is_number
 from model.support.errors import ModelError
-from model.support.text import SEPARATORS, Decimal, Line, decoded, split, times
+from model.support.text import SEPARATORS, Decimal, Line, decoded, is_value, split
 from model.support.units import named_unit, understood
 
 HEADER_LINES = 1000  # in which a header is looked for
 SURE = 5  # lines of numbers after which a table is believed
 LABVIEW = "LabVIEW Measurement"
 LABVIEW_END = "***End_of_Header***"
-COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -136,11 +133,6 @@ def _first_row(lines: Sequence[Line]) -> int | None:
         if widths[i] and len(set(widths[i : i + SURE])) == 1:
             return i
     return None
-
-
-def is_value(cell: str) -> bool:
-    """Whether a cell is a number with a point or comma, or a date or time."""
-    return is_number(cell) or bool(COMMA.fullmatch(cell)) or times([cell]) is not None
 
 
 def _filled(cells: Sequence[str]) -> list[str]:

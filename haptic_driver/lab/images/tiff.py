@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.images.pixels import LUMINANCE, Pixels, aspect_told, of_array
+from haptic_driver.lab.images.pixels import LUMINANCE, Pixels, aspect_told, of_array
 from haptic_driver.signals import Array
 from model.support.errors import ModelError
 from model.support.units import to_si

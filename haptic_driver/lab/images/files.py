@@ -13,8 +13,8 @@ import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from haptic_driver.errors import BadInputError, HapticError, optional
-from haptic_driver.images.pixels import BYTE, Pixels, aspect_told, of_array
-from haptic_driver.images.tiff import TiffPictures
+from haptic_driver.lab.images.pixels import BYTE, Pixels, aspect_told, of_array
+from haptic_driver.lab.images.tiff import TiffPictures
 from haptic_driver.signals import Array
 from model.support.reading import read_bytes
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.images.files import opened
-from haptic_driver.images.pixels import NO_DATA, full_scale, of_array, shares, told
+from haptic_driver.lab.images.files import opened
+from haptic_driver.lab.images.pixels import NO_DATA, full_scale, of_array, shares, told
 
 tifffile = pytest.importorskip("tifffile")
 # a byte's rounding, and that of a weighted sum of three
