@@ -9,6 +9,11 @@ from haptic_driver.pictures.textures import preview
 from haptic_driver.render.texture import Uniform
 
 
+@pytest.fixture(autouse=True)
+def nothing_left_by_others():
+    plt.close("all")
+
+
 @pytest.mark.parametrize("ending", [".png", ".pdf", ".svg", ".PNG"])
 def test_a_picture_is_what_its_name_says(tmp_path, ending):
     path = tmp_path / f"x{ending}"
