@@ -10,7 +10,7 @@ from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
 from model.contact.gap_table import gap_mass, integrals_of
 from model.effects import CATALOGUE
-from model.electric.dielectrics import EPS0, ColeCole
+from model.electric.dielectrics import EPS0
 from model.electric.layers import branch, leak_per_m_pa
 from model.parameters import Parameter
 from model.support.errors import ModelError
@@ -123,16 +123,6 @@ class TestLimits:
         assert forces[3] < 1e-3 * forces[0]
         # the law is reached up to the slow rise of K |z| towards z = 0: a few per cent per decade
         assert forces[3] / forces[2] == pytest.approx(0.1, rel=0.2)
-
-    def test_highest_frequencies_see_permittivities_only(self, variant, k_by_quadrature):
-        model = variant(dielectric=ColeCole("plain", "made up", 50.0, (), 2e-4))
-        f_e = force(model, 1e9, KEY_VOLTAGE_V, KEY_LOAD_N)[0]
-        total = (KEY_LOAD_N + f_e) / AREA_M2
-        z = 1e-6 / 3.9 + 200e-6 / 50.0
-        expected = AREA_M2 * EPS0 / 4.0 * KEY_VOLTAGE_V**2 * k_by_quadrature(model, total, z)
-        assert f_e == pytest.approx(
-            expected, rel=2e-4
-        )  # interpolation, and sigma/(w eps0 eps) = 7e-5 of the skin
 
 
 class TestDrive:

@@ -64,11 +64,6 @@ def test_commands_have_the_bytes_on_record(frame, expected):
     assert apt.encode(frame).hex(" ") == expected
 
 
-def test_the_stage_announces_that_it_is_homed():
-    assert from_stage(apt.on_channel(Message.HOMED)).hex(" ") == "44 04 01 00 01 50"
-    assert parse(apt.on_channel(Message.HOMED)).msg == "mot_move_homed"
-
-
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 2**31 - 1), st.integers(0, 2**31 - 1))
 def test_numbers_are_packed_as_by_the_independent_package(counts, acceleration, velocity):
     for message, independent in (

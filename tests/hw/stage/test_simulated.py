@@ -112,14 +112,6 @@ def test_the_travel_ends(wanted_mm, reached_mm):
     assert rig.stage.position_mm == reached_mm
 
 
-def test_velocity_and_acceleration_are_clipped():
-    rig = Client()
-    rig.set_speed(90.0, 200.0)
-    (held,) = rig.ask(client.mot_req_velparams(*TO_STAGE, 1))
-    assert held.max_velocity == 50 * MM_S
-    assert held.acceleration == pytest.approx(50 * MM_S2, abs=1)
-
-
 @settings(max_examples=60)
 @given(
     st.floats(0.1, 150.0),

@@ -58,13 +58,3 @@ def test_a_broken_rule_halts_the_endpoint_until_the_halt_is_cleared(
     assert violation in said
     device.clear_halt(BULK_OUT)
     device.write(BULK_OUT, command(7, b"*CLS\n"))
-
-
-def test_a_tag_twice_and_two_open_requests_are_refused(device, backend):
-    device.write(BULK_OUT, command(1, b"*CLS\n"))
-    for transfer in (command(1, b"*CLS\n"), out(2, 2, 100, 0), out(2, 3, 100, 0)):
-        try:
-            device.write(BULK_OUT, transfer)
-        except usb.core.USBError:
-            device.clear_halt(BULK_OUT)
-    assert backend.violations == ["tag 1 twice", "a request while one is open"]

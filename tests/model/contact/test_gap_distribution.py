@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.special import erf
 
 from model.contact.gap_distribution import area_ratio, gap_distribution, mean_gap
 from model.contact.roughness import SelfAffineShape
@@ -53,26 +52,6 @@ def test_mean_of_the_distribution_is_the_mean_separation(shape_and_scales, name)
     shape, scales = shape_and_scales(name)
     d = gap_distribution(shape, 5e3 / scales.pressure_pa)
     assert integral_of_density(d, power=1) == pytest.approx(d.mean_gap, rel=1e-2)
-
-
-@pytest.mark.parametrize("name", FINGERS)
-def test_nearly_all_the_area_leaves_contact_at_the_first_magnifications(shape_and_scales, name):
-    """The trap of a grid in log zeta: 92 to 99 % of the nominal area has left contact before zeta =
-    1.1.
-    """
-    shape, scales = shape_and_scales(name)
-    p_hat = 5e3 / scales.pressure_pa
-    k = 2.0 - 2.0 * shape.hurst
-    still = erf(p_hat / np.sqrt(shape.hurst * (1.1**k - 1.0) / k))  # (42)-(43) at zeta = 1.1
-    spread_there = np.sqrt(
-        1.1 ** (-2.0 * shape.hurst) - shape.zeta1 ** (-2.0 * shape.hurst)
-    )  # (49)
-    d = gap_distribution(shape, p_hat, step=0.01)
-    left = d.weight[d.spread > spread_there].sum()
-    assert still < 0.09
-    assert left == pytest.approx(
-        1.0 - still, abs=0.01 * still
-    )  # one step of the grid moves ln A by 0.005
 
 
 @pytest.mark.parametrize("name", FINGERS)

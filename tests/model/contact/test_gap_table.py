@@ -10,7 +10,6 @@ from model.contact import gap_table as module
 from model.contact import resolution
 from model.contact.gap_integrals import k_hat, l_hat
 from model.contact.gap_table import GapTable, gap_mass, gap_table, integrals_of
-from model.contact.resolution import LOG_P_AXIS
 from model.contact.roughness import SelfAffineShape
 
 FINGERS = ("reference", "table1")
@@ -83,21 +82,6 @@ def test_beyond_the_lengths_of_the_table_its_limits_hold(models, z_hat):
         assert abs(table_l - l) <= 5e-3 * abs(l)  # L moves half as much
 
 
-@given(
-    log_p=st.floats(np.log(1e-5), np.log(5.0)),
-    log_z=st.floats(np.log(1e-6), np.log(1e2)),
-    angle=st.floats(0.0, np.pi / 2.0),
-)
-@settings(max_examples=50)
-def test_conjugate_symmetry(models, log_p, log_z, angle):
-    table, p_hat, z_hat = models["table1"].table, np.exp(log_p), np.exp(log_z + 1j * angle)
-    k, l = look_up(table, p_hat, z_hat)  # noqa: E741
-    k_conj, l_conj = look_up(table, p_hat, z_hat.conjugate())
-    assert k_conj == pytest.approx(k, rel=1e-12)  # rounding of the angle
-    assert l_conj == pytest.approx(l.conjugate(), rel=1e-12)
-    assert l.imag <= 0.0  # 1/(u + z) has the opposite sign of z
-
-
 def test_beyond_its_pressures_the_table_holds_its_ends(models):
     for outside, end in ((0.9e-6, 1e-6), (11.0, 10.0)):
         for found, expected in zip(
@@ -106,16 +90,6 @@ def test_beyond_its_pressures_the_table_holds_its_ends(models):
             strict=True,
         ):
             assert found == pytest.approx(expected, rel=1e-12)  # rounding of the end's logarithm
-
-
-def test_grid_of_magnifications_has_converged():
-    z = np.array([1e-6, 1e-3 * np.exp(0.5j), 1.0j, 30.0])
-    for p_hat in (1e-4, 0.02, 1.0):
-        coarse, fine = (integrals_of(gap_mass(SHAPE, p_hat, step), z) for step in (0.2, 0.05))
-        np.testing.assert_allclose(
-            coarse[0], fine[0], rtol=1e-5
-        )  # a tenth of what interpolation may cost
-        np.testing.assert_allclose(coarse[1], fine[1], rtol=1e-5)
 
 
 def test_grid_of_gaps_has_converged(monkeypatch):
@@ -245,29 +219,3 @@ def test_a_smooth_shape_has_a_finite_table():
     table = module.build_table(SelfAffineShape(0.8, 2.0, 0.45))
     assert np.isfinite(table.values).all()
     assert np.isfinite(table.mass).all()
-
-
-@pytest.mark.parametrize("name", ["reference", "table1"])
-def test_the_tables_step_of_pressure_is_of_fourth_order(models, name):
-    """Cubics through direct quadratures 4, 2 and 1 steps of the table apart, in the middle between
-    two of them.
-    """
-    shape = models[name].table.shape
-    table_step = (LOG_P_AXIS[1] - LOG_P_AXIS[0]) / (LOG_P_AXIS[2] - 1)
-    weights = np.array([-1.0, 9.0, 9.0, -1.0]) / 16.0
-
-    def log_k(log_p: float) -> float:
-        return float(
-            np.log(
-                integrals_of(gap_mass(shape, float(np.exp(log_p))), np.array([0.03 + 0.01j]))[0][0]
-            )
-        )
-
-    for middle in np.log([5e-3, 2e-2, 0.1]):
-        errors = []
-        for steps in (4.0, 2.0, 1.0):
-            nodes = middle + steps * table_step * np.array([-1.5, -0.5, 0.5, 1.5])
-            errors.append(abs(weights @ [log_k(x) for x in nodes] - log_k(middle)))
-        assert errors[1] < errors[0] / 8.0  # 16 in the limit
-        assert errors[2] < errors[1] / 8.0
-        assert errors[2] < 1e-4  # what a table may differ from direct quadrature

@@ -53,23 +53,6 @@ def test_is_the_mean_over_gaps_and_real_contact(models, scales_of, stack_of, fre
     assert abs(got.electrode_current_a[0] - expected) < known
 
 
-def test_without_loss_it_leads_by_90_degrees(variant):
-    class Glass:
-        name = source = "made up"
-
-        def permittivity(self, frequency_hz):
-            return np.full(np.shape(frequency_hz), 1000.0 + 0.0j)
-
-    lossless = {
-        "leak_scale": 0.0,
-        "insulator_conductivity_s_per_m": 0.0,
-        "air_conductivity_s_per_m": 0.0,
-    }
-    model = variant(dielectric=Glass(), stray_capacitance_f=1e-10, **lossless)
-    current = model.predict(sines([1.0, 250.0, 1e6])).electrode_current_a
-    np.testing.assert_allclose(np.angle(current), np.pi / 2.0, atol=1e-6)  # the table's angles
-
-
 def test_gaps_far_thinner_than_the_layers_leave_insulator_and_skin(variant):
     model = variant(roughness_rms_m=4e-8)
     got = model.predict(sines([250.0, 1e5], 1e-3, 0.5))

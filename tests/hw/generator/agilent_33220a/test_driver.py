@@ -172,28 +172,6 @@ def test_off_tries_twice_and_says_so_when_the_output_stays_on():
     assert not script.pairs
 
 
-@pytest.mark.parametrize(
-    ("frequency_hz", "voltage_v"),
-    [
-        (250.0, 300.001),
-        (250.0, math.nan),
-        (250.0, math.inf),
-        (250.0, -10.0),
-        (250.0, 0.0),
-        (250.0, 0.999),  # below 10 mV peak at the generator
-        (math.nan, 60.0),
-        (math.inf, 60.0),
-        (9.99, 60.0),
-        (10001.0, 60.0),
-        (-250.0, 60.0),
-    ],
-)
-def test_limits_are_refused_before_any_byte_is_written(frequency_hz, voltage_v):
-    driver, _ = connected()
-    with pytest.raises(LimitExceeded, match=r"GEN: .* nothing was sent"):
-        driver.set_point(frequency_hz, voltage_v)
-
-
 def test_the_generator_has_a_limit_too():
     small_gain = GeneratorSettings(2.0, 300.0, 10.0, 10e3)
     driver = Agilent33220A(MemoryTransport(Script()), small_gain)
