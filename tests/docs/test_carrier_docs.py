@@ -17,7 +17,7 @@ from haptic_driver.render.controller import ControllerSettings
 from haptic_driver.render.policies import POLICIES, description
 from haptic_driver.rig.config import ControllerConfig, load_rig
 from haptic_driver.textures.ripple import quiet_reach
-from model.parameters import Parameter
+from tests.fingers import hiding
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "carrier.md").read_text(encoding="utf-8")
@@ -48,9 +48,7 @@ def test_what_quiet_costs_is_what_the_program_says(row):
     if in_the_lead := re.findall(r"(\d+) kΩ", words):
         resistance_ohm = 1e3 * float(in_the_lead[0])
         limits = replace(limits, series_resistance_ohm=resistance_ohm)
-        parameter = Parameter(resistance_ohm, "ohm", "the page")
-        effects = {"series_resistance": {"resistance_ohm": parameter}}
-        model = replace(model, effect_parameters=effects)
+        model = hiding(model, series_resistance={"resistance_ohm": resistance_ohm})
     lookup = ready_for_lookup(build_surface(model, limits), limits)
     own = config.controller.model_dump()
     found = quiet_reach(ControllerSettings(lookup, limits, **own), 0.5)

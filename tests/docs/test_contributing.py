@@ -3,7 +3,6 @@
 import importlib
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,8 @@ import pytest
 from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.effects import BY_NAME, CATALOGUE
-from model.parameters import Parameter
 from model.touch_model import TouchModel
+from tests.fingers import hiding
 
 PAGE = Path(__file__).resolve().parents[2] / "CONTRIBUTING.md"
 
@@ -33,8 +32,7 @@ def test_half_of_the_area_carries_between_half_and_all_of_the_current(dry_film, 
     """Half the area under the same load is pressed twice as hard: its gap is narrower, not open."""
     monkeypatch.setitem(BY_NAME, dry_film.name, dry_film)
     bare = load_model("reference")
-    half = {"dry_film": {"covered": Parameter(0.5, "1", "")}}
-    covered = replace(bare, effect_parameters=half)
+    covered = hiding(bare, dry_film={"covered": 0.5})
     asked = Conditions(np.array([1000.0]), np.array([1.0]), np.array([0.5]))
     bare_a, covered_a = (
         float(TouchModel(model).predict(asked).current_rms_a[0]) for model in (bare, covered)

@@ -20,6 +20,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock
@@ -562,8 +563,12 @@ def test_links_and_pictures_exist(page):
             assert (page.parent / target).exists(), f"{page.name} points to {target}"
 
 
+@cache
+def code() -> list[str]:
+    return [f"/{path.relative_to(ROOT)}" for room in CODE for path in (ROOT / room).rglob("*.py")]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_files_of_code_that_a_page_names_are_there(page):
-    there = [f"/{path.relative_to(ROOT)}" for room in CODE for path in (ROOT / room).rglob("*.py")]
     for name in re.findall(r"`([\w/]+\.py)`", page.read_text(encoding="utf-8")):
-        assert any(path.endswith(f"/{name}") for path in there), name
+        assert any(path.endswith(f"/{name}") for path in code()), name

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,14 +7,14 @@ from scipy.optimize import brentq
 from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
 from model.contact.gap_table import gap_mass, integrals_of
-from model.effects import CATALOGUE
+from model.effects import BY_NAME, CATALOGUE
 from model.electric.dielectrics import EPS0
 from model.electric.layers import branch, leak_per_m_pa
-from model.parameters import Parameter
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
 FINGERS = ("reference", "table1")
+BREAKDOWN = BY_NAME["air_breakdown"]
 KEY_VOLTAGE_V, KEY_LOAD_N, AREA_M2 = 75.0, 0.5, 1e-4
 
 
@@ -295,14 +293,8 @@ class TestConditions:
         assert "square" in caught.value.hint
 
     @pytest.mark.parametrize("kind", CATALOGUE, ids=lambda kind: kind.name)
-    def test_has_every_effect_as_single_conditions_have_it(self, models, fresh_tables, kind):
-        values = {
-            p.name: Parameter(float(p.from_normal(1.0)), p.unit, "") for p in kind.parameters()
-        }
-        description = replace(
-            models["reference"].description, effect_parameters={kind.name: values}
-        )
-        model = fresh_tables(TouchModel(description))
+    def test_has_every_effect_as_single_conditions_have_it(self, with_effects, kind):
+        model = with_effects(kind(**{p.name: float(p.from_normal(1.0)) for p in kind.parameters()}))
         f, v, n, s = (
             np.geomspace(1.0, 1e6, 7),
             np.array([0.0, 10.0, 150.0]),
@@ -326,15 +318,11 @@ class TestConditions:
             )
 
 
-def test_a_cap_bends_the_force_without_steps(models, fresh_tables):
+def test_a_cap_bends_the_force_without_steps(with_effects):
     """The sum over gaps has a kink where the cap ends; its place must not show as the voltage
     rises.
     """
-    values = {"breakdown_field_v_per_m": Parameter(5e7, "V/m", "")}
-    description = replace(
-        models["reference"].description, effect_parameters={"air_breakdown": values}
-    )
-    model = fresh_tables(TouchModel(description))
+    model = with_effects(BREAKDOWN(breakdown_field_v_per_m=5e7))
     third = np.diff(np.log(force(model, 250.0, np.linspace(100.0, 110.0, 201), 0.5)), 3)
     assert np.abs(third).max() < 1e-6  # 1e-7; the trapezoid rule alone leaves 2e-5
 
@@ -343,18 +331,13 @@ def test_a_cap_bends_the_force_without_steps(models, fresh_tables):
 @pytest.mark.parametrize(
     "voltage_v", [pytest.param(40.0, marks=pytest.mark.soak), 150.0]
 )  # 2 s each
-def test_a_capped_force_is_that_of_a_fine_quadrature(
-    models, fresh_tables, field_v_per_m, voltage_v
-):
+def test_a_capped_force_is_that_of_a_fine_quadrature(with_effects, field_v_per_m, voltage_v):
     """50 times as many gaps, with the field of each stopped at the cap: deep caps leave a millionth
     of the force.
     """
-    values = {"breakdown_field_v_per_m": Parameter(field_v_per_m, "V/m", "")}
-    description = replace(
-        models["reference"].description, effect_parameters={"air_breakdown": values}
-    )
-    model, v = fresh_tables(TouchModel(description)), description.values
-    stack = branch(v, description.dielectric, np.array([70.0]))
+    model = with_effects(BREAKDOWN(breakdown_field_v_per_m=field_v_per_m))
+    v = model.description.values
+    stack = branch(v, model.description.dielectric, np.array([70.0]))
     h, leak = stack.h_m(v)[0], leak_per_m_pa(v, stack)[0]
     scale = v.effective_modulus_pa * v.roll_off_wavenumber_per_m * v.roughness_rms_m
     log_u = np.arange(np.log(1e-13), np.log(60.0), 2e-3)

@@ -104,15 +104,6 @@ def test_a_wrong_thing_is_said(haptic, command, code, said, hint):
     assert "Traceback" not in done.err
 
 
-@pytest.mark.parametrize("table", ["\ufeff{}\r\n250,75,0.5\r\n", " {} \n 250 , 75 , 0.5 \n"])
-def test_what_a_spreadsheet_adds_is_no_mistake(haptic, table):
-    """A byte order mark, the line ends of Windows, and spaces after commas."""
-    header = BASE if table.startswith("\ufeff") else BASE.replace(",", ", ")
-    Path("table.csv").write_bytes(table.format(header).encode())
-    assert haptic("predict", "--table", "table.csv", "--out", "made/out.csv").status == 0
-    assert Path("made/out.csv").read_text().startswith(f"{BASE},electrostatic_force_n")
-
-
 def test_a_byte_order_mark_in_a_configuration_is_no_mistake(haptic):
     shipped = Path(__file__).parents[3] / "configs" / "rigs" / "simulated.toml"
     Path("mine.toml").write_bytes(b"\xef\xbb\xbf" + shipped.read_bytes())

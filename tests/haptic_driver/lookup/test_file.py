@@ -17,8 +17,8 @@ from haptic_driver.lookup.build import SurfaceAxes, build_surface
 from haptic_driver.lookup.file import CofInterval, cof_interval_at, read_surface, ready_for_lookup
 from haptic_driver.render.surface import NO_CAPS, cof_at, invert
 from model.conditions import Conditions
-from model.parameters import Parameter
 from model.touch_model import TouchModel
+from tests.fingers import hiding
 
 NUMBERS = (
     "frequency_hz",
@@ -291,8 +291,7 @@ def test_friction_without_voltage_follows_the_load(model_description, limits, fo
     """The lowest load's once held for all: under 2 N a target of 0.55 gave 1.01, and was called
     reachable.
     """
-    effect = {"load_dependent_friction": {"exponent": Parameter(1.3, "1", "")}}
-    model = replace(model_description, effect_parameters=effect)
+    model = hiding(model_description, load_dependent_friction={"exponent": 1.3})
     surface = ready_for_lookup(
         build_surface(model, limits, SurfaceAxes(frequency_count=8, voltage_count=8)), limits
     )

@@ -89,12 +89,6 @@ def test_a_table_that_says_two_things_is_refused(table, match):
         hd.predict("reference", table)
 
 
-def test_a_table_in_peak_to_peak_by_name():
-    table = {**CONDITIONS, "voltage_vpp": [150.0]}
-    del table["voltage_v"]
-    assert hd.predict("reference", table).conditions["voltage_v"] == [75.0]
-
-
 ANYTHING = st.recursive(
     st.none() | st.booleans() | st.floats() | st.text(max_size=5) | st.binary(max_size=3),
     lambda inside: (

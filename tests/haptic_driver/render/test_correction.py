@@ -14,8 +14,8 @@ from haptic_driver.lookup.file import read_surface, ready_for_lookup
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings
 from haptic_driver.signals import NO_COMMAND, FingerState, TargetFriction
 from model.conditions import Conditions
-from model.parameters import Parameter
 from model.touch_model import TouchModel
+from tests.fingers import hiding
 
 AXES = SurfaceAxes(
     frequency_count=40, voltage_count=64, frequency_low_hz=50.0, frequency_high_hz=2e3
@@ -29,11 +29,7 @@ HIDDEN = {
 
 
 def described(model_description, *names):
-    on = {
-        name: {key: Parameter(value, "", "") for key, value in HIDDEN[name].items()}
-        for name in names
-    }
-    return replace(model_description, effect_parameters=on)
+    return hiding(model_description, **{name: HIDDEN[name] for name in names})
 
 
 def finger(speed_m_s: float, time_s: float, force_n: float) -> FingerState:
@@ -91,11 +87,8 @@ def test_it_is_kept_in_the_file(model_description, limits, tmp_path):
 
 def test_where_the_amplifier_leaves_no_voltage_nothing_is_corrected(model_description, limits):
     """A rise of nothing over a rise of nothing is no factor."""
-    weak = {"cutoff_hz": Parameter(100.0, "Hz", ""), "order": Parameter(4.0, "1", "")}
-    model = described(model_description, "viscoelastic_skin")
-    model = replace(
-        model, effect_parameters=model.effect_parameters | {"amplifier_bandwidth": weak}
-    )
+    weak = {"cutoff_hz": 100.0, "order": 4.0}
+    model = hiding(described(model_description, "viscoelastic_skin"), amplifier_bandwidth=weak)
     correction = build_surface(model, limits, replace(AXES, frequency_high_hz=1e6)).correction
     assert np.isfinite(correction.gain_factor).all()
     np.testing.assert_array_equal(correction.gain_factor[-1], 1.0)

@@ -2,8 +2,6 @@
 time.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -18,12 +16,13 @@ from model.analysis.spectra import (
     steepness,
 )
 from model.conditions import Conditions
+from model.effects import BY_NAME
 from model.electric.dielectrics import EPS0, PowerLaw
-from model.parameters import Parameter
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 
 AREA, LOAD = 1e-4, 0.5
+GAIN = BY_NAME["drive_gain_error"]
 TABLE = 2e-4  # of the tabulated integrals against the table's own distributions
 LOSSLESS = PowerLaw(eps_inf=1000.0, amplitude=0.0, exponent=0.5, conductivity_s_per_m=0.0)
 NO_CONDUCTION = {
@@ -115,9 +114,8 @@ def test_the_voltage_in_time_is_the_named_waveform():
     )
 
 
-def test_effects_on_the_drive_act_on_every_tone(touch):
-    half = {"drive_gain_error": {"gain": Parameter(0.5, "1", "")}}
-    halved = TouchModel(replace(touch.description, effect_parameters=half))
+def test_effects_on_the_drive_act_on_every_tone(touch, with_effects):
+    halved = with_effects(GAIN(gain=0.5))
     drive = amplitude_modulated(1000.0, 80.0, 10.0, 0.5)
     found = force_spectrum(halved, drive, LOAD)
     expected = force_spectrum(touch, Tones(drive.frequency_hz, 0.5 * drive.amplitude_v), LOAD)
@@ -125,17 +123,12 @@ def test_effects_on_the_drive_act_on_every_tone(touch):
 
 
 @pytest.mark.parametrize("name", ["air_breakdown", "trapped_charge"])
-def test_effects_that_know_one_tone_only_are_refused(touch, name):
+def test_effects_that_know_one_tone_only_are_refused(with_effects, name):
     """They act on one amplitude, or add to one mean square."""
-    from model.effects import BY_NAME
-
-    on = {
-        name: {p.name: Parameter(float(p.median), p.unit, "") for p in BY_NAME[name].parameters()}
-    }
+    kind = BY_NAME[name]
+    touch = with_effects(kind(**{p.name: float(p.median) for p in kind.parameters()}))
     with pytest.raises(ModelError, match=name):
-        force_spectrum(
-            TouchModel(replace(touch.description, effect_parameters=on)), sine(250.0, 75.0), LOAD
-        )
+        force_spectrum(touch, sine(250.0, 75.0), LOAD)
 
 
 def test_drives_that_cannot_be_are_refused(touch):
@@ -206,15 +199,12 @@ def test_the_voltage_of_pull_in_is_the_first_without_an_answer(touch, monkeypatc
     assert np.isnan(found.exponent[0, 8:]).all()
 
 
-def test_effects_on_the_drive_act_on_the_current(variant):
+def test_effects_on_the_drive_act_on_the_current(with_effects):
     """A weak amplifier's current was that of the voltage asked for; the force was that of the
     voltage delivered.
     """
 
     def current(gain, voltage_v):
-        on = {"drive_gain_error": {"gain": Parameter(gain, "1", "")}}
-        model = variant()
-        model = TouchModel(replace(model.description, effect_parameters=on))
-        return predicted(model, 250.0, voltage_v).current_rms_a
+        return predicted(with_effects(GAIN(gain=gain)), 250.0, voltage_v).current_rms_a
 
     np.testing.assert_allclose(current(0.5, 80.0), current(1.0, 40.0), rtol=1e-9)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from model.description import read_model
 from model.diagnosis.data import read_measurements
 from model.diagnosis.noise import Noise, noise_of
 from model.diagnosis.space import Predictor
-
-REFERENCE = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
+from tests.fingers import FINGER
 
 
 def read_rows(folder: Path, header: str, rows: list[str]) -> tuple[Predictor, Noise]:
@@ -19,4 +17,4 @@ def read_rows(folder: Path, header: str, rows: list[str]) -> tuple[Predictor, No
     data = read_measurements(path)
     noise = noise_of(data)
     assert noise is not None
-    return Predictor(REFERENCE, data), noise
+    return Predictor(FINGER, data), noise

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from model.conditions import Conditions
-from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import noise_of
@@ -17,8 +14,8 @@ from model.diagnosis.witness import CONTACT_AREA, FRICTION
 from model.diagnosis.workflow import diagnose
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
+from tests.fingers import FINGER
 
-FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 HEADER = "frequency_hz,voltage_v,normal_force_n,cof,cof_std,contact_area_m2,contact_area_std_m2"
 LOADS = (0.25, 0.5, 1.0)
 

@@ -28,9 +28,9 @@ from model.effects import Effect
 from model.effects.learned import learned_kind
 from model.reporting.report import write_report
 from model.touch_model import TouchModel
+from tests.fingers import FINGER
 from tests.reports import without_pictures
 
-MODEL = Path(__file__).resolve().parents[3] / "configs" / "models" / "reference.toml"
 FREQUENCIES = (10.0, 30.0, 100.0, 300.0, 1e3, 1e4)
 SESSIONS, ROWS = 3, 45
 NOISE = 0.01
@@ -131,12 +131,11 @@ class Set(NamedTuple):
 @pytest.fixture
 def made(tmp_path, with_effects):
     def make(hidden: Effect, electrode: bool) -> Set:
-        description = read_model(MODEL)
         data = measured(tmp_path, hidden, with_effects(hidden), electrode)
         noise = noise_of(data)
-        problem = Problem(Predictor(description, data), data.observed, noise)
+        problem = Problem(Predictor(FINGER, data), data.observed, noise)
         base = candidate(problem, (), problem.fit((), np.zeros(len(problem.predictor.free))))
-        return Set(description, data, problem, base)
+        return Set(FINGER, data, problem, base)
 
     return make
 
@@ -197,10 +196,9 @@ def test_a_model_that_has_learned_once_learns_no_second_term(made):
 def test_what_no_effect_explains_goes_into_the_model_file_as_learned(tmp_path, with_effects):
     hidden = AtFriction()
     data = measured(tmp_path, hidden, with_effects(hidden), electrode=False)
-    description = read_model(MODEL)
-    found = diagnose(description, data)
+    found = diagnose(FINGER, data)
     with without_pictures():
-        report = write_report(found, description, tmp_path / "out", "data.csv")
+        report = write_report(found, FINGER, tmp_path / "out", "data.csv")
     assert report["verdict"] == "unexplained"
     assert [effect["name"] for effect in report["effects"]] == ["learned"]
     assert report["learned"]["place"] == "friction"
@@ -225,6 +223,6 @@ def test_what_no_effect_explains_goes_into_the_model_file_as_learned(tmp_path, w
     cof = new.columns["cof"]
     before, after = (
         np.std(np.log(TouchModel(model).predict(new.conditions()).cof / cof))
-        for model in (description, corrected)
+        for model in (FINGER, corrected)
     )
     assert after < 0.4 * before  # data of another day; noise alone is a fifth of it

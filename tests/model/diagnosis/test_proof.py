@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from model.conditions import Conditions
-from model.description import read_model
 from model.diagnosis.data import Measurements
 from model.diagnosis.hypotheses import Candidate, Kinds, candidate
 from model.diagnosis.model_fit import Problem
@@ -17,10 +14,10 @@ from model.diagnosis.proof import Proof, _error, prove
 from model.diagnosis.space import Predictor
 from model.effects import BY_NAME
 from model.touch_model import TouchModel
+from tests.fingers import FINGER
 
 from .problems import read_rows
 
-FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 NOISE = 0.02
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from model.conditions import Conditions
-from model.description import read_model
 from model.diagnosis.audit import audited
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.sessions import inflation, unlike_sessions
@@ -20,10 +19,9 @@ from model.diagnosis.space import NUISANCES, Predictor
 from model.diagnosis.witness import CURRENT, FRICTION
 from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME
-from model.parameters import Parameter
 from model.touch_model import TouchModel
+from tests.fingers import FINGER, hiding
 
-MODEL = Path(__file__).resolve().parents[3] / "configs" / "models" / "reference.toml"
 SESSIONS = 5
 
 
@@ -65,10 +63,9 @@ def test_a_predictor_switches_effects_on_only_where_the_data_say_so(tmp_path):
     on = data.session == 2
     gain = BY_NAME["drive_gain_error"]
     vector = np.append(np.zeros(len(NUISANCES)), 2.0)[None]
-    description = read_model(MODEL)
-    partly = Predictor(description, replace(data, effects_on=on)).predicted([gain], vector)[0]
-    everywhere = Predictor(description, data).predicted([gain], vector)[0]
-    nowhere = Predictor(description, data).predicted([], vector[:, :-1])[0]
+    partly = Predictor(FINGER, replace(data, effects_on=on)).predicted([gain], vector)[0]
+    everywhere = Predictor(FINGER, data).predicted([gain], vector)[0]
+    nowhere = Predictor(FINGER, data).predicted([], vector[:, :-1])[0]
     np.testing.assert_array_equal(partly, np.where(on, everywhere, nowhere))
     assert np.any(everywhere[data.driven] != nowhere[data.driven])
 
@@ -82,7 +79,7 @@ def write(folder: Path, hidden: np.ndarray, noisier: float) -> Path:
         a.ravel()
         for a in np.meshgrid(np.geomspace(50, 2e4, 8), [0.0, 60.0, 100.0, 140.0], indexing="ij")
     )
-    model = TouchModel(read_model(MODEL))
+    model = TouchModel(FINGER)
     lines = ["frequency_hz,voltage_v,normal_force_n,cof,cof_std,session"]
     for s in range(SESSIONS):
         drive_v = v / np.sqrt(1 + (f / 2e3) ** 2) if hidden[s] else v
@@ -100,7 +97,7 @@ def write(folder: Path, hidden: np.ndarray, noisier: float) -> Path:
 
 def test_an_effect_in_two_of_five_sessions_is_named_with_its_sessions(tmp_path):
     hidden = np.array([False, True, False, True, False])
-    found = diagnose(read_model(MODEL), read_measurements(write(tmp_path, hidden, 1.0)))
+    found = diagnose(FINGER, read_measurements(write(tmp_path, hidden, 1.0)))
     assert found.findings is not None
     verdict = found.findings.verdict
     named = {verdict.chosen.name, *verdict.group.get(verdict.chosen.name, [])}
@@ -110,9 +107,7 @@ def test_an_effect_in_two_of_five_sessions_is_named_with_its_sessions(tmp_path):
 
 
 def test_a_noisy_session_is_given_less_weight_and_no_name(tmp_path):
-    found = diagnose(
-        read_model(MODEL), read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 5.0))
-    )
+    found = diagnose(FINGER, read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 5.0)))
     assert found.name == "no_discrepancy"
     assert any("noisier than the others: session e" in warning for warning in found.warnings)
 
@@ -125,20 +120,16 @@ def test_noise_that_hardly_forgets_is_taken_into_account_once(tmp_path):
     wander = np.cumsum(np.random.default_rng(25).standard_normal(data.count))
     cof = data.columns["cof"] * np.exp(0.02 * wander)
     slow = replace(data, columns=data.columns | {"cof": cof, "cof_std": 0.02 * cof})
-    description = read_model(MODEL)
-    found = fitted(description, audited(description, slow), lambda _: None)
+    found = fitted(FINGER, audited(FINGER, slow), lambda _: None)
     assert found.problem.noise.correlation > 0.6
     assert sum("correlated" in said for said in found.warnings) == 1
 
 
 def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path):
     """It ended in a bare error about an empty sequence."""
-    on = {
-        kind.name: {p.name: Parameter(p.median, p.unit, "") for p in kind.parameters()}
-        for kind in BY_NAME.values()
-    }
+    on = {kind.name: {p.name: p.median for p in kind.parameters()} for kind in BY_NAME.values()}
     found = diagnose(
-        replace(read_model(MODEL), effect_parameters=on),
+        hiding(FINGER, **on),
         read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 1.0)),
     )
     assert found.name == "not_testable"

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from model.conditions import Conditions
-from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.evidence import evidence_beside
 from model.diagnosis.hypotheses import Candidate, candidate, fit_candidates
@@ -21,8 +20,8 @@ from model.diagnosis.witness import FRICTION
 from model.effects import BY_NAME
 from model.support.arrays import Array
 from model.touch_model import TouchModel
+from tests.fingers import FINGER
 
-FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 NOISE = 0.01
 VOLTAGES = (0.0, 50.0, 75.0, 100.0, 125.0)
 

@@ -12,8 +12,7 @@ from model.diagnosis.data import Measurements
 from model.diagnosis.setting import fitted
 from model.diagnosis.space import Predictor
 from model.diagnosis.where import disagreement
-
-from .problems import REFERENCE
+from tests.fingers import FINGER
 
 FREQUENCIES_HZ, VOLTAGES_V = (1.0, 10.0, 1e3, 1e4), (75.0, 100.0, 125.0, 150.0)
 TIMES_S = (1.0, 1.5, 2.0, 2.65)
@@ -44,7 +43,7 @@ def fading(seed: int) -> Measurements:
     names = ("frequency_hz", "voltage_v", "normal_force_n", "time_s")
     columns = dict(zip(names, conditions, strict=True)) | {"cof": np.ones(len(rows))}
     data = Measurements(columns, number.astype(np.intp), ("1", "2"), None, str(seed))
-    predictor = Predictor(REFERENCE, data)
+    predictor = Predictor(FINGER, data)
     known = predictor.predicted((), np.zeros((1, len(predictor.free))))[0]
     columns["cof"] = np.exp(known + np.array(factor))
     return data
@@ -57,8 +56,8 @@ def test_what_fades_in_each_touch_is_the_first_place(seed):
     So 12 % in 2 s disagree more than 40 % of a frequency that the touches' gains may hide.
     """
     data = fading(seed)
-    audit = audited(REFERENCE, data)
-    setting = fitted(REFERENCE, audit._replace(kinds=audit.kinds[:1]), lambda _: None)
+    audit = audited(FINGER, data)
+    setting = fitted(FINGER, audit._replace(kinds=audit.kinds[:1]), lambda _: None)
     base = setting.base
     found = disagreement(setting.data, setting.problem.noise, base.around, base.bent, seed)
     first = found.regions[0]

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from model.conditions import Conditions
-from model.description import read_model
 from model.diagnosis.data import Measurements, read_measurements
 from model.diagnosis.space import Predictor
 from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME
-from model.parameters import Parameter
 from model.planning.design import Pool, design_for_unseen
 from model.planning.discrimination import (
     Information,
@@ -27,8 +25,8 @@ from model.planning.discrimination import (
 )
 from model.planning.separation import APART
 from model.touch_model import TouchModel
+from tests.fingers import FINGER, hiding
 
-FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 HUMID = BY_NAME["humid_gap_conduction"]
 HEADER = "frequency_hz,voltage_v,normal_force_n,cof,cof_std,intervention"
 
@@ -53,9 +51,7 @@ def test_an_intervention_takes_its_effects_away_in_its_rows(tmp_path):
     conditions = Conditions(np.array([50.0]), np.array([75.0]), np.array([0.5]))
     (parameter,) = HUMID.parameters()
     value = float(parameter.from_normal(np.asarray(1.0)))
-    wet = replace(
-        FINGER, effect_parameters={HUMID.name: {parameter.name: Parameter(value, "", "")}}
-    )
+    wet = hiding(FINGER, **{HUMID.name: {parameter.name: value}})
     without, with_it = (
         float(np.log(TouchModel(m).predict(conditions).cof[0])) for m in (FINGER, wet)
     )

@@ -3,44 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from model.conditions import Conditions
-from model.description import read_model
 from model.diagnosis.data import Array, Measurements
 from model.diagnosis.model_fit import Problem
 from model.diagnosis.noise import noise_of
 from model.diagnosis.space import NUISANCES, Predictor
-from model.diagnosis.workflow import Diagnosis, diagnose
+from model.diagnosis.workflow import diagnose
 from model.effects import BY_NAME
-from model.parameters import Parameter
 from model.planning import next_experiment as design
 from model.planning.design import leading
 from model.planning.next_experiment import next_experiments, out_of_sight
 from model.planning.separation import imitate
 from model.touch_model import TouchModel
+from tests.fingers import FINGER, hiding
 
-FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 NOISE = 0.02
 FREQUENCIES, VOLTAGES, LOADS = (1.0, 10.0, 100.0, 1e3, 1e4, 1e6), (50.0, 100.0), (0.3, 1.0)
+HIDDEN = {"load_dependent_friction": {"exponent": 0.8}}
 SETTING = ("frequency_hz", "voltage_v", "normal_force_n")
 
 
-def _friction(settings: Array, effect: str, **values: float) -> Array:
-    on = (
-        {effect: {name: Parameter(value, "", "") for name, value in values.items()}}
-        if effect
-        else {}
-    )
-    return TouchModel(replace(FINGER, effect_parameters=on)).predict(Conditions(*settings.T)).cof
+def _friction(settings: Array, **effects: dict[str, float]) -> Array:
+    return TouchModel(hiding(FINGER, **effects)).predict(Conditions(*settings.T)).cof
 
 
-def _measured(cof: Array, settings: Array, session: Array, seed: int = 0) -> Measurements:
-    rng = np.random.default_rng(seed)
+def _measured(cof: Array, settings: Array, session: Array) -> Measurements:
+    rng = np.random.default_rng(0)
     noisy = cof * np.exp(
         NOISE * rng.normal(size=cof.size) + 0.03 * rng.normal(size=9)[session.astype(int)]
     )
@@ -56,15 +49,11 @@ def _design() -> tuple[Array, Array]:
     return np.tile(np.array(one), (3, 1)), np.repeat(np.arange(3.0), len(one))
 
 
-def _diagnosed(effect: str, **values: float) -> Diagnosis:
-    settings, session = _design()
-    return diagnose(FINGER, _measured(_friction(settings, effect, **values), settings, session))
-
-
 @pytest.fixture(scope="module")
 def separable():
     """Two loads alone confuse a load exponent with capillary adhesion; a third load does not."""
-    found = _diagnosed("load_dependent_friction", exponent=0.8)
+    settings, session = _design()
+    found = diagnose(FINGER, _measured(_friction(settings, **HIDDEN), settings, session))
     return found, next_experiments(found, FINGER)
 
 
@@ -95,7 +84,7 @@ def test_measuring_the_proposals_tells_which(
     rows = [[s["frequency_hz"] or 250.0, s["voltage_v"], s["normal_force_n"]] for s in proposed]
     new = np.repeat(np.array(rows), proposed[0]["repeats"], axis=0)
     every = np.vstack([settings, new])
-    cof = _friction(every, "load_dependent_friction", exponent=0.8)
+    cof = _friction(every, **HIDDEN)
     again = diagnose(FINGER, _measured(cof, every, np.append(session, np.full(len(new), 3.0))))
     assert found.findings is not None
     assert again.findings is not None
@@ -138,43 +127,12 @@ def test_the_expected_gain_is_what_a_refit_finds(
     assert sum(s["separation"] for s in proposed) == pytest.approx(gained, rel=0.3)
 
 
-def test_what_no_setting_tells_apart_gets_a_physical_check():
-    found = _diagnosed("series_resistance", resistance_ohm=2e4)
-    proposed = next_experiments(found, FINGER)
-    assert [p["kind"] for p in proposed] == ["check", "check"]
-    for check in proposed:
-        assert check["check"] == BY_NAME[check["effect"]].check
-        assert check["lambda_after"] < 9.0
-
-
-def test_what_has_no_name_is_measured_again_where_it_is_strongest():
-    settings, session = _design()
-    f, v, n = settings.T
-    odd = np.where(v > 0.0, 0.2 * np.sin(2.2 * np.log(f)) + 0.1 * np.sin(6.0 * n), 0.0)
-    found = diagnose(FINGER, _measured(_friction(settings, "") * np.exp(odd), settings, session))
-    assert found.name == "unexplained"
-    assert found.findings is not None
-    region = found.findings.before.regions[0]
-    proposed = next_experiments(found, FINGER)
-    for axis, low, high in zip(region.axes, region.low, region.high, strict=True):
-        assert low <= proposed[0][axis] <= high
-
-
-def test_nothing_tested_proposes_nothing():
-    settings = np.array([(f, 100.0, 0.5) for f in FREQUENCIES])
-    found = diagnose(FINGER, _measured(_friction(settings, ""), settings, np.zeros(len(settings))))
-    assert found.name == "not_testable"
-    assert next_experiments(found, FINGER) == []
-
-
 def test_settings_to_come_leave_the_measured_rows_as_they_were():
     """Where an effect showed in some sessions only, it was on in all of them as soon as settings
     were added.
     """
     settings, session = _design()
-    measured = replace(
-        _measured(_friction(settings, ""), settings, session), effects_on=session == 1.0
-    )
+    measured = replace(_measured(_friction(settings), settings, session), effects_on=session == 1.0)
     noise = noise_of(measured)
     assert noise is not None
     problem = Problem(Predictor(FINGER, measured), measured.observed, noise)
@@ -196,7 +154,7 @@ def test_what_stayed_out_of_sight_shows_in_the_sweep_that_is_named():
     """Two frequencies below an amplifier's corner hide that; by refits of its noiseless signal."""
     one = [(f, v, n) for f in (20.0, 100.0) for v in (0.0, *VOLTAGES) for n in LOADS]
     settings, session = np.tile(np.array(one), (3, 1)), np.repeat(np.arange(3.0), len(one))
-    found = diagnose(FINGER, _measured(_friction(settings, ""), settings, session))
+    found = diagnose(FINGER, _measured(_friction(settings), settings, session))
     assert found.findings is not None
     hidden = found.findings.hypotheses.hidden
     listed = {row["name"]: row for row in out_of_sight(found)}

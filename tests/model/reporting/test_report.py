@@ -26,9 +26,9 @@ from model.reporting.page import question, sentence
 from model.reporting.pictures import fingerprint, held_out
 from model.reporting.report import write_report
 from model.touch_model import TouchModel
+from tests.fingers import FINGER, hiding
 from tests.reports import without_pictures
 
-FINGER = read_model(Path(__file__).parents[3] / "configs" / "models" / "reference.toml")
 FREQUENCIES, VOLTAGES, LOADS = (1.0, 10.0, 100.0, 1e3, 1e4, 1e6), (50.0, 100.0), (0.2, 0.5, 1.5)
 SESSIONS, NOISE, GAIN = ("Mon", "<b>Tue & $Wed", "Thu"), 0.02, 0.03
 Distortion = Callable[[Array, Array, Array], Array]
@@ -73,14 +73,9 @@ def write_data(path: Path, case: Case) -> None:
     ] * quiet
     f, v, n = np.tile(np.array(one), (len(sessions), 1)).T
     session = np.repeat(np.arange(len(sessions)), len(one))
-    on = {
-        name: {key: Parameter(x, "", "") for key, x in values.items()}
-        for name, values in case.effects.items()
-    }
     rng = np.random.default_rng(0)
-    log_cof = np.log(
-        TouchModel(replace(FINGER, effect_parameters=on)).predict(Conditions(f, v, n)).cof
-    )
+    touch = TouchModel(hiding(FINGER, **case.effects))
+    log_cof = np.log(touch.predict(Conditions(f, v, n)).cof)
     log_cof += 0.0 if case.distortion is None else case.distortion(f, v, n)
     log_cof += NOISE * rng.normal(size=f.size) + GAIN * rng.normal(size=len(sessions))[session]
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -189,8 +184,7 @@ def test_the_rows_that_are_changed_are_said(run):
     f, v, n = (data[name] for name in ("frequency_hz", "voltage_v", "normal_force_n"))
     change = np.zeros(f.size) if run.case.distortion is None else run.case.distortion(f, v, n)
     for name, values in run.case.effects.items():
-        on = {name: {key: Parameter(x, "", "") for key, x in values.items()}}
-        both = (FINGER, replace(FINGER, effect_parameters=on))
+        both = (FINGER, hiding(FINGER, **{name: values}))
         without, with_it = (TouchModel(m).predict(Conditions(f, v, n)).cof for m in both)
         change += np.log(with_it / without)
     true = np.abs(change) > NOISE
@@ -216,6 +210,24 @@ def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_riv
     # What is least probable of those that look alike is not listed, and closes as much.
     alike = run.case.verdict == "ambiguous"
     assert fit["gap_closed"] > (0.8 if alike else max(0.8, rival["gap_closed"]))
+
+
+def test_what_to_measure_next_answers_the_verdict(run):
+    """What has no name is measured again where it is strongest, and what no setting tells apart
+    gets a physical check.
+    """
+    proposed = run.content["next_experiments"]
+    if run.case.verdict == "unexplained":
+        region = run.diagnosis.findings.before.regions[0]
+        for axis, low, high in zip(region.axes, region.low, region.high, strict=True):
+            assert low <= proposed[0][axis] <= high
+    elif run.case.verdict == "ambiguous":
+        assert [p["kind"] for p in proposed] == ["check", "check"]
+        for check in proposed:
+            assert check["check"] == BY_NAME[check["effect"]].check
+            assert check["lambda_after"] < 9.0
+    elif run.case.verdict == "not_testable":
+        assert proposed == []
 
 
 def test_untestable_data_leave_the_priors(run):
