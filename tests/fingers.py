@@ -10,7 +10,8 @@ from model.description import ModelDescription, read_model
 from model.parameters import Parameter
 
 MODELS = Path(__file__).parents[1] / "configs" / "models"
-FINGER = read_model(MODELS / "reference.toml")
+REFERENCE = MODELS / "reference.toml"
+FINGER, SHIPPED = read_model(REFERENCE), REFERENCE.read_text(encoding="utf-8")
 
 
 def hiding(finger: ModelDescription, **effects: Mapping[str, float]) -> ModelDescription:

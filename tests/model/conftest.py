@@ -22,8 +22,8 @@ from model.effects import Effect
 from model.electric.circuit import GapCircuit
 from model.electric.layers import branch, leak_per_m_pa
 from model.touch_model import TouchModel, prepare
+from tests.fingers import MODELS
 
-MODELS = Path(__file__).parents[2] / "configs" / "models"
 REFERENCE = Path(__file__).parent / "reference.json"
 
 

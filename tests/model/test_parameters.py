@@ -8,9 +8,8 @@ from model.description import read_model
 from model.electric.dielectrics import GABRIEL_DRY, GABRIEL_WET, PowerLaw, Tabulated
 from model.parameters import SPECIFICATION, TouchParameters
 from model.support.errors import ModelError, nearest
+from tests.fingers import MODELS, SHIPPED
 
-MODELS = Path(__file__).parents[2] / "configs" / "models"
-SHIPPED = (MODELS / "reference.toml").read_text(encoding="utf-8")
 NAMES = [f.name for f in fields(TouchParameters)]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,9 +18,9 @@ from model.parameters import Parameter
 from model.published import DIVERGED, NEGATIVE, NO_EQUILIBRIUM, as_published
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
+from tests.fingers import MODELS
 
 FINGERS = ("reference", "table1")
-MODELS = Path(__file__).parents[2] / "configs" / "models"
 AREA_M2, STEP = 1e-4, 0.05
 VARIANTS = {
     "published": 1.0,

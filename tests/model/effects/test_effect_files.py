@@ -1,7 +1,6 @@
 """Effects in a model file: `[effects.NAME]`."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +11,8 @@ from model.description import ModelDescription, read_model
 from model.effects import BY_NAME, CATALOGUE, Effect
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
+from tests.fingers import SHIPPED
 
-SHIPPED = (Path(__file__).parents[3] / "configs" / "models" / "reference.toml").read_text(
-    encoding="utf-8"
-)
 RESISTANCE = "[effects.series_resistance]\nresistance_ohm = 1e4\n"
 BANDWIDTH = "[effects.amplifier_bandwidth]\ncutoff_hz = 2e4\norder = 1.5\n"
 every_effect = pytest.mark.parametrize(

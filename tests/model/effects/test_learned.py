@@ -23,10 +23,8 @@ from model.effects.learned import (
 from model.learned_file import form_lines
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
+from tests.fingers import SHIPPED
 
-SHIPPED = (Path(__file__).parents[3] / "configs" / "models" / "reference.toml").read_text(
-    encoding="utf-8"
-)
 FREQUENCIES = (10.0, 100.0, 250.0, 1e4)
 SPEEDS = (0.01, 0.02, 0.05)
 OVER_FREQUENCY = LearnedForm(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,8 +25,8 @@ from model.electric.dielectrics import GABRIEL_WET, ColeCole, PowerLaw, Tabulate
 from model.parameters import Parameter
 from model.reporting.model_file import fitted_effects, fitted_nuisances, write_model
 from model.support.errors import ModelError
+from tests.fingers import REFERENCE
 
-REFERENCE = Path(__file__).parents[3] / "configs" / "models" / "reference.toml"
 VECTOR = np.array([0.1, -0.5, 1.2, 2.0, 0.7, 0.3, -1.1])
 POWER_LAW = PowerLaw(4.0, 1200.0, 0.35, 2e-5)
 TABLE = Tabulated(

@@ -1,10 +1,9 @@
 """Commands with a model that has learned a term: they keep to its range, and say so."""
 
-from pathlib import Path
-
 import pytest
 
-SHIPPED = Path(__file__).parents[4] / "configs" / "models" / "reference.toml"
+from tests.fingers import SHIPPED
+
 TABLE = """
 [effects.learned]
 acts_on = "friction"
@@ -19,9 +18,7 @@ VALUES = [f"frequency_hz_{i}_voltage_v_{j} = 0.1" for i in range(3) for j in ran
 @pytest.fixture
 def model(tmp_path):
     path = tmp_path / "learned.toml"
-    path.write_text(
-        "\n".join([SHIPPED.read_text(encoding="utf-8"), TABLE, *VALUES, ""]), encoding="utf-8"
-    )
+    path.write_text("\n".join([SHIPPED, TABLE, *VALUES, ""]), encoding="utf-8")
     return path
 
 

@@ -3,7 +3,6 @@ table.
 """
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +11,9 @@ from haptic_driver.lookup.models import load_model
 from model.conditions import Conditions
 from model.touch import SPEED_REFERENCE_M_S
 from model.touch_model import TouchModel
+from tests.fingers import SHIPPED
 from tests.haptic_driver.commands import rows_of
 
-MODELS = Path(__file__).parents[4] / "configs" / "models"
 ADDED = ["electrostatic_force_n", "cof", "current_rms_a", "current_a", "current_phase_rad"]
 BASE = "frequency_hz,voltage_v,normal_force_n"
 
@@ -90,7 +89,7 @@ def test_every_optional_column_reaches_the_model(predict, tmp_path):
     model = tmp_path / "finger.toml"
     effects = "[effects.velocity_dependent_friction]\nexponent = 0.1\n"
     effects += "[effects.contact_ageing]\nshare = 0.5\ntime_constant_s = 30.0\n"
-    model.write_text((MODELS / "reference.toml").read_text("utf-8") + effects, encoding="utf-8")
+    model.write_text(SHIPPED + effects, encoding="utf-8")
     status, said, rows = predict(
         f"{BASE},speed_m_s,time_s,voltage_offset_v,waveform,finger,contact_area_m2\n"
         "250,75,0.5,,,,,,\n"
@@ -170,9 +169,7 @@ def test_what_a_drive_makes_of_the_voltage_is_added(predict, tmp_path):
     """
     model = tmp_path / "slow.toml"
     effect = "\n[effects.amplifier_bandwidth]\ncutoff_hz = 1000.0\norder = 1.0\n"
-    model.write_text(
-        (MODELS / "reference.toml").read_text(encoding="utf-8") + effect, encoding="utf-8"
-    )
+    model.write_text(SHIPPED + effect, encoding="utf-8")
     table = f"{BASE}\n1000,1,0.5\n"
     _, _, plain = predict(table)
     _, _, rows = predict(table, "--model", str(model))
