@@ -94,7 +94,7 @@ def test_what_feedback_has_closed_is_told_with_the_gain_that_it_found(demo, tmp_
     (tmp_path / "rig.toml").write_text(hidden, encoding="utf-8")
     told = re.findall(
         r"friction is (\S+) times .* feedback closes what is missing; --no-feedback shows it",
-        demo("--rig", tmp_path / "rig.toml", *words).out,
+        demo("--rig", tmp_path / "rig.toml", "--trace", trace(tmp_path), *words).out,
     )
     # attraction goes with the square of the voltage, and is some 40 % of friction here
     assert [0.7 < float(gain) < 0.95 for gain in told] == ([] if words else [True])
