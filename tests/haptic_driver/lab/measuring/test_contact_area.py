@@ -21,7 +21,7 @@ from model.diagnosis.data import read_measurements
 from tests.haptic_driver.lab.measuring.test_run import hiding, table
 from tests.haptic_driver.lab.measuring.test_run import measured as run_on
 
-CAMERA = SimulatedCameraConfig(kind="simulated", frames=4, interval_s=0.12)
+CAMERA = SimulatedCameraConfig(kind="simulated", frames=2, interval_s=0.12)
 HIDDEN = {"contact_area_law": {"exponent": 0.5}}
 
 

@@ -20,6 +20,7 @@ from haptic_driver.lab.measuring.stroke import stroke
 from haptic_driver.lab.strokes.file import KeptStroke, StrokesFile, read_strokes, strokes_path
 from haptic_driver.recording import records
 from haptic_driver.rig.config import RigConfig, load_rig
+from haptic_driver.rig.part import NoPart
 from hw.force.sensor import ForceReading
 from model.touch_model import TouchModel
 from tests.haptic_driver.lab.measuring.test_run import table
@@ -176,7 +177,7 @@ def test_a_killed_measure_leaves_what_was_whole_and_goes_on(tmp_path, monkeypatc
 
 def test_a_stage_tells_where_the_finger_is_from_rest_to_the_end(model, tmp_path):
     """The simulated paper rig: it gathers 20 mm/s at 20 mm/s^2, 10 mm, before the voltage."""
-    config = load_rig("simulated-paper")
+    config = load_rig("simulated-paper").model_copy(update={"camera": NoPart()})
     given = plan(DRIVEN).model_copy(update={"voltage_off_every": 0, "average_s": 1.0})
     experiment = prepare(config, model, given)
     bench = bench_for(experiment, 0, None, lambda what: None)

@@ -14,6 +14,7 @@ from haptic_driver.lab.measuring.plan import Plan, load_plan
 from haptic_driver.lab.measuring.run import prepare, run
 from haptic_driver.lab.measuring.start_line import StartLine, start_line
 from haptic_driver.rig.config import load_rig
+from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.lines_in import SimulatedLineInConfig
 from haptic_driver.rig.states import RigState
 from hw.event_line.simulated import SimulatedLineIn
@@ -34,7 +35,8 @@ def two_rows() -> Plan:
 @pytest.mark.parametrize("rig", ["simulated", "simulated-paper"])
 def test_each_row_waits_for_its_edge_with_the_output_off(rig, model, tmp_path):
     """The first row's edge is followed by another, which comes to nothing."""
-    experiment = prepare(load_rig(rig), model, two_rows())
+    unseen = load_rig(rig).model_copy(update={"camera": NoPart()})  # drawing takes seconds
+    experiment = prepare(unseen, model, two_rows())
     line, said, states = SimulatedLineIn(), [], []
 
     def tell(what: str) -> None:
