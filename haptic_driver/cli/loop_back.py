@@ -20,7 +20,7 @@ from haptic_driver.daemon.messages import DaemonState, Status
 from haptic_driver.errors import HapticError
 from haptic_driver.fidelity.edge import NO_MONITOR, UNSEEN, Stage, stages, touched, touches
 
-SILENT_S = 2.0  # without a tick: render has ended
+SILENT_S = 10.0  # without a tick: render has ended, or this machine is beyond use
 PATIENCE_S = 30.0  # without another touch: nobody touches any more
 LOOK_S = 0.2  # between questions for how long the instruments took
 GENERATOR, TRACKER = "waveform_generator", "finger_tracker"
