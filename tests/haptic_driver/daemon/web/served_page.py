@@ -192,5 +192,6 @@ def arm_and_set(page, lease_s="10"):
 
 def press_grey(page, selector):
     """A button that cannot work now: a browser's driver would wait for it for ever."""
+    page.locator(selector).evaluate("(one) => one.scrollIntoView({ block: 'center' })")
     page.locator(selector).element_handle().wait_for_element_state("stable")
     page.locator(selector).click(force=True)
