@@ -85,18 +85,19 @@ validate: .venv/.runtime
 	$(BIN)/python -m validation
 
 # The full suite at SCALE 1 has 5,300 sets and takes hours; what diagnoses never sees a label.
-# SECOND=1: 240 sets of other forms and other strangers instead, whatever SCALE says.
+# SECOND=1, THIRD=1: 240 sets of other forms and other strangers instead, whatever SCALE says.
 # MEASURED=1: 66 pairs, some 15 minutes: loads as measured, gains of trials and drifts in them, beside a twin without.
 # Counts are printed after each pair; COUNTS asks for others. What is answered is kept: the same command goes on, with a greater SCALE too. Remove
 # $(SETS)/answers.json when the diagnosis has changed.
 SCALE ?= 0.1
 SEED ?= 2
 SECOND ?=
+THIRD ?=
 MEASURED ?=
 COUNTS ?= $(if $(MEASURED),F1=66)
-SETS = out/blind$(if $(SECOND),-second)$(if $(MEASURED),-measured)
+SETS = out/blind$(if $(SECOND),-second)$(if $(THIRD),-third)$(if $(MEASURED),-measured)
 blind: .venv/.test
-	$(BIN)/python -m tests.blind.generator --out $(SETS) --seed $(SEED) --scale $(SCALE) $(if $(COUNTS),--counts $(COUNTS)) $(if $(SECOND),--second) $(if $(MEASURED),--measured) --workers 2
+	$(BIN)/python -m tests.blind.generator --out $(SETS) --seed $(SEED) --scale $(SCALE) $(if $(COUNTS),--counts $(COUNTS)) $(if $(SECOND),--second) $(if $(THIRD),--third) $(if $(MEASURED),--measured) --workers 2
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.evaluate --sets $(SETS) --out $(SETS)/results.md $(if $(MEASURED),--pairs)
 
 # What must hold on measured data that the project does not ship; docs/real-data.md says where they are from.

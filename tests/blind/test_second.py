@@ -1,4 +1,6 @@
-"""Second alternatives and strangers: their limits, and that nothing else makes quite the same."""
+"""Second and third alternatives and strangers: their limits, and that nothing else makes quite the
+same.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +18,28 @@ from .generator.effects import (
     CATALOGUE,
     CATALOGUE_EFFECTS,
     FIRST_STRANGERS,
+    FORMS,
     SECOND,
     SECOND_STRANGERS,
+    THIRD,
+    THIRD_STRANGERS,
     drawn,
 )
 from .generator.electrode import Rig, observe
 from .generator.visibility import Whitener
 
 EFFECTS = list(CATALOGUE_EFFECTS)
+STRANGERS = {SECOND: SECOND_STRANGERS, THIRD: THIRD_STRANGERS}
+EACH = pytest.mark.parametrize("form", STRANGERS)
 # Of the logarithm of friction, at the row that changes most: 0.1, but the force hardly depends on
 # the area that it acts over.
 VISIBLE = {"contact_area_law": 0.03}
 ELSEWHERE = 4e-4  # share of a trace's square: 2 % of it are no other form's, at any strength
 CLEAR = 100.0  # lambda: ten standard deviations
 NOISE = {"cof": 0.015, "current": 0.02, "current_phase": 0.03, "voltage": 0.006, "phase": 0.008}
+
+LOW, SMALL = {"f": [10.0, 1e3]}, {"v": [1.0, 100.0]}
+CONSTANT, SIGN = {"n": 0.7, "r_ct": 0.1}, {"sign": 1.0}
 
 
 def state_of(f=250.0, v=75.0, n=0.5, speed=touch.STEADY_SPEED, time=0.0) -> touch.State:
@@ -38,41 +48,49 @@ def state_of(f=250.0, v=75.0, n=0.5, speed=touch.STEADY_SPEED, time=0.0) -> touc
     return touch.prepare(rows, touch.Finger(), touch.Roughness())
 
 
-def changed(name: str, strength: float, shape: dict, form: str = SECOND, **rows) -> touch.State:
+def changed(name: str, strength: float, shape: dict, form: str, **rows) -> touch.State:
     """The state that an effect of this shape leaves."""
     effect, state = CATALOGUE_EFFECTS[name], state_of(**rows)
-    if form == SECOND:
-        effect.second.apply(state, strength, shape)
+    if form in effect.own:
+        effect.own[form].apply(state, strength, shape)
     else:
         effect.apply(state, strength, shape, form == ALTERNATIVE)
     return state
 
 
 @pytest.mark.parametrize(
-    ("name", "shape", "strength", "what", "rows"),
+    ("only", "name", "shape", "strength", "what", "rows"),
     [
-        ("johnsen_rahbek", {"n": 0.7, "f_c": 1e9}, 1e-8, "k_insulator", {"f": [10.0, 1e3]}),
+        ("", "johnsen_rahbek", {"n": 0.7, "f_c": 1e9, "barrier": 0}, 1e-8, "k_insulator", LOW),
+        (SECOND, "electrode_polarization", CONSTANT | {"tau_s": 1e6}, 1e-4, "gap_admittance", {}),
+        (THIRD, "electrode_polarization", CONSTANT | {"tau_s": 1e-12}, 1e-4, "gap_admittance", {}),
+        ("", "humid_gap_conduction", {"power": 0.6, "v_sat": 1e9}, 1e-8, "k_gap", {}),
+        ("", "trapped_charge", {"at_rest": 0.5, "power": 0.3}, 20.0, "bias_square", {}),
+        ("", "capillary_adhesion", {"slope": 0.3, "v_c": 1e9}, 500.0, "load_add", {"n": [0.3, 1]}),
+        ("", "electrowetting", {"v_sat": 1e4, "f_c": 1e6, "floor": 0}, 0.1, "load_add", SMALL),
         (
-            "electrode_polarization",
-            {"n": 0.7, "r_ct": 0.1, "tau_s": 1e6},
-            1e-4,
-            "gap_admittance",
+            "",
+            "velocity_dependent_friction",
+            SIGN | {"v_peak": 0.1, "v0": 0.1},
+            0.3,
+            "mu_factor",
             {},
         ),
-        ("humid_gap_conduction", {"power": 0.6}, 1e-8, "k_gap", {"n": 0.5}),
-        ("trapped_charge", {"at_rest": 0.5, "power": 0.3}, 20.0, "bias_square", {"n": 0.5}),
-        ("capillary_adhesion", {"slope": 0.3}, 500.0, "load_add", {"n": [0.3, 1.0]}),
-        ("electrowetting", {"v_sat": 1e4, "f_c": 1e6}, 0.1, "load_add", {"v": [1.0, 100.0]}),
-        ("velocity_dependent_friction", {"v_peak": 0.1, "sign": 1.0}, 0.3, "mu_factor", {}),
-        ("viscoelastic_skin", {"v_c": 0.1}, 0.3, "stiffness", {}),
-        ("contact_area_law", {}, 0.3, "spread", {"n": [0.5]}),
+        ("", "viscoelastic_skin", {"v_c": 0.1, "v_slow": 0.01, "v_fast": 1}, 0.3, "stiffness", {}),
+        ("", "contact_area_law", {"f_0": 0.1}, 0.3, "spread", {}),
+        (THIRD, "amplifier_bandwidth", {"order": 1, "load": 1e6}, 1e3, "drive", {"f": [500, 1e4]}),
+        (THIRD, "amplifier_slew_limit", {"v_p": 1e6}, 1e3, "drive", {"f": [100, 1e4]}),
+        (THIRD, "drive_gain_error", SIGN | {"share": 0, "f_p": 1e3}, 0.3, "drive", LOW),
+        (THIRD, "series_resistance", {"c_touch": 1e-15}, 1e6, "stack_add", LOW),
+        (THIRD, "floating_body", {"share": 1.0, "f_r": 1e-9}, 100.0, "stack_add", LOW),
     ],
 )
-def test_a_limit_is_the_catalogue_s_form(name, shape, strength, what, rows):
-    forms = (SECOND, CATALOGUE)
-    second, first = (getattr(changed(name, strength, shape, f, **rows), what) for f in forms)
+def test_a_limit_is_the_catalogue_s_form(only, name, shape, strength, what, rows):
     base = getattr(state_of(**rows), what)
-    assert second - base == pytest.approx(first - base, rel=2e-3, abs=1e-12)
+    first = getattr(changed(name, strength, shape, CATALOGUE, **rows), what)
+    for form in [only] if only else STRANGERS:
+        own = getattr(changed(name, strength, shape, form, **rows), what)
+        assert own - base == pytest.approx(first - base, rel=2e-3, abs=1e-12), form
 
 
 def trace(design, hidden) -> np.ndarray:
@@ -86,17 +104,18 @@ def left_over(of: np.ndarray, others: np.ndarray) -> float:
     return float(1 - np.max((others @ of) ** 2 / length) / (of @ of))
 
 
+@EACH
 @pytest.mark.parametrize("name", EFFECTS)
-def test_no_strength_of_the_first_forms_is_the_second(name):
+def test_no_strength_of_earlier_forms_is_this(name, form):
     design, effect = designs.rich(np.random.default_rng(1)), CATALOGUE_EFFECTS[name]
-    second = drawn(effect, np.random.default_rng(2), SECOND)
-    traces = (trace(design, second.at(strength)) for strength in np.geomspace(*second.knob, 25))
+    own = drawn(effect, np.random.default_rng(2), form)
+    traces = (trace(design, own.at(strength)) for strength in np.geomspace(*own.knob, 25))
     of = next(one for one in traces if np.abs(one).max() > VISIBLE.get(name, 0.1))
     others = [
-        trace(design, drawn(effect, np.random.default_rng(draw), form).at(strength))
-        for form in (CATALOGUE, ALTERNATIVE)
-        for draw in range(2)
-        for strength in np.geomspace(*effect.knob, 4)
+        trace(design, other.at(strength))
+        for earlier in FORMS[: FORMS.index(form)]
+        for other in (drawn(effect, np.random.default_rng(draw), earlier) for draw in range(2))
+        for strength in np.geomspace(*other.knob, 4)
     ]
     assert left_over(of, np.array(others)) > ELSEWHERE
 
@@ -142,9 +161,9 @@ def seen():
     return SimpleNamespace(beside=beside, known=np.array(known))
 
 
-@pytest.mark.parametrize("name", list(SECOND_STRANGERS))
+@pytest.mark.parametrize("name", [*SECOND_STRANGERS, *THIRD_STRANGERS])
 def test_no_effect_of_the_catalogue_is_a_stranger(seen, name):
-    hidden = drawn(SECOND_STRANGERS[name], np.random.default_rng(2))
+    hidden = drawn((SECOND_STRANGERS | THIRD_STRANGERS)[name], np.random.default_rng(2))
     traces = (seen.beside(hidden.at(strength)) for strength in np.geomspace(*hidden.knob, 13))
     of = next(one for one in traces if one @ one > CLEAR)
     assert left_over(of, seen.known) > 0.1
@@ -160,28 +179,30 @@ def test_the_preceding_row_is_of_the_same_session():
         assert np.array_equal(before[1:], v[:-1])
 
 
-def test_second_sets_have_the_promised_mix():
+@EACH
+def test_sets_have_the_promised_mix(form):
     first = families.specs(3, 1.0, counts=families.SECOND_COUNTS)
-    wanted = [families.anew(spec) for spec in first]
+    wanted = [families.anew(spec, form) for spec in first]
     names = [name for spec in wanted for name, _ in spec.effects]
     single = [spec.effects[0][0] for spec in wanted if spec.family == "W1"]
     assert len(wanted) == 126
     assert {single.count(name) for name in EFFECTS} == {3}
-    assert min(names.count(name) for name in SECOND_STRANGERS) >= 2
+    assert min(names.count(name) for name in STRANGERS[form]) >= 2
     assert not set(names) & set(FIRST_STRANGERS)
-    assert {spec.form for spec in wanted if spec.family != "W4"} == {SECOND}
+    assert {spec.form for spec in wanted if spec.family != "W4"} == {form}
     assert [[level for _, level in spec.effects] for spec in wanted] == [
         [level for _, level in s.effects] for s in first
     ]
 
 
-def test_the_command_writes_second_forms_and_strangers_alone(tmp_path):
-    sets = ["--seed", "4", "--second", "--counts", "W1=1,W4=1", "--workers", "1"]
+@EACH
+def test_the_command_writes_one_form_and_its_strangers_alone(tmp_path, form):
+    sets = ["--seed", "4", f"--{form}", "--counts", "W1=1,W4=1", "--workers", "1"]
     main(["--out", str(tmp_path), *sets])
     labels = json.loads((tmp_path / "labels.json").read_text()).values()
     assert sorted(label["witnesses"] for label in labels) == ["all", "all", "friction", "friction"]
     hidden = {label["effects"][0]["name"]: label["effects"][0] for label in labels}
     strange = [name for name, effect in hidden.items() if effect["stranger"]]
     assert len(strange) == 1
-    assert set(strange) <= set(SECOND_STRANGERS)
-    assert {hidden[name]["form"] for name in hidden if name not in strange} == {SECOND}
+    assert set(strange) <= set(STRANGERS[form])
+    assert {hidden[name]["form"] for name in hidden if name not in strange} == {form}

@@ -7,7 +7,13 @@ import pytest
 
 from .generator import build, designs, nuisance, touch, witnesses
 from .generator.__main__ import csv_text
-from .generator.effects import ALTERNATIVE, CATALOGUE, CATALOGUE_EFFECTS, SECOND, SECOND_STRANGERS
+from .generator.effects import (
+    CATALOGUE,
+    CATALOGUE_EFFECTS,
+    FORMS,
+    SECOND_STRANGERS,
+    THIRD_STRANGERS,
+)
 from .generator.electrode import Rig, observe, touch_admittance
 from .scores import Answer
 from .witness_table import is_wrong
@@ -74,8 +80,8 @@ def test_a_slewing_amplifier_makes_what_a_tracker_makes(slew):
 
 @pytest.mark.parametrize(
     ("effect", "form"),
-    [(e, form) for e in CATALOGUE_EFFECTS.values() for form in (ALTERNATIVE, SECOND)]
-    + [(e, CATALOGUE) for e in SECOND_STRANGERS.values()],
+    [(e, form) for e in CATALOGUE_EFFECTS.values() for form in FORMS[1:]]
+    + [(e, CATALOGUE) for e in (SECOND_STRANGERS | THIRD_STRANGERS).values()],
     ids=lambda given: given if isinstance(given, str) else given.name,
 )
 def test_no_strength_leaves_every_witness_and_full_strength_some(effect, form):

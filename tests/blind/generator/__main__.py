@@ -1,6 +1,6 @@
 """Write blind sets: python -m tests.blind.generator --out DIR --seed N --scale 0.1 [--ci].
 
-With --second: second alternatives and the second ten strangers alone. Where no counts are given,
+With --second or --third: those alternatives and their ten strangers alone. Without counts,
 these are 240 sets: 120 fingers with all witnesses, and the same with friction
 alone.
 """
@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from .build import BlindSet, Spec, build, build_twins
+from .effects import SECOND, THIRD
 from .families import COUNTS, SECOND_COUNTS, WITNESSES, anew, as_measured, ci_specs, specs
 from .witnesses import build_pair
 
@@ -96,9 +97,15 @@ def _options(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--counts", default="", help="exact numbers instead of --scale, as F0=15,F1=33"
     )
-    parser.add_argument(
-        "--second", action="store_true", help="second alternatives and strangers alone"
-    )
+    which = parser.add_mutually_exclusive_group()
+    for form in (SECOND, THIRD):
+        which.add_argument(
+            f"--{form}",
+            dest="form",
+            action="store_const",
+            const=form,
+            help=f"{form} alternatives and strangers alone",
+        )
     parser.add_argument(
         "--ci",
         action="store_true",
@@ -128,10 +135,10 @@ def main(argv: list[str] | None = None) -> None:
             n: int(c)
             for n, _, c in (item.partition("=") for item in options.counts.split(",") if item)
         }
-        if options.second:
+        if options.form:
             exact = exact or SECOND_COUNTS
         wanted = specs(seed, options.scale, exact or None)
-        wanted = [anew(spec) for spec in wanted] if options.second else wanted
+        wanted = [anew(spec, options.form) for spec in wanted] if options.form else wanted
         if options.measured:
             wanted = [as_measured(spec) for spec in wanted if spec.family.startswith("F")]
     sets = generate(wanted, seed, options.workers)

@@ -28,6 +28,7 @@ NEEDS_LOAD = {
     "contact_area_law",
     "sensor_crosstalk",
     "loaded_sensor_resonance",
+    "dust",
 }
 NEEDS_MANY_FREQUENCIES = {"screen_resonance", "mains_interference"}
 

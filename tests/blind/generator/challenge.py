@@ -13,12 +13,13 @@ import numpy as np
 
 from .__main__ import csv_text
 from .build import ALTERNATIVE, CATALOGUE, BlindSet, Spec, build, suitable
-from .effects import CATALOGUE_EFFECTS, SECOND, STRANGERS, UNFELT
+from .effects import CATALOGUE_EFFECTS, FIRST_STRANGERS, SECOND, SECOND_STRANGERS, UNFELT
 from .families import CLEAR_LEVELS, INCOMPATIBLE, WITNESSES
 from .measured import SMALL
 from .witnesses import build_pair
 
 MIX = {"nothing": 0.15, "one": 0.5, "outside": 0.2, "two": 0.15}
+OUTSIDE = (*FIRST_STRANGERS, *SECOND_STRANGERS)
 FAMILY = "challenge"
 # what answers call the numbers of a finger, and what a label does
 FINGER = {
@@ -56,7 +57,7 @@ def _names(kind: str, rng: np.random.Generator, friction: bool) -> list[str]:
     if kind == "nothing":
         return []
     if kind == "outside":
-        return [str(rng.choice([n for n in STRANGERS if not (friction and n in UNFELT)]))]
+        return [str(rng.choice([n for n in OUTSIDE if not (friction and n in UNFELT)]))]
     count = 2 if kind == "two" else 1
     while True:
         names = [str(n) for n in rng.choice(list(CATALOGUE_EFFECTS), count, replace=False)]

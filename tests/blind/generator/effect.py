@@ -5,23 +5,23 @@ forms.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from .touch import State
 
-CATALOGUE, ALTERNATIVE, SECOND = "catalogue", "alternative", "second"
-FORMS = (CATALOGUE, ALTERNATIVE, SECOND)
+CATALOGUE, ALTERNATIVE, SECOND, THIRD = "catalogue", "alternative", "second", "third"
+FORMS = (CATALOGUE, ALTERNATIVE, SECOND, THIRD)
 Strength = float | np.ndarray  # an array where it differs from row to row
 
 
 @dataclass(frozen=True)
 class Form:
-    """A second alternative: `apply(state, strength, shape)` changes the state, never at strength 0.
+    """A second or third alternative: `apply(state, strength, shape)` changes the state.
 
-    `reason` says whose law it is, or why a device or a finger would follow it. `needs` is a column
-    without which it is the catalogue's form.
+    Nothing applies it at strength 0. `reason` says whose law it is, or why a device or a finger
+    would follow it. `needs` is a column without which it is the catalogue's form.
     """
 
     apply: Callable[[State, Strength, dict], None]
@@ -37,7 +37,7 @@ class Effect:
 
     `knob` is the range searched for a wanted visibility (log spaced); `describe` gives the
     parameters in SI units. `needs` names the column without which the effect cannot be seen, if
-    there is one. `second` is a form of its own; strangers have none.
+    there is one. `own` are forms that stand by themselves, by name; strangers have none.
     """
 
     apply: Callable[[State, float, dict, bool], None]
@@ -45,7 +45,7 @@ class Effect:
     draw: Callable[[np.random.Generator], dict]
     describe: Callable[[float, dict], dict]
     needs: str = ""
-    second: Form | None = None
+    own: dict[str, Form] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -68,12 +68,12 @@ class Hidden:
     bend: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if self.form == SECOND and self.effect.second is None:
-            raise ValueError(f"{self.effect.name} has no second form")
+        if self.form in (SECOND, THIRD) and self._own is None:
+            raise ValueError(f"{self.effect.name} has no {self.form} form")
 
     @property
     def _own(self) -> Form | None:
-        return self.effect.second if self.form == SECOND else None
+        return self.effect.own.get(self.form)
 
     @property
     def knob(self) -> tuple[float, float]:
@@ -115,7 +115,7 @@ class Hidden:
 
 def drawn(effect: Effect, rng: np.random.Generator, form: str = CATALOGUE) -> Hidden:
     """The effect at strength 1 with a shape of the form's own."""
-    own = effect.second if form == SECOND else None
+    own = effect.own.get(form)
     return Hidden(effect, 1.0, own.draw(rng) if own else effect.draw(rng), form)
 
 

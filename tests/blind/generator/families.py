@@ -2,7 +2,7 @@
 fixed list for CI.
 
 Every family draws the first two forms of its effects and the first ten strangers; `anew` turns what
-it drew into the second alternatives and the second ten.
+it drew into the second or third alternatives and the same ten.
 """
 
 from __future__ import annotations
@@ -15,7 +15,14 @@ import numpy as np
 from . import noise
 from .build import ALTERNATIVE, CATALOGUE, Spec
 from .designs import BAD, GOOD
-from .effects import CATALOGUE_EFFECTS, FIRST_STRANGERS, SECOND, SECOND_STRANGERS, UNFELT
+from .effects import (
+    CATALOGUE_EFFECTS,
+    FIRST_STRANGERS,
+    SECOND,
+    SECOND_STRANGERS,
+    THIRD_STRANGERS,
+    UNFELT,
+)
 from .measured import SMALL
 
 COUNTS = {
@@ -213,18 +220,19 @@ def specs(seed: int, scale: float, counts: dict[str, int] | None = None) -> list
     ]
 
 
-def anew(spec: Spec) -> Spec:
-    """The same set with the second alternative of every effect, and a stranger of the second ten.
+def anew(spec: Spec, form: str = SECOND) -> Spec:
+    """The same set with the second (or third) alternative of every effect, a stranger of that ten.
 
     Where friction is all there is, a stranger leaves its trace there.
     """
-    strange = tuple(n for n in SECOND_STRANGERS if spec.design == WITNESSES or n not in UNFELT)
+    ten = SECOND_STRANGERS if form == SECOND else THIRD_STRANGERS
+    strange = tuple(n for n in ten if spec.design == WITNESSES or n not in UNFELT)
     effects = tuple(
         (_cycle(strange, OUTSIDE.index(name)) if name in OUTSIDE else name, level)
         for name, level in spec.effects
     )
-    is_strange = any(name in SECOND_STRANGERS for name, _ in effects)
-    return replace(spec, effects=effects, form=CATALOGUE if is_strange else SECOND)
+    is_strange = any(name in ten for name, _ in effects)
+    return replace(spec, effects=effects, form=CATALOGUE if is_strange else form)
 
 
 def as_measured(spec: Spec) -> Spec:
