@@ -79,7 +79,7 @@ def changed(name: str, strength: float, shape: dict, form: str, **rows) -> touch
         ("", "viscoelastic_skin", {"v_c": 0.1, "v_slow": 0.01, "v_fast": 1}, 0.3, "stiffness", {}),
         ("", "contact_area_law", {"f_0": 0.1}, 0.3, "spread", {}),
         (THIRD, "amplifier_bandwidth", {"order": 1, "load": 1e6}, 1e3, "drive", {"f": [500, 1e4]}),
-        (THIRD, "amplifier_slew_limit", {"v_p": 1e6}, 1e3, "drive", {"f": [100, 1e4]}),
+        (THIRD, "amplifier_slew_limit", {"v_p": 1e6}, 1e3, "drive", {"f": [1e4, 1e5]}),
         (THIRD, "drive_gain_error", SIGN | {"share": 0, "f_p": 1e3}, 0.3, "drive", LOW),
         (THIRD, "series_resistance", {"c_touch": 1e-15}, 1e6, "stack_add", LOW),
         (THIRD, "floating_body", {"share": 1.0, "f_r": 1e-9}, 100.0, "stack_add", LOW),

@@ -11,6 +11,7 @@ from .touch import STEADY_SPEED, VACUUM, State
 
 QUARTER = (np.arange(48) + 0.5) * np.pi / 96  # midpoints over a quarter of a period
 SWEAT_S = 1.0  # S/m
+DROP_REF = 1e-5  # m
 
 
 def amplifier_bandwidth(state: State, knob: Strength, shape: dict) -> None:
@@ -22,13 +23,13 @@ def amplifier_bandwidth(state: State, knob: Strength, shape: dict) -> None:
 
 
 def amplifier_slew_limit(state: State, knob: Strength, shape: dict) -> None:
-    """Beyond `v_p` the rate falls as one over voltage; a wave that it limits peaks on the sine."""
+    """Beyond `v_p` the rate falls as one over voltage; loops lag by what they lose."""
     v_p, rate = shape["v_p"], 2 * 5e8 / knob / shape["v_p"] / state.omega
     wave = v_p * (np.sqrt(1 + rate[:, None] * QUARTER) - 1)
-    peak = v_p * (np.sqrt(1 + rate * np.pi / 2) - 1)
-    lag = np.arccos(np.minimum(peak / np.maximum(state.drive, 1e-9), 1.0))
-    state.drive = np.minimum(state.drive, 2 * np.mean(np.sin(QUARTER) * wave, axis=1))
-    state.drive_phase = state.drive_phase - lag
+    most = 2 * np.mean(np.sin(QUARTER) * wave, axis=1)
+    left = (1 + (state.drive / most) ** 4) ** -0.25
+    state.drive = state.drive * left
+    state.drive_phase = state.drive_phase - np.arccos(left)
 
 
 def drive_gain_error(state: State, knob: Strength, shape: dict) -> None:
@@ -79,9 +80,9 @@ def humid_gap_conduction(state: State, knob: Strength, shape: dict) -> None:
 
 
 def sweat_film(state: State, knob: Strength, shape: dict) -> None:
-    height = (knob * np.ones_like(state.drive))[:, None]
+    share = (knob * np.ones_like(state.drive))[:, None]
     state.k_film = 80 + shape["sigma_s"] / (state.jw * VACUUM)
-    state.film = lambda u: u / (1 + (u / height) ** 4)
+    state.film = lambda u: u * np.minimum(share * (u / DROP_REF) ** -shape["power"], 0.95)
 
 
 def speed_dependent_gap(state: State, knob: Strength, shape: dict) -> None:
@@ -152,7 +153,7 @@ FORMS = [
         lambda rng: {
             "n": rng.uniform(0.55, 0.95),
             "r_ct": log_uniform(rng, 1e-2, 1e1),
-            "tau_s": log_uniform(rng, 1e-4, 1e-2),
+            "tau_s": log_uniform(rng, 3e-6, 3e-4),
         },
         "de Levie 1963: a pore is a line: half the power of frequency above, a resistance more"
         " below",
@@ -165,9 +166,12 @@ FORMS = [
     ),
     Form(
         sweat_film,
-        (1e-8, 1e-4),
-        lambda rng: {"sigma_s": log_uniform(rng, 0.1, 1.0)},
-        "Kelvin 1871: water fills gaps below a height, and leaves wide ones dry",
+        (0.003, 0.9),
+        lambda rng: {
+            "sigma_s": log_uniform(rng, 0.1, 1.0),
+            "power": rng.uniform(0.06, 0.15),
+        },
+        "Family and Meakin 1989: sizes of drops fall by a power: the wider a gap, the fewer wet it",
     ),
     Form(
         speed_dependent_gap,

@@ -81,7 +81,7 @@ FORMS = [
     Form(
         trapped_charge,
         (0.5, 120.0),
-        lambda rng: {"power": rng.uniform(0.2, 0.6)},
+        lambda rng: {"power": rng.uniform(0.15, 0.4)},
         "Harper 1967: rubbing makes the charge and a quiet contact lets it go: more at speed",
         needs="speed_m_s",
     ),
@@ -94,7 +94,7 @@ FORMS = [
     Form(
         capillary_adhesion,
         (5.0, 2e4),
-        lambda rng: {"v_c": log_uniform(rng, 0.01, 0.05)},
+        lambda rng: {"v_c": log_uniform(rng, 0.03, 0.15)},
         "Langmuir's kinetics: a spot bears a bridge for that part of its passage, contact's length"
         " over speed, which is left after the bridge has formed",
         needs="speed_m_s",
