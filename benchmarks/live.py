@@ -92,11 +92,7 @@ class Skin:
     """
 
     def __init__(
-        self,
-        seed: int,
-        frequency_hz: float,
-        cof_off: float | None = None,
-        rises: float = RISES,
+        self, seed: int, frequency_hz: float, cof_off: float | None = None, rises: float = RISES
     ) -> None:
         rng = np.random.default_rng(seed)
         finger, wettest, film_m = (

@@ -336,9 +336,7 @@ class TouchModel:
         always ours.
         """
         if self.description.is_published:
-            from model import (  # noqa: PLC0415 - scipy is slow to import, and the rest does without
-                published,
-            )
+            from model import published  # noqa: PLC0415 - scipy is slow to import, and the rest does without
 
             return published.solve(self.description, self.table, drive)
         p_e, pulled_in = solver.solve(self.table, touch.circuit)

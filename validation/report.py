@@ -18,11 +18,7 @@ import matplotlib.pyplot as plt
 AGREED = 0.02  # what `theory_error.LOG_STD`, which is rounded, may be less than a run
 SCATTER = 0.05  # of log K at 5 um between the surfaces of one grid
 # [pressure, length] solver/theory, four surfaces on one grid of 1024 x 1024, tamaas 2.9.0
-EARLIER = (
-    (0.74, 0.75, 0.89),
-    (0.86, 0.85, 0.92),
-    (1.05, 0.99, 0.98),
-)
+EARLIER = ((0.74, 0.75, 0.89), (0.86, 0.85, 0.92), (1.05, 0.99, 0.98))
 COLOURS = ("#1b6ca8", "#e08e0b", "#5b8c5a")
 PAGE = """# How good the contact theory is
 

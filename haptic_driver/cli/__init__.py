@@ -40,7 +40,5 @@ PANELS = {
         "record": "Record every tick into a file, until --stop.",
         "mark": "Write a marker into events and recording.",
     },
-    "When friction is not as the model says": {
-        "why": "Diagnose what was rendered so far.",
-    },
+    "When friction is not as the model says": {"why": "Diagnose what was rendered so far."},
 }

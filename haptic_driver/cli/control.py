@@ -307,13 +307,7 @@ def _detached(socket: str | None, lease_s: float, for_s: float | None) -> dict[s
     """Have a process of its own hold the lease for as long as our caller lives; what it said once
     armed.
     """
-    command = [
-        *PYTHON,
-        "-c",
-        "from haptic_driver.cli.main import run; run()",
-        "arm",
-        "--json",
-    ]
+    command = [*PYTHON, "-c", "from haptic_driver.cli.main import run; run()", "arm", "--json"]
     command += ["--lease", str(lease_s), "--while-pid", str(os.getppid())]
     command += [] if socket is None else ["--socket", socket]
     command += [] if for_s is None else ["--for", str(for_s)]

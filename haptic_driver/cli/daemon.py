@@ -102,10 +102,7 @@ def run(
     # A thread says it: a terminal that is stopped keeps nobody from starting.
     start_thread("say", partial(stderr.print, f"starting rig {rig}; it takes some seconds"))
     from haptic_driver.daemon.quiet_log import OncePerSecond, Printable  # noqa: PLC0415
-    from haptic_driver.daemon.run import (  # noqa: PLC0415  (the web server is slow to import)
-        Links,
-        run_daemon,
-    )
+    from haptic_driver.daemon.run import Links, run_daemon  # noqa: PLC0415  (the web server is slow to import)
     from hw.dropping_log import DroppingHandler  # noqa: PLC0415
 
     def announce(socket: Path, page: str | None) -> None:

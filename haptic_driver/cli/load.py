@@ -13,15 +13,7 @@ from typer import Argument, Option
 
 from haptic_driver.cli import control, load_by_daemon
 from haptic_driver.cli.daemon import SocketOption
-from haptic_driver.cli.output import (
-    Json,
-    confirm_attended,
-    named,
-    report,
-    status,
-    stderr,
-    stdout,
-)
+from haptic_driver.cli.output import Json, confirm_attended, named, report, status, stderr, stdout
 from haptic_driver.daemon.verbs import Verbs
 from haptic_driver.errors import HapticError, require_range
 from haptic_driver.lookup.models import load_model

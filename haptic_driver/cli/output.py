@@ -248,9 +248,7 @@ def compiling() -> Iterator[None]:
     if "numba" not in sys.modules:
         yield
         return
-    from haptic_driver.processes.compilation import (  # noqa: PLC0415  (numba is slow to import)
-        compilation,
-    )
+    from haptic_driver.processes.compilation import compilation  # noqa: PLC0415  (numba is slow to import)
 
     columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     bar = Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal)

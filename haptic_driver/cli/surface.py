@@ -94,9 +94,7 @@ def plot(
 
     Example: `haptic surface plot surface.h5 --out surface.png`
     """
-    from haptic_driver.pictures.friction_pictures import (  # noqa: PLC0415  (matplotlib is slow to import)
-        draw_surface,
-    )
+    from haptic_driver.pictures.friction_pictures import draw_surface  # noqa: PLC0415  (matplotlib is slow to import)
 
     draw_surface(read_surface(file), normal_force, out)
     report(

@@ -180,10 +180,7 @@ def output_of(config: RigConfig) -> Output:
 
 
 def reachable_by(
-    config: RigConfig,
-    model: str,
-    surface: Path | None,
-    normal_force_n: float,
+    config: RigConfig, model: str, surface: Path | None, normal_force_n: float
 ) -> tuple[float, float]:
     """The lowest and the highest friction under a load, within a rig's limits.
 
@@ -194,10 +191,7 @@ def reachable_by(
 
 
 def controller_of(
-    config: RigConfig,
-    model: str,
-    surface: Path | None,
-    normal_force_n: float,
+    config: RigConfig, model: str, surface: Path | None, normal_force_n: float
 ) -> Controller:
     """The controller of a rig on such a surface, whose loads include this one."""
     # Slow to import, and no other command of this group needs them.
@@ -235,10 +229,7 @@ class _Carrier(NamedTuple):
 
 
 def _carrier(
-    controller: Controller,
-    cof: float,
-    normal_force_n: float,
-    speed_m_s: float,
+    controller: Controller, cof: float, normal_force_n: float, speed_m_s: float
 ) -> _Carrier:
     """The carrier at the reachable friction nearest to `cof`."""
     from haptic_driver.render.controller import INITIAL  # noqa: PLC0415

@@ -6,12 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from haptic_driver.daemon.readings import (
-    Readings,
-    touch_estimate,
-    with_electrode,
-    with_monitors,
-)
+from haptic_driver.daemon.readings import Readings, touch_estimate, with_electrode, with_monitors
 from haptic_driver.errors import BadInputError
 from haptic_driver.live.current_sensor import Carried, ElectrodeWatch, ReadElectrode
 from haptic_driver.processes.shared_memory import Sensed

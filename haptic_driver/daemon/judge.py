@@ -108,10 +108,7 @@ class Judge:
             return Judged(arming, None, NOTHING_ASKED)
         settings = self._settings
         fidelity = fidelity_of_samples(
-            samples,
-            settings.perception,
-            settings.reach_hz,
-            settings.noise_n,
+            samples, settings.perception, settings.reach_hz, settings.noise_n
         )
         return Judged(arming, told(samples, fidelity), latency_in(samples))
 

@@ -88,10 +88,7 @@ class SensedForce:
         if silent := self.silent:
             raise DeviceTimeout(silent)
         return ForceReading(
-            sensed.force_time_s,
-            sensed.normal_force_n,
-            sensed.lateral_force_n,
-            sensed.saturated,
+            sensed.force_time_s, sensed.normal_force_n, sensed.lateral_force_n, sensed.saturated
         )
 
 

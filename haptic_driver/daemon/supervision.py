@@ -252,9 +252,7 @@ class Supervisor:
         if modulation is None or isinstance(config.analog_output, NoPart):
             return
         settings = EnvelopeSettings(
-            config.analog_output,
-            modulation,
-            config.output.voltage_rise_v_per_s,
+            config.analog_output, modulation, config.output.voltage_rise_v_per_s
         )
         if ENVELOPE in self._children:
             self._children[ENVELOPE].kill()

@@ -128,8 +128,7 @@ class FrictionChoice(Request):
 
     # At most twice what a texture file may say.
     cof: Annotated[
-        FiniteFloat,
-        Field(gt=0.0, le=10.0, description="Coefficient of friction to render."),
+        FiniteFloat, Field(gt=0.0, le=10.0, description="Coefficient of friction to render.")
     ]
     nearest: Nearest = False
 

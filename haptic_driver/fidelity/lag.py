@@ -59,10 +59,7 @@ class Peak(NamedTuple):
 
 
 def latency_of(
-    asked_cof: Array,
-    felt_cof: Array,
-    tick_s: float,
-    expected_s: float = 0.0,
+    asked_cof: Array, felt_cof: Array, tick_s: float, expected_s: float = 0.0
 ) -> Latency:
     """Measure the lag of felt behind asked friction: arrays [n] of the same ticks, NaN in gaps.
 

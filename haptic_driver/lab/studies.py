@@ -253,10 +253,7 @@ def run_study(
     if left:
         # a cluster's workers need not see this disk
         where = out.resolve() if cluster is None else None
-        with (
-            _executor(cluster, workers, tell) as pool,
-            open_to_add(out / TASKS) as file,
-        ):
+        with _executor(cluster, workers, tell) as pool, open_to_add(out / TASKS) as file:
             for found in _finished(pool, study, left, where):
                 write_through(file, json.dumps(found) + "\n")
                 done[found["task"]] = found

@@ -120,10 +120,7 @@ def _rows(group: h5py.Group, table: str) -> int:
 
 
 def _blocks(
-    groups: Sequence[h5py.Group],
-    name: str,
-    fields: Sequence[str],
-    progress: Callable[[int], None],
+    groups: Sequence[h5py.Group], name: str, fields: Sequence[str], progress: Callable[[int], None]
 ) -> Blocks:
     """Columns of a table of all runs, some rows at a time, at least once."""
     done = 0

@@ -10,12 +10,7 @@ from typing import Any
 from haptic_driver.files import write_rows
 from haptic_driver.lab.raw_trials.columns import given_columns
 from haptic_driver.lab.raw_trials.cut import Row
-from haptic_driver.lab.raw_trials.folder import (
-    TrialFolder,
-    cut_given,
-    refuse_bad,
-    tidied,
-)
+from haptic_driver.lab.raw_trials.folder import TrialFolder, cut_given, refuse_bad, tidied
 from haptic_driver.lab.raw_trials.trial_map import made_map
 from haptic_driver.lookup import labelled
 from haptic_driver.public.given import bad_given, is_table

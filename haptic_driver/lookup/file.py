@@ -147,10 +147,7 @@ class SurfaceFile:
             worst = worst_case(model, self.frequency_hz, self.voltage_v)
         stuck, density, gain = map(np.maximum, self._worst, worst)
         return replace(
-            self,
-            stuck_current_a_per_v=stuck,
-            stuck_density_a_per_v_m2=density,
-            electrode_gain=gain,
+            self, stuck_current_a_per_v=stuck, stuck_density_a_per_v_m2=density, electrode_gain=gain
         )
 
     def _datasets(self) -> dict[str, NDArray[Any]]:

@@ -30,14 +30,7 @@ from haptic_driver.processes.child import Child
 from haptic_driver.processes.shared_memory import SharedState, Taken
 from haptic_driver.recording.event import Event
 from haptic_driver.recording.records import records_of
-from haptic_driver.recording.writer import (
-    INTERVAL_S,
-    RunHeader,
-    RunWriter,
-    left_in,
-    record,
-    where,
-)
+from haptic_driver.recording.writer import INTERVAL_S, RunHeader, RunWriter, left_in, record, where
 
 START_TIMEOUT_S = 60.0  # on a busy machine
 STOP_TIMEOUT_S = 10.0

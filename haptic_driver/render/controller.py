@@ -231,11 +231,7 @@ def recorded(state: Plain) -> ControllerState:
 
 @kernel
 def step(
-    held: Held,
-    state: Plain,
-    target: Plain,
-    finger: Plain,
-    applied: Plain,
+    held: Held, state: Plain, target: Plain, finger: Plain, applied: Plain
 ) -> tuple[Plain, Plain]:
     """See `decided`, the values of whose records these are."""
     asked, felt, command = TargetFriction(*target), FingerState(*finger), DriveCommand(*applied)
@@ -298,12 +294,7 @@ def usual_hz(control: Control) -> float:
 
 @kernel
 def carried(
-    held: Held,
-    before: Held,
-    values: Plain,
-    speed_m_s: float,
-    contact_s: float,
-    voltage_v: float,
+    held: Held, before: Held, values: Plain, speed_m_s: float, contact_s: float, voltage_v: float
 ) -> ControllerState:
     """The state on another surface than `before`, with gains that leave the friction of the present
     drive as it was.
@@ -444,10 +435,7 @@ def candidate(control: Control, hz: float, target_cof: float, normal_force_n: fl
 
 @kernel
 def is_clearly_better(
-    control: Control,
-    best: Candidate,
-    present: Candidate,
-    target_cof: float,
+    control: Control, best: Candidate, present: Candidate, target_cof: float
 ) -> bool:
     """Whether one frequency is so much better than the other that the carrier should move."""
     clearly, high = 1.0 + control.hysteresis, present.at.cof_high

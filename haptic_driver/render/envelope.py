@@ -48,10 +48,7 @@ def ahead(
         return after._replace(safety=guard), ZERO
     # The next tick's rise begins where this way ends.
     driven = drive.DriveState(after.drive.time_s, voltage_v.item(-1))
-    return (
-        after._replace(safety=guard, drive=driven),
-        voltage_v * voltage_v,
-    )
+    return (after._replace(safety=guard, drive=driven), voltage_v * voltage_v)
 
 
 def full_scale_v(stages: TickSettings, carrier_hz: float) -> float:

@@ -72,11 +72,7 @@ def waves_at_points(
 
 @kernel
 def waves_at(
-    waves: Array,
-    speed_m_s: Array,
-    normal_force_n: Array,
-    met: tuple[float, float],
-    along: float,
+    waves: Array, speed_m_s: Array, normal_force_n: Array, met: tuple[float, float], along: float
 ) -> float:
     """Friction as far `along` as so many places of `waves` [speed, load, place], which begin again.
 

@@ -14,13 +14,7 @@ from math import inf
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    FiniteFloat,
-    WithJsonSchema,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, FiniteFloat, WithJsonSchema, model_validator
 
 from haptic_driver.base.units import readable
 from haptic_driver.config import Section, Within, find_config, parse
@@ -69,9 +63,7 @@ def _known_policy(name: str) -> str:
 
 
 Policy = Annotated[
-    str,
-    AfterValidator(_known_policy),
-    WithJsonSchema({"type": "string", "enum": [*POLICIES]}),
+    str, AfterValidator(_known_policy), WithJsonSchema({"type": "string", "enum": [*POLICIES]})
 ]
 
 

@@ -22,15 +22,7 @@ from haptic_driver.rig.part import NO_WATCHDOG, NONE, DeviceSection, NoPart, Par
 from haptic_driver.rig.parts.generators import CarrierConfig
 from haptic_driver.rig.parts.load_stages import LoadStageSection
 from haptic_driver.rig.rig import Rig
-from haptic_driver.rig.roles import (
-    AFTER,
-    APART,
-    FIRST,
-    RIG,
-    ROLES,
-    KindRole,
-    Opens,
-)
+from haptic_driver.rig.roles import AFTER, APART, FIRST, RIG, ROLES, KindRole, Opens
 from haptic_driver.rig.states import RigEvent
 from hw.analog.cards import make_card
 from hw.analog.lines import Heartbeat

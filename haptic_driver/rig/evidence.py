@@ -112,10 +112,7 @@ def tried(step: Callable[[], Found], otherwise: Found) -> Found:
 
 
 def switch_off(
-    generator: Generator,
-    amplifier: AnalogAmplifier,
-    settle_s: float,
-    clock: Clock,
+    generator: Generator, amplifier: AnalogAmplifier, settle_s: float, clock: Clock
 ) -> OffEvidence:
     """Off, and a look at what came of it: no lock, no check. Never raises: what fails in any way is
     unknown.

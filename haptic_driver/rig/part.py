@@ -19,13 +19,7 @@ from hw.setting import Setting
 
 if TYPE_CHECKING:
     from hw.amplifier.analog import AnalogAmplifier
-    from hw.analog.lines import (
-        AnalogInput,
-        AnalogInputs,
-        DigitalInput,
-        DigitalOutput,
-        Heartbeat,
-    )
+    from hw.analog.lines import AnalogInput, AnalogInputs, DigitalInput, DigitalOutput, Heartbeat
     from hw.monitor.lines import MonitorLines
     from hw.stage.lts150 import Lts150
 
@@ -66,9 +60,7 @@ def _known_form(resource: str) -> str:
     if resource.startswith("card:"):
         return check_name(resource)
     if resource not in (SIMULATED, NO_WATCHDOG):
-        from hw.transport.resource import (  # noqa: PLC0415 - imports what a real device needs
-            make_transport,
-        )
+        from hw.transport.resource import make_transport  # noqa: PLC0415 - imports what a real device needs
 
         make_transport(resource)
     return resource

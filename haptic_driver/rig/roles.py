@@ -185,16 +185,14 @@ class RigParts(Section):
     """The devices that a rig's file may name."""
 
     analog_inputs: Annotated[
-        AnalogInputsSection | None,
-        KindRole("analog_inputs", FIRST, wired="inputs", usual="ni"),
+        AnalogInputsSection | None, KindRole("analog_inputs", FIRST, wired="inputs", usual="ni")
     ] = None
     interlock: Annotated[
         PartSection | None,
         KindRole("interlocks", FIRST, wired="enable", unsaid=NoInterlock(), asking=LINE),
     ] = None
     analog_output: Annotated[
-        NoAnalogOutput | SomeAnalogOutput,
-        KindRole("analog_outputs", FIRST, name="envelope"),
+        NoAnalogOutput | SomeAnalogOutput, KindRole("analog_outputs", FIRST, name="envelope")
     ] = NoAnalogOutput()
     waveform_generator: Annotated[
         GeneratorConfig, Role("waveform generator", RIG, asking=GENERATOR)
@@ -207,16 +205,13 @@ class RigParts(Section):
         KindRole("force_sensors", AFTER, unsaid=UnsaidForceSensor(), asking=FORCE),
     ] = None
     stage: Annotated[
-        StageSection | None,
-        KindRole("stages", AFTER, wired="stage", usual="lts150", asking=STAGE),
+        StageSection | None, KindRole("stages", AFTER, wired="stage", usual="lts150", asking=STAGE)
     ] = None
-    finger_tracker: Annotated[
-        PartSection,
-        KindRole("finger_trackers", AFTER, asking=TRACKER),
-    ] = NoFingerTracker()
+    finger_tracker: Annotated[PartSection, KindRole("finger_trackers", AFTER, asking=TRACKER)] = (
+        NoFingerTracker()
+    )
     electrode_monitors: Annotated[
-        list[SomeElectrodeMonitor],
-        KindRole("electrode_monitors", AFTER, many=True, asking=READ),
+        list[SomeElectrodeMonitor], KindRole("electrode_monitors", AFTER, many=True, asking=READ)
     ] = Field(default=[])
     camera: Annotated[NoPart | CameraSection, KindRole("cameras", AFTER)] = NoPart()
     load_stage: Annotated[

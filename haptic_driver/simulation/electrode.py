@@ -66,9 +66,5 @@ class SimulatedElectrode:
 
 def _inputs(section: SimulatedElectrodeMonitorConfig, lines: SimulatedLines) -> SimulatedInputs:
     return SimulatedInputs(
-        lines,
-        section.sample_rate_hz,
-        section.range_v,
-        section.resolution_v,
-        section.buffer_s,
+        lines, section.sample_rate_hz, section.range_v, section.resolution_v, section.buffer_s
     )

@@ -64,8 +64,7 @@ class SimulatedInstruments(RunningTogether):
         self._friction = friction
         self.speed_m_s = 0.0
         self.plant = FingerPlant(
-            self._lateral_n,
-            cutoff_hz_per_mm_s=simulation.friction_cutoff_hz_per_mm_s,
+            self._lateral_n, cutoff_hz_per_mm_s=simulation.friction_cutoff_hz_per_mm_s
         )
         self.generator_server = TcpServer(wrap(self.generator), generator_port)
         self.force_box = NetFtServer(

@@ -13,13 +13,7 @@ from haptic_driver.config import Checked
 from haptic_driver.errors import BadInputError
 from haptic_driver.render.texture import Interpolation, Outside
 from haptic_driver.textures.bands import BANDS, EDGES_HZ
-from haptic_driver.textures.objects import (
-    TEXTURE_COF,
-    Cof,
-    LengthMm,
-    OriginMm,
-    SceneDescription,
-)
+from haptic_driver.textures.objects import TEXTURE_COF, Cof, LengthMm, OriginMm, SceneDescription
 from haptic_driver.textures.process import reflections
 
 # The finest detail that reaches a finger: its distance per tick of 1 ms at 100 mm/s. The friction
@@ -39,8 +33,7 @@ AmplitudeCof = Annotated[float, Field(ge=0.0, le=TEXTURE_COF[1])]
 Seconds = Annotated[float, Field(ge=0.0, le=86_400.0)]
 Shape = Annotated[float, Field(ge=0.1, le=100.0)]
 Coefficients = Annotated[
-    list[Annotated[float, Field(ge=-1e3, le=1e3)]],
-    Field(min_length=1, max_length=100),
+    list[Annotated[float, Field(ge=-1e3, le=1e3)]], Field(min_length=1, max_length=100)
 ]
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
 GAINS = (0.0, 20.0)  # by which what was recorded may be multiplied

@@ -267,10 +267,7 @@ def _background_row(drawn: Drawn, numbers: Mapping[Laid, int]) -> ObjectRow | No
 
 
 def _row(
-    each: SceneObject,
-    materials: Mapping[Material, Made],
-    numbers: Mapping[Laid, int],
-    corner: int,
+    each: SceneObject, materials: Mapping[Material, Made], numbers: Mapping[Laid, int], corner: int
 ) -> ObjectRow:
     """An object whose corners, if it has any, begin at that number."""
     outline, half_x_m, half_y_m, radius_m, reach_m, first, count = _outline(
@@ -300,10 +297,7 @@ def _row(
 
 
 def _outline(
-    each: SceneObject,
-    materials: Mapping[Material, Made],
-    numbers: Mapping[Laid, int],
-    corner: int,
+    each: SceneObject, materials: Mapping[Material, Made], numbers: Mapping[Laid, int], corner: int
 ) -> tuple[Outline, float, float, float, float, float, float]:
     """Kind, half of its size along x and y, radius of corners, reach, first corner, count."""
     match each.shape:
@@ -328,9 +322,7 @@ def _outline(
 
 
 def _fill(
-    each: SceneObject | Background,
-    materials: Mapping[Material, Made],
-    numbers: Mapping[Laid, int],
+    each: SceneObject | Background, materials: Mapping[Material, Made], numbers: Mapping[Laid, int]
 ) -> tuple[float, float, float, float, float]:
     """Material, friction, the lowest and the highest, and the finest detail."""
     if each.texture is None:

@@ -77,10 +77,7 @@ def _between(
 
     Far beyond all of them the nearest one holds, so that every place has three around it.
     """
-    from scipy.interpolate import (  # noqa: PLC0415  (slow to import)
-        LinearNDInterpolator,
-        NearestNDInterpolator,
-    )
+    from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator  # noqa: PLC0415  (slow to import)
 
     order = len(processes[0].ar)
     numbers = np.array(

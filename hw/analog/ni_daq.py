@@ -21,13 +21,7 @@ from typing import Any
 import numpy as np
 
 from hw.analog.lines import AnalogInputs
-from hw.analog.output import (
-    AnalogOutput,
-    AnalogOutputSettings,
-    Array,
-    CardReserved,
-    OutputUnderrun,
-)
+from hw.analog.output import AnalogOutput, AnalogOutputSettings, Array, CardReserved, OutputUnderrun
 from hw.errors import DeviceDisconnected, DeviceError, DeviceTimeout, InstrumentRejected
 from hw.setting import Setting, refuse_unlike
 

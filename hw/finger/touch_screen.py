@@ -144,9 +144,7 @@ class TouchEvents:
     """
 
     def __init__(
-        self,
-        current_slot: Callable[[], int] | None,
-        standing: Callable[[], Standing] = Standing,
+        self, current_slot: Callable[[], int] | None, standing: Callable[[], Standing] = Standing
     ) -> None:
         self._current_slot = current_slot
         self._ask_standing = standing

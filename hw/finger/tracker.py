@@ -94,8 +94,7 @@ class StageFinger(Running):
         status = self._newest
         if status is None or self._clock() - status.time_s > STALE_AFTER_S:
             raise DeviceTimeout(
-                f"the stage has reported no position for {STALE_AFTER_S:g} s",
-                "start it; try again",
+                f"the stage has reported no position for {STALE_AFTER_S:g} s", "start it; try again"
             )
         if not status.homed:
             return FingerReading(status.time_s, math.nan, math.nan, False)

@@ -21,10 +21,7 @@ Range = tuple[float, float]
 
 
 def changed(
-    problem: Problem,
-    hypotheses: Hypotheses,
-    posterior: Posterior,
-    learned: Candidate | None = None,
+    problem: Problem, hypotheses: Hypotheses, posterior: Posterior, learned: Candidate | None = None
 ) -> Array:
     """Probability that an observation is friction that is changed by more than its noise [n].
 

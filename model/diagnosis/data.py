@@ -262,10 +262,7 @@ class Measurements:
         )
 
     def replicate_groups(
-        self,
-        apart: bool = True,
-        sessions_apart: bool = True,
-        held: Iterable[str] = MEASURED,
+        self, apart: bool = True, sessions_apart: bool = True, held: Iterable[str] = MEASURED
     ) -> NDArray[np.intp]:
         """A number per observation, equal for the same session and settings; time and repeat do not
         count.

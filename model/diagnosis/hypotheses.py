@@ -178,10 +178,7 @@ def _weigh(problem: Problem, fit: Fit) -> tuple[Evidence, Array]:
 
 
 def fit_candidates(
-    problem: Problem,
-    base: Fit,
-    kinds: Sequence[Kinds],
-    progress: Callable[[str], None],
+    problem: Problem, base: Fit, kinds: Sequence[Kinds], progress: Callable[[str], None]
 ) -> list[Candidate]:
     """Fit each model warm from `base`, several starts for its last effect."""
     found = []
@@ -199,9 +196,7 @@ class Promise(NamedTuple):
 
 
 def fit_pairs(
-    problem: Problem,
-    singles: list[Candidate],
-    progress: Callable[[str], None],
+    problem: Problem, singles: list[Candidate], progress: Callable[[str], None]
 ) -> list[Candidate]:
     """The pairs that promise most beside the leading effects, and beside those of the best pair."""
     ranked = sorted(singles, key=_evidence, reverse=True)

@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from model.diagnosis.data import Measurements
-from model.diagnosis.levels import (
-    FEWEST_DEGREES,
-    Levels,
-    levels,
-    of_trials,
-    rows_in_order,
-    trials,
-)
+from model.diagnosis.levels import FEWEST_DEGREES, Levels, levels, of_trials, rows_in_order, trials
 from model.diagnosis.smooth import roots, standardised
 from model.diagnosis.witness import CURRENT, CURRENT_PHASE, FRICTION, WITNESSES, Witness
 from model.support.arrays import Array, ComplexArray

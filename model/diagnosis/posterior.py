@@ -16,14 +16,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from model.diagnosis.hypotheses import Evidences
-from model.diagnosis.priors import (
-    NONE,
-    PRIOR_EFFECTS,
-    PRIOR_NONE,
-    PRIOR_UNKNOWN,
-    SURE,
-    UNKNOWN,
-)
+from model.diagnosis.priors import NONE, PRIOR_EFFECTS, PRIOR_NONE, PRIOR_UNKNOWN, SURE, UNKNOWN
 
 Names = tuple[str, ...]
 

@@ -44,11 +44,7 @@ class Setting(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def fitted(
-    description: ModelDescription,
-    audit: Audit,
-    progress: Callable[[str], None],
-) -> Setting:
+def fitted(description: ModelDescription, audit: Audit, progress: Callable[[str], None]) -> Setting:
     """Fit the base model and every effect alone."""
     progress("base model")
     base = _base(description, audit)
@@ -95,10 +91,7 @@ def _base(description: ModelDescription, audit: Audit) -> Setting:
 
 
 def _with_singles(
-    description: ModelDescription,
-    audit: Audit,
-    setting: Setting,
-    progress: Callable[[str], None],
+    description: ModelDescription, audit: Audit, setting: Setting, progress: Callable[[str], None]
 ) -> Setting:
     """Every effect alone.
 
@@ -134,10 +127,7 @@ def _with_singles(
 
 
 def _setting(
-    description: ModelDescription,
-    data: Measurements,
-    noise: Noise,
-    start: Array,
+    description: ModelDescription, data: Measurements, noise: Noise, start: Array
 ) -> Setting:
     problem = Problem(Predictor(description, data), data.observed, noise)
     base = candidate(problem, (), problem.fit((), start))

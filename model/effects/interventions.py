@@ -25,16 +25,13 @@ NOTHING = "none"  # done: as the finger and the rig are
 INTERVENTIONS = (
     Intervention("strap", "put a ground strap on the wrist of the finger"),
     Intervention(
-        "dry_air",
-        "blow dry air over the screen for a minute, and go on while it is measured",
+        "dry_air", "blow dry air over the screen for a minute, and go on while it is measured"
     ),
     Intervention(
-        "wipe",
-        "wipe finger and screen dry, with alcohol if they bear it, before every row",
+        "wipe", "wipe finger and screen dry, with alcohol if they bear it, before every row"
     ),
     Intervention(
-        "discharge",
-        "take the charge off the screen: ground it, then blow ionised air over it",
+        "discharge", "take the charge off the screen: ground it, then blow ionised air over it"
     ),
     Intervention("other_amplifier", "put another amplifier, or another range of it, in its place"),
 )

@@ -50,9 +50,7 @@ class Template(NamedTuple):
 
 
 def classified(
-    description: ModelDescription,
-    paths: Sequence[Path],
-    draws: int = DRAWS,
+    description: ModelDescription, paths: Sequence[Path], draws: int = DRAWS
 ) -> tuple[dict[str, Guess], list[str]]:
     """Answers by file name to the sets that share their settings with many; and notes on each plan.
 
@@ -119,9 +117,7 @@ def template(description: ModelDescription, data: Measurements) -> Template:
 
 
 def simulated(
-    templates: Sequence[Template],
-    rng: np.random.Generator,
-    draws: int,
+    templates: Sequence[Template], rng: np.random.Generator, draws: int
 ) -> Iterator[tuple[Array, str]]:
     """Features and names of sets that the model simulates; `none` where an effect leaves no trace.
 
@@ -139,9 +135,7 @@ def simulated(
 
 
 def _drawn(
-    template: Template,
-    kinds: tuple[type[Effect], ...],
-    rng: np.random.Generator,
+    template: Template, kinds: tuple[type[Effect], ...], rng: np.random.Generator
 ) -> tuple[Array, str] | None:
     """What one set observes [n] and what is hidden; None where such a finger has no equilibrium."""
     _, predictor, noise = template

@@ -17,10 +17,7 @@ Part = list[tuple[dict[str, Any], set[str]]]
 
 
 def peers_table(
-    answers: dict[str, Answer],
-    labels: dict[str, Any],
-    guesses: dict[str, Guess],
-    notes: list[str],
+    answers: dict[str, Answer], labels: dict[str, Any], guesses: dict[str, Guess], notes: list[str]
 ) -> str:
     """Markdown: one table for every kind of witnesses, a column for every method."""
     lines = ["", "## The same sets by others", ""]
@@ -57,9 +54,7 @@ def _methods(guesses: dict[str, Guess]) -> dict[str, Named]:
 
 
 def _table(
-    answers: dict[str, Answer],
-    labels: dict[str, Any],
-    guesses: dict[str, Guess],
+    answers: dict[str, Answer], labels: dict[str, Any], guesses: dict[str, Guess]
 ) -> Iterator[str]:
     methods = _methods(guesses)
     columns = []

@@ -27,10 +27,7 @@ COLUMNS = (
 
 
 def write_csv(
-    path: Path,
-    answers: dict[str, Answer],
-    labels: dict[str, Any],
-    guesses: dict[str, Guess],
+    path: Path, answers: dict[str, Answer], labels: dict[str, Any], guesses: dict[str, Guess]
 ) -> None:
     """Write the rows in the order of the sets; names are joined by spaces."""
     with path.open("w", newline="", encoding="utf-8") as file:

@@ -100,12 +100,7 @@ def cells(table: str, row: str) -> list[str]:
 
 
 def test_names_are_counted_for_every_method():
-    labels = {
-        "1": label("a"),
-        "2": label("a", "b"),
-        "3": label("odd", stranger=True),
-        "4": label(),
-    }
+    labels = {"1": label("a"), "2": label("a", "b"), "3": label("odd", stranger=True), "4": label()}
     answers = {
         "1": answer(("a",), "b"),
         "2": answer(("a", "b"), "b"),

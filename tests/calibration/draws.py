@@ -124,11 +124,7 @@ def _truth(rng: Rng, kinds: list[type[Effect]]) -> tuple[tuple[type[Effect], ...
 
 
 def _off(
-    rng: Rng,
-    problem: Problem,
-    kinds: tuple[type[Effect], ...],
-    vector: Array,
-    is_unknown: bool,
+    rng: Rng, problem: Problem, kinds: tuple[type[Effect], ...], vector: Array, is_unknown: bool
 ) -> Array:
     """What the finger or the rig differs by from any exact form, whitened [n]."""
     nothing = np.zeros(problem.observed.size)

@@ -57,9 +57,7 @@ def test_what_quiet_costs_is_what_the_program_says(row):
     assert left == f"{100.0 * found.share:.1f} %"
 
 
-def test_the_ripple_under_linen_is_stronger_than_the_texture(
-    capsys,
-):
+def test_the_ripple_under_linen_is_stronger_than_the_texture(capsys):
     assert "haptic texture check linen --speed 0.05" in PAGE
     assert main(["texture", "check", "linen", "--speed", "0.05", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)

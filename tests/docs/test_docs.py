@@ -255,14 +255,7 @@ def asks_daemon(line: str) -> bool:
     [pytest.param(p, marks=() if p.name == "README.md" else pytest.mark.soak) for p in sessions()],
     ids=name_of,
 )
-def test_a_session_with_the_daemon_runs_as_shown(
-    page,
-    daemon,
-    reader,
-    done,
-    monkeypatch,
-    capsys,
-):
+def test_a_session_with_the_daemon_runs_as_shown(page, daemon, reader, done, monkeypatch, capsys):
     """One terminal for each command that runs until Ctrl-C, one for all others; no experiment is
     run twice.
     """
@@ -493,9 +486,7 @@ def test_commands_that_are_only_shown_are_understood(page, program):
         assert understood(program, line), line
 
 
-def test_the_container_file_copies_what_is_there_and_runs_a_command_that_is_understood(
-    program,
-):
+def test_the_container_file_copies_what_is_there_and_runs_a_command_that_is_understood(program):
     text = (ROOT / "deploy" / "Containerfile").read_text(encoding="utf-8")
     copied = [
         word

@@ -4,13 +4,7 @@ import re
 
 import pytest
 
-from tests.docs.plain_english import (
-    LONGEST_WORDS,
-    NOT_OURS,
-    PAGES,
-    of_docstrings,
-    of_pages,
-)
+from tests.docs.plain_english import LONGEST_WORDS, NOT_OURS, PAGES, of_docstrings, of_pages
 
 
 @pytest.fixture(scope="module", params=[of_pages, of_docstrings], ids=["pages", "docstrings"])

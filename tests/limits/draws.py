@@ -94,11 +94,7 @@ def drawn(
     policy = str(rng.choice(list(POLICIES)))
     low, high = np.log(file.frequency_hz[[0, -1]])
     settings = ControllerSettings(
-        lookup,
-        limits,
-        policy,
-        float(np.exp(rng.uniform(low, high))),
-        correction=file.correction,
+        lookup, limits, policy, float(np.exp(rng.uniform(low, high))), correction=file.correction
     )
     controller = Controller(settings)
     points, refused, full_scale_v = [], [], []

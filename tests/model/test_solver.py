@@ -63,9 +63,7 @@ def solve_sine(sine_circuit):
 
 @pytest.mark.parametrize("name", FINGERS)
 @given(
-    f=st.floats(0.0, 6.0).map(lambda e: 10.0**e),
-    v=st.floats(5.0, 150.0),
-    load=st.floats(5e2, 2e4),
+    f=st.floats(0.0, 6.0).map(lambda e: 10.0**e), v=st.floats(5.0, 150.0), load=st.floats(5e2, 2e4)
 )
 @settings(max_examples=40)
 def test_pressure_satisfies_its_own_loop(models, solve_sine, gain_by_quadrature, name, f, v, load):

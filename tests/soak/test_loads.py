@@ -28,9 +28,7 @@ LONGEST_S = 8.0  # after the load stage begins to approach: over the first rows
 
 @pytest.mark.soak
 @pytest.mark.timeout(LOADS * 60 + 600)
-def test_at_every_moment_the_finger_feels_less_than_the_limit_and_the_output_is_off(
-    tmp_path,
-):
+def test_at_every_moment_the_finger_feels_less_than_the_limit_and_the_output_is_off(tmp_path):
     model = TouchModel(load_model("reference"))
     highest, unsafe = defaultdict[str, list[float]](list), list[str]()
     for number, moment in enumerate(_all(model, tmp_path)):

@@ -15,15 +15,7 @@ from model.effects import BY_NAME
 from model.support.errors import nearest
 from model.support.reading import read_text
 
-AXES = (
-    "frequency_hz",
-    "voltage_v",
-    "normal_force_n",
-    "speed_m_s",
-    "time_s",
-    "session",
-    "trial",
-)
+AXES = ("frequency_hz", "voltage_v", "normal_force_n", "speed_m_s", "time_s", "session", "trial")
 FINGER = ("cof_off", "roughness_rms_m", "skin_thickness_m", "leak_scale", "contact_area_m2")
 Range = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
 Positive = Annotated[FiniteFloat, Field(gt=0.0)]

@@ -31,8 +31,7 @@ from model.support.errors import nearest
 
 def calibrate(
     data: Annotated[
-        Path,
-        Argument(help="CSV: frequency_hz, voltage_v, ..., cof; a recording (.h5); or trials."),
+        Path, Argument(help="CSV: frequency_hz, voltage_v, ..., cof; a recording (.h5); or trials.")
     ],
     model: ModelOption = "reference",
     out: Annotated[Path, Option(help="Model file to write; its picture stands beside it.")] = Path(

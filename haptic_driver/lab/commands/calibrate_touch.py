@@ -95,9 +95,7 @@ def _touched(place_m: Array, screen: EvdevFingerConfig, spread_raw: float | None
             )
         except KeyboardInterrupt as stop:
             raise HapticError(
-                "interrupted",
-                "interrupted",
-                "Nothing was energised. Run it again",
+                "interrupted", "interrupted", "Nothing was energised. Run it again"
             ) from stop
 
 

@@ -60,12 +60,7 @@ def contact(
     with progress("frames", opened.time_s.size) as advance:
         done = iter(range(1, opened.time_s.size + 1))
         watched = watch(
-            opened.frames,
-            opened.time_s,
-            1e-3 * mm,
-            bare,
-            polarity,
-            lambda: advance(next(done)),
+            opened.frames, opened.time_s, 1e-3 * mm, bare, polarity, lambda: advance(next(done))
         )
     told = summary(watched.found)
     scale_said += scale_told(mm, opened, scale_from)
@@ -130,11 +125,7 @@ def _row(number: int, one: FrameSeen, said: Sequence[str]) -> dict[str, str | fl
 
 
 def _draw(film: Film, watched: Watched, mm: float, paths: tuple[Path, Path]) -> None:
-    from haptic_driver.lab.pictures.contact import (  # noqa: PLC0415 - matplotlib is slow to import
-        draw_areas,
-        draw_outlines,
-        drawn_frames,
-    )
+    from haptic_driver.lab.pictures.contact import draw_areas, draw_outlines, drawn_frames  # noqa: PLC0415 - matplotlib is slow to import
 
     found = watched.found
     chosen = set(drawn_frames(found))

@@ -73,8 +73,7 @@ def diagnose(
     map_file: MapOption = None,
     rows: RowsOption = None,
     leave_out_bad: Annotated[
-        bool,
-        Option("--leave-out-bad", help="Go on without rows that cannot be used, and tell."),
+        bool, Option("--leave-out-bad", help="Go on without rows that cannot be used, and tell.")
     ] = False,
     seed: Annotated[int, Option(help="Of the random draws in tests and folds.", min=0)] = 0,
     plan: Annotated[

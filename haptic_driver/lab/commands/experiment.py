@@ -70,10 +70,7 @@ def run(
 
     Example: `haptic experiment run friction_difference --participant P01 --out results`
     """
-    from haptic_driver.lab.psychophysics.apparatus import (  # noqa: PLC0415
-        DaemonApparatus,
-        check_textures,
-    )
+    from haptic_driver.lab.psychophysics.apparatus import DaemonApparatus, check_textures  # noqa: PLC0415
     from haptic_driver.lab.psychophysics.data import SessionFiles  # noqa: PLC0415
     from haptic_driver.lab.psychophysics.description import load_experiment  # noqa: PLC0415
     from haptic_driver.lab.psychophysics.run import run_session  # noqa: PLC0415
@@ -236,9 +233,7 @@ def _written(folder: Path, felt: bool) -> tuple[list[Result], list[str]]:
         draw_levels,
         draw_thresholds,
     )
-    from haptic_driver.lab.psychophysics.analysis import (  # noqa: PLC0415
-        analyse as analysed,
-    )
+    from haptic_driver.lab.psychophysics.analysis import analyse as analysed  # noqa: PLC0415
     from haptic_driver.lab.psychophysics.analysis import groups_of  # noqa: PLC0415
     from haptic_driver.lab.psychophysics.data import label_of  # noqa: PLC0415
 
@@ -270,9 +265,7 @@ def _say_trial(row: Row) -> None:
 
 
 def _panel(result: Result) -> Answers:
-    from haptic_driver.lab.pictures.psychometric import (  # noqa: PLC0415  (matplotlib is slow to import)
-        Answers,
-    )
+    from haptic_driver.lab.pictures.psychometric import Answers  # noqa: PLC0415  (matplotlib is slow to import)
 
     title, fit = f"{result.condition}: {result.trials} trials", result.fit
     if fit is None:

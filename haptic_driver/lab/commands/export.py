@@ -46,13 +46,7 @@ def export(
         )
     number = run if run is None or not run.isdecimal() else f"run_{int(run):04d}"
     written = None if every else number or runs[-1]
-    payload = {
-        "recording": str(file),
-        "out": str(out),
-        "run": written,
-        "runs": runs,
-        "rows": rows,
-    }
+    payload = {"recording": str(file), "out": str(out), "run": written, "runs": runs, "rows": rows}
     report(as_json, payload, lambda: stdout.print(f"{out}: {rows} rows of {_said(written, runs)}"))
 
 

@@ -56,10 +56,7 @@ def figure(
 
 def draw(means: StrokeMeans, out: Path, models: Sequence[ModelCurve]) -> list[Path]:
     """Write pictures and tables, into the folder `out` or beside the picture `out`."""
-    from haptic_driver.lab.figures.figure3 import (  # noqa: PLC0415 - matplotlib is slow to import
-        draw_figure3,
-        draw_figure7a,
-    )
+    from haptic_driver.lab.figures.figure3 import draw_figure3, draw_figure7a  # noqa: PLC0415 - matplotlib is slow to import
 
     named = bool(out.suffix)
     first = out if named else out / "figure-3.png"

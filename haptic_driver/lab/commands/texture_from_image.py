@@ -53,11 +53,7 @@ def texture_from_image(
     Example: `haptic texture from-image photo.jpg --width-mm 60 --cof 0.55 0.80`
     """
     from haptic_driver.cli.texture import SPEED_M_S  # noqa: PLC0415  (slow to import)
-    from haptic_driver.lab.importers.image import (  # noqa: PLC0415
-        friction_shares,
-        read_picture,
-        save_grey,
-    )
+    from haptic_driver.lab.importers.image import friction_shares, read_picture, save_grey  # noqa: PLC0415
 
     target = source.with_suffix(".toml") if out is None else out
     grey, preview = (target.with_name(f"{target.stem}_{what}.png") for what in ("map", "preview"))
@@ -143,13 +139,7 @@ def _require_usable(
 
 
 def _look(
-    asked: Array,
-    pitch_mm: float,
-    mapped: Mapped,
-    preview: Path,
-    rig: str,
-    model: str,
-    speed: float,
+    asked: Array, pitch_mm: float, mapped: Mapped, preview: Path, rig: str, model: str, speed: float
 ) -> list[str]:
     """Draw what is asked for and what comes of it; what this rig cannot render, in words."""
     from haptic_driver.cli.texture import controller_of, output_of  # noqa: PLC0415

@@ -70,10 +70,7 @@ class Film:
 
 
 def read_film(
-    path: Path,
-    times: Path | None = None,
-    rate_hz: float | None = None,
-    own: Sequence[Path] = (),
+    path: Path, times: Path | None = None, rate_hz: float | None = None, own: Sequence[Path] = ()
 ) -> Film:
     """A film, opened; BadInputError for one without frames or whose times do not fit.
 

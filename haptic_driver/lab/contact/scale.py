@@ -135,10 +135,7 @@ def _between(power: Array, y: int, x: int) -> tuple[float, float]:
 
 def _sides(first: Wave, second: Wave) -> tuple[tuple[float, float], tuple[float, float]]:
     """Along which squares lie that two diagonal waves make, in squares per pixel."""
-    return (
-        (first.y + second.y, first.x + second.x),
-        (first.y - second.y, first.x - second.x),
-    )
+    return ((first.y + second.y, first.x + second.x), (first.y - second.y, first.x - second.x))
 
 
 def _is_checkerboard(picture: Array, first: Wave, second: Wave) -> bool:

@@ -142,10 +142,7 @@ FIGURES: dict[int, Callable[[Mapping[str, TouchModel]], Reproduced]] = {
 
 
 def reproduce(
-    description: ModelDescription,
-    wanted: Sequence[int],
-    folder: Path,
-    tell: Callable[[str], None],
+    description: ModelDescription, wanted: Sequence[int], folder: Path, tell: Callable[[str], None]
 ) -> tuple[list[Path], list[Fact]]:
     """Write the `wanted` figures into `folder` and return the files and facts; OSError where it
     cannot be written.

@@ -117,11 +117,7 @@ def _mapped(
 
 
 def rendered(
-    cof: Array,
-    pitch_m: float,
-    speed_m_s: float,
-    reachable_cof: tuple[float, float],
-    output: Output,
+    cof: Array, pitch_m: float, speed_m_s: float, reachable_cof: tuple[float, float], output: Output
 ) -> Array:
     """Friction [row, column] that arrives at a usual finger on strokes along x at a speed. It is
     within reach, and less what the output and the finger's own lag lose.

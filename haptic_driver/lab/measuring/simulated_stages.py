@@ -13,11 +13,7 @@ class SimulatedStageBench(StageBench):
     """Stages, load loop and strokes as on a real rig; rig, finger and scatter are `world`'s."""
 
     def __init__(
-        self,
-        config: RigConfig,
-        plan: Plan,
-        world: SimulatedBench,
-        tell: Tell = lambda what: None,
+        self, config: RigConfig, plan: Plan, world: SimulatedBench, tell: Tell = lambda what: None
     ) -> None:
         self.world, simulated = world, world.simulated
         devices, clock, sleep = simulated.devices, simulated.clock, simulated.sleep

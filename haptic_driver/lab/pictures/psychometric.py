@@ -94,11 +94,7 @@ def _panels(count: int, title: str, path: Path) -> Iterator[list[Any]]:
     columns = min(count, 3)
     rows = -(-count // columns)
     figure, places = pyplot().subplots(
-        rows,
-        columns,
-        figsize=(4.0 * columns, 3.4 * rows),
-        squeeze=False,
-        layout="constrained",
+        rows, columns, figsize=(4.0 * columns, 3.4 * rows), squeeze=False, layout="constrained"
     )
     with saved(figure, path):
         for axes in places.flat:

@@ -14,11 +14,7 @@ from scipy.special import stdtrit
 from haptic_driver.config import parse
 from haptic_driver.errors import BadInputError
 from haptic_driver.lab.psychophysics.data import Row, SessionFiles, sessions
-from haptic_driver.lab.psychophysics.description import (
-    Experiment,
-    ExperimentFile,
-    Staircase,
-)
+from haptic_driver.lab.psychophysics.description import Experiment, ExperimentFile, Staircase
 from haptic_driver.lab.psychophysics.fit import Fit, fit
 from haptic_driver.lab.psychophysics.methods import StaircaseMethod, converges_at
 

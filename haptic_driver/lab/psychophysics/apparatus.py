@@ -195,13 +195,7 @@ class AssumedApparatus:
 
 def _as_asked(cof: float, lasted_s: float) -> Delivered:
     return Delivered(
-        cof,
-        cof,
-        cof,
-        error=0.0,
-        within_5_percent=1.0,
-        reachable_share=1.0,
-        sliding_s=lasted_s,
+        cof, cof, cof, error=0.0, within_5_percent=1.0, reachable_share=1.0, sliding_s=lasted_s
     )
 
 

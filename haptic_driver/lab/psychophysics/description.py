@@ -113,15 +113,11 @@ class QuestPlus(Section):
     levels: Range
     thresholds: Range
     slopes: Annotated[list[Above0], Field(min_length=1)] = Field(
-        default=[1.5, 2.0, 3.0, 4.5],
-        description="that may be",
+        default=[1.5, 2.0, 3.0, 4.5], description="that may be"
     )
     lapses: Annotated[
         list[Annotated[float, Field(ge=0.0, le=HIGHEST_LAPSE)]], Field(min_length=1)
-    ] = Field(
-        default=[0.0, 0.02, 0.05],
-        description="that may be",
-    )
+    ] = Field(default=[0.0, 0.02, 0.05], description="that may be")
     trials: Count = Field(default=60, description="it ends after so many at the latest")
     stop_std: Annotated[FiniteFloat, Field(ge=0.0, le=1.0)] = Field(
         default=0.0,

@@ -165,9 +165,7 @@ def _text(path: Path, look: FileLook, wanted: Sequence[str], *, labview: bool) -
         if times(cells[:1]) is not None and not cells[0].isdigit():
             unit, unit_from = "s", ITS_DATES
         read = partial(_numbers, f"{path}: {name or f'column {place + 1}'}", cells, table.decimal)
-        columns.append(
-            Column(name or str(place + 1), read, unit, unit_from, place=place + 1),
-        )
+        columns.append(Column(name or str(place + 1), read, unit, unit_from, place=place + 1))
     return Source(path, columns, [row.number for row in table.rows], table)
 
 

@@ -17,12 +17,7 @@ from haptic_driver.files import bad_input
 from haptic_driver.lab.importers.strokes import speed_over
 from haptic_driver.lab.raw_trials.columns import Source, open_columns
 from haptic_driver.lab.raw_trials.look import SLIDES, Doubt, Span, look_at
-from haptic_driver.lab.raw_trials.quantities import (
-    FEWEST,
-    Quantities,
-    given_roles,
-    quantities,
-)
+from haptic_driver.lab.raw_trials.quantities import FEWEST, Quantities, given_roles, quantities
 from haptic_driver.lab.raw_trials.trial_map import (
     QUANTITIES,
     TEXTS,
@@ -160,11 +155,7 @@ def _amplitude(
 
 
 def read_trials(
-    source: Source,
-    said: TrialMap,
-    conditions: Mapping[str, str | float],
-    *,
-    may_turn: bool = False,
+    source: Source, said: TrialMap, conditions: Mapping[str, str | float], *, may_turn: bool = False
 ) -> list[Trial]:
     """A file as a trial, or one for each burst of its voltage where the map says so.
 

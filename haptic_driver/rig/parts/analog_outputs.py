@@ -160,11 +160,7 @@ class SoundAnalogOutputConfig(SomeAnalogOutput):
         from hw.analog.sound_card import SoundCardOutput, SoundSettings
 
         sound = SoundSettings(
-            self.sample_rate_hz,
-            self.full_scale_v,
-            self.dc_coupled,
-            self.channel,
-            self.latency_s,
+            self.sample_rate_hz, self.full_scale_v, self.dc_coupled, self.channel, self.latency_s
         )
         output = SoundCardOutput(self.device, self.settings(), sound)
         return Part(output, [output.open], [output.close])

@@ -9,12 +9,7 @@ from pydantic import Field
 
 from haptic_driver.config import Within
 from haptic_driver.rig.check import Checks, Examination
-from haptic_driver.rig.part import (
-    Part,
-    PartSection,
-    Seconds,
-    Wiring,
-)
+from haptic_driver.rig.part import Part, PartSection, Seconds, Wiring
 
 if TYPE_CHECKING:
     from hw.camera.genicam import GenicamCamera

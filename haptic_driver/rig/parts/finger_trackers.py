@@ -14,14 +14,7 @@ from pydantic import Field
 from haptic_driver.config import Within
 from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Checks, Examination
-from haptic_driver.rig.part import (
-    Metres,
-    NoPart,
-    Part,
-    PartSection,
-    ServedSection,
-    Wiring,
-)
+from haptic_driver.rig.part import Metres, NoPart, Part, PartSection, ServedSection, Wiring
 
 if TYPE_CHECKING:
     from hw.finger.touch_screen import TouchCalibration

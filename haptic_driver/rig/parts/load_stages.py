@@ -13,14 +13,7 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Checks, Examination
 from haptic_driver.rig.load_controller import LoadSettings
 from haptic_driver.rig.load_gains import LoadGains, Stiffness, read_gains
-from haptic_driver.rig.part import (
-    LoadNewtons,
-    Metres,
-    Part,
-    PartSection,
-    Resource,
-    Wiring,
-)
+from haptic_driver.rig.part import LoadNewtons, Metres, Part, PartSection, Resource, Wiring
 from haptic_driver.rig.parts.stages import examine_lts150, lts150
 from hw.stage.letting_go import Mounting
 

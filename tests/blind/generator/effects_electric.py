@@ -152,12 +152,7 @@ EFFECTS = [
         lambda rng: {"order": int(rng.integers(1, 4))},
         lambda s, shape: {"f_c_hz": 1e6 / s, "order": shape["order"]},
     ),
-    Effect(
-        amplifier_slew_limit,
-        (0.1, 5e5),
-        nothing,
-        lambda s, _: {"slew_v_per_s": 5e8 / s},
-    ),
+    Effect(amplifier_slew_limit, (0.1, 5e5), nothing, lambda s, _: {"slew_v_per_s": 5e8 / s}),
     Effect(
         drive_gain_error,
         (0.01, 1.0),
@@ -182,18 +177,8 @@ EFFECTS = [
         lambda rng: {"fall": rng.uniform(0.5, 1.2)},
         lambda s, _: {"w": s},
     ),
-    Effect(
-        skin_nonlinearity,
-        (0.02, 1e3),
-        nothing,
-        lambda s, _: {"v0_v": 100.0 / s},
-    ),
-    Effect(
-        johnsen_rahbek,
-        (1e-12, 1e-6),
-        nothing,
-        lambda s, _: {"sigma_insulator_s_per_m": s},
-    ),
+    Effect(skin_nonlinearity, (0.02, 1e3), nothing, lambda s, _: {"v0_v": 100.0 / s}),
+    Effect(johnsen_rahbek, (1e-12, 1e-6), nothing, lambda s, _: {"sigma_insulator_s_per_m": s}),
     Effect(
         electrode_polarization,
         (1e-9, 1e-1),
@@ -204,12 +189,7 @@ EFFECTS = [
         },
         lambda s, shape: {"q_per_area": s, "n": shape["n"], "r_ct_ohm_m2": shape["r_ct"]},
     ),
-    Effect(
-        humid_gap_conduction,
-        (1e-11, 1e-3),
-        nothing,
-        lambda s, _: {"sigma_gap_s_per_m": s},
-    ),
+    Effect(humid_gap_conduction, (1e-11, 1e-3), nothing, lambda s, _: {"sigma_gap_s_per_m": s}),
     Effect(
         sweat_film,
         (0.003, 0.9),

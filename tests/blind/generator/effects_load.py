@@ -96,18 +96,8 @@ def charge_build_up(state: State, knob: float, shape: dict, alternative: bool) -
 
 
 EFFECTS = [
-    Effect(
-        trapped_charge,
-        (0.5, 120.0),
-        nothing,
-        lambda s, _: {"v_s_v": s},
-    ),
-    Effect(
-        air_breakdown,
-        (0.5, 1e3),
-        nothing,
-        lambda s, _: {"e_bd_v_per_m": 1e9 / s},
-    ),
+    Effect(trapped_charge, (0.5, 120.0), nothing, lambda s, _: {"v_s_v": s}),
+    Effect(air_breakdown, (0.5, 1e3), nothing, lambda s, _: {"e_bd_v_per_m": 1e9 / s}),
     Effect(
         capillary_adhesion,
         (5.0, 2e4),
@@ -150,12 +140,7 @@ EFFECTS = [
         lambda s, _: {"exponent": s, "v_ref_m_per_s": STEADY_SPEED},
         needs="speed_m_s",
     ),
-    Effect(
-        contact_area_law,
-        (0.005, 0.7),
-        nothing,
-        lambda s, _: {"exponent": s, "f_ref_n": F_REF},
-    ),
+    Effect(contact_area_law, (0.005, 0.7), nothing, lambda s, _: {"exponent": s, "f_ref_n": F_REF}),
     Effect(
         charge_build_up,
         (0.005, 0.95),

@@ -75,10 +75,7 @@ ALIASED = (
 )
 INCOMPATIBLE = {
     frozenset(p)
-    for p in (
-        ("skin_hydration", "skin_nonlinearity"),
-        ("air_breakdown", "trapped_charge"),
-    )
+    for p in (("skin_hydration", "skin_nonlinearity"), ("air_breakdown", "trapped_charge"))
 }
 
 
@@ -119,9 +116,7 @@ def f3(i: int, rng: np.random.Generator) -> Spec:
 
 def f4(i: int, rng: np.random.Generator) -> Spec:
     return Spec(
-        "F4",
-        i,
-        ((_cycle(OUTSIDE, i), float(rng.choice([50.0, 100.0, 200.0, 400.0, 800.0]))),),
+        "F4", i, ((_cycle(OUTSIDE, i), float(rng.choice([50.0, 100.0, 200.0, 400.0, 800.0]))),)
     )
 
 

@@ -80,11 +80,7 @@ def dielectric_absorption(state: State, knob: float, _shape: dict, _alt: bool) -
 
 
 EFFECTS: list[Effect] = [
-    make(
-        cable_resonance,
-        (3.0, 1000.0),
-        lambda rng: {"quality": log_uniform(rng, 5.0, 20.0)},
-    ),
+    make(cable_resonance, (3.0, 1000.0), lambda rng: {"quality": log_uniform(rng, 5.0, 20.0)}),
     make(monitor_roll_off, (0.3, 1e4), nothing),
     make(
         insulator_warming,
@@ -93,11 +89,7 @@ EFFECTS: list[Effect] = [
         "time_s",
     ),
     make(crossover_distortion, (0.001, 45.0), nothing),
-    make(
-        amplitude_steps,
-        (0.003, 0.8),
-        lambda rng: {"place": float(rng.uniform(0.0, 1.0))},
-    ),
+    make(amplitude_steps, (0.003, 0.8), lambda rng: {"place": float(rng.uniform(0.0, 1.0))}),
     make(
         electroosmotic_wetting,
         (0.01, 100.0),
@@ -111,11 +103,7 @@ EFFECTS: list[Effect] = [
         lambda rng: {"pitch_m": float(rng.uniform(3e-4, 6e-4))},
         "speed_m_s",
     ),
-    make(
-        loaded_sensor_resonance,
-        (0.003, 0.8),
-        lambda rng: {"f_r": log_uniform(rng, 60.0, 600.0)},
-    ),
+    make(loaded_sensor_resonance, (0.003, 0.8), lambda rng: {"f_r": log_uniform(rng, 60.0, 600.0)}),
     make(dielectric_absorption, (0.01, 0.9), nothing, "before"),
 ]
 UNFELT = {"monitor_roll_off"}  # no trace in friction, whatever the design

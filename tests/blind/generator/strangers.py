@@ -96,9 +96,7 @@ EFFECTS = [
         "speed_m_s",
     ),
     make(
-        sensor_resonance_frequency,
-        (0.003, 0.8),
-        lambda rng: {"f_r": log_uniform(rng, 60.0, 2e3)},
+        sensor_resonance_frequency, (0.003, 0.8), lambda rng: {"f_r": log_uniform(rng, 60.0, 2e3)}
     ),
     make(
         screen_resonance,
@@ -107,19 +105,11 @@ EFFECTS = [
     ),
     make(gain_drift, (0.01, 6.0), lambda rng: {"sign": sign(rng)}, "time_s"),
     make(force_quantiser, (0.003, 0.6), nothing),
-    make(
-        humidity_ramp,
-        (0.01, 0.95),
-        lambda rng: {"f_m": log_uniform(rng, 30.0, 3e4)},
-        "time_s",
-    ),
+    make(humidity_ramp, (0.01, 0.95), lambda rng: {"f_m": log_uniform(rng, 30.0, 3e4)}, "time_s"),
     make(mains_interference, (0.003, 2.0), nothing),
     make(sensor_crosstalk, (0.003, 0.5), lambda rng: {"sign": sign(rng)}),
     make(lateral_saturation, (0.5, 12.0), nothing),
     make(
-        stick_slip,
-        (0.01, 0.9),
-        lambda rng: {"v_ss": log_uniform(rng, 0.008, 0.025)},
-        "speed_m_s",
+        stick_slip, (0.01, 0.9), lambda rng: {"v_ss": log_uniform(rng, 0.008, 0.025)}, "speed_m_s"
     ),
 ]

@@ -167,10 +167,7 @@ FORMS = [
     Form(
         sweat_film,
         (0.003, 0.9),
-        lambda rng: {
-            "sigma_s": log_uniform(rng, 0.1, 1.0),
-            "power": rng.uniform(0.06, 0.15),
-        },
+        lambda rng: {"sigma_s": log_uniform(rng, 0.1, 1.0), "power": rng.uniform(0.06, 0.15)},
         "Family and Meakin 1989: sizes of drops fall by a power: the wider a gap, the fewer wet it",
     ),
     Form(

@@ -113,10 +113,7 @@ FORMS = [
     Form(
         load_dependent_friction,
         (0.005, 0.9),
-        lambda rng: {
-            "sign": 1.0 if rng.random() < 0.8 else -1.0,
-            "knee_n": rng.uniform(0.4, 0.8),
-        },
+        lambda rng: {"sign": 1.0 if rng.random() < 0.8 else -1.0, "knee_n": rng.uniform(0.4, 0.8)},
         "Tomlinson 2009: friction of fingers over load is two straight lines that meet",
     ),
     Form(

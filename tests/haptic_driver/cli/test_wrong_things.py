@@ -32,12 +32,7 @@ WRONG = [
     ("mark trial --data {level}", "bad_json", "is not JSON", "Give an object"),
     ("record run.h5 --stop", "usage", "either a file or --stop", "haptic record --help"),
     # numbers
-    (
-        "solve --friction 0,6",
-        "usage",
-        "'--friction': Input should be a valid",
-        "haptic solve",
-    ),
+    ("solve --friction 0,6", "usage", "'--friction': Input should be a valid", "haptic solve"),
     ("solve --friction 0.6 --policy fixed_frequency", "bad_frequency", "needs a", "--frequency"),
     ("surface build --voltage-high-v nan", "bad_axes", "nan V is not in 0..5000 V", "example 150"),
     # names and files of configuration

@@ -287,9 +287,7 @@ def test_what_cannot_be_is_a_fault_with_the_output_off(daemon, history, plugins,
 
 @pytest.mark.process
 @pytest.mark.parametrize(
-    ("which", "error"),
-    [("force", SystemExit(3)), ("finger", RuntimeError("broken"))],
-    ids=repr,
+    ("which", "error"), [("force", SystemExit(3)), ("finger", RuntimeError("broken"))], ids=repr
 )
 def test_a_plugin_that_exits_is_told_as_any_failure_and_sensing_goes_on(
     daemon, history, plugins, which, error, monkeypatch

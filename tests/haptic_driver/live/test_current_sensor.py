@@ -7,12 +7,7 @@ import pytest
 from haptic_driver.daemon.daemon import Daemon
 from haptic_driver.daemon.messages import RefusedError
 from haptic_driver.daemon.set_up import DaemonSettings, render_settings
-from haptic_driver.live.current_sensor import (
-    NOTHING_SEEN,
-    Carried,
-    ElectrodeWatch,
-    TouchEstimate,
-)
+from haptic_driver.live.current_sensor import NOTHING_SEEN, Carried, ElectrodeWatch, TouchEstimate
 from haptic_driver.processes.samples import Flag
 from haptic_driver.rig.parts.force_sensors import NoForceSensorConfig
 from hw.errors import DeviceError, DeviceTimeout

@@ -29,9 +29,7 @@ def drawn() -> Rows:
 
 
 @pytest.mark.parametrize("wetness", [0.0, 1.2])
-def test_friction_from_current_of_an_independent_finger_is_nearer_than_the_models(
-    wetness,
-):
+def test_friction_from_current_of_an_independent_finger_is_nearer_than_the_models(wetness):
     rows = drawn()
     state = prepare(rows, MOIST, ROUGHNESS)
     skin_hydration(state, wetness, {"fall": 1.0}, True)

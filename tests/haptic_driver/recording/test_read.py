@@ -49,10 +49,7 @@ def _small_blocks(monkeypatch):
 def test_runs_are_in_the_order_of_their_numbers(tmp_path):
     """run_10000 once came before run_9999, and the last one was not the newest."""
     with h5py.File(tmp_path / "many.h5", "w") as file:
-        file.attrs["format"], file.attrs["format_version"] = (
-            FORMAT,
-            FORMAT_VERSION,
-        )
+        file.attrs["format"], file.attrs["format_version"] = (FORMAT, FORMAT_VERSION)
         for name in ("run_0001", "run_9999", "run_10000"):
             file.create_group(name)
     assert recording.run_names(tmp_path / "many.h5") == ["run_0001", "run_9999", "run_10000"]
@@ -301,10 +298,7 @@ def test_a_recording_from_anybody_leads_nowhere_else(path, change, said):
 
 def test_a_run_that_is_a_link_is_not_followed(path, tmp_path):
     with h5py.File(tmp_path / "links.h5", "w") as file:
-        file.attrs["format"], file.attrs["format_version"] = (
-            FORMAT,
-            FORMAT_VERSION,
-        )
+        file.attrs["format"], file.attrs["format_version"] = (FORMAT, FORMAT_VERSION)
         file["run_0001"] = h5py.ExternalLink(str(path), "/run_0001")
     for use in (recording.read_run, tables.row_count):
         with pytest.raises(BadInputError, match="link to elsewhere"):

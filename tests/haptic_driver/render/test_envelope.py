@@ -190,10 +190,7 @@ def test_a_peak_beyond_any_limit_refuses_the_block(tight):
 def test_a_refusal_of_the_envelopes_own_gate_is_counted(stages, limits):
     """The tick asks for little here, the way ahead for more than the gate allows."""
     steep = Profile([0.0, 0.0109, 0.0110, 1.0], [0.52, 0.52, 0.9, 0.9], "clamp")
-    strict = replace(
-        stages,
-        limits=replace(limits, voltage_v=60.0),
-    )
+    strict = replace(stages, limits=replace(limits, voltage_v=60.0))
     state, powers_v2 = play(strict, steep, 10)
     assert state.safety.rejections >= 1
     assert powers_v2.max() <= 60.0**2

@@ -12,12 +12,7 @@ from hypothesis import strategies as st
 from haptic_driver.errors import BadInputError
 from haptic_driver.render import feedback
 from haptic_driver.render.controller import INITIAL, Controller, ControllerSettings, ControllerState
-from haptic_driver.render.feedback import (
-    FeedbackSettings,
-    Gains,
-    elsewhere,
-    in_force,
-)
+from haptic_driver.render.feedback import FeedbackSettings, Gains, elsewhere, in_force
 from haptic_driver.signals import NO_COMMAND, DriveCommand, FingerState, TargetFriction
 from model.conditions import Conditions
 

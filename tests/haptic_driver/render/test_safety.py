@@ -185,10 +185,7 @@ def test_zero_volts_always_pass(limits, frequency, current):
         (point(frequency_hz=5.0), "5 Hz is outside 10..1e+06 Hz"),
         (point(voltage_v=200.0), "200 V is outside 0..150 V"),
         (point(current_rms_a=1e-3), "finger current 1 mA rms exceeds 500 µA rms at 1000 Hz"),
-        (
-            point(stuck_current_rms_a=1e-3),
-            "worst-case finger current 1 mA rms exceeds 500 µA rms",
-        ),
+        (point(stuck_current_rms_a=1e-3), "worst-case finger current 1 mA rms exceeds 500 µA rms"),
     ],
 )
 def test_the_reason_says_which_limit_and_by_how_much(p, words):

@@ -76,10 +76,7 @@ def test_a_mask_covers_what_its_picture_shows(tmp_path):
 
 
 @given(
-    st.floats(-180.0, 180.0),
-    st.floats(5.0, 50.0),
-    st.floats(5.0, 35.0),
-    st.integers(0, 2**32 - 1),
+    st.floats(-180.0, 180.0), st.floats(5.0, 50.0), st.floats(5.0, 35.0), st.integers(0, 2**32 - 1)
 )
 @settings(max_examples=30, deadline=None)
 def test_a_texture_moves_and_turns_with_its_object(angle_deg, x_mm, y_mm, seed):

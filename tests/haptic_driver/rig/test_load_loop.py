@@ -267,10 +267,7 @@ def test_a_load_that_settles_is_told_and_one_that_cannot_is_refused():
     assert mean_n == pytest.approx(TARGET_N, rel=0.03)
     assert depth_m > FACE_M
     soft = Finger(lambda depth_m: 0.3 * PowerLaw()(depth_m))
-    with (
-        pytest.raises(HapticError, match="N are too little"),
-        soft.loop(SETTINGS) as loop,
-    ):
+    with pytest.raises(HapticError, match="N are too little"), soft.loop(SETTINGS) as loop:
         loop.settle(30.0)
     assert soft.body.load_n == 0.0
 

@@ -206,8 +206,7 @@ class Faulty:
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize(
-    ("fault", "count"),
-    [*((fault, 1) for fault in CODES), (Fault.HANG, math.inf)],
+    ("fault", "count"), [*((fault, 1) for fault in CODES), (Fault.HANG, math.inf)]
 )
 def test_a_generator_that_fails_in_the_middle_of_a_slide(stages, rig_config, touch, fault, count):
     faulty = Faulty()

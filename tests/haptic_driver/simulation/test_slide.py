@@ -129,9 +129,7 @@ def test_what_is_counted_besides_fidelity():
     off_screen[50:], voltage[70:] = True, 1.0
     result = score(
         made_record(
-            samples=made_samples(in_contact=contact),
-            off_screen=off_screen,
-            voltage_v=voltage,
+            samples=made_samples(in_contact=contact), off_screen=off_screen, voltage_v=voltage
         )
     )
     assert result.contact_time_s == pytest.approx(0.090)

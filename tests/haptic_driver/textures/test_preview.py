@@ -4,11 +4,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from haptic_driver.pictures.textures import (
-    _window_m,
-    preview,
-    preview_figure,
-)
+from haptic_driver.pictures.textures import _window_m, preview, preview_figure
 from haptic_driver.render.texture import FrictionMap, Grating, Profile, Script, Step, Uniform
 
 HALVES = Profile([0.0, 0.040, 0.041, 0.080], [0.5, 0.5, 0.8, 0.8])

@@ -190,9 +190,7 @@ ACTIONS = st.lists(
 
 @settings(max_examples=300)
 @given(ACTIONS)
-def test_whatever_happens_the_output_stays_within_limits_and_ends_at_zero_or_unknown(
-    actions,
-):
+def test_whatever_happens_the_output_stays_within_limits_and_ends_at_zero_or_unknown(actions):
     output = SteppedAnalogOutput(SETTINGS)
     output.open()
     for name, argument in actions:

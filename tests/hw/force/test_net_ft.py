@@ -353,9 +353,7 @@ def test_a_record_has_the_time_at_which_it_came_and_not_at_which_somebody_looked
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel's times of arrival are Linux's")
-def test_times_do_not_go_back_when_the_clock_of_the_day_is_set(
-    monkeypatch,
-):
+def test_times_do_not_go_back_when_the_clock_of_the_day_is_set(monkeypatch):
     """The kernel tells arrivals by that clock: one set forward between arrival and look makes a
     record look older.
     """

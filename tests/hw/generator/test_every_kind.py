@@ -66,12 +66,7 @@ OTHER: st.SearchStrategy[Callable[[Any], object]] = st.sampled_from(
     slow=st.booleans(),
 )
 def test_nothing_that_a_driver_is_told_exceeds_the_limit_and_off_is_off(
-    name,
-    data,
-    calls,
-    factor,
-    policy,
-    slow,
+    name, data, calls, factor, policy, slow
 ):
     """At every change at the terminals, whatever was left behind, with the envelope at its
     highest.

@@ -84,9 +84,7 @@ def test_the_simulated_card_is_read_back_within_its_own_error(frequency_hz):
     for seed in range(30):
         lines = SimulatedLines(lambda: state, LINES, (2e-4, 1e-4), seed)
         monitor = SampledMonitor(
-            SimulatedInputs(lines, RATE_HZ, 10.0, step_v),
-            LINES,
-            Sampling(0.1, step_v),
+            SimulatedInputs(lines, RATE_HZ, 10.0, step_v), LINES, Sampling(0.1, step_v)
         )
         found = monitor.read(frequency_hz, 75.0)
         z += [

@@ -117,8 +117,7 @@ class Cable:
 
 
 @pytest.mark.parametrize(
-    ("sync", "level_v"),
-    [(lambda: None, 1.2), (lambda: Sync(0.0, 0.8), 1.2), (Sync, 4.5)],
+    ("sync", "level_v"), [(lambda: None, 1.2), (lambda: Sync(0.0, 0.8), 1.2), (Sync, 4.5)]
 )
 def test_a_trigger_that_does_not_come_is_named_and_the_scope_answers_again(sync, level_v):
     cable = Cable(sync)

@@ -145,9 +145,7 @@ def test_one_that_had_let_go_is_left_where_it_is(bench):
     assert not bench.stage.moving
 
 
-def test_a_stage_that_answers_late_is_tried_again_beside_a_generator_that_is_silent(
-    bench,
-):
+def test_a_stage_that_answers_late_is_tried_again_beside_a_generator_that_is_silent(bench):
     """It was tried again when the watchdog had given up the generator, after a minute."""
     bench.killed(bench.guarded(), generator=True, silent=True)
     time.sleep(1.5)

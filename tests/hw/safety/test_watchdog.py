@@ -257,9 +257,7 @@ def test_one_that_is_stopped_is_noticed_and_ended(bench):
 
 
 @pytest.mark.realtime
-def test_one_that_is_stopped_while_the_finger_is_lifted_is_noticed_by_the_next_beats(
-    bench,
-):
+def test_one_that_is_stopped_while_the_finger_is_lifted_is_noticed_by_the_next_beats(bench):
     """A watchdog stopped as a finger was lifted let the next touch have voltage for its whole
     period.
     """
@@ -459,8 +457,7 @@ def box():
 
 
 @pytest.mark.parametrize(
-    "denied",
-    [*(pytest.param(one, marks=pytest.mark.soak) for one in DENIALS), "+".join(DENIALS)],
+    "denied", [*(pytest.param(one, marks=pytest.mark.soak) for one in DENIALS), "+".join(DENIALS)]
 )
 def test_whatever_is_denied_after_arming_it_switches_off(bench, box, tmp_path, denied):
     """Its connection is lost on the way, so that it has something to say that nobody reads. The
@@ -634,9 +631,7 @@ def test_its_process_is_told_every_setting():
     assert hw.safety.watchdog._parse(settings.arguments()) == settings
 
 
-def test_it_reaches_the_generator_through_the_library_it_is_told(
-    caplog,
-):
+def test_it_reaches_the_generator_through_the_library_it_is_told(caplog):
     (generator,) = hw.safety.watchdog._instruments(
         WatchdogSettings("GPIB0::10::INSTR", visa_backend="@nosuch")
     )

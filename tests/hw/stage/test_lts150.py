@@ -286,9 +286,7 @@ def test_closing_stops_and_says_so(bench):
         max_size=12,
     )
 )
-def test_whatever_happens_the_stage_stays_within_its_travel_and_nothing_hangs(
-    script,
-):
+def test_whatever_happens_the_stage_stays_within_its_travel_and_nothing_hangs(script):
     bench = Bench(replace(SETTINGS, travel_low_m=0.010, travel_high_m=0.100))
     bench.homed()
     furthest_mm, hints = 0.0, []

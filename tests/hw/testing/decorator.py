@@ -13,11 +13,7 @@ class TransportDecorator(Transport):
     """
 
     def __init__(self, inner: Transport) -> None:
-        super().__init__(
-            inner.resource,
-            bounds=inner._bounds,
-            clock=inner._clock,
-        )
+        super().__init__(inner.resource, bounds=inner._bounds, clock=inner._clock)
         self._inner = inner
 
     def _connect(self, deadline_s: float) -> None:

@@ -160,9 +160,7 @@ def test_a_line_without_end_is_refused(transport):
     assert transport.query(b"ECHO? fine\n", 20.0) == b"fine"
 
 
-def test_a_hang_up_in_mid_answer_is_a_disconnect_and_the_next_query_reconnects(
-    transport,
-):
+def test_a_hang_up_in_mid_answer_is_a_disconnect_and_the_next_query_reconnects(transport):
     with pytest.raises(DeviceDisconnected, match=transport.resource):
         transport.query(b"GOODBYE?\n", 5.0)
     assert transport.dirty

@@ -82,9 +82,7 @@ def test_without_a_marker_a_late_answer_is_waited_out(server):
     transport.close()
 
 
-def test_questions_with_less_time_than_the_line_needs_to_settle_come_through_in_the_end(
-    server,
-):
+def test_questions_with_less_time_than_the_line_needs_to_settle_come_through_in_the_end(server):
     """As an interlock box is asked: each try settled from the beginning, and after one late answer
     all failed.
     """

@@ -54,9 +54,7 @@ def test_a_name_server_that_is_silent_is_a_timeout_at_open(silent):
     assert silent == ["generator.lab", "generator.lab"]
 
 
-def test_a_name_is_resolved_once_however_often_the_connection_is_lost(
-    request,
-):
+def test_a_name_is_resolved_once_however_often_the_connection_is_lost(request):
     """OFF once waited 12 s for a name server that was silent, with 80 V on the electrode."""
     core = FaultyInstrument(Simulated33220A(IMMEDIATE))
 

@@ -165,12 +165,7 @@ def with_byte(index: int, value: int) -> Callable[[bytes], bytes]:
         (lambda reply: reply + bytes(4), "announce a payload"),
     ],
 )
-def test_a_malformed_reply_is_refused_and_the_next_is_right(
-    transport,
-    backend,
-    spoil,
-    message,
-):
+def test_a_malformed_reply_is_refused_and_the_next_is_right(transport, backend, spoil, message):
     backend.spoil = spoil
     with pytest.raises(BadReply, match=message):
         transport.query(b"?spoilt\n", 5.0)

@@ -141,9 +141,7 @@ def test_a_dropped_link_that_raises_what_it_likes_is_a_disconnect(monkeypatch, s
         transport.clear()
 
 
-def test_closing_and_clearing_a_link_that_does_not_answer_is_given_up(
-    monkeypatch,
-):
+def test_closing_and_clearing_a_link_that_does_not_answer_is_given_up(monkeypatch):
     """pyvisa-py waits 7 to 14 s for the answers of a dead VXI-11 link; here they never come."""
     answered = threading.Event()
     with library(
@@ -156,9 +154,7 @@ def test_closing_and_clearing_a_link_that_does_not_answer_is_given_up(
         answered.set()
 
 
-def test_a_link_that_opens_too_late_is_a_disconnect_and_is_closed(
-    monkeypatch,
-):
+def test_a_link_that_opens_too_late_is_a_disconnect_and_is_closed(monkeypatch):
     may_open, closed = threading.Event(), threading.Event()
 
     def opens() -> Session:

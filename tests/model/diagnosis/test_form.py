@@ -204,9 +204,7 @@ def test_a_discrepancy_that_adds_nothing_changes_no_evidence(tmp_path):
     assert beside.log_evidence == pytest.approx(found.alone.log_evidence, abs=1e-6)
 
 
-def test_a_model_whose_form_is_off_is_refitted_for_as_long_as_that_says_more(
-    tmp_path,
-):
+def test_a_model_whose_form_is_off_is_refitted_for_as_long_as_that_says_more(tmp_path):
     """A film of sweat said 4 nats less after one refit, and a polarization beside it 8: neither was
     named.
     """

@@ -44,9 +44,7 @@ def pairs(
     return {c.name: c.alone.log_evidence for c in found}
 
 
-def test_two_effects_are_found_behind_a_third_that_looks_like_both(
-    monkeypatch,
-):
+def test_two_effects_are_found_behind_a_third_that_looks_like_both(monkeypatch):
     """A film of sweat was named for a polarization and a floating body: beside it neither helps."""
     evidence = {"a": 37.0, "b": 25.0, "c": 39.0, "d": 1.0, "cd": 40.0, "ab": 54.0}
     found = pairs(monkeypatch, evidence, {"c": {"d": 9.0}, "a": {"b": 50.0}})
@@ -60,9 +58,7 @@ def test_the_members_of_the_best_pair_are_asked_too(monkeypatch):
     assert max(found, key=found.__getitem__) == "g+h"
 
 
-def test_the_pairs_that_promise_most_are_fitted_and_no_more(
-    monkeypatch,
-):
+def test_the_pairs_that_promise_most_are_fitted_and_no_more(monkeypatch):
     evidence = {name: 20.0 - i for i, name in enumerate("abcdefgh")}
     promise = {"a": dict.fromkeys("bcdefgh", 10.0), "b": {"c": 60.0, "d": 2.0, "e": 12.0}}
     found = pairs(monkeypatch, evidence, promise)
@@ -71,9 +67,7 @@ def test_the_pairs_that_promise_most_are_fitted_and_no_more(
     assert "b+d" not in found
 
 
-def test_nothing_is_fitted_where_nothing_is_worth_its_prior(
-    monkeypatch,
-):
+def test_nothing_is_fitted_where_nothing_is_worth_its_prior(monkeypatch):
     assert pairs(monkeypatch, {"a": 3.0, "b": 2.0}, {}) == {}
 
 

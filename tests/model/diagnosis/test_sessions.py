@@ -129,8 +129,7 @@ def test_a_model_with_every_effect_in_it_leaves_nothing_to_test(tmp_path):
     """It ended in a bare error about an empty sequence."""
     on = {kind.name: {p.name: p.median for p in kind.parameters()} for kind in BY_NAME.values()}
     found = diagnose(
-        hiding(FINGER, **on),
-        read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 1.0)),
+        hiding(FINGER, **on), read_measurements(write(tmp_path, np.zeros(SESSIONS, bool), 1.0))
     )
     assert found.name == "not_testable"
     assert "in the model already" in found.warnings[0]

@@ -96,9 +96,7 @@ def test_nothing_that_drifts_is_none(tmp_path):
     assert beside(base) < 0.0
 
 
-def test_the_share_of_the_force_is_what_friction_has_more_than_without_voltage(
-    tmp_path,
-):
+def test_the_share_of_the_force_is_what_friction_has_more_than_without_voltage(tmp_path):
     data = measured(tmp_path, 0.0, of_force=True)
     share = Predictor(FINGER, data).force_share()
     frequency, voltage = data.columns["frequency_hz"], data.columns["voltage_v"]

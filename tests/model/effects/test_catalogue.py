@@ -206,12 +206,7 @@ class TestOn:
             np.testing.assert_allclose(one, same, rtol=1e-9)  # the loop is closed to 1e-10
 
     def test_it_leaves_alone_what_its_stage_cannot_reach(
-        self,
-        effect,
-        with_effects,
-        models,
-        median,
-        unbiased,
+        self, effect, with_effects, models, median, unbiased
     ):
         """Friction attracts nothing, and what acts on the voltage needs one."""
         got = with_effects(median(effect, 1.0)).predict(unbiased)

@@ -90,10 +90,7 @@ def test_every_parameter_must_be_given_or_is_as_usual_and_in_range(read, effect)
 
 @pytest.mark.parametrize(
     ("wrong", "choice"),
-    [
-        ("series_resistence", "series_resistance"),
-        ("johnson_rahbek", "johnsen_rahbek"),
-    ],
+    [("series_resistence", "series_resistance"), ("johnson_rahbek", "johnsen_rahbek")],
 )
 def test_an_unknown_effect_is_an_error_with_the_nearest(read, wrong, choice):
     with pytest.raises(ModelError, match=rf"\[effects\]: unknown key '{wrong}'") as caught:

@@ -57,9 +57,7 @@ def separable():
     return found, next_experiments(found, FINGER)
 
 
-def test_proposals_are_settings_that_the_rig_was_near(
-    separable,
-):
+def test_proposals_are_settings_that_the_rig_was_near(separable):
     found, proposed = separable
     assert found.name == "ambiguous"
     assert 1 <= len(proposed) <= 6
@@ -73,9 +71,7 @@ def test_proposals_are_settings_that_the_rig_was_near(
         assert setting["lambda_now"] < 25.0 <= setting["lambda_after"]
 
 
-def test_measuring_the_proposals_tells_which(
-    separable,
-):
+def test_measuring_the_proposals_tells_which(separable):
     """On average they make a name; in any one case noise may leave the truth a little short of
     it.
     """
@@ -98,9 +94,7 @@ def test_measuring_the_proposals_tells_which(
     assert after.posterior.inclusion["load_dependent_friction"] > 0.8
 
 
-def test_proposals_beat_settings_taken_at_random(
-    separable,
-):
+def test_proposals_beat_settings_taken_at_random(separable):
     found, proposed = separable
     assert found.findings is not None
     (first, _), (second, _) = leading(found.findings)[:2]
@@ -118,9 +112,7 @@ def test_proposals_beat_settings_taken_at_random(
     assert proposed[0]["lambda_after"] > 0.9 * max(reached)
 
 
-def test_the_expected_gain_is_what_a_refit_finds(
-    separable,
-):
+def test_the_expected_gain_is_what_a_refit_finds(separable):
     """Within 30 %: the gains are linear around both fits, the refit is not."""
     _, proposed = separable
     gained = proposed[0]["lambda_after"] - proposed[0]["lambda_now"]

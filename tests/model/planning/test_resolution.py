@@ -84,9 +84,7 @@ def test_what_acts_in_the_lead_is_seen_in_its_current(by_way):
     assert full.alike(slew) == []
 
 
-def test_less_noise_tells_more_and_a_stronger_effect_is_plainer(
-    by_way,
-):
+def test_less_noise_tells_more_and_a_stronger_effect_is_plainer(by_way):
     data = sets(0.04)["as it is"]
     usual, strong = (resolution(load_model("reference"), data, strength) for strength in (0.0, 1.0))
     for name in ("humid_gap_conduction", "johnsen_rahbek"):

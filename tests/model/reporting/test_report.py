@@ -200,9 +200,7 @@ def test_the_rows_that_are_changed_are_said(run):
         assert not told.any()
 
 
-def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_rival(
-    run,
-):
+def test_a_found_effect_shrinks_the_discrepancy_on_unseen_data_more_than_its_rival(run):
     if run.case.verdict not in ("effect_found", "ambiguous"):
         pytest.skip("nothing was named")
     fit, rival = run.content["fit"], run.content["held_out"]["best_rival"]

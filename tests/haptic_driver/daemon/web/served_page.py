@@ -39,9 +39,7 @@ if os.environ.get("CI") != "true":
     if CHROMIUM is None:
         pytest.skip("no Chromium in the path", allow_module_level=True)
 
-from playwright.sync_api import (  # noqa: E402, F401 - only where it is installed
-    Error as BrowserError,
-)
+from playwright.sync_api import Error as BrowserError  # noqa: E402, F401 - only where it is installed
 from playwright.sync_api import expect  # noqa: E402
 
 expect.set_options(timeout=HANG_MS)

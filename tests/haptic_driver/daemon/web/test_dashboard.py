@@ -5,12 +5,7 @@ from datetime import datetime
 
 import pytest
 
-from haptic_driver.daemon.messages import (
-    AgreementCell,
-    InstrumentStatus,
-    LoadPhase,
-    LoadStatus,
-)
+from haptic_driver.daemon.messages import AgreementCell, InstrumentStatus, LoadPhase, LoadStatus
 from haptic_driver.processes.samples import Flag
 from haptic_driver.textures.bands import EDGES_HZ
 from haptic_driver.textures.ripple import ripple
@@ -447,11 +442,7 @@ def test_it_shows_a_row_an_instrument_and_in_red_what_is_wrong(page, control):
     control.instruments = [InstrumentStatus.of(one, 100.0) for one in (heard, lost)]
     rows = page.locator("#instruments tr")
     expect(rows).to_have_text(
-        [
-            "force sensor500 ms2 ms3",
-            "finger tracker500 ms2 ms3",
-            "the screen is gone",
-        ]
+        ["force sensor500 ms2 ms3", "finger tracker500 ms2 ms3", "the screen is gone"]
     )
     expect(page.locator("#instruments td[title='of 200 questions']")).to_have_count(2)
     expect(page.locator("#instruments .some")).to_have_count(1)

@@ -11,13 +11,7 @@ from PIL import Image
 
 from haptic_driver.config import texture_dirs
 from haptic_driver.processes.samples import Flag
-from tests.haptic_driver.daemon.web.served_page import (
-    arm,
-    expect,
-    opened,
-    press_grey,
-    text,
-)
+from tests.haptic_driver.daemon.web.served_page import arm, expect, opened, press_grey, text
 from tests.waiting import until
 
 pytestmark = pytest.mark.process

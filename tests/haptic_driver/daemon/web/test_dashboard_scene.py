@@ -3,11 +3,7 @@
 import pytest
 
 from haptic_driver.daemon.verbs import SceneChange
-from tests.haptic_driver.daemon.web.served_page import (
-    arm,
-    expect,
-    text,
-)
+from tests.haptic_driver.daemon.web.served_page import arm, expect, text
 from tests.waiting import until
 
 pytestmark = pytest.mark.process

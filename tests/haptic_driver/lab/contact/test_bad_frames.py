@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from haptic_driver.lab.contact.judge import (
-    GLARE,
-    MOTION,
-    NO_FINGER,
-    OUTSIDE,
-    summary,
-    watch,
-)
+from haptic_driver.lab.contact.judge import GLARE, MOTION, NO_FINGER, OUTSIDE, summary, watch
 from hw.camera.fingerprint import Optics, Touch, bare, drawn
 
 pytest.importorskip("skimage")

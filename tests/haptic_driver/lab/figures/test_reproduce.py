@@ -174,10 +174,7 @@ def test_the_page_says_the_same(stated):
     ]
     assert [row[1] for row in rows] == [f.statement for f in stated]
     for row, fact in zip(rows, stated, strict=True):
-        answers = (
-            (fact.corrected, fact.corrected_holds),
-            (fact.published, fact.published_holds),
-        )
+        answers = ((fact.corrected, fact.corrected_holds), (fact.published, fact.published_holds))
         for cell, (value, holds) in zip(row[3:], answers, strict=True):
             if np.isnan(value):
                 assert cell == "-"

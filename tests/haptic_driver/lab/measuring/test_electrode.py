@@ -151,12 +151,7 @@ def test_a_bias_and_a_waveform_reach_the_electrode_and_the_data(config, model, t
     ],
 )
 def test_what_a_bias_or_a_waveform_may_not_do_is_refused(
-    config,
-    model,
-    tmp_path,
-    limits,
-    points,
-    said,
+    config, model, tmp_path, limits, points, said
 ):
     limited = config.model_copy(update={"limits": config.limits.model_copy(update=limits)})
     with refused("all_refused", "refuses every point", said):

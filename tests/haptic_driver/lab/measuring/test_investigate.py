@@ -76,9 +76,7 @@ def found(short, tmp_path_factory):
 
 @pytest.mark.timeout(600)
 @pytest.mark.soak
-def test_what_settings_cannot_tell_apart_an_intervention_does(
-    found,
-):
+def test_what_settings_cannot_tell_apart_an_intervention_does(found):
     """Once every round chose settings of which the same was expected again, and the budget was
     spent on them.
     """
@@ -125,9 +123,7 @@ def test_every_round_lies_in_its_folder(found):
     assert said["diagnosis"]["verdict"] == "effect_found"
 
 
-def test_a_first_plan_that_nobody_prepares_is_refused_before_anything_is_measured(
-    tmp_path,
-):
+def test_a_first_plan_that_nobody_prepares_is_refused_before_anything_is_measured(tmp_path):
     """Once it was an UnboundLocalError: there was no diagnosis to report."""
     setting = Setting(100.0, 75.0, 0.5, 0.02, intervention="wipe")
     plan = Plan(name="wiped", settings=(setting,), intervention="wipe")

@@ -89,9 +89,7 @@ def test_the_order_is_random_and_the_same_for_the_same_seed(tmp_path):
     assert [r.setting for r in order[:24]] != [r.setting for r in order[24:]]  # sessions differ
 
 
-def test_rows_without_voltage_come_before_every_so_many_at_the_same_load_and_speed(
-    tmp_path,
-):
+def test_rows_without_voltage_come_before_every_so_many_at_the_same_load_and_speed(tmp_path):
     plan = plan_of(tmp_path, GRID + "voltage_off_every = 5\nsessions = 2\n")
     rows = plan.rows(plan.settings, 1)
     for session in (1, 2):

@@ -133,9 +133,7 @@ def test_an_open_circuit_that_is_no_capacitance_gives_no_number(tmp_path):
     assert "above 1e-06 F" in stray.why_none
 
 
-def test_too_few_rows_to_tell_are_left_unmarked_and_no_open_circuit_is_no_calibration(
-    tmp_path,
-):
+def test_too_few_rows_to_tell_are_left_unmarked_and_no_open_circuit_is_no_calibration(tmp_path):
     z = circuits()["bridged gap"]
     path = written(tmp_path / "data.csv", {"resting": z}, rows=6)
     assert mark_spectra(path, TODAY) == (0, None)

@@ -220,12 +220,7 @@ def test_a_rigs_file_and_a_plan_are_all_it_takes(served, model, typed, capsys):
         assert samples["velocity_m_s"][0] < 0.5 * SPEED_M_S  # from rest
 
 
-def test_without_anybody_there_nothing_begins(
-    served,
-    typed,
-    capsys,
-    monkeypatch,
-):
+def test_without_anybody_there_nothing_begins(served, typed, capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))  # no terminal
     position_mm = served.stage.position_mm
     assert main(typed) == 2

@@ -23,11 +23,7 @@ from haptic_driver.lab.psychophysics.description import (
     Range,
     Staircase,
 )
-from haptic_driver.lab.psychophysics.methods import (
-    ConstantMethod,
-    StaircaseMethod,
-    converges_at,
-)
+from haptic_driver.lab.psychophysics.methods import ConstantMethod, StaircaseMethod, converges_at
 from haptic_driver.lab.psychophysics.outside import OutsideMethod
 from haptic_driver.lab.psychophysics.quest_plus import QuestPlusMethod
 from tests.haptic_driver.lab.refusal import refused

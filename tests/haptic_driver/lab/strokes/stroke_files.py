@@ -8,13 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptic_driver.lab.strokes.file import (
-    SAMPLE,
-    KeptStroke,
-    StrokeRow,
-    StrokesFile,
-    strokes_path,
-)
+from haptic_driver.lab.strokes.file import SAMPLE, KeptStroke, StrokeRow, StrokesFile, strokes_path
 
 ABOUT: dict[str, str | float] = {"plan": "p", "model": "m", "rig": "r", "simulated": 1.0}
 SPEED_M_S, LOAD_N = 0.02, 0.5

@@ -21,9 +21,7 @@ class Lamp:
         self.colour = {"A": "RED", "B": "RED"}
         self.log: list[str] = []
         self.engine = ScpiEngine(
-            "Maker,Lamp,1,1.0",
-            reset=lambda: self.log.append("reset"),
-            executed=lambda: None,
+            "Maker,Lamp,1,1.0", reset=lambda: self.log.append("reset"), executed=lambda: None
         )
         for lamp in "AB":
             self.engine.command(
@@ -203,15 +201,7 @@ def test_every_spelling_of_a_header_means_the_same(level, offset):
     assert box.got == [["1.5"], ["2"]]
 
 
-@pytest.mark.parametrize(
-    "header",
-    [
-        "VOLTA",
-        "SOU:VOLT",
-        "VOLT:OFF",
-        "VOLT:AMPL:LEV",
-    ],
-)
+@pytest.mark.parametrize("header", ["VOLTA", "SOU:VOLT", "VOLT:OFF", "VOLT:AMPL:LEV"])
 def test_any_other_spelling_is_unknown(header):
     box = Box()
     assert box(f"{header} 1\n".encode()) == b""
