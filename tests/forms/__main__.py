@@ -27,12 +27,15 @@ from tests.blind.generator.effects import (
     ALTERNATIVE,
     CATALOGUE,
     CATALOGUE_EFFECTS,
+    FIRST_STRANGERS,
     SECOND,
-    STRANGERS,
+    SECOND_STRANGERS,
 )
 from tests.blind.generator.families import WITNESSES
 from tests.blind.generator.witnesses import build_pair
 
+# The third ones are held out.
+STRANGERS = FIRST_STRANGERS | SECOND_STRANGERS
 NAMES = (*CATALOGUE_EFFECTS, *STRANGERS)
 FORMS = [(name, form) for name in CATALOGUE_EFFECTS for form in (ALTERNATIVE, SECOND)]
 ALL = [*FORMS, *((name, CATALOGUE) for name in STRANGERS)]
