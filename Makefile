@@ -85,7 +85,7 @@ validate: .venv/.runtime
 	$(BIN)/python -m validation
 
 # The full suite at SCALE 1 has 5,300 sets and takes hours; what diagnoses never sees a label.
-# SECOND=1, THIRD=1: 240 sets of other forms and other strangers instead, whatever SCALE says.
+# SECOND=1, THIRD=1: 252 sets of other forms and other strangers instead, whatever SCALE says.
 # MEASURED=1: 66 pairs, some 15 minutes: loads as measured, gains of trials and drifts in them, beside a twin without.
 # Counts are printed after each pair; COUNTS asks for others. What is answered is kept: the same command goes on, with a greater SCALE too. Remove
 # $(SETS)/answers.json when the diagnosis has changed.
