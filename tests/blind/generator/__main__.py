@@ -1,7 +1,7 @@
 """Write blind sets: python -m tests.blind.generator --out DIR --seed N --scale 0.1 [--ci].
 
 With --second or --third: those alternatives and their ten strangers alone. Without counts,
-these are 240 sets: 120 fingers with all witnesses, and the same with friction
+these are 252 sets: 126 fingers with all witnesses, and the same with friction
 alone.
 """
 
