@@ -336,7 +336,8 @@ class TouchModel:
         always ours.
         """
         if self.description.is_published:
-            from model import published  # noqa: PLC0415 - scipy is slow to import, and the rest does without
+            # scipy is slow to import, and the rest does without
+            from model import published  # noqa: PLC0415
 
             return published.solve(self.description, self.table, drive)
         p_e, pulled_in = solver.solve(self.table, touch.circuit)

@@ -102,7 +102,9 @@ def run(
     # A thread says it: a terminal that is stopped keeps nobody from starting.
     start_thread("say", partial(stderr.print, f"starting rig {rig}; it takes some seconds"))
     from haptic_driver.daemon.quiet_log import OncePerSecond, Printable  # noqa: PLC0415
-    from haptic_driver.daemon.run import Links, run_daemon  # noqa: PLC0415  (the web server is slow to import)
+
+    # the web server is slow to import
+    from haptic_driver.daemon.run import Links, run_daemon  # noqa: PLC0415
     from hw.dropping_log import DroppingHandler  # noqa: PLC0415
 
     def announce(socket: Path, page: str | None) -> None:

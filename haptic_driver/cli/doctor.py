@@ -87,7 +87,8 @@ def doctor(
 
 
 def _served(config: RigConfig, serving: ExitStack) -> RigConfig:
-    from haptic_driver.simulation.served import ServedRig  # noqa: PLC0415 - a real rig needs no model
+    # a real rig needs no model
+    from haptic_driver.simulation.served import ServedRig  # noqa: PLC0415
     from haptic_driver.simulation.twin import as_real  # noqa: PLC0415
     from model.touch_model import TouchModel  # noqa: PLC0415
 

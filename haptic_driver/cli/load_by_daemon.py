@@ -16,7 +16,7 @@ from haptic_driver.cli.output import status as shown_status
 from haptic_driver.client import HapticClient, NoDaemonError
 from haptic_driver.daemon.messages import LoadPhase, Status
 from haptic_driver.errors import HapticError
-from haptic_driver.rig.load_loop import SETTLED_SHARE
+from haptic_driver.rig.load_loop import settled
 
 LEASE_S = 2.0
 POLL_S = 0.1
@@ -60,7 +60,7 @@ def hold(client: HapticClient, newtons: float, seconds: float | None) -> dict[st
                     raise _taken_over(load.target_n)
                 tell(str(load))
                 if load.phase is LoadPhase.HOLD and load.load_n is not None:
-                    if not loads and abs(load.load_n - newtons) <= SETTLED_SHARE * newtons:
+                    if not loads and settled(load.load_n, newtons):
                         stderr.print(f"holding {newtons:g} N; Ctrl-C lets go")
                         until_s = math.inf if seconds is None else time.monotonic() + seconds
                         loads.append(load.load_n)

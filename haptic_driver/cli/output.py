@@ -248,7 +248,8 @@ def compiling() -> Iterator[None]:
     if "numba" not in sys.modules:
         yield
         return
-    from haptic_driver.processes.compilation import compilation  # noqa: PLC0415  (numba is slow to import)
+    # numba is slow to import
+    from haptic_driver.processes.compilation import compilation  # noqa: PLC0415
 
     columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     bar = Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal)

@@ -94,7 +94,8 @@ def plot(
 
     Example: `haptic surface plot surface.h5 --out surface.png`
     """
-    from haptic_driver.pictures.friction_pictures import draw_surface  # noqa: PLC0415  (matplotlib is slow to import)
+    # matplotlib is slow to import
+    from haptic_driver.pictures.friction_pictures import draw_surface  # noqa: PLC0415
 
     draw_surface(read_surface(file), normal_force, out)
     report(

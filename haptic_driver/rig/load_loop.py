@@ -39,7 +39,13 @@ HOMING_S = 60.0  # [unverified] of the slowest homing
 LET_GO_S = 5.0  # for the stage to rest
 SETTLED_S = 0.3  # over which a load is averaged before it is believed
 SETTLED_SHARE = 0.05
+
 LEFT_LOOKS = 10  # at the load, after letting go
+
+
+def settled(load_n: float, target_n: float) -> bool:
+    """Whether a load is that one, as near as it is held."""
+    return abs(load_n - target_n) <= SETTLED_SHARE * target_n
 
 
 class LoadStage(Protocol):
@@ -262,7 +268,7 @@ class LoadLoop:
                 loads.append(self.load_n)
             mean_n = sum(loads) / len(loads)
             held = self.state.phase is Phase.HOLD
-            if held and abs(mean_n - target_n) <= SETTLED_SHARE * target_n:
+            if held and settled(mean_n, target_n):
                 return
         raise HapticError(
             "load_missed",

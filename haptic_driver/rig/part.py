@@ -60,7 +60,8 @@ def _known_form(resource: str) -> str:
     if resource.startswith("card:"):
         return check_name(resource)
     if resource not in (SIMULATED, NO_WATCHDOG):
-        from hw.transport.resource import make_transport  # noqa: PLC0415 - imports what a real device needs
+        # imports what a real device needs
+        from hw.transport.resource import make_transport  # noqa: PLC0415
 
         make_transport(resource)
     return resource

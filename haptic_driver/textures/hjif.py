@@ -145,7 +145,8 @@ def _curve(where: str, kind: Any, position_m: Array, amplitude: Array) -> tuple[
             f"is {position_m[-1] - position_m[0]:g} m long",
             "check unit_exponent: -3 means mm",
         )
-    from scipy.interpolate import Akima1DInterpolator, CubicSpline  # noqa: PLC0415  (slow to import)
+    # slow to import
+    from scipy.interpolate import Akima1DInterpolator, CubicSpline  # noqa: PLC0415
 
     dense_m = np.union1d(np.linspace(position_m[0], position_m[-1], count + 1), position_m)
     if kind == "Akima":

@@ -77,7 +77,8 @@ def _between(
 
     Far beyond all of them the nearest one holds, so that every place has three around it.
     """
-    from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator  # noqa: PLC0415  (slow to import)
+    # slow to import
+    from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator  # noqa: PLC0415
 
     order = len(processes[0].ar)
     numbers = np.array(

@@ -100,7 +100,8 @@ def gap_mass(
     shape: SelfAffineShape, p_hat: float, magnification_step: float = MAGNIFICATION_STEP
 ) -> Array:
     """P(u) du [n_u] under one pressure: weights of the trapezoid rule in log u."""
-    from model.contact.gap_distribution import gap_distribution  # noqa: PLC0415 - scipy is slow to import, tables are kept
+    # scipy is slow to import, tables are kept
+    from model.contact.gap_distribution import gap_distribution  # noqa: PLC0415
 
     u = gap_nodes()
     return gap_distribution(shape, p_hat, magnification_step).density(u) * u * LOG_U_AXIS[2]

@@ -185,14 +185,16 @@ def _settings(axes: Mapping[str, Sequence[float]]) -> Pool:
 
 def _sweeps(axes: Mapping[str, Sequence[float]]) -> Pool:
     """Sweeps of one axis, that of voltage from zero on, at the others' ends and middles: a block
-    each.
+    each. An axis of one level is not swept.
     """
     rows, block = list[tuple[float, ...]](), list[int]()
-    for swept in axes:
+    for swept, own in axes.items():
+        levels = [0.0, *own] if swept == "voltage_v" else own
+        if len(levels) < 2:
+            continue
         fixed = {name: _three(levels) for name, levels in axes.items() if name != swept}
         for others in product(*fixed.values()):
             at = dict(zip(fixed, others, strict=True))
-            levels = [0.0, *axes[swept]] if swept == "voltage_v" else axes[swept]
             number = block[-1] + 1 if block else 0
             rows += [tuple((at | {swept: level})[name] for name in axes) for level in levels]
             block += [number] * len(levels)

@@ -125,7 +125,8 @@ def _row(number: int, one: FrameSeen, said: Sequence[str]) -> dict[str, str | fl
 
 
 def _draw(film: Film, watched: Watched, mm: float, paths: tuple[Path, Path]) -> None:
-    from haptic_driver.lab.pictures.contact import draw_areas, draw_outlines, drawn_frames  # noqa: PLC0415 - matplotlib is slow to import
+    # matplotlib is slow to import
+    from haptic_driver.lab.pictures.contact import draw_areas, draw_outlines, drawn_frames  # noqa: PLC0415
 
     found = watched.found
     chosen = set(drawn_frames(found))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -302,15 +302,19 @@ def _show(found: dict[str, Any], out: Path, again: str | None) -> None:
             f"held out: {held['before']:.2f} -> {held['after']:.2f} per point (1 is noise);"
             f" the new model {gap_said(fit['gap_closed'], fit['gap_closed_interval'])}"
         )
-    hidden = len(found["out_of_sight"])
-    unseen = f"effects of usual size that would not show in these data: {hidden}; see the report"
-    for warning in [*found["warnings"], *([unseen] if hidden else [])]:
-        stdout.print(f"warning: {warning}")
+    for note in _notes(found):
+        stdout.print(note)
     if again is not None:
         stdout.print(f"to tell more, on the same rig:\n  {again}")
     stdout.print(f"report: {out / 'report.html'}; model: {found['model']}")
     for picture in found["pictures"]:
         stdout.print(f"picture: {picture}")
+
+
+def _notes(found: Mapping[str, Any]) -> Iterator[str]:
+    yield from (f"warning: {warning}" for warning in found["warnings"])
+    if hidden := len(found["out_of_sight"]):
+        yield f"effects of usual size that these data could not show: {hidden}; see the report"
 
 
 def place(region: Mapping[str, Any]) -> str:

@@ -265,7 +265,8 @@ def _say_trial(row: Row) -> None:
 
 
 def _panel(result: Result) -> Answers:
-    from haptic_driver.lab.pictures.psychometric import Answers  # noqa: PLC0415  (matplotlib is slow to import)
+    # matplotlib is slow to import
+    from haptic_driver.lab.pictures.psychometric import Answers  # noqa: PLC0415
 
     title, fit = f"{result.condition}: {result.trials} trials", result.fit
     if fit is None:

@@ -56,7 +56,8 @@ def figure(
 
 def draw(means: StrokeMeans, out: Path, models: Sequence[ModelCurve]) -> list[Path]:
     """Write pictures and tables, into the folder `out` or beside the picture `out`."""
-    from haptic_driver.lab.figures.figure3 import draw_figure3, draw_figure7a  # noqa: PLC0415 - matplotlib is slow to import
+    # matplotlib is slow to import
+    from haptic_driver.lab.figures.figure3 import draw_figure3, draw_figure7a  # noqa: PLC0415
 
     named = bool(out.suffix)
     first = out if named else out / "figure-3.png"

@@ -159,7 +159,8 @@ def measure(
 
 def _draw(out: Path, model: str) -> list[Path]:
     """Figures 3 and 7(a) beside the data."""
-    from haptic_driver.lab.commands.figure import curves_of, draw  # noqa: PLC0415 - only who draws waits
+    # only who draws waits
+    from haptic_driver.lab.commands.figure import curves_of, draw  # noqa: PLC0415
     from haptic_driver.lab.strokes.means import stroke_means  # noqa: PLC0415
 
     means = stroke_means(out, {})

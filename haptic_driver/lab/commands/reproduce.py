@@ -31,7 +31,8 @@ def reproduce(
 
     Example: `haptic reproduce --figure 7 --out out`
     """
-    from haptic_driver.lab.figures.reproduce import FIGURES  # noqa: PLC0415  (matplotlib is slow to import)
+    # matplotlib is slow to import
+    from haptic_driver.lab.figures.reproduce import FIGURES  # noqa: PLC0415
     from haptic_driver.lab.figures.reproduce import reproduce as run  # noqa: PLC0415
 
     description = load_model(model)

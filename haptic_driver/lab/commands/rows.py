@@ -130,7 +130,8 @@ def _show_proposed(found: Proposal, picture: Path | None) -> None:
 
 
 def _draw(trial: Trial, picture: Path) -> None:
-    from haptic_driver.lab.pictures.trials import draw_trial  # noqa: PLC0415  (matplotlib is slow to import)
+    # matplotlib is slow to import
+    from haptic_driver.lab.pictures.trials import draw_trial  # noqa: PLC0415
 
     draw_trial(trial.path.name, trial.columns, (trial.voltage or ())[1:], trial.spans, picture)
     stderr.print(f"{trial.path.name} with its windows: {picture}")

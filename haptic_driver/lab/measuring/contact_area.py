@@ -27,7 +27,8 @@ def contact_area(frames: Sequence[Frame], camera: PartSection) -> ContactArea | 
     """The mean over the frames that count; None where none does, and without a camera."""
     if not frames or not isinstance(camera, CameraSection):
         return None
-    from haptic_driver.lab.contact.film import grey  # noqa: PLC0415 - only rigs with a camera need it
+    # only rigs with a camera need it
+    from haptic_driver.lab.contact.film import grey  # noqa: PLC0415
     from haptic_driver.lab.contact.judge import summary, watch  # noqa: PLC0415
 
     pictures = grey([frame.image for frame in frames])

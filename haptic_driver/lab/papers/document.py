@@ -90,7 +90,8 @@ def write(document: Document, path: Path) -> None:
     require_ending(path, ENDINGS)
     match path.suffix.lower():
         case ".pdf":
-            from haptic_driver.lab.papers.pdf import write_pdf  # noqa: PLC0415  (matplotlib is slow)
+            # matplotlib is slow
+            from haptic_driver.lab.papers.pdf import write_pdf  # noqa: PLC0415
 
             write_pdf(document, path)
         case ".html":

@@ -27,7 +27,7 @@ from haptic_driver.lab.psychophysics.delivery import (
     strokes,
 )
 from haptic_driver.lab.psychophysics.description import Experiment, Stimulus, TrialSettings
-from haptic_driver.rig.load_loop import SETTLED_SHARE
+from haptic_driver.rig.load_loop import settled
 from haptic_driver.textures.description import FINEST_MM
 from haptic_driver.textures.library import load
 from model.support.errors import nearest
@@ -139,10 +139,8 @@ class DaemonApparatus:
             if load is None or load.target_n != load_n:
                 break
             said = str(load)
-            settled = (
-                load.load_n is not None and abs(load.load_n - load_n) <= SETTLED_SHARE * load_n
-            )
-            if settled and load.phase is LoadPhase.HOLD:
+            held_n = load.load_n if load.phase is LoadPhase.HOLD else None
+            if held_n is not None and settled(held_n, load_n):
                 return
             time.sleep(POLL_S)
         hint = "Look at haptic status; try the same load by haptic load hold"

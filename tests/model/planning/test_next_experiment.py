@@ -168,3 +168,17 @@ def test_what_stayed_out_of_sight_shows_in_the_sweep_that_is_named():
     left = [imitate(p, there, base).chi2 / base.fit.scale2 for p in (problem, measured)]
     assert left[0] < design.ALIKE
     assert left[1] == pytest.approx(slow["lambda_after"], rel=0.3)  # linear about the base model
+
+
+def test_what_has_one_level_is_not_swept():
+    """A finger at rest: the speed of all settings is zero."""
+    axes = {
+        "frequency_hz": [10.0, 100.0],
+        "voltage_v": [75.0],
+        "normal_force_n": [0.5, 1.0],
+        "speed_m_s": [0.0],
+    }
+    pool = design._sweeps(axes)
+    sweeps = [design._sweep(pool, block) for block in range(pool.cost_s.size)]
+    assert {sweep["axis"] for sweep in sweeps} == {"frequency_hz", "voltage_v", "normal_force_n"}
+    assert {sweep["low"] for sweep in sweeps if sweep["axis"] == "voltage_v"} == {0.0}
