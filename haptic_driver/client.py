@@ -17,6 +17,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from copy import copy
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from socket import socket as Line  # noqa: N812  (arguments are called socket)
@@ -73,6 +74,7 @@ __all__ = [
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
 PATIENCE_S = 300.0  # with what may wait for a process to start, on a busy machine
 RENEWALS_PER_LEASE = 4
+PATIENCE_LEASES = 0.5  # with one renewal: another one comes in time
 POLL_S = 0.1
 
 Schema = TypeVar("Schema", bound=BaseModel)
@@ -97,7 +99,14 @@ class HapticClient(Verbs):
 
     def __init__(self, socket: Path | str | None = None) -> None:
         self.address = Address.of(socket)
+        self._timeout_s = TIMEOUT_S
         self._line(TIMEOUT_S).close()
+
+    def within(self, timeout_s: float) -> HapticClient:
+        """The same daemon; what is not answered so fast is NoDaemonError."""
+        client = copy(self)
+        client._timeout_s = timeout_s
+        return client
 
     def close(self) -> None:
         """Nothing is left open between requests; what the daemon does is not changed by it."""
@@ -167,7 +176,7 @@ class HapticClient(Verbs):
         headers = self._credentials | {"Content-Type": "application/json"}
         headers |= {LEASE_HEADER: token} if token else {}
         with closing(HTTPConnection(self.address.authority)) as connection:
-            connection.sock = self._line(PATIENCE_S if verb.slow else TIMEOUT_S)
+            connection.sock = self._line(PATIENCE_S if verb.slow else self._timeout_s)
             try:
                 connection.request(verb.method, path, content, headers)
                 response = connection.getresponse()
@@ -216,7 +225,7 @@ class HapticClient(Verbs):
 
     def _line(self, timeout_s: float | None) -> Line:
         try:
-            line = self.address.connected(TIMEOUT_S)
+            line = self.address.connected(self._timeout_s)
         except OSError as error:
             raise self._no_daemon() from error
         line.settimeout(timeout_s)
@@ -327,7 +336,7 @@ class Session:
         self.token = lease.token
         self.lost: LeaseLostError | None = None  # why the lease is no longer ours
         self._client = client
-        self._period_s = lease.lease_s / RENEWALS_PER_LEASE
+        self._lease_s = lease.lease_s
         self._ending = threading.Event()
         self._answered = threading.Event()  # the first renewal
         self._renewing: threading.Thread | None = None  # in the block
@@ -409,21 +418,27 @@ class Session:
                 self._renewing.join()
 
     def _renew(self) -> None:
-        """The daemon may be slow, and then the lease runs out by itself; only its refusal ends
-        this.
-        """
+        """Until the block ends or the daemon refuses; what is not answered is asked again."""
+        renewer = self._client.within(PATIENCE_LEASES * self._lease_s)
+        renewed_s = time.monotonic()
         while not self._ending.is_set():
+            asked_s = time.monotonic()
             try:
-                self._client.renew(self.token)
-                self._answered.set()
+                renewer.renew(self.token)
             except RefusedError as refused:
                 if not self._ending.is_set():
-                    self.lost = LeaseLostError(refused.code, refused.message, refused.hint)
+                    ago = f"it was last renewed {asked_s - renewed_s:.2g} s before"
+                    said = f"{refused.message}; {ago}"
+                    self.lost = LeaseLostError(refused.code, said, refused.hint)
                 self._answered.set()
                 return
             except HapticError:
                 pass
-            self._ending.wait(self._period_s)
+            else:
+                renewed_s = asked_s
+                self._answered.set()
+            next_s = asked_s + self._lease_s / RENEWALS_PER_LEASE
+            self._ending.wait(max(next_s - time.monotonic(), 0.0))
 
 
 def _as_json(said: dict[str, Any]) -> bytes:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import socketserver
@@ -121,12 +122,34 @@ def test_a_client_that_dies_loses_its_lease(socket, control):
     assert ("disarm",) not in control.calls
 
 
+def test_a_renewal_that_is_never_answered_does_not_cost_the_lease(client, control, monkeypatch):
+    renewed, stuck, over = [], threading.Event(), threading.Event()
+    renew = control.renew
+
+    def stick(token):
+        renewed.append(token)
+        if len(renewed) == 2:
+            stuck.set()
+            over.wait(HANG_S)
+        return renew(token)
+
+    monkeypatch.setattr(control, "renew", stick)
+    try:
+        with client.armed(1.0) as session:
+            assert stuck.wait(HANG_S)
+            until(lambda: len(renewed) >= 4)
+            assert session.lost is None
+    finally:
+        over.set()
+
+
 def test_a_lost_lease_is_told_and_a_new_owner_left_alone(client, control):
     with pytest.raises(LeaseLostError) as lost, client.armed(2.0) as session:  # noqa: PT012
         control.disarm()
         other = control.arm(LONG_S)
         assert session.wait_lost(HANG_S)
     assert lost.value.code == "not_yours"
+    assert re.search(r"; it was last renewed \d.* s before$", lost.value.message)
     assert control.machine.state is DaemonState.ARMED
     assert control.renew(other.token) == other
 
