@@ -172,6 +172,7 @@ class LoadState:
 
     phase: Phase = Phase.APPROACH
     reason: str = ""
+    clear_s: float = -math.inf  # since when the stage stands clear: older readings tell nothing
     last_m: float | None = None  # where the finger was felt the last time
     start_m: float | None = None  # where the approach began, with nothing felt
     touch: Felt | None = None  # the first touch
@@ -277,6 +278,8 @@ def _followed(state: LoadState, seen: Seen, depth_m: float) -> LoadState:
 
 
 def _approach(settings: LoadSettings, state: LoadState, seen: Seen, felt: Felt) -> Step:
+    if seen.time_s - seen.load_age_s < state.clear_s:
+        return state, NOTHING
     if felt.load_n >= settings.touch_n:
         if state.start_m is None:
             return _ended(settings, state, f"{felt.load_n:.2f} N are felt where the finger is free")

@@ -166,6 +166,7 @@ def lift(stage: LoadStage, mounting: Mounting, guard: Guard | None, *, retract: 
 class LoadLoop:
     """Holds a load while `look` is called, again and again, between entering and leaving.
 
+    The stage stands clear from the beginning.
     `last_m` is where the finger was felt the last time, if it was: `touch_m` of the loop before.
     """
 
@@ -182,7 +183,7 @@ class LoadLoop:
         last_m: float | None = None,
     ) -> None:
         self.settings = settings
-        self.state = LoadState(last_m=last_m)
+        self.state = LoadState(clear_s=clock(), last_m=last_m)
         self.load_n = math.nan  # the newest
         self.depth_m = math.nan
         self._stage = stage

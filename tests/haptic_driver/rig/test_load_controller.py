@@ -146,6 +146,19 @@ def test_a_load_where_the_finger_is_free_is_not_pressed_on(load_n):
     assert "where the finger is free" in state.reason
 
 
+def test_a_reading_from_before_the_stage_stood_clear_tells_nothing():
+    """On a busy machine the load before the stage lifted was "felt where the finger is free"."""
+    clear = LoadState(clear_s=0.95)
+    old = QUIET._replace(load_n=0.45, load_age_s=0.1)
+    waiting, order = step(SETTINGS, clear, old)
+    assert (waiting.phase, order.act) == (Phase.APPROACH, Act.NOTHING)
+    fresh = old._replace(time_s=1.01, load_age_s=0.0)
+    assert step(SETTINGS, waiting, fresh)[1].act is Act.RETRACT
+    assert step(SETTINGS, waiting, fresh._replace(load_n=0.0))[1].act is Act.MOVE
+    silent = old._replace(time_s=1.5, load_age_s=0.6)
+    assert step(SETTINGS, waiting, silent)[1].act is Act.RETRACT
+
+
 def test_a_load_that_stays_where_the_finger_was_free_ends_it():
     """The zero rises, so the stage lifts, and what it reads does not fall."""
     seen = QUIET._replace(depth_m=0.009 - 1e-5)
