@@ -185,7 +185,7 @@ class HapticClient(Verbs):
                 raise NoDaemonError(
                     "no_answer",
                     f"the daemon at {self.address} does not answer ({error})",
-                    "look at its log",
+                    "wait, if it has just been started; else look at its log",
                 ) from error
         if response.status >= 400:
             raise _error_of(response.status, answer)

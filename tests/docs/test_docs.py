@@ -40,7 +40,10 @@ from tests.reports import without_pictures
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # A quarter of a minute and more of what tests of the commands do on less data: with `make soak`.
-LONG = [ROOT / "docs" / name for name in ("challenge.md", "diagnosis.md", "paper-experiment.md")]
+LONG = [
+    ROOT / "docs" / name
+    for name in ("challenge.md", "course.md", "diagnosis.md", "paper-experiment.md")
+]
 OWN_DATA = ROOT / "docs" / "own-data.md"
 PAPER = ROOT / "docs" / "paper-experiment.md"
 TEXTURES = ROOT / "docs" / "textures.md"

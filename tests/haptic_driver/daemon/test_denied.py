@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_driver.client import HapticClient
+from haptic_driver.client import HapticClient, NoDaemonError
 from haptic_driver.daemon.messages import DaemonState
 from tests.haptic_driver.daemon import denying
 from tests.haptic_driver.daemon.denying import DENIALS, EVERYTHING
@@ -60,6 +60,12 @@ def test_a_log_that_nobody_reads_stops_nothing(denied_daemon):
 STOP = b"\x13"  # Ctrl-S
 
 
+def answers(path):
+    """Whether the daemon there has started: it listens before that."""
+    with suppress(NoDaemonError), HapticClient(path) as client:
+        return client.status()
+
+
 @pytest.mark.process
 def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path):
     """It was stopped before the daemon said that it was ready: SIGTERM once left the output on."""
@@ -71,7 +77,7 @@ def test_a_stopped_terminal_keeps_nobody_from_the_end(tmp_path):
         command, stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True
     ) as process:
         try:
-            until(path.exists)
+            until(lambda: answers(path))
             with HapticClient(path) as client:
                 client.set(client.arm(60.0).token, 0.65)
                 until(lambda: client.status().output_on)
