@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from model.conditions import Conditions
-from model.contact.gap_table import gap_table
+from model.contact.gap_table import gap_mass, gap_table, integrals_of
 from model.description import ModelDescription, read_model
 from model.effects import Effect
 from model.electric.circuit import GapCircuit
+from model.electric.dielectrics import EPS0
 from model.electric.layers import branch, leak_per_m_pa
 from model.touch_model import TouchModel, prepare
 from tests.fingers import MODELS
@@ -131,6 +132,19 @@ def scales_of():
     return of
 
 
+@pytest.fixture(scope="session")
+def k_by_quadrature(scales_of):
+    """int P/|u + z|^2 du in 1/m2 at a pressure, past the table."""
+
+    def k(model: TouchModel, pressure_pa: float, z_m: complex) -> float:
+        scales = scales_of(model)
+        mass = gap_mass(model.table.shape, pressure_pa / scales.pressure_pa)
+        z_hat = np.array([z_m / scales.length_m], complex)
+        return float(integrals_of(mass, z_hat)[0][0]) / scales.length_m**2
+
+    return k
+
+
 @dataclass(frozen=True)
 class Stack:
     """What the gap's field depends on, per frequency: E(u) = V/(a u + k_gap h), a = 1 + leak p
@@ -153,6 +167,27 @@ def stack_of():
         return Stack(b.omega, b.h_m(v), b.k_gap, leak_per_m_pa(v, b))
 
     return of
+
+
+@pytest.fixture(scope="session")
+def gain_by_quadrature(k_by_quadrature, stack_of):
+    """Pressure per mean square volt, (eps0/2) int P/|a (u + wider) + b|^2 du, past the table; what
+    lies beside the gap too is in a, over j w eps0.
+    """
+
+    def gain(
+        model: TouchModel,
+        frequency_hz: float,
+        pressure_pa: float,
+        wider_m: float = 0.0,
+        beside_per_m: complex = 0.0,
+    ) -> float:
+        s = stack_of(model, np.array([frequency_hz]))
+        a = 1.0 + (s.leak_per_m_pa[0] * pressure_pa + beside_per_m) * s.h_m[0]
+        z_m = wider_m + s.k_gap[0] * s.h_m[0] / a
+        return float(0.5 * EPS0 * k_by_quadrature(model, pressure_pa, z_m) / abs(a) ** 2)
+
+    return gain
 
 
 @pytest.fixture(scope="session")

@@ -19,6 +19,7 @@ from model.published import DIVERGED, NEGATIVE, NO_EQUILIBRIUM, as_published
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
 from tests.fingers import MODELS
+from tests.model.touches import touches
 
 FINGERS = ("reference", "table1")
 AREA_M2, STEP = 1e-4, 0.05
@@ -34,13 +35,6 @@ def published(models, fresh_tables):
         return fresh_tables(TouchModel(as_published(models[name].description, absolute=absolute)))
 
     return of
-
-
-def conditions(frequency_hz, voltage_v, normal_force_n=0.5, **more) -> Conditions:
-    f, v, n = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(x, float)) for x in (frequency_hz, voltage_v, normal_force_n))
-    )
-    return Conditions(f, v, n, **more)
 
 
 def printed_pressure(
@@ -87,7 +81,7 @@ def test_pressure_is_the_printed_one_at_its_own_total_pressure(published, refere
     model = published(name, absolute=variant == "published_absolute")
     length = reference[name]["contact_length_m"]
     f, v = (g.ravel() for g in np.meshgrid([1.0, 250.0, 1e3, 1e5], [0.02, 1.0, 75.0]))
-    got = model.predict(conditions(f, v))
+    got = model.predict(touches(f, v))
     checked = 0
     for i in range(f.size):
         force = got.electrostatic_force_n[i]
@@ -120,7 +114,7 @@ def test_force_is_micronewtons_and_has_no_peak(published):
     250 Hz.
     """
     f = np.array([1.0, 10.0, 50.0, 100.0, 250.0, 500.0, 1e3, 1e4, 1e5, 1e6])
-    got = published().predict(conditions(f, 75.0))
+    got = published().predict(touches(f, 75.0))
     assert (got.electrostatic_force_n < 1e-5).all()
     assert (np.diff(got.electrostatic_force_n) < 0.0).all()
     np.testing.assert_allclose(got.cof, 0.512, rtol=2e-5)
@@ -129,7 +123,7 @@ def test_force_is_micronewtons_and_has_no_peak(published):
 
 def test_without_voltage_there_is_no_attraction(published):
     for absolute in (False, True):
-        got = published(absolute=absolute).predict(conditions([250.0, 1e4], 0.0))
+        got = published(absolute=absolute).predict(touches([250.0, 1e4], 0.0))
         np.testing.assert_array_equal(got.electrostatic_force_n, 0.0)
         np.testing.assert_array_equal(got.cof, 0.512)
         assert got.notes == ()
@@ -140,7 +134,7 @@ def test_nonsense_is_told_and_never_a_number(published):
     no equilibrium.
     """
     f = np.array([1.0, 250.0, 500.0, 1e4])
-    got = published(absolute=True).predict(conditions(f, 75.0))
+    got = published(absolute=True).predict(touches(f, 75.0))
     assert np.isnan(got.cof).all()
     assert not got.within_theory.any()
     assert any(note.endswith(NEGATIVE) and note[0].isdigit() for note in got.notes)
@@ -148,11 +142,11 @@ def test_nonsense_is_told_and_never_a_number(published):
 
 
 def test_divergence_of_31_is_told(published):
-    got = published("reference").predict(conditions(250.0, [75.0, 3000.0]))
+    got = published("reference").predict(touches(250.0, [75.0, 3000.0]))
     assert np.isfinite(got.cof[0])
     lost = [note for note in got.notes if DIVERGED in note or NO_EQUILIBRIUM in note]
     assert np.isnan(got.cof[1]) == bool(lost)
-    heavy = published(absolute=True).predict(conditions(1e3, 75.0))
+    heavy = published(absolute=True).predict(touches(1e3, 75.0))
     assert heavy.electrostatic_force_n[0] > 0.5  # an equilibrium, at 700 N under a finger of 0.5 N
     assert np.isnan(heavy.cof[0])
     assert heavy.notes == (f"1 of 1 conditions: {DIVERGED}",)
@@ -161,7 +155,7 @@ def test_divergence_of_31_is_told(published):
 
 def test_loads_outside_the_theory_have_no_answer(published):
     got = published().predict(
-        conditions(250.0, [0.0, 75.0], 1e-4 * np.ones(2))
+        touches(250.0, [0.0, 75.0], 1e-4 * np.ones(2))
     )  # 1 Pa: 4e-7 of the pressure scale
     assert np.isnan(got.cof).all()
     assert any(NO_EQUILIBRIUM in note for note in got.notes)
@@ -171,7 +165,7 @@ def test_current_is_the_corrected_stacks(published, models):
     """The paper prints no current; at equal pressure (a volt attracts next to nothing) it is that
     of the layers.
     """
-    at = conditions([10.0, 250.0, 1e4], 1.0)
+    at = touches([10.0, 250.0, 1e4], 1.0)
     ours, theirs = models["table1"].predict(at), published().predict(at)
     np.testing.assert_allclose(theirs.current_rms_a, ours.current_rms_a, rtol=1e-3)
     np.testing.assert_array_equal(theirs.stuck_current_rms_a, ours.stuck_current_rms_a)
@@ -198,13 +192,13 @@ class TestRefused:
             models["table1"].description, variant="published", effect_parameters=on
         )
         with pytest.raises(ModelError, match=f"has no effects, but {effect.name} is on"):
-            TouchModel(description).predict(conditions(250.0, 75.0))
+            TouchModel(description).predict(touches(250.0, 75.0))
 
     def test_square_waves_and_biases(self, published):
         with pytest.raises(ModelError, match=r"row 2: .* know nothing of a square wave"):
-            published().predict(conditions([1.0, 2.0], 75.0, waveform=np.array(["sine", "square"])))
+            published().predict(touches([1.0, 2.0], 75.0, waveform=np.array(["sine", "square"])))
         with pytest.raises(ModelError, match=r"row 1: .* know nothing of a bias"):
-            published().predict(conditions(250.0, 75.0, voltage_offset_v=np.array([1.0])))
+            published().predict(touches(250.0, 75.0, voltage_offset_v=np.array([1.0])))
 
 
 class TestFile:
@@ -240,22 +234,7 @@ class TestFile:
         chosen = text.replace('friction_law = "total_load"', 'friction_law = "applied_load"')
         assert self.read(tmp_path, chosen).friction_law == "applied_load"
 
-    def test_an_unknown_variant_offers_the_nearest(self, tmp_path):
-        text = (MODELS / "published.toml").read_text(encoding="utf-8")
-        with pytest.raises(ModelError, match="variant 'publishd' is unknown") as caught:
-            self.read(tmp_path, text.replace('variant = "published"', 'variant = "publishd"'))
-        assert "Did you mean 'published'?" in caught.value.hint
-
     def test_a_published_file_has_no_effects(self, tmp_path):
         text = (MODELS / "published.toml").read_text(encoding="utf-8")
         with pytest.raises(ModelError, match="variant 'published' has no effects"):
             self.read(tmp_path, text + "\n[effects.series_resistance]\nresistance_ohm = 1e4\n")
-
-
-def test_speed_does_not_change_a_published_surface(published):
-    model, axes = (
-        published(),
-        (np.array([30.0, 250.0, 3e3]), np.array([0.0, 60.0, 120.0]), np.array([0.3, 1.0])),
-    )
-    cof = model.cof_at_speeds(*axes, np.array([0.005, 0.2]))
-    np.testing.assert_array_equal(cof, np.stack([model.surface(*axes).cof] * 2, axis=1))

@@ -48,7 +48,7 @@ TESTS = {
     "hw/safety/watchdog.py": ["tests/hw/safety/test_watchdog.py"],
     "haptic_driver/rig/switch.py": RIG,
     "haptic_driver/daemon/state_machine.py": ["tests/haptic_driver/daemon/test_state_machine.py"],
-    "model/solver.py": ["tests/model/test_solver.py", "tests/model/test_limits.py"],
+    "model/solver.py": ["tests/model/test_solver.py"],
     "model/electric/current.py": ["tests/model/electric"],
     "model/friction.py": ["tests/model/test_friction.py"],
     "model/diagnosis/posterior.py": DECISION,

@@ -68,20 +68,13 @@ def found(reference, rich):
 
 
 @pytest.mark.soak
-def test_intervals_hold_the_truth_as_often_as_they_say(reference, tmp_path):
-    """20 fingers, 4 numbers each: fewer hits than these come by chance in 1 of 1000 such tests."""
-    in_68, in_95 = hits(reference, tmp_path, 20)
-    assert in_68.sum() >= binom.ppf(1e-3, in_68.size, 0.68)
-    assert in_95.sum() >= binom.ppf(1e-3, in_95.size, 0.95)
-    assert in_68.sum() <= binom.ppf(1.0 - 1e-3, in_68.size, 0.68)  # nor are they wider than need be
-
-
-@pytest.mark.soak
 @pytest.mark.timeout(1800)
 def test_intervals_hold_the_truth_over_many_fingers(reference, tmp_path):
-    """Parameter by parameter; the Gaussian posterior may fall a few per cent short."""
+    """Parameter by parameter, nor are they wider than need be; the Gaussian posterior may fall a few
+    per cent short.
+    """
     in_68, in_95 = hits(reference, tmp_path, 200)
-    assert (in_68.mean(axis=0) > 0.68 - 0.12).all()
+    assert (np.abs(in_68.mean(axis=0) - 0.68) < 0.12).all()
     assert (in_95.mean(axis=0) > 0.95 - 0.05).all()
 
 
@@ -182,19 +175,6 @@ def test_what_cannot_be_fitted_is_refused(reference, rich):
         calibrate(reference, data, also=["cof_off"])
     with pytest.raises(ModelError, match="printed"):
         calibrate(replace(reference, variant="published"), data)
-
-
-def test_a_number_at_the_end_of_its_range_is_said_to_be_a_bound(reference, rich):
-    """Friction of 5.5 without voltage: a model's file may say 5 at most."""
-    data, _ = rich
-    times = 5.5 / np.median(data.columns["cof"][~data.driven])
-    columns = data.columns | {n: times * data.columns[n] for n in ("cof", "cof_std")}
-    own = replace(reference.parameters["cof_off"], value=4.8)
-    high = replace(reference, parameters=reference.parameters | {"cof_off": own})
-    found = calibrate(high, replace(data, columns=columns))
-    assert "cof_off" in found.at_an_end
-    assert {p.name: p.value for p in found.parameters}["cof_off"] == 5.0
-    assert any(w.startswith("cof_off stands at 5, the end of its range") for w in found.warnings)
 
 
 def test_data_without_any_noise_are_refused(reference):

@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 
 from model.analysis.sensitivity import force_sensitivity, sobol
-from model.conditions import Conditions
 from model.support.errors import ModelError
+from tests.model.touches import touches
 
 SAMPLED = 0.02  # of an index, with 2048 draws
-
-
-def at(frequency_hz, voltage_v=75.0):
-    f = np.atleast_1d(np.asarray(frequency_hz, dtype=float))
-    return Conditions(f, np.full(f.size, voltage_v), np.full(f.size, 0.5))
 
 
 def test_an_additive_function_has_the_shares_of_its_variance():
@@ -32,19 +27,10 @@ def test_an_interaction_is_in_the_total_index_only():
     np.testing.assert_allclose(total[0], [0.5, 0.5, 0.5], atol=0.05)
 
 
-def test_several_outputs_and_the_seed():
-    def function(x):
-        return np.stack([x[:, 0], x[:, 1]], axis=1)
-
-    first, total = sobol(function, 2, 512, seed=3)
-    np.testing.assert_allclose(first, np.eye(2), atol=0.05)
-    again = sobol(function, 2, 512, seed=3)
-    np.testing.assert_array_equal([first, total], again)
-    assert not np.array_equal(sobol(function, 2, 512, seed=4)[0], first)
-
-
 def test_what_matters_where(models):
-    found = force_sensitivity(models["reference"].description, at([10.0, 250.0, 1e4]), draws=512)
+    found = force_sensitivity(
+        models["reference"].description, touches([10.0, 250.0, 1e4], 75.0), draws=512
+    )
     by_name = dict(zip(found.names, found.total.T, strict=True))
     assert "cof_off" not in by_name  # the force does not know it
     assert by_name["leak_scale"][0] > 0.1  # leakage takes the force away at 10 Hz
@@ -58,14 +44,16 @@ def test_what_matters_where(models):
 
 def test_pull_in_and_printed_equations_are_refused(models):
     with pytest.raises(ModelError, match="pulls in"):
-        force_sensitivity(models["reference"].description, at(250.0, 3000.0), draws=64)
+        force_sensitivity(models["reference"].description, touches(250.0, 3000.0), draws=64)
     with pytest.raises(ModelError, match="printed"):
         force_sensitivity(
-            replace(models["reference"].description, variant="published"), at(250.0), draws=64
+            replace(models["reference"].description, variant="published"),
+            touches(250.0, 75.0),
+            draws=64,
         )
 
 
 def test_no_voltage_has_no_force_to_be_sensitive(models):
     """The logarithm of zero went through as NaN in every index."""
     with pytest.raises(ModelError, match="nothing attracts"):
-        force_sensitivity(models["reference"].description, at(250.0, 0.0), draws=8)
+        force_sensitivity(models["reference"].description, touches(250.0, 0.0), draws=8)

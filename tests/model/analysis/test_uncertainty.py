@@ -92,13 +92,6 @@ def test_a_small_spread_is_carried_linearly(reference, variant, cof):
     )  # quantiles, and curvature where it is steep
 
 
-def test_without_voltage_only_friction_without_voltage_matters(interval, cof):
-    low, high = interval
-    expected = 0.006 / 0.512 * norm.ppf(0.84)
-    np.testing.assert_allclose(np.log(high / cof)[:, 0], expected, rtol=QUANTILE_OF_64)
-    np.testing.assert_allclose(np.log(low / cof)[:, 0], -expected, rtol=QUANTILE_OF_64)
-
-
 def test_the_interval_holds_the_model_and_widens_with_voltage(interval, cof):
     low, high = interval
     assert (low < cof).all()

@@ -125,19 +125,6 @@ def test_probabilities_sum_to_one_and_a_list_holds_sure(found):
     assert held - weighed.hypotheses[fewest[-1]] < SURE
 
 
-@given(made(), st.floats(-1e3, 1e3))
-def test_only_differences_of_evidence_count(found, shift):
-    moved = Evidences(
-        {names: log + shift for names, log in found.alone.items()},
-        found.untestable,
-        {name: log + shift for name, log in found.unseen.items()},
-        {names: log + shift for names, log in found.beside.items()},
-        {name: log + shift for name, log in found.outside.items()},
-    )
-    before, after = posterior(found).inclusion, posterior(moved).inclusion
-    assert after == pytest.approx(before, abs=1e-9)
-
-
 @given(made(), st.floats(0.0, 10.0))
 def test_more_evidence_for_an_effect_never_makes_it_less_likely(found, more):
     better = found._replace(alone=found.alone | {("a",): found.alone["a",] + more})

@@ -106,11 +106,6 @@ def test_what_cannot_be_read_is_said(read, line, said):
     assert said in error.value.message
 
 
-def test_a_file_of_which_no_row_can_be_read_says_its_lines(read):
-    with pytest.raises(ModelError, match="line 2: finger 'sitting' is unknown"):
-        read("250,75,0.5,0.6,0.01,sitting,1e-5,0.1,,")
-
-
 def test_files_with_other_witnesses_go_together(read):
     friction = read(
         "250,75,0.5,0.6,0.01", header="frequency_hz,voltage_v,normal_force_n,cof,cof_std"

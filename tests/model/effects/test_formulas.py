@@ -9,25 +9,14 @@ import pytest
 
 from model import effects as e
 from model.conditions import Conditions
-from model.contact.gap_distribution import gap_distribution
-from model.contact.gap_table import gap_mass, integrals_of
 from model.effects import BY_NAME
 from model.electric.dielectrics import EPS0, GABRIEL_DRY, GABRIEL_WET
 from model.touch_model import Prediction, PreparedTouch, TouchModel, prepare
+from tests.model.touches import touches
 
 MU, AREA_M2 = 0.512, 1e-4
 CURRENTS = ("current_rms_a", "stuck_current_rms_a", "electrode_current_a", "electrode_voltage_v")
 FREQUENCIES = np.array([1.0, 10.0, 250.0, 3e3, 1e5, 1e6])
-
-
-def touches(frequency_hz, voltage_v, normal_force_n=0.5, **columns) -> Conditions:
-    """Scalars and lists to columns of one length."""
-    names = ["frequency_hz", "voltage_v", "normal_force_n", *columns]
-    arrays = np.broadcast_arrays(
-        *(np.atleast_1d(x) for x in (frequency_hz, voltage_v, normal_force_n)),
-        *(np.atleast_1d(x) for x in columns.values()),
-    )
-    return Conditions(**dict(zip(names, arrays, strict=True)))
 
 
 def assert_same(
@@ -135,15 +124,11 @@ class TestAmplifierSlewLimit:
         limit.
         """
         count = 10_000
-        time_s = np.arange(8 * count) / count
-        wanted, out, most = (
-            np.sin(2.0 * np.pi * time_s),
-            np.zeros(time_s.size),
-            share * 2.0 * np.pi / count,
-        )
-        for i in range(1, time_s.size):
-            out[i] = out[i - 1] + min(max(wanted[i] - out[i - 1], -most), most)
-        fundamental = 2j * np.mean(out[-count:] * np.exp(-2j * np.pi * time_s[-count:]))
+        turns = np.arange(8 * count) / count
+        out, most = [0.0], share * 2.0 * np.pi / count
+        for wanted in np.sin(2.0 * np.pi * turns[1:]).tolist():
+            out.append(out[-1] + min(max(wanted - out[-1], -most), most))
+        fundamental = 2j * np.mean(out[-count:] * np.exp(-2j * np.pi * turns[-count:]))
         limit = BY_NAME["amplifier_slew_limit"](slew_rate_v_per_s=share * 2.0 * np.pi)
         got = prepared(touches(1.0, 1.0), limit).electrode_v[0]
         assert got == pytest.approx(fundamental, abs=5e-4)
@@ -303,17 +288,6 @@ class TestConduction:
         assert_same(got.predict(c), expected.predict(c))
 
 
-def k_hat(model: TouchModel, pressure_pa: float, z_m: complex) -> float:
-    """int P/|u + z|^2 du in 1/m2, past the table."""
-    v = model.description.values
-    scale_pa = v.effective_modulus_pa * v.roll_off_wavenumber_per_m * v.roughness_rms_m
-    z = np.array([z_m / v.roughness_rms_m], complex)
-    return (
-        float(integrals_of(gap_mass(model.table.shape, pressure_pa / scale_pa), z)[0][0])
-        / v.roughness_rms_m**2
-    )
-
-
 class TestElectrodePolarization:
     def test_admittance_by_hand(self, prepared):
         """1/(R + 1/(Q (j w)^n)), over j w eps0."""
@@ -333,22 +307,19 @@ class TestElectrodePolarization:
             assert bypass * 1j * 100.0 * EPS0 == pytest.approx(expected, rel=1e-4)
 
     @pytest.mark.parametrize("frequency_hz", [1.0, 250.0, 1e4])
-    def test_lies_beside_the_gap(self, with_effects, stack_of, models, frequency_hz):
+    def test_lies_beside_the_gap(self, with_effects, gain_by_quadrature, models, frequency_hz):
         effect = BY_NAME["electrode_polarization"](
             transfer_resistance_ohm_m2=30.0, admittance_s_sn_per_m2=1e-3, exponent=0.75
         )
         force_n = with_effects(effect).predict(touches(frequency_hz, 75.0)).electrostatic_force_n[0]
         pressure_pa = (0.5 + force_n) / AREA_M2
-        s = stack_of(models["reference"], np.array([frequency_hz]))
         jw = 2j * np.pi * frequency_hz
-        beside = (
-            1.0 / (30.0 + 1.0 / (1e-3 * jw**0.75)) + s.leak_per_m_pa[0] * pressure_pa * jw * EPS0
+        beside = 1.0 / (30.0 + 1.0 / (1e-3 * jw**0.75)) / (jw * EPS0)
+        gain = gain_by_quadrature(
+            models["reference"], frequency_hz, pressure_pa, beside_per_m=beside
         )
-        a, b = 1.0 + beside * s.h_m[0] / (jw * EPS0), s.k_gap[0] * s.h_m[0]
-        expected = (
-            EPS0 / 4.0 * 75.0**2 * k_hat(models["reference"], pressure_pa, b / a) / abs(a) ** 2
-        )
-        assert force_n == pytest.approx(AREA_M2 * expected, rel=1e-4)  # interpolation
+        expected_n = AREA_M2 * gain * 75.0**2 / 2.0
+        assert force_n == pytest.approx(expected_n, rel=1e-4)  # interpolation
 
 
 class TestSweatFilm:
@@ -420,21 +391,17 @@ class TestSpeedDependentGap:
         assert_same(lift.predict(c), expected, without=("stuck_current_rms_a",))
 
     @pytest.mark.parametrize("frequency_hz", [10.0, 1e4])
-    def test_a_leak_beside_the_wider_gap(self, with_effects, models, stack_of, frequency_hz):
+    def test_a_leak_beside_the_wider_gap(
+        self, with_effects, models, gain_by_quadrature, frequency_hz
+    ):
         """E = V/(a (u + du) + b)."""
         lift = with_effects(BY_NAME["speed_dependent_gap"](lift_m=3e-6, speed_scale_m_s=1e-5))
         force_n = lift.predict(touches(frequency_hz, 75.0, speed_m_s=1.0)).electrostatic_force_n[0]
-        pressure_pa = (0.5 + force_n) / AREA_M2
-        s = stack_of(models["reference"], np.array([frequency_hz]))
-        a, b = 1.0 + s.leak_per_m_pa[0] * pressure_pa * s.h_m[0], s.k_gap[0] * s.h_m[0]
-        expected = (
-            EPS0
-            / 4.0
-            * 75.0**2
-            * k_hat(models["reference"], pressure_pa, 3e-6 + b / a)
-            / abs(a) ** 2
+        gain = gain_by_quadrature(
+            models["reference"], frequency_hz, (0.5 + force_n) / AREA_M2, wider_m=3e-6
         )
-        assert force_n == pytest.approx(AREA_M2 * expected, rel=1e-4)  # interpolation
+        expected_n = AREA_M2 * gain * 75.0**2 / 2.0
+        assert force_n == pytest.approx(expected_n, rel=1e-4)  # interpolation
 
 
 class TestTrappedCharge:
@@ -527,35 +494,6 @@ class TestContactAreaLaw:
 
 
 class TestAirBreakdown:
-    @pytest.mark.parametrize(
-        ("frequency_hz", "voltage_v", "limit"),
-        [(250.0, 75.0, 3e6), (1e4, 100.0, 2e7), (10.0, 60.0, 1e6)],
-    )
-    def test_the_capped_field_by_quadrature(
-        self, with_effects, models, stack_of, frequency_hz, voltage_v, limit
-    ):
-        """(eps0/4) int P min(|E|, E_bd)^2 du, E = V/(a u + b)."""
-        model = models["reference"]
-        capped = with_effects(BY_NAME["air_breakdown"](breakdown_field_v_per_m=limit))
-        force_n = capped.predict(touches(frequency_hz, voltage_v)).electrostatic_force_n[0]
-        free_n = model.predict(touches(frequency_hz, voltage_v)).electrostatic_force_n[0]
-        pressure_pa = (0.5 + force_n) / AREA_M2
-        s = stack_of(model, np.array([frequency_hz]))
-        a, b = 1.0 + s.leak_per_m_pa[0] * pressure_pa * s.h_m[0], s.k_gap[0] * s.h_m[0]
-        gaps = np.exp(np.arange(np.log(1e-13), np.log(60.0), 2e-3))  # in h_rms
-        mass = (
-            gap_distribution(model.table.shape, pressure_pa / (13.330851e6 * 1e3 * 20e-6)).density(
-                gaps
-            )
-            * gaps
-            * 2e-3
-        )
-        field = np.minimum(voltage_v / np.abs(a * 20e-6 * gaps + b), limit)
-        expected = EPS0 / 4.0 * np.sum(mass * field**2)
-        # the table's gaps are 0.1 apart in log u, which a kink costs 1e-3
-        assert force_n == pytest.approx(AREA_M2 * expected, rel=1e-3)
-        assert force_n < 0.95 * free_n
-
     def test_a_limit_that_no_gap_reaches_changes_nothing(self, with_effects, models):
         """75 V over the stack alone, z = 0.45 um, is 1.7e8 V/m."""
         c = touches([250.0, 1e4], 75.0)
@@ -581,13 +519,6 @@ class TestAirBreakdown:
 
 
 class TestCapillaryAdhesion:
-    def test_without_voltage_by_hand(self, with_effects):
-        """2 kPa over 1 cm2 is 0.2 N: mu = mu_off (1 + 0.2/F_n)."""
-        wet = with_effects(BY_NAME["capillary_adhesion"](pressure_pa=2e3))
-        got = wet.predict(touches(250.0, 0.0, [0.2, 0.5, 1.0]))
-        np.testing.assert_allclose(got.cof, [2.0 * MU, 1.4 * MU, 1.2 * MU], rtol=1e-12)
-        np.testing.assert_array_equal(got.electrostatic_force_n, 0.0)
-
     def test_presses_as_load_does(self, with_effects, models):
         wet = with_effects(BY_NAME["capillary_adhesion"](pressure_pa=2e3))
         got = wet.predict(touches(FREQUENCIES, 75.0, 0.5))

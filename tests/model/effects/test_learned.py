@@ -159,24 +159,16 @@ def test_a_form_reads_back_as_it_was_written(tmp_path, form):
     ("old", "new", "words"),
     [
         ('acts_on = "friction"', 'acts_on = "frictoin"', "'frictoin' is unknown"),
-        ('shape = "spline"', 'shape = "splines"', "'splines' is unknown"),
         ("with_phase = false", "with_phase = true", "friction has no phase"),
         ("lowest_voltage_v = 40.0", "lowest_voltage_v = 0.0", "not a positive number"),
-        (
-            "lowest_voltage_v = 40.0",
-            "lowest_voltage_v = 1e308",
-            "= 1e+308 is not a positive number up to 1000",
-        ),
         (
             "amplitude = 0.1",
             "amplitude = 1e308",
             "amplitude = 1e+308 is not a positive number up to 10",
         ),
         ("frequency_hz = [10.0, 100.0", "frequency_hz = [100.0, 10.0", "no list of rising numbers"),
-        ("frequency_hz = [10.0,", "frequency_hz = [0.0,", "no list of rising numbers"),
         ("frequency_hz = [", "frequency = [", "has no input 'frequency'"),
         ("frequency_hz_3 = ", "frequency_hz_4 = ", "unknown key 'frequency_hz_4'"),
-        ("with_phase = false\n", "", "with_phase is missing"),
     ],
 )
 def test_a_table_with_a_mistake_is_explained(tmp_path, old, new, words):

@@ -5,10 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from haptic_driver.lab.figures.closed_forms import closed_form
-from model.contact.gap_table import gap_mass, gap_nodes
 from model.electric.charges import Layers, coefficients, constant_layers
 from model.electric.dielectrics import EPS0
-from model.solver import solve
 from model.support.errors import ModelError
 
 FINGERS = ("reference", "table1")
@@ -145,24 +143,6 @@ def test_steady_alternation_is_the_frequency_domain(
     # the phasor of rho1 = alpha_1 cos + alpha_2 sin
     np.testing.assert_allclose(closed.alpha[0] - 1j * closed.alpha[1], rho1, rtol=1e-9)
     np.testing.assert_allclose(closed.beta[0] - 1j * closed.beta[1], rho2, rtol=1e-9)
-
-
-@pytest.mark.parametrize("name", FINGERS)
-def test_mean_pressure_over_gaps_is_the_chain(
-    models, layers_of, circuit_of, stack_of, scales_of, name
-):
-    """eps0/4 E_g^2 over the gaps is p_e of the chain without leak, at the same pressure."""
-    model, layers = models[name], layers_of(name, KEY_HZ)
-    stack, scales = stack_of(model, np.array([KEY_HZ])), scales_of(model)
-    circuit = circuit_of(
-        scales, [(replace(stack, leak_per_m_pa=0.0), np.array([KEY_V**2 / 2]))], np.array([5e3])
-    )
-    p_e = float(solve(model.table, circuit)[0][0])
-    gaps_m = gap_nodes() * scales.length_m
-    charges = coefficients(layers, gaps_m).response(2j * np.pi * KEY_HZ)
-    squares = np.abs(KEY_V * gap_field(layers, gaps_m, *charges)) ** 2
-    mass = gap_mass(model.table.shape, (5e3 + p_e) / scales.pressure_pa)
-    assert 0.25 * EPS0 * squares @ mass == pytest.approx(p_e, rel=1e-4)  # interpolation
 
 
 class TestInput:

@@ -10,7 +10,6 @@ from model.electric.dielectrics import (
     ColeCole,
     PowerLaw,
     Tabulated,
-    named,
     read_csv,
     total_conductivity_s_per_m,
 )
@@ -53,18 +52,6 @@ def test_every_set_is_passive_and_disperses_downwards(dielectric, f):
         total_conductivity_s_per_m(np.array(v), g) for v, g in ((k, f), (later, 1.5 * f))
     )
     assert sigma_later >= sigma * (1.0 - 1e-12)
-
-
-@pytest.mark.parametrize("dielectric", [GABRIEL_DRY, GABRIEL_WET], ids=lambda d: d.name)
-def test_limits_of_frequency(dielectric):
-    static = dielectric.eps_inf + sum(term[0] for term in dielectric.terms)
-    low = at(dielectric, 1e-7)
-    assert low.real == pytest.approx(static, rel=1e-6)  # (w tau)^0.8 of the slowest term: 1e-7
-    sigma = total_conductivity_s_per_m(np.array(low), 1e-7)
-    assert sigma == pytest.approx(dielectric.conductivity_s_per_m, rel=1e-6)
-    assert at(dielectric, 1e18).real == pytest.approx(
-        dielectric.eps_inf, rel=1e-4
-    )  # D (w tau)^-0.8 and below
 
 
 def test_power_law_at_its_own_frequency():
@@ -114,10 +101,3 @@ class TestTable:
         assert "own.csv" in caught.value.message
         wanted = "Call it frequency_hz" if says == "frequency_hz" else "frequencies rising"
         assert wanted in caught.value.hint
-
-
-def test_unknown_set_offers_the_nearest():
-    with pytest.raises(ModelError, match="gabriel_dri") as caught:
-        named("gabriel_dri")
-    assert "Did you mean 'gabriel_dry'" in caught.value.hint
-    assert "power_law" in caught.value.hint

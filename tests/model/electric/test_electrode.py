@@ -7,18 +7,13 @@ from model.conditions import Conditions
 from model.contact.gap_distribution import gap_distribution
 from model.effects import BY_NAME
 from model.electric.dielectrics import EPS0
+from tests.model.touches import touches
 
 LOG_U = np.arange(np.log(1e-12), np.log(60.0), 0.05)
 
 
-def sines(
-    frequency_hz, voltage_v=5.0, normal_force_n=0.5, finger="sliding", **columns
-) -> Conditions:
-    f, v, n = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(x, float)) for x in (frequency_hz, voltage_v, normal_force_n))
-    )
-    columns = {name: np.full(f.shape, value) for name, value in columns.items()}
-    return Conditions(f, v, n, finger=np.full(f.shape, finger), **columns)
+def sines(frequency_hz, voltage_v=5.0, **columns) -> Conditions:
+    return touches(frequency_hz, voltage_v, **columns)
 
 
 @pytest.mark.parametrize("frequency_hz", [10.0, 250.0, 1e4, 1e6])
@@ -51,14 +46,6 @@ def test_is_the_mean_over_gaps_and_real_contact(models, scales_of, stack_of, fre
     # stuck finger's.
     known = 2e-4 * abs(expected) + 2e-5 * abs(5.0 * v.contact_area_m2 / series)
     assert abs(got.electrode_current_a[0] - expected) < known
-
-
-def test_gaps_far_thinner_than_the_layers_leave_insulator_and_skin(variant):
-    model = variant(roughness_rms_m=4e-8)
-    got = model.predict(sines([250.0, 1e5], 1e-3, 0.5))
-    np.testing.assert_allclose(
-        np.abs(got.electrode_current_a), np.sqrt(2.0) * got.stuck_current_rms_a, rtol=1e-3
-    )
 
 
 def test_a_series_resistance_is_what_is_left_at_high_frequency(with_effects):

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -220,11 +220,31 @@ def counted(problem: Problem, seeds: Sequence[int], *, by_score: bool, least: fl
     return Count(sum(right), len(outcomes) - sum(right) - sum(none), sum(none), median)
 
 
+def _clumps_2(ktc: Array) -> Array:
+    """What a stirred reactor leaves of clumps that react by the second order."""
+    z = np.minimum(1.0 / ktc, 500.0)  # beyond, the next term of the series is below 1e-5
+    return np.asarray(np.where(z < 500.0, z * np.exp(z) * exp1(z), 1.0 - ktc))
+
+
+def _function(names: str, formula: str) -> Callable[..., Array]:
+    """A formula of these names, as text."""
+    known = {**vars(np), "clumps_2": _clumps_2}
+    return cast(Callable[..., Array], eval(f"lambda {names}: {formula}", known))
+
+
 def _kinetic(
-    formula: Callable[..., Array], ranges: Sequence[tuple[float, float]], *, log: bool = True
+    names: str, ranges: Sequence[tuple[float, float]], *formulas: str, log: bool = True
 ) -> Rival:
-    """A rival whose formula takes the point's coordinates, then the parameters."""
-    return Rival(lambda x, p: formula(*x, *p), ranges, log)
+    """A rival by its formula, or one per output, of a point's coordinates and then the parameters,
+    which are `names`.
+    """
+    outputs = [_function(names, formula) for formula in formulas]
+
+    def predict(x: Array, p: Array) -> Array:
+        values = [output(*x, *p) + 0.0 * x[0] for output in outputs]
+        return np.stack(values, axis=-1) if len(values) > 1 else np.asarray(values[0])
+
+    return Rival(predict, ranges, log)
 
 
 def _buzzi_ferraris_1983() -> Problem:
@@ -232,29 +252,18 @@ def _buzzi_ferraris_1983() -> Problem:
     equations.
     """
     ranges = ((1.0, 1e4), (1e-2, 10.0), (1e-4, 1.0), (1.0, 1e3), (1e-10, 1.0))
-
-    def driving(a: Array, b: Array, c: Array, k: Array) -> Array:
-        return np.asarray(a * b**2 - c / k)
-
-    formulas: tuple[Callable[..., Array], ...] = (
-        lambda a, b, c, k1, k2, k3, k4, k: (
-            driving(a, b, c, k) / (k1 + k2 * a + k3 * b + k4 * c) ** 2
-        ),
-        lambda a, b, c, k1, k2, k3, k4, k: (
-            driving(a, b, c, k) / (k1 + k2 * a + k3 * b + k4 * a * b)
-        ),
-        lambda a, b, c, k1, k2, k3, k4, k: (
-            driving(a, b, c, k) / (b**2 * (k1 + k2 * c + k3 * b) + k4 * b * c)
-        ),
-        lambda a, b, c, k1, k2, k3, k4, k: (
-            driving(a, b, c, k) / b / (k1 + k2 * a + k3 * c / b + k4 * c) ** 2
-        ),
-        lambda a, b, c, k1, k2, k3, k4, k: (
-            driving(a, b, c, k) / (k1 + k2 * b + k3 * a * b + k4 * c) ** 2
-        ),
+    resistances = (
+        "(k1 + k2*a + k3*b + k4*c)**2",
+        "(k1 + k2*a + k3*b + k4*a*b)",
+        "(b**2*(k1 + k2*c + k3*b) + k4*b*c)",
+        "(b*(k1 + k2*a + k3*c/b + k4*c)**2)",
+        "(k1 + k2*b + k3*a*b + k4*c)**2",
     )
+    rivals = [
+        _kinetic("a, b, c, k1, k2, k3, k4, k", ranges, f"(a*b**2 - c/k)/{one}")
+        for one in resistances
+    ]
     axes = (np.linspace(15.0, 25.0, 4), np.linspace(200.0, 250.0, 4), np.linspace(5.0, 10.0, 4))
-    rivals = [_kinetic(formula, ranges) for formula in formulas]
     true = (1704.0, 4.25, 0.241, 444.6, 1.7e-5)
     return Problem("Buzzi-Ferraris 1983", rivals, axes, 4, true, (4e-7**0.5,), first=5)
 
@@ -263,20 +272,17 @@ def _buzzi_ferraris_1984() -> Problem:
     """Buzzi-Ferraris, Forzatti, Emig and Hofmann, Chem. Eng. Sci. 39, 1984, 81: four models of two
     rates.
     """
-
-    def rates(first: Array, second: Array, a: Array, b: Array, k1: Array, k2: Array) -> Array:
-        return np.stack([k1 * a * b / first, k2 * a * b / second], axis=-1)
-
-    formulas: tuple[Callable[..., Array], ...] = (
-        lambda a, b, k1, k2, k3, k4: rates(1 + k3 * a + k4 * b, 1 + k3 * a + k4 * b, a, b, k1, k2),
-        lambda a, b, k1, k2, k3, k4: rates(
-            (1 + k3 * a + k4 * b) ** 2, (1 + k3 * a) ** 2, a, b, k1, k2
-        ),
-        lambda a, b, k1, k2, k3, k4: rates((1 + k3 * b) ** 2, (1 + k4 * a) ** 2, a, b, k1, k2),
-        lambda a, b, k1, k2, k3, k4: rates(1 + k3 * a + k4 * b, 1 + k3 * a, a, b, k1, k2),
+    resistances = (
+        ("(1 + k3*a + k4*b)", "(1 + k3*a + k4*b)"),
+        ("(1 + k3*a + k4*b)**2", "(1 + k3*a)**2"),
+        ("(1 + k3*b)**2", "(1 + k4*a)**2"),
+        ("(1 + k3*a + k4*b)", "(1 + k3*a)"),
     )
+    rivals = [
+        _kinetic("a, b, k1, k2, k3, k4", ((1e-4, 1.0),) * 4, f"k1*a*b/{one}", f"k2*a*b/{other}")
+        for one, other in resistances
+    ]
     axis = np.linspace(5.0, 55.0, 8)
-    rivals = [_kinetic(formula, ((1e-4, 1.0),) * 4) for formula in formulas]
     true, std = (0.1, 0.01, 0.1, 0.01), (0.35**0.5, 2.3e-3**0.5)
     return Problem("Buzzi-Ferraris 1984", rivals, (axis, axis), 0, true, std, first=3)
 
@@ -302,63 +308,35 @@ def _buzzi_ferraris_1990() -> Problem:
     rate equations.
     """
 
-    def constant(t: Array, level: Array, slope: Array) -> Array:
-        return np.asarray(np.exp(level - slope * (t - 700.0) / t))
+    def of(formula: str, constants: int) -> Rival:
+        """Of fugacities, the equilibrium's constant, and constants that depend on temperature."""
+        rate = _function("n, h, a, k, *c", formula)
 
-    def first(x: Array, p: Array) -> Array:
-        n, h, a, k = _ammonia(*x)
-        return np.asarray((n - a**2 / (h**3 * k**2)) * h**1.5 / (constant(x[0], *p) * a))
+        def predict(x: Array, p: Array) -> Array:
+            cold = (x[0] - 700.0) / x[0]
+            levels, slopes = p[::2], p[1::2]
+            return np.asarray(rate(*_ammonia(*x), *np.exp(levels - slopes * cold)))
 
-    def second(x: Array, p: Array) -> Array:
-        n, h, a, k = _ammonia(*x)
-        return np.asarray((n * h - a**2 / (h * k) ** 2) / (constant(x[0], *p) * a))
+        return Rival(predict, ((0.1, 10.0), (0.1, 100.0)) * constants, log=False)
 
-    def third(x: Array, p: Array) -> Array:
-        n, h, a, k = _ammonia(*x)
-        hindered = a * constant(x[0], *p[:2]) + np.sqrt(n / h) * constant(x[0], *p[2:])
-        return np.asarray((np.sqrt(n * h**3) - a / k) / hindered)
-
-    def fourth(x: Array, p: Array) -> Array:
-        n, h, a, k = _ammonia(*x)
-        hindered = (
-            a * constant(x[0], *p[:2])
-            + n * constant(x[0], *p[2:4])
-            + a / n * constant(x[0], *p[4:])
-        )
-        return np.asarray((np.sqrt(n * h**3) - a / k) / hindered)
-
-    one = ((0.1, 10.0), (0.1, 100.0))
     rivals = [
-        Rival(f, one * n, log=False) for f, n in ((first, 1), (second, 1), (third, 2), (fourth, 3))
+        of("(n - a**2/(h**3*k**2))*h**1.5/(c[0]*a)", 1),
+        of("(n*h - a**2/(h*k)**2)/(c[0]*a)", 1),
+        of("(sqrt(n*h**3) - a/k)/(a*c[0] + sqrt(n/h)*c[1])", 2),
+        of("(sqrt(n*h**3) - a/k)/(a*c[0] + n*c[1] + a/n*c[2])", 3),
     ]
     axes = (np.linspace(703.0, 753.0, 4), np.linspace(300.0, 350.0, 4), np.linspace(0.1, 0.2, 4))
-    return Problem(
-        "Buzzi-Ferraris 1990", rivals, axes, 0, (3.68064, 11.80406), (90.0**0.5,), first=3
-    )
+    true = (3.68064, 11.80406)
+    return Problem("Buzzi-Ferraris 1990", rivals, axes, 0, true, (90.0**0.5,), first=3)
 
 
 def _michalik_2010() -> Problem:
     """Michalik, Stuckert and Marquardt, Ind. Eng. Chem. Res. 49, 2010, 913: ten models of one
     parameter each.
     """
-    powers = [
-        (0, 0, 0),
-        (1, 0, 0),
-        (0, 1, 0),
-        (0, 0, 1),
-        (1, 1, 0),
-        (1, 0, 1),
-        (0, 1, 1),
-        (1, 1, 1),
-        (2, 1, 0),
-        (1, 2, 0),
-    ]
-
-    def of(power: tuple[int, int, int]) -> Predict:
-        return lambda x, p: np.asarray(p[0] * np.prod(x ** np.array(power)[:, None], axis=0))
-
+    orders = ("1", "a", "b", "c", "a*b", "a*c", "b*c", "a*b*c", "a**2*b", "a*b**2")
     axes = (np.linspace(0.0, 10.0, 4), np.linspace(0.0, 10.0, 4), np.linspace(0.0, 100.0, 4))
-    rivals = [Rival(of(power), ((0.0, 1e3),), log=False) for power in powers]
+    rivals = [_kinetic("a, b, c, k", ((0.0, 1e3),), f"k*{one}", log=False) for one in orders]
     return Problem("Michalik 2010", rivals, axes, 8, (1.0,), (1.0,), first=1)
 
 
@@ -366,26 +344,11 @@ def _vanlier_2014() -> Problem:
     """Vanlier, Tiemann, Hilbers and van Riel, BMC Syst. Biol. 8, 2014, 20: four linear models, each
     within the next.
     """
-    terms: tuple[Callable[[Array], Array], ...] = (
-        lambda t: t,
-        lambda t: t**2,
-        lambda t: np.sin(0.2 * t**3),
-        lambda t: t * np.sin(2.0 * t),
-    )
-
-    def of(count: int) -> Predict:
-        return lambda x, p: np.asarray(sum(p[i] * terms[i](x[0]) for i in range(count)))
-
-    rivals = [Rival(of(n), ((-10.0, 10.0),) * n, log=False) for n in (1, 2, 3, 4)]
-    return Problem(
-        "Vanlier 2014",
-        rivals,
-        (np.linspace(-2.5, 2.5, 51),),
-        2,
-        (-1.0, 0.5, -6.0),
-        (0.5**0.5,),
-        first=2,
-    )
+    terms = ("p[0]*t", "p[1]*t**2", "p[2]*sin(0.2*t**3)", "p[3]*t*sin(2*t)")
+    ranges = ((-10.0, 10.0),) * 4
+    rivals = [_kinetic("t, *p", ranges[:n], " + ".join(terms[:n]), log=False) for n in (1, 2, 3, 4)]
+    axis, true = np.linspace(-2.5, 2.5, 51), (-1.0, 0.5, -6.0)
+    return Problem("Vanlier 2014", rivals, (axis,), 2, true, (0.5**0.5,), first=2)
 
 
 def _mixing(truth: int) -> Problem:
@@ -397,48 +360,22 @@ def _mixing(truth: int) -> Problem:
     of the two. Of any order but the first, mixing matters in the stirred one alone.
     """
 
-    def plug_0(t: Array, c: Array, k: Array) -> Array:
-        return np.maximum(1.0 - k * t / c, 0.0)
-
-    def plug_2(t: Array, c: Array, k: Array) -> Array:
-        return np.asarray(1.0 / (1.0 + k * t * c))
-
-    def clumps_0(t: Array, c: Array, k: Array) -> Array:
-        return np.asarray(1.0 + k * t / c * np.expm1(-c / (k * t)))
-
-    def molecules_2(t: Array, c: Array, k: Array) -> Array:
-        return np.asarray(2.0 / (1.0 + np.sqrt(1.0 + 4.0 * k * t * c)))
-
-    def clumps_2(t: Array, c: Array, k: Array) -> Array:
-        z = np.minimum(
-            1.0 / (k * t * c), 500.0
-        )  # beyond, the next term of the series is below 1e-5
-        return np.asarray(np.where(z < 500.0, z * np.exp(z) * exp1(z), 1.0 - k * t * c))
-
-    def of(plug: Callable[..., Array], stirred: Callable[..., Array]) -> Predict:
-        return lambda x, p: np.where(x[2] > 0.5, plug(x[0], x[1], p[0]), stirred(x[0], x[1], p[0]))
-
-    first = of(
-        lambda t, c, k: np.exp(-k * t) + 0.0 * c, lambda t, c, k: 1.0 / (1.0 + k * t) + 0.0 * c
-    )
-    predicts = (
-        of(plug_0, plug_0),
-        of(plug_0, clumps_0),
-        first,
-        of(plug_2, molecules_2),
-        of(plug_2, clumps_2),
-    )
-    rivals = [Rival(predict, ((1e-6, 0.1),)) for predict in predicts]
+    plug_0, plug_2 = "maximum(1 - k*t/c, 0)", "1/(1 + k*t*c)"
+    reactors = {
+        "order 0, molecules": (plug_0, plug_0),
+        "order 0, clumps": (plug_0, "1 + k*t/c*(exp(-c/(k*t)) - 1)"),
+        "order 1": ("exp(-k*t)", "1/(1 + k*t)"),
+        "order 2, molecules": (plug_2, "2/(1 + sqrt(1 + 4*k*t*c))"),
+        "order 2, clumps": (plug_2, "clumps_2(k*t*c)"),
+    }
+    rivals = [
+        _kinetic("t, c, flows, k", ((1e-6, 0.1),), f"flows*({plug}) + (1 - flows)*({stirred})")
+        for plug, stirred in reactors.values()
+    ]
     axes = (np.geomspace(1.0, 100.0, 6), np.geomspace(0.01, 1.0, 6), np.array([0.0, 1.0]))
-    name = (
-        "order 0, molecules",
-        "order 0, clumps",
-        "order 1",
-        "order 2, molecules",
-        "order 2, clumps",
-    )[truth]
     true = ((0.006, 0.006, 0.015, 0.025, 0.025)[truth],)
-    return Problem(f"mixing: {name}", rivals, axes, truth, true, (0.05,), first=1)
+    name = f"mixing: {list(reactors)[truth]}"
+    return Problem(name, rivals, axes, truth, true, (0.05,), first=1)
 
 
 PROBLEMS = (

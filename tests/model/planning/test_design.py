@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,24 +56,6 @@ def test_an_intervention_takes_its_effects_away_in_its_rows(tmp_path):
     )
     assert abs(with_it - without) > 0.01
     np.testing.assert_allclose(got, [with_it, without, with_it], rtol=1e-9)
-
-
-def test_two_effects_are_taken_away_each_by_its_own(tmp_path):
-    sweat = BY_NAME["sweat_film"]
-    data = read(
-        tmp_path / "a.csv",
-        HEADER,
-        *(f"50,75,0.5,0.6,0.01,{what}" for what in ("none", "dry_air", "wipe")),
-    )
-    plain = read(tmp_path / "b.csv", HEADER, "50,75,0.5,0.6,0.01,none")
-    both, humid, sweaty = (
-        Predictor(FINGER, plain, ()).predicted(
-            kinds, np.full((1, sum(len(k.parameters()) for k in kinds)), 0.5)
-        )[0, 0]
-        for kinds in ([HUMID, sweat], [HUMID], [sweat])
-    )
-    got = Predictor(FINGER, data, ()).predicted([HUMID, sweat], np.full((1, 4), 0.5))[0]
-    np.testing.assert_allclose(got, [both, sweaty, humid], rtol=1e-12)
 
 
 def test_an_unknown_intervention_is_refused(tmp_path):
@@ -195,13 +176,3 @@ def test_what_a_parameter_hides_in_the_data_so_far_more_of_the_same_does_not_sho
         nothing(1) + information_of(moved * seen[:, 0], seen),
     )
     assert pair.reached <= pair.reach() <= moved**2
-
-
-def test_no_parameter_free_enough_hides_nothing():
-    found, raw = pair(np.random.default_rng(5), 2, 6, 1)
-    silent = replace(
-        found.blocks, normal=0.0 * found.blocks.normal, moment=0.0 * found.blocks.moment
-    )
-    assert Pair(("a", "b"), 1.0, silent, found.information).reach() == pytest.approx(
-        sum(d @ d for _, d in raw)
-    )

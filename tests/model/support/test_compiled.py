@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 
@@ -96,24 +95,6 @@ def test_a_change_where_no_kernel_is_compiles_nothing_anew(package):
     (package / "effects.py").write_text("MORE = 1.0\n")
     assert scaled(package, 3.0) == 6.0
     assert len(kernel_folders(package)) == 1
-
-
-@pytest.mark.process
-def test_unchanged_sources_share_one_folder(package):
-    assert scaled(package, 3.0) == scaled(package, 3.0) == 6.0
-    assert len(kernel_folders(package)) == 1
-
-
-def test_compiling_leaves_the_configuration_of_numba_alone():
-    before = numba.config.CACHE_DIR
-
-    @kernel
-    def half(x):
-        return 0.5 * x
-
-    after = numba.config.CACHE_DIR
-    assert after == before
-    assert half(3.0) == 1.5
 
 
 def test_division_by_zero_follows_numpy():
