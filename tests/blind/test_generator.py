@@ -78,14 +78,6 @@ def test_force_matches_reference_values():
     assert force == pytest.approx(expected, rel=5e-3)
 
 
-def test_force_matches_reference_values_for_table_one_roughness():
-    rough, finger = touch.Roughness(0.86, 8e3, 1e10), touch.Finger(h_rms=22e-6)
-    state = touch.prepare(
-        conditions([10.0, 500.0, 1e6], [125.0, 125.0, 125.0], 0.25), finger, rough
-    )
-    assert touch.force(state) == pytest.approx([0.019890682, 0.024492397, 0.011150616], rel=5e-3)
-
-
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", list(CATALOGUE_EFFECTS))
 def test_off_strength_gives_base_and_small_strength_changes_little(name, form):
@@ -154,12 +146,6 @@ def test_nuisances_are_refitted_away():
     sight = visibility.Visibility(design, finger, np.full(design.session.size, 0.03))
     theta = visibility.coordinates(finger)
     assert 0 <= sight.null <= theta @ theta + 1e-6  # at worst the prior cost of the truth itself
-
-
-def test_speed_effects_are_invisible_without_speed():
-    effect = CATALOGUE_EFFECTS["velocity_dependent_friction"]
-    hidden = Hidden(effect, effect.knob[1], {"sign": 1.0})
-    assert sight_of("paper").of((hidden,)) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_whitening_is_the_inverse_root_of_the_covariance():

@@ -66,14 +66,6 @@ def test_features_tell_a_gain_error_from_nothing(few):
     assert np.abs(voltage[-1]) > 0.1
 
 
-@pytest.mark.soak  # some ten seconds
-def test_a_classifier_answers_the_sets_of_its_plan_and_no_other(paths):
-    pytest.importorskip("sklearn")
-    answers, notes = classifier.classified(read_model(MODEL), paths, draws=3)
-    assert set(answers) == {path.name for path in paths if "all" in path.name}
-    assert len(notes) == 1
-
-
 @pytest.mark.soak
 @pytest.mark.timeout(600)
 def test_a_classifier_names_a_gain_error_and_nothing_where_nothing_is_hidden(paths):

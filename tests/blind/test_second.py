@@ -93,9 +93,16 @@ def test_a_limit_is_the_catalogue_s_form(only, name, shape, strength, what, rows
         assert own - base == pytest.approx(first - base, rel=2e-3, abs=1e-12), form
 
 
-def trace(design, hidden) -> np.ndarray:
+@pytest.fixture(scope="module")
+def trace():
+    """What of friction a hidden effect changes, in a rich design."""
+    design = designs.rich(np.random.default_rng(1))
     base = visibility.clean_friction(design, nuisance.REFERENCE, ())
-    return np.log(visibility.clean_friction(design, nuisance.REFERENCE, (hidden,)) / base)
+
+    def of(hidden) -> np.ndarray:
+        return np.log(visibility.clean_friction(design, nuisance.REFERENCE, (hidden,)) / base)
+
+    return of
 
 
 def left_over(of: np.ndarray, others: np.ndarray) -> float:
@@ -106,13 +113,13 @@ def left_over(of: np.ndarray, others: np.ndarray) -> float:
 
 @EACH
 @pytest.mark.parametrize("name", EFFECTS)
-def test_no_strength_of_earlier_forms_is_this(name, form):
-    design, effect = designs.rich(np.random.default_rng(1)), CATALOGUE_EFFECTS[name]
+def test_no_strength_of_earlier_forms_is_this(trace, name, form):
+    effect = CATALOGUE_EFFECTS[name]
     own = drawn(effect, np.random.default_rng(2), form)
-    traces = (trace(design, own.at(strength)) for strength in np.geomspace(*own.knob, 25))
+    traces = (trace(own.at(strength)) for strength in np.geomspace(*own.knob, 25))
     of = next(one for one in traces if np.abs(one).max() > VISIBLE.get(name, 0.1))
     others = [
-        trace(design, other.at(strength))
+        trace(other.at(strength))
         for earlier in FORMS[: FORMS.index(form)]
         for other in (drawn(effect, np.random.default_rng(draw), earlier) for draw in range(2))
         for strength in np.geomspace(*other.knob, 4)
@@ -195,14 +202,13 @@ def test_sets_have_the_promised_mix(form):
     ]
 
 
-@EACH
-def test_the_command_writes_one_form_and_its_strangers_alone(tmp_path, form):
-    sets = ["--seed", "4", f"--{form}", "--counts", "W1=1,W4=1", "--workers", "1"]
+def test_the_command_writes_one_form_and_its_strangers_alone(tmp_path):
+    sets = ["--seed", "4", "--third", "--counts", "W1=1,W4=1", "--workers", "1"]
     main(["--out", str(tmp_path), *sets])
     labels = json.loads((tmp_path / "labels.json").read_text()).values()
     assert sorted(label["witnesses"] for label in labels) == ["all", "all", "friction", "friction"]
     hidden = {label["effects"][0]["name"]: label["effects"][0] for label in labels}
     strange = [name for name, effect in hidden.items() if effect["stranger"]]
     assert len(strange) == 1
-    assert set(strange) <= set(STRANGERS[form])
-    assert {hidden[name]["form"] for name in hidden if name not in strange} == {form}
+    assert set(strange) <= set(THIRD_STRANGERS)
+    assert {hidden[name]["form"] for name in hidden if name not in strange} == {THIRD}
