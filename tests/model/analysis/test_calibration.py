@@ -70,9 +70,7 @@ def found(reference, rich):
 @pytest.mark.soak
 @pytest.mark.timeout(1800)
 def test_intervals_hold_the_truth_over_many_fingers(reference, tmp_path):
-    """Parameter by parameter, nor are they wider than need be; the Gaussian posterior may fall a few
-    per cent short.
-    """
+    """Parameter by parameter; the Gaussian posterior may be a few per cent off either way."""
     in_68, in_95 = hits(reference, tmp_path, 200)
     assert (np.abs(in_68.mean(axis=0) - 0.68) < 0.12).all()
     assert (in_95.mean(axis=0) > 0.95 - 0.05).all()

@@ -12,9 +12,9 @@ import pytest
 
 from haptic_driver.cli.main import main
 from hw.camera.fingerprint import Optics, Touch, drawn
-from model.support.toml import toml_value
+from model.support.toml import toml_lines
 from tests.haptic_driver.commands import rows_of
-from tests.haptic_driver.lab.raw_trials.made import MAP, signals, write_csv
+from tests.haptic_driver.lab.raw_trials.made import signals, with_keys, write_csv
 from tests.reports import without_pictures
 
 tifffile = pytest.importorskip("tifffile")
@@ -24,23 +24,13 @@ SPIKE = "a spike"
 
 def a_map(folder: Path) -> str:
     """The map of the made trials, whose voltage is in the name of the file."""
-    conditions = {
+    said = with_keys(voltage_on={"column": "voltage"})
+    said["conditions"] = {
         "patterns": [r"(?P<voltage>\d+)V_(?P<frequency>\d+)Hz", r"t(?P<trial>\d+)"],
         "units": {"voltage": "V", "frequency": "Hz"},
     }
-    lines = [f"columns.{role} = {inline(said)}" for role, said in MAP["columns"].items()]
-    lines += [f"conditions.{key} = {inline(value)}" for key, value in conditions.items()]
-    lines += [f"windows = [{inline(MAP['windows'][0])}]", "voltage_on.column = 'voltage'"]
-    (folder / "map.toml").write_text("\n".join(lines), encoding="utf-8")
+    (folder / "map.toml").write_text(toml_lines(said), encoding="utf-8")
     return "map.toml"
-
-
-def inline(value: object) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {inline(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(inline, value)) + "]"
-    return toml_value(value)
 
 
 def trials(folder: Path) -> str:

@@ -48,17 +48,6 @@ def test_the_stuck_finger_is_insulator_and_skin_in_series(explored):
     )  # three digits are known of the skin
 
 
-def test_friction_at_the_asked_point_is_on_both_curves(explored):
-    rows = rows_of(explored[0] / "friction-load.csv")
-    load = [row for row in rows if row["curve"] == "75 V"]
-    near = min(load, key=lambda row: abs(float(row["normal_force_n"]) - 0.5))
-    assert float(near["cof"]) == pytest.approx(0.615, abs=0.003)
-    without = [float(row["cof"]) for row in rows if row["curve"] == "0 V"]
-    assert without == pytest.approx([0.512] * len(without), rel=1e-9)
-    speed = [r for r in rows_of(explored[0] / "friction-speed.csv") if r["curve"] == "by the model"]
-    assert [float(r["cof"]) for r in speed] == pytest.approx([0.6152] * len(speed), abs=1e-3)
-
-
 def test_equations_that_know_only_the_sine_are_refused(haptic, tmp_path):
     done = haptic("explore", "--model", "published", "--out", tmp_path / "new", "--json")
     assert done.status == 2

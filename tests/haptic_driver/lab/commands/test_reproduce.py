@@ -31,14 +31,6 @@ def test_figure_4_leaves_a_field_empty_where_the_print_has_no_answer(everything)
     assert all(float(r["electrostatic_pressure_corrected_pa"]) >= 0.0 for r in rows)
 
 
-def test_elasticities_are_a_table_of_four_parameters_by_ten_frequencies(everything):
-    out, _ = everything
-    rows = rows_of(out / "figure-8-elasticities.csv")
-    assert len(rows) == 10
-    assert len(rows[0]) == 1 + 4 * 2
-    assert {"frequency_hz", "skin_modulus_pa_published"} <= set(rows[0])
-
-
 def test_facts_are_in_the_table_and_in_the_answer(everything):
     out, said = everything
     rows = rows_of(out / "facts.csv")

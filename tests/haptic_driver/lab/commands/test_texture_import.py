@@ -407,15 +407,6 @@ def test_all_hatt_models_are_kept_and_ring_as_they_do_at_a_speed_and_load(
     )
 
 
-def test_line_frequencies_give_back_the_filter():
-    from haptic_driver.lab.importers.hatt import polynomial
-
-    for order in (2, 3, 8):
-        roots = 0.9 * np.exp(1j * np.linspace(0.3, 2.8, order // 2))
-        wanted = np.poly([*roots, *roots.conjugate(), *([0.4] if order % 2 else [])]).real
-        assert polynomial(line_frequencies(wanted)) == pytest.approx(wanted[1:], abs=1e-9)
-
-
 # --- what is refused
 # ----------------------------------------------------------------------------------------------
 
@@ -423,7 +414,6 @@ STILL = "position_mm,normal_force_n,lateral_force_n,time_s\n" + "\n".join(
     f"3,0.5,0.3,{i / 100}" for i in range(50)
 )
 ROW = "position_mm,normal_force_n,lateral_force_n\n"
-LONG = ROW + "\n".join(f"{i},0.5,0.3" for i in range(0, 9000, 1000))
 SCALE = ["--speed", "0.05", "--mean-cof", "0.65", "--amplitude-cof", "0.1"]
 REFUSED = [
     (
@@ -450,7 +440,6 @@ REFUSED = [
         "all loads are negative, -0.5 N in the median",
         "change its sign",
     ),
-    ("a.csv", LONG, [], "bad_strokes", "over 7000 mm", "Are positions in the unit"),
     (
         "a.csv",
         ROW + "\n".join(f"{i},0.5,300" for i in range(30)),
@@ -459,10 +448,8 @@ REFUSED = [
         "friction is 600 at 1 mm",
         "in N",
     ),
-    ("a.csv", STILL, ["--pitch-mm", "0"], "out_of_range", "--pitch-mm 0 mm", "0.02 to 10 mm"),
     ("a.h5", "junk", [], "recording_unreadable", "a.h5", "haptic record"),
     ("a.wav", "RIFF", SCALE, "bad_wav", "a.wav is no sound file", "WAV"),
-    ("a.wav", "", [], "texture_needs_scale", "does not say which friction", "--mean-cof 0.65"),
     (
         "a.wav",
         "",
@@ -500,10 +487,8 @@ def test_what_cannot_be_used_is_refused_and_nothing_written(
 NOT_HATT = [
     ('<!DOCTYPE a [<!ENTITY b "cc">]><a>&b;</a>', "has a document type"),
     ("<modelSet>" * 100_000, "is not XML"),
-    (f"<modelSet>{'<a>' * 100_000}{'</a>' * 100_000}</modelSet>", "has 0 models"),
     (f"<modelSet>{'<model/>' * 100_000}</modelSet>", "has 100000 models"),
     (hatt(SQUARE, "<mu>slippery</mu>"), "has mu = slippery"),
-    (hatt(SQUARE, "<mu>1</mu><SampleRate>1e9</SampleRate>"), "SampleRate = 1e9"),
     (hatt(SQUARE).replace("<value>0.", "<value>3.", 1), "1 has 3 frequencies"),
     (hatt([(20, 0.2, 50.0, 0.0)]), "has no model that vibrates"),
 ]

@@ -99,8 +99,8 @@ def test_mosaics_and_halves_of_numbers_are_told(seed, kind):
 def test_interlaced_lines_are_told_where_the_finger_moves_by_half_a_ridge():
     """By less, or by a whole ridge, lines differ no more than by noise: some are missed."""
     told = 0
-    for seed in range(12):
+    for seed in range(6):
         image = frame(seed)
         image[1::2] = frame(seed + 1, 6)[1::2]
         told += ODD in said_of(image)
-    assert told >= 10
+    assert told >= 5

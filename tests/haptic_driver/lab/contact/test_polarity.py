@@ -14,7 +14,6 @@ from haptic_driver.errors import BadInputError
 from haptic_driver.lab.contact.film import read_film
 from haptic_driver.lab.contact.judge import GLARE, watch
 from haptic_driver.lab.contact.scale import scale_from_ruler
-from haptic_driver.lab.contact.touch import has_ridges
 from hw.camera.fingerprint import Optics, Touch, drawn
 from tests.haptic_driver.lab.refusal import refused
 
@@ -59,12 +58,6 @@ def test_bright_discs_at_coarse_pixels_have_areas_and_no_ridges():
     assert np.isnan(found.ridge_area_m2)
     assert any("has 2 touches" in words for words in watched.said)
     assert any("too coarse for ridges" in words for words in watched.said)
-
-
-@pytest.mark.parametrize(("scale_m", "seen"), [(62e-6, True), (63e-6, False)])
-def test_a_ridge_has_four_pixels_or_is_not_told(scale_m, seen):
-    """Of ridges and valleys of 0.5 mm together."""
-    assert has_ridges(scale_m) is seen
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])

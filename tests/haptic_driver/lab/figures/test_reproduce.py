@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from haptic_driver.lab.figures import facts, numbers
-from model.electric.dielectrics import EPS0
 from model.published import as_published
 from model.support.errors import ModelError
 from model.touch_model import TouchModel
@@ -62,15 +61,6 @@ def test_fig_4_has_the_reference_pressures(pair, reference, name):
     assert checked >= 40
 
 
-@pytest.mark.parametrize("name", FINGERS)
-def test_contact_without_voltage_is_the_reference_contact(pair, reference, name):
-    contact = reference[name]["contact"]
-    at = int(np.flatnonzero(contact["pressure_pa"] == 5e3)[0])
-    for found in numbers.against_voltage(pair[name]).values():
-        np.testing.assert_allclose(found.mean_gap_m[:, 0], contact["mean_gap_m"][at], rtol=2e-3)
-        np.testing.assert_allclose(found.area_ratio[:, 0], contact["area_ratio"][at], rtol=2e-3)
-
-
 def test_fig_7_is_the_key_result(solved, reference):
     key = reference["key_table"]
     np.testing.assert_array_equal(numbers.PAPER_HZ, key["frequency_hz"])
@@ -86,33 +76,6 @@ def test_printed_force_is_pressure_times_real_area(solved):
     np.testing.assert_allclose(
         found.force_n, found.pressure_pa * 1e-4 * found.area_ratio, rtol=1e-9
     )
-
-
-class TestCharges:
-    def test_steady_charges_are_those_of_layers_in_series(self, pair, solved):
-        """One complex current through the layers, with and without the contact leak beside the
-        gap.
-        """
-        found = numbers.steady_charges(pair["reference"])
-        model = pair["reference"]["corrected"]
-        f, gap = numbers.SWEEP_HZ, solved["corrected"].mean_gap_m
-        w = 2.0 * np.pi * f
-        k2 = model.description.dielectric.permittivity(f)
-        y1, y2 = 1j * w * EPS0 * 3.9 + 1e-13, 1j * w * EPS0 * k2
-        skin_s_per_m = (1j * w * EPS0 * k2).real
-        alpha = (
-            2.0
-            * skin_s_per_m
-            * (5e3 + solved["corrected"].pressure_pa)
-            / (13330850.0 * 2.209618e-05)
-        )
-        for name, leak in (("corrected", 0.0), ("with_leak", alpha)):
-            yg = 1j * w * EPS0 + 1e-14 + leak * gap
-            current = 75.0 / (1e-6 / y1 + gap / yg + 200e-6 / y2)
-            rho1 = EPS0 * (current / yg - 3.9 * current / y1)
-            rho2 = EPS0 * (k2.real * current / y2 - current / yg)
-            np.testing.assert_allclose(found[name].rho1_c_per_m2, np.abs(rho1), rtol=1e-6)
-            np.testing.assert_allclose(found[name].rho2_c_per_m2, np.abs(rho2), rtol=1e-6)
 
 
 class TestSensitivity:
@@ -138,19 +101,6 @@ class TestSensitivity:
             np.testing.assert_allclose(
                 s.lower_percent, 100.0 * (got / s.nominal_n - 1.0), rtol=1e-9, atol=1e-9
             )
-
-    def test_elasticity_lies_between_the_slopes_of_the_halves(self, sensitivities):
-        """Force is monotone and smooth in every parameter: the slope at 100 % lies between those of
-        the two chords.
-        """
-        for found in sensitivities.values():
-            for s in found.values():
-                down, up = (
-                    np.log(s.nominal_n / s.lower_n) / np.log(2.0),
-                    np.log(s.higher_n / s.nominal_n) / np.log(1.5),
-                )
-                assert (s.elasticity >= np.minimum(down, up) - 1e-2).all()
-                assert (s.elasticity <= np.maximum(down, up) + 1e-2).all()
 
 
 @pytest.fixture(scope="module")

@@ -109,20 +109,6 @@ def test_a_plan_that_sees_nothing_is_not_the_end(tmp_path):
     ]
 
 
-@pytest.mark.soak
-@pytest.mark.timeout(600)
-def test_every_round_lies_in_its_folder(found):
-    investigation, out = found
-    for number in range(1, investigation.rounds + 1):
-        assert (out / f"round-{number}" / "report.html").is_file()
-        assert list((out / f"round-{number}").glob("data*.csv"))
-        for plan in (out / f"round-{number}").glob("plan*.toml"):
-            assert load_plan(str(plan)).settings
-    said = json.loads((out / "investigation.json").read_text())
-    assert {"outcome", "rounds", "rows", "settings", "diagnosis"} <= set(said)
-    assert said["diagnosis"]["verdict"] == "effect_found"
-
-
 def test_a_first_plan_that_nobody_prepares_is_refused_before_anything_is_measured(tmp_path):
     """Once it was an UnboundLocalError: there was no diagnosis to report."""
     setting = Setting(100.0, 75.0, 0.5, 0.02, intervention="wipe")
@@ -220,25 +206,6 @@ def test_no_name_is_earned_before_what_other_effects_need_was_varied():
     assert rounds._answer(after("unexplained", "speed_dependent_gap")) == rounds.UNTRIED
     assert rounds._answer(after("effect_found")) == "effect_found"
     assert rounds._answer(after("ambiguous", "speed_dependent_gap")) == "ambiguous"
-
-
-@pytest.mark.parametrize(
-    ("asked", "now", "answered"),
-    [
-        ("no_discrepancy", "no_discrepancy", False),
-        ("no_discrepancy", "ambiguous", True),
-        ("ambiguous", "effect_found", True),
-        ("ambiguous", "unexplained", False),
-        ("untried", "untried", False),
-        ("untried", "ambiguous", True),
-    ],
-)
-def test_a_round_ends_as_soon_as_it_has_its_answer(asked, now, answered):
-    assert rounds._is_answered(asked, now) == answered
-
-
-def test_a_function_is_a_finger_that_nobody_can_wipe():
-    assert pool.able(has_function=True) == ()
 
 
 def test_an_intervention_takes_its_effects_away_and_no_others():

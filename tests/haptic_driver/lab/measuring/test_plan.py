@@ -55,15 +55,6 @@ def test_the_papers_plan_has_its_frequencies():
     assert Counter(r.session for r in without) == {1: 3, 2: 3, 3: 3}
 
 
-def test_lists_are_multiplied_and_repeated_in_every_session(tmp_path):
-    plan = plan_of(tmp_path, GRID + "repeats = 2\nsessions = 3\n")
-    assert len(plan.settings) == 3 * 2 * 2
-    rows = plan.rows(plan.settings, 1)
-    assert len(rows) == len(set(rows)) == 12 * 2 * 3
-    assert {r.trial for r in rows} == {1, 2}
-    assert [r.session for r in rows] == sorted(r.session for r in rows)
-
-
 def test_points_take_what_they_do_not_say_from_the_lists(tmp_path):
     points = (
         "[[points]]\nvoltage_v = 60.0\nfrequency_hz = [10.0, 20.0]\n[[points]]\nspeed_m_s = 0.05\n"

@@ -63,13 +63,10 @@ def test_guessing_follows_from_the_task(tmp_path, head, form, guess):
     ("head", "tables", "conditions", "words"),
     [
         ("", '[method]\nkind = "stair"\n', CONDITION, "method.kind is 'stair'"),
-        ("", CONSTANT, CONDITION + CONDITION, "same name"),
         ("", CONSTANT, CONDITION.replace('"a"', '" a"'), "neither begins nor ends with a space"),
         ("", CONSTANT, CONDITION.replace('"a"', r'"a\nb"'), "one line"),
         ("", CONSTANT, CONDITION + '[[block]]\nconditions = ["b"]', "no condition 'b'"),
-        ("", CONSTANT, '[[condition]]\nname = "a"', "either cof or texture"),
         ("", CONSTANT, '[[condition]]\nname = "a"\ntexture = "linen"', "comparisons"),
-        ("practice = 2", CONSTANT, CONDITION, "practice_level"),
         ("", '[trial]\nintervals = 3\nplace = "regions"\n' + CONSTANT, CONDITION, "2 intervals"),
         ("", '[response]\nanswers = ["yes"]\n' + CONSTANT, CONDITION, "give 2 different ones"),
         ("", CONSTANT.replace("0.05", "-0.05"), CONDITION, "below 0"),

@@ -6,7 +6,6 @@ import json
 import re
 import sys
 import threading
-from collections import Counter
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from urllib.parse import parse_qs, urlparse
@@ -23,7 +22,7 @@ from haptic_driver.lab.psychophysics.description import (
     Range,
     Staircase,
 )
-from haptic_driver.lab.psychophysics.methods import ConstantMethod, StaircaseMethod, converges_at
+from haptic_driver.lab.psychophysics.methods import StaircaseMethod, converges_at
 from haptic_driver.lab.psychophysics.outside import OutsideMethod
 from haptic_driver.lab.psychophysics.quest_plus import QuestPlusMethod
 from tests.haptic_driver.lab.refusal import refused
@@ -95,17 +94,6 @@ def test_reversals_at_the_end_of_a_staircase_are_no_threshold():
             staircase.report(level, answers(level) or bool(rng.random() < 0.5))
     assert "lie at 0.5, the end of the staircase" in lost.at_end
     assert found.at_end == ""
-
-
-def test_constant_stimuli_come_as_often_as_each_other():
-    method, levels = ConstantMethod([0.1, 0.2, 0.3], 4, np.random.default_rng(1)), []
-    while (level := method.suggest()) is not None:
-        assert method.suggest() == level
-        levels.append(level)
-        method.report(level, True)
-    assert Counter(levels) == {0.1: 4, 0.2: 4, 0.3: 4}
-    assert all(sorted(levels[i : i + 3]) == [0.1, 0.2, 0.3] for i in range(0, 12, 3))
-    assert levels != sorted(levels[:3]) * 4
 
 
 def test_quest_plus_suggests_what_bayes_rule_written_out_suggests():
