@@ -4,7 +4,6 @@ any number.
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import subprocess
@@ -14,11 +13,12 @@ from pathlib import Path
 import pytest
 
 from tests.blind.evaluate import Answer, run
+from tests.blind.scores import CLEAR, hidden
 from tests.blind.sets_csv import write_csv
+from tests.haptic_driver.commands import rows_of
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.soak
-CLEAR = 75.0  # lambda from which an effect counts as clearly visible
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +47,6 @@ def pick(outcome, wanted) -> list[tuple[dict, Answer]]:
     return [(labels[name], got) for name, got in answers.items() if wanted(labels[name])]
 
 
-def names(label: dict) -> set[str]:
-    return {effect["name"] for effect in label["effects"]}
-
-
 @pytest.mark.timeout(600)
 def test_no_set_fails(outcome):
     answers, _ = outcome
@@ -76,16 +72,16 @@ def test_a_clearly_visible_effect_is_found_or_its_group(outcome):
     )
     assert len(clear) == 2
     missed = [
-        (names(label), got) for label, got in clear if not names(label) & {*got.names, *got.group}
+        (hidden(label), got) for label, got in clear if not hidden(label) & {*got.names, *got.group}
     ]
     assert missed == []
 
 
 def test_no_wrong_name_is_given(outcome):
     wrong = [
-        (names(label), got.names)
+        (hidden(label), got.names)
         for label, got in pick(outcome, lambda _: True)
-        if got.verdict == "effect_found" and not names(label) & set(got.names)
+        if got.verdict == "effect_found" and not hidden(label) & set(got.names)
     ]
     assert wrong == []
 
@@ -99,8 +95,7 @@ def test_strangers_are_unexplained(outcome):
 def test_every_set_has_a_row_with_what_was_hidden_and_said(outcome, tmp_path):
     answers, labels = outcome
     write_csv(tmp_path / "sets.csv", answers, labels, {})
-    with (tmp_path / "sets.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / "sets.csv")
     assert [row["set"] for row in rows] == sorted(answers)
     for row in rows:
         effects = labels[row["set"]]["effects"]

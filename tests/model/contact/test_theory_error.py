@@ -1,6 +1,5 @@
 """The contact theory's own error: its table against the committed comparison, and its use."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 
 from model.contact import theory_error
 from model.contact.theory_error import GAP_LENGTH_M, LOG_STD, PRESSURE_PA, theory_log_std
+from tests.haptic_driver.commands import rows_of
 
 TABLE = Path(__file__).parents[3] / "docs" / "validation.csv"
 EARLIER = (
@@ -22,8 +22,7 @@ def test_table_is_what_the_committed_comparison_found():
     """rms of log(solver/theory) at the finest grid, extrapolated to first order, or of the earlier
     comparison.
     """
-    with TABLE.open(newline="", encoding="utf-8") as file:
-        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    rows = [{key: float(value) for key, value in row.items()} for row in rows_of(TABLE)]
     wide = [row for row in rows if row["zeta1"] == 32]
     coarse, finest = sorted({row["points"] for row in wide})[-2:]
     for i, pressure in enumerate(PRESSURE_PA):

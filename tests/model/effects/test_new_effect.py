@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import re
@@ -18,6 +17,7 @@ import pytest
 
 from model import effects
 from model.effects import CATALOGUE
+from tests.haptic_driver.commands import rows_of
 
 pytestmark = pytest.mark.process
 
@@ -107,8 +107,7 @@ def done(folder):
 
 
 def cof_in(path: Path) -> np.ndarray:
-    with path.open(encoding="utf-8") as file:
-        return np.array([float(row["cof"]) for row in csv.DictReader(file)])
+    return np.array([float(row["cof"]) for row in rows_of(path)])
 
 
 def test_it_changes_what_is_predicted(done):

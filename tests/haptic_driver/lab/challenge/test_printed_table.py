@@ -1,6 +1,5 @@
 """The printed table of `docs/diagnosis-results.md` comes out of the challenge's own rules."""
 
-import csv
 import re
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from haptic_driver.lab.challenge.answers import Answer
 from haptic_driver.lab.challenge.own import VERDICTS
 from haptic_driver.lab.challenge.scores import Truth, scores
 from tests.blind.generator.effects import STRANGERS
+from tests.haptic_driver.commands import rows_of
 
 ROOT = Path(__file__).resolve().parents[4]
 SURE = 0.95  # what the page says that boosted trees name at
@@ -43,8 +43,7 @@ def printed(cell):
 
 @pytest.fixture(scope="module")
 def answered():
-    with (ROOT / "benchmarks" / "diagnosis.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+    return rows_of(ROOT / "benchmarks" / "diagnosis.csv")
 
 
 def truth_of(row):

@@ -18,7 +18,8 @@ from haptic_driver.rig.parts.cameras import SimulatedCameraConfig
 from hw.camera.contract import Frame
 from hw.camera.fingerprint import Optics, Touch, drawn
 from model.diagnosis.data import read_measurements
-from tests.haptic_driver.lab.measuring.test_run import hiding, table
+from tests.haptic_driver.commands import rows_of
+from tests.haptic_driver.lab.measuring.test_run import hiding
 from tests.haptic_driver.lab.measuring.test_run import measured as run_on
 
 CAMERA = SimulatedCameraConfig(kind="simulated", frames=2, interval_s=0.12)
@@ -37,7 +38,7 @@ def measured(out: Path, model, **changes: Any) -> list[dict[str, str]]:
     still = Scatter(session_gain=0.0, session_area=0.0, area_wobble=0.0)
     bench = SimulatedBench(config, model, seed=3, scatter=still)
     run_on(experiment, out, bench=bench)
-    return table(out)
+    return rows_of(out)
 
 
 def test_a_rig_with_a_camera_writes_the_area(tmp_path, model):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.lab.measuring.bench import Scatter, SimulatedBench
-from haptic_driver.lab.measuring.plan import Plan, Setting, load_plan
+from haptic_driver.lab.measuring.plan import Setting
 from haptic_driver.lab.measuring.run import Experiment, prepare
 from haptic_driver.rig.parts.electrode_monitors import E4980AConfig
 from haptic_driver.rig.states import RigState
@@ -18,8 +18,9 @@ from hw.impedance.e4980a import E4980A, LcrMeter
 from hw.monitor.contract import ElectrodeReading
 from hw.serving.memory import MemoryTransport
 from model.conditions import Conditions
+from tests.haptic_driver.commands import rows_of
+from tests.haptic_driver.lab.measuring.test_plan import plan_of
 from tests.haptic_driver.lab.measuring.test_run import measured as run_on
-from tests.haptic_driver.lab.measuring.test_run import table
 from tests.haptic_driver.lab.refusal import refused
 from tests.hw.testing.simulated_lcr_meter import SimulatedE4980A
 
@@ -43,17 +44,12 @@ STRAY_F = 300e-12  # of the shipped rig's leads
 STILL = Scatter(0.0, 0.02, area_wobble=0.0, session_area=0.0)
 
 
-def plan_of(folder: Path, text: str) -> Plan:
-    (folder / "plan.toml").write_text(text)
-    return load_plan(str(folder / "plan.toml"))
-
-
 def measured(
     experiment: Experiment, out: Path, bench: SimulatedBench | None = None
 ) -> list[dict[str, str]]:
     """The rows, by a bench without scatter between sessions where none is given."""
     run_on(experiment, out, STILL, bench)
-    return table(out)
+    return rows_of(out)
 
 
 def test_a_sweep_reads_what_the_model_says_of_the_electrode(config, model, tmp_path):

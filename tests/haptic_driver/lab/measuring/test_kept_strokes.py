@@ -23,7 +23,7 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.part import NoPart
 from hw.force.sensor import ForceReading
 from model.touch_model import TouchModel
-from tests.haptic_driver.lab.measuring.test_run import table
+from tests.haptic_driver.commands import rows_of
 from tests.haptic_driver.lab.strokes.stroke_files import ABOUT
 from tests.waiting import until
 
@@ -77,7 +77,7 @@ def kept(
 def slid(model, tmp_path_factory):
     """The bench, the strokes and the rows of one plan."""
     out = tmp_path_factory.mktemp("slid") / "data.csv"
-    return (*kept(load_rig("simulated"), model, plan(DRIVEN), out), table(out))
+    return (*kept(load_rig("simulated"), model, plan(DRIVEN), out), rows_of(out))
 
 
 def test_a_stroke_is_what_the_sensor_said(slid):
@@ -146,12 +146,12 @@ def test_a_killed_measure_leaves_what_was_whole_and_goes_on(tmp_path, monkeypatc
     child = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.DEVNULL)
     data, path = Path("data.csv"), Path("data.strokes.h5")
     try:
-        until(lambda: data.exists() and len(table(data)) >= 4)
+        until(lambda: data.exists() and len(rows_of(data)) >= 4)
         child.send_signal(signal.SIGKILL)
         child.wait(30.0)
     finally:
         child.kill()
-    done = len(table(data))
+    done = len(rows_of(data))
     assert 4 <= done < 600
     found = read_strokes(path).strokes
     # a stroke is written before its row, and the last line may be cut short
@@ -160,10 +160,10 @@ def test_a_killed_measure_leaves_what_was_whole_and_goes_on(tmp_path, monkeypatc
     assert all(one.samples.size > 50 for one in found)
     assert not path.exists()
     assert main(["export", str(path), "--out", "strokes.csv"]) == 0
-    assert len(table(Path("strokes.csv"))) == sum(one.samples.size for one in found)
+    assert len(rows_of(Path("strokes.csv"))) == sum(one.samples.size for one in found)
 
     def enough(self: SimulatedBench) -> ForceReading:
-        if len(table(data)) >= done + 2:
+        if len(rows_of(data)) >= done + 2:
             raise KeyboardInterrupt
         return read(self)
 
@@ -172,7 +172,7 @@ def test_a_killed_measure_leaves_what_was_whole_and_goes_on(tmp_path, monkeypatc
     assert main([*arguments, "--resume"]) == 1
     assert path.exists()
     assert not records.records_of(path).exists()
-    assert [s.row.row for s in read_strokes(path).strokes] == [*range(1, len(table(data)) + 1)]
+    assert [s.row.row for s in read_strokes(path).strokes] == [*range(1, len(rows_of(data)) + 1)]
 
 
 def test_a_stage_tells_where_the_finger_is_from_rest_to_the_end(model, tmp_path):

@@ -14,7 +14,8 @@ from haptic_driver.lab.measuring.simulated_stages import SimulatedStageBench
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.part import NoPart
 from model.conditions import Conditions
-from tests.haptic_driver.lab.measuring.test_run import measured, table
+from tests.haptic_driver.commands import rows_of
+from tests.haptic_driver.lab.measuring.test_run import measured
 from tests.haptic_driver.lab.measuring.test_stage_bench import SPEED_M_S, plan
 
 pytestmark = pytest.mark.timeout(300)
@@ -29,7 +30,7 @@ def test_a_simulated_rig_with_stages_measures_at_the_loads_of_a_plan(model, tmp_
     measured(experiment, tmp_path / "data.csv", bench=bench)
     assert isinstance(bench, SimulatedStageBench)
     assert bench.world.simulated.world.load_n == 0.0
-    found = table(tmp_path / "data.csv")
+    found = rows_of(tmp_path / "data.csv")
     assert len(found) == 2
     for row in found:
         load_n = float(row["normal_force_n"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from collections.abc import Callable
@@ -24,6 +23,7 @@ from hw.force.sensor import ForceReading
 from model.diagnosis.data import read_measurements
 from model.effects import BY_NAME
 from model.touch_model import TouchModel
+from tests.haptic_driver.commands import rows_of
 from tests.haptic_driver.lab.refusal import refused
 
 SAME_FINGER = Scatter(session_gain=0.0)
@@ -80,11 +80,6 @@ def failed(experiment: Experiment, bench: SimulatedBench, out: Path, code: str) 
     return data
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def residuals(path: Path, model: TouchModel) -> np.ndarray:
     data = read_measurements(path)
     c = data.columns
@@ -94,7 +89,7 @@ def residuals(path: Path, model: TouchModel) -> np.ndarray:
 def settings_of(path: Path) -> list[tuple[str, ...]]:
     return [
         tuple(row[c] for c in ("frequency_hz", "voltage_v", "normal_force_n", "session", "trial"))
-        for row in table(path)
+        for row in rows_of(path)
     ]
 
 
@@ -111,7 +106,7 @@ def test_waiting_until_it_is_time_counts_as_measuring(config, model):
 def test_data_have_the_contracts_columns_and_units(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     measured(experiment, tmp_path / "data.csv")
-    rows = table(tmp_path / "data.csv")
+    rows = rows_of(tmp_path / "data.csv")
     assert tuple(rows[0]) == COLUMNS
     assert len(rows) == len(experiment.rows) == 2 * (8 + 3)
     for row, expected in zip(rows, experiment.rows, strict=True):
@@ -158,7 +153,7 @@ def test_refused_points_are_reported_with_reasons_and_never_energised(config, mo
     assert "generator can make" in reasons[60.0, 0.5]
     bench = measured(experiment, tmp_path / "data.csv")
     assert bench.simulated.amplifier.max_voltage_v == pytest.approx(75.0, rel=1e-3)
-    assert {row["frequency_hz"] for row in table(tmp_path / "data.csv")} == {"0", "100", "250"}
+    assert {row["frequency_hz"] for row in rows_of(tmp_path / "data.csv")} == {"0", "100", "250"}
 
 
 def test_the_output_is_on_for_rows_with_voltage_only_and_held_through_each(config, model, tmp_path):
@@ -206,8 +201,8 @@ def test_a_killed_measurement_resumes_to_the_same_rows(config, model, tmp_path):
         with SimulatedBench(config, model, seed=experiment.seed, first_row=data.done) as rest:
             run(experiment, rest, data)
     assert settings_of(killed) == settings_of(whole)
-    assert [row["time_s"] for row in table(killed)] == [row["time_s"] for row in table(whole)]
-    cofs = [[float(row["cof"]) for row in table(path)] for path in (killed, whole)]
+    assert [row["time_s"] for row in rows_of(killed)] == [row["time_s"] for row in rows_of(whole)]
+    cofs = [[float(row["cof"]) for row in rows_of(path)] for path in (killed, whole)]
     ratio = np.divide(*cofs)
     np.testing.assert_allclose(ratio, 1.0, atol=0.01)  # the same finger; the sensor's noise is new
     assert not np.all(ratio[7:] == 1.0)
@@ -355,7 +350,7 @@ def test_a_row_whose_load_was_missed_is_measured_again(config, model, tmp_path):
     assert told == [f"row 1: the load was {0.7 * wanted:.3g} N, not {wanted:g} N; once more"] * (
         ATTEMPTS - 1
     )
-    for row in table(tmp_path / "data.csv"):
+    for row in rows_of(tmp_path / "data.csv"):
         assert float(row["measured_normal_force_n"]) == pytest.approx(
             float(row["normal_force_n"]), rel=0.01
         )
@@ -398,7 +393,7 @@ def test_a_row_whose_output_went_off_once_is_measured_again(config, model, tmp_p
     told: list[str] = []
     bench = Dozing(config, model, seed=1)
     measured(experiment, tmp_path / "data.csv", bench=bench, tell=told.append)
-    assert len(table(tmp_path / "data.csv")) == len(experiment.rows)
+    assert len(rows_of(tmp_path / "data.csv")) == len(experiment.rows)
     [said] = told
     assert re.fullmatch("row 2: the output went off.* not refreshed.*; once more", said)
 
@@ -415,7 +410,7 @@ def test_a_row_whose_output_was_lost_is_not_a_row(config, model, tmp_path):
     experiment = prepare(config, model, small_plan())
     bench = Jumping(config, model, seed=1)
     failed(experiment, bench, tmp_path / "stalled.csv", "output_lost")
-    assert all(float(row["voltage_v"]) == 0.0 for row in table(tmp_path / "stalled.csv"))
+    assert all(float(row["voltage_v"]) == 0.0 for row in rows_of(tmp_path / "stalled.csv"))
 
 
 def test_a_hidden_effect_need_not_say_what_is_usual(model):

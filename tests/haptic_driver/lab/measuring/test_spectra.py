@@ -4,7 +4,6 @@ not.
 
 from __future__ import annotations
 
-import csv
 import datetime
 import json
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 
 from haptic_driver.lab.measuring.data_file import COLUMNS, meta_path
 from haptic_driver.lab.measuring.spectra import mark_spectra, passes
+from tests.haptic_driver.commands import rows_of
 
 F = np.geomspace(10.0, 1e6, 21)
 W = 2 * np.pi * F
@@ -93,8 +93,7 @@ def written(path: Path, spectra: dict[str, np.ndarray], rows: int = 21) -> Path:
 
 
 def marks(path: Path) -> list[str]:
-    with path.open(newline="") as file:
-        return [row["kramers_kronig"] for row in csv.DictReader(file)]
+    return [row["kramers_kronig"] for row in rows_of(path)]
 
 
 def test_rows_are_marked_and_nothing_else_changes(tmp_path):

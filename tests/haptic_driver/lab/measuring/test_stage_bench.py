@@ -27,8 +27,8 @@ from haptic_driver.simulation.hand import CARRIED_N
 from haptic_driver.simulation.served import ServedRig
 from haptic_driver.simulation.twin import as_real
 from model.conditions import Conditions
+from tests.haptic_driver.commands import rows_of
 from tests.haptic_driver.config_texts import served_rig_text
-from tests.haptic_driver.lab.measuring.test_run import table
 from tests.haptic_driver.lab.refusal import refused
 from tests.haptic_driver.stand_ins import living_rig
 
@@ -190,7 +190,7 @@ def test_a_rigs_file_and_a_plan_are_all_it_takes(served, model, typed, capsys):
     assert "generator says off, amplifier disabled" in out
     assert off(served)
     assert served.amplifier.max_voltage_v == pytest.approx(75.0, rel=0.01)
-    rows = table(Path("data.csv"))
+    rows = rows_of(Path("data.csv"))
     assert [float(row["voltage_v"]) for row in rows] == [0.0, 75.0]
     conditions = Conditions(
         np.array([250.0, 250.0]),
