@@ -77,7 +77,9 @@ def printed_pressure(
 
 @pytest.mark.parametrize("name", FINGERS)
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_pressure_is_the_printed_one_at_its_own_total_pressure(published, reference, name, variant):
+def test_pressure_is_the_printed_one_at_its_own_total_pressure(
+    published, reference, scales_of, name, variant
+):
     model = published(name, absolute=variant == "published_absolute")
     length = reference[name]["contact_length_m"]
     f, v = (g.ravel() for g in np.meshgrid([1.0, 250.0, 1e3, 1e5], [0.02, 1.0, 75.0]))
@@ -92,10 +94,7 @@ def test_pressure_is_the_printed_one_at_its_own_total_pressure(published, refere
             else:
                 assert any(NEGATIVE in note for note in got.notes)
             continue
-        scale = model.description.values
-        pressure_scale = (
-            scale.effective_modulus_pa * scale.roll_off_wavenumber_per_m * scale.roughness_rms_m
-        )
+        pressure_scale = scales_of(model).pressure_pa
 
         def excess_n(p: float, force=force, scale=pressure_scale) -> float:
             return p * AREA_M2 * float(area_ratio(model.table.shape, (5e3 + p) / scale)) - force

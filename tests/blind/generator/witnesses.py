@@ -28,7 +28,6 @@ GAIN_SD = {
     "voltage": 0.01,
     "phase": 0.01,
 }
-WITNESSES = tuple(GAIN_SD)
 Truth = tuple[Hidden, ...]
 # a gain bent over frequency would show more by its bend than by itself, since sessions share gains
 BENDABLE = {effect.name for effect in ELECTRIC} - {"drive_gain_error"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import get_args
@@ -36,8 +35,6 @@ SHORT = {"m/s": "m_s"}  # as columns of data have it
 PAIRS = list(itertools.combinations(CATALOGUE, 2))
 ORDERED = {frozenset((kind.name, other)) for kind in CATALOGUE for other in kind.order_counts_with}
 STRENGTHS = np.linspace(-2.0, 2.0, 5)  # standard deviations of a prior
-
-Found = Callable[[tuple[Effect, ...], Conditions], tuple[np.ndarray, ...]]
 
 every_effect = pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
 every_parameter = pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from model.support.errors import ModelError
 
 FINGERS = ("reference", "table1")
 GAP_M = np.array([1e-8, 1e-6, 44e-6])
-KEY_HZ, KEY_V = 250.0, 75.0
+KEY_HZ = 250.0
 
 
 def gap_field(layers: Layers, gap_m: np.ndarray, rho1: np.ndarray, rho2: np.ndarray) -> np.ndarray:

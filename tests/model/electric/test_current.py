@@ -3,11 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model.electric.current import current_rms_a, sliding_admittance_per_m, stuck_admittance_per_m
+from model.electric.current import sliding_admittance_per_m
 from model.electric.dielectrics import EPS0
+from tests.model.touches import touches
 
-FINGERS = ("reference", "table1")
-LOG_U = np.arange(np.log(1e-12), np.log(60.0), 0.05)
 AREA_M2 = 1e-4
 frequencies = st.floats(-1.0, 6.0).map(lambda exponent: 10.0**exponent)
 
@@ -23,27 +22,13 @@ def layer_impedances(model, frequency_hz: float) -> tuple[complex, complex]:
     return insulator, v.skin_thickness_m / (jw * EPS0 * k_skin)
 
 
-@pytest.fixture(scope="module")
-def stuck_rms_a(scales_of, stack_of, circuit_of):
-    """Worst-case current at 30 V rms, A rms."""
-
-    def current(model, frequency_hz: float) -> float:
-        s = stack_of(model, np.array([frequency_hz]))
-        circuit = circuit_of(scales_of(model), [(s, np.array([900.0]))], np.array([5e3]))
-        rms_v = np.full((1, 1), 30.0)
-        return float(
-            current_rms_a(stuck_admittance_per_m(circuit), s.omega[:, None], rms_v, AREA_M2)[0]
-        )
-
-    return current
-
-
 @given(f=frequencies)
 @settings(max_examples=50)
-def test_stuck_current_is_limited_by_insulator_and_skin(models, stuck_rms_a, f):
+def test_stuck_current_is_limited_by_insulator_and_skin(models, f):
     model = models["reference"]
     expected = AREA_M2 * 30.0 / abs(sum(layer_impedances(model, f)))
-    assert stuck_rms_a(model, f) == pytest.approx(expected, rel=1e-12)  # rounding
+    found = model.predict(touches(f, 30.0 * 2.0**0.5)).stuck_current_rms_a[0]
+    assert found == pytest.approx(expected, rel=1e-12)  # rounding
 
 
 def test_a_touch_that_is_pulled_in_has_no_current(
