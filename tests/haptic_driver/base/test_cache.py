@@ -1,6 +1,5 @@
 import os
 import stat
-from pathlib import Path
 
 import pytest
 
@@ -23,12 +22,6 @@ def test_empty_variables_count_as_absent(monkeypatch, tmp_path):
     monkeypatch.setenv("HAPTIC_CACHE_DIR", "")
     monkeypatch.setenv("XDG_CACHE_HOME", "")
     assert cache_dir() == tmp_path / ".cache" / "haptic-driver"
-
-
-def test_asking_for_the_folder_creates_nothing(monkeypatch, tmp_path):
-    monkeypatch.setenv("HAPTIC_CACHE_DIR", str(tmp_path / "own"))
-    assert isinstance(cache_dir(), Path)
-    assert list(tmp_path.iterdir()) == []
 
 
 def mode(path) -> int:

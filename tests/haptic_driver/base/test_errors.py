@@ -45,17 +45,3 @@ def test_a_cause_is_told_by_its_class_and_by_the_exit_status(error, cause, statu
     assert isinstance(error, cause)
     assert error.exit_status == status
     assert message_of(error) == error.message
-
-
-def test_each_kind_keeps_its_code_words_and_hint():
-    assert ModelError("it is bad", "Mend it").content == {
-        "code": "bad_model",
-        "message": "it is bad",
-        "hint": "Mend it",
-    }
-    assert DeviceDisconnected("it is gone").content == {
-        "code": "device_disconnected",
-        "message": "it is gone",
-        "hint": "",
-    }
-    assert message_of(KeyError("x")) == "KeyError: 'x'"

@@ -21,8 +21,6 @@ LINES = [
     ("haptic solve --fr", {"--friction", "--frequency"}),
     ("haptic solve --policy min_", {"min_voltage", "min_current"}),
     ("haptic solve --model ref", {"reference"}),
-    ("haptic measure --plan vol", {"voltage_frequency"}),
-    ("haptic study fin", {"fingers"}),
     ("haptic demo --texture min", {"mine"}),
 ]
 

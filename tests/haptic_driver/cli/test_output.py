@@ -9,10 +9,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from haptic_driver.cli import doctor, output
+from haptic_driver.cli import output
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig.check import Check, CheckStatus
-from haptic_driver.rig.config import load_rig
 from tests.waiting import HANG_S
 
 pytestmark = pytest.mark.process
@@ -29,17 +27,6 @@ def test_brackets_and_colons_of_a_path_are_printed(haptic, surface_file, tmp_pat
     done = haptic("surface", "plot", "s.h5", "--out", "a[bold]:x:.png")
     assert done.status == 0
     assert done.out == "picture: a[bold]:x:.png\n"
-
-
-def test_hints_of_the_doctor_keep_their_brackets(capsys):
-    check = Check(
-        "force sensor",
-        CheckStatus.FAILED,
-        "there is none in the rig's file",
-        "add a section [force_sensor]",
-    )
-    doctor._show(load_rig("paper"), [check])
-    assert "[force_sensor]" in capsys.readouterr().out
 
 
 def test_an_error_is_printed_as_it_is(monkeypatch):
@@ -123,8 +110,7 @@ def test_a_letter_that_the_terminal_lacks_is_escaped(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("word", "where"),
-    [("off", "> /dev/full"), ("disarm", ">&-"), ("off", "> /dev/full 2> /dev/full")],
+    ("word", "where"), [("disarm", ">&-"), ("off", "> /dev/full 2> /dev/full")]
 )
 def test_what_was_done_is_done_whoever_reads_about_it(control, socket, word, where):
     done = shell(f"{SCRIPT} {word} --json {where}")

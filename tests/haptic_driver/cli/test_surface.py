@@ -41,14 +41,6 @@ def test_info_says_what_is_in_the_file(haptic, surface_path, surface_file):
     assert (said["model"], said["content_hash"]) == ("reference", surface_file.content_hash)
 
 
-def test_info_for_a_person(haptic, surface_path, surface_file):
-    done = haptic("surface", "info", surface_path)
-    assert "    frequency_hz: low 1, high 1e+06, count 200\n" in done.out
-    assert "{" not in done.out
-    assert "200 x 128 x 5 points of model 'reference'" in done.out
-    assert surface_file.content_hash in done.out
-
-
 def test_plot_writes_a_picture(haptic, surface_path, tmp_path):
     out = tmp_path / "s.png"
     done = haptic("surface", "plot", surface_path, "--out", out, "--normal-force", 0.5, "--json")

@@ -55,18 +55,6 @@ def test_check_says_what_is_in_reach(haptic, surface_path):
     assert high > 0.8
 
 
-def test_check_flags_what_is_out_of_reach(haptic, surface_path, own_configs):
-    (own_configs / "steep.csv").write_text("position_mm,cof\n0,0.3\n100,2.3\n")
-    (own_configs / "steep.toml").write_text('kind = "profile"\nfile = "steep.csv"\n')
-    command = ("texture", "check", "steep", "--surface", surface_path)
-    said = haptic(*command, "--json").said
-    low, high = said["reachable_cof"]
-    assert said["share_below"] == pytest.approx((low - 0.3) / 2.0, abs=0.002)  # one of 500 columns
-    assert said["share_above"] == pytest.approx((2.3 - high) / 2.0, abs=0.002)
-    assert said["flags"] == ["below_reach", "above_reach"]
-    assert "above_reach" in haptic(*command).out
-
-
 @pytest.mark.parametrize(
     ("rig", "verdict"), [("simulated", "out_of_reach"), ("simulated-envelope", "reached")]
 )

@@ -8,7 +8,6 @@ from rich.console import Console
 from haptic_driver.cli.watch import picture, sparkline
 from haptic_driver.daemon.messages import LoadPhase, LoadStatus
 from haptic_driver.daemon.web.frames import state_frame
-from tests.haptic_driver.daemon.bench_control import FIDELITY
 
 
 def test_watch_in_a_pipe_is_json_lines(haptic, socket):
@@ -41,14 +40,6 @@ def test_the_watch_picture_says_what_matters(control):
     assert "output ON" in shown(frame)
     assert "fault: by hand" in shown(frame, fault)
     assert "UNKNOWN" in shown(fault)
-
-
-def test_the_watch_picture_says_how_well_it_renders(control):
-    control.fidelity = FIDELITY
-    control.latency = {"latency_measured_s": 0.0123, "latency_error_s": 0.0002}
-    said = shown(frame_of(control))
-    assert FIDELITY.said[0] in said
-    assert "12.3 ms measured, 10.0 ms by the rig's file" in said
 
 
 def test_sparkline():

@@ -87,25 +87,15 @@ def test_osc_messages_are_read_by_an_osc_parser(shared):
     assert json.loads(event.params[3]) == {"trial": 1}
 
 
-@pytest.mark.parametrize(
-    "address", ["9000", "127.0.0.1:", "127.0.0.1:x", ":9000", "127.0.0.1:0", "127.0.0.1:70000"]
-)
+@pytest.mark.parametrize("address", ["127.0.0.1:x", "127.0.0.1:0", "127.0.0.1:70000"])
 def test_a_bad_osc_address_is_refused(address):
     with pytest.raises(BadInputError, match="is no HOST:PORT"):
         OscOutlet(address)
 
 
-def test_a_host_that_nobody_knows_is_named():
-    pytest.importorskip("pythonosc.udp_client", reason="python-osc is not installed")
-    with pytest.raises(BadInputError, match=r"no host 'nowhere\.invalid' is known") as unknown:
-        OscOutlet("nowhere.invalid:9000")
-    assert "Check the name" in unknown.value.hint
-
-
 @pytest.mark.parametrize(
     ("said", "label"),
     [
-        ("trial 7", "trial 7"),
         ("a\n2026-01-01 12:00:00,000 haptic_driver.daemon: fault", None),
         ("\x1b[2J", "\\x1b[2J"),
         ("", "(nothing)"),

@@ -51,13 +51,7 @@ def test_pats_only_while_ticks_advance(heard, monkeypatch):
 
 @pytest.mark.parametrize(
     ("microseconds", "pid", "period_s"),
-    [
-        ("30000000", None, 15.0),
-        ("30000000", "1", None),
-        ("", None, None),
-        ("0", None, None),
-        ("soon", None, None),
-    ],
+    [("30000000", None, 15.0), ("30000000", "1", None), ("soon", None, None)],
 )
 def test_the_watchdog_is_patted_twice_as_often_as_asked(monkeypatch, microseconds, pid, period_s):
     monkeypatch.setenv("WATCHDOG_USEC", microseconds)
@@ -67,7 +61,7 @@ def test_the_watchdog_is_patted_twice_as_often_as_asked(monkeypatch, microsecond
     assert watchdog_period_s() == period_s
 
 
-@pytest.mark.parametrize("address", [None, "", "/none/notify", "nowhere"])
+@pytest.mark.parametrize("address", [None, "/none/notify"])
 def test_without_systemd_nothing_happens(monkeypatch, address):
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     if address is not None:

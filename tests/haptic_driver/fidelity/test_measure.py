@@ -1,7 +1,6 @@
 """The measure of fidelity, on strokes of which everything is known."""
 
 import math
-from dataclasses import asdict
 from itertools import pairwise
 
 import numpy as np
@@ -22,18 +21,6 @@ WAVY = 0.65 + 0.05 * np.sin(math.tau * 20.0 * TIME_S) + 0.03 * np.sin(math.tau *
 
 def measured(*strokes, **how):
     return fidelity_of(strokes, TICK_S, PERCEPTION, **how)
-
-
-def test_what_is_felt_as_asked_is_perfect():
-    found = measured(stroke_of(WAVY, WAVY))
-    assert found.sliding_time_s == pytest.approx(4.0)
-    assert (found.reachable_share, found.share_within_5_percent) == (1.0, 1.0)
-    assert found.relative_error_rms == pytest.approx(0.0, abs=1e-12)
-    assert found.cof_error_rms == pytest.approx(0.0, abs=1e-12)
-    assert found.share_above_jnd == 0.0
-    assert found.correlation == pytest.approx(1.0)
-    assert found.best_lag_s == pytest.approx(0.0, abs=1e-6)
-    assert not any(found.bands_felt)
 
 
 @pytest.mark.parametrize(("gain", "within", "above"), [(1.04, 1, 0), (1.06, 0, 0), (0.88, 0, 1)])
@@ -69,15 +56,6 @@ def test_only_reachable_targets_count_for_the_score_but_a_finger_feels_all():
     # 5 of 600 are averaged with what is out of reach; one twelfth of the window is 4.5 %.
     assert found.share_within_5_percent == pytest.approx(1.0, abs=0.01)
     assert found.share_above_jnd == pytest.approx(0.4, abs=0.01)
-
-
-def test_without_anything_within_reach_there_is_no_score():
-    found = measured(stroke_of(WAVY, WAVY, reachable=np.zeros(4000, bool)))
-    assert found.reachable_share == 0.0
-    assert found.share_within_5_percent is None
-    assert found.relative_error_rms is None
-    assert found.constant_cof is None
-    assert found.share_above_jnd == 0.0
 
 
 @given(asked=st.lists(st.floats(0.3, 1.5), min_size=1, max_size=40), other=st.floats(0.3, 1.5))
@@ -135,14 +113,6 @@ def test_the_noise_of_the_sensor_is_not_felt():
     assert True not in measured(stroke, noise_n=noise_n).bands_felt
 
 
-def test_the_best_lag_is_told_with_its_correlation():
-    slow = np.convolve(rough(4.02, 6), np.ones(20) / 20.0, mode="valid")[:4001]
-    found = measured(stroke_of(slow[12:4000], slow[:3988]))
-    assert found.best_lag_s == pytest.approx(0.012, abs=0.1e-3)
-    assert found.correlation_at_best_lag == pytest.approx(1.0)
-    assert found.correlation < 0.7
-
-
 def test_strokes_do_not_meet_when_lags_are_tried():
     asked = rough(1.0, 7)
     parts = [slice(0, 300), slice(300, 600), slice(600, 1000)]
@@ -150,14 +120,6 @@ def test_strokes_do_not_meet_when_lags_are_tried():
     assert apart.best_lag_s == pytest.approx(0.005, abs=0.1e-3)
     # Only the five ticks that were rolled round the end of each stroke do not fit.
     assert apart.correlation_at_best_lag == pytest.approx(1.0)
-
-
-def test_a_constant_target_has_no_correlation_and_no_bands():
-    found = measured(stroke_of(np.full(3000, 0.6), rough(3.0, 8, rms=0.01)))
-    assert found.correlation is None
-    assert found.best_lag_s is None
-    assert found.band_gain == [None] * 9
-    assert found.constant_share_within_5_percent == 1.0
 
 
 def test_unknown_ticks_count_for_nothing():
@@ -176,17 +138,6 @@ def test_strokes_of_one_tick_are_measured_as_far_as_they_go():
     assert found.share_within_5_percent == pytest.approx(2.0 / 3.0)
     assert found.band_gain == [None] * 9
     assert found.best_lag_s is None
-
-
-def test_without_sliding_nothing_is_told():
-    found = measured()
-    assert found.sliding_time_s == 0.0
-    told = asdict(found)
-    empty = ("reachable_share", "share_within_5_percent", "relative_error_rms", "cof_error_rms")
-    empty += ("constant_cof", "correlation", "best_lag_s", "share_above_jnd")
-    assert [told[name] for name in empty] == [None] * len(empty)
-    assert found.bands_felt == [None] * 9
-    assert found.bands_within(0.8, 1.2) == [None] * 9
 
 
 @given(

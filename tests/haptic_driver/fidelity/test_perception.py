@@ -82,15 +82,10 @@ def test_a_lab_gives_forces_of_its_own(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("relative = 0.15", "relative = 15.0", "friction_jnd.relative"),
         ("relative = 0.15", "relative = 0.25", "between relative_low and relative_high"),
         ('read = "full"', 'read = "memory"', "needs unverified = true"),
-        ('read = "full"', 'read = "skimmed"', "friction_jnd.read"),
         ("frequency_hz = 200.0", "frequency_hz = 50.0", "must rise"),
-        ("force_peak_n = 1e-3", "force_peak_n = 1e3", "force_peak_n"),
         ('kind = "force"', 'kind = "displacement"', "finger is missing"),
-        ('kind = "force"', 'kind = "voltage"', "detection.kind is 'voltage'"),
-        ("spread_factor = 2.0", "spread_factor = 0.5", "spread_factor"),
         ('source = "our lab"\n', "", "source is missing"),
     ],
 )

@@ -119,7 +119,3 @@ def test_a_gain_that_noise_hides_is_not_told_but_one_of_nothing_is():
     still = spectra_of((asked, np.full(2000, 0.6)))
     assert still.gain[:7] == pytest.approx(0.0, abs=1e-9)
     assert still.coherence[:7] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_no_strokes_no_spectra():
-    assert all(np.isnan(values).all() for values in band_spectra([], TICK_S))

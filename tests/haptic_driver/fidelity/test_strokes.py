@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptic_driver.fidelity.sliding import runs
-from haptic_driver.fidelity.strokes import Stroke, known_pieces, moving_average, without_line
+from haptic_driver.fidelity.strokes import known_pieces, moving_average, without_line
 from tests.haptic_driver.fidelity.strokes_of import stroke_of
 
 FRICTIONS = st.lists(st.floats(0.2, 2.0), min_size=1, max_size=60)
@@ -52,9 +52,3 @@ def test_a_stroke_is_cut_where_target_or_forces_are_unknown():
     pieces = known_pieces([stroke])
     assert [piece.asked_cof.size for piece in pieces] == [1, 2, 2, 1]
     assert all(np.isfinite(piece.felt_cof).all() for piece in pieces)
-
-
-def test_arrays_of_different_length_are_refused():
-    stroke = Stroke(np.ones(3), np.ones(3), np.ones(2), np.ones(3, bool))
-    with pytest.raises(ValueError, match="four arrays of the same length"):
-        known_pieces([stroke])

@@ -85,10 +85,6 @@ def test_it_says_where_and_how_much(rng):
     assert low[0].share == pytest.approx(-0.08, abs=0.03)
 
 
-def test_the_gain_of_a_finger_is_no_disagreement(rng):
-    assert alarms(windows(rng, 1200.0, gain=0.2)) == []
-
-
 def test_the_map_shows_what_is_off(rng):
     agreement = Agreement()
     for window in windows(rng, 1800.0, lambda window: 0.06 * (window.normal_force_n > 0.7072)):

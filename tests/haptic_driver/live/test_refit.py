@@ -84,11 +84,6 @@ def test_a_moist_finger_is_followed_to_a_carrier_that_was_not_used(moist, descri
     assert moist.model.parameters["cof_off"].value == pytest.approx(MOIST["mu_off"], rel=0.01)
 
 
-def test_it_says_how_much_better_and_what_changed(moist):
-    assert "over 30 unseen rows" in moist.said
-    assert "skin hydration +" in moist.said
-
-
 def test_a_finger_that_the_model_describes_is_left_alone(rng, description):
     found = attempt(rows(rng, 200, 0.0), rows(rng, 30, 20.0), description, description)
     assert found.model is None

@@ -77,11 +77,6 @@ def test_the_hash_changes_with_the_model_and_not_with_the_day(small_file):
     assert replace(small_file, provenance=later).content_hash == small_file.content_hash
 
 
-def test_the_hash_does_not_depend_on_memory_layout(small_file):
-    turned = replace(small_file, cof=np.asfortranarray(small_file.cof))
-    assert turned.content_hash == small_file.content_hash
-
-
 def test_attributes_are_strings_and_floats_so_that_matlab_reads_them(written):
     with h5py.File(written, "r") as file:
         assert set(file.attrs) >= {"format", "format_version", "content_hash", "provenance"}
@@ -125,13 +120,9 @@ def opened(change):
     [
         (lambda path: path.unlink(), "surface_not_found"),
         (lambda path: path.unlink() or path.mkdir(), "surface_not_found"),
-        (lambda path: path.write_bytes(b"frequency_hz,cof\n"), "surface_corrupt"),
         (lambda path: os.truncate(path, path.stat().st_size // 2), "surface_corrupt"),
         (opened(lambda file: file.attrs.pop("format")), "surface_foreign"),
         (opened(lambda file: file.attrs.__setitem__("format_version", 2.0)), "surface_version"),
-        (opened(lambda file: file.attrs.pop("format_version")), "surface_corrupt"),
-        (opened(lambda file: file.attrs.pop("content_hash")), "surface_corrupt"),
-        (opened(lambda file: file.attrs.__setitem__("provenance", "{")), "surface_corrupt"),
         (opened(lambda file: file.pop("cof")), "surface_corrupt"),
     ],
 )

@@ -7,7 +7,6 @@ import pytest
 
 from haptic_driver.errors import HapticError
 from haptic_driver.lab.measuring.data_file import measured_frame, meta_path
-from haptic_driver.lookup.labelled import unit_of
 from haptic_driver.processes.samples import SAMPLE
 from haptic_driver.recording.read import Run
 
@@ -71,20 +70,6 @@ def test_a_measured_table_has_phasors_and_what_its_sidecar_says(tmp_path):
         frame.attrs["units"] | {"current": "A", "current_phase_rad": "rad", "cof": "1"}
         == frame.attrs["units"]
     )
-
-
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        ("slew_v_per_s", "V/s"),
-        ("voltage_v", "V"),
-        ("current_rms_a", "A"),
-        ("position_x_m", "m"),
-        ("cof", "1"),
-    ],
-)
-def test_units_stand_in_the_names(name, unit):
-    assert unit_of(name) == unit
 
 
 @pytest.mark.parametrize(("package", "method"), [("pandas", "to_frame"), ("xarray", "to_xarray")])

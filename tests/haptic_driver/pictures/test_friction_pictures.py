@@ -4,36 +4,15 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from haptic_driver.errors import BadInputError, HapticError
-from haptic_driver.pictures.friction_pictures import draw_slide, draw_surface
-from haptic_driver.rig.slide import Slide
+from haptic_driver.errors import BadInputError
+from haptic_driver.pictures.friction_pictures import draw_surface
 from model.conditions import Conditions
-from tests.haptic_driver.slide_records import made_record, made_samples
 
 
 def assert_picture(path):
     pixels = matplotlib.image.imread(path)
     assert min(pixels.shape[:2]) > 300
     assert pixels[..., :3].std() > 0.01  # not one flat colour
-
-
-def test_a_slide(tmp_path):
-    draw_slide(made_record(300), "grating", tmp_path / "slide.png")
-    assert_picture(tmp_path / "slide.png")
-
-
-def test_a_slide_without_contact_is_drawn_without_a_warning(tmp_path):
-    nothing, time = np.zeros(300, bool), np.arange(300) * 1e-3
-    lifted = made_record(
-        300,
-        slide=Slide("lifted", time, 0.05 * time, np.zeros(300)),
-        samples=made_samples(300, measured_cof=np.nan, in_contact=0),
-        voltage_v=np.zeros(300),
-        off_screen=~nothing,
-        max_voltage_v=0.0,
-    )
-    draw_slide(lifted, "grating", tmp_path / "slide.png")
-    assert_picture(tmp_path / "slide.png")
 
 
 @pytest.mark.parametrize("asked_n", [0.1, 2.0])
@@ -72,26 +51,3 @@ def test_a_force_off_the_surface(small_file, tmp_path, force_n):
         draw_surface(small_file, force_n, tmp_path / "surface.png")
     assert refused.value.code == "out_of_range"
     assert "0.1 to 2 N" in refused.value.hint
-
-
-@pytest.mark.parametrize("name", ["surface.xyz", "surface", "folder"])
-def test_a_name_that_no_picture_has(small_file, tmp_path, name):
-    """matplotlib would write surface.png, and the user look for surface."""
-    (tmp_path / "folder").mkdir()
-    with pytest.raises(BadInputError) as refused:
-        draw_surface(small_file, 0.5, tmp_path / name)
-    assert refused.value.code == "bad_ending"
-    assert name in refused.value.message
-    assert ".png" in refused.value.hint
-    assert [p.name for p in tmp_path.iterdir()] == ["folder"]
-
-
-@pytest.mark.parametrize("name", ["folder.png", "file/surface.png"])
-def test_a_picture_that_cannot_be_written(small_file, tmp_path, name):
-    (tmp_path / "folder.png").mkdir()
-    (tmp_path / "file").write_text("")
-    with pytest.raises(HapticError) as failed:
-        draw_surface(small_file, 0.5, tmp_path / name)
-    assert failed.value.code == "not_written"
-    assert failed.value.exit_status == 1
-    assert name in failed.value.message

@@ -5,8 +5,6 @@ import pytest
 
 from haptic_driver.errors import BadInputError
 from haptic_driver.pictures.saving import saved
-from haptic_driver.pictures.textures import preview
-from haptic_driver.render.texture import Uniform
 
 
 @pytest.fixture(autouse=True)
@@ -58,8 +56,3 @@ def test_a_name_is_drawn_as_it_stands_and_is_no_formula(tmp_path, name, ending):
     assert axes.get_title().isprintable()
     assert not axes.title.get_parse_math()
     assert axes.get_xmajorticklabels()[2].get_parse_math()  # 10 to a power is a formula
-
-
-def test_a_texture_of_any_name_is_previewed(tmp_path):
-    preview(Uniform(0.6), tmp_path / "x.png", r"caf\udce9: $\frac{ 5 $")
-    assert (tmp_path / "x.png").stat().st_size > 0

@@ -29,18 +29,6 @@ def test_a_late_instant_is_served_at_once_with_its_lateness():
     assert due.lateness_s == pytest.approx(0.25)
 
 
-def test_missed_instants_are_counted_and_left_out():
-    clock = ManualClock(100.0)
-    beat = metronome(clock)
-    beat.wait()
-    clock.now_s += 5.1
-    due = beat.wait()
-    assert (due.number, due.missed) == (11, 9)
-    following = beat.wait()
-    assert (following.number, following.missed) == (12, 0)
-    assert following.due_s == pytest.approx(106.0)
-
-
 @given(st.lists(st.floats(0.0, 3.0), max_size=50))
 def test_every_instant_is_served_once_or_missed_once(work_s):
     clock = ManualClock(100.0)
@@ -79,24 +67,6 @@ def test_an_instant_is_rehearsed_while_awake_before_it_and_never_late():
     clock.now_s = late.due_s + 1e-3 - 100e-6
     assert beat.wait(rehearse).lateness_s >= 0.0
     assert len(rehearsed) == 4, "too late for one that has everything to fetch"
-
-
-def test_who_has_nothing_to_rehearse_sleeps_until_the_instant():
-    clock = ManualClock(100.0)
-    slept = []
-    beat = Metronome(
-        1e-3,
-        spin_s=real_time.SPIN_S,
-        clock=clock,
-        sleep_until=lambda s: (slept.append(s), clock.sleep_until(s)),
-    )
-    assert beat.wait().due_s == slept[-1]
-    assert (
-        beat.wait(
-            lambda due: None if clock.now_s > due.due_s else clock.sleep_until(due.due_s)
-        ).due_s
-        > slept[-1]
-    )
 
 
 def test_sleep_until_never_returns_early():

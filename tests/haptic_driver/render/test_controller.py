@@ -127,24 +127,6 @@ def test_fixed_frequency_is_exactly_the_one_asked_for(surface, touch, frequency)
     assert answer.cof[0] == pytest.approx(target, rel=1e-3)  # the inversion's promise
 
 
-def test_the_bands_end_exactly_where_they_say(make_file):
-    """Each node below 10 kHz and below 100 Hz is better than all above it, and is not taken."""
-    frequency = 99.0 * (10_050.0 / 99.0) ** (
-        np.arange(7) / 6.0
-    )  # 99 Hz, 214 Hz ... 4657 Hz, 10050 Hz
-    rise = np.broadcast_to(np.linspace(2e-4, 1e-4, 7)[:, None], (7, 4))
-    file = make_file(frequency, np.geomspace(0.1, 2.0, 4), np.linspace(0.0, 100.0, 11), rise)
-    near = make_file(frequency * (9_900.0 / 10_050.0), file.normal_force_n, file.voltage_v, rise)
-    wide = OperatingLimits(1e3, 1.0, 1e6, contact_current_a_rms=((1.0, 1.0),))
-    surface = ready_for_lookup(file, wide)
-    assert ask(make(surface, "carrier"), 0.7)[1].frequency_hz == pytest.approx(
-        10_050.0, rel=ON_SURFACE
-    )
-    assert ask(make(surface), 0.7)[1].frequency_hz == pytest.approx(frequency[1], rel=ON_SURFACE)
-    with pytest.raises(BadInputError):
-        make(ready_for_lookup(near, wide), "carrier")  # its last node is 9.9 kHz
-
-
 @pytest.mark.parametrize("policy", CHOOSING)
 @pytest.mark.parametrize("force", [0.2, 0.5, 1.5])
 def test_reachable_is_what_the_policy_reaches(controllers, brute_force, grid, policy, force):
@@ -220,16 +202,6 @@ def test_a_varying_target_under_a_noisy_finger_does_not_hop(surface, rng):
     assert count_changes(make(surface, "min_voltage"), targets, forces) <= 2
 
 
-@pytest.mark.parametrize("policy", ["max_authority", "min_voltage", "min_current"])
-def test_the_frequency_moves_when_only_another_reaches_the_target(controllers, policy):
-    stuck_at = ControllerState(1e3)
-    controller = controllers[policy]
-    state, point = ask(controller, 0.9, state=stuck_at)
-    assert point.reachable
-    assert point.cof == pytest.approx(0.9, abs=ON_SURFACE)
-    assert state.frequency_hz == point.frequency_hz < 500.0
-
-
 def reaching(voltage_v=50.0, current_a=1e-4, high=1.0, rank=1.0):
     """What a frequency that reaches a friction of 0.7 from one of 0.5 takes for it."""
     return Candidate(rank, Inverse(voltage_v, 0.7, current_a, current_a, 0.5, high))
@@ -242,17 +214,10 @@ def reaching(voltage_v=50.0, current_a=1e-4, high=1.0, rank=1.0):
         (VOLTAGE, reaching(10.0), reaching(10.6), True),
         (VOLTAGE, reaching(0.1), reaching(0.9), False),  # either is next to nothing
         (CURRENT, reaching(10.0, 1e-4), reaching(10.0, 1.06e-4), True),
-        (CURRENT, reaching(10.0, 1e-7), reaching(90.0, 9e-7), False),
         (AUTHORITY, reaching(high=1.0), reaching(high=0.9), True),
         # neither reaches: the one that comes nearer
-        (VOLTAGE, reaching(high=0.69), reaching(high=0.6), True),
-        (AUTHORITY, reaching(high=0.69, rank=2.0), reaching(high=0.6), True),
-        # a rank comes before cost and authority, by more than the hysteresis
         (AUTHORITY, reaching(high=0.8), reaching(high=1.0, rank=1.06), True),
         (AUTHORITY, reaching(high=1.0), reaching(high=0.8, rank=1.04), False),
-        (VOLTAGE, reaching(90.0), reaching(10.0, rank=2.0), True),
-        (AUTHORITY, reaching(high=1.0, rank=2.0), reaching(high=0.69), True),  # out of reach
-        # nor to where the target is at the limit, beyond which the carrier would have to move back
         (AUTHORITY, reaching(high=0.709), reaching(high=1.0, rank=2.0), False),
         (AUTHORITY, reaching(high=0.711), reaching(high=1.0, rank=2.0), True),
         # no rank of its own: as if it were as good a one

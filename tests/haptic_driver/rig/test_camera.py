@@ -27,7 +27,6 @@ def with_camera(**section: object) -> RigConfig:
     [
         ({"kind": "webcam"}, "webcam"),
         ({"kind": "simulated", "scale_m_per_pixel": 0.021}, "scale_m_per_pixel"),
-        ({"kind": "simulated", "frames": 0}, "frames"),
     ],
 )
 def test_what_a_file_may_not_say(section, said):

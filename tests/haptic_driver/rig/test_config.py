@@ -135,32 +135,16 @@ def test_the_interlocks_port_is_not_the_watchdogs(tmp_path):
             "did you mean 'keysight_33500'? Installed: agilent_33220a, ",
         ),
         (MODEL, 'model = "siglent_sdg"', "siglent_sdg is not modulated from outside by its driver"),
-        ("gain_v_per_v", 'kind = "digital"\ngain_v_per_v', "amplifier"),
         ("period_s = 0.5", "period_s = 0.4", "watchdog.period_s 0.4 is below safety.lease_s 0.5"),
         ("zero_level_v = -5.0", "zero_level_v = 0.0", "at 0 V the amplitude is half"),
-        ("zero_level_v = -5.0", "zero_level_v = -6.0", "low_v <= zero_level_v"),
         ("monitor_window_s = 0.02", "monitor_window_s = 0.002", "would miss the peak"),
         ("monitor_window_s = 0.02", "monitor_window_s = 0.2", "not below safety.settle_s"),
         ("[10.0, 8e3] ", "[10.0, 10e3] ", "let it end at 8000, or sample at 25000 or faster"),
-        ("sample_rate_hz = 20e3  ", "sample_rate_hz = 19e3  ", "aliases carriers above 7600 Hz"),
-        (
-            "[[1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0]]",
-            "[[1e-5, 0.0], [0.0, 1e-5]]",
-            "finger_tracker.matrix_m",
-        ),
         ("voltage_v = 100.0", "voltage_v = 800.0", "above amplifier.voltage_limit_v"),
-        (RESOURCE, 'resource = "TCPIP::192.168.0.5::5025::SOKET"', "TCPIP::host::port::SOCKET"),
         (RESOURCE, 'resource = "simulated"', "disagree about whether this rig is simulated"),
         ('kind = "net_ft"', 'kind = "simulated"', "force_sensor"),
         ('kind = "net_ft"', 'kind = "netft"', "force_sensor.kind is 'netft'"),
-        ('kind = "evdev" ', 'kind = "evdv" ', "finger_tracker.kind is 'evdv'"),
         ('kind = "evdev" ', "", "finger_tracker.kind is missing"),
-        ('host = "192.168.1.1"', "", "force_sensor.host is missing"),
-        ("port = 49152", "port = 70000", "force_sensor.port"),
-        ('normal_axis = "-z"', 'normal_axis = "up"', "force_sensor.normal_axis"),
-        ("lease_s = 0.5  ", "lease_s = 0.0  ", "safety.lease_s"),
-        ('range_policy = "fixed"', 'range_policy = "best"', "waveform_generator.range_policy"),
-        ("measured_by = ", "measured_at = 2025\nmeasured_by = ", "limits.measured_at"),
         ('terminal = "DIFF" ', 'terminals = {"Dev1/ai5" = "RSE"} ', "Dev1/ai5 is read by nothing"),
         ('current_monitor = "Dev1/ai7"', 'current_monitor = "Dev3/ai0"', "clocks of their own"),
         (RESOURCE, 'resource = "card:ni:Dev1/ao0"', "agilent_33220a makes its carrier itself"),
@@ -171,26 +155,6 @@ def test_what_cannot_be_is_named(tmp_path, old, new, words):
     error = refused(rig_file(tmp_path, (old, new)))
     assert words in error.message
     assert error.hint
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "key", "offered"),
-    [
-        ("counts_per_n = ", "count_per_n = ", "force_sensor.count_per_n", "counts_per_n"),
-        (
-            "full_scale_v = ",
-            "fullscale_v = ",
-            "waveform_generator.modulation_input.fullscale_v",
-            "full_scale_v",
-        ),
-    ],
-)
-def test_an_unknown_key_is_named_with_the_nearest_also_inside_variants(
-    tmp_path, old, new, key, offered
-):
-    error = refused(rig_file(tmp_path, (old, new)))
-    assert f"unknown key '{key}'" in error.message
-    assert f"'{offered}'" in error.hint
 
 
 def test_a_channel_without_a_card_is_refused(tmp_path):

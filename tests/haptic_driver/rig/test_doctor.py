@@ -137,16 +137,6 @@ class Stranger:
         return b"ACME,4711,1,1\n"
 
 
-def test_an_absent_rig_fails_device_by_device_with_hints(rig_config, touch):
-    """Every device is asked, whatever the others say."""
-    with ServedRig(as_real(rig_config), touch) as served:
-        config = served.config
-    checks = examine(config, TODAY)
-    failed = {check.name for check in checks if check.status is CheckStatus.FAILED}
-    assert {"waveform generator", "interlock", "force sensor", "stage"} <= failed
-    assert all(check.hint for check in checks if check.status is CheckStatus.FAILED)
-
-
 @pytest.mark.parametrize(
     ("today", "status"),
     [

@@ -37,8 +37,6 @@ def rig_with(**section: object) -> RigConfig:
     ("section", "codes", "said"),
     [
         ({"kind": "smoke"}, {}, "smoke"),
-        ({"kind": "simulated", "pulse_s": 0.0}, {}, "pulse_s"),
-        ({"kind": "simulated"}, {"touch": 256}, "touch"),
         ({"kind": "simulated"}, {"answer": 250}, "answer"),
         ({"kind": "simulated"}, {"touches": 1}, "touches"),
     ],

@@ -43,9 +43,6 @@ def rig_with(**section: object) -> RigConfig:
     [
         ({"kind": "ni", "line": "Dev1/port0/line8"}, r"line_in\.kind disagree"),
         ({"kind": "simulated", "start": "output"}, "start"),
-        ({"kind": "simulated", "low_s": 0.0}, "low_s"),
-        ({"kind": "simulated", "code": 256}, "code"),
-        ({"kind": "parallel_port", "pin": 2}, "pin"),
     ],
 )
 def test_what_a_file_may_not_say(section, said):

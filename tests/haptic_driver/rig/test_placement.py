@@ -6,9 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from haptic_driver.daemon.set_up import placement_of
 from haptic_driver.render.finger import FingerSettings
-from haptic_driver.rig.config import load_rig
 from haptic_driver.rig.parts.finger_trackers import EvdevFingerConfig, Reports
 from haptic_driver.rig.placement import placement
 
@@ -54,10 +52,3 @@ def test_a_panel_is_told_by_its_rate_and_its_counts():
     assert found.jitter_s == pytest.approx(np.std(np.linspace(0.0, 0.02, 100_001)), rel=1e-3)
     known = panel.model_copy(update={"report_jitter_s": 0.001})
     assert known.reports().jitter_s == 0.001
-
-
-def test_an_envelope_places_nearer_than_set_points():
-    near, far = (
-        placement_of(load_rig(name), 0.05).median_m for name in ("simulated-envelope", "simulated")
-    )
-    assert near < far / 5.0

@@ -152,15 +152,6 @@ def test_a_wobble_below_the_contact_threshold_keeps_the_output_at_its_lowest(
     assert score(record).contact_time_s == 0.0
 
 
-def test_lifting_takes_the_voltage_to_its_lowest(stages, rig_config, touch):
-    slide = press()
-    slide.normal_force_n[300:] = 0.0
-    with SimulatedRig(rig_config, touch) as bench:
-        record = render_slide(slide, GRATING, stages(GRATING), bench, lambda _: None)
-    assert record.voltage_v[299] > 50.0
-    assert record.voltage_v[300 + FALL_TICKS :].max() <= 1.001 * record.lowest_voltage_v
-
-
 def test_a_finger_that_stays_away_lets_the_output_go_off(stages, rig_config, touch):
     output = rig_config.output.model_copy(update={"linger_s": 0.1})
     slide = press(0.5)

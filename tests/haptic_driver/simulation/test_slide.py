@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptic_driver.errors import BadInputError
-from haptic_driver.rig.slide import Slide, read_slide, synthetic_slide
+from haptic_driver.rig.slide import read_slide, synthetic_slide
 from haptic_driver.simulation.slide import score
 from tests.haptic_driver.slide_records import made_record, made_samples
 
@@ -110,12 +110,6 @@ def test_the_synthetic_slide_is_what_it_says():
     assert 0.4 < slide.normal_force_n[pressed].mean() < 0.6
     assert (slide.normal_force_n[(slide.time_s > 3.1) & (slide.time_s < 3.4)] == 0.0).all()
     assert slide.normal_force_n.min() >= -1e-12
-
-
-def test_speed_is_that_of_a_steady_slide():
-    time = np.arange(0.0, 0.2, 1e-3)
-    slide = Slide("steady", time, -0.03 * time, np.ones(200))
-    np.testing.assert_allclose(slide.speed_m_s[10:-10], -0.03, rtol=1e-9)
 
 
 # --- score

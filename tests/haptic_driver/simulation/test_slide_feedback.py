@@ -145,21 +145,6 @@ def test_attraction_alone_may_be_off(render, rise_gain):
     assert error[seen].max() <= OVERSHOOT
 
 
-def test_the_finger_that_the_surface_knows_stays_known(render):
-    record = render(texture_of("uniform", 0.04, 1.0), lambda t: 1.0)
-    error, _, late = judged(record)
-    assert np.abs(error[late]).max() <= 0.02
-    np.testing.assert_allclose(record.samples["feedback_gain"][-500:], 1.0, atol=0.01)
-
-
-def test_no_gain_of_a_finger_gives_more_voltage_than_the_limits(render, limits):
-    """A finger that feels nearly nothing, and then a sudden one that feels much."""
-    record = render(Uniform(0.9), lambda t: 0.2 if t < 1.0 else 3.0)
-    assert record.rejections == 0
-    assert record.max_voltage_v <= limits.voltage_v
-    assert not record.samples["reachable"][900]
-
-
 def test_a_saturated_sensor_teaches_nothing_and_is_shown(
     surface, surface_file, limits, rig_config, touch, render
 ):

@@ -4,8 +4,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from haptic_driver.pictures.textures import _window_m, preview, preview_figure
-from haptic_driver.render.texture import FrictionMap, Grating, Profile, Script, Step, Uniform
+from haptic_driver.pictures.textures import preview, preview_figure
+from haptic_driver.render.texture import Grating, Profile, Script, Step, Uniform
 
 HALVES = Profile([0.0, 0.040, 0.041, 0.080], [0.5, 0.5, 0.8, 0.8])
 SCRIPT = Script(
@@ -29,7 +29,7 @@ def test_low_friction_is_dark_and_high_is_bright(tmp_path):
     assert np.argwhere(dark)[:, 1].mean() < np.argwhere(bright)[:, 1].mean()  # rising to the right
 
 
-@pytest.mark.parametrize("target", [SCRIPT, FrictionMap(np.array([[0.5, 0.7]]), 1e-3, 1e-3)])
+@pytest.mark.parametrize("target", [SCRIPT])
 def test_every_kind_can_be_drawn(tmp_path, target):
     preview(target, tmp_path / "new" / "a.svg", "title")
     assert (tmp_path / "new" / "a.svg").stat().st_size > 5000
@@ -53,16 +53,3 @@ def test_map_and_line_of_the_whole_screen_have_one_x_axis():
     np.testing.assert_allclose(friction, 0.6 + 0.1 * np.sin(2 * np.pi * x_mm / 10.0), atol=1e-9)
     pixels = plane.get_window_extent()
     assert pixels.width / 100.0 == pytest.approx(pixels.height / 60.0, rel=1e-3)  # true to scale
-
-
-@pytest.mark.parametrize(
-    ("texture", "window_m"),
-    [
-        (Grating(0.6, 0.1, 0.001), 0.010),
-        (Grating(0.6, 0.1, 0.010), 0.040),
-        (HALVES, 0.080),
-        (Uniform(0.6), 0.010),
-    ],
-)
-def test_window_fits_the_texture(texture, window_m):
-    assert _window_m(texture) == window_m

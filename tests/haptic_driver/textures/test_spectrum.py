@@ -165,20 +165,13 @@ def test_it_repeats_without_a_seam_and_in_its_direction(tmp_path):
     [
         ("", "one of band_cof_rms, beta, ar and process, not none"),
         ("beta = [1.0, 2.0]\n", "'cof_rms' goes together with beta or ar"),
-        ("cof_rms = 0.1\nar = [0.1]\n", "'rate_hz' goes together with ar"),
         (BANDS + "tile_mm = 1000\n", "'tile_mm': 16 to 130.2 for a speed_mm_s of 50"),
         (BANDS + "perceptual_gain = 10\n", "friction goes from -"),
-        (BANDS + "ma = [0.1]\n", "'ma' goes together with ar"),
         (process(20, 0.5, [-1.1]), "key 'ar' has a zero on or outside the unit circle"),
-        (
-            process(20, 0.5, [0.1], "ma = [-2.0]\n"),
-            "key 'ma' has a zero on or outside the unit circle",
-        ),
         (
             process(20, 0.5, [0.1]) + process(40, 0.5, [0.1, 0.1], rate=""),
             "unequal numbers of coefficients",
         ),
-        (process(20, 0.5, [0.1], rate=""), "'rate_hz' goes together with ar or process"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_the_file_and_the_key(tmp_path, text, words):

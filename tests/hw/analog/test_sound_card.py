@@ -113,17 +113,6 @@ def test_an_ac_coupled_card_refuses_to_hold():
         )
 
 
-def test_limits_and_rate_are_checked_and_leave_the_stream_alone():
-    with card() as output:
-        output.write([1.0] * 10, 48e3)
-        for block_v, rate_hz in (([1.1], 48e3), ([0.0], 44.1e3)):
-            with pytest.raises(LimitExceeded):
-                output.write(block_v, rate_hz)
-        assert OutputStream.newest.pull(1)[0, 0] == 0.5
-    with pytest.raises(ValueError, match="full scale"):
-        card(full_scale_v=0.5)
-
-
 def test_a_card_pulled_out_is_reported():
     output = card()
     output.open()
@@ -241,18 +230,5 @@ def test_a_card_is_lost_when_it_takes_nothing_for_longer_than_it_may(pulls):
     now[0] += 0.051
     with pytest.raises(DeviceDisconnected, match="takes no samples"):
         output.check()
-    with pytest.raises(DeviceDisconnected):
-        output.close()
-
-
-def test_a_level_that_no_callback_takes_is_not_held():
-    now = [0.0]
-    output = card(clock=lambda: now[0])
-    output.open()
-    OutputStream.newest.pull(1)
-    output.hold(1.0)
-    now[0] = 0.06
-    with pytest.raises(DeviceDisconnected, match="takes no samples"):
-        output.hold(1.0)
     with pytest.raises(DeviceDisconnected):
         output.close()

@@ -126,19 +126,12 @@ def replaced(old: str, new: str, xml: bytes = BOTH) -> bytes:
 @pytest.mark.parametrize(
     ("xml", "says"),
     [
-        (b"", "not XML"),
         (b"time,force\n1,2\n", "not XML"),
-        (b"<netft><cfgcpf>1</cfgcpf></netft>", "root is <netft>"),
         (b"<FTSensor/>", "no <Calibration>"),
         (replaced('Family="DAQ"', 'Family="Net"'), "Family is 'Net'"),
-        (replaced('NumGages="6"', 'NumGages="8"'), "NumGages"),
         (replaced('OutputBipolar="True"', 'OutputBipolar="False"'), "OutputBipolar"),
-        (replaced('GainMultiplier="1"', 'GainMultiplier="2"'), "GainMultiplier"),
-        (replaced('OutputRange="20"', 'OutputRange="0"'), "OutputRange"),
         (replaced('ForceUnits="N"', 'ForceUnits="Newton"'), "unknown unit 'Newton'"),
-        (replaced('ForceUnits="N"', ""), "no ForceUnits"),
         (replaced("<UserAxis Name=.Tz.[^>]*>", ""), "missing: Tz"),
-        (replaced("<UserAxis Name=.Tz.", '<UserAxis Name="Ty"'), "missing: Tz"),
         (
             replaced('<UserAxis Name="Fx" values=" -0.12000000', '<UserAxis Name="Fx" values="'),
             "5 values",
@@ -149,13 +142,8 @@ def replaced(old: str, new: str, xml: bytes = BOTH) -> bytes:
             ),
             "not a number",
         ),
-        (
-            replaced('Fx" values="[^>]*" max="80.0"/>', 'Fx" values="1 2 3 4 5 6" max="0"/>'),
-            "max > 0",
-        ),
         (replaced("<BasicTransform[^>]*>", "", OLD), "neither"),
         (replaced('Rx="0"', 'Rx="1"', OLD), "rotated"),
-        (replaced('scale="2.34"', 'scale="0"', OLD), "scale 0"),
     ],
 )
 def test_wrong_files_say_what_is_wrong_and_where(xml, says):

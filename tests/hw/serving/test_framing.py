@@ -9,7 +9,6 @@ from hw.serving.framing import MAX_MESSAGE_BYTES, MessageFramer, MessageTooLong
         (b"*IDN?\nFREQ?\n", [b"*IDN?\n", b"FREQ?\n"]),
         (b"FREQ 1\r\n", [b"FREQ 1\r\n"]),
         (b"unfinished", []),
-        (b"\n\n", [b"\n", b"\n"]),
     ],
 )
 def test_messages_end_at_line_ends(stream, messages):

@@ -20,35 +20,6 @@ def generator() -> Simulated33220A:
     return Simulated33220A(IMMEDIATE)
 
 
-@pytest.mark.parametrize("rtscts", [False, True])
-def test_pyserial_talks_to_it(rtscts):
-    with (
-        SerialServer(generator()) as server,
-        serial.Serial(server.path, 9600, timeout=5.0, rtscts=rtscts) as port,
-    ):
-        port.write(b"FRE")
-        port.write(b"Q 250\r\nFREQ?\n")
-        assert port.readline() == b"+2.5000000000000E+02\n"
-
-
-def test_every_byte_value_passes_unchanged():
-    every = bytes(range(256))
-
-    class Echo:
-        def handle(self, data: bytes) -> bytes:
-            return data
-
-    with (
-        SerialServer(Echo(), framed=False) as server,
-        serial.Serial(server.path, timeout=5.0) as port,
-    ):
-        for _ in range(
-            100
-        ):  # piece by piece: an echo of more than both buffers hold would block both sides
-            port.write(every)
-            assert port.read(len(every)) == every
-
-
 def test_unplugging_ends_the_port_and_the_path_leads_to_a_new_one():
     faulty = FaultyInstrument(generator())
     with SerialServer(faulty) as server:
@@ -83,7 +54,3 @@ def test_closing_does_not_wait_for_a_client_who_does_not_read():
         port.write(b"go\n")
         until(lambda: port.in_waiting)
         server.close()
-
-
-def test_a_server_that_never_started_can_be_closed():
-    SerialServer(generator()).close()

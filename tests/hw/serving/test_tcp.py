@@ -9,15 +9,6 @@ from hw.serving.tcp import TcpServer
 pytestmark = pytest.mark.timeout(30)
 
 
-def test_it_serves_lines_over_loopback():
-    with TcpServer(Simulated33220A()) as server:
-        assert server.resource == f"TCPIP::127.0.0.1::{server.port}::SOCKET"
-        with socket.create_connection((server.host, server.port), 5.0) as client:
-            client.sendall(b"FRE")
-            client.sendall(b"Q 250\r\nFREQ?\n")
-            assert client.makefile("rb").readline() == b"+2.5000000000000E+02\n"
-
-
 def test_connections_share_one_instrument():
     with TcpServer(Simulated33220A()) as server:
         address = (server.host, server.port)

@@ -388,9 +388,6 @@ def test_the_rts_pulse_comes_before_the_first_message():
         ("travel_low_m", 0.2),
         ("travel_high_m", 150.0),  # millimetres where metres belong
         ("velocity_m_s", 0.06),
-        ("velocity_limit_m_s", 50.0),
-        ("acceleration_m_s2", 0.0),
-        ("reply_timeout_s", 0.0),
     ],
 )
 def test_senseless_settings_are_refused(name, value):

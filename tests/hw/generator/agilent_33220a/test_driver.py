@@ -203,14 +203,11 @@ def test_an_instrument_error_is_raised_the_output_off_and_everything_sent_again(
     ("shown", "accepted"),
     [
         (b"+1.2000000000000E+00", True),
-        (b"1.2", True),
         (b"+1.20100E0", True),  # within 0.1 %
         (b"+1.2020E+00", False),
         (b"+6.0000000000000E-01", False),  # someone set LOAD 50
         (b"NAN", False),
         (b"", False),
-        (b"1.2 V", False),
-        (b"1_2", False),
     ],
 )
 def test_the_amplitude_read_back_must_agree(shown, accepted):
@@ -228,9 +225,7 @@ def test_a_small_amplitude_may_be_off_by_its_last_digit():
     driver.set_point(250.0, 1.5)
 
 
-@pytest.mark.parametrize(
-    "identity", [b"Agilent Technologies,33250A,MY1,1.0\n", b"133220A\n", b"?\n", b";\n", b"\n"]
-)
+@pytest.mark.parametrize("identity", [b"Agilent Technologies,33250A,MY1,1.0\n", b"?\n", b"\n"])
 def test_another_instrument_is_refused_and_left_alone(identity):
     script = Script((b"*IDN?\n", identity))
     with pytest.raises(BadReply, match="MEMORY::0"):
@@ -240,9 +235,6 @@ def test_another_instrument_is_refused_and_left_alone(identity):
 @pytest.mark.parametrize(
     ("answer", "switched_off"),
     [
-        (b'1;0;1;SIN;10;+2.0E-02;+1.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
-        (b'1;0;1;SIN;10;+1.0E-01;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
-        (b'1;0;1;SIN;1000;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
         (b'1;1;1;SIN;10;+2.0E-02;+0.0E+00;VPP;+9.9E+37;0;NORM;0;+0,"No error"\n', 2),
         (b'1;0;1;SIN;10;+2.0E-02;+0.0E+00;VPP;0;NORM;0;+0,"No error"\n', 1),
     ],
@@ -268,15 +260,7 @@ def test_switching_on_before_anything_is_known_sets_up_the_minimum_first():
 
 
 @pytest.mark.parametrize(
-    "change",
-    [
-        {"volts_per_volt": 0.0},
-        {"voltage_limit_v": -1.0},
-        {"voltage_limit_v": math.nan},
-        {"reply_timeout_s": math.inf},
-        {"frequency_low_hz": 20e3},
-        {"frequency_high_hz": 30e6},
-    ],
+    "change", [{"volts_per_volt": 0.0}, {"frequency_low_hz": 20e3}, {"frequency_high_hz": 30e6}]
 )
 def test_senseless_settings_are_refused(change):
     values = {

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from hw.generator.contract import TerminalOutput
 from hw.generator.siglent_sdg.simulator import SimulatedSdg
 from tests.hw.instruments import IMMEDIATE
 
@@ -43,11 +40,8 @@ def test_a_load_rescales_what_is_shown_and_not_what_is_there():
     ("setting", "shown"),
     [
         ("AMP,30", "AMP,20V"),
-        ("AMP,0.001", "AMP,0.004V"),
-        ("FRQ,5E7", "FRQ,30000000HZ"),
         ("OFST,9", "OFST,8V"),
         ("AMP,NONSENSE", "AMP,4V"),
-        ("WVTP,TRIANGLE", "WVTP,SINE"),
         ("FRQ,2000HZ,AMP,3V", "AMP,3V"),
     ],
 )
@@ -55,23 +49,3 @@ def test_what_cannot_be_is_clipped_or_ignored_without_a_word(setting, shown):
     generator = SimulatedSdg(IMMEDIATE)
     assert ask(generator, f"C1:BSWV {setting}") == ""
     assert f"{shown}," in ask(generator, "C1:BSWV?")
-
-
-@settings(max_examples=100)
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from(["BSWV AMP", "BSWV OFST", "BSWV FRQ", "OUTP LOAD"]),
-            st.floats().map("{:g}".format),
-        ),
-        max_size=12,
-    ),
-    st.binary(max_size=40),
-)
-def test_nothing_makes_more_than_ten_volts(commands, noise):
-    seen: list[TerminalOutput] = []
-    generator = SimulatedSdg(IMMEDIATE, listener=seen.append)
-    ask(generator, "C1:OUTP ON", *(f"C1:{key},{value}" for key, value in commands))
-    generator.handle(noise + b"\n")
-    for output in seen:
-        assert output.amplitude_v + abs(output.offset_v) <= 10.0 + 1e-9
