@@ -68,7 +68,7 @@ def test_lags_with_less_than_half_of_the_pairs_are_unknown():
     assert np.isfinite(found).tolist() == [abs(lag) <= 50 for lag in range(-80, 81)]
 
 
-@pytest.mark.parametrize("speed_m_s", [0.020, 0.040, 0.080])
+@pytest.mark.parametrize("speed_m_s", [0.020, 0.080])
 @pytest.mark.parametrize("seconds", [2.0, 10.0])
 @pytest.mark.parametrize("texture", [cloth, linen])
 def test_the_lag_of_cloth_is_found_to_a_third_of_a_millisecond(texture, seconds, speed_m_s):
@@ -164,7 +164,7 @@ def test_a_slow_target_tells_nothing():
     assert "too slowly" in unknown(asked, 0.9 * asked)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_lag_that_is_off_by_more_than_5_ms_is_not_told(seed):
     time_s = np.arange(2000) * TICK_S
     asked = 0.6 + 0.1 * np.sin(math.tau * 3.0 * time_s)  # keeps nothing of its peak 83 ms away
@@ -173,7 +173,7 @@ def test_a_lag_that_is_off_by_more_than_5_ms_is_not_told(seed):
     assert "too slowly" in unknown(asked, asked + 0.07 * wander[:2000] / np.std(wander))
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(3))
 def test_friction_that_does_not_follow_tells_nothing(seed):
     asked, _ = record(cloth, 0.040, 5.0, 0.030, seed)
     assert "does not follow" in unknown(asked, rough(5.0, seed))

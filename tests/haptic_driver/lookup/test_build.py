@@ -140,12 +140,6 @@ def test_a_surface_is_built_with_what_was_learned_as_far_as_its_range_goes(learn
     assert built.correction is not None
 
 
-def test_without_axes_the_usual_ones_end_where_the_model_does(learned, limits):
-    built = build_surface(learned, limits)
-    assert built.frequency_hz[[0, -1]] == pytest.approx([20.0, 2e3])
-    assert built.normal_force_n[[0, -1]] == pytest.approx([0.25, 1.0])
-
-
 @pytest.mark.parametrize(
     ("wider", "words"),
     [

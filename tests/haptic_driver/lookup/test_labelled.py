@@ -31,14 +31,6 @@ def test_a_run_as_a_frame(run):
     assert frame.attrs["units"]["speed_m_s"] == "m/s"
 
 
-def test_a_run_over_time(run):
-    found = run.to_xarray()
-    assert float(found["speed_m_s"].sel(time_s=1.5)) == 0.2
-    assert found["speed_m_s"].attrs["units"] == "m/s"
-    assert found.time_s.attrs["units"] == "s"
-    assert found.attrs["simulated"] is True
-
-
 def test_a_surface_over_its_axes(small_file):
     found = small_file.to_xarray()
     at = {"frequency_hz": 2, "voltage_v": 5, "normal_force_n": 1}

@@ -267,10 +267,17 @@ ELSEWHERE = [("/etc/passwd", 0, 5600)]
             "not as a recording has it",
         ),
         (
+            lambda run: put(run, "samples/time_s", data=np.zeros(700, "f4")),
+            "not as a recording has it",
+        ),
+        (lambda run: put(run, "samples/time_s", data=["text"] * 700), "not as a recording has it"),
+        (
             lambda run: put(run, "config", data="[" * 100_000, dtype=h5py.string_dtype()),
             "recursion|damaged",
         ),
         (lambda run: put(run, "events/data", data=["{"], dtype=h5py.string_dtype()), "damaged"),
+        (lambda run: run.attrs.__setitem__("complete", [1.0, 2.0]), "damaged"),
+        (lambda run: put(run, "config", data=h5py.Empty("f8")), "not as a recording has it"),
     ],
 )
 def test_a_recording_from_anybody_leads_nowhere_else(path, change, said):

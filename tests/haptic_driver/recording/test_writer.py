@@ -145,16 +145,6 @@ def test_no_attribute_is_an_integer(tmp_path, header, samples):
     assert {type(value) for value in attributes.values()} == {str, np.bytes_, np.float64}
 
 
-def test_another_run_is_added_to_a_recording(tmp_path, header, samples):
-    path = tmp_path / "run.h5"
-    record(path, header, Chunk(samples[:100], 0, EVENTS))
-    record(path, header, Chunk(samples[100:300], 0, []))
-    assert run_names(path) == ["run_0001", "run_0002"]
-    assert read_run(path, "run_0001").samples.tobytes() == samples[:100].tobytes()
-    assert read_run(path).samples.tobytes() == samples[100:300].tobytes()
-    assert stat.S_IMODE(path.stat().st_mode) == 0o600
-
-
 def test_a_run_that_goes_on_is_read_as_far_as_it_is_on_the_disk(tmp_path, header, samples):
     path = tmp_path / "run.h5"
     record(path, header, Chunk(samples[:10], 0, []))

@@ -36,17 +36,6 @@ def test_it_approaches_by_short_slow_moves_until_the_finger_is_felt():
     assert order.depth_m > 0.0095
 
 
-def test_a_stage_that_only_says_that_it_moves_is_let_go():
-    seen, order = QUIET._replace(load_n=0.3), NOTHING
-    state, order = step(SETTINGS, HOLDING, seen)
-    assert order.act is Act.MOVE
-    for time_s in (1.1, 1.2, 1.3, 1.4, 1.45):
-        state, order = step(SETTINGS, state, seen._replace(time_s=time_s, moving=True))
-        assert (state.phase, order) == (Phase.HOLD, NOTHING)
-    state, order = step(SETTINGS, state, seen._replace(time_s=1.51, moving=True))
-    assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
-
-
 def test_a_late_machine_is_no_stalled_stage_but_looks_that_follow_tell():
     """A load was let go 0.02 mm from its target, since nobody had looked for half a second."""
     state, order = step(SETTINGS, HOLDING, QUIET._replace(load_n=0.3))

@@ -50,7 +50,9 @@ def render(surface, surface_file, limits, rig_config, touch):
     of its own.
     """
 
-    def run(texture, gain, speed_m_s=0.04, force_n=0.5, rise_gain=1.0, feedback=True):
+    def run(
+        texture, gain, speed_m_s=0.04, force_n=0.5, rise_gain=1.0, feedback=True, rig=rig_config
+    ):
         latency_s = rig_config.output.latency_s
         law = FeedbackSettings(latency_s) if feedback else None
         stages = TickSettings(
@@ -70,7 +72,7 @@ def render(surface, surface_file, limits, rig_config, touch):
                 force_n = off_n + rise_gain * (force_n - off_n)
             return gain(t) * force_n
 
-        with SimulatedRig(rig_config, touch, friction=friction_n) as bench:
+        with SimulatedRig(rig, touch, friction=friction_n) as bench:
             return render_slide(
                 slide(speed_m_s, force_n), texture, RenderSettings(stages), bench, lambda _: None
             )
@@ -145,28 +147,14 @@ def test_attraction_alone_may_be_off(render, rise_gain):
     assert error[seen].max() <= OVERSHOOT
 
 
-def test_a_saturated_sensor_teaches_nothing_and_is_shown(
-    surface, surface_file, limits, rig_config, touch, render
-):
+def test_a_saturated_sensor_teaches_nothing_and_is_shown(rig_config, render):
     """Friction beyond the range of the sensor: its readings end at the range, and would look like
     less friction.
     """
     narrow = rig_config.model_copy(
         update={"simulation": rig_config.simulation.model_copy(update={"force_range_n": 0.2})}
     )
-    latency_s = rig_config.output.latency_s
-    stages = TickSettings(
-        FingerSettings(contact_on_n=0.15, contact_off_n=0.10, output_latency_s=latency_s),
-        Uniform(0.7),
-        Controller(ControllerSettings(surface, limits, feedback=FeedbackSettings(latency_s))),
-        limits,
-        DriveSettings(),
-        table_of(surface_file.worst_case(limits)),
-    )
-    with SimulatedRig(narrow, touch) as bench:
-        record = render_slide(
-            slide(0.04, 0.5), Uniform(0.7), RenderSettings(stages), bench, lambda _: None
-        )
+    record = render(Uniform(0.7), lambda t: 1.0, rig=narrow)
     assert record.saturated.all()
     assert set(record.samples["feedback_gain"]) == {1.0}
     assert np.isnan(record.measured_cof).all()

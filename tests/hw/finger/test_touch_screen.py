@@ -219,16 +219,6 @@ def test_after_dropped_events_a_finger_is_found_again_where_it_is(slotted):
     assert placed(slotted.put(0.07, 0.08)) == (0.07, 0.08, True)
 
 
-def test_after_dropped_events_one_finger_counts_from_its_next_touch(single):
-    single.put(0.02, 0.03)
-    single.screen.lose_events()
-    single.put(0.05, 0.06)
-    single.screen.find_events()
-    assert single.put(0.07, 0.08).touching is False
-    single.lift()
-    assert placed(single.put(0.075, 0.085)) == (0.075, 0.085, True)
-
-
 def test_an_unplugged_screen_is_an_error(bench):
     bench.put(0.02, 0.03)
     bench.screen.unplug()

@@ -15,10 +15,7 @@ from hw.generator.contract import TerminalOutput
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.memory import MemoryTransport
-from hw.serving.serial import SerialServer
-from hw.serving.tcp import TcpServer
 from hw.transport.contract import Transport
-from hw.transport.resource import make_transport
 from tests.clock import ManualClock
 from tests.hw.testing.faulty_instrument import Fault, FaultyInstrument
 
@@ -159,26 +156,6 @@ def test_something_else_is_refused():
 
     with pytest.raises(BadReply, match="not 'HAPTIC-INTERLOCK 1'"):
         HeartbeatInterlock(MemoryTransport(Other())).connect()
-
-
-@pytest.fixture(params=["tcp", "pty"])
-def served(request):
-    box = SimulatedInterlock()
-    with TcpServer(box) if request.param == "tcp" else SerialServer(box) as server:
-        yield box, server.resource
-
-
-def test_over_real_wires(served):
-    box, resource = served
-    interlock = HeartbeatInterlock(make_transport(resource), reply_timeout_s=2.0)
-    interlock.connect()
-    interlock.write(
-        True
-    )  # the box's clock is real here: on a slow machine it may be open again when asked
-    interlock.write(False)
-    assert interlock.status() == (False, "DISABLED", 0)
-    assert box.closed is False
-    interlock.close()
 
 
 def test_it_gates_the_simulated_amplifier():

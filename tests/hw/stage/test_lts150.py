@@ -332,17 +332,6 @@ def real_time():
         stage.close()
 
 
-def test_over_a_serial_port(real_time):
-    instrument, stage, had_line = real_time
-    assert had_line == [False, False]
-    stage.set_velocity(0.050, 0.050)
-    stage.home()
-    stage.wait(10.0)
-    stage.move_to(0.002)
-    assert stage.wait(10.0).position_m == pytest.approx(0.002, abs=1e-8)
-    assert instrument.position_mm == pytest.approx(2.0, abs=1e-5)
-
-
 def test_another_thread_can_stop_a_wait(real_time):
     instrument, stage, _ = real_time
     stage.home()

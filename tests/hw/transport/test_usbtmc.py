@@ -99,18 +99,6 @@ def transport(backend):
 # ---------------------------------------------------------------------------------------
 
 
-def test_a_query_on_the_wire(transport, backend):
-    assert transport.query(b"?hello\n", 5.0) == b"hello"
-    command, request = backend.out
-    # USBTMC 1.0, tables 1 and 3: MsgID, bTag, ~bTag, 0, size, EOM, then data and padding to four
-    # bytes
-    assert command == b"\x01\x01\xfe\x00\x07\x00\x00\x00\x01\x00\x00\x00?hello\n\x00"
-    # table 4: MsgID 2, no TermChar
-    assert request[:4] == b"\x02\x02\xfd\x00"
-    assert request[8:] == b"\x00\x00\x00\x00"
-    assert int.from_bytes(request[4:8], "little") > 0
-
-
 def test_tags_run_from_1_to_255_and_skip_0(transport, backend):
     for _ in range(200):
         transport.query(b"?x\n", 5.0)

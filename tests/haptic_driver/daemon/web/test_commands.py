@@ -9,9 +9,8 @@ import pytest
 from websockets.sync.client import unix_connect
 
 from haptic_driver.client import HapticClient, NoDaemonError, circle
-from haptic_driver.daemon.messages import DaemonState, RefusedError
+from haptic_driver.daemon.messages import DaemonState
 from haptic_driver.daemon.web.commands import MOST_WAITING
-from haptic_driver.errors import BadInputError
 from tests.haptic_driver.daemon.bench_control import BenchControl, serving
 from tests.waiting import until
 
@@ -189,20 +188,3 @@ def test_an_answer_that_came_too_late_is_not_taken_for_the_next(control, tmp_pat
         monkeypatch.setattr("haptic_driver.client.TIMEOUT_S", 30.0)
         assert channel.arm(5.0).lease_s == 5.0
         assert channel.off().state is DaemonState.ARMED
-
-
-def test_python_has_the_verbs_of_the_channel(control, tmp_path):
-    with HapticClient(tmp_path / "d.sock") as client:
-        with client.channel() as channel:
-            channel.arm(5.0)
-            assert channel.set(0.6).target_cof == 0.6
-            channel.scene.add("key", circle(10.0, 5.0, 4.0), 0.7)
-            with channel.scene.together() as scene:
-                scene.move("key", 12.0, 5.0)
-            assert channel.tick > 0
-            with pytest.raises(BadInputError, match="there is no texture"):
-                channel.play("linnen")
-        until(lambda: control.machine.state is DaemonState.IDLE)
-        with client.channel() as channel, pytest.raises(RefusedError) as refused:
-            channel.set(0.6)
-        assert refused.value.code == "not_armed"

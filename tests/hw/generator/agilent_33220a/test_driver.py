@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -125,18 +124,6 @@ def test_a_set_point_is_one_round_trip_and_sends_only_what_changed():
     assert not script.pairs
 
 
-def test_a_rising_voltage_goes_last_and_a_falling_one_first():
-    driver, script = connected(
-        levels(b"FREQ 250;:VOLT 4", b"250", b"+4.0E+00"),
-        levels(b"VOLT 1;:FREQ 5000", b"5E3", b"+1.0E+00"),
-        levels(b"FREQ 250;:VOLT 4", b"250", b"+4.0E+00"),
-    )
-    driver.set_point(250.0, 200.0)
-    driver.set_point(5000.0, 50.0)
-    driver.set_point(250.0, 200.0)
-    assert not script.pairs
-
-
 def test_output_is_switched_and_read_back():
     driver, script = connected(
         levels(b"", b"10", b"+2.0E-02"),
@@ -225,13 +212,6 @@ def test_a_small_amplitude_may_be_off_by_its_last_digit():
     driver.set_point(250.0, 1.5)
 
 
-@pytest.mark.parametrize("identity", [b"Agilent Technologies,33250A,MY1,1.0\n", b"?\n", b"\n"])
-def test_another_instrument_is_refused_and_left_alone(identity):
-    script = Script((b"*IDN?\n", identity))
-    with pytest.raises(BadReply, match="MEMORY::0"):
-        Agilent33220A(MemoryTransport(script), SETTINGS).connect()
-
-
 @pytest.mark.parametrize(
     ("answer", "switched_off"),
     [
@@ -307,27 +287,6 @@ def test_a_constant_voltage_is_an_offset_without_frequency():
     )
     driver.set_point(0.0, 60.0, -100.0, shape=Shape.DC)
     assert not script.pairs
-
-
-def test_offset_before_a_rising_amplitude_and_after_a_falling_one():
-    driver, script = connected(
-        levels(b"VOLT:OFFS 1;:FREQ 250;:VOLT 4", b"250", b"4", offset=b"1"),
-        levels(b"VOLT 1;:VOLT:OFFS -2", b"250", b"1", offset=b"-2"),
-        levels(b"VOLT:OFFS 0;:VOLT 6", b"250", b"6"),
-    )
-    driver.set_point(250.0, 200.0, 100.0)
-    driver.set_point(250.0, 50.0, -200.0)
-    driver.set_point(250.0, 300.0)
-    assert not script.pairs
-
-
-@pytest.mark.parametrize(
-    ("voltage_v", "offset_v"), [(200.0, 100.1), (200.0, -100.1), (10.0, math.nan), (10.0, 1e300)]
-)
-def test_the_limit_is_on_amplitude_and_offset_together(voltage_v, offset_v):
-    driver, _ = connected()
-    with pytest.raises(LimitExceeded, match=r"offset included.* nothing was sent"):
-        driver.set_point(250.0, voltage_v, offset_v)
 
 
 def modulated(source_and_depth: bytes) -> tuple[bytes, bytes]:

@@ -60,12 +60,6 @@ def test_modulation_that_a_function_cannot_have(bench, function, kind):
     assert bench(f"{kind}:STAT?") == "0"
 
 
-def test_a_function_without_modulation_ends_it(bench):
-    bench("AM:STAT 1;:FUNC DC")
-    assert bench.error_code() == -221
-    assert bench("AM:STAT?") == "0"
-
-
 def test_a_burst_that_nothing_triggers_keeps_only_the_offset_and_ends_modulation(bench):
     bench("VOLT 4;:VOLT:OFFS 1;:AM:STAT 1;:OUTP 1;:BURS:STAT 1")
     assert bench.error_code() == -221
@@ -74,11 +68,6 @@ def test_a_burst_that_nothing_triggers_keeps_only_the_offset_and_ends_modulation
     bench("AM:STAT 1")
     assert bench.error_code() == -221
     assert bench("AM:STAT?;:BURS:STAT?") == "1;0"
-
-
-def test_apply_ends_modulation_and_turns_on(bench):
-    bench("AM:STAT 1;:APPL:SIN 1E3,4,0")
-    assert bench("AM:STAT?;:OUTP?") == "0;1"
 
 
 def test_a_fixed_range_keeps_its_relay_and_its_highest_voltage(bench):
