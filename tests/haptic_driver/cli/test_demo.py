@@ -7,7 +7,7 @@ import re
 import matplotlib.image
 import pytest
 
-from tests.haptic_driver.config_texts import SIMULATED, changed, served_rig_text
+from tests.haptic_driver.config_texts import SIMULATED, changed
 
 CONTRACT = {
     "share_within_5_percent",
@@ -55,14 +55,6 @@ def test_the_main_job(demo):
     assert said["pictures"]
     for picture in said["pictures"]:
         assert matplotlib.image.imread(picture)[..., :3].std() > 0.01
-
-
-def test_a_trace_of_ones_own(demo, tmp_path):
-    said = demo("--trace", trace(tmp_path), "--texture", "uniform", "--json").said
-    assert said["contact_time_s"] == pytest.approx(0.590, abs=0.005)  # 60 rows, 10 ms apart
-    assert (
-        said["share_within_5_percent"] > 0.8
-    )  # of 0.5 s; a finger that nobody knows yet is approached from below
 
 
 def test_no_contact_is_no_result_and_no_warning(demo, tmp_path):
@@ -121,18 +113,3 @@ def test_a_rig_that_names_its_finger_may_have_any_surface(haptic, refuses, small
     error = refuses("other_model", *command, "--model", "table1")
     assert "built from model 'reference', which is not model 'table1'" in error["message"]
     assert "--model" in error["hint"]
-
-
-def test_of_a_real_rig_a_simulated_copy_is_shown(demo, tmp_path):
-    """With its figures; nothing is sent to its addresses, where nobody answers."""
-    nobody = "TCPIP::192.0.2.1::{}::SOCKET"
-    devices = {
-        "waveform_generator": nobody.format(5025),
-        "interlock": "/dev/nothing",
-        "interlock_tcp": nobody.format(5026),
-        "force_sensor": "192.0.2.1:49152",
-    }
-    (tmp_path / "real.toml").write_text(served_rig_text(devices), encoding="utf-8")
-    said = demo("--rig", tmp_path / "real.toml", "--trace", trace(tmp_path), "--json").said
-    assert said["simulated"] is True
-    assert said["max_voltage_v"] > 50.0

@@ -61,12 +61,6 @@ def test_the_force_is_what_the_friction_law_takes(solve):
     assert found["electrostatic_force_n"] == pytest.approx((0.60 / 0.512 - 1.0) * 0.5, rel=1e-9)
 
 
-def test_a_given_frequency_is_kept(solve):
-    _, found = solve(0.5125, "--frequency", "333.3")
-    assert (found["frequency_hz"], found["policy"]) == (333.3, "fixed_frequency")
-    assert (found["ripple"]["frequency_hz"], found["ripple"]["place"]) == (666.6, "in")
-
-
 @pytest.mark.parametrize("target", [0.3, 3.0])
 def test_out_of_reach_is_status_2_with_the_range_in_the_hint(solve, target):
     _, reached = solve(0.60)

@@ -16,16 +16,6 @@ def ticks(*numbers, **fields):
     return np.array([made_tick(n, **fields.get(f"t{n}", {})) for n in numbers], SAMPLE)
 
 
-def test_of_nothing_nothing_is_said():
-    found = timing_of(ticks(), PERIOD_S)
-    assert (found.in_time, found.missed, found.last_cause, sum(found.lateness_counts)) == (
-        None,
-        0,
-        None,
-        0,
-    )
-
-
 def test_instants_without_a_tick_are_not_in_time_and_each_is_counted():
     found = timing_of(ticks(*range(90), *range(95, 100)), PERIOD_S)
     assert (found.in_time, found.missed) == (0.95, 5)

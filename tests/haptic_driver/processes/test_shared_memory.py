@@ -63,15 +63,6 @@ def test_what_is_read_while_another_process_writes_is_whole_and_all_accounted_fo
     assert len(samples) + lost == shared.ring.position
 
 
-def test_a_record_written_here_is_read_there(shared):
-    there = SharedState(shared.descriptor)
-    assert there.order.read() == NO_ORDER
-    order = NO_ORDER._replace(number=3, rendering=True, lease_until_s=12.5, target=7)
-    shared.order.write(order)
-    assert there.order.read() == order
-    assert there.sensed.read() == NOTHING_SENSED
-
-
 SHEETS = """
 import sys, time
 import numpy as np

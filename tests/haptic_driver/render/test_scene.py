@@ -86,14 +86,6 @@ def test_a_texture_moves_and_turns_with_its_object(angle_deg, x_mm, y_mm, seed):
         "grating": Grating(0.7, 0.1, 0.004, 0.4, 0.3),
         "map": FrictionMap(rng.uniform(0.5, 0.9, (9, 7)), 0.002, 0.0015, "tile"),
         "profile": Placed(Profile((0.0, 0.002, 0.005), (0.6, 0.8, 0.7), "tile"), 0.001, 0.0, 0.5),
-        "twice": Placed(
-            Placed(
-                FrictionMap(rng.uniform(0.5, 0.9, (5, 5)), 0.003, 0.003, "clamp"), 1e-3, 2e-3, 1
-            ),
-            -3e-3,
-            1e-3,
-            -0.7,
-        ),
         "waves": Waves(
             rng.uniform(0.5, 0.9, (2, 2, 16)),
             np.array([0.02, 0.1]),

@@ -164,12 +164,6 @@ def test_map_puts_rows_along_y_and_columns_along_x():
     assert picture.bounds() == (0.1, 0.6)
 
 
-def test_map_ends_at_its_corners():
-    picture = FrictionMap(np.full((2, 3), 0.6), 0.01, 0.02)
-    x_m, y_m = np.array([-1e-6, 0.030001, 0.01, 0.01]), np.array([0.01, 0.01, -1e-6, 0.040001])
-    assert np.isnan(picture.cof_at(x_m, y_m)).all()
-
-
 def test_clamped_map_holds_its_nearest_edge():
     picture = FrictionMap(np.array([[0.1, 0.2], [0.3, 0.4]]), 0.01, 0.01, "clamp")
     corners = [

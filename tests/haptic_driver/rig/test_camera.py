@@ -6,31 +6,12 @@ import datetime
 
 import pytest
 
-from haptic_driver.config import parse
-from haptic_driver.errors import BadInputError
 from haptic_driver.rig.check import Check, CheckStatus, Examination
 from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.part import Wiring
 from haptic_driver.rig.parts.cameras import GenicamCameraConfig
 from hw.camera.simulated import Burst, Finger, SimulatedCamera
 from hw.errors import DeviceError
-
-
-def with_camera(**section: object) -> RigConfig:
-    said = load_rig("simulated").model_dump() | {"camera": section}
-    return parse(RigConfig, said, "rig.toml")
-
-
-@pytest.mark.parametrize(
-    ("section", "said"),
-    [
-        ({"kind": "webcam"}, "webcam"),
-        ({"kind": "simulated", "scale_m_per_pixel": 0.021}, "scale_m_per_pixel"),
-    ],
-)
-def test_what_a_file_may_not_say(section, said):
-    with pytest.raises(BadInputError, match=said):
-        with_camera(**section)
 
 
 def test_a_genicam_camera_that_is_not_there_says_so():

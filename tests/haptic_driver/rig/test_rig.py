@@ -293,14 +293,6 @@ def test_off_is_claimed_only_with_evidence(generator_off, amplifier, output_on):
     assert OffEvidence(generator_off, amplifier, None, 5.0).at(5.0).on is output_on
 
 
-def test_evidence_in_words():
-    unknown = OffEvidence(None, UNKNOWN, None, 5.0).at(5.0)
-    by = "generator does not answer, amplifier unknown, no monitor"
-    assert str(unknown) == f"UNKNOWN ({by}, 0.0 s ago)"
-    on = OffEvidence(False, ENABLED, 87.66, 5.0).at(5.4)
-    assert str(on) == "ON (generator says ON, amplifier enabled, monitor reads 87.7 V, 0.4 s ago)"
-
-
 @pytest.mark.parametrize("age_s", [1.001, 30.0, -0.001, math.nan])
 def test_what_instruments_said_counts_for_a_second(age_s):
     """Nor does an answer count that is of a time to come."""

@@ -180,7 +180,7 @@ ACTIONS = st.lists(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(ACTIONS)
 def test_whatever_happens_the_output_stays_within_limits_and_ends_at_zero_or_unknown(actions):
     output = SteppedAnalogOutput(SETTINGS)

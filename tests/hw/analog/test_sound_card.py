@@ -85,17 +85,6 @@ def test_a_block_that_arrives_after_an_underflow_does_not_hide_it():
         assert OutputStream.newest.pull(1)[0, 0] == 0.0
 
 
-def test_a_dc_coupled_card_holds_a_level_until_its_lease_ends():
-    now = [0.0]
-    with card(clock=lambda: now[0]) as output:
-        output.hold(1.0)
-        assert OutputStream.newest.pull(5).tolist() == [[0.5, 0.0]] * 5
-        now[0] = 0.6
-        with pytest.raises(OutputUnderrun):
-            output.check()
-        assert OutputStream.newest.pull(5).max() == 0.0
-
-
 def test_an_ac_coupled_card_refuses_to_hold():
     with card(dc_coupled=False) as output:
         output.write([0.5] * 100, 48e3)

@@ -309,12 +309,7 @@ def told(events: TouchEvents, *values: tuple[tuple[int, int], int]) -> bool | No
     return None if report is None else report.touching
 
 
-def test_a_finger_that_hovers_does_not_touch():
-    events = TouchEvents(lambda: 0)
-    assert told(events, (DISTANCE, 1), *LANDS[:3], (TOUCH, 0)) is False
-    assert told(events, (PLACE_X, 120)) is False
-    assert told(events, (DISTANCE, 0), (TOUCH, 1)) is True
-    assert told(events, (DISTANCE, 1)) is False  # of a screen that keeps BTN_TOUCH
+def test_a_finger_that_hovers_over_a_screen_for_one_does_not_touch():
     one = TouchEvents(None)
     assert told(one, *LANDS_ON_ONE) is True
     assert told(one, (ONE_DISTANCE, 1)) is False

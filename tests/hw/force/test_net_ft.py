@@ -55,14 +55,6 @@ def client(box):
     device.close()
 
 
-def test_a_reading_is_the_load_seen_from_the_screen(client):
-    reading = client.read()
-    assert reading[1:] == (pytest.approx(0.5), pytest.approx(0.3), False)
-    wrench = client.read_wrench()
-    assert wrench.force_n == pytest.approx(LOAD[:3])
-    assert wrench.torque_n_m == pytest.approx(LOAD[3:])
-
-
 def test_the_bytes_on_the_wire_are_those_of_the_protocol():
     """A box of eight lines, packed by hand: what is asked, and what its answer means."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:

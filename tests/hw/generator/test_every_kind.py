@@ -57,7 +57,7 @@ OTHER: st.SearchStrategy[Callable[[Any], object]] = st.sampled_from(
 
 
 @every_kind
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(
     data=st.data(),
     calls=st.lists(st.one_of(SET_POINT, SET_POINT, OTHER), max_size=15),
@@ -92,7 +92,7 @@ def test_nothing_that_a_driver_is_told_exceeds_the_limit_and_off_is_off(
 
 
 @every_kind
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(
     points=st.lists(
         st.tuples(st.floats(10.0, 10e3), st.floats(1.0, 300.0)), min_size=2, max_size=20
@@ -113,7 +113,7 @@ def test_nothing_in_between_exceeds_what_was_asked(name, points):
 
 
 @every_kind
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(
     points=st.lists(
         st.tuples(st.floats(10.0, 10e3), st.floats(1.0, 150.0), st.floats(-150.0, 150.0)),
@@ -133,7 +133,7 @@ def test_no_step_between_two_set_points_is_above_both(name, points):
 
 
 @every_kind
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(
     point=st.tuples(FREQUENCY, NUMBER).filter(
         lambda p: not (10.0 <= p[0] <= 10e3 and 0.05 <= p[1] <= 300.0)

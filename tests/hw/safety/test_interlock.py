@@ -9,9 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hw.amplifier.analog import AmplifierSettings, AmplifierState, AnalogAmplifier
-from hw.amplifier.simulated import SimulatedAmplifier
 from hw.errors import BadReply, DeviceDisconnected, DeviceError
-from hw.generator.contract import TerminalOutput
 from hw.safety.interlock import HeartbeatInterlock, ModemLine
 from hw.safety.simulated_interlock import SimulatedInterlock
 from hw.serving.memory import MemoryTransport
@@ -156,17 +154,6 @@ def test_something_else_is_refused():
 
     with pytest.raises(BadReply, match="not 'HAPTIC-INTERLOCK 1'"):
         HeartbeatInterlock(MemoryTransport(Other())).connect()
-
-
-def test_it_gates_the_simulated_amplifier():
-    bench = Bench()
-    amplifier = SimulatedAmplifier(100.0, 300.0, enabled=True, interlock=lambda: bench.box.closed)
-    amplifier.drive(TerminalOutput(1e3, 1.2, 0.0, True))
-    assert amplifier.voltage_v == 0.0
-    bench.interlock.write(True)
-    assert amplifier.voltage_v == pytest.approx(120.0)
-    bench.clock.now_s += 0.3  # nobody beats, nobody asks
-    assert amplifier.voltage_v == 0.0
 
 
 # --- modem lines

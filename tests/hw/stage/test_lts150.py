@@ -211,14 +211,6 @@ def test_a_blocked_stage_is_an_error(bench):
     assert stage.wait(60.0).position_m == 0.0
 
 
-def test_automatic_messages_and_noise_are_passed_over(bench):
-    stage = bench.homed()
-    bench.instrument.handle(bytes.fromhex("11 00 00 00 50 01"))  # somebody switches updates on
-    bench.instrument.faults.noise = b"\x00\x81\x04\x50\xff\x12\x04"
-    stage.move_to(0.030)
-    assert stage.wait(60.0).position_m == pytest.approx(0.030, abs=1e-8)
-
-
 def test_another_instrument_is_refused(bench):
     bench.instrument.model = "KDC101"
     with pytest.raises(BadReply, match="'KDC101'"):

@@ -93,18 +93,6 @@ def error_of(response):
 # -------------------------------------------------------------------------------------
 
 
-def test_arm_set_off_disarm(unix, control):
-    lease = unix.post("/arm", json={"lease_s": 5.0}).json()
-    held = {"X-Haptic-Lease": lease["token"]}
-    said = unix.post("/set", json={"cof": 0.6}, headers=held).json()
-    assert (said["state"], said["target_cof"], said["output_on"]) == ("rendering", 0.6, True)
-    assert unix.post("/texture", json={"name": "linen"}, headers=held).json()["texture"] == "linen"
-    assert unix.post("/renew", headers=held).json() == lease
-    assert unix.post("/off").json()["state"] == "armed"
-    assert unix.post("/disarm").json()["state"] == "idle"
-    assert control.machine.state is DaemonState.IDLE
-
-
 @pytest.mark.parametrize(("method", "verb"), [("GET", "status"), ("POST", "off")])
 def test_what_the_program_gets_wrong_is_answered(unix, control, monkeypatch, method, verb):
     def broken(*arguments):

@@ -10,9 +10,13 @@ from tests.hw.instruments import IMMEDIATE
 class Bench:
     """A simulated generator and everything that ever was at its terminals."""
 
-    def __init__(self, latency: GeneratorLatency = IMMEDIATE) -> None:
+    def __init__(
+        self, latency: GeneratorLatency = IMMEDIATE, *, am_full_scale: float = 1.0
+    ) -> None:
         self.seen: list[TerminalOutput] = []
-        self.generator = Simulated33220A(latency, listener=self.seen.append)
+        self.generator = Simulated33220A(
+            latency, listener=self.seen.append, am_full_scale=am_full_scale
+        )
 
     def __call__(self, message: str) -> str:
         return self.generator.handle(message.encode() + b"\n").decode().strip()
@@ -24,6 +28,12 @@ class Bench:
 @pytest.fixture
 def bench():
     return Bench()
+
+
+@pytest.fixture
+def open_bench(bench):
+    bench("OUTP:LOAD INF")
+    return bench
 
 
 def test_after_reset(bench):
@@ -46,17 +56,6 @@ def test_fifty_ohm_trap_the_open_terminal_has_twice_the_programmed_voltage(bench
     )  # 3 Vpp programmed, 6 Vpp there
     bench("OUTP:LOAD INF;:VOLT 3")
     assert bench.generator.output().amplitude_v == pytest.approx(1.5)
-
-
-def test_load_rescales_what_is_shown_and_not_what_is_there(bench):
-    bench("OUTP:LOAD INF;:VOLT 4;:VOLT:OFFS 1;:OUTP 1")
-    before = bench.generator.output()
-    bench("OUTP:LOAD 50")
-    assert bench.generator.output() == before
-    assert bench("VOLT?;:VOLT:OFFS?") == "+2.0000000000000E+00;+5.0000000000000E-01"
-    bench("OUTP:LOAD 150")
-    assert bench("VOLT?") == "+3.0000000000000E+00"
-    assert bench("OUTP:LOAD INF;LOAD?") == "+9.9000000000000E+37"
 
 
 def test_nothing_is_at_the_terminals_while_the_output_is_off(bench):
@@ -151,3 +150,65 @@ def test_any_bytes_are_survived():
     bench = Bench()
     bench.generator.handle(bytes(range(256)) * 4 + b"\n")
     assert bench("*CLS;*OPC?") == "1"
+
+
+@pytest.mark.parametrize(
+    ("full_scale", "input_v", "peak_v"), [(1.0, 5.0, 2.0), (1.0, 0.0, 1.0), (1.0, -5.0, 0.0)]
+)
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_external_modulation(full_scale, input_v, peak_v, factor):
+    bench = Bench(am_full_scale=factor)
+    bench("OUTP:LOAD INF;:VOLT 4;:AM:SOUR EXT;:AM:DEPT 100;:AM:STAT ON;:OUTP ON")
+    bench.generator.set_modulation_input(input_v)
+    assert bench.generator.output().amplitude_v == pytest.approx(factor * peak_v)
+
+
+def test_an_envelope_reaches_the_listener_at_once(open_bench):
+    open_bench("VOLT 4;:AM:SOUR EXT;:AM:STAT 1;:OUTP 1")
+    open_bench.seen.clear()
+    for input_v in (5.0, 5.0, -5.0):
+        open_bench.generator.set_modulation_input(input_v)
+    assert [output.amplitude_v for output in open_bench.seen] == [
+        pytest.approx(2.0),
+        pytest.approx(0.0),
+    ]
+
+
+@pytest.mark.parametrize(("function", "kind"), [("DC", "AM"), ("DC", "BURS"), ("PULS", "AM")])
+def test_modulation_that_a_function_cannot_have(open_bench, function, kind):
+    open_bench(f"FUNC {function};:{kind}:STAT 1")
+    assert open_bench.error_code() == -221
+    assert open_bench(f"{kind}:STAT?") == "0"
+
+
+def test_a_burst_that_nothing_triggers_keeps_only_the_offset_and_ends_modulation(open_bench):
+    open_bench("VOLT 4;:VOLT:OFFS 1;:AM:STAT 1;:OUTP 1;:BURS:STAT 1")
+    assert open_bench.error_code() == -221
+    assert open_bench("AM:STAT?;:BURS:STAT?") == "0;1"
+    assert open_bench.generator.output()[1:4] == (0.0, pytest.approx(1.0), True)
+    open_bench("AM:STAT 1")
+    assert open_bench.error_code() == -221
+    assert open_bench("AM:STAT?;:BURS:STAT?") == "1;0"
+
+
+def test_a_fixed_range_keeps_its_relay_and_its_highest_voltage(open_bench):
+    open_bench("VOLT 6;:VOLT:RANG:AUTO OFF")
+    switches = open_bench.generator.range_switches
+    open_bench("VOLT 0.02;:VOLT 1;:VOLT 6")
+    assert open_bench.generator.range_switches == switches
+    assert float(open_bench("VOLT? MAX")) == pytest.approx(10.04)
+    open_bench("VOLT 12")
+    assert open_bench.error_code() == -222
+    open_bench("VOLT:RANG:AUTO ON;:VOLT 0.5")
+    assert open_bench.generator.range_switches == switches + 1
+    open_bench("VOLT:RANG:AUTO ONCE;:VOLT 2")
+    assert open_bench("VOLT:RANG:AUTO?") == "0"
+    assert float(open_bench("VOLT?")) == pytest.approx(0.634)
+
+
+def test_an_overload_switches_off_and_says_so(open_bench):
+    open_bench("*CLS;:VOLT 4;:OUTP 1")
+    open_bench.generator.overload()
+    assert open_bench.generator.output().amplitude_v == 0.0
+    assert open_bench("OUTP?;*ESR?") == "0;8"
+    assert open_bench.error_code() > 0

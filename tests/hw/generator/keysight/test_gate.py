@@ -156,7 +156,7 @@ COMMAND = st.one_of(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(st.lists(COMMAND, max_size=25), st.booleans())
 def test_whatever_is_sent_through_the_gate_the_terminals_keep_the_limit(commands, doubling):
     """With nobody above the gate: commands at random, after each everything that was at the

@@ -26,16 +26,6 @@ def test_after_reset_the_answer_is_that_of_a_real_one():
     )
 
 
-def test_a_load_rescales_what_is_shown_and_not_what_is_there():
-    generator = SimulatedSdg(IMMEDIATE)
-    ask(generator, "C1:BSWV AMP,4", "C1:BSWV OFST,1", "C1:OUTP ON,LOAD,50")
-    assert "AMP,2V" in ask(generator, "C1:BSWV?")
-    assert "OFST,0.5V,HLEV,1.5V,LLEV,-0.5V" in ask(generator, "C1:BSWV?")
-    assert generator.output()[:4] == (1e3, pytest.approx(2.0), pytest.approx(1.0), True)
-    ask(generator, "C1:OUTP LOAD,10")
-    assert ask(generator, "C1:OUTP?") == "C1:OUTP ON,LOAD,50,PLRT,NOR\n"
-
-
 @pytest.mark.parametrize(
     ("setting", "shown"),
     [
