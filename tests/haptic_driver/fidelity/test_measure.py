@@ -34,12 +34,13 @@ def test_forces_and_target_are_averaged_apart_over_eleven_ticks():
     random = np.random.default_rng(1)
     asked, lateral, normal = random.uniform(0.5, 0.7, (3, 40))
     found = measured(Stroke(asked, lateral, normal, np.ones(40, bool)))
-    errors = []
+    felt, wanted = np.zeros(40), np.zeros(40)
     for i in range(40):
         near = slice(max(i - 5, 0), i + 6)
-        felt = np.sum(lateral[near]) / np.sum(normal[near])
-        errors.append(felt / np.mean(asked[near]) - 1.0)
-    assert found.relative_error_rms == pytest.approx(math.sqrt(np.mean(np.square(errors))))
+        felt[i] = np.sum(lateral[near]) / np.sum(normal[near])
+        wanted[i] = np.mean(asked[near])
+    assert found.relative_error_rms == pytest.approx(np.sqrt(np.mean((felt / wanted - 1.0) ** 2)))
+    assert found.cof_error_rms == pytest.approx(np.sqrt(np.mean((felt - wanted) ** 2)))
 
 
 def test_averages_do_not_reach_from_one_stroke_into_the_next():
