@@ -95,6 +95,14 @@ def test_nothing_is_written_for_an_order_that_may_not_go_out(bench):
     assert bench.voltage_v == pytest.approx(80.0)
 
 
+def test_what_render_said_long_ago_is_not_written(bench):
+    bench.run(50)
+    for _ in range(300):  # render hangs
+        bench.output.advance(0.001)
+        bench.loop.turn(bench.output.time_s)
+    assert bench.voltage_v == 0.0
+
+
 def test_it_writes_farther_ahead_where_turns_come_late(bench, shared):
     bench.run(50)
     assert shared.played.read().lead_s == LEAST_LEAD_S

@@ -196,3 +196,16 @@ def test_a_line_that_fails_is_told_tried_again_and_leaves_out_what_was_due(bench
     lost, back = bench.told("event_line")
     assert lost.message.startswith("no edges: ")
     assert back.data["missing"] == bench.misses > 0
+
+
+def test_a_line_that_is_not_there_is_told_once(bench_on, monkeypatch):
+    monkeypatch.setattr(kept, "RETRY_S", 0.01)
+    bench = bench_on(TriggerBox(SerialTransport("/dev/no-such-port")))
+    until(lambda: bench.told("event_line"))
+    for _ in range(3):
+        before = bench.misses
+        bench.events.tell("marker", "x")
+        until(lambda before=before: bench.misses > before)
+    told = [event.message for event in bench.told("event_line")]
+    assert [said.partition(":")[0] for said in told] == ["no edges"]
+    assert bench.told("edge") == []

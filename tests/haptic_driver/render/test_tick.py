@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,6 +15,7 @@ from haptic_driver.render.safety import table_of
 from haptic_driver.render.texture import Grating, Uniform
 from haptic_driver.render.tick import TickSettings, TickState, tick
 from haptic_driver.signals import FingerSample
+from model.conditions import Conditions
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +40,43 @@ def run(settings, forces, state=None, start_s=1.0, speed_m_s=0.0):
         )
         done.append(one)
     return state, done
+
+
+def test_touch_rises_to_the_voltage_that_gives_the_target(settings, touch):
+    _, done = run(settings, [0.0] + [0.5] * 40)
+    rising = [d.command.voltage_v for d in done]
+    assert np.diff(rising).max() <= 10.0 + 1e-9  # 10 V per tick of 1 ms
+    command = done[-1].command
+    assert command.output_on
+    answer = touch.predict(
+        Conditions(*(np.array([x]) for x in (command.frequency_hz, command.voltage_v, 0.5)))
+    )
+    assert answer.cof[0] == pytest.approx(0.6, rel=1e-3)  # the inversion's promise
+
+
+def test_lifting_switches_off_within_the_same_tick(settings):
+    state, _ = run(settings, [0.5] * 40)
+    _, done = run(settings, [0.11, 0.09], state, start_s=1.04)
+    assert [d.command.output_on for d in done] == [True, False]
+    assert done[-1].command.voltage_v == 0.0
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        FingerSample(1.04, math.nan, 0.0, 0.5),
+        FingerSample(1.04, 0.01, math.inf, 0.5),
+        FingerSample(1.04, 0.01, 0.0, math.nan),
+        FingerSample(math.nan, 0.01, 0.0, 0.5),
+        FingerSample(0.5, 0.01, 0.0, 0.5),
+    ],
+)
+def test_a_spoilt_sample_switches_off(settings, spoilt):
+    state, done = run(settings, [0.5] * 40)
+    assert done[-1].command.output_on
+    _, one = tick(settings, state, spoilt)
+    assert one.command.output_on is False
+    assert one.command.voltage_v == 0.0
 
 
 def test_a_sample_without_a_time_does_not_lift_the_bound_on_the_rise(settings):

@@ -36,6 +36,17 @@ def test_it_approaches_by_short_slow_moves_until_the_finger_is_felt():
     assert order.depth_m > 0.0095
 
 
+def test_a_stage_that_only_says_that_it_moves_is_let_go():
+    seen, order = QUIET._replace(load_n=0.3), NOTHING
+    state, order = step(SETTINGS, HOLDING, seen)
+    assert order.act is Act.MOVE
+    for time_s in (1.1, 1.2, 1.3, 1.4, 1.45):
+        state, order = step(SETTINGS, state, seen._replace(time_s=time_s, moving=True))
+        assert (state.phase, order) == (Phase.HOLD, NOTHING)
+    state, order = step(SETTINGS, state, seen._replace(time_s=1.51, moving=True))
+    assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
+
+
 def test_a_late_machine_is_no_stalled_stage_but_looks_that_follow_tell():
     """A load was let go 0.02 mm from its target, since nobody had looked for half a second."""
     state, order = step(SETTINGS, HOLDING, QUIET._replace(load_n=0.3))
@@ -47,6 +58,16 @@ def test_a_late_machine_is_no_stalled_stage_but_looks_that_follow_tell():
         state, order = step(SETTINGS, state, seen)
         phases.append(state.phase)
     assert phases == [*[Phase.HOLD] * 5, Phase.ENDED]
+
+
+def test_a_moving_bit_that_stays_set_at_the_target_is_let_go():
+    """A load of 0.12 N of 0.5 was said to be held."""
+    state = replace(HOLDING, sent_m=0.011)
+    for time_s in (1.0, 1.1, 1.2, 1.3, 1.4, 1.49, 1.51):
+        seen = QUIET._replace(load_n=0.12, time_s=time_s, moving=True)
+        state, order = step(SETTINGS, state, seen)
+    assert (state.phase, order.act) == (Phase.ENDED, Act.RETRACT)
+    assert "says that it moves" in state.reason
 
 
 def test_a_move_is_the_gains_share_of_what_hertz_says_is_missing():
@@ -235,7 +256,15 @@ def test_the_limit_holds_below_one_and_a_half_times_a_high_target():
 
 
 @pytest.mark.parametrize(
-    "given", [{"target_n": 0.05}, {"target_n": float("nan")}, {"target_n": 0.5, "gain": 1.1}]
+    "given",
+    [
+        {"target_n": 0.05},
+        {"target_n": 3.0},
+        {"target_n": float("nan")},
+        {"target_n": 0.5, "gain": 1.1},
+        {"target_n": 0.5, "stiffness_n_per_m": 0.0},
+        {"target_n": 0.5, "step_m": float("inf")},
+    ],
 )
 def test_what_makes_no_loop_is_refused(given):
     with pytest.raises(ValueError, match="load"):

@@ -5,6 +5,7 @@ know then.
 import math
 import threading
 import time
+from contextlib import suppress
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -968,3 +969,20 @@ def test_an_electrode_has_the_settling_time_to_discharge_and_no_more(quiet_after
     found = switch_off(generator, amplifier, 0.15, Clock(clock, clock.sleep))
     assert found.monitor_v == seen_v
     assert clock() == pytest.approx(min(quiet_after_s, 0.15))
+
+
+def test_the_lock_is_free_after_a_command_and_after_a_stop(bench):
+    """Whoever keeps it keeps everybody else from switching on."""
+    found, lock = [], bench.rig._switch._lock
+
+    def look():
+        with suppress(RuntimeError):  # not ours to release
+            found.append(lock.acquire(timeout=1.0))
+            lock.release()
+
+    for act in (lambda: bench.rig.command(0.0, on(80.0)), bench.rig.off):
+        act()
+        other = threading.Thread(target=look)
+        other.start()
+        other.join()
+    assert found == [True, True]

@@ -171,3 +171,11 @@ def test_a_target_just_above_friction_without_voltage_is_not_given_up(render, ab
     error, _, late = judged(record)
     assert late.sum() > 250
     assert np.abs(error[late]).max() <= WITHIN
+
+
+def test_no_gain_of_a_finger_gives_more_voltage_than_the_limits(render, limits):
+    """A finger that feels nearly nothing, and then a sudden one that feels much."""
+    record = render(Uniform(0.9), lambda t: 0.2 if t < 1.0 else 3.0)
+    assert record.rejections == 0
+    assert record.max_voltage_v <= limits.voltage_v
+    assert not record.samples["reachable"][900]

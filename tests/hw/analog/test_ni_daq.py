@@ -379,6 +379,15 @@ def test_a_card_that_is_slower_than_the_file_says_is_refused(card):
     assert card.tasks == []
 
 
+def test_each_channel_may_have_its_own_terminal(card):
+    inputs = inputs_on(card, terminal=dict(zip(NAMES, ("RSE", "DIFF", "NRSE"), strict=True)))
+    inputs.open()
+    held = {one.name: one.got for one in inputs.held() if "terminal" in one.name}
+    assert list(held.values()) == ["RSE", "DIFF", "NRSE"]
+    with pytest.raises(ValueError, match="terminal"):
+        inputs_on(card, terminal={"Dev1/ai0": "RSE"})
+
+
 def test_a_smaller_buffer_is_how_far_back_a_monitor_looks(card):
     card.most_samples = 500
     inputs = inputs_on(card, 10e3, buffer_s=1.0)

@@ -85,6 +85,17 @@ def test_a_block_that_arrives_after_an_underflow_does_not_hide_it():
         assert OutputStream.newest.pull(1)[0, 0] == 0.0
 
 
+def test_a_dc_coupled_card_holds_a_level_until_its_lease_ends():
+    now = [0.0]
+    with card(clock=lambda: now[0]) as output:
+        output.hold(1.0)
+        assert OutputStream.newest.pull(5).tolist() == [[0.5, 0.0]] * 5
+        now[0] = 0.6
+        with pytest.raises(OutputUnderrun):
+            output.check()
+        assert OutputStream.newest.pull(5).max() == 0.0
+
+
 def test_an_ac_coupled_card_refuses_to_hold():
     with card(dc_coupled=False) as output:
         output.write([0.5] * 100, 48e3)
@@ -100,6 +111,17 @@ def test_an_ac_coupled_card_refuses_to_hold():
             ),
             SoundSettings(48e3, 1.0, dc_coupled=False),
         )
+
+
+def test_limits_and_rate_are_checked_and_leave_the_stream_alone():
+    with card() as output:
+        output.write([1.0] * 10, 48e3)
+        for block_v, rate_hz in (([1.1], 48e3), ([0.0], 44.1e3)):
+            with pytest.raises(LimitExceeded):
+                output.write(block_v, rate_hz)
+        assert OutputStream.newest.pull(1)[0, 0] == 0.5
+    with pytest.raises(ValueError, match="full scale"):
+        card(full_scale_v=0.5)
 
 
 def test_a_card_pulled_out_is_reported():
@@ -219,5 +241,18 @@ def test_a_card_is_lost_when_it_takes_nothing_for_longer_than_it_may(pulls):
     now[0] += 0.051
     with pytest.raises(DeviceDisconnected, match="takes no samples"):
         output.check()
+    with pytest.raises(DeviceDisconnected):
+        output.close()
+
+
+def test_a_level_that_no_callback_takes_is_not_held():
+    now = [0.0]
+    output = card(clock=lambda: now[0])
+    output.open()
+    OutputStream.newest.pull(1)
+    output.hold(1.0)
+    now[0] = 0.06
+    with pytest.raises(DeviceDisconnected, match="takes no samples"):
+        output.hold(1.0)
     with pytest.raises(DeviceDisconnected):
         output.close()

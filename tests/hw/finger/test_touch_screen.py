@@ -219,6 +219,16 @@ def test_after_dropped_events_a_finger_is_found_again_where_it_is(slotted):
     assert placed(slotted.put(0.07, 0.08)) == (0.07, 0.08, True)
 
 
+def test_after_dropped_events_one_finger_counts_from_its_next_touch(single):
+    single.put(0.02, 0.03)
+    single.screen.lose_events()
+    single.put(0.05, 0.06)
+    single.screen.find_events()
+    assert single.put(0.07, 0.08).touching is False
+    single.lift()
+    assert placed(single.put(0.075, 0.085)) == (0.075, 0.085, True)
+
+
 def test_an_unplugged_screen_is_an_error(bench):
     bench.put(0.02, 0.03)
     bench.screen.unplug()
@@ -309,7 +319,12 @@ def told(events: TouchEvents, *values: tuple[tuple[int, int], int]) -> bool | No
     return None if report is None else report.touching
 
 
-def test_a_finger_that_hovers_over_a_screen_for_one_does_not_touch():
+def test_a_finger_that_hovers_does_not_touch():
+    events = TouchEvents(lambda: 0)
+    assert told(events, (DISTANCE, 1), *LANDS[:3], (TOUCH, 0)) is False
+    assert told(events, (PLACE_X, 120)) is False
+    assert told(events, (DISTANCE, 0), (TOUCH, 1)) is True
+    assert told(events, (DISTANCE, 1)) is False  # of a screen that keeps BTN_TOUCH
     one = TouchEvents(None)
     assert told(one, *LANDS_ON_ONE) is True
     assert told(one, (ONE_DISTANCE, 1)) is False
