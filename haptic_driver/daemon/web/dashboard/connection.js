@@ -74,8 +74,7 @@ export class Stream {
     address.protocol = "ws:";
     if (TOKEN) address.searchParams.set("token", TOKEN);
     const socket = (this.socket = new WebSocket(address));
-    let timer,
-      over = false;
+    let over = false;
     const end = () => {
       if (over) return;
       over = true;
@@ -84,6 +83,7 @@ export class Stream {
       this.lost();
       setTimeout(() => this.open(), RETRY_MS);
     };
+    let timer = setTimeout(end, ANSWER_MS);
     const alive = () => {
       clearTimeout(timer);
       if (this.chatty) timer = setTimeout(end, SILENCE_MS);

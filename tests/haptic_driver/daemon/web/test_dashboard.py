@@ -292,6 +292,35 @@ def test_a_page_opened_while_a_texture_plays_shows_the_texture_itself(browser, c
     page.context.close()
 
 
+def test_a_page_whose_scripts_did_not_all_come_is_loaded_again(browser, served):
+    """On a busy machine it once stayed as it was, "not connected"."""
+    page = tab(browser)
+    page.route("**/tiles.js", lambda route: route.abort(), times=1)
+    load(page, served)
+    page.context.close()
+
+
+# Of the 5 s that an opening is waited for a tenth; the first one is never answered.
+NEVER_OPEN = """
+const later = setTimeout, Opens = WebSocket;
+let opened = 0;
+window.setTimeout = (work, ms) => later(work, ms === 5000 ? 500 : ms);
+window.WebSocket = class extends Opens {
+  constructor(address) {
+    super(opened++ ? address : "ws://127.0.0.1:9/");
+    if (opened === 1) Object.defineProperties(this, { onclose: {}, onerror: {} });
+  }
+};
+"""
+
+
+def test_a_connection_that_nobody_opens_is_tried_again(browser, served):
+    page = tab(browser)
+    page.add_init_script(NEVER_OPEN)
+    load(page, served)
+    page.context.close()
+
+
 def test_a_paused_plot_stands_still_and_goes_on(page):
     await_change(page, "friction")
     page.click("#pause")

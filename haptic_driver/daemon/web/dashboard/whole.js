@@ -1,0 +1,12 @@
+// A page whose scripts did not all come does nothing, so it is loaded again. Not a module: those
+// come together or not at all.
+
+const AGAIN_MS = 1000;
+
+addEventListener(
+  "error",
+  ({ target }) => {
+    if (target instanceof HTMLScriptElement) setTimeout(() => location.reload(), AGAIN_MS);
+  },
+  true, // what did not come is told to its element alone
+);
