@@ -74,7 +74,7 @@ __all__ = [
 TIMEOUT_S = 10.0  # switching off waits for a slow instrument
 PATIENCE_S = 300.0  # with what may wait for a process to start, on a busy machine
 RENEWALS_PER_LEASE = 4
-PATIENCE_LEASES = 0.5  # with one renewal: another one comes in time
+PATIENCE_LEASES = 0.5  # one renewal may take so much of the lease: another comes in time
 POLL_S = 0.1
 
 Schema = TypeVar("Schema", bound=BaseModel)
@@ -103,7 +103,7 @@ class HapticClient(Verbs):
         self._line(TIMEOUT_S).close()
 
     def within(self, timeout_s: float) -> HapticClient:
-        """The same daemon; what is not answered so fast is NoDaemonError."""
+        """A client of the same daemon that waits so long for an answer; then NoDaemonError."""
         client = copy(self)
         client._timeout_s = timeout_s
         return client

@@ -1,7 +1,7 @@
 """All tests, a kind after the other: `python -m tests [--quick] [arguments of pytest]`.
 
-Pure tests run on all cores, and tests with processes, which wait a fifth of their time, one more at
-once, in any order. Tests of real time run alone.
+As many pure tests run at once as there are cores. Tests with processes wait a fifth of their time,
+so one more of them runs. Tests of real time run alone.
 """
 
 from __future__ import annotations

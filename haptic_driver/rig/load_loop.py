@@ -166,7 +166,7 @@ def lift(stage: LoadStage, mounting: Mounting, guard: Guard | None, *, retract: 
 class LoadLoop:
     """Holds a load while `look` is called, again and again, between entering and leaving.
 
-    The stage stands clear from the beginning.
+    The stage stands clear when this is made; earlier readings of the sensor do not count.
     `last_m` is where the finger was felt the last time, if it was: `touch_m` of the loop before.
     """
 

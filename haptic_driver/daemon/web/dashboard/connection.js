@@ -57,7 +57,7 @@ export async function ask(method, path, body, lease) {
   return said;
 }
 
-// A WebSocket that is opened again whenever it closes or falls silent.
+// A WebSocket that is opened again whenever it closes, falls silent or is not answered.
 export class Stream {
   constructor(path, { opened = () => {}, message, lost = () => {}, chatty = false }) {
     Object.assign(this, { path, opened, message, lost, chatty });

@@ -11,6 +11,7 @@
 // `haptic daemon run --allow-origin ORIGIN`. What the page armed is off when the page goes.
 
 const RENEWALS_PER_LEASE = 4;
+const ANSWER_MS = 5000;
 
 export class Refusal extends Error {
   constructor({ code, message, hint }) {
@@ -27,7 +28,11 @@ export class Haptic {
     const token = page.searchParams.get("token") ?? sessionStorage.getItem("token") ?? "";
     const socket = new WebSocket(`ws://${page.host}/commands?token=${encodeURIComponent(token)}`);
     return new Promise((opened, failed) => {
-      socket.onopen = () => opened(new Haptic(socket));
+      const timer = setTimeout(() => socket.close(), ANSWER_MS); // which is an error
+      socket.onopen = () => {
+        clearTimeout(timer);
+        opened(new Haptic(socket));
+      };
       socket.onerror = () => failed(new Error(`no daemon answers at ${page.host}`));
     });
   }

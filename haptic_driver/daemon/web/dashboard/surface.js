@@ -17,11 +17,11 @@ export class Surface {
   // about a place go.
   constructor(map, over, said) {
     Object.assign(this, { map, over, said });
-    this.surface = this.point = this.probe = null;
+    this.surface = this.point = this.probe = this.asked = null;
     this.trail = [];
     this.over.addEventListener("pointermove", (event) => this.ask(event.offsetX, event.offsetY));
     this.over.addEventListener("pointerleave", () => {
-      this.probe = null;
+      this.probe = this.asked = null;
       this.drawPoint();
     });
     this.over.addEventListener("keydown", (event) => this.askByKey(event));
@@ -40,6 +40,7 @@ export class Surface {
     this.surface = { ...surface, lowest, range, picture: pictureOf(surface.cof, range) };
     this.draw();
     this.drawPoint();
+    if (this.asked) this.ask(...this.asked); // words of another surface, or of none
   }
 
   layout() {
@@ -63,6 +64,7 @@ export class Surface {
   // --- asking about a place ----------------------------------------------------------------------
 
   ask(x, y) {
+    this.asked = [x, y];
     if (!this.surface) return;
     const at = this.layout();
     if (x < LEFT || x > at.right || y < TOP || y > at.bottom) return;

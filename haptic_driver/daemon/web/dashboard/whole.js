@@ -1,5 +1,5 @@
-// A page whose scripts did not all come does nothing, so it is loaded again. Not a module: those
-// come together or not at all.
+// A page whose scripts did not all come does nothing, so it is loaded again. This one is no module:
+// it has to run where a module is missing.
 
 const AGAIN_MS = 1000;
 

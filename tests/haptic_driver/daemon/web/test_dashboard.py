@@ -347,10 +347,19 @@ def test_a_paused_plot_stands_still_though_it_is_drawn_anew(page):
     assert pixels(page, "friction") == before
 
 
-def test_the_surface_says_what_forbids_a_place(page):
+def test_the_surface_says_what_forbids_a_place_also_where_it_comes_after_the_pointer(page, served):
+    held = []
+
+    def hold(route):
+        held.append(route)
+
+    page.route("**/surface", hold)
+    with page.expect_request("**/surface"):
+        load(page, served)
     surface = page.locator("#surface")
     width = surface.bounding_box()["width"]
     surface.hover(position={"x": 0.8 * width, "y": 20.0})  # waits until the page stands still
+    held[0].continue_()
     expect(page.locator("#surface-said")).to_contain_text(
         "forbidden by voltage (at most 40.0 V), slew rate (at most 30.0 V)"
     )

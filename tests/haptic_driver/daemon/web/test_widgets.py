@@ -1,11 +1,13 @@
 """The example of an app's own page, in a real browser: what is drawn and what is felt move together."""
 
+import socket
 from pathlib import Path
 
 import pytest
 
 from haptic_driver.daemon.messages import DaemonState
-from tests.haptic_driver.daemon.web.served_page import HANG_MS, expect
+from haptic_driver.daemon.run import PAGE_FOLDER
+from tests.haptic_driver.daemon.web.served_page import HANG_MS, BrowserError, expect
 from tests.waiting import until
 
 pytestmark = pytest.mark.process
@@ -121,3 +123,19 @@ def test_the_recipe_for_an_apps_own_page(browser, served, control):
 
     until(follows)
     context.close()
+
+
+OPEN = """async ([source, address]) => {
+  const later = setTimeout;
+  window.setTimeout = (work, ms) => later(work, ms / 50);
+  const { Haptic } = await import("data:text/javascript," + encodeURIComponent(source));
+  await Haptic.open(address);
+}"""
+
+
+def test_a_port_that_takes_a_connection_and_answers_nothing_is_no_daemon(browser):
+    source = (PAGE_FOLDER / "haptic.js").read_text(encoding="utf-8")
+    with socket.create_server(("127.0.0.1", 0)) as silent, browser.new_context() as context:
+        address = f"http://127.0.0.1:{silent.getsockname()[1]}/page/?token=x"
+        with pytest.raises(BrowserError, match="no daemon answers at"):
+            context.new_page().evaluate(OPEN, [source, address])
