@@ -46,9 +46,12 @@ test: lint
 test-quick: .venv/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests --quick
 
-# Long tests and many repetitions: fault scripts by the ten thousand, and more; at most 40 minutes.
+# Long tests and many repetitions, some two hours: those of a daemon's own pace alone, then the others, one a core.
+SOAK := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m soak -rP --durations 30
+ALONE := $(addprefix tests/,haptic_driver/daemon $(addprefix soak/test_,attack.py busy_machine.py everything_at_once.py fidelity.py rendering.py))
 soak: .venv/.test
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m soak -rP --ignore tests/soak/test_kills.py
+	status=0; $(SOAK) $(ALONE) || status=$$?; \
+	$(SOAK) -n auto --dist loadfile --no-loadscope-reorder $(addprefix --ignore ,$(ALONE) tests/soak/test_kills.py) tests/soak tests && exit $$status
 
 # 400 kills and stops of the daemon's processes beside 4 busy loops, with the time to zero: some 30 minutes.
 kills: .venv/.test
