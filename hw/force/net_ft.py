@@ -20,6 +20,8 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import NamedTuple
 
+import numpy as np
+
 from hw.errors import BadReply, DeviceDisconnected, DeviceError, DeviceTimeout
 from hw.force.sensor import ForceAxes, ForceReading, Wrench
 
@@ -61,7 +63,7 @@ class NetFtSettings:
     outside `ignored_status` mark a reading as not to be trusted (the bits' meaning is not verified,
     so by default all do). `f_t_sequence_advances` False accepts records whose F/T sequence stands
     still (not verified for every box). `bias_tolerance_n` is what may remain on each axis after a
-    software bias.
+    software bias; it is averaged over `bias_average_s`, and taken off from then on.
     """
 
     host: str
@@ -73,10 +75,17 @@ class NetFtSettings:
     f_t_sequence_advances: bool = True
     bias_tolerance_n: float = 0.2
     bias_timeout_s: float = 1.0
+    bias_average_s: float = 0.1
 
     def __post_init__(self) -> None:
         """Refuse what cannot be; raises ValueError."""
-        positive = (*self.scale, self.timeout_s, self.bias_tolerance_n, self.bias_timeout_s)
+        positive = (
+            *self.scale,
+            self.timeout_s,
+            self.bias_tolerance_n,
+            self.bias_timeout_s,
+            self.bias_average_s,
+        )
         if not (all(0.0 < value < math.inf for value in positive) and 0 < self.port < 1 << 16):
             raise ValueError(
                 "counts, timeouts and tolerance must be > 0 and finite and the port 1..65535:"
@@ -122,6 +131,7 @@ class NetFt:
         self._address = ("", 0)
         self._newest: Wrench | None = None
         self._kept: deque[Wrench] = deque(maxlen=_KEPT_RECORDS)
+        self._rest = [0.0] * 6  # force and torque that the box's own bias has left
         self._sequences: tuple[int, int] | None = None
         self._looked_s = 0.0
         self._arrived_s = -math.inf  # of the newest record
@@ -181,28 +191,45 @@ class NetFt:
             return kept
 
     def take_bias(self) -> None:
-        """Make the present load the box's zero; the stream must confirm it, since the box does not.
+        """Make the present load the zero.
 
-        Raises DeviceTimeout, or BadReply when a force beyond `bias_tolerance_n` remains.
+        The box acknowledges nothing, may not have heard, and takes a single noisy sample: what the
+        stream shows afterwards counts. Raises DeviceTimeout, or BadReply when a force beyond
+        `bias_tolerance_n` remains.
         """
         with self._lock:
             self._look()
-            self._newest = None
+            self._newest, self._rest = None, [0.0] * 6
             self._send(Command.BIAS)
-            tolerance_n = self._settings.bias_tolerance_n
+            settings = self._settings
             try:
-                self._await(
-                    lambda wrench: max(map(abs, wrench.force_n)) <= tolerance_n,
-                    self._settings.bias_timeout_s,
-                )
+                near = self._await(self._is_near_zero, settings.bias_timeout_s)
+                # what was under way, and the box's answer to the request
+                settled_s = near.time_s + settings.bias_average_s
+                self._await(lambda wrench: wrench.time_s >= settled_s, settings.bias_timeout_s)
+                self._kept.clear()
+                done_s = settled_s + settings.bias_average_s
+                self._await(lambda wrench: wrench.time_s >= done_s, settings.bias_timeout_s)
             except DeviceTimeout:
                 if self._newest is None:
                     raise
-                raise BadReply(
-                    f"{self.resource} still reads {self._newest.force_n} N after its bias was"
-                    " taken",
-                    "leave the sensor unloaded and still; then take the bias again",
-                ) from None
+                raise self._still_reads(self._newest) from None
+            for wrench in self._kept:
+                if not self._is_near_zero(wrench):
+                    raise self._still_reads(wrench)
+            felt = [(*wrench.force_n, *wrench.torque_n_m) for wrench in self._kept]
+            self._rest = np.mean(felt, axis=0).tolist()
+            self._newest = None
+            self._kept.clear()
+
+    def _is_near_zero(self, wrench: Wrench) -> bool:
+        return max(map(abs, wrench.force_n)) <= self._settings.bias_tolerance_n
+
+    def _still_reads(self, wrench: Wrench) -> BadReply:
+        return BadReply(
+            f"{self.resource} still reads {wrench.force_n} N after its bias was taken",
+            "leave the sensor unloaded and still; then take the bias again",
+        )
 
     def keep_bias(self, before: NetFt) -> None:
         """Go on with the bias that the box itself keeps as long as it has power: somebody may press
@@ -220,6 +247,7 @@ class NetFt:
                     f"{self.resource} was off meanwhile and has lost its bias",
                     "take everything off the sensor, then start the daemon again",
                 )
+            self._rest = before._rest
 
     def close(self) -> None:
         """Stop the stream and hang up; never fails, does nothing when closed."""
@@ -313,8 +341,11 @@ class NetFt:
         self.counters.accepted += 1
         self.status_raw = status
         scale = self._settings.scale
-        fx, fy, fz = (count / scale.counts_per_n for count in counts[:3])
-        tx, ty, tz = (count / scale.counts_per_n_m for count in counts[3:])
+        per_unit = (scale.counts_per_n,) * 3 + (scale.counts_per_n_m,) * 3
+        fx, fy, fz, tx, ty, tz = (
+            count / one - rest
+            for count, one, rest in zip(counts, per_unit, self._rest, strict=True)
+        )
         faulty = status & ~self._settings.ignored_status != 0
         self._arrived_s = max(self._arrived_s, arrived_s)
         wrench = Wrench(self._arrived_s, (fx, fy, fz), (tx, ty, tz), faulty)

@@ -260,6 +260,43 @@ def test_a_software_bias_is_confirmed_by_the_stream(box, client):
     assert client.read_wrench().force_n == pytest.approx((0.0, 0.0, 0.0))
 
 
+def test_a_bias_that_a_box_has_not_heard_or_took_of_a_noisy_moment_is_no_wrong_zero(monkeypatch):
+    chance = np.random.default_rng(1)
+    load = [0.0, 0.0, 0.1, 0.0, 0.0, 0.01]  # an offset within the tolerance
+
+    def felt() -> Any:
+        return tuple(np.array(load) + chance.normal(0.0, 0.02, 6))
+
+    with FaultyNetFt(felt) as box:
+        for deaf in (False, True):
+            device = client_of(box.port)
+            device.open()
+            if deaf:
+                box._bias = (0.0,) * 6
+                monkeypatch.setattr(box, "_handle", lambda request, client: None)
+            device.take_bias()
+            read = [device.read_wrench() for _ in range(300) if not time.sleep(0.001)]
+            mean = np.mean([(*wrench.force_n, *wrench.torque_n_m) for wrench in read], axis=0)
+            assert np.abs(mean).max() < 0.01, deaf
+            device.close()
+
+
+def test_a_bias_under_a_finger_that_comes_meanwhile_is_an_error():
+    left = [math.inf]
+
+    def felt() -> Any:
+        left[0] -= 1
+        return (0.0, 0.0, 0.0 if left[0] > 0 else -0.5, 0.0, 0.0, 0.0)
+
+    with FaultyNetFt(felt) as box:
+        device = client_of(box.port, bias_average_s=0.5)
+        device.open()
+        left[0] = 50  # records until the finger is there
+        with pytest.raises(BadReply, match="still reads"):
+            device.take_bias()
+        device.close()
+
+
 def test_a_bias_that_was_not_taken_is_an_error():
     loads = iter([LOAD, LOAD])  # the bias is another load than what follows
     with FaultyNetFt(lambda: next(loads, (5.0, 0.0, 0.0, 0.0, 0.0, 0.0)), rate_hz=500.0) as box:
