@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from haptic_driver.base.units import readable
+from haptic_driver.limits import OperatingLimits
 from haptic_driver.rig.config import SafetySettings
 from hw.amplifier.analog import AmplifierState, AnalogAmplifier
 
@@ -13,13 +14,16 @@ from hw.amplifier.analog import AmplifierState, AnalogAmplifier
 class _Commanded(NamedTuple):
     """A voltage, and a time by which it had certainly been sent: the first look after its dialogue,
     which may stall.
+
+    `current_a`: the highest peak through the panel and through people within the limit.
     """
 
     voltage_v: float
+    current_a: float = math.inf
     told_s: float = math.inf
 
 
-_ZERO = _Commanded(0.0, -math.inf)
+_ZERO = _Commanded(0.0, told_s=-math.inf)
 
 
 def line_contradiction(amplifier: AnalogAmplifier) -> str | None:
@@ -40,63 +44,101 @@ def line_contradiction(amplifier: AnalogAmplifier) -> str | None:
     return None
 
 
-class VoltageCheck:
-    """Compares the voltage monitor with what was commanded within the last `settle_s`, as late as a
+class _Lasting:
+    """For how long something has been so without a break."""
+
+    def __init__(self) -> None:
+        self._since_s: float | None = None
+
+    def for_s(self, is_so: bool, time_s: float) -> float:
+        if not is_so:
+            self._since_s = None
+            return 0.0
+        if self._since_s is None:
+            self._since_s = time_s
+        return time_s - self._since_s
+
+
+class MonitorCheck:
+    """Compares the monitors with what was commanded within the last `settle_s`, as late as a
     monitor may be.
 
     `modulated`: the amplitude follows an analog output below the set point, so that the monitor may
     show less.
     """
 
-    def __init__(self, safety: SafetySettings, modulated: bool) -> None:
+    def __init__(self, safety: SafetySettings, limits: OperatingLimits, modulated: bool) -> None:
         self._safety = safety
+        self._limits = limits
         self._modulated = modulated
         self._commanded = [_ZERO]
-        self._too_low_s: float | None = None  # since when it has read less than was commanded
+        self._too_low, self._too_much_current = _Lasting(), _Lasting()
+        self._quiet_a = 0.0
 
-    def commanded(self, voltage_v: float) -> None:
-        """This voltage is being sent to the generator."""
-        self._commanded.append(_Commanded(voltage_v))
+    def comes_on(self, current_a: float | None) -> None:
+        """The current monitor reads this of an output that is off: its own noise."""
+        self._quiet_a = abs(current_a or 0.0)
+
+    def commanded(self, frequency_hz: float, voltage_v: float, is_sine: bool) -> None:
+        """This voltage is being sent to the generator; what has steps charges a panel in
+        spikes, of which nothing is known.
+        """
+        current_a = math.inf
+        if is_sine:
+            panel_s = 2.0 * math.pi * frequency_hz * self._limits.panel_capacitance_f
+            people_a = math.sqrt(2.0) * self._limits.contact_current_limit_a_rms(frequency_hz)
+            current_a = panel_s * voltage_v + float(people_a)
+        self._commanded.append(_Commanded(voltage_v, current_a))
 
     def switched_off(self, shown: bool) -> None:
         """Zero was commanded; where that was shown, what came before does not count any more."""
         self._commanded = [_ZERO] if shown else [*self._commanded, _ZERO]
-        self._too_low_s = None
+        self._too_low, self._too_much_current = _Lasting(), _Lasting()
 
-    def contradiction(self, time_s: float, voltage_v: float | None) -> str | None:
-        """What the monitor says against the commands: at once when it reads too much.
+    def contradiction(
+        self, time_s: float, voltage_v: float | None, current_a: float | None
+    ) -> str | None:
+        """What the monitors say against the commands: at once when a voltage reads too much.
 
         Too little must last, since nobody is hurt by it and a busy computer or instrument may be
-        late with a voltage.
+        late with a voltage. So must too much current, since a set point's step has a spike.
         """
-        low_v, high_v = self._range_v(time_s)
-        if voltage_v is None:
-            return None
-        low_v = 0.0 if self._modulated else low_v
+        told = self._within(time_s)
+        found = None if voltage_v is None else self._by_voltage(time_s, told, abs(voltage_v))
+        if found is None and current_a is not None:
+            found = self._by_current(time_s, told, abs(current_a))
+        return found
+
+    def _by_voltage(self, time_s: float, told: list[_Commanded], reads_v: float) -> str | None:
+        voltages_v = [one.voltage_v for one in told]
+        low_v, high_v = 0.0 if self._modulated else min(voltages_v), max(voltages_v)
         tolerance_v = max(self._safety.monitor_tolerance_v, self._safety.monitor_tolerance * high_v)
         reads = (
-            f"the monitor reads {abs(voltage_v):.3g} V where {low_v:.3g}..{high_v:.3g} V were"
-            " commanded"
+            f"the monitor reads {reads_v:.3g} V where {low_v:.3g}..{high_v:.3g} V were commanded"
         )
-        if abs(voltage_v) > high_v + tolerance_v:
+        if reads_v > high_v + tolerance_v:
             return reads
-        if abs(voltage_v) >= low_v - tolerance_v:
-            self._too_low_s = None
-        elif self._too_low_s is None:
-            self._too_low_s = time_s
-        elif time_s - self._too_low_s >= self._safety.settle_s:
-            return f"{reads}, for {time_s - self._too_low_s:.2g} s"
-        return None
+        low_s = self._too_low.for_s(reads_v < low_v - tolerance_v, time_s)
+        return f"{reads}, for {low_s:.2g} s" if low_s >= self._safety.settle_s else None
 
-    def _range_v(self, time_s: float) -> tuple[float, float]:
-        """Lowest and highest voltage commanded within `settle_s`, that in force at its beginning
-        included.
-        """
+    def _by_current(self, time_s: float, told: list[_Commanded], reads_a: float) -> str | None:
+        """More than the panel takes goes through whoever touches."""
+        most_a = max(one.current_a for one in told)
+        is_more = reads_a - self._quiet_a > most_a * (1.0 + self._safety.monitor_tolerance)
+        if self._too_much_current.for_s(is_more, time_s) < self._safety.settle_s:
+            return None
+        return (
+            f"the current monitor reads {readable(reads_a, 'A')} where the panel and contact within"
+            f" the limit take {readable(most_a, 'A')} at most: more touches than"
+            " limits.touching_area_m2 says, or limits.panel_capacitance_f is too small"
+        )
+
+    def _within(self, time_s: float) -> list[_Commanded]:
+        """What was commanded within `settle_s`, that in force at its beginning included."""
         told = [
             one if one.told_s < math.inf else one._replace(told_s=time_s) for one in self._commanded
         ]
         while len(told) > 1 and told[1].told_s <= time_s - self._safety.settle_s:
             del told[0]
         self._commanded = told
-        voltages_v = [one.voltage_v for one in told]
-        return min(voltages_v), max(voltages_v)
+        return told

@@ -14,7 +14,7 @@ from dataclasses import replace
 from haptic_driver.errors import HapticError
 from haptic_driver.rig.config import RigConfig
 from haptic_driver.rig.evidence import NOTHING_KNOWN, Clock, OffEvidence, switch_off, tried
-from haptic_driver.rig.monitor import VoltageCheck, line_contradiction
+from haptic_driver.rig.monitor import MonitorCheck, line_contradiction
 from haptic_driver.rig.states import Happening, OutputStates, RigEvent, Withdrawals
 from hw.amplifier.analog import AmplifierState, AnalogAmplifier
 from hw.analog.lines import Heartbeat
@@ -51,7 +51,7 @@ class OutputSwitch:
         self._clock = clock
         self._settle_s = config.safety.settle_s
         self._lock_timeout_s = 4.0 * config.waveform_generator.reply_timeout_s
-        self._voltage = VoltageCheck(config.safety, modulated)
+        self._monitors = MonitorCheck(config.safety, config.operating_limits(), modulated)
         self._checked_s = -math.inf
         self._lock = threading.RLock()  # held by whoever may raise the voltage
         self._withdrawals = Withdrawals()
@@ -85,6 +85,7 @@ class OutputSwitch:
         """Output on at the generator's minimum, then the amplifier enabled."""
         if self._amplifier.fault:
             self._trip("the amplifier's fault line says fault")
+        self._monitors.comes_on(self._amplifier.monitor_current_a())
         self.known = NOTHING_KNOWN
         self.states.happens(Happening.STARTS, "commanded")
         self.set_point(frequency_hz, self._generator.minimum_voltage_v)
@@ -109,7 +110,8 @@ class OutputSwitch:
         shape: Shape = Shape.SINE,
     ) -> None:
         self._permit.check()
-        self._voltage.commanded(voltage_v + abs(voltage_offset_v))
+        peak_v = voltage_v + abs(voltage_offset_v)
+        self._monitors.commanded(frequency_hz, peak_v, shape is Shape.SINE)
         self._generator.set_point(
             frequency_hz, voltage_v, voltage_offset_v, shape=shape, modulation=self._modulation
         )
@@ -118,9 +120,10 @@ class OutputSwitch:
     def check(self, time_s: float) -> None:
         """Trip when amplifier or monitors contradict what was commanded."""
         self._checked_s = self._clock.now_s()
-        contradiction = line_contradiction(self._amplifier) if self.may_be_on else None
-        contradiction = contradiction or self._voltage.contradiction(
-            time_s, self._amplifier.monitor_voltage_v()
+        on, amplifier = self.may_be_on, self._amplifier
+        contradiction = line_contradiction(amplifier) if on else None
+        contradiction = contradiction or self._monitors.contradiction(
+            time_s, amplifier.monitor_voltage_v(), amplifier.seen_current_a if on else None
         )
         if contradiction:
             self._trip(contradiction)
@@ -207,7 +210,7 @@ class OutputSwitch:
         self.known = evidence
         on = evidence.at(self._clock.now_s()).on
         shown = on is False
-        self._voltage.switched_off(shown)
+        self._monitors.switched_off(shown)
         if shown:
             for heartbeat in self._heartbeats:
                 tried(heartbeat.rest, None)

@@ -5,7 +5,7 @@ know then.
 import math
 import threading
 import time
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -846,6 +846,35 @@ def test_more_current_than_the_amplifier_may_give_is_a_trip(bench, monkeypatch, 
         bench.rig.hold(0.4)
     assert bench.rig.state is RigState.TRIPPED
     assert bench.voltage_v == 0.0
+
+
+@pytest.mark.parametrize(("share", "pause", "trips"), [(0.98, 0, 0), (1.02, 0, 1), (1.02, 7, 0)])
+@pytest.mark.parametrize("noise_a", [0.0, 2e-3])
+def test_current_beyond_panel_and_allowed_contact_is_a_trip_once_it_lasts(
+    bench, monkeypatch, noise_a, share, pause, trips
+):
+    """50 V at 250 Hz charge 1 nF with 79 uA, 0.5 mA rms may go through people, a tenth is the
+    tolerance. The monitor of a large amplifier reads more than that of nothing.
+    """
+    most_a = 1.1 * (2.0 * math.pi * 250.0 * 50.0 * 1e-9 + math.sqrt(2.0) * 0.5e-3)
+    v_per_a = bench.config.amplifier.current_monitor_v_per_a
+    monkeypatch.setattr(bench.amplifier.current_monitor, "read_v", lambda: noise_a * v_per_a)
+    reading_v = (share * most_a + noise_a) * v_per_a
+    bench.rig.command(0.0, on(50.0))
+    bench.rig.hold(0.1)
+    bench.rig.hold(0.3)
+    for look in range(15):
+        reads_v = 0.0 if pause and look == pause else reading_v
+        monkeypatch.setattr(bench.amplifier.current_monitor, "read_v", lambda v=reads_v: v)
+        bench.rig.hold(0.31 + 0.01 * look)
+    with (
+        pytest.raises(HapticError, match=r"more touches than limits\.touching_area_m2")
+        if trips
+        else nullcontext()
+    ):
+        bench.rig.hold(0.461)
+    assert bench.rig.state is (RigState.TRIPPED if trips else RigState.ON)
+    assert bench.voltage_v == pytest.approx(0.0 if trips else 50.0, rel=1e-3)
 
 
 def test_the_amplifiers_fast_line_goes_first_and_once_more_last(bench, monkeypatch):
