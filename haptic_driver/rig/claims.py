@@ -27,6 +27,7 @@ _USB = re.compile(
     re.IGNORECASE,
 )
 _GPIB = re.compile(r"GPIB(?P<board>\d*)::(?P<place>\d+)(::\d+)?(::INSTR)?", re.IGNORECASE)
+_SOUND = re.compile(r"(card:)?(?P<card>sound:.+?)(/\d+)?", re.IGNORECASE | re.DOTALL)
 # A folder of this machine's memory that all users and network name spaces share.
 _SHARED = Path("/dev/shm")
 _PEER = struct.Struct("3i")  # process, user and group of whoever listens
@@ -37,8 +38,11 @@ def same_place(address: str) -> str:
     """One spelling of an address.
 
     A host on the network is one instrument, by whatever port; on this machine each port is one.
-    Names of hosts and links of devices lead to where they lead.
+    Names of hosts and links of devices lead to where they lead. A sound card is opened with all of
+    its channels.
     """
+    if found := _SOUND.fullmatch(address.strip()):
+        return found["card"].lower()
     name = address.strip().removeprefix("visa:").removeprefix("card:ni:")
     # else a channel of a card
     if (serial := _SERIAL.fullmatch(name)) and os.path.exists(serial["port"]):

@@ -2,13 +2,14 @@
 
 Almost every sound card is AC-coupled: a high-pass of some hertz stands before its socket. A held
 level fades to nothing within a fraction of a second, and a streamed envelope loses its mean and
-swings below its lowest sample. Such a card can carry only what has no slow part. Level, coupling
-and polarity differ from card to card and with its volume control: measure them, at the socket, with
-the volume fixed.
+swings below its lowest sample. Such a card can carry only what has no slow part, as a carrier.
+Level, coupling and polarity differ from card to card and with its volume control: measure them, at
+the socket, with the volume fixed.
 """
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections import deque
@@ -46,6 +47,7 @@ RATE_TOLERANCE = 1e-3  # of a crystal that is off; another rate of the card's is
 # Devices that are no card: a server or a mapper behind them chooses one, and mixes channels.
 SERVERS = {"default", "sysdefault", "pulse", "pipewire", "jack", "dmix"}
 SERVERS |= {"microsoft sound mapper - output", "primary sound driver"}
+_NAMED = re.compile(r"(.+?)(?:/([0-9]+))?", re.DOTALL)
 SERVER_APIS = ("jack", "pulseaudio", "pipewire")
 
 
@@ -59,6 +61,19 @@ class SoundSettings(NamedTuple):
     dc_coupled: bool
     channel: int = 0
     latency_s: float = 0.02
+
+
+def make_output(where: str, settings: AnalogOutputSettings) -> AnalogOutput:
+    """`card:sound:DEVICE/CHANNEL`, by name or number, for what has no slow part; `/0` may be left
+    out.
+
+    Its full scale is `settings.high_v` at the socket.
+    """
+    device, channel = _NAMED.fullmatch(where).groups()  # type: ignore[union-attr] # any text does
+    sound = SoundSettings(
+        settings.sample_rate_limit_hz, settings.high_v, dc_coupled=False, channel=int(channel or 0)
+    )
+    return SoundCardOutput(int(device) if device.isdecimal() else device, settings, sound)
 
 
 class SoundCardOutput(AnalogOutput):
@@ -129,6 +144,13 @@ class SoundCardOutput(AnalogOutput):
     def _rate_got_hz(self, sample_rate_hz: float) -> float:
         return float(self._stream.samplerate)
 
+    def read_back_v(self) -> float | None:
+        """Nothing reads a socket; raises DeviceError where there is no such card."""
+        if self._stream is None:
+            with self._portaudio() as sounddevice:
+                self._there(sounddevice)
+        return None
+
     @property
     def latency_s(self) -> float:
         """That of the open stream."""
@@ -146,15 +168,7 @@ class SoundCardOutput(AnalogOutput):
 
     def _connect(self) -> None:
         with self._portaudio() as sounddevice:
-            about = sounddevice.query_devices(self._device, "output")
-            self._refuse_server(sounddevice, about)
-            there = int(about["max_output_channels"])
-            if self._sound.channel >= there:
-                raise InstrumentRejected(
-                    f"{self.resource} has {there} output channels, and channel"
-                    f" {self._sound.channel} was asked for",
-                    "channels count from 0",
-                )
+            there = self._there(sounddevice)
             stream = sounddevice.OutputStream(
                 samplerate=self._sound.sample_rate_hz,
                 device=self._device,
@@ -172,6 +186,19 @@ class SoundCardOutput(AnalogOutput):
                     "write down a rate that the card has",
                 )
             stream.start()
+
+    def _there(self, sounddevice: ModuleType) -> int:
+        """How many channels the card has; InstrumentRejected where one is not its."""
+        about = sounddevice.query_devices(self._device, "output")
+        self._refuse_server(sounddevice, about)
+        there = int(about["max_output_channels"])
+        if self._sound.channel >= there:
+            raise InstrumentRejected(
+                f"{self.resource} has {there} output channels, and channel {self._sound.channel}"
+                " was asked for",
+                "channels count from 0",
+            )
+        return there
 
     def _refuse_server(self, sounddevice: ModuleType, about: Mapping[str, Any]) -> None:
         """Raise InstrumentRejected for a device behind which others choose the card."""

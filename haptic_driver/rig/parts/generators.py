@@ -47,7 +47,7 @@ class CarrierConfig(SignedFigures):
         description="asked of the output; the carrier counts on the one that it gets"
     )
     peak_v: Annotated[float, Within(0.01, 10.0, "outputs of cards end at 10 V")] = Field(
-        description="the highest at the output's terminal"
+        description="the highest at the output's terminal; of a sound card, its full scale there"
     )
     lead_s: Annotated[
         float, Within(0.002, 0.2, "no writer is so early, and no voltage may be so late")

@@ -107,6 +107,9 @@ def test_all_or_none(hold):
         ("USB0::0x0957::0x0407::MY1::INSTR", "USB0::0x0957::0x0407::MY2::INSTR", False),
         ("GPIB0::10::INSTR", "GPIB1::10::INSTR", False),
         ("card:ni:/Dev1/ao0", "Dev1/ao0", True),
+        ("card:sound:hw:1,0/1", "sound:HW:1,0", True),
+        ("card:sound:3/1", "sound:3", True),
+        ("card:sound:3", "card:sound:4", False),
     ],
 )
 def test_what_counts_as_one_instrument(one, other, same):

@@ -8,9 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hw.analog.cards import make_card
 from hw.analog.output import AnalogOutputSettings, OutputUnderrun
 from hw.analog.sound_card import SoundCardOutput, SoundSettings
 from hw.errors import DeviceDisconnected, DeviceError, InstrumentRejected, LimitExceeded
+from hw.generator.analog_carrier.driver import AnalogCarrier, CarrierSettings
+from hw.generator.settings import GeneratorSettings
 from tests.hw.testing.sound_card import OutputStream, install
 
 SETTINGS = AnalogOutputSettings(
@@ -256,3 +259,51 @@ def test_a_level_that_no_callback_takes_is_not_held():
         output.hold(1.0)
     with pytest.raises(DeviceDisconnected):
         output.close()
+
+
+def named_card(name: str) -> Any:
+    """As a rig's file names it; full scale is 1.4 V at its socket. Nothing looks at the time."""
+    settings = AnalogOutputSettings(-1.4, 1.4, 0.0, 48e3, buffer_s=0.04, gap_s=60.0)
+    output = make_card(f"card:sound:{name}", settings)
+    output.watched = False
+    return output
+
+
+@pytest.mark.parametrize(
+    ("name", "device", "channel"),
+    [("DAC", "DAC", 0), ("DAC/1", "DAC", 1), ("3/1", 3, 1), ("hw:1,0/1", "hw:1,0", 1)],
+)
+def test_a_cards_name_says_device_and_channel(monkeypatch, name, device, channel):
+    monkeypatch.setattr(OutputStream, "devices", ("DAC", 3, "hw:1,0"))
+    with named_card(name) as output:
+        output.write([0.7, 0.7], 48e3)
+        played = OutputStream.newest.pull(2)
+    assert OutputStream.newest.device == device
+    assert played[:, channel].tolist() == pytest.approx([0.5, 0.5])
+    assert played[:, 1 - channel].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("name", ["another", "DAC/2"])
+def test_a_look_tells_a_card_or_channel_that_is_not_there(name):
+    assert named_card("DAC").read_back_v() is None
+    with pytest.raises(InstrumentRejected):
+        named_card(name).read_back_v()
+
+
+def test_as_a_carrier_it_gives_the_volts_that_were_measured_at_its_socket():
+    frames = 960  # the lead
+    carrier = AnalogCarrier(
+        named_card("DAC/1"), GeneratorSettings(100.0, 140.0, 100.0, 2.4e3), CarrierSettings(48e3)
+    )
+    carrier.connect()
+    carrier.set_point(1000.0, 70.0)
+    carrier.set_output(True)
+    rising = OutputStream.newest.pull(frames)[:, 1]
+    carrier.pump()
+    played = OutputStream.newest.pull(frames)[:, 1]
+    turns = np.exp(-2j * np.pi * 1000.0 * np.arange(frames) / 48e3)
+    assert abs(rising[0]) < 0.02
+    assert 2.0 * abs(turns @ played) / frames == pytest.approx(0.7 / 1.4, rel=1e-6)
+    assert carrier.off() is None  # nothing reads its socket: others have to say off
+    assert OutputStream.newest.pull(4).max() == 0.0
+    carrier.close()

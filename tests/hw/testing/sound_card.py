@@ -40,6 +40,7 @@ class OutputStream:
         if channels not in self.channels_there:
             raise PortAudioError("Invalid number of channels", -9998)
         self._callback, self._channels, self.state = callback, channels, "new"
+        self.device = device
         self.samplerate, self.latency = self.got_rate_hz, self.got_latency_s
         OutputStream.newest = self
 
