@@ -222,11 +222,11 @@ def _ended(settings: LoadSettings, state: LoadState, wrong: str) -> Step:
 def wrong_load(settings: LoadSettings, seen: Seen) -> str:
     """Why the stage has to let go by what the sensor says; empty while nothing is wrong."""
     if seen.load_n is None:
-        return "the force sensor does not answer"
+        return "the force sensor is silent"
     if seen.saturated or not math.isfinite(seen.load_n):
         return "the force sensor is saturated"
     if not seen.load_age_s <= settings.silent_s:
-        return f"the force sensor is silent, its newest reading is {seen.load_age_s:.2f} s old"
+        return f"the force sensor is silent (its newest reading is {seen.load_age_s:.2f} s old)"
     if seen.same_s >= settings.repeats_s:
         return f"the force sensor is frozen, it repeats {seen.load_n:.4g} N"
     return _wrong_force(settings, seen.load_n)

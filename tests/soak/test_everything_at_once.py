@@ -22,7 +22,7 @@ from tests.waiting import HANG_S, until
 
 LOAD = 4
 LOAD_N = 0.5
-LATE_SENSOR = "the load stage lets go: the force sensor does not answer"
+LATE_SENSOR = "the load stage lets go: the force sensor is silent"
 
 
 @pytest.mark.soak

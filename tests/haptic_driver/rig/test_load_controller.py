@@ -227,7 +227,7 @@ def test_near_the_limit_it_is_followed_no_further_than_to_the_limit():
 
 WRONG = {
     "load": (QUIET._replace(load_n=0.75), "0.75 N"),
-    "no answer": (QUIET._replace(load_n=None), "does not answer"),
+    "no answer": (QUIET._replace(load_n=None), "sensor is silent"),
     "pulling": (QUIET._replace(load_n=-0.05), "its zero or its sign"),
     "no number": (QUIET._replace(load_n=float("nan")), "saturated"),
     "saturated": (QUIET._replace(saturated=True), "saturated"),
