@@ -52,6 +52,8 @@ def run() -> Iterator[Claim]:
             else "there is none",
         )
         yield Claim(f"{what}: within the half that its own deviation promises", f"{share:.0%}")
+    own_m = np.array([error_m for path in paths for error_m in doubts(path)])
+    yield Claim("a report beside what its neighbours on both sides tell", told(own_m))
     for wave_m in WAVES_M:
         fits = np.array([fit for path in paths for fit in fits_of_waves(path, wave_m)])
         by_time, by_space = fits.mean(axis=0)
@@ -87,6 +89,17 @@ def errors(path: Array, latency_s: float) -> Iterator[tuple[float, float, float,
         there = [float(np.interp(due_s, path[:, 0], column)) for column in path[:, 1:].T]
         ours_m = math.dist((finger.position_x_m, finger.position_y_m), there)
         yield ours_m, math.dist((x_m, y_m), there), state.std_m(latency_s), k in turns
+
+
+def doubts(path: Array) -> Iterator[float]:
+    """Of each report, the distance to a cubic through four neighbours on each side: nobody who
+    knows less tells its place better.
+    """
+    for k in range(4, len(path) - 4):
+        near = np.delete(path[k - 4 : k + 5], 4, axis=0)
+        age = (near[:, 0] - path[k, 0]) / LATENCIES_S[0]
+        there = np.polynomial.polynomial.polyfit(age, near[:, 1:], 3)[0]
+        yield math.dist(there, path[k, 1:])
 
 
 def fits_of_waves(path: Array, wave_m: float) -> Iterator[tuple[float, float]]:
