@@ -49,7 +49,7 @@ test-quick: .venv/.test
 
 # Long tests and many repetitions, some two hours: those of a daemon's own pace alone, then the others, one a core.
 SOAK := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m soak -rP --durations 30
-ALONE := $(addprefix tests/,haptic_driver/daemon $(addprefix soak/test_,attack.py busy_machine.py everything_at_once.py fidelity.py rendering.py))
+ALONE := $(addprefix tests/,haptic_driver/daemon $(addprefix soak/test_,attack.py busy_machine.py demos.py everything_at_once.py fidelity.py rendering.py))
 soak: .venv/.test
 	status=0; $(SOAK) $(ALONE) || status=$$?; \
 	$(SOAK) -n auto --dist loadfile --no-loadscope-reorder $(addprefix --ignore ,$(ALONE) tests/soak/test_kills.py) tests/soak tests && exit $$status
