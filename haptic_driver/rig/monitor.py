@@ -73,11 +73,14 @@ class MonitorCheck:
         self._modulated = modulated
         self._commanded = [_ZERO]
         self._too_low, self._too_much_current = _Lasting(), _Lasting()
-        self._quiet_a = 0.0
+        self._quiet_a = math.inf
 
     def comes_on(self, current_a: float | None) -> None:
-        """The current monitor reads this of an output that is off: its own noise."""
-        self._quiet_a = abs(current_a or 0.0)
+        """The current monitor reads this of an output that is off. Its own noise is the least that
+        was seen: it may still show what flowed a moment ago.
+        """
+        if current_a is not None:
+            self._quiet_a = min(self._quiet_a, abs(current_a))
 
     def commanded(self, frequency_hz: float, voltage_v: float, is_sine: bool) -> None:
         """This voltage is being sent to the generator; what has steps charges a panel in
@@ -124,7 +127,8 @@ class MonitorCheck:
     def _by_current(self, time_s: float, told: list[_Commanded], reads_a: float) -> str | None:
         """More than the panel takes goes through whoever touches."""
         most_a = max(one.current_a for one in told)
-        is_more = reads_a - self._quiet_a > most_a * (1.0 + self._safety.monitor_tolerance)
+        noise_a = self._quiet_a if self._quiet_a < math.inf else 0.0
+        is_more = reads_a - noise_a > most_a * (1.0 + self._safety.monitor_tolerance)
         if self._too_much_current.for_s(is_more, time_s) < self._safety.settle_s:
             return None
         return (

@@ -9,7 +9,6 @@ the socket, with the volume fixed.
 
 from __future__ import annotations
 
-import re
 import threading
 import time
 from collections import deque
@@ -47,7 +46,6 @@ RATE_TOLERANCE = 1e-3  # of a crystal that is off; another rate of the card's is
 # Devices that are no card: a server or a mapper behind them chooses one, and mixes channels.
 SERVERS = {"default", "sysdefault", "pulse", "pipewire", "jack", "dmix"}
 SERVERS |= {"microsoft sound mapper - output", "primary sound driver"}
-_NAMED = re.compile(r"(.+?)(?:/([0-9]+))?", re.DOTALL)
 SERVER_APIS = ("jack", "pulseaudio", "pipewire")
 
 
@@ -69,9 +67,11 @@ def make_output(where: str, settings: AnalogOutputSettings) -> AnalogOutput:
 
     Its full scale is `settings.high_v` at the socket.
     """
-    device, channel = _NAMED.fullmatch(where).groups()  # type: ignore[union-attr] # any text does
+    device, _, channel = where.rpartition("/")
+    if not (device and channel.isdecimal()):
+        device, channel = where, "0"
     sound = SoundSettings(
-        settings.sample_rate_limit_hz, settings.high_v, dc_coupled=False, channel=int(channel or 0)
+        settings.sample_rate_limit_hz, settings.high_v, dc_coupled=False, channel=int(channel)
     )
     return SoundCardOutput(int(device) if device.isdecimal() else device, settings, sound)
 

@@ -877,6 +877,20 @@ def test_current_beyond_panel_and_allowed_contact_is_a_trip_once_it_lasts(
     assert bench.voltage_v == pytest.approx(0.0 if trips else 50.0, rel=1e-3)
 
 
+def test_current_that_is_still_shown_when_the_output_comes_on_again_is_no_noise(bench, monkeypatch):
+    v_per_a = bench.config.amplifier.current_monitor_v_per_a
+    reads_a = [0.0]
+    monkeypatch.setattr(bench.amplifier.current_monitor, "read_v", lambda: reads_a[0] * v_per_a)
+    bench.rig.command(0.0, on(50.0))
+    bench.rig.command(0.1, OFF)
+    reads_a[0] = 2e-3
+    bench.rig.command(1.0, on(50.0))
+    for look in range(30):
+        bench.rig.hold(1.01 + 0.01 * look)
+    with pytest.raises(HapticError, match="more touches than"):
+        bench.rig.hold(1.33)
+
+
 def test_the_amplifiers_fast_line_goes_first_and_once_more_last(bench, monkeypatch):
     bench.rig.command(0.0, on(80.0))
     order = []
