@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from haptic_driver.errors import HapticError
+from haptic_driver.lab.psychophysics.apparatus import TAKEN_AWAY, stopped
 from haptic_driver.lab.psychophysics.run import Question
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from haptic_driver.recording.event import Event
 
 LOOK_S = 0.03
-TAKEN_AWAY = ("state", "lease", "fault")  # events that may mean that nobody is armed any more
+ARMED = ("armed", "rendering")
 GO_ON = "go on"
 
 
@@ -50,22 +50,12 @@ class MarkerParticipant:
         while True:
             for event in self._client.events(since):
                 since = event.number
-                if event.kind in TAKEN_AWAY:
-                    self._refuse_unless_armed()
+                if event.kind in TAKEN_AWAY and self._client.status().state not in ARMED:
+                    raise stopped(event.message)
                 if (found := _answered(event, asked, answers)) is not None:
                     self.answered_s = event.time_s
                     return found
             time.sleep(LOOK_S)
-
-    def _refuse_unless_armed(self) -> None:
-        status = self._client.status()
-        if status.state not in ("armed", "rendering"):
-            said = f"the daemon is {status.state}" + (
-                f": {status.fault}" if status.fault else ", disarmed by somebody"
-            )
-            raise HapticError(
-                "stopped", said, "Run the same command again: it goes on with the next trial"
-            )
 
 
 def _answered(event: Event, asked: int, answers: Sequence[str]) -> int | None:

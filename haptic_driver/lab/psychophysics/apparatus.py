@@ -36,6 +36,7 @@ from model.support.reading import read_bytes
 if TYPE_CHECKING:
     from haptic_driver.client import HapticClient, Session
 
+TAKEN_AWAY = ("state", "lease", "fault")  # events that may mean that nobody is armed any more
 SILENT_S = 3.0  # without a new sample the daemon has stopped
 PRESSED_S = 60.0  # a stage that takes longer to hold a load has stopped
 POLL_S = 0.05
@@ -117,14 +118,15 @@ class DaemonApparatus:
             self._tell("the stage presses …")
             self._press(settings.load_n)
         which: dict[str, Any] = {"interval": number, "of": count, "sound": settings.sound}
-        began_s = self.mark(f"interval {number} begins", which)
+        began = self._client.mark(f"interval {number} begins", which)
         self._begin(stimulus)
         self._tell(f"{number} … slide now" if count > 1 else "slide now")
         if settings.sound:
             self._ring()
-        samples = self._samples(settings)
+        samples = self._samples(settings, began.number)
         when = onsets(samples)
-        self.mark(f"interval {number} ends", which | {"began_s": began_s} | when._asdict())
+        ended = which | {"began_s": began.time_s} | when._asdict()
+        self.mark(f"interval {number} ends", ended)
         self.onset = when
         return samples
 
@@ -155,8 +157,10 @@ class DaemonApparatus:
         elif stimulus.texture is not None:
             self._session.play(stimulus.texture, nearest=True)
 
-    def _samples(self, settings: TrialSettings) -> NDArray[np.void]:
-        """Those of the interval that has begun; the output is off when they are all there."""
+    def _samples(self, settings: TrialSettings, began: int) -> NDArray[np.void]:
+        """Those of the interval whose first event is `began`; the output is off when they are all
+        there.
+        """
         found: list[NDArray[np.void]] = []
         for new in new_samples(self._client.samples, SILENT_S):
             found.append(new)
@@ -164,12 +168,17 @@ class DaemonApparatus:
                 break
         status = self._client.status()
         if status.state != "rendering":
-            said = f"the daemon is {status.state}" + (f": {status.fault}" if status.fault else "")
-            raise HapticError(
-                "stopped", said, "Remove the cause, then run the same command again: it goes on"
-            )
+            told = (e.message for e in self._client.events(began) if e.kind in TAKEN_AWAY)
+            raise stopped(next(told, f"the daemon is {status.state}"))
         self._session.off()
         return np.concatenate(found)
+
+
+def stopped(why: str) -> HapticError:
+    """The output was taken away from a session."""
+    return HapticError(
+        "stopped", why, "Remove the cause, then run the same command again: it goes on"
+    )
 
 
 class AssumedApparatus:

@@ -35,7 +35,7 @@ class Client:
     def mark(self, label, data=None):
         self.done.append(label)
         self.marked[label] = data
-        return SimpleNamespace(time_s=0.0)
+        return SimpleNamespace(time_s=0.0, number=len(self.done))
 
     def status(self):
         return SimpleNamespace(state="rendering", fault=None)
@@ -62,6 +62,28 @@ def test_each_interval_is_told_and_marked_at_both_ends_and_ends_off(tmp_path):
     assert client.marked["interval 2 begins"] == {"interval": 2, "of": 2, "sound": False}
     when = client.marked["interval 2 ends"]
     assert when["onset_s"] == when["first_touch_s"] == apparatus.onset.onset_s
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ([("flag", "late"), ("lease", "the lease ran out"), ("state", "armed by A")], "the lease"),
+        ([], "the daemon is idle"),
+    ],
+)
+def test_an_interval_that_was_cut_off_says_what_the_daemon_told_of_it(tmp_path, told, said):
+    """A lease that ran out was "the daemon is idle"."""
+    client = Client()
+    client.status = lambda: SimpleNamespace(state="idle")
+    client.events = lambda since: [
+        SimpleNamespace(kind=kind, message=message) for kind, message in told if since == 1
+    ]
+    with pytest.raises(HapticError, match=f"^{said}") as caught:
+        DaemonApparatus(client, client, tmp_path).present(
+            [Stimulus(0.55)], TrialSettings(intervals=1, duration_s=0.4), settle_s=0.1
+        )
+    assert caught.value.code == "stopped"
+    assert "off" not in client.done
 
 
 def test_the_stage_presses_anew_in_each_interval_before_that_begins(tmp_path):
