@@ -195,7 +195,7 @@ class NetFt:
 
         The box acknowledges nothing, may not have heard, and takes a single noisy sample: what the
         stream shows afterwards counts. Raises DeviceTimeout, or BadReply when a force beyond
-        `bias_tolerance_n` remains.
+        `bias_tolerance_n` remains or a record has a bad status.
         """
         with self._lock:
             self._look()
@@ -215,6 +215,11 @@ class NetFt:
                     raise
                 raise self._still_reads(self._newest) from None
             for wrench in self._kept:
+                if wrench.saturated:
+                    raise BadReply(
+                        f"{self.resource}: its status was not good while its bias was taken",
+                        "see the box's own page; then take the bias again",
+                    )
                 if not self._is_near_zero(wrench):
                     raise self._still_reads(wrench)
             felt = [(*wrench.force_n, *wrench.torque_n_m) for wrench in self._kept]

@@ -297,6 +297,17 @@ def test_a_bias_under_a_finger_that_comes_meanwhile_is_an_error():
         device.close()
 
 
+def test_records_of_a_bad_status_are_no_bias(box):
+    device = client_of(box.port)
+    device.open()
+    box.status_raw = 0x80020000
+    with pytest.raises(BadReply, match="its status was not good while its bias was taken"):
+        device.take_bias()
+    box.status_raw = 0
+    device.take_bias()
+    device.close()
+
+
 def test_a_bias_that_was_not_taken_is_an_error():
     loads = iter([LOAD, LOAD])  # the bias is another load than what follows
     with FaultyNetFt(lambda: next(loads, (5.0, 0.0, 0.0, 0.0, 0.0, 0.0)), rate_hz=500.0) as box:
