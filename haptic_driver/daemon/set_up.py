@@ -24,7 +24,7 @@ from haptic_driver.rig.config import RigConfig, load_rig
 from haptic_driver.rig.envelope_writer import LEAST_LEAD_S
 from haptic_driver.rig.part import NoPart
 from haptic_driver.rig.parts.finger_trackers import reports_of
-from haptic_driver.rig.placement import USUAL_SPEED_M_S, Placement, placement
+from haptic_driver.rig.placement import USUAL_SPEED_M_S, Placement, at_turns, placement
 from haptic_driver.rig.slide import read_slide
 from haptic_driver.rig.tick_settings import finger_settings, tick_settings
 from haptic_driver.signals import TICK_S
@@ -179,6 +179,12 @@ def placement_of(config: RigConfig, speed_m_s: float) -> Placement:
     """How far from a finger that slides at this speed the rig renders."""
     finger = finger_settings(config, _since_tick_s(config))
     return placement(finger, reports_of(config.finger_tracker), speed_m_s)
+
+
+def at_turns_of(config: RigConfig, speed_m_s: float) -> tuple[float, float]:
+    """The same beside turns of strokes back and forth: median, and what 95 % are within, m."""
+    finger = finger_settings(config, _since_tick_s(config))
+    return at_turns(finger, reports_of(config.finger_tracker), speed_m_s)
 
 
 def off_m(config: RigConfig) -> float:

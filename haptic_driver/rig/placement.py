@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from haptic_driver.render.finger import INITIAL, FingerSettings, track
 from haptic_driver.rig.parts.finger_trackers import Reports
 from haptic_driver.signals import FingerSample
@@ -14,6 +16,9 @@ USUAL_SPEED_M_S = 0.137  # median of 1,308 strokes on a panel (github.com/xwhkkk
 FASTEST_REPORT_S = 1e-3  # a tick takes no more
 FARTHEST, HALVINGS = 6.0, 40  # standard deviations, and how finely they are searched
 AGES = 10  # of a report, from one to the next
+SPEEDS_M_S = 0.05, USUAL_SPEED_M_S, 0.5  # the last: 95 % of those strokes are slower
+BACK_AND_FORTH_HZ = 2.0  # 22 mm there and back at the usual speed
+TURNS = 10
 
 
 class Placement(NamedTuple):
@@ -67,3 +72,31 @@ def placement(settings: FingerSettings, reports: Reports, speed_m_s: float) -> P
     latency_s = settings.output_latency_s + 0.5 * interval_s
     behind_m = speed_m_s * (settings.output_latency_s + interval_s)
     return Placement(speed_m_s, latency_s, stds_m, behind_m)
+
+
+def at_turns(settings: FingerSettings, reports: Reports, speed_m_s: float) -> tuple[float, float]:
+    """Error of a rendered place beside the turns of strokes back and forth, m: median, and what
+    95 % are within.
+
+    The finger goes back and forth twice a second by a sine whose highest speed is this; its panel
+    rounds places. Beside a turn is one report before it and two after.
+    """
+    interval_s = max(reports.interval_s, FASTEST_REPORT_S)
+    per_s = math.tau * BACK_AND_FORTH_HZ
+    swing_m, turn_s = speed_m_s / per_s, 0.5 / BACK_AND_FORTH_HZ
+    state, errors_m = INITIAL, []
+    for k in range(int((TURNS + 1) * turn_s / interval_s)):
+        time_s = k * interval_s
+        there_m = swing_m * math.sin(per_s * time_s)
+        told_m = reports.resolution_m * round(there_m / reports.resolution_m)
+        seen = FingerSample(time_s, told_m, 0.0, settings.contact_on_n)
+        state, _ = track(settings, state, seen)
+        since_s = (time_s - 0.5 * turn_s + interval_s) % turn_s
+        if time_s < turn_s or since_s > 3.0 * interval_s:
+            continue
+        for age in range(AGES):
+            ahead_s = (age + 0.5) / AGES * interval_s + settings.output_latency_s
+            rendered_m = state.position_x_m + state.velocity_x_m_s * ahead_s
+            errors_m.append(abs(rendered_m - swing_m * math.sin(per_s * (time_s + ahead_s))))
+    median_m, most_m = np.percentile(errors_m, [50.0, 95.0]).tolist()
+    return median_m, most_m

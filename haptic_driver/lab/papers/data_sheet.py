@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_driver.daemon.set_up import placement_of
+from haptic_driver.daemon.set_up import at_turns_of, placement_of
 from haptic_driver.fidelity.perception import load_perception
 from haptic_driver.lab.papers.document import Block, Document, Figure, Heading, Paragraph, Table
 from haptic_driver.lab.papers.sheet_numbers import (
@@ -53,7 +53,8 @@ from haptic_driver.lab.papers.sheet_passes import (
     range_passes,
 )
 from haptic_driver.rig.config import RigConfig
-from haptic_driver.rig.placement import USUAL_SPEED_M_S, Placement
+from haptic_driver.rig.placement import BACK_AND_FORTH_HZ
+from haptic_driver.rig.placement import SPEEDS_M_S as PLACED_M_S
 from haptic_driver.signals import Array
 from model.analysis.voltage_law import beyond_published
 from model.conditions import Conditions, sines
@@ -188,7 +189,8 @@ def _lines(found: Measured, config: RigConfig, description: ModelDescription) ->
         yield from _step_lines(found, speed_m_s)
     for speed_m_s in EDGE_SPEEDS_M_S:
         yield from _place_lines(found, speed_m_s)
-    yield from _placement_lines(placement_of(config, USUAL_SPEED_M_S))
+    for speed_m_s in PLACED_M_S:
+        yield from _placement_lines(config, speed_m_s)
     yield Line(
         "bandwidth",
         half_power_hz(*gains(found.of("lines")[0])),
@@ -242,12 +244,18 @@ def _place_lines(found: Measured, speed_m_s: float) -> Iterator[Line]:
     yield Line(f"latency_{key}", latency, "s", f"latency place to friction, {at}", how)
 
 
-def _placement_lines(placed: Placement) -> Iterator[Line]:
-    at, key = _mm_s(placed.speed_m_s), f"{1e3 * placed.speed_m_s:g}_mm_s"
-    how = f"computed for steady strokes, {1e3 * placed.latency_s:.0f} ms late in the mean"
-    for name, value in (("median", placed.median_m), ("95 %", placed.most_m)):
-        what = f"place of texture off, {name}, {at}"
-        yield Line(f"placement_{name.rstrip(' %')}_{key}", Number(value, nan, nan), "m", what, how)
+def _placement_lines(config: RigConfig, speed_m_s: float) -> Iterator[Line]:
+    at, key = _mm_s(speed_m_s), f"{1e3 * speed_m_s:g}_mm_s"
+    placed, turned = placement_of(config, speed_m_s), at_turns_of(config, speed_m_s)
+    straight = f"computed for steady strokes, {1e3 * placed.latency_s:.0f} ms late in the mean"
+    back = f"computed for a sine back and forth at {BACK_AND_FORTH_HZ:g} Hz of that highest speed"
+    for name, what, (median_m, most_m), how in (
+        ("placement", "place of texture off", (placed.median_m, placed.most_m), straight),
+        ("placement_at_turns", "the same beside turns", turned, back),
+    ):
+        for share, value in (("median", median_m), ("95", most_m)):
+            said = f"{what}, {share.replace('95', '95 %')}, {at}"
+            yield Line(f"{name}_{share}_{key}", Number(value, nan, nan), "m", said, how)
 
 
 def _steadiness_lines(found: Measured) -> Iterator[Line]:
